@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from featherfx.algebra.types import Array
 
 STEPS = 10.0 ** np.arange(-1.0, -5.1, -0.5)
 EPSILON = np.finfo(float).eps

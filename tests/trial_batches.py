@@ -6,9 +6,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats
+from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.keys.values import Place, Problems
@@ -19,7 +19,6 @@ from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_hooks
 from featherfx.solver.state import State, rest_state
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 
 FEATHER_PRESETS = [each.name for each in list_presets() if each.family == "feather"]

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import rotation_part, rotation_vectors, vectors_to_frames
-
-Array = NDArray[np.float64]
+from featherfx.algebra.types import Array
 
 # knots on either side of a knot that its polynomial goes through
 _REACH = 2

@@ -6,10 +6,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from featherfx.algebra.types import Array, Indices
 
 _AT_ONCE = 4_000_000  # nodes in boxes around triangles
 _RIM = 1e-9  # share of a triangle, by which its rim counts as within

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.api import Folders, read_quality, read_shot
 from featherfx.errors import InputWarning, all_of
 from featherfx.feather.density import farthest
@@ -38,9 +38,6 @@ from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.share import part_of
 from featherfx.shot.simulate import Simulation, drawn_feathers, simulate
 from featherfx.shot.types import Quality, Shot
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # feathers that are looked at by default
 LOOKED_AT = 4

@@ -19,16 +19,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.ease import faded
+from featherfx.algebra.types import Array
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, RACHIS, TRAILING, BarbCurves, Feather, barb_slice
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import Colour, Pattern
 from featherfx.groom.types import FeatherKind
-
-Array = NDArray[np.float64]
 
 # linear, of keratin without colours
 VANE, SHAFT = (0.80, 0.76, 0.69), (0.42, 0.33, 0.24)

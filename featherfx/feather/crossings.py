@@ -12,13 +12,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.crossing_kernels import crossings_between, fit_boxes, near_patches
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 # triangles of a patch (63 is what the kernel can take) and patches of a cluster at most; pieces of
 # work for each thread, few at a time in memory
@@ -32,7 +28,7 @@ class Patches(NamedTuple):
     first: (P + 1,) first triangle of each patch; owner: (P,) feather, or BODY."""
 
     triangles: Indices
-    shaft: Mask
+    shaft: Flags
     first: Indices
     owner: Indices
 
@@ -44,7 +40,7 @@ class Clusters(NamedTuple):
     first: Indices
     owner: Indices
     around: Array
-    asked: Mask
+    asked: Flags
 
 
 class Crossings(NamedTuple):
@@ -61,7 +57,7 @@ class Crossings(NamedTuple):
         return int(self.vanes.sum() + self.shafts.sum())
 
 
-def patches_of(meshes: Sequence[tuple[Array, Indices, Mask, int]]) -> Patches:
+def patches_of(meshes: Sequence[tuple[Array, Indices, Flags, int]]) -> Patches:
     """Patches of meshes: points (V, 3), triangles (T, 3), shaft (T,) and owner of each; points
     are counted on through all meshes."""
     triangles, shafts, sizes, owners = [], [], [], []
@@ -98,7 +94,7 @@ def _cut(middles: Array, some: Indices) -> Iterator[Indices]:
 
 
 def crossings_of(
-    points: Array, patches: Patches, jobs: int = 1, asked: Mask | None = None
+    points: Array, patches: Patches, jobs: int = 1, asked: Flags | None = None
 ) -> Crossings:
     """Crossings of all meshes. points: (V, 3) m or any unit, of all of them. asked: (F,) feathers
     with which others' crossings are looked for; None: all."""
@@ -126,7 +122,7 @@ def crossings_of(
     return Crossings(each.reshape(-1, 2), vanes, shafts)
 
 
-def _clusters(owner: Indices, bounds: Array, asked: Mask | None) -> Clusters:
+def _clusters(owner: Indices, bounds: Array, asked: Flags | None) -> Clusters:
     """Patches of one owner that follow each other, a few at a time."""
     begin = np.flatnonzero(np.diff(owner, prepend=owner[0] - 1))
     within = np.arange(len(owner)) - np.repeat(begin, np.diff(begin, append=len(owner)))

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags
 from featherfx.feather.barbs import Barbs, trace_barbs, without_barb
 from featherfx.feather.rachis import Rachis
 from featherfx.feather.types import LEADING, Array
 from featherfx.groom.splits import Split
 from featherfx.groom.types import FeatherKind
-
-Flags = NDArray[np.bool_]
 
 # A barb at the end of a vane that is shorter than its neighbour by this factor may be dropped.
 _SHORT_END = 0.5

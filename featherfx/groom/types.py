@@ -13,15 +13,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-from numpy.typing import NDArray
-
+from featherfx.algebra.types import Array
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import POINT
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Table, Text, keys_of
 from featherfx.groom.looks import BarbLook, Colour
-
-Array = NDArray[np.float64]
 
 _TURNING = Number(-360, 360, "deg")
 _HALF_TURNING = Number(-180, 180, "deg")

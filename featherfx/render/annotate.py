@@ -7,12 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from featherfx.render.colour import Bar, Legend, ramp_colours
-
-Picture = NDArray[np.uint8]
+from featherfx.render.files import Picture
 
 _INK = (40, 40, 44)
 

@@ -12,11 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.render.light_kernels import Lens
 from featherfx.shot.detail.view import View
-
-Array = NDArray[np.float64]
-
 
 _ANGLE = math.radians(24)
 _FOCAL_LENGTH = 0.056  # m: sees this angle over the height of a frame of 24 mm

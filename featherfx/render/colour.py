@@ -9,10 +9,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.feather.colours import VANE, linear
 from featherfx.render.scene import DrawnPose, DrawnScene
-
-Array = NDArray[np.float64]
 
 # linear: of shafts, and of other meshes without a colour of their own
 SHAFT, SKIN = (0.47, 0.36, 0.22), (0.31, 0.25, 0.22)
@@ -135,9 +134,6 @@ def barb_angle(scene: DrawnScene, pose: DrawnPose) -> Array:
         cosine = np.clip((here * pose.barbs[mine]).sum(axis=1), -1, 1)
         angle[mine] = np.degrees(np.arccos(cosine))
     return angle
-
-
-Indices = NDArray[np.int64]
 
 
 def strain_across_barbs(rest: Array, points: Array, triangles: Indices, along: Array) -> Array:

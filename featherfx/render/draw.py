@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import standing
@@ -27,14 +26,12 @@ from featherfx.render.camera import (
     whole,
 )
 from featherfx.render.colour import Bar, Legend
-from featherfx.render.files import save
+from featherfx.render.files import Picture, save
 from featherfx.render.options import SHEET_FRAMES, PictureOptions, check_pixels
 from featherfx.render.subject import Subject, open_subject
 from featherfx.render.trace import ROWS_AT_ONCE, Tracer
 from featherfx.usd.read.scenes import camera_of
 from featherfx.usd.write.output import file_problems
-
-Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

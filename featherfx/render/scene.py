@@ -10,15 +10,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import RACHIS
 from featherfx.groom.keys.values import nearest
 from featherfx.render.geometry import vertex_normals
 from featherfx.usd.read.cached_feather import CachedFeather
 from featherfx.usd.read.read import Cache
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.render.camera import Eye
 from featherfx.render.geometry import Geometry, geometry_of, joined
 from featherfx.render.light_kernels import (
@@ -26,8 +27,6 @@ from featherfx.render.light_kernels import (
     shade_values,
     surface_points,
 )
-
-Array = NDArray[np.float64]
 
 ROWS_AT_ONCE = 16
 _FLOOR = 40.0  # half of a floor's side, over the size of all that stands on it

@@ -24,8 +24,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.density import hermite_weights
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.files.content import stable_number
@@ -34,10 +34,6 @@ from featherfx.render.barb_looks import Strips, dressed
 from featherfx.render.geometry import Geometry, geometry_of, joined, vertex_normals
 from featherfx.render.light_kernels import SHAFT, SKIN, VANE
 from featherfx.usd.read.cached_feather import CachedFeather
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Indices = NDArray[np.int64]
 
 _SPACING = 4.5  # pixels from one barb to the next, at least
 _REAL_SPACING = 5e-4  # m, chosen by eye between those of contour and of flight feathers

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags
 from featherfx.mechanics.model import Loads
 from featherfx.shot.counts import Advanced
 from featherfx.shot.detail.level_run import LevelRun
@@ -17,8 +17,6 @@ from featherfx.shot.motion.roots import Roots
 from featherfx.shot.settled import settled
 from featherfx.shot.types import Shot
 from featherfx.solver.solver import RootPath, raise_if_failed
-
-Flags = NDArray[np.bool_]
 
 
 class Alone:

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import write_whole
 from featherfx.solver.state import State
-
-Array = NDArray[np.float64]
 
 _KEPT = ("contact", "levels", "cycles", "layers")
 

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from featherfx.algebra.types import Array
 from featherfx.mechanics.model import Model
 from featherfx.solver.state import State
 from featherfx.solver.step.energy_kernels import elastic_energy
-
-Array = NDArray[np.float64]
 
 
 class Energy(NamedTuple):

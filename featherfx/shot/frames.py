@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from featherfx.algebra.types import Array
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

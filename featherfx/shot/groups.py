@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map, scaled_map
 from featherfx.feather.shapes import feathers_of
@@ -36,8 +37,6 @@ from featherfx.shot.types import Force, Grip, Shot
 from featherfx.solver.solver import Settings, Solver, compile_steps
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping
-
-Array = NDArray[np.float64]
 
 # Newton stops at this fraction of the step's tolerance from the step's solution
 NEWTON_FRACTION = 1e-2

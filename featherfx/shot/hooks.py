@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags
 from featherfx.shot.groups import Group
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import Preen, Shot
@@ -21,8 +21,6 @@ from featherfx.solver.step.gap_kernels import (
     RELEASED,
     SLIP,
 )
-
-Flags = NDArray[np.bool_]
 
 
 class Hooks:

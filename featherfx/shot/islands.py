@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import Feather
 from featherfx.shot.contact.pairs import REACH
 from featherfx.shot.motion.roots import Roots
@@ -23,9 +23,6 @@ from featherfx.shot.patterns import may_touch
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.meeting_kernels import meeting
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # island of a feather that pushes nothing
 ALONE = -1

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import RowPoints, turned
 from featherfx.groom.types import Groom
 from featherfx.phases import phase
 from featherfx.shot.types import Shot
-
-Array = NDArray[np.float64]
 
 
 def place(points: RowPoints, position: Array, rotation: Array) -> RowPoints:

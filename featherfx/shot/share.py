@@ -17,13 +17,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.types import Feather
 from featherfx.shot.detail.guides import guide_weights, uses_guides
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.types import Shot
-
-Indices = NDArray[np.int64]
 
 # work of a feather that follows guides, over that of one that is simulated
 FOLLOWING = 0.1

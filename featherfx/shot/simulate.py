@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowPoints
@@ -54,9 +55,6 @@ from featherfx.shot.types import Grip, Shot, Wind
 # of a frame, step in which a feather that has left its root begins to fall: the first one is of
 # first order
 FIRST_STEP = 1.0 / 32.0
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class Simulation:

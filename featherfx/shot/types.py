@@ -7,18 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from featherfx.algebra.types import Array
 from featherfx.groom.keys.preset import FAMILIES, STEADY, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.shot.detail.view import TimedCamera
 from featherfx.shot.motion.skin import BoundSkin, SkinSurfaces
 from featherfx.shot.read.sources import TimedSurface, TimedWind
-
-Array = NDArray[np.float64]
-
 
 LEVELS = ("full", "coarse", "rachis", "guided", "rigid")
 

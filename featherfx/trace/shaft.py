@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.trace.silhouette import Laid
-
-Array = NDArray[np.float64]
 
 # blur along, a share of the feather's length, and across, of half the width of the calamus
 _ALONG, _SCALES = 0.02, (1.0, 0.7, 0.45, 0.3)

@@ -10,14 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
+from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, Problem
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # pixels of a picture, and its longest side while it is looked at
 MOST_PIXELS = 200_000_000
@@ -37,7 +34,7 @@ class Photo:
 
     file: Path
     colours: Array
-    opaque: Mask | None
+    opaque: Flags | None
     shrunk: float
 
 
@@ -51,7 +48,7 @@ class Laid:
     """
 
     grey: Array
-    mask: Mask
+    mask: Flags
     origin: Array
     axes: Array
 
@@ -85,7 +82,7 @@ def read_photo(path: Path) -> Photo:
     return Photo(path, pixels[..., :3], opaque, shrunk)
 
 
-def silhouette(photo: Photo, threshold: float | None = None) -> Mask:
+def silhouette(photo: Photo, threshold: float | None = None) -> Flags:
     """(H, W) which pixels are the feather.
 
     threshold: distance in colour from the border, 0 to 1; None: it is found. Raises InputError
@@ -136,7 +133,7 @@ def _otsu(values: Array) -> float:
     return float(middles[inside][np.argmax(between)])
 
 
-def laid_out(photo: Photo, mask: Mask, turned: bool = False) -> Laid:
+def laid_out(photo: Photo, mask: Flags, turned: bool = False) -> Laid:
     """The feather along its longest axis, with its thinner end, the calamus, first.
 
     turned: whether its other end is the base. Raises InputError where it is about as wide as long.

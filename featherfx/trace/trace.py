@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
@@ -30,7 +31,6 @@ from featherfx.trace.shaft import ShaftLine, drawn_shaft, shaft_of
 from featherfx.trace.silhouette import Laid, Photo, laid_out, read_photo, silhouette
 from featherfx.trace.vanes import LEFT, RIGHT, barb_angles, calamus_of, simplified, widths
 
-Array = NDArray[np.float64]
 Guides = list[tuple[float, float, float]]
 
 # shares of the length: what an outline may be simplified by, and a shaft be off an arc

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from featherfx.algebra.types import Array
 from featherfx.trace.shaft import ShaftLine
 from featherfx.trace.silhouette import Laid
-
-Array = NDArray[np.float64]
 
 LEFT, RIGHT = 1.0, -1.0
 # shares of the shaft at which widths are taken, on past its tip

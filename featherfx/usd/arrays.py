@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pxr import Vt
 
-Floats = NDArray[np.float32]
+from featherfx.algebra.types import Floats
 
 
 class _Memory:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from featherfx.algebra.types import Array
 from featherfx.usd.write.options import StageOptions
-
-Array = NDArray[np.float64]
 
 # m from the world's origin, beyond which points of single precision would be coarse
 FAR = 100.0

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError
 from featherfx.feather.colours import Colours
 from featherfx.feather.types import BarbCurves, Feather, RowMap, RowPoints
 from featherfx.groom.types import FeatherKind
 from featherfx.shot.motion.skin import SkinRoot
-
-Array = NDArray[np.float64]
-
 
 # What may be written of a pose besides, by the names that users ask for.
 ACCELERATIONS = "accelerations"

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.api import read_quality, read_shot
 from featherfx.baking.entries import entries_of
 from featherfx.errors import InputError, Problem, SimulationError
@@ -37,8 +37,6 @@ from featherfx.view.page import page
 from featherfx.view.played import STRAIN, Played
 from featherfx.view.serve import BYTES, HTML, JSON, Server
 from featherfx.view.tuned import Tuned
-
-Array = NDArray[np.float64]
 
 MOST_FEATHERS = 200
 # s without a page that asks, after which the simulation waits

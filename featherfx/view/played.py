@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import Standing, standing
 from featherfx.render.colour import (
@@ -34,8 +35,6 @@ from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_pose
 from featherfx.usd.read.read import Cache
 from featherfx.usd.read.thinned import Thinned, levels, thinned
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
 _PLACES = 65535

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from trial_batches import preset_batch
 
+from featherfx.algebra.types import Array
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.interval import (
@@ -21,7 +22,6 @@ from featherfx.solver.contact.types import Candidates, Wall
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
 
-Array = NDArray[np.float64]
 THICKNESS = 1.2e-4
 GRAVITY = 9.81
 

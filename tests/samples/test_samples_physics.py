@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.shot.loads.forces import grip_fraction
 from featherfx.shot.motion.motion import root_motion
@@ -19,7 +19,6 @@ from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Shot
 
-Array = NDArray[np.float64]
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from featherfx.algebra.raster import nodes_within
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.crossings import Patches, crossings_of, patches_of
 from featherfx.feather.layout.move_kernels import all_gaps, count_cover
@@ -19,10 +19,6 @@ from featherfx.feather.layout.overlap import Strips
 from featherfx.feather.shapes import built_shapes
 from featherfx.feather.types import RACHIS, Feather
 from featherfx.groom.types import Placement
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 # the rest shape is built with so many rows and columns, of which every second row gives samples,
 # and mapped onto so many nodes
@@ -67,8 +63,8 @@ class Arrangement(NamedTuple):
     rotation: Array
     placed_size: Array
     size: Array
-    grown: Mask
-    kept: Mask
+    grown: Flags
+    kept: Flags
     relation: Array
     nearest: Array
 

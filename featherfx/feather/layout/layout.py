@@ -15,12 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning
 from featherfx.feather.layout.arrangement import (
     Arrangement,
-    Array,
-    Indices,
-    Mask,
     Meshes,
     SkinPlanes,
     arrangement_of,
@@ -164,7 +162,7 @@ class Laid(NamedTuple):
     (m). heights: (K,) m over the skin, NaN without one. pairs: (P, 2) and gaps: (P,) m.
     """
 
-    kept: Mask
+    kept: Flags
     place: Array
     rotation: Array
     rank: Indices
@@ -356,7 +354,7 @@ class _Solving:
         return bool(chosen.any())
 
 
-def _covering(pairs: Indices, depths: Array, must: Mask, grown: Mask) -> Mask:
+def _covering(pairs: Indices, depths: Array, must: Flags, grown: Flags) -> Flags:
     """(F,) grown feathers of which every pair (K, 2) that must and has one holds one: those in most
     pairs first, whether these must or not."""
     chosen = np.zeros(len(grown), dtype=np.bool_)

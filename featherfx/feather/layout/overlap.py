@@ -11,16 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import cg
 from scipy.spatial import cKDTree
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.feather.rachis import shaft, turn
 from featherfx.groom.types import Placement, RachisShape
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # cosine of the angle between two dorsal sides from which on feathers do not count as layered
 LEAST_FACING = 0.5

@@ -14,9 +14,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.groom.types import BarbGuide, VaneShape
-
-Array = NDArray[np.float64]
 
 _STEPS = 48
 

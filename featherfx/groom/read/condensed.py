@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from featherfx.algebra.types import Array
 
 _MOST_GUIDES = 12
 _MOST_OUTLINE_POINTS = 60

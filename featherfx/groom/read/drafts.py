@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from, from_angles, interpolated, parallel, transported
+from featherfx.algebra.types import Array
 from featherfx.groom.frames import Mirror, along_polyline
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
@@ -19,9 +20,6 @@ from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.rachis_curve import FittedCurve
 from featherfx.groom.read.space import Space
 from featherfx.groom.types import Turning
-
-Array = NDArray[np.float64]
-
 
 # (folder, checked keys of a curve, place) to its polylines (k, 3) m; None after problems
 CurveReader = Callable[[Path, dict[str, Any], Place], "list[Array] | None"]

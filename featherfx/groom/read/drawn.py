@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from, parallel
+from featherfx.algebra.types import Array
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.groom import DEFAULT_NAMES
 from featherfx.groom.keys.preset import FEATHER
@@ -23,8 +23,6 @@ from featherfx.groom.read.condensed import DrawnBarbs, DrawnVanes, vanes_of
 from featherfx.groom.read.drafts import Draft, DrawnShape, belonging
 from featherfx.groom.read.rachis_curve import curved_up, fit_curve, without_repeats
 from featherfx.groom.types import FeatherKind
-
-Array = NDArray[np.float64]
 
 _MOST_DEVIATION = 0.02  # share of the length
 _MOST_NAMED = 10

@@ -13,11 +13,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from
-
-Array = NDArray[np.float64]
+from featherfx.algebra.types import Array
 
 _STEPS = 8  # points per cubic segment
 # rows: power of t; columns: control points (Foley et al., Computer Graphics, chapter 11)

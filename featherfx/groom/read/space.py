@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.groom.frames import Mirror
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.groom import GROOM_FILE
@@ -29,8 +30,6 @@ from featherfx.groom.keys.values import (
     Tables,
 )
 from featherfx.groom.skin.points import SkinSource, SkinSurface
-
-Array = NDArray[np.float64]
 
 _NAMES = ("vertex", "joint", "primvar")
 # by which the axes of a prim may differ from a rotation and one scale

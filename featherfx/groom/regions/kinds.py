@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.regions.rules import GroomSkin, Rule, presence
 from featherfx.groom.regions.scatter import hashed, uniform
-from featherfx.groom.skin.points import Array, Indices, SurfacePoints
+from featherfx.groom.skin.points import SurfacePoints
 from featherfx.groom.types import FeatherKind
 
 _STREAM = 24  # of the draws of kinds

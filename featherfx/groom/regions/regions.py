@@ -12,6 +12,7 @@ from zlib import crc32
 import numpy as np
 
 from featherfx.algebra.rotation import frames_from
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputWarning
 from featherfx.files.store import kept
 from featherfx.groom.keys.values import INVALID, Place
@@ -22,7 +23,7 @@ from featherfx.groom.read.space import SkinsReader, Space
 from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, region_kinds, shapes
 from featherfx.groom.regions.rules import GroomSkin, Presence, Rule, along_skin, flow, presence
 from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
-from featherfx.groom.skin.points import Array, Indices, SkinSurface, SurfacePoints
+from featherfx.groom.skin.points import SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Layout
 

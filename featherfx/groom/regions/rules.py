@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.ease import faded
+from featherfx.algebra.types import Array
 from featherfx.groom.keys.values import Place
 from featherfx.groom.read.space import Space
-from featherfx.groom.skin.points import Array, SkinSurface, SurfacePoints
+from featherfx.groom.skin.points import SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree
 
 Rule = Callable[[SurfacePoints], Array]

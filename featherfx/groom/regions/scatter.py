@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.groom.skin.points import Array, Indices, SkinSurface, SurfacePoints
+from featherfx.algebra.types import Array, Indices
+from featherfx.groom.skin.points import SkinSurface, SurfacePoints
 
 Words = NDArray[np.uint64]
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.files.store import kept
 from featherfx.groom.skin.search import size_classes
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _MOST_NAMED = 5
 _AT_ONCE = 2_000_000  # pairs of a point and a triangle

@@ -19,10 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import rotation_part
+from featherfx.algebra.types import Array, Indices
 from featherfx.groom.skin.search import search_tree
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # of the mean square distance, by which the centring of weights is held back where triangles stand
 # in a line

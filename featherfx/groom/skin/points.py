@@ -10,13 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.values import Place
 from featherfx.groom.skin.faults import crossing_triangles, within
 from featherfx.groom.skin.search import search_tree
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 
 _MOST_ROUNDS = 60
 _TOUCHING = 1e-6  # share of the radius by which a point may lie inside

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.groom.skin.field import TurnField, turn_field
 from featherfx.groom.skin.search import search_tree, size_classes
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # a triangle whose height is below this share of its longest side has no tangent plane
 _THINNEST = 1e-5

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
@@ -28,8 +28,6 @@ from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rebuild_centres
 from featherfx.solver.work import Pose, make_work
-
-Array = NDArray[np.float64]
 
 FRAMES = 3
 PATH_SAMPLES = 5

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.lab.bench.report import (
     ResultTable,
@@ -38,8 +38,6 @@ from featherfx.lab.feathers.strip import (
     StripTest,
     run_strip,
 )
-
-Array = NDArray[np.float64]
 
 COLUMNS = 12
 END = 0.2

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.ease import smooth_step
+from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
@@ -26,8 +27,6 @@ from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.solver import RootPath, Settings, Solver, raise_if_failed
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.modes import with_damping
-
-Array = NDArray[np.float64]
 
 AMPLITUDE, FREQUENCY = 0.05, 3.0
 # m/s^2, largest of the root

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.detail.view import TimedCamera, View
@@ -21,7 +21,6 @@ from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
 
-Array = NDArray[np.float64]
 Change = Callable[[Shot], Shot]
 
 # feathers of a shot that are simulated first, so that kernels are compiled

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
@@ -43,7 +43,6 @@ from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.modes import with_damping
 
-Array = NDArray[np.float64]
 Kinematics = Literal["nodal", "barb-curvature"]
 
 GRAVITY = (0.0, 0.0, -9.81)

@@ -24,9 +24,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind, RachisMaterial, VaneMaterial, VaneShape
@@ -40,7 +40,6 @@ from featherfx.mechanics.model import Loads, no_loads
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
 from featherfx.solver.state import rest_state
 
-Array = NDArray[np.float64]
 Scene = Literal["tip", "side"]
 Material = Literal["barbs", "cloth", "isotropic"]
 

@@ -22,8 +22,8 @@ from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import Problem
 from featherfx.feather.surface import vane_surface
 from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice
@@ -38,7 +38,6 @@ from featherfx.solver.solver import Settings, Solver, raise_if_failed
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.root_path import RootPath
 
-Array = NDArray[np.float64]
 Scene = Literal["iso", "feather"]
 Kinematics = Literal["nodal", "barb-curvature"]
 Method = Literal["improved", "textbook"]

@@ -27,9 +27,9 @@ from math import pi
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, solve
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import Problem
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, require, value
 
@@ -120,9 +120,6 @@ def membrane_response(
         intact=np.sum(fibres.weight, axis=1, where=seen < fibre.release),
     )
 
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 GAUSS = 1.0 / np.sqrt(3.0)
 ITERATIONS, TOLERANCE = 30, 1e-7

@@ -21,16 +21,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import require
 from featherfx.limits import MOST_LISTED
-
-Array = NDArray[np.float64]
 
 # of fibre directions, and of the stretch that damage is integrated over
 DIRECTIONS, STRETCHES = 201, 400

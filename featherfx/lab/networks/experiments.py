@@ -18,6 +18,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy import sparse
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, part, require, value
 from featherfx.lab.networks.krylov import DIRECT, Method, Preconditioner, Solved, solve
@@ -29,14 +30,7 @@ from featherfx.lab.networks.layouts import (
     mikado,
     triangular,
 )
-from featherfx.lab.networks.network import (
-    Array,
-    HeldSystem,
-    Indices,
-    factor_of,
-    held_system,
-    homogenised,
-)
+from featherfx.lab.networks.network import HeldSystem, factor_of, held_system, homogenised
 
 SHEAR = 0.1
 # stretch along x, along y, and simple shear along x

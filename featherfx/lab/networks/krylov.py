@@ -22,9 +22,10 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, cg, gmres, minres
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import require
-from featherfx.lab.networks.network import Array, HeldSystem, Indices, factor_of
+from featherfx.lab.networks.network import HeldSystem, factor_of
 
 Method = Literal["pcg", "minres", "gmres", "direct", "cholmod"]
 Preconditioner = Literal["NONE", "P_J", "P_Db", "P_Ab", "P_S", "P_AS"]

@@ -15,7 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
-from featherfx.lab.networks.network import Array, FibreNetwork, Indices, following, joined
+from featherfx.algebra.types import Array, Indices
+from featherfx.lab.networks.network import FibreNetwork, following, joined
 
 Periodic = Literal["no", "x", "both"]
 ROW = np.sqrt(0.75)

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from featherfx.algebra.types import Array, Indices
 
 # springs to the ground that make the matrix of a network with mechanisms regular, as a share of its
 # diagonal; their effect is taken out by corrections, until these no longer halve the residual; a

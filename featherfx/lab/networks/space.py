@@ -15,11 +15,10 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.lab.networks.layouts import FibreSection, Layout
 from featherfx.lab.networks.network import (
-    Array,
     FibreNetwork,
-    Indices,
     equilibrium,
     following,
     held_system,

@@ -14,14 +14,12 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import Problem
 from featherfx.groom.types import FeatherKind, VaneMaterial
 from featherfx.lab.declare import require, value
 from featherfx.lab.networks.network import FibreNetwork, homogenised
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import Feather
@@ -26,7 +27,6 @@ from featherfx.mechanics.batch import LEAST_HOOKED, row_frames
 from featherfx.mechanics.model import Model
 from featherfx.mechanics.vane_rest import barb_nodes, cell_weights
 
-Array = NDArray[np.float64]
 Bending = Literal["barbs", "hinges", "plate"]
 Stretch = Literal["stiff", "inextensible"]
 Section = Literal["vane", "carried"]

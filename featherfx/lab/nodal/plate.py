@@ -20,15 +20,12 @@ angle takes the value of least energy, which is the edge's natural condition.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Flags
 from featherfx.lab.nodal.plate_kernels import angles_per_curvature
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
-
-def hinge_places(cell: Mask) -> Mask:
+def hinge_places(cell: Flags) -> Flags:
     """(3, 2, n, m) which hinges have both triangles; cell: (2, n-1, m, 2)."""
     sides, cells, columns, _ = cell.shape
     active = np.zeros((3, sides, cells + 1, columns), dtype=np.bool_)
@@ -39,7 +36,7 @@ def hinge_places(cell: Mask) -> Mask:
     return active
 
 
-def barb_hinges(nodes: Array, area: Array, active: Mask, held: Array, across: float) -> Array:
+def barb_hinges(nodes: Array, area: Array, active: Flags, held: Array, across: float) -> Array:
     """(2, n-1, m, 2, 3, 3) tables of hinges at the barb edges only, as of oriented_hinges.
 
     held: (2, n-1, m, 2), share of the modulus that each triangle has.
@@ -53,7 +50,7 @@ def barb_hinges(nodes: Array, area: Array, active: Mask, held: Array, across: fl
     return modes
 
 
-def oriented_hinges(nodes: Array, area: Array, active: Mask, along: Array, across: float) -> Array:
+def oriented_hinges(nodes: Array, area: Array, active: Flags, along: Array, across: float) -> Array:
     """(2, n-1, m, 2, 3, 3) tables of hinges at all edges, but not where the vanes meet.
 
     nodes: (2, n, m + 1, 3) m, column 0 on the rachis. area: (2, n-1, m, 2) m^2, of the triangles.
@@ -90,7 +87,7 @@ def oriented_hinges(nodes: Array, area: Array, active: Mask, along: Array, acros
 
 
 def plate_tables(
-    points: Array, area: Array, active: Mask, moduli: tuple[float, float, float]
+    points: Array, area: Array, active: Flags, moduli: tuple[float, float, float]
 ) -> Array:
     """(2, n-1, m, 2, 3, 3) tables of a plate.
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import both
 from featherfx.lab.nodal.assembly_kernels import nodal_assemble
@@ -122,7 +122,6 @@ def nodal_start(
         kept.at(f).assign(rates)
 
 
-Array = NDArray[np.float64]
 Method = Literal["improved", "textbook"]
 
 # Newton iterations of a step at most; the improved method gives up early and halves the step

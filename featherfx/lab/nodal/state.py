@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
+from featherfx.algebra.types import Array
 from featherfx.feather.types import RowPoints, both, turned
 from featherfx.lab.nodal.model import NodalModel
 from featherfx.mechanics.batch import row_frames
 from featherfx.mechanics.model import Model
 from featherfx.solver.work import System, make_system, no_points
-
-Array = NDArray[np.float64]
 
 
 class NodalState(NamedTuple):

@@ -29,11 +29,9 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.lab.ribbons.energy import Ribbon
-
-Array = NDArray[np.float64]
 
 LINKS = 8
 

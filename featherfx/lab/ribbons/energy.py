@@ -22,12 +22,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import Problem
 from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, require, value
-
-Array = NDArray[np.float64]
 
 # four points integrate c^2 (1 + t^2)^2 of linear c and t exactly
 POINTS, WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(4))

@@ -6,15 +6,13 @@ No line is shared with them: moments and forces instead of an energy, collocatio
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 from scipy.interpolate import PchipInterpolator
 
+from featherfx.algebra.types import Array
 from featherfx.errors import SimulationError
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.rest import RibbonRest
-
-Array = NDArray[np.float64]
 
 
 def ruling_rate(value: Array) -> Array:

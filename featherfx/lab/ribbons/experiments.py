@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.feather.build import build_feather
 from featherfx.groom.types import (
@@ -33,7 +33,6 @@ from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
 from featherfx.solver.state import rest_state
 
-Array = NDArray[np.float64]
 Clamp = Literal["level", "down", "up"]
 
 GRAVITY = np.array([0.0, -9.81, 0.0])

@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import SimulationError
 from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, require, value
 from featherfx.lab.ribbons.curve import (
@@ -43,8 +43,6 @@ from featherfx.solver.step.integrator_kernels import (
     end_step,
     integrator_of,
 )
-
-Array = NDArray[np.float64]
 
 # a clamp's springs over D w / L^3, lever of its turns over the length, misfit over the length that
 # is small enough, and how often its forces are carried on

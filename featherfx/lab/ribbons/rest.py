@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from featherfx.algebra.types import Array
 from featherfx.errors import SimulationError
 from featherfx.lab.ribbons.curve import (
     LINKS,
@@ -28,7 +28,6 @@ from featherfx.lab.ribbons.curve import (
 )
 from featherfx.lab.ribbons.energy import Ribbon, closeness, elastic
 
-Array = NDArray[np.float64]
 # scaled energy, gradient and Hessian of unknowns; the energy alone
 System = Callable[[Array], tuple[float, Array, Array]]
 Energy = Callable[[Array], float]

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputWarning, Problem
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, part, require, value
 from featherfx.lab.rods.rod import (
@@ -35,8 +35,6 @@ from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
 from featherfx.solver.work import Work, make_work
-
-Array = NDArray[np.float64]
 
 # a Newton move that ends statics, as a share of the rod's length
 STATIC_MOVE = 1e-9

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 from scipy.optimize import brentq, root
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
+from featherfx.algebra.types import Array
 from featherfx.errors import SimulationError
 
-Array = NDArray[np.float64]
 # roots of cosh x cos x = -1: wave numbers times length of a clamped-free beam
 WAVE_NUMBERS = np.array([1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349])
 

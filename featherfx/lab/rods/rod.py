@@ -16,14 +16,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import Problem
 from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, require, value
 from featherfx.mechanics.model import Loads, Model, no_hooks, no_loads
 from featherfx.solver.state import State, rest_state
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 # stretch and shear stiffness of rods that are to have none, in units of EI / length^2: a load of

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
 from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.lab.feathers.feather import feather_kind
@@ -17,7 +17,6 @@ from featherfx.lab.studies.study import Rows, StudyResult, ourselves, published
 from featherfx.mechanics.batch import make_model
 from featherfx.solver.step.modes import frequencies
 
-Array = NDArray[np.float64]
 ROWS, COLUMNS, COEFFICIENTS = 41, 6, 2
 WEIGHED = "Harvey et al. 2022 (Nature 603), data of AvInertia"
 

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
+from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.networks.experiments import NetworkPlan, sheared_system
 from featherfx.lab.networks.krylov import Method, Preconditioner, solve
-from featherfx.lab.networks.network import Array, HeldSystem
+from featherfx.lab.networks.network import HeldSystem
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver
 from featherfx.lab.nodal.state import nodal_rest_state

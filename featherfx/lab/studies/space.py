@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from featherfx.algebra.types import Array
 from featherfx.lab.networks.layouts import FibreSection, Mikado, mikado
 from featherfx.lab.networks.network import (
-    Array,
     FibreNetwork,
     HeldSystem,
     held_system,

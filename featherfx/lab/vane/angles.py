@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import Problem
 from featherfx.lab.declare import out_of_range, part, require, value
 from featherfx.lab.vane.elements import Order
@@ -27,8 +27,6 @@ from featherfx.lab.vane.mesoscale import (
 )
 from featherfx.lab.vane.sample import FORM, Moduli, Sample, sample_problems, slope, strains
 from featherfx.lab.vane.traction import PulledSample, Traction, pull_test
-
-Array = NDArray[np.float64]
 
 WIDTH, ASPECT, STRAIN, STEPS = 13e-3, 1.3, 0.05, 1
 ANGLES = (0.0, 15.0, 30.0, 45.0)

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import write_text
 from featherfx.lab.declare import out_of_range, require, value
@@ -32,8 +32,6 @@ from featherfx.lab.vane.elements import membrane
 from featherfx.lab.vane.sample import FORM, Moduli, isotropic, slope
 from featherfx.lab.vane.statics import Statics
 from featherfx.lab.vane.traction import ELEMENTS, Traction, clamped, mesh_of, pull
-
-Array = NDArray[np.float64]
 
 BASE = "swan_vane"
 NAMES = ("along", "across", "shear")

@@ -8,12 +8,11 @@ from math import isfinite
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.lab.vane.sample import Sample, sample_problems
 
-Array = NDArray[np.float64]
 COLUMNS = ("strain", "stress", "angle", "width", "height", "thickness")
 # problems named one by one; more than these are counted
 NAMED = 20

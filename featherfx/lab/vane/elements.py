@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, csr_matrix, diags, kron, vstack
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.lab.vane.mesh import Mesh, areas, quadratic
 from featherfx.lab.vane.sample import Sample
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Order = Literal[1, 2]
 
 # area coordinates of the three points of a six-node triangle, each of a third of the weight

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
+from featherfx.algebra.types import Array
 from featherfx.errors import Problem
 from featherfx.feather.types import Feather, RowPoints, Surface
 from featherfx.groom.types import FeatherKind, Hooked, Splits, VaneMaterial
@@ -34,7 +35,6 @@ from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.energy_kernels import elastic_energy
 from featherfx.solver.step.gap_kernels import DAMPED, OPENING, RELEASED, SLIP
 
-Array = NDArray[np.float64]
 Direction = Literal["across", "along", "tilted"]
 
 ANGLES = {"across": 0.0, "tilted": 45.0, "along": 90.0}

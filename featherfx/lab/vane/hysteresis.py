@@ -16,17 +16,15 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.declare import require
 from featherfx.lab.vane.calibrate import IDENTIFIED, half_intervals, identified_shares
 from featherfx.lab.vane.curves import MeasuredCurve
 from featherfx.mechanics.vane_hook_kernels import hooked_response, slip_after
-
-Array = NDArray[np.float64]
 
 NAMES = ("across", "hook_yield_across", "hook_slip")
 MISSING = {

@@ -15,13 +15,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.lab.vane.sample import Sample
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # relative to the sample's size: rows shorter than this are points
 TINY = 1e-9

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import Range, out_of_range, part, require, value
 from featherfx.lab.vane.elements import Membrane, Order, membrane
@@ -40,8 +41,6 @@ from featherfx.lab.vane.sample import (
 )
 from featherfx.lab.vane.statics import MembranePose, NoEquilibrium, Statics
 from featherfx.lab.vane.traction import PulledSample, clamped, pull
-
-Array = NDArray[np.float64]
 
 # strips thinner than this share of the barb spacing are merged with their neighbour
 SLIVER = 0.02

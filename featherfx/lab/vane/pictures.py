@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.lab.studies.study import Figure, draw
 from featherfx.lab.vane.angles import AngleSlopes, ShearBand
 from featherfx.lab.vane.locking import Locking
 from featherfx.lab.vane.mesoscale import SizeEffect
 from featherfx.lab.vane.traction import Meshing, PulledSample, TractionResult
 
-Array = NDArray[np.float64]
 MARKS: tuple[tuple[Meshing, str], ...] = (("aligned", "o-"), ("unaligned", "s--"))
 
 

@@ -14,12 +14,11 @@ from math import cos, hypot, inf, isclose, isfinite, radians, sin
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import Problem
 from featherfx.lab.declare import Range, out_of_range, value
 
-Array = NDArray[np.float64]
 Regime = Literal["free", "diagonal", "bridged"]
 
 # how near a corner's barb must pass by the opposite corner to count as joining both

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from scipy.sparse import bmat, csc_matrix, csr_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
+from featherfx.algebra.types import Array, Flags
 from featherfx.lab.vane.chain_kernels import chain_system
 from featherfx.lab.vane.elements import Membrane
 from featherfx.lab.vane.sample_kernels import (
@@ -43,7 +44,7 @@ UNIT = np.array([1.0, 0.0, 1.0])
 class Pattern:
     """Pairs of coordinates that elements couple. nodes: (M, K). free: (2 N,) coordinates."""
 
-    def __init__(self, nodes: NDArray[np.int64], free: Bools) -> None:
+    def __init__(self, nodes: NDArray[np.int64], free: Flags) -> None:
         unknown = (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
         rows = np.repeat(unknown, unknown.shape[1], axis=1).ravel()
         columns = np.tile(unknown, (1, unknown.shape[1])).ravel()
@@ -86,7 +87,7 @@ class MembraneSystem:
     """membrane: constant data. held: (N,) bool, nodes whose positions are prescribed. size: m, of
     the sample. folding: let elements turn over, as they do where a mesh locks."""
 
-    def __init__(self, membrane: Membrane, held: Bools, *, folding: bool = False) -> None:
+    def __init__(self, membrane: Membrane, held: Flags, *, folding: bool = False) -> None:
         self.membrane, self.held, self.folding = membrane, held, folding
         self.size = float(np.ptp(membrane.points, axis=0).max())
         is_free = np.repeat(~held, 2)
@@ -260,9 +261,6 @@ def _length(system: MembraneSystem, positions: Array, step: Array, gain: float) 
     return length
 
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
 # a step of Newton's below this share of the sample's size is the last one
 CLOSE = 1e-8
 ITERATIONS = 25
@@ -298,7 +296,7 @@ class Statics:
     def __init__(
         self,
         membrane: Membrane,
-        held: Bools,
+        held: Flags,
         *,
         folding: bool = False,
         accuracy: float = 1e-10,

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import Range, out_of_range, part, require, value
 from featherfx.lab.vane.elements import Membrane, membrane
@@ -34,7 +35,6 @@ from featherfx.lab.vane.sample import (
 )
 from featherfx.lab.vane.statics import MembranePose, NoEquilibrium, Statics
 
-Array = NDArray[np.float64]
 Meshing = Literal["aligned", "unaligned"]
 Model = Literal["shell", "inextensible", "isotropic"]
 

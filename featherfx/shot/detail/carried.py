@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.shot.detail import guided_kernels as kernels
 from featherfx.shot.detail.guided import Followers, Shapes
@@ -17,9 +17,6 @@ from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.motion.roots import RootFrames, Roots, root_rates
 from featherfx.shot.types import Shot
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 def rigid_poses(

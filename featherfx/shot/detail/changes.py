@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Flags
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import (
     LEADING,
@@ -34,17 +35,13 @@ from featherfx.feather.types import (
 )
 from featherfx.mechanics.batch import has_elastic_clamp, row_frames
 from featherfx.shot.detail.guided import Shapes, Turns, overlaps
-from featherfx.shot.detail.levels import LevelPlan
+from featherfx.shot.detail.levels import LevelPlan, Numbers
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.groups import Group
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.settle.take_up import take_up
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int8]
-Flags = NDArray[np.bool_]
 
 # of a feather's length, what a change may add to the way of a point within a frame
 JUMP = 0.004

@@ -23,13 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import quats_to_frames
+from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputWarning
 from featherfx.mechanics.model import Loads
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import RootPath
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # by which what acts may differ from what acted a cycle before, in SI units and of its size: skins
 # are sampled in single precision

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind, Placement
@@ -36,8 +36,6 @@ from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.roots import Roots, sampled_rates
 from featherfx.shot.patterns import fits, last_fitting
 from featherfx.shot.types import Quality, Shot
-
-Array = NDArray[np.float64]
 
 CHOSEN_BY_SOLVER = -1
 # levels at which nothing is solved

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.feather.types import RowPoints, stacked
 from featherfx.shot.detail.promise import front
 from featherfx.shot.groups import Group
 from featherfx.shot.types import Shot
 from featherfx.solver.solver import StepReport
-
-Array = NDArray[np.float64]
 
 
 class Estimate:

@@ -28,12 +28,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from featherfx.algebra.rotation import rotation_vectors
+from featherfx.algebra.types import Array, Indices
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice, both, stacked
 from featherfx.shot.detail.guided_kernels import chains
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # rates come from poses that far apart in time, as a fraction of the time between two samples
 INSTANT = 1e-3

@@ -25,19 +25,16 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.store import kept
 from featherfx.groom.skin.skin import closest
 from featherfx.shot.types import Shot
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # a follower has up to that many guides
 MOST_GUIDES = 4

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags, Indices
 from featherfx.feather.types import Feather
 from featherfx.shot.detail.carried import Carried, rigid_poses
 from featherfx.shot.detail.changes import Change, Fades, take_level_up
@@ -17,8 +17,6 @@ from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
 from featherfx.solver.step.root_path import RootPath
 
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 Poses = dict[tuple[int, int], FeatherPose]
 
 _RIGID, _GUIDED = NUMBER["rigid"], NUMBER["guided"]

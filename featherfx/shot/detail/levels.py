@@ -16,6 +16,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import Feather
 from featherfx.limits import refuse_beyond_memory
 from featherfx.shot.detail.detail import CARRIED, Detailer, Resolution
@@ -24,9 +25,7 @@ from featherfx.shot.detail.view import relative_sizes
 from featherfx.shot.motion.roots import RootFrames, Roots, sampled_rates
 from featherfx.shot.types import LEVELS, LevelOfDetail, Shot
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int8]
-Indices = NDArray[np.int64]
 
 NUMBER = {level: number for number, level in enumerate(LEVELS)}
 # m/s^2, accelerations are measured in

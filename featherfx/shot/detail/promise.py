@@ -21,11 +21,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.shot.types import Shot
-
-Array = NDArray[np.float64]
 
 FRONT = Path(__file__).with_name("front.json")
 # of an error that is asked for, what is planned with: samples then keep to it (docs/benchmarks.md)

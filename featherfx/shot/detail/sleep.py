@@ -17,14 +17,11 @@ acceleration would move the feather by.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Flags
 from featherfx.mechanics.model import Loads
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import RootPath
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # over the tolerance, what a sleeping feather would move in a frame at most
 STILL = 1e-3

@@ -21,14 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.ease import faded
+from featherfx.algebra.types import Array
 from featherfx.groom.skin.search import search_tree
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import CHANNELS, Channel, Shot
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.direction.channels import Course, courses, product
 from featherfx.shot.types import Shot
-
-Array = NDArray[np.float64]
 
 NAMES = ("stiffness", "damping", "gravity")
 # arrays of a model that are moduli

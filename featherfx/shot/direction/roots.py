@@ -19,12 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from featherfx.algebra.types import Array
 from featherfx.groom.types import Placement
 from featherfx.shot.direction.channels import Course, courses
 from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
-
-Array = NDArray[np.float64]
 
 NAMES = ("ruffle", "sleek", "turn", "fan", "fold", "puff")
 

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.density import density_map
 from featherfx.feather.types import Feather, RowPoints, Surface
@@ -33,8 +34,6 @@ from featherfx.shot.motion.roots import Roots, arrived
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import Shot, Target
 from featherfx.solver.step.modes import first_frequency
-
-Array = NDArray[np.float64]
 
 # so that feathers are within the tolerance in the first frame of full hold, though they arrive in
 # motion (with 4 a beating secondary that is bent by a fifth of its length was 1.3 times off)

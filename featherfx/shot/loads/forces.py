@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.ease import smooth_step
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, TRAILING, Feather, barb_slice
 from featherfx.shot.types import Force, Grip
-
-Array = NDArray[np.float64]
 
 
 def force_weights(force: Force, feather: Feather) -> Array:

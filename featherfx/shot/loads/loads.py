@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads, no_contacts
 from featherfx.shot.loads.forces import dead_forces, gripped
 from featherfx.shot.loads.wind import wind_field
 from featherfx.shot.types import Force, Grip, Shot
-
-Array = NDArray[np.float64]
 
 # drag coefficient of a round shaft across the wind (Hoerner, subcritical)
 SHAFT_DRAG = 1.1

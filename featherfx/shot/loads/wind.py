@@ -23,13 +23,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.mechanics.model import Loads
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import Shot, Wind
-
-Array = NDArray[np.float64]
 
 _MODES = 24
 # Wave numbers over that of the largest energy; 0.1 % of the energy lies below, 7 % above.

@@ -16,16 +16,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import shared_turns
+from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, InputWarning
 from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.types import Shot
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # way within a frame, over that of the frames beside it, from which on it is a cut
 FARTHER = 10.0

@@ -24,15 +24,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.ease import eased, smooth_step
 from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, still_poses
-
-Array = NDArray[np.float64]
 
 _ROLES = ("body", "shoulder", "elbow", "wrist")
 _HINGE_LEAN = math.radians(20.0)

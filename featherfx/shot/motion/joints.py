@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.ease import smooth_step
 from featherfx.algebra.rotation import (
@@ -18,13 +17,11 @@ from featherfx.algebra.rotation import (
     rotation_vectors,
     shared_turns,
 )
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.groom.anatomy.bow import bow_share
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.roots import RootFrames
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class JointPoses(NamedTuple):

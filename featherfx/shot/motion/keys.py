@@ -13,13 +13,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from featherfx.algebra.rotation import rotation_spline
+from featherfx.algebra.types import Array
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 
-Array = NDArray[np.float64]
 Track = Callable[[float], Array]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError
 from featherfx.shot.direction.roots import directed
 from featherfx.shot.motion.act import clocked, together
@@ -25,8 +26,6 @@ from featherfx.shot.motion.limbs import carried, on_bones
 from featherfx.shot.motion.roots import SAMPLES, Roots, arrived
 from featherfx.shot.types import Motion, Shot
 from featherfx.solver.step.root_path import RootPath
-
-Array = NDArray[np.float64]
 
 
 def root_motion(shot: Shot) -> Roots:

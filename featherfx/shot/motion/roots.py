@@ -9,9 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from featherfx.algebra.types import Array
 
 # of a root within an interval
 SAMPLES = 5

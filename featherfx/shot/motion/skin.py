@@ -6,17 +6,14 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.skin.skin import Binding, bind, closest, follow, is_flat
 from featherfx.groom.types import FeatherKind, Groom
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.read.sources import MovingSurface
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _MOST_NAMED = 10
 

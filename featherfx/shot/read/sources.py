@@ -11,16 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from featherfx.algebra.between import Knots
+from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.values import Place
 from featherfx.groom.regions.regions import GroomReaders
 from featherfx.shot.motion.preroll import run_up
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class MovingSurface(Protocol):

@@ -14,14 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.crossings import BODY, Crossings, crossings_of, patches_of
 from featherfx.feather.types import RACHIS
 from featherfx.usd.read.opening import located
 from featherfx.usd.read.read import Cache
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # pairs that are named
 MOST_NAMED = 10

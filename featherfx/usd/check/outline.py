@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.raster import nodes_within
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.usd.check.crossings import Scene, chosen_frames, skins_of
 from featherfx.usd.read.read import Cache
-
-Array = NDArray[np.float64]
 
 VIEWS = {"top": (0, 1), "side": (0, 2), "front": (1, 2)}  # axes of a picture, z up
 _Y_UP = (0, 2, 1)  # where x forward, y left and z up stand in a stage whose y is up

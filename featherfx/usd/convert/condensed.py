@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
+from featherfx.algebra.types import Floats, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING, TRAILING
 from featherfx.files.whole import standing
@@ -29,9 +29,6 @@ from featherfx.usd.write.output import check_output, prim_name
 from featherfx.usd.write.prims import author_primvars, define_polylines, labels
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.resume import layer_metadata
-
-Floats = NDArray[np.float32]
-Indices = NDArray[np.int64]
 
 NAMES = ("P_barbl", "P_barbr")
 

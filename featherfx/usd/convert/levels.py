@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import standing
 from featherfx.usd import arrays
@@ -34,9 +34,6 @@ from featherfx.usd.write.layout import FEATHERS, MATERIALS
 from featherfx.usd.write.output import check_output
 from featherfx.usd.write.prims import author_primvars, tell_shared
 from featherfx.usd.write.publish import publish
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SET, FULL = "levelOfDetail", "full"
 # shares of the view, by eye: a bird 500, 160 and 50 pixels long in a picture of 1920 by 1080

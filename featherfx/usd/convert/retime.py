@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pxr import Sdf
 from scipy.interpolate import PchipInterpolator
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import standing
 from featherfx.usd.arrays import vec3f
@@ -34,8 +35,6 @@ MOST_FRAMES = 1_000_000
 # of a feather's length, how far apart its root may be where a loop closes
 ROOT_REPEATS = 1e-3
 _UNIT = ("normals", BARB_DIRECTION, ORIENT)
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

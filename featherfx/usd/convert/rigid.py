@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Gf, Sdf, UsdGeom, Vt
 
 from featherfx.algebra.rotation import frames_to_quats, rotation_part
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import standing
 from featherfx.usd import arrays
@@ -31,9 +31,6 @@ from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, HALF_VELOCITIES, 
 from featherfx.usd.write.layout import FEATHERS, SCOPES
 from featherfx.usd.write.output import check_output, unique_prim_names
 from featherfx.usd.write.publish import publish
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # what follows from the transform, and what moves with it
 _RATES = ("velocities", HALF_VELOCITIES, ACCELERATIONS)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from featherfx.algebra.between import Knots
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.values import Place
 from featherfx.groom.skin.skin import is_flat
@@ -46,9 +47,6 @@ from featherfx.usd.read.values import (
     sized_array,
     text_of,
 )
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class _KnotPose(NamedTuple):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, UsdGeom
 
+from featherfx.algebra.types import Array
 from featherfx.groom.keys.groom import DEFAULT_NAMES
 from featherfx.groom.keys.values import Place
 from featherfx.groom.read.rachis_curve import BASES, spline_points
@@ -27,8 +28,6 @@ from featherfx.usd.read.values import (
     numbers_of,
     text_of,
 )
-
-Array = NDArray[np.float64]
 
 _TYPES, _WRAPS = ("linear", "cubic"), ("nonperiodic", "pinned")
 

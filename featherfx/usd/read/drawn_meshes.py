@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from featherfx.algebra.types import Array
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.usd.read.skinning import Skinning, find_skinning
 from featherfx.usd.read.stage import SourceScene
@@ -29,8 +29,6 @@ from featherfx.usd.read.values import (
     sized_array,
     targets_of,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from featherfx.algebra.types import Array
 from featherfx.groom.keys.values import Place
 from featherfx.groom.read.condensed import DrawnBarbs
 from featherfx.groom.read.drawn import DrawnFeather
@@ -40,8 +40,6 @@ from featherfx.usd.read.values import (
     sized_array,
     targets_of,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

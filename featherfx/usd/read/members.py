@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import UsdGeom
 
+from featherfx.algebra.types import Indices
 from featherfx.usd.read.values import (
     DEFAULT,
     INTEGERS,
@@ -24,8 +24,6 @@ from featherfx.usd.read.values import (
     texts_of,
 )
 from featherfx.usd.types import LOOK, RANGES
-
-Indices = NDArray[np.int64]
 
 _PAIRS = Kind("iu", (2,), "an array of pairs of integers")
 

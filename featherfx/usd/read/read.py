@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.usd.read.cached_feather import CachedFeather, constant_parts, within
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes
@@ -36,9 +36,6 @@ from featherfx.usd.write.prims import SUBSETS
 if TYPE_CHECKING:
     from featherfx.usd.read.expand import Expansion
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Indices = NDArray[np.int64]
 
 MOST_FRAMES = 100_000  # of a file whose meshes have no samples that tell which there are
 

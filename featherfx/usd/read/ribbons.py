@@ -18,10 +18,10 @@ from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
 from featherfx.algebra.rotation import transported
+from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
@@ -36,9 +36,6 @@ from featherfx.usd.read.stage import (
     transform_fault,
 )
 from featherfx.usd.read.values import at, collecting, reading
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _BENT = 0.05  # sine of the angle from which on two bones have a hinge
 _WIDTH = 0.2  # half of a ribbon's, in lengths of the bone or of a piece of the curve

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom
 from scipy.spatial import cKDTree
 
+from featherfx.algebra.types import Array
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.shot.detail.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
@@ -39,8 +39,6 @@ from featherfx.usd.read.values import (
     times_of,
     value_of,
 )
-
-Array = NDArray[np.float64]
 
 _NEIGHBOURS = 8
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.values import Place, nearest
 from featherfx.groom.skin.faults import skin_faults
@@ -44,9 +45,6 @@ from featherfx.usd.read.values import (
     sized_array,
     texts_of,
 )
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 def read_skin(

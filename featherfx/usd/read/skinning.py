@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel, Vt
 
+from featherfx.algebra.types import Array, Floats
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
@@ -22,10 +23,6 @@ from featherfx.usd.read.values import (
     sized_array,
     targets_of,
 )
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float32]
 
 _MISFIT = "joints, weights and bind pose do not fit"
 

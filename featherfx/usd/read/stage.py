@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Pcp, Sdf, Usd, UsdGeom, UsdSkel, UsdUtils
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.values import Place, closest
 from featherfx.usd.read.opening import open_stage
@@ -32,8 +33,6 @@ from featherfx.usd.read.values import (
     value_of,
 )
 from featherfx.usd.types import OutputError
-
-Array = NDArray[np.float64]
 
 # what grooms and shots name in a stage
 KINDS = {

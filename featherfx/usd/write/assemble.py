@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Tf
 
+from featherfx.algebra.types import Floats
 from featherfx.errors import Problem
 from featherfx.files.whole import Standing, Store
-from featherfx.usd.arrays import Floats
 from featherfx.usd.types import RATES, OutputError
 from featherfx.usd.write.chunk import open_chunk
 from featherfx.usd.write.layout import CacheLayers, Clips, StageInfo, finish_layers, new_layer

@@ -15,12 +15,12 @@ from typing import Any, Protocol
 import numpy as np
 from pxr import Sdf
 
+from featherfx.algebra.types import Flags, Floats
 from featherfx.files.whole import WrittenFile
 from featherfx.shot.frames import FeatherPose, Frame
-from featherfx.usd.arrays import Floats
 from featherfx.usd.write.layout import StageInfo, new_layer
 from featherfx.usd.write.parts import ChunkRecord, checksum
-from featherfx.usd.write.posed_groups import Flags, WrittenPose
+from featherfx.usd.write.posed_groups import WrittenPose
 from featherfx.usd.write.poses import Written
 from featherfx.usd.write.publish import export_beside, output_errors
 from featherfx.usd.write.samples import AnimatedPrims

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from featherfx.algebra.rotation import frames_to_quats
+from featherfx.algebra.types import Array
 from featherfx.feather.colours import colours_of, uniform
 from featherfx.feather.types import Feather
 from featherfx.files.content import stable_number
@@ -31,8 +31,6 @@ from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.prims import author_texts, define_mesh
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.samples import AnimatedPrims
-
-Array = NDArray[np.float64]
 
 PLUMAGE, PROTOTYPES = "plumage", "prototypes"
 

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Flags, Floats
 from featherfx.feather.types import RowPoints
 from featherfx.shot.frames import FeatherPose
-from featherfx.usd.arrays import Floats, InPlace, Quath, Scalars, Vec3f
+from featherfx.usd.arrays import InPlace, Quath, Scalars, Vec3f
 from featherfx.usd.types import (
     ACCELERATIONS,
     BARB,
@@ -35,10 +36,6 @@ from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.forms import Group
 from featherfx.usd.write.poses import Key, PosedFeather, Written, condense, fixed
 from featherfx.usd.write.surface_kernels import DrawnSurface, WrittenSurface
-
-Flags = NDArray[np.bool_]
-
-Array = NDArray[np.float64]
 
 # feathers whose poses are computed at once; more would only need more memory for what passes
 AT_ONCE = 500

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats
+from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.barb_looks import clumped
 from featherfx.feather.lips import Lips, carried_rates
 from featherfx.feather.types import (
@@ -25,7 +26,6 @@ from featherfx.feather.types import (
 )
 from featherfx.feather.types import RACHIS as SHAFT
 from featherfx.shot.frames import FeatherPose
-from featherfx.usd.arrays import Floats
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (
     ACCELERATIONS,
@@ -49,9 +49,6 @@ from featherfx.usd.types import (
 from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.forms import Form
 from featherfx.usd.write.surface_kernels import DrawnSurface, ToStage, WrittenSurface
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 Key = tuple[str, str]
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, UsdGeom, UsdShade
 
+from featherfx.algebra.types import Indices
 from featherfx.feather.shape_text import shape_text
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.usd import arrays
@@ -28,7 +29,6 @@ from featherfx.usd.write.materials import COLOURS
 if TYPE_CHECKING:
     from featherfx.usd.write.posed_groups import PosedGroup
 
-Indices = NDArray[np.int64]
 
 SUBSETS = {"leadingVane": LEADING, "trailingVane": TRAILING, "rachis": RACHIS}
 

@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import Problem
 from featherfx.feather.colours import VANE, brightness, charted, displayed
 from featherfx.files.whole import Store
 from featherfx.usd.types import FeatherEntry, OutputError
-
-Array = NDArray[np.float64]
 
 MOST_SIDE = 4096  # pixels of a tile
 _BORDER = 2
