@@ -7,10 +7,10 @@ import signal
 import subprocess
 import sys
 from dataclasses import fields
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import SAMPLES
 from pxr import Usd
 
 from featherfx.baking import pipeline
@@ -18,7 +18,7 @@ from featherfx.baking.options import BakeOptions, GroomOptions
 from featherfx.cli.main import main
 from featherfx.errors import InputError, Problem, SimulationError
 
-SHOT = Path(__file__).resolve().parents[2] / "samples/feather_pull/shot.toml"
+SHOT = SAMPLES / "feather_pull/shot.toml"
 GROOM = SHOT.with_name("groom.toml")
 NO_SPACE = OSError(errno.ENOSPC, "No space left on device", "wing.usdc")
 FAILURES = [
@@ -35,10 +35,6 @@ FAILURES = [
 ]
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, [str(each) for each in arguments])
-
-
 def failing(monkeypatch, failure):
     def bake(*arguments, **options):
         raise failure
@@ -49,7 +45,7 @@ def failing(monkeypatch, failure):
 @pytest.mark.parametrize(("failure", "message"), FAILURES)
 def test_a_failure_is_one_message_and_exit_code_one(monkeypatch, failure, message):
     failing(monkeypatch, failure)
-    result = run("bake", "shot.toml")
+    result = invoke("bake", "shot.toml")
     assert result.exit_code == 1
     assert result.stderr == message
     assert result.stdout == ""
@@ -58,7 +54,7 @@ def test_a_failure_is_one_message_and_exit_code_one(monkeypatch, failure, messag
 @pytest.mark.parametrize(("failure", "message"), FAILURES)
 def test_verbose_adds_the_traceback(monkeypatch, failure, message):
     failing(monkeypatch, failure)
-    result = run("bake", "shot.toml", "--verbose")
+    result = invoke("bake", "shot.toml", "--verbose")
     assert result.exit_code == 1
     assert result.stderr.startswith("Traceback")
     assert result.stderr.endswith(message)
@@ -66,7 +62,7 @@ def test_verbose_adds_the_traceback(monkeypatch, failure, message):
 
 def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
     failing(monkeypatch, ZeroDivisionError("fault"))
-    assert isinstance(run("bake", "shot.toml").exception, ZeroDivisionError)
+    assert isinstance(invoke("bake", "shot.toml").exception, ZeroDivisionError)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +99,7 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
     ],
 )
 def test_wrong_usage_is_exit_code_two(arguments, told):
-    result = run(*arguments)
+    result = invoke(*arguments)
     assert result.exit_code == 2
     assert told in result.stderr
 
@@ -112,7 +108,7 @@ def test_a_file_without_permission_is_a_problem_like_any_other(tmp_path, monkeyp
     file = tmp_path / "skin.usda"
     file.write_text("#usda 1.0\n")
     monkeypatch.setattr(os, "access", lambda *_: False)
-    result = run("check", str(file))
+    result = invoke("check", str(file))
     assert result.exit_code == 1
     assert "no permission to read it" in result.stdout
 
@@ -128,7 +124,7 @@ def test_a_file_without_permission_is_a_problem_like_any_other(tmp_path, monkeyp
 )
 @pytest.mark.parametrize("output", [".", "/", "a\nb.usda"])
 def test_an_output_needs_a_name(arguments, output):
-    result = run(*arguments, output)
+    result = invoke(*arguments, output)
     assert result.exit_code == 1
     assert result.stderr == "featherfx: {}: is no name of a file\n".format(
         output.replace("\n", "\\n")
@@ -140,7 +136,7 @@ def test_meshes_that_fit_into_no_memory_are_refused(monkeypatch):
     for command, file in (("bake", "shot.toml"), ("groom", "groom.toml")):
         path = f"samples/feather_pull/{file}"
         size = ["--render-rows", "5000", "--render-columns", "500"]
-        result = run(command, path, "-o", "no.usdc", *size)
+        result = invoke(command, path, "-o", "no.usdc", *size)
         assert result.exit_code == 1
         assert result.stderr == (
             f"featherfx: {path}: 1 feathers of 5000 rows and 500 columns a side would need about "
@@ -158,7 +154,7 @@ def test_options_reach_the_bake(monkeypatch):
         return {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
 
     monkeypatch.setattr(pipeline, "bake", bake)
-    result = run("bake", "s.toml", "--frames", "-3-12", "--jobs", "2", "--up-axis", "y")
+    result = invoke("bake", "s.toml", "--frames", "-3-12", "--jobs", "2", "--up-axis", "y")
     assert result.exit_code == 0, result.stderr
     assert (seen["shot"], seen["frames"], seen["jobs"]) == ("s.toml", (-3, 12), 2)
     assert (seen["up_axis"], seen["meters_per_unit"], seen["layout"]) == ("Y", None, "auto")
@@ -170,7 +166,7 @@ def test_options_reach_the_bake(monkeypatch):
 
 @pytest.mark.parametrize("command", [name for name in main.commands if name != "presets"])
 def test_help_of_every_command_shows_examples(command):
-    result = run(command, "--help")
+    result = invoke(command, "--help")
     assert result.exit_code == 0
     assert f"  featherfx {command} " in result.stdout.partition("Examples:")[2]
 
@@ -200,7 +196,7 @@ def test_an_interrupt_that_a_library_swallows_is_not_lost(monkeypatch):
         return {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
 
     monkeypatch.setattr(pipeline, "bake", bake)
-    result = run("bake", "s.toml")
+    result = invoke("bake", "s.toml")
     assert (result.exit_code, result.stderr) == (1, "featherfx: interrupted\n")
 
 
@@ -245,10 +241,10 @@ def test_problems_name_the_line_and_the_entry(tmp_path):
         'name = "wing"\nlayot = 1\n\n[[row]]\nid = "first"\nkind = "covert"\n\n'
         '[[row]]  # the long ones\nid = "primary"\nkind = "covert"\ncount = 0\n'
     )
-    told = run("check", groom).stdout.splitlines()
+    told = invoke("check", groom).stdout.splitlines()
     by_key = {line.split(": ")[1]: line for line in told}
     assert by_key["row[1].count"].endswith(" (line 11, row 'primary')")
     assert by_key["row[0].count"].endswith(" (line 4, row 'first')")
     assert by_key["layot"].endswith(" (line 2)")
-    done = run("groom", groom, "-o", tmp_path / "out.usda")
+    done = invoke("groom", groom, "-o", tmp_path / "out.usda")
     assert f"featherfx: {by_key['row[1].count']}" in done.stderr.splitlines()

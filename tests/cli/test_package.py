@@ -8,23 +8,17 @@ import sys
 import tarfile
 import tomllib
 import zipfile
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import ROOT
 
 from featherfx._version import __version__
 from featherfx.baking import doctor
 from featherfx.baking.samples import copy_sample, sample_names
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 
-ROOT = Path(__file__).resolve().parents[2]
 LOG_LINE = re.compile(r"\d{4}-\d\d-\d\d [\d:,]{12} \[\d+\] (INFO|WARNING|ERROR) ")
-
-
-def run(*arguments, **options):
-    return CliRunner().invoke(main, [str(each) for each in arguments], **options)
 
 
 def files_below(folder):
@@ -84,7 +78,7 @@ def test_the_citation_and_the_changelog_are_of_this_version():
 def test_a_sample_is_copied_into_a_new_or_empty_folder(tmp_path):
     (tmp_path / "empty").mkdir()
     for name, folder in (("breeze", "empty"), ("breeze", "new/one")):
-        result = run("sample", name, "-o", tmp_path / folder)
+        result = invoke("sample", name, "-o", tmp_path / folder)
         assert result.exit_code == 0, result.stderr
         assert result.stdout.split() == [
             str(tmp_path / folder / file) for file in ("groom.toml", "shot.toml")
@@ -96,21 +90,21 @@ def test_a_sample_is_copied_into_a_new_or_empty_folder(tmp_path):
 def test_a_folder_that_holds_something_is_left_alone(tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     for place in (tmp_path, tmp_path / "mine.txt"):
-        result = run("sample", "breeze", "-o", place)
+        result = invoke("sample", "breeze", "-o", place)
         assert result.exit_code == 1
         assert result.stderr.startswith(f"featherfx: {place}: is ")
     assert [each.name for each in tmp_path.iterdir()] == ["mine.txt"]
 
 
 def test_a_sample_that_there_is_not_is_told_with_those_there_are(tmp_path):
-    assert run("sample", "swan").exit_code == 2
+    assert invoke("sample", "swan").exit_code == 2
     with pytest.raises(InputError, match=f"'swan' is not one of {sample_names()[0]}"):
         copy_sample("swan", tmp_path / "swan")
     assert not (tmp_path / "swan").exists()
 
 
 def test_the_doctor_bakes_and_reads_back():
-    result = run("doctor", "--json")
+    result = invoke("doctor", "--json")
     assert result.exit_code == 0, result.stderr
     found = json.loads(result.stdout)
     assert found["version"] == __version__
@@ -120,7 +114,7 @@ def test_the_doctor_bakes_and_reads_back():
     if found["packages"] is not None:
         project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
         assert set(found["extras"]) <= set(project["optional-dependencies"])
-    text = run("doctor", "--no-test").stdout
+    text = invoke("doctor", "--no-test").stdout
     assert f"featherfx {__version__}" in text
     assert "self-test" not in text
 
@@ -132,7 +126,7 @@ def test_the_doctor_tells_what_is_missing_too_old_and_unusable(tmp_path, monkeyp
         doctor.importlib.metadata, "metadata", lambda name: MetadataOf(["more", "less"])
     )
     monkeypatch.setattr(doctor, "shipped", lambda name: tmp_path)
-    result = run("doctor", "--json")
+    result = invoke("doctor", "--json")
     found = json.loads(result.stdout)
     assert result.exit_code == 1
     assert any(each.startswith("numpy: is ") for each in found["problems"])
@@ -155,14 +149,14 @@ def test_a_log_has_command_warnings_errors_and_is_appended_to(tmp_path):
     log = tmp_path / "run.log"
     shot = tmp_path / "missing.toml"
     for _ in range(2):
-        assert run("bake", shot, "--log", log).exit_code == 1
+        assert invoke("bake", shot, "--log", log).exit_code == 1
     lines = log.read_text().splitlines()
     assert sum(f"arguments: bake {shot} --log {log}" in line for line in lines) == 2
     assert sum(" ERROR featherfx: " in line and "missing.toml" in line for line in lines) == 2
     assert sum(line.endswith("INFO Traceback (most recent call last):") for line in lines) == 2
     assert all(LOG_LINE.match(line) for line in lines if "INFO ended after" in line)
     # wrong usage, too
-    assert run("bake", "--log", log).exit_code == 2
+    assert invoke("bake", "--log", log).exit_code == 2
     assert "Missing argument" in log.read_text()
 
 
@@ -170,7 +164,7 @@ def test_a_log_has_command_warnings_errors_and_is_appended_to(tmp_path):
 def test_a_log_never_writes_into_something_else(tmp_path, place):
     (tmp_path / "shot.toml").write_text("name = 'mine'\n")
     (tmp_path / "folder").mkdir()
-    result = run("presets", "list", "--log", tmp_path / place)
+    result = invoke("presets", "list", "--log", tmp_path / place)
     assert result.exit_code == 1
     assert result.stderr.startswith(f"featherfx: {tmp_path / place}: ")
     assert len(result.stderr.splitlines()) == 1
@@ -179,7 +173,7 @@ def test_a_log_never_writes_into_something_else(tmp_path, place):
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_names_this_program(shell):
-    result = run("completion", shell)
+    result = invoke("completion", shell)
     assert result.exit_code == 0
     assert f"_FEATHERFX_COMPLETE={shell}_complete" in result.stdout
 

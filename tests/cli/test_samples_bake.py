@@ -1,29 +1,23 @@
 """Bakes of the samples through the command line: what is written, and what is not."""
 
 import json
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import SAMPLES
 
-from featherfx.cli.main import main
 from featherfx.cli.progress import Progress
 
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 PULL = SAMPLES / "feather_pull/shot.toml"
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, [str(each) for each in arguments])
 
 
 def test_bake_writes_a_sound_cache_and_a_report(tmp_path):
     output, report = tmp_path / "pull.usdc", tmp_path / "pull.json"
-    result = run("bake", PULL, "-o", output, "--frames", "1-3", "--report", report)
+    result = invoke("bake", PULL, "-o", output, "--frames", "1-3", "--report", report)
     assert result.exit_code == 0, result.stderr
     assert "frames: 3 of 3" in result.stderr
     assert sorted(tmp_path.iterdir()) == [report, output]
-    assert run("check", output).exit_code == 0
+    assert invoke("check", output).exit_code == 0
     figures = json.loads(report.read_text())
     assert (figures["feathers"], figures["frames"]) == (1, 3)
     assert figures["simulated_seconds"] == pytest.approx(2 / 24)
@@ -41,7 +35,7 @@ def test_jobs_do_not_change_a_byte(tmp_path):
         output = tmp_path / str(jobs) / "wing.usdc"
         output.parent.mkdir()
         shot = SAMPLES / "swan_wing/shot.toml"
-        result = run("bake", shot, "-o", output, "--frames", "1-2", "--jobs", jobs)
+        result = invoke("bake", shot, "-o", output, "--frames", "1-2", "--jobs", jobs)
         assert result.exit_code == 0, result.stderr
         written.append(output.read_bytes())
     assert written[0] == written[1]
@@ -57,7 +51,7 @@ def test_an_interrupt_leaves_nothing_new_and_the_old_file_whole(tmp_path, monkey
     monkeypatch.setattr(Progress, "__call__", interrupt)
     report = tmp_path / "pull.json"
     command = ("bake", PULL, "-o", output, "--frames", "1-3", "--overwrite", "--report", report)
-    result = run(*command)
+    result = invoke(*command)
     assert result.exit_code == 1
     assert result.stderr == "featherfx: interrupted: nothing was written\n"
     assert [file.name for file in tmp_path.iterdir()] == ["pull.usdc"]
@@ -67,7 +61,7 @@ def test_an_interrupt_leaves_nothing_new_and_the_old_file_whole(tmp_path, monkey
 def test_an_output_that_exists_is_refused_before_any_work(tmp_path):
     output = tmp_path / "pull.usdc"
     output.write_bytes(b"old")
-    result = run("bake", PULL, "-o", output)
+    result = invoke("bake", PULL, "-o", output)
     assert result.exit_code == 1
     assert "--overwrite" in result.stderr
     assert "frames:" not in result.stderr
@@ -75,7 +69,7 @@ def test_an_output_that_exists_is_refused_before_any_work(tmp_path):
 
 
 def test_all_problems_of_a_bake_are_told_at_once(tmp_path):
-    result = run(
+    result = invoke(
         *("bake", PULL, "-o", tmp_path / "no/pull.abc", "--frames", "0-400"),
         *("--quality", "drft", "--report", tmp_path / "missing/r.json"),
     )

@@ -1,27 +1,21 @@
 """groom, check, presets and preview on the samples."""
 
 import re
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import ROOT
 
 from featherfx.api import scene_readers
-from featherfx.cli.main import main
 from featherfx.shot.read.read import read_shot
 
-ROOT = Path(__file__).resolve().parents[2]
 WING = ROOT / "samples/swan_wing/groom.toml"
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, [str(each) for each in arguments])
 
 
 @pytest.fixture(scope="module")
 def rest(tmp_path_factory):
     output = tmp_path_factory.mktemp("groom") / "wing.usdc"
-    result = run("groom", WING, "-o", output, "--quality", "draft")
+    result = invoke("groom", WING, "-o", output, "--quality", "draft")
     assert result.exit_code == 0, result.stderr
     assert result.stderr.splitlines()[-1] == f"{output}: 20 feathers at rest"
     return output
@@ -30,7 +24,7 @@ def rest(tmp_path_factory):
 def test_groom_is_sound_and_has_no_time(rest):
     from featherfx.usd.read.read import Cache
 
-    assert run("check", rest).exit_code == 0
+    assert invoke("check", rest).exit_code == 0
     cache = Cache(rest)
     assert not cache.has_frames
     assert len(cache.feathers) == 20
@@ -44,7 +38,7 @@ CHECKED = {*ROOT.glob("samples/*/*.toml")} - BIRDS
 
 @pytest.mark.parametrize("file", sorted(CHECKED), ids=str)
 def test_samples_pass_the_check(file):
-    result = run("check", file)
+    result = invoke("check", file)
     assert result.exit_code == 0, result.stdout
 
 
@@ -58,14 +52,14 @@ def test_files_of_the_first_wing_pass_the_check(tmp_path):
     groom, overrides, shot = re.findall(r"```toml\n(.*?)```", text, re.S)
     (tmp_path / "groom.toml").write_text(groom + overrides)
     (tmp_path / "shot.toml").write_text(shot)
-    result = run("check", tmp_path / "groom.toml", tmp_path / "shot.toml")
+    result = invoke("check", tmp_path / "groom.toml", tmp_path / "shot.toml")
     assert result.exit_code == 0, result.stdout
 
 
 def test_shipped_presets_pass_the_check():
     files = sorted(ROOT.glob("presets/**/*.toml"))
     assert len(files) > 15
-    result = run("check", *files)
+    result = invoke("check", *files)
     assert result.exit_code == 0, result.stdout
 
 
@@ -73,7 +67,7 @@ def test_check_tells_every_problem_of_every_file(tmp_path):
     text = WING.read_text()
     bad = tmp_path / "groom.toml"
     bad.write_text(text.replace("count", "cuont", 1) + "\nhue = 3\n")
-    result = run("check", bad, tmp_path / "gone.toml", tmp_path / "x.abc", WING)
+    result = invoke("check", bad, tmp_path / "gone.toml", tmp_path / "x.abc", WING)
     assert result.exit_code == 1
     for part in ("cuont", "hue", "gone.toml: file does not exist", "x.abc"):
         assert part in result.stdout
@@ -85,27 +79,27 @@ def test_check_tries_the_motion(tmp_path):
     shot = (ROOT / "samples/breeze/shot.toml").read_text()
     shot = shot.replace('"hold"', '"flap"').replace('"groom.toml"', f'"{groom}"')
     (tmp_path / "shot.toml").write_text(shot)
-    result = run("check", tmp_path / "shot.toml")
+    result = invoke("check", tmp_path / "shot.toml")
     assert result.exit_code == 1
     assert "shoulder" in result.stdout
 
 
 def test_presets_are_listed_and_shown(tmp_path):
-    listed = run("presets", "list").stdout
+    listed = invoke("presets", "list").stdout
     assert "swan_primary" in listed
     assert "storm" in listed
-    shown = run("presets", "show", "swan_vane").stdout
+    shown = invoke("presets", "show", "swan_vane").stdout
     assert "swan_vane.toml" in shown
     assert "along" in shown
     folder = tmp_path / "wind"
     folder.mkdir()
     (folder / "breeze.toml").write_text('# Mine.\nbase = "breeze"\nspeed = 4.5\n')
-    mine = run("presets", "show", "breeze", "--presets", tmp_path).stdout
+    mine = invoke("presets", "show", "breeze", "--presets", tmp_path).stdout
     assert "speed = 4.5" in mine
 
 
 def test_an_unknown_preset_names_the_nearest():
-    result = run("presets", "show", "swan_vanee")
+    result = invoke("presets", "show", "swan_vanee")
     assert result.exit_code == 1
     assert "swan_vane" in result.stderr
 
@@ -114,7 +108,7 @@ def test_preview_draws(rest, tmp_path):
     from PIL import Image
 
     output = tmp_path / "wing.png"
-    result = run("preview", rest, "-o", output, "--size", "96x64", "--view", "top")
+    result = invoke("preview", rest, "-o", output, "--size", "96x64", "--view", "top")
     assert result.exit_code == 0, result.stderr
     with Image.open(output) as picture:
         assert picture.size == (96, 64)

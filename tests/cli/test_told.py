@@ -4,24 +4,18 @@ import json
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import SAMPLES
 
 from featherfx.baking import bake as baking
 from featherfx.baking import pipeline
-from featherfx.cli.main import main
 from featherfx.cli.progress import about
 from featherfx.phases import phase
 
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 PULL = SAMPLES / "feather_pull/shot.toml"
 PARTS = ["setting_up", "settling", "simulating", "writing", "finishing"]
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, [str(each) for each in arguments])
 
 
 def test_the_parts_of_a_report_add_up_to_the_time_of_the_command(tmp_path):
@@ -50,7 +44,7 @@ def test_an_interrupt_before_the_bake_says_in_what(monkeypatch, tmp_path):
             raise KeyboardInterrupt
 
     monkeypatch.setattr(baking, "prepare", interrupted)
-    result = run("bake", PULL, "-o", tmp_path / "p.usdc")
+    result = invoke("bake", PULL, "-o", tmp_path / "p.usdc")
     assert result.exit_code == 1
     assert result.stderr == "featherfx: interrupted during layout: nothing was written\n"
 
@@ -61,7 +55,7 @@ def test_an_interrupt_after_the_last_rename_says_that_the_cache_is_complete(monk
 
     monkeypatch.setattr(baking, "_report", interrupted)
     output, report = tmp_path / "p.usdc", tmp_path / "p.json"
-    result = run("bake", PULL, "-o", output, "--frames", "1-2", "--report", report)
+    result = invoke("bake", PULL, "-o", output, "--frames", "1-2", "--report", report)
     assert result.exit_code == 1
     told = f"featherfx: interrupted, but {output} is complete; {report} was not written"
     assert result.stderr.splitlines()[-1] == told
@@ -74,7 +68,7 @@ def test_an_interrupt_of_another_command_says_in_what(monkeypatch, tmp_path):
             raise KeyboardInterrupt
 
     monkeypatch.setattr(pipeline, "check", interrupted)
-    result = run("check", PULL)
+    result = invoke("check", PULL)
     assert (result.exit_code, result.stderr) == (1, "featherfx: interrupted during checking\n")
 
 
@@ -90,7 +84,7 @@ def test_a_warning_of_steps_names_feathers_and_frames(monkeypatch):
         return figures | counts | {"worst_substeps": worst}
 
     monkeypatch.setattr(pipeline, "bake", bake)
-    lines = run("bake", "s.toml").stderr.splitlines()
+    lines = invoke("bake", "s.toml").stderr.splitlines()
     assert "4 sub-steps were accepted above the tolerance" in lines[1]
     assert "raise max_substeps" in lines[1]
     assert lines[2:] == [
@@ -107,7 +101,7 @@ def test_a_bake_names_the_feathers_whose_steps_were_too_long(tmp_path):
         'quality = { base = "draft", max_substeps = 1, tolerance = 1e-6 }\n'
     )
     report = tmp_path / "s.json"
-    result = run("bake", shot, "-o", tmp_path / "s.usdc", "--report", report)
+    result = invoke("bake", shot, "-o", tmp_path / "s.usdc", "--report", report)
     assert result.exit_code == 0, result.stderr
     told = json.loads(report.read_text())
     (worst,) = told["worst_substeps"]
@@ -119,8 +113,8 @@ def test_a_bake_names_the_feathers_whose_steps_were_too_long(tmp_path):
 
 def test_check_tells_how_far_it_is(tmp_path):
     output = tmp_path / "p.usdc"
-    assert run("bake", PULL, "-o", output, "--frames", "1-2").exit_code == 0
-    result = run("check", output, "--progress", "json")
+    assert invoke("bake", PULL, "-o", output, "--frames", "1-2").exit_code == 0
+    result = invoke("check", output, "--progress", "json")
     assert result.exit_code == 0, result.stderr
     lines = [json.loads(line) for line in result.stderr.splitlines() if line.startswith("{")]
     assert {line["phase"] for line in lines} == {"checking"}

@@ -1,13 +1,9 @@
 """Files of one kind given to commands that want another: one line that says what the file is."""
 
-from pathlib import Path
-
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import ROOT
 
-from featherfx.cli.main import main
-
-ROOT = Path(__file__).resolve().parents[2]
 GROOM, SHOT = "samples/swan_wing/groom.toml", "samples/feather_pull/shot.toml"
 PRESETS = {
     "feather": "presets/feather/covert.toml",
@@ -27,7 +23,7 @@ def told(command, file, folder):
     name, *more = command.split()
     output = OUTPUTS.get(name, "out.usdc")
     more += ["-o", str(folder / output)] if output else []
-    done = CliRunner().invoke(main, [name, str(file), *more])
+    done = invoke(name, file, *more)
     assert done.exit_code == 1, done.output
     assert isinstance(done.exception, SystemExit)
     assert list(folder.glob("out*")) == []

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from contact_cases import crossings
+from places import SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.shot.frames import Frame
@@ -17,7 +17,7 @@ from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Contact, Motion, Shot
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "flapping_bird" / "shot.toml"
+SAMPLE = SAMPLES / "flapping_bird" / "shot.toml"
 THICKNESS = 1.2e-4
 
 

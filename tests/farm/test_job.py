@@ -7,11 +7,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from farm.farm_cases import SerialEngine, options_of, shot_file
 
 import featherfx
-from featherfx.cli.main import main
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm.job import Job
 from featherfx.farm.places import PATHS_VARIABLE, mapped, outputs_of
@@ -199,14 +198,14 @@ def test_the_command_bakes_a_folder_of_shots(tmp_path, monkeypatch, single):
     monkeypatch.setattr("featherfx.farm.bake_many.opened", serial)
     given = ["bake", *map(str, shots), "-o", str(out), "--frames", "1-3", "--chunk", "2"]
     given += ["--layout", "flat", "--engine", "dask", "--workers", "2"]
-    result = CliRunner().invoke(main, given)
+    result = invoke(*given)
     assert result.exit_code == 0, result.stderr
     assert opened == [(None, 2)]
     assert sorted(tree(out)) == ["other.usdc", "wing.usdc"]
     assert tree(out)["wing.usdc"] == single["flat"]["wing.usdc"]
     assert "featherfx: wing 2/2: done on a in" in result.stderr
     assert f"{out / 'other.usdc'}: 20 feathers, 3 frames" in result.stderr
-    result = CliRunner().invoke(main, given)
+    result = invoke(*given)
     assert result.exit_code == 1
     assert result.stderr.count("exists already; choose another name or --overwrite") == 2
 
@@ -220,6 +219,6 @@ def test_the_command_bakes_a_folder_of_shots(tmp_path, monkeypatch, single):
     ],
 )
 def test_options_that_do_not_go_together_are_wrong_usage(given, told):
-    result = CliRunner().invoke(main, ["bake", *given])
+    result = invoke("bake", *given)
     assert result.exit_code == 2
     assert told in " ".join(result.stderr.split())

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 import sys
-from pathlib import Path
 from types import ModuleType
 
-import featherfx
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
+import featherfx
 
 
 class Recorded:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 from scipy.spatial.transform import Rotation
 
 import featherfx
@@ -16,7 +16,6 @@ from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import RowPoints, barb_slice, both, turned
 from featherfx.shot.placement import place
 
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 GRID = (21, 6)
 
 

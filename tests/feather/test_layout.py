@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from places import SAMPLES
 from scipy.optimize import minimize
 
 import featherfx
@@ -24,7 +25,7 @@ from featherfx.shot.placement import place_feathers
 from featherfx.shot.read.read import read_shot
 
 CLEARANCE = 2e-4
-SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull" / "shot.toml"
+SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 
 
 @pytest.fixture(scope="module")

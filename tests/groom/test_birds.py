@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.api import scene_readers
 from featherfx.errors import InputError
@@ -16,7 +17,7 @@ from featherfx.groom.keys.anatomy import PARTS
 from featherfx.groom.presets.presets import list_presets
 from featherfx.groom.read.read import read_groom as read_groom_file
 
-BIRD = Path(__file__).parents[2] / "samples/first_bird"
+BIRD = SAMPLES / "first_bird"
 TEXT = (BIRD / "groom.toml").read_text()
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import photos
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from PIL import Image
 
-from featherfx.cli.main import main
 from featherfx.feather.rachis import build_rachis
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
@@ -29,7 +28,7 @@ def traced(tmp_path, image, *options):
     out.parent.mkdir(exist_ok=True)
     image.save(photo)
     arguments = ["trace", str(photo), "-o", str(out), "--length", "0.35", "--overwrite", *options]
-    result = CliRunner().invoke(main, arguments)
+    result = invoke(*arguments)
     return result, out
 
 
@@ -144,12 +143,12 @@ def test_pictures_without_a_feather_are_refused(tmp_path, image, options, code, 
 def test_what_is_no_picture_is_refused(tmp_path):
     photo = tmp_path / "photo.png"
     photo.write_text("no picture")
-    result = CliRunner().invoke(main, ["trace", str(photo), "-o", str(tmp_path / "a.toml")])
+    result = invoke("trace", photo, "-o", tmp_path / "a.toml")
     assert result.exit_code == 1
     assert "is no picture that can be read" in result.output
     image, _ = photos.picture(kind('base = "swan_primary"\n'), size=300)
     image.save(photo)
     (tmp_path / "a.toml").write_text("mine")
-    result = CliRunner().invoke(main, ["trace", str(photo), "-o", str(tmp_path / "a.toml")])
+    result = invoke("trace", photo, "-o", tmp_path / "a.toml")
     assert "exists already" in result.output
     assert (tmp_path / "a.toml").read_text() == "mine"

@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
-from featherfx.cli.main import main
 from featherfx.lab.bench import experiments, report, shake
 from featherfx.lab.bench.factorisation import factorisation_seconds
 
@@ -119,6 +118,6 @@ def test_tables_and_files(tmp_path, monkeypatch):
 
 def test_stress_from_the_command_line(tmp_path):
     arguments = ["bench", "--stress", "--cases", "2", "--quick", "--seed", "6"]
-    done = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path)])
+    done = invoke(*arguments, "-o", tmp_path)
     assert done.exit_code == 0, done.output
     assert "violations" in (tmp_path / "stress.md").read_text()

@@ -7,10 +7,9 @@ from math import pi
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from derivatives import derivative_fault, unnoticed_signs
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.lab.fibres.rupture import (
     Fibre,
@@ -120,8 +119,8 @@ def test_a_tear_of_24_elements_runs_through_the_row_of_the_weak_ones():
 
 
 def test_the_command_prints_what_programs_read():
-    result = CliRunner().invoke(
-        main, ["lab", "rupture", "--elements", "1", "--sigma", "0.5236", "--mu", "1.5708", "--json"]
+    result = invoke(
+        "lab", "rupture", "--elements", "1", "--sigma", "0.5236", "--mu", "1.5708", "--json"
     )
     found = json.loads(result.output)
     assert found["plateau_stress"] == pytest.approx(15.96e6, rel=5e-4)

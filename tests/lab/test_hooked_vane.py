@@ -6,9 +6,8 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.vane.hooked import CycleTest, TearTest, cycle, tear
@@ -100,7 +99,7 @@ def test_the_law_does_not_know_the_rate():
 
 def test_the_commands_print_what_programs_read():
     arguments = ["lab", "cycle", "--strains", "0.1", "--rows", "6", "--columns", "2", "--json"]
-    found = json.loads(CliRunner().invoke(main, arguments).output)
+    found = json.loads(invoke(*arguments).output)
     assert set(found) == {"strain", "stress", "stress_at_zero", "loss"}
 
 

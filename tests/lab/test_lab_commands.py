@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
 from featherfx.cli.lab.experiments import COMMANDS, EXPERIMENTS
 from featherfx.cli.lab.group import lab
-from featherfx.cli.main import main
 from featherfx.lab.studies.study import STUDIES
 
 ROD = ("--length", "0.3", "--ei", "2e-3")
@@ -16,7 +15,7 @@ TRIAL = ("feather", "--preset", "swan_primary", "--rows", "9", "--columns", "3")
 
 
 def run(*arguments):
-    return CliRunner().invoke(main, ["lab", *arguments])
+    return invoke("lab", *arguments)
 
 
 def values(*arguments):

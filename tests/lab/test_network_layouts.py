@@ -5,9 +5,8 @@ import sys
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.lab.networks.experiments import (
     NetworkPlan,
@@ -196,22 +195,19 @@ def test_merged_nodes_cost_what_is_published(tmp_path):
     ],
 )
 def test_bad_input_is_named(arguments, key):
-    result = CliRunner().invoke(main, ["lab", *arguments])
+    result = invoke("lab", *arguments)
     assert result.exit_code == 1
     assert result.stdout == ""
     assert key in result.stderr
 
 
 def test_commands_give_their_keys():
-    runner = CliRunner()
-    result = runner.invoke(
-        main, ["lab", "network", "--lattice", "mikado", "--fibres", "120", "--json"]
-    )
+    result = invoke("lab", "network", "--lattice", "mikado", "--fibres", "120", "--json")
     found = json.loads(result.stdout)
     assert {"shear_modulus", "young_modulus", "affinity", "nodes"} <= set(found)
     assert found == json.loads(json.dumps(found))
     options = ("--size", "12", "--bend", "2.5e-5", "--method", "gmres", "--preconditioner", "P_Ab")
-    result = runner.invoke(main, ["lab", "precondition", *options, "--tolerance", "1e-8", "--json"])
+    result = invoke("lab", "precondition", *options, "--tolerance", "1e-8", "--json")
     found = json.loads(result.stdout)
     assert {"iterations", "seconds", "unknowns", "residual"} <= set(found)
     assert found["residual"] <= 1e-8

@@ -1,16 +1,15 @@
 """The table of skipped work: its lines, and that it sees what a skip does."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import SAMPLES
 
-from featherfx.cli.main import main
 from featherfx.lab.bench.skips import SKIPS, skips_table
 from featherfx.shot.read.read import read_shot
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull" / "shot.toml"
+SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 
 
 def short():
@@ -44,6 +43,6 @@ def test_guides_and_cameras_are_measured_on_wings():
 
 
 def test_a_shot_that_is_not_there_is_wrong_usage():
-    result = CliRunner().invoke(main, ["bench", "--skips", "nowhere.toml"])
+    result = invoke("bench", "--skips", "nowhere.toml")
     assert result.exit_code == 2
     assert "nowhere.toml" in result.output

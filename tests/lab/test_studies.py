@@ -4,12 +4,11 @@ import json
 import math
 import os
 import time
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import ROOT
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError, SimulationError
 from featherfx.lab.studies import report, runs, study
 from featherfx.lab.studies.study import (
@@ -180,7 +179,7 @@ def test_a_number_that_moves_by_a_tenth_of_its_tolerance_is_named(tmp_path):
 
 
 def test_the_page_is_of_today(tmp_path):
-    page = Path(__file__).parents[2] / "docs/validation/validation.json"
+    page = ROOT / "docs/validation/validation.json"
     quick = study.studies(
         [
             *("elastica", "frequencies", "fibre_elements", "fibre_merging", "fibre_space"),
@@ -237,7 +236,7 @@ def test_pictures_make_their_folder(tmp_path):
 def test_unknown_study():
     with pytest.raises(InputError, match="no_such"):
         study.studies(["no_such"])
-    result = CliRunner().invoke(main, ["lab", "report", "-o", "x", "--only", "no_such"])
+    result = invoke("lab", "report", "-o", "x", "--only", "no_such")
     assert result.exit_code == 1
     assert "elastica" in result.stderr
 
@@ -246,7 +245,7 @@ def test_unknown_study():
 def test_report_from_the_command_line(tmp_path):
     arguments = ["lab", "report", "-o", str(tmp_path / "out"), "--only", "fibre_elements"]
     page = tmp_path / "docs" / "validation.md"
-    result = CliRunner().invoke(main, [*arguments, "--markdown", str(page)])
+    result = invoke(*arguments, "--markdown", page)
     assert result.exit_code == 0, result.stderr
     assert "fibre_elements" in page.read_text()
     assert (tmp_path / "out" / "validation.html").exists()
@@ -254,9 +253,9 @@ def test_report_from_the_command_line(tmp_path):
 
 def test_ribbon_and_unit_cell_commands_give_their_keys():
     strip = ("--length", "0.1", "--width", "0.01", "--rigidity", "2e-4", "--density", "0.1")
-    result = CliRunner().invoke(main, ["lab", "ribbon", *strip, "--json"])
+    result = invoke("lab", "ribbon", *strip, "--json")
     found = json.loads(result.stdout)
     assert found["tip"] == found["points"][-1]
     assert found["stability"] > 0.0
-    result = CliRunner().invoke(main, ["lab", "unitcell", "--preset", "swan_primary", "--json"])
+    result = invoke("lab", "unitcell", "--preset", "swan_primary", "--json")
     assert json.loads(result.stdout)["along"] == pytest.approx(3.6e8, rel=1e-2)

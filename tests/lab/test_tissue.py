@@ -4,9 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.lab.fibres.tissue import (
     LAWS,
@@ -135,10 +134,10 @@ def test_command_fits_a_file(tmp_path, law):
     stress = sacks(np.array([1e6, 12.0]), STRAIN, incompressible(STRAIN))
     lines = [f"{a:.9g},{b:.9g}" for a, b in zip(STRAIN, stress, strict=True)]
     path.write_text("\n".join(["strain,stress", *lines]) + "\n")
-    result = CliRunner().invoke(main, ["lab", "calibrate", str(path), "--law", law, "--json"])
+    result = invoke("lab", "calibrate", path, "--law", law, "--json")
     assert result.exit_code == 0, result.stderr
     found = json.loads(result.stdout)
     assert set(found["parameters"]) == set(LAWS[law].names) == set(found["intervals"])
     assert found["error"] < 0.05
-    result = CliRunner().invoke(main, ["lab", "calibrate", str(path), "--law", law, "--cycles"])
+    result = invoke("lab", "calibrate", path, "--law", law, "--cycles")
     assert result.exit_code == 2

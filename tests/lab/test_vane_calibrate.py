@@ -5,9 +5,8 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.groom.presets.presets import load_preset
 from featherfx.lab.vane.calibrate import NAMES, calibrate
@@ -156,14 +155,14 @@ def test_command_saves_a_preset(curves, tmp_path):
     write_curves(tmp_path / "tests.csv", curves)
     arguments = ["lab", "calibrate", str(tmp_path / "tests.csv"), "--elements", str(ELEMENTS)]
     arguments += ["--save", str(tmp_path), "--name", "my_vane", "--json"]
-    done = CliRunner().invoke(main, arguments)
+    done = invoke(*arguments)
     assert done.exit_code == 0, done.stderr
     values = json.loads(done.stdout)
     assert values["shear"]["value"] == pytest.approx(TRUE.shear, rel=1e-3)
     family, tree = load_preset("my_vane", (tmp_path,))
     assert family == "material/vane"
     assert tree["across"].value == pytest.approx(TRUE.across, rel=1e-3)
-    again = CliRunner().invoke(main, arguments)
+    again = invoke(*arguments)
     assert again.exit_code == 1
     assert "exists already" in again.stderr
 
@@ -178,14 +177,14 @@ def test_commands_refuse_bad_input(tmp_path):
         ("locking", "--ratio", "0"),
     )
     for case in cases:
-        done = CliRunner().invoke(main, ["lab", *case])
+        done = invoke("lab", *case)
         assert done.exit_code == 1, case
         assert done.stderr.startswith("featherfx: ")
 
 
 def test_traction_command_gives_its_keys():
     arguments = ["traction", "--angle", "30", "--width", "0.013", "--height", "0.018"]
-    done = CliRunner().invoke(main, ["lab", *arguments, "--elements", "400", "--json"])
+    done = invoke("lab", *arguments, "--elements", "400", "--json")
     assert done.exit_code == 0, done.stderr
     values = json.loads(done.stdout)
     keys = ("strain", "stress", "slope", "elements", "unknowns", "iterations", "seconds")

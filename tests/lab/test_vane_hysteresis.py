@@ -6,10 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from test_vane_calibrate import write_curves
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.vane.curves import MeasuredCurve
@@ -76,9 +75,7 @@ def test_what_cannot_be_identified_is_said():
 
 def test_the_command_takes_points_in_their_order(tmp_path):
     write_curves(tmp_path / "cycles.csv", [CURVE])
-    result = CliRunner().invoke(
-        main, ["lab", "calibrate", str(tmp_path / "cycles.csv"), "--cycles", "--json"]
-    )
+    result = invoke("lab", "calibrate", tmp_path / "cycles.csv", "--cycles", "--json")
     assert result.exit_code == 0, result.stderr
     found = json.loads(result.stdout)
     assert found["hook_yield_across"]["value"] == pytest.approx(TRUE.limit, rel=1e-3)

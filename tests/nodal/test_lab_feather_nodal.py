@@ -4,9 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.lab.feathers.feather import FeatherTest, run_feather
 
@@ -17,7 +16,7 @@ TEST = (
 
 
 def values(kinematics):
-    result = CliRunner().invoke(main, [*TEST, "--kinematics", kinematics])
+    result = invoke(*TEST, "--kinematics", kinematics)
     assert result.exit_code == 0, result.stderr
     return json.loads(result.stdout)
 

@@ -3,9 +3,8 @@
 import importlib.util
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
-from featherfx.cli.main import main
 from featherfx.lab.bench import peers
 
 
@@ -14,14 +13,14 @@ def test_without_the_peer_the_command_says_what_to_install(monkeypatch, tmp_path
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name, *a: None if name == "mujoco" else found(name, *a)
     )
-    result = CliRunner().invoke(main, ["bench", "--peers", "-o", str(tmp_path / "out")])
+    result = invoke("bench", "--peers", "-o", tmp_path / "out")
     assert result.exit_code == 1
     assert "featherfx[peers]" in result.stderr
     assert not (tmp_path / "out").exists()
 
 
 def test_stress_and_peers_exclude_each_other():
-    assert CliRunner().invoke(main, ["bench", "--peers", "--stress"]).exit_code == 2
+    assert invoke("bench", "--peers", "--stress").exit_code == 2
 
 
 def test_page_holds_what_was_measured():

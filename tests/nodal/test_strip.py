@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.lab.feathers.strip import (
     DENSITY,
@@ -60,7 +59,7 @@ def test_both_kinematics_move_the_feather_strip_alike():
 @pytest.mark.slow
 def test_command_gives_its_keys():
     arguments = ("lab", "strip", "--scene", "iso", "--dt", "0.03", "--columns", "1", "--json")
-    result = CliRunner().invoke(main, arguments)
+    result = invoke(*arguments)
     assert result.exit_code == 0, result.stderr
     found = json.loads(result.stdout)
     keys = ["time", "tip", "strain_max", "cpu_seconds", "steps", "iterations", "unknowns"]

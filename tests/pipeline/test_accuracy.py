@@ -3,21 +3,18 @@
 import json
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import SAMPLES
 
 from featherfx.api import read_shot
 from featherfx.baking.accuracy import PARTS, chosen_feathers, own_grids, shot_error
-from featherfx.cli.main import main
 from featherfx.errors import InputWarning
 from featherfx.feather.density import density_map
 from featherfx.shot.share import part_of
 from featherfx.shot.simulate import simulate
-
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 
 
 def sample(name, frames=None):
@@ -117,13 +114,13 @@ def test_command_gives_its_keys(tmp_path):
     text = f'name = "x"\ngroom = "{groom}"\nframes = [1, 2]\nmotion = "hold"\nwind = "breeze"\n'
     shot = tmp_path / "shot.toml"
     shot.write_text(text + 'quality = "draft"\n')
-    result = CliRunner().invoke(main, ["error", str(shot), "--json", "--progress", "json"])
+    result = invoke("error", shot, "--json", "--progress", "json")
     assert result.exit_code == 0, result.stderr
     found = json.loads(result.stdout)
     assert found["error_mm"] > 0.0
     assert found["error_percent"] > 0.0
     assert {"rows", "columns", "coefficients", "time"} <= set(found["parts"])
     assert '"comparing"' in result.stderr
-    result = CliRunner().invoke(main, ["error", groom])
+    result = invoke("error", groom)
     assert result.exit_code == 1
     assert "expects a shot" in result.stderr

@@ -6,10 +6,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
 import featherfx
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 
 GROOM = """
@@ -238,7 +237,7 @@ def test_an_interrupted_one_goes_on(earlier, tmp_path):
 def test_the_command_says_what_it_does(earlier, tmp_path):
     path, shot = copied(earlier, "flat", tmp_path), written(tmp_path, WIDER)
     command = ["bake", shot, "-o", path, "--frames", "1-5", "--chunk", 2, "--layout", "flat"]
-    result = CliRunner().invoke(main, [*map(str, command), "--resume"])
+    result = invoke(*command, "--resume")
     assert result.exit_code == 0, result.stderr
     assert "2 feathers simulated again, 3 taken over from the cache that was there" in result.stderr
     assert "  rows.lower.width: 1.5 -> 1.6" in result.stderr

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 from pxr import Usd, UsdGeom
 
 import featherfx
 from featherfx.errors import InputError
 
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 PULL = SAMPLES / "feather_pull/shot.toml"
 FRAMES = (8, 12)
 DENSE = {"render_rows": 60, "render_columns": 10, "barbs": 80, "accelerations": True}

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 from pxr import Sdf, Usd, UsdGeom
 
 import featherfx
 from featherfx.errors import InputError
 from featherfx.solver.solver import Solver
 
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 SHOT = SAMPLES / "feather_pull/shot.toml"
 OPTIONS = {"layout": "clips", "chunk": 2, "quality": "draft"}
 COMMAND = """

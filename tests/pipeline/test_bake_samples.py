@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 from pxr import Usd, UsdGeom
 
 import featherfx
 
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 PULL = SAMPLES / "feather_pull/shot.toml"
 
 

@@ -11,22 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import SAMPLES
 from pxr import Sdf, Usd, UsdGeom
 
 import featherfx
 from featherfx.baking import pipeline
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.shot.share import share_numbers
 
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 WING = SAMPLES / "swan_wing/shot.toml"
 OPTIONS = {"frames": (1, 3), "chunk": 2}
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, [str(each) for each in arguments])
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +100,7 @@ def test_a_share_that_holds_nothing_is_refused(tmp_path):
 
 def test_the_items_of_a_plan_do_what_the_bake_does(tmp_path, whole):
     path = tmp_path / "wing.usda"
-    result = run(
+    result = invoke(
         "bake",
         WING,
         "-o",
@@ -125,7 +120,7 @@ def test_the_items_of_a_plan_do_what_the_bake_does(tmp_path, whole):
     assert items[2]["after"] == ["bake_1", "bake_2"]
     for item in items:
         assert item["command"][0] == "featherfx"
-        result = run(*item["command"][1:])
+        result = invoke(*item["command"][1:])
         assert result.exit_code == 0, result.stderr
     for prim, values in poses(whole).items():
         np.testing.assert_array_equal(values, poses(path)[prim])
@@ -148,7 +143,7 @@ def test_a_plan_takes_presets_along(tmp_path, monkeypatch):
     shot, path = tmp_path / "shot.toml", tmp_path / "pull.usda"
     groom = (SAMPLES / "feather_pull/groom.toml").as_posix()
     shot.write_text(f'name = "pull"\ngroom = "{groom}"\nframes = [1, 4]\nwind = "mine"\n')
-    result = run("bake", shot, "-o", path, "--presets", given, "--frames", "1-1", "--plan", 1)
+    result = invoke("bake", shot, "-o", path, "--presets", given, "--frames", "1-1", "--plan", 1)
     assert result.exit_code == 0, result.stderr
     template = json.loads((tmp_path / "pull.openjd.json").read_text())
     folders = template["parameterDefinitions"][2:-1]
@@ -161,7 +156,7 @@ def test_a_plan_takes_presets_along(tmp_path, monkeypatch):
     monkeypatch.setenv("FEATHERFX_PRESETS", str(worker))
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     item = json.loads((tmp_path / "pull.plan.json").read_text())["items"][0]
-    result = run(*item["command"][1:])
+    result = invoke(*item["command"][1:])
     assert result.exit_code == 0, result.stderr
     layer = Sdf.Layer.FindOrOpen(str(tmp_path / "pull.1of1.usda"))
     settings = layer.customLayerData["featherfx"]["settings"]
@@ -201,7 +196,7 @@ def test_the_template_is_an_open_job_description(tmp_path):
 
 
 def test_progress_lines_are_json(tmp_path):
-    result = run(
+    result = invoke(
         *("bake", SAMPLES / "feather_pull/shot.toml", "-o", tmp_path / "a.usdc"),
         *("--frames", "1-2", "--subframes", 2, "--progress", "json"),
     )
@@ -240,12 +235,12 @@ def test_followers_are_cut_so_that_few_guides_are_simulated_twice(tmp_path):
 def test_progress_lines_are_those_of_open_job_description(tmp_path):
     shot = SAMPLES / "feather_pull/shot.toml"
     given = ("bake", shot, "-o", tmp_path / "a.usdc", "--frames", "1-2", "--progress", "openjd")
-    lines = run(*given).stderr.splitlines()
+    lines = invoke(*given).stderr.splitlines()
     told = [line.split(": ") for line in lines if line.startswith("openjd_")]
     assert [value for name, value in told if name == "openjd_progress"] == ["0.0", "50.0", "100.0"]
     phases = [value for name, value in told if name == "openjd_status"]
     assert [each for each in phases if each in ("reading", "finishing")] == ["reading", "finishing"]
-    result = run(*given)
+    result = invoke(*given)
     assert result.exit_code == 1
     (fail,) = (line for line in result.stderr.splitlines() if line.startswith("openjd_fail: "))
     assert fail.endswith("exists already; choose another name or --overwrite")
@@ -254,7 +249,7 @@ def test_progress_lines_are_those_of_open_job_description(tmp_path):
 def test_a_template_may_have_a_task_bake_several_shares(tmp_path):
     path = tmp_path / "wing.usda"
     given = ("--frames", "1-1", "--quality", "draft", "--jobs", 2)
-    planned = run("bake", WING, "-o", path, *given, "--plan", 5, "--task-shares", 2)
+    planned = invoke("bake", WING, "-o", path, *given, "--plan", 5, "--task-shares", 2)
     assert planned.exit_code == 0, planned.stderr
     template = json.loads((tmp_path / "wing.openjd.json").read_text())
     assert template["extensions"] == ["TASK_CHUNKING"]
@@ -274,7 +269,7 @@ def test_a_template_may_have_a_task_bake_several_shares(tmp_path):
     for name, value in names.items():
         arguments = [each.replace(name, value) for each in arguments]
     assert not any("{{" in each for each in arguments)
-    result = run(*arguments)
+    result = invoke(*arguments)
     assert result.exit_code == 0, result.stderr
     assert sorted(each.name for each in tmp_path.glob("wing.*of5.usda")) == [
         "wing.3of5.usda",
@@ -305,6 +300,6 @@ def test_the_reference_implementation_takes_both_templates(tmp_path):
     ],
 )
 def test_several_shares_that_make_no_sense_are_wrong_usage(more, told):
-    result = run("bake", WING, *more)
+    result = invoke("bake", WING, *more)
     assert result.exit_code == 2
     assert told in result.stderr

@@ -12,14 +12,13 @@ from pathlib import Path
 from unittest.mock import MagicMock
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import ROOT
 
 from featherfx._version import __version__
 from featherfx.baking import plugins
-from featherfx.cli.main import main
 from featherfx.usd.write.write import CacheWriter
 
-ROOT = Path(__file__).resolve().parents[2]
 SOURCE = ROOT / "featherfx" / "plugins"
 CACHE = "/show/wing.usdc"
 
@@ -54,17 +53,13 @@ def stand_in(tmp_path, monkeypatch, code=0, pause=0.0):
     monkeypatch.setenv("FEATHERFX_COMMAND", str(file))
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, [str(each) for each in arguments])
-
-
 def below(folder):
     return sorted(each.relative_to(folder).as_posix() for each in folder.rglob("*"))
 
 
 @pytest.mark.parametrize("name", plugins.HOSTS)
 def test_a_plugin_is_installed_whole_once_and_replaced_if_asked(tmp_path, name):
-    result = run("plugins", "install", name, "--into", tmp_path)
+    result = invoke("plugins", "install", name, "--into", tmp_path)
     assert result.exit_code == 0, result.stderr
     folder = Path(result.stdout.strip())
     assert folder == tmp_path / f"featherfx_{name}"
@@ -77,11 +72,11 @@ def test_a_plugin_is_installed_whole_once_and_replaced_if_asked(tmp_path, name):
         assert folder.as_posix() in text
         assert "@" not in text
     first = below(tmp_path)
-    again = run("plugins", "install", name, "--into", tmp_path)
+    again = invoke("plugins", "install", name, "--into", tmp_path)
     assert again.exit_code == 1
     assert f"is there already, version {__version__}" in again.stderr
     (folder / "stale.py").write_text("")
-    assert run("plugins", "install", name, "--into", tmp_path, "--overwrite").exit_code == 0
+    assert invoke("plugins", "install", name, "--into", tmp_path, "--overwrite").exit_code == 0
     assert below(tmp_path) == first
 
 
@@ -93,38 +88,38 @@ def test_the_list_tells_where_plugins_go_and_which_are_there(tmp_path, monkeypat
     (tmp_path / "houdini19.5").mkdir()
     (tmp_path / "houdini21.0").mkdir()
     (tmp_path / "houdini9.1").mkdir()
-    known = {each["host"]: each for each in json.loads(run("plugins", "list", "--json").stdout)}
+    known = {each["host"]: each for each in json.loads(invoke("plugins", "list", "--json").stdout)}
     assert set(known) == {"houdini", "maya", "usdview", "usdvalidation"}
     assert known["houdini"]["folder"] == str(tmp_path / "houdini21.0/packages")
     assert known["maya"]["folder"] is None
-    refused = run("plugins", "install", "maya")
+    refused = invoke("plugins", "install", "maya")
     assert refused.exit_code == 1
     assert (
         refused.stderr
         == "featherfx: plugins: maya: no folder of Maya was found; name one with --into\n"
     )
-    assert run("plugins", "install", "houdini").exit_code == 0
-    known = {each["host"]: each for each in json.loads(run("plugins", "list", "--json").stdout)}
+    assert invoke("plugins", "install", "houdini").exit_code == 0
+    known = {each["host"]: each for each in json.loads(invoke("plugins", "list", "--json").stdout)}
     assert known["houdini"]["installed"] == __version__
     assert known["usdview"]["installed"] is None
 
 
 def test_nothing_is_half_installed(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
-    refused = run("plugins", "install", "maya", "--into", tmp_path / "file")
+    refused = invoke("plugins", "install", "maya", "--into", tmp_path / "file")
     assert refused.exit_code == 1
     assert len(refused.stderr.splitlines()) == 1
     # what others have stays
     (tmp_path / "others/featherfx_maya").mkdir(parents=True)
     assert (
         "none of featherfx"
-        in run("plugins", "install", "maya", "--into", tmp_path / "others", "--overwrite").stderr
+        in invoke("plugins", "install", "maya", "--into", tmp_path / "others", "--overwrite").stderr
     )
     (tmp_path / "mod").mkdir()
     (tmp_path / "mod/featherfx.mod").write_text("mine")
     assert (
         "is not of this plugin"
-        in run("plugins", "install", "maya", "--into", tmp_path / "mod").stderr
+        in invoke("plugins", "install", "maya", "--into", tmp_path / "mod").stderr
     )
     assert below(tmp_path / "mod") == ["featherfx.mod"]
 
@@ -133,7 +128,7 @@ def test_nothing_is_half_installed(tmp_path, monkeypatch):
 
     # the file that names the plugin cannot be written
     monkeypatch.setattr(plugins, "write_text", full)
-    result = run("plugins", "install", "maya", "--into", tmp_path / "new")
+    result = invoke("plugins", "install", "maya", "--into", tmp_path / "new")
     assert result.exit_code == 1
     assert "No space left on device" in result.stderr
     assert below(tmp_path / "new") == []

@@ -3,10 +3,10 @@
 import importlib.util
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 from pxr import Usd, UsdGeom
 
 from featherfx.api import read_groom, scene_readers
@@ -23,7 +23,7 @@ from featherfx.usd.read.animated_mesh import open_mesh
 from featherfx.usd.read.read import Cache
 from featherfx.usd.read.stage import open_scene
 
-PIGEON = Path(__file__).resolve().parents[2] / "samples/pigeon"
+PIGEON = SAMPLES / "pigeon"
 
 
 def skin_of(path):

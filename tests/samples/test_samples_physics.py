@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.algebra.types import Array
 from featherfx.feather.types import Feather, barb_slice
@@ -18,8 +18,6 @@ from featherfx.shot.placement import place
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Shot
-
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 
 
 class Film(NamedTuple):

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from places import SAMPLES
 from split_vanes import compliance
 
 from featherfx import read_shot
@@ -14,7 +13,7 @@ from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Gaps
 from featherfx.shot.simulate import simulate
 
-SHOT = read_shot(Path(__file__).resolve().parents[2] / "samples/torn_feather/shot.toml")
+SHOT = read_shot(SAMPLES / "torn_feather/shot.toml")
 TORN, TRAILING = 48, 1
 
 pytestmark = pytest.mark.slow

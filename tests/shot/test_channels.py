@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT, SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.shot.dependence import dependences
@@ -18,7 +18,6 @@ from featherfx.shot.types import CHANNELS, Channel
 
 # m, within the reach of the roots of two wings
 SOFT = 1.0
-SAMPLES = Path(__file__).parents[2] / "samples"
 
 
 @pytest.fixture(scope="module")
@@ -219,5 +218,5 @@ def test_a_wrong_channel_is_one_message(tmp_path, entry, said):
 
 
 def test_every_channel_is_explained():
-    text = (Path(__file__).parents[2] / "docs" / "direction.md").read_text()
+    text = (ROOT / "docs/direction.md").read_text()
     assert [name for name in CHANNELS if f"`{name}`" not in text] == []

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.algebra.between import Knots
 from featherfx.errors import InputWarning
@@ -18,7 +18,7 @@ from featherfx.shot.read.read import read_shot
 from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.simulate import simulate
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "flapping_bird" / "shot.toml"
+SAMPLE = SAMPLES / "flapping_bird" / "shot.toml"
 FRAME = 1.0 / 30.0
 SPEED = np.array([3.0, 0.5, 0.0])
 AWAY = np.array([-4.0, 2.0, 1.0])

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.errors import InputWarning
 from featherfx.shot.checkpoint import Checkpoint
@@ -15,7 +16,7 @@ from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Grip, Motion, Shot
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull" / "shot.toml"
+SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 PERIOD, LAST = 6, 54
 
 

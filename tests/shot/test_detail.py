@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.shot.detail.detail import load_estimate, simulated_settings
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
-
-SAMPLES = Path(__file__).parents[2] / "samples"
 
 
 def chosen(shot) -> list[int]:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.errors import SimulationError
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull" / "shot.toml"
+SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 
 
 def test_a_frame_that_cannot_be_reached_is_named():

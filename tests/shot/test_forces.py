@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
@@ -17,7 +18,7 @@ from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Force, Shot
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull" / "shot.toml"
+SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 
 
 def shot_with(text: str, tmp_path: Path) -> Shot:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
@@ -18,8 +18,6 @@ from featherfx.shot.detail.guides import guide_weights, root_distances
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Detail, Motion, Shot
-
-SAMPLES = Path(__file__).parents[2] / "samples"
 
 
 def row_of(count: int, frames: int = 5, spread: float = 0.02) -> Shot:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.errors import InputWarning
 from featherfx.feather.crossings import crossings_of, patches_of
@@ -20,7 +20,6 @@ from featherfx.shot.share import share_count
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Contact, Detail, Layers, Motion, Shot
 
-SAMPLES = Path(__file__).parents[2] / "samples"
 THICKNESS = 1e-3
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.feather.types import RowPoints
@@ -21,7 +22,6 @@ from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Contact, LevelOfDetail, Motion, Shot
 
-SAMPLES = Path(__file__).parents[2] / "samples"
 AXES = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([-1.0, 0.0, 0.0])
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
@@ -21,8 +22,6 @@ from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Detail, Motion, Shot
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
-
-SAMPLES = Path(__file__).parents[2] / "samples"
 
 
 def shaken(frames: int = 6) -> Shot:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 from split_vanes import compliance
 
 from featherfx.baking.bake import bake
@@ -22,7 +23,7 @@ from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.gap_kernels import DAMPED, OPENING, RELEASED, SLIP
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull"
+SAMPLE = SAMPLES / "feather_pull"
 PULL = """
 [[force]]
 feather = "feather"

@@ -2,10 +2,10 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.baking.pipeline import bake
 from featherfx.errors import InputError
@@ -16,7 +16,7 @@ from featherfx.shot.detail.promise import chosen_for, common_tolerance, front, s
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.share import part_of
 
-PULL = Path(__file__).parents[2] / "samples/feather_pull/shot.toml"
+PULL = SAMPLES / "feather_pull/shot.toml"
 
 
 def work(chosen):

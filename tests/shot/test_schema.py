@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
+from places import ROOT
 
-from featherfx.cli.main import main
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.preset import FAMILIES
@@ -36,7 +36,6 @@ from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.read import check_file
 from featherfx.shot.read.schema import schema
 
-ROOT = Path(__file__).parents[2]
 FILES = [*sorted((ROOT / "samples").glob("*/*.toml")), *sorted((ROOT / "presets").rglob("*.toml"))]
 
 
@@ -66,7 +65,7 @@ def test_samples_and_presets_are_valid(path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["groom", "shot", "preset"])
 def test_command_prints_a_schema_with_meanings_units_and_ranges(kind: str) -> None:
-    result = CliRunner().invoke(main, ["schema", kind])
+    result = invoke("schema", kind)
     assert result.exit_code == 0
     printed = json.loads(result.stdout)
     Draft202012Validator.check_schema(printed)
@@ -81,14 +80,13 @@ def test_command_prints_a_schema_with_meanings_units_and_ranges(kind: str) -> No
 
 
 def test_command_takes_a_family_of_presets_alone() -> None:
-    run = CliRunner().invoke
-    printed = json.loads(run(main, ["schema", "preset", "--family", "wind"]).stdout)
+    printed = json.loads(invoke("schema", "preset", "--family", "wind").stdout)
     assert Draft202012Validator(printed).is_valid({"speed": 3.0})
     assert not Draft202012Validator(printed).is_valid({"gust": 0.1})
-    wrong = run(main, ["schema", "preset", "--family", "wnd"])
+    wrong = invoke("schema", "preset", "--family", "wnd")
     assert wrong.exit_code == 2
     assert "'wnd' is none of feather, material/vane," in wrong.stderr
-    assert run(main, ["schema", "shot", "--family", "wind"]).exit_code == 2
+    assert invoke("schema", "shot", "--family", "wind").exit_code == 2
 
 
 def changed(raw: Any, path: tuple[Any, ...]) -> Iterator[tuple[str, str, Any]]:

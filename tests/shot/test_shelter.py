@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Motion, Shelter, Shot
-
-SAMPLES = Path(__file__).parents[2] / "samples"
 
 
 def one_feather(speed: float, share: float | None, gust: float = 0.3) -> Shot:

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from featherfx.errors import InputError
 from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.read.reference import reference
-
-ROOT = Path(__file__).parents[2]
 
 GROOM = """
 name = "groom"

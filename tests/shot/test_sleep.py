@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Force, Grip, Motion, Shot
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull" / "shot.toml"
+SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 STILL, MOVED = 4, 8
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.errors import InputWarning
 from featherfx.shot.checkpoint import Checkpoint
@@ -14,7 +15,7 @@ from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import LevelOfDetail, Shot
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull"
+SAMPLE = SAMPLES / "feather_pull"
 LAST = 6
 
 

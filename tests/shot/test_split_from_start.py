@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.baking.bake import bake
 from featherfx.feather.build import build_feather
@@ -13,7 +14,7 @@ from featherfx.feather.render import barb_curves
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull"
+SAMPLE = SAMPLES / "feather_pull"
 SPLIT = "trailing.splits = { places = [[0.5, 0.9]], width = 0.01 }"
 LAST = 8
 STROKE = "[[preen]]\nstart = 0.0\nend = 0.2\nreach = 0.05\n"

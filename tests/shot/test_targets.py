@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 import featherfx
 from featherfx.errors import InputError, InputWarning
@@ -15,7 +15,7 @@ from featherfx.shot.dependence import dependences
 from featherfx.shot.simulate import drawn_feathers, simulate
 from featherfx.shot.types import Channel, Target
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "swan_wing"
+SAMPLE = SAMPLES / "swan_wing"
 HELD = ((3, 0), (8, 1), (14, 1), (20, 0))
 FEATHER = "right_secondary_01"
 

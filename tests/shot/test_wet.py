@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.feather.barb_looks import clumped
@@ -21,7 +21,7 @@ from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Wet
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "wet_feather"
+SAMPLE = SAMPLES / "wet_feather"
 SOAKED = Wet(feathers="wet", keys=((0.0, 1.0),))
 
 

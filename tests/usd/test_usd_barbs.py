@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from feathers import frame_of
+from places import SAMPLES
 from pxr import Usd, UsdGeom, UsdUtils
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +20,6 @@ from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
 
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 GRID, FINE, BARBS = (11, 3), (30, 5), 40
 NAMES = ("bare", "moving", "still", "fixed")
 EVERY = [0.0, 0.3, 0.6]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 from pxr import Usd, UsdGeom, UsdShade
 
 import featherfx
@@ -16,7 +16,7 @@ from featherfx.shot.read.read import read_shot
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.read.read import Cache
 
-SWAN = Path(__file__).parents[2] / "samples" / "swan_wing" / "groom.toml"
+SWAN = SAMPLES / "swan_wing" / "groom.toml"
 RED = (0.8, 0.1, 0.1)
 GROOM = f"""name = "coloured"
 [[feather]]

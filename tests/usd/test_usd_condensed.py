@@ -8,6 +8,7 @@ from pathlib import Path
 import feathers
 import numpy as np
 import pytest
+from places import SAMPLES
 from pxr import Sdf, Usd, UsdGeom
 
 import featherfx
@@ -23,7 +24,6 @@ from featherfx.usd.read.read import Cache
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
 
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 GRID = 11, 4
 CODES = (None, 1.0, 2.0)
 

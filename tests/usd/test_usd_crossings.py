@@ -8,9 +8,9 @@ from itertools import product
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import SAMPLES
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.feather.crossing_kernels import triangles_cross
 from featherfx.feather.crossings import BODY, crossings_of, patches_of
@@ -137,13 +137,12 @@ def test_patches_miss_nothing_and_threads_change_nothing():
 
 
 def test_a_cache_frame_by_frame(caches):
-    runner = CliRunner()
-    done = runner.invoke(main, ["check", "--crossings", str(caches["usdc"]), "--frames", "2-4"])
+    done = invoke("check", "--crossings", caches["usdc"], "--frames", "2-4")
     assert done.exit_code == 0, done.output
     lines = done.stdout.splitlines()
     assert [line.split()[-1] for line in lines] == ["2", "3", "4"]
     assert all(line.startswith("crossings: ") and " pairs at frame " in line for line in lines)
-    told = runner.invoke(main, ["check", "--crossings", str(caches["usda"]), "--json"])
+    told = invoke("check", "--crossings", caches["usda"], "--json")
     found = json.loads(told.stdout)
     assert [each["frame"] for each in found["frames"]] == [1, 2, 3, 4, 5]
     assert found["crossings"] == sum(each["crossings"] for each in found["frames"])
@@ -158,14 +157,12 @@ def test_a_cache_frame_by_frame(caches):
     ],
 )
 def test_what_cannot_be_counted_is_told(caches, options, message):
-    done = CliRunner().invoke(main, ["check", *options, str(caches["usdc"])])
+    done = invoke("check", *options, caches["usdc"])
     assert done.exit_code != 0
     assert message in " ".join(f"{done.output} {done.exception}".split())
 
 
 def test_a_body_without_feathers_is_told():
-    from pathlib import Path
-
-    body = Path(__file__).parents[2] / "samples/pigeon/body.usdc"
+    body = SAMPLES / "pigeon/body.usdc"
     with pytest.raises(InputError, match="holds no mesh with a feather's id"):
         next(count_crossings(body))

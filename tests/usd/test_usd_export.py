@@ -12,19 +12,17 @@ import feathers
 import numpy as np
 import pytest
 import trimesh
-from click.testing import CliRunner
+from commands import invoke
+from places import SAMPLES
 from pxr import Usd, UsdGeom
 
 import featherfx
 from featherfx.baking import pipeline
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.usd.read.read import Cache
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
-
-SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +193,7 @@ def test_morph_targets_are_the_frames(tmp_path, caches):
     assert len(trimesh.load(path).geometry) == 1  # another reader takes it
     with pytest.raises(InputError, match="frames: 1; morph targets need 2"):
         pipeline.export(caches["clips"], tmp_path / "one.glb", morph=True, frames=(2, 2))
-    result = CliRunner().invoke(main, ["export", "x.usdc", "-o", "x.obj", "--morph"])
+    result = invoke("export", "x.usdc", "-o", "x.obj", "--morph")
     assert result.exit_code == 2
 
 
@@ -224,5 +222,5 @@ def test_what_cannot_be_exported_is_told(tmp_path, caches, wing):
     with pytest.raises(InputError, match="is not laid out on a barb grid"):
         pipeline.export(tmp_path / "plain.usda", tmp_path / "out.usda", condensed=True)
     assert [file.name for file in tmp_path.iterdir()] == ["plain.usda"]
-    result = CliRunner().invoke(main, ["export", str(wing), "-o", "a.glb", "--condensed"])
+    result = invoke("export", wing, "-o", "a.glb", "--condensed")
     assert result.exit_code == 2

@@ -10,6 +10,7 @@ import feathers
 import numpy as np
 import pytest
 import trimesh
+from places import ROOT
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from featherfx.errors import InputError, SimulationError
@@ -183,7 +184,7 @@ def test_a_plain_reader_finds_one_feather_by_its_primvar_and_its_ranges(shared):
 
 
 def test_the_page_on_usd_tells_how_one_feather_is_hidden_and_shaded(tmp_path):
-    page = (Path(__file__).resolve().parents[2] / "docs/usd.md").read_text()
+    page = (ROOT / "docs/usd.md").read_text()
     code = {"UsdGeom": UsdGeom, "UsdShade": UsdShade}
     exec(re.search(r"```python\n(def faces_of.*?)```", page, re.DOTALL)[1], code)
     stage = Usd.Stage.Open(str(write(tmp_path / "o.usda", "all")))

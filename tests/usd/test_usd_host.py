@@ -12,13 +12,12 @@ from pathlib import Path
 
 import pxr
 import pytest
+from places import ROOT, SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.usd import installed
 from featherfx.usd.read.opening import open_stage
 
-ROOT = Path(__file__).resolve().parents[2]
-SAMPLES = ROOT / "samples"
 WRITE = """
 import importlib.metadata, sys
 sys.path[:0] = sys.argv[1:4]

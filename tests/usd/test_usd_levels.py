@@ -5,10 +5,9 @@ from __future__ import annotations
 import feathers
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from pxr import Gf, Usd, UsdGeom
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.convert import levels
@@ -143,9 +142,7 @@ def test_a_usd_without_levels_gets_variants_alone(cache, monkeypatch):
     ],
 )
 def test_bad_thresholds_are_told(cache, tmp_path, words, told):
-    result = CliRunner().invoke(
-        main, ["export", str(cache), "-o", str(tmp_path / "o.usdc"), *words]
-    )
+    result = invoke("export", cache, "-o", tmp_path / "o.usdc", *words)
     assert result.exit_code in (1, 2)
     assert told in result.stderr
     assert not [*tmp_path.iterdir()]

@@ -6,11 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from featherfx.baking.pipeline import measure_holes, measure_moves
-from featherfx.cli.main import main
 
 SLIT, SIZE = 0.003, 0.05
 
@@ -63,7 +62,7 @@ def test_the_widest_circle_of_an_enclosed_gap(tmp_path, unit, up):
 
 def test_what_touches_has_no_hole(tmp_path):
     frame_of_strips(tmp_path / "a.usda", slit=0.0)
-    done = CliRunner().invoke(main, ["check", "--holes", "top", str(tmp_path / "a.usda")])
+    done = invoke("check", "--holes", "top", tmp_path / "a.usda")
     assert done.stdout == "holes: 0, the widest 0.00 mm, at rest\n"
 
 
@@ -82,10 +81,8 @@ def test_moves_are_shares_of_the_feather(tmp_path):
     assert third["largest"] == pytest.approx(0.02, rel=1e-5)
     assert third["feather"] == "jumps"
     assert third["middle"] == pytest.approx(0.01, rel=1e-5)
-    told = CliRunner().invoke(main, ["check", "--moves", "--json", str(tmp_path / "a.usda")])
+    told = invoke("check", "--moves", "--json", tmp_path / "a.usda")
     assert json.loads(told.stdout)["largest"] == pytest.approx(0.02, rel=1e-5)
-    refused = CliRunner().invoke(
-        main, ["check", "--moves", "--frames", "2-2", str(tmp_path / "a.usda")]
-    )
+    refused = invoke("check", "--moves", "--frames", "2-2", tmp_path / "a.usda")
     assert refused.exit_code != 0
     assert "two frames" in f"{refused.output} {refused.exception}"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import feathers
 import pytest
+from places import SAMPLES
 
 from featherfx.baking.options import BakeOptions
 from featherfx.baking.task import prepare
@@ -255,7 +256,7 @@ def test_a_report_replaces_only_what_it_may(tmp_path):
     os.mkfifo(tmp_path / "pipe.json")
     (tmp_path / "mine.json").write_text('{"mine": 1}')
     (tmp_path / "report.json").write_text('{"shot": "", "samples": 1, "samples_taken_over": 0}')
-    shot = Path(__file__).resolve().parents[2] / "samples/feather_pull/shot.toml"
+    shot = SAMPLES / "feather_pull/shot.toml"
 
     def prepared(name: str, **options) -> None:
         prepare(shot, tmp_path / "o.usdc", BakeOptions(report=tmp_path / name, **options))

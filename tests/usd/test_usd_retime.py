@@ -8,11 +8,10 @@ from pathlib import Path
 import feathers
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
 import featherfx
 from featherfx.baking import pipeline
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.feather.types import both
 from featherfx.shot.frames import FeatherPose, Frame
@@ -143,6 +142,6 @@ def test_a_loop_of_another_period_is_refused(tmp_path):
 )
 def test_wrong_times_are_refused(tmp_path, swings, options, code, told):
     out = tmp_path / "out.usdc"
-    result = CliRunner().invoke(main, ["retime", str(swings[0.0]), "-o", str(out), *options])
+    result = invoke("retime", swings[0.0], "-o", out, *options)
     assert (result.exit_code, out.exists()) == (code, False)
     assert told in result.output

@@ -2,16 +2,15 @@
 
 import re
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import pytest
+from places import ROOT
 from pxr import Usd, UsdGeom
 
 import featherfx
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/dcc.md").read_text()
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.S)
 HOSTS = ("hou", "maya", "bpy", "featherfx")

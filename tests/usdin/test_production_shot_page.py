@@ -2,15 +2,15 @@
 
 import re
 import warnings
-from pathlib import Path
 
 import creature
 import numpy as np
+from places import ROOT
 
 import featherfx
 from featherfx.errors import InputWarning
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs/production_shot.md").read_text()
+PAGE = (ROOT / "docs/production_shot.md").read_text()
 
 
 def test_files_of_the_page_fit_the_creature(tmp_path):

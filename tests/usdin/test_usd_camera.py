@@ -1,10 +1,10 @@
 """Cameras of USD stages: where they stand, what they see, and what is refused."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SAMPLES
 from pxr import Gf, UsdGeom
 from usdin_scenes import new_stage, rigid
 
@@ -13,7 +13,7 @@ from featherfx.errors import InputError
 from featherfx.shot.detail.view import relative_sizes
 from featherfx.shot.fingerprint import shot_settings
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "swan_wing" / "shot.toml"
+SAMPLE = SAMPLES / "swan_wing" / "shot.toml"
 
 
 def with_camera(tmp_path, table='usd = "scene.usda"\nprim = "/cam"'):

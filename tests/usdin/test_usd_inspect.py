@@ -1,25 +1,22 @@
 """`featherfx inspect`: what a stage holds for grooms and shots to name, and what it tells."""
 
 import json
-from pathlib import Path
 
 import creature
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import SAMPLES
 from pxr import Gf, Usd, UsdGeom
 from usdin_scenes import add_curves, add_mesh, add_skinned, arc, new_stage, sheet, write_shot
 
 from featherfx import read_groom, read_shot
 from featherfx.baking.pipeline import export_groom, inspect_stage
-from featherfx.cli.main import main
 from featherfx.errors import InputError
-
-SAMPLES = Path(__file__).parents[2] / "samples"
 
 
 def inspected(*arguments):
     """Exit code, stdout and stderr of the command."""
-    done = CliRunner().invoke(main, ["inspect", *map(str, arguments)])
+    done = invoke("inspect", *arguments)
     return done.exit_code, done.stdout, done.stderr
 
 

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import ROOT
 from test_view_page import BROWSER_OPTIONS, PIXELS, needs_browser, scripted
 
 from featherfx.api import read_quality, read_shot
-from featherfx.cli.main import main
 from featherfx.cli.tune import _OF_WING, _stage
 from featherfx.errors import InputError
 from featherfx.groom.presets.library import plain
@@ -27,7 +27,6 @@ from featherfx.view.live import Live, LiveServer, Source, presets_of
 from featherfx.view.serve import HOST
 from featherfx.view.tuned import Tuned
 
-ROOT = Path(__file__).resolve().parents[2]
 SHOT = ROOT / "samples/feather_pull/shot.toml"
 ANGLE = "feather/swan_primary:leading.guides.1.angle"
 YOUNG = "feather/swan_primary:rachis_material.young"
@@ -348,7 +347,7 @@ def test_a_slider_of_the_page_changes_the_feather(live, tmp_path):
     ],
 )
 def test_what_cannot_be_tuned_is_told_in_a_line(words, told):
-    result = CliRunner().invoke(main, ["tune", *words, "--no-browser"])
+    result = invoke("tune", *words, "--no-browser")
     assert result.exit_code == 1
     assert len(result.stderr.splitlines()) == 1
     assert told in result.stderr

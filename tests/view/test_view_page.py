@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from places import ROOT
 
-from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.usd.read.read import Cache
 from featherfx.view.page import fitting, header_of, write_page
@@ -24,7 +24,6 @@ from featherfx.view.serve import HOST, Server
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
 EVERYTHING = 1 << 40
-ROOT = Path(__file__).resolve().parents[2]
 BROWSER_OPTIONS = (
     str(BROWSER),
     "--headless=new",
@@ -235,7 +234,7 @@ def test_the_processor_draws_what_a_card_does(cache, tmp_path):
 def test_two_caches_stand_side_by_side_or_as_their_difference(cache, tmp_path):
     other, page = cache.with_name("others.usdc"), tmp_path / "page.html"
     command = ["view", str(cache), "--against", str(other), "--html", str(page)]
-    result = CliRunner().invoke(main, command)
+    result = invoke(*command)
     assert result.exit_code == 0, result.stderr
     told = result_of(browse(with_steps(page, COMPARED).as_uri(), tmp_path))
     assert told["ready"] is True
@@ -401,15 +400,15 @@ def test_only_who_has_the_token_and_asks_from_the_page_gets_anything(cache):
 def test_the_command_writes_a_page_and_replaces_none(cache, tmp_path):
     page = tmp_path / "page.html"
     command = ["view", str(cache), "--html", str(page), "--megabytes", "0.1"]
-    result = CliRunner().invoke(main, command)
+    result = invoke(*command)
     assert result.exit_code == 0, result.stderr
     assert result.stdout == f"{page}\n"
     first = page.read_text()
-    again = CliRunner().invoke(main, command)
+    again = invoke(*command)
     assert again.exit_code == 1
     assert str(page) in again.stderr
     assert page.read_text() == first
-    missing = CliRunner().invoke(main, ["view", str(tmp_path / "no.usdc"), "--html", "x.html"])
+    missing = invoke("view", tmp_path / "no.usdc", "--html", "x.html")
     assert missing.exit_code == 1
     assert len(missing.stderr.splitlines()) == 1
 
@@ -417,6 +416,6 @@ def test_the_command_writes_a_page_and_replaces_none(cache, tmp_path):
 def test_grooms_are_shown_at_rest(tmp_path):
     page = tmp_path / "wing.html"
     groom = ROOT / "samples/breeze/groom.toml"
-    result = CliRunner().invoke(main, ["view", str(groom), "--html", str(page)])
+    result = invoke("view", groom, "--html", page)
     assert result.exit_code == 0, result.stderr
     assert '"frames":[null]' in page.read_text()

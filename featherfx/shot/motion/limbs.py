@@ -19,6 +19,7 @@ from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.read.sources import MovingSurface
 
+Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
