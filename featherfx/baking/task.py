@@ -137,13 +137,64 @@ class Task:
         return (self.frames[1] - self.frames[0]) * self.options.subframes + 1
 
 
+class _Dependences:
+    """Texts of what some feathers of a shot depend on, by their numbers; found once."""
+
+    def __init__(self, shot: Shot, numbers: Sequence[int]) -> None:
+        self._shot, self._numbers = shot, numbers
+        self._found: list[str] = []
+
+    def __call__(self, laid: Laid | None = None) -> list[str]:
+        # loads compiled code, which a finished cache does without
+        from featherfx.shot.dependence import dependences
+
+        if not self._found:
+            every = dependences(self._shot, laid)
+            self._found = [every[k] for k in self._numbers]
+        return self._found
+
+
 def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptions) -> Task:
     """The bake to do, after all that can be known to be wrong."""
-    frames, feathers = options.frames, options.feathers
+    shot, target, path = _checked(shot_path, output, options)
+    frames = options.frames or (shot.first_frame, shot.last_frame)
+    every = unique_prim_names([p.id for p in shot.groom.feathers])
+    options = in_space(options, shot.groom, shot.skin)
+    options = replace(options, group=chosen_group(options.group, len(every)))
+    settings = _settings(shot, frames, options)
+    part, whole, numbers = _part(shot, options.feathers)
+    refuse_too_large(part.groom, shot.quality, options, str(shot_path))
+    refuse_unfit_form(part.groom, options, str(shot_path))
+    refuse_splits_elsewhere(part.groom, shot.quality, options, str(shot_path))
+    task = Task(
+        shot=part,
+        path=path,
+        frames=frames,
+        settings=settings,
+        names=[every[k] for k in numbers],
+        root=prim_name(target.stem),
+        finished=False,
+        options=options,
+        whole=whole,
+        wanted=None if whole is part else numbers,
+        taken=None,
+        origin=_origin(shot),
+        dependences=_Dependences(shot, numbers),
+    )
+    return _resumed(task, shot.inputs) if options.resume else task
+
+
+def _checked(
+    shot_path: str | Path, output: str | Path | None, options: BakeOptions
+) -> tuple[Shot, Path, Path]:
+    """The shot as it will be simulated, the output's name as asked for, and the file to write.
+
+    Raises InputError with all that is wrong with the shot, what it names, output and report.
+    """
     read: list[Path] = []
 
     def checked(path: str | Path) -> Path:
-        own = part_path(Path(path), feathers) if feathers else path
+        own = part_path(Path(path), options.feathers) if options.feathers else path
         kept = check_output(own, options.overwrite or options.resume, options.layout)
         if not (options.overwrite or options.resume):
             refuse_unfinished(kept)
@@ -161,55 +212,25 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     _refuse_inputs(path, options.report, [*read, shot.source, shot.groom.source])
     # a bake that goes on may replace the report of the one before
     check_report(options.report, options.overwrite or (options.resume and _is_report(options)))
-    shot = replace(shot, quality=chosen) if chosen else shot
+    quality = chosen or shot.quality
     if options.error is not None:
-        shot = replace(shot, quality=shot.quality.with_error(options.error))
-    frames = frames or (shot.first_frame, shot.last_frame)
-    names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
-    options = in_space(options, shot.groom, shot.skin)
-    options = replace(options, group=chosen_group(options.group, len(names)))
-    settings = _settings(shot, frames, options)
-    part, whole, numbers = _part(shot, feathers)
-    refuse_too_large(part.groom, shot.quality, options, str(shot_path))
-    refuse_unfit_form(part.groom, options, str(shot_path))
-    refuse_splits_elsewhere(part.groom, shot.quality, options, str(shot_path))
-    names = [names[k] for k in numbers]
+        quality = quality.with_error(options.error)
+    return replace(shot, quality=quality), target, path
 
-    known: list[str] = []
 
-    def own_dependences(laid: Laid | None = None) -> list[str]:
-        # loads compiled code, which a finished cache does without
-        from featherfx.shot.dependence import dependences
-
-        if not known:
-            found = dependences(shot, laid)
-            known.extend(found[k] for k in numbers)
-        return known
-
-    finished, taken = False, None
-    if options.resume:
-        try:
-            finished = is_finished(path, settings, shot.inputs, options.overwrite)
-        except OutputError:
-            if options.can_be_taken_over:
-                taken = taken_over(path, settings, shot.inputs, names, own_dependences())
-            if taken is None:
-                raise
-    return Task(
-        shot=part,
-        path=path,
-        frames=frames,
-        settings=settings,
-        names=names,
-        root=prim_name(target.stem),
-        finished=finished,
-        options=options,
-        whole=whole,
-        wanted=None if whole is part else numbers,
-        taken=taken,
-        origin=_origin(shot),
-        dependences=own_dependences,
-    )
+def _resumed(task: Task, inputs: Mapping[str, str]) -> Task:
+    """A task that goes on with what stands at its output. inputs: of the whole shot. Raises
+    OutputError where nothing there can be gone on with."""
+    try:
+        finished = is_finished(task.path, task.settings, inputs, task.options.overwrite)
+        return replace(task, finished=finished)
+    except OutputError:
+        if task.options.can_be_taken_over:
+            own = task.dependences(None)
+            taken = taken_over(task.path, task.settings, inputs, task.names, own)
+            if taken is not None:
+                return replace(task, taken=taken)
+        raise
 
 
 def _origin(shot: Shot) -> tuple[float, float, float]:
