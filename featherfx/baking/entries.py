@@ -30,8 +30,7 @@ from featherfx.phases import phase
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.placement import place
 from featherfx.shot.types import Quality, Shot
-from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.resolve import located
+from featherfx.usd.read.opening import located, open_stage
 from featherfx.usd.read.stage import kind_of
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.options import BOTH, CONDENSED, CURVES

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.clumps import middle_barbs
+from featherfx.feather.barb_looks import middle_barbs
 from featherfx.groom.looks import BarbLook
 
 Array = NDArray[np.float64]

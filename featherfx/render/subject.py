@@ -26,8 +26,8 @@ from featherfx.render.scene import (
     load_scene,
 )
 from featherfx.render.vanes import Plumage, plumage_of
+from featherfx.usd.read.opening import located
 from featherfx.usd.read.read import Cache
-from featherfx.usd.read.resolve import located
 
 Floats = NDArray[np.float32]
 
