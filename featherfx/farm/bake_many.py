@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from featherfx.farm.job import Job
 from featherfx.farm.places import outputs_of
 from featherfx.files.whole import standing
 from featherfx.groom.presets.folders import SHIPPED, own_folders
+from featherfx.usd.types import OutputError
 
 
 @takes(BakeOptions)
@@ -35,14 +37,14 @@ def bake_many(
     """Bake shots by workers of a Dask cluster, each with the bytes of a bake by itself, and return
     the report of the job.
 
-    output: a folder, which takes a .usdc named after each shot's file; for one shot also a USD
-    file. scheduler: address of one that is there; None: a cluster of processes of this machine is
-    started, and ends with the job. workers: its processes, by default one for each core; of a
-    scheduler, how many to wait for (default 1). shares: into how many each shot is cut, by default
-    about two for each worker. on_frame: called with the frames done of all shots and their number.
-    options: fields of featherfx.baking.options.BakeOptions; jobs are the threads of each worker.
-    Workers need the same paths for shots, what these name, and the output (docs/farm.md). What
-    goes on is told to the logger "featherfx.farm".
+    output: a folder, made where it is missing, which takes a .usdc named after each shot's file;
+    for one shot also a USD file. scheduler: address of one that is there; None: a cluster of
+    processes of this machine is started, and ends with the job. workers: its processes, by default
+    one for each core; of a scheduler, how many to wait for (default 1). shares: into how many each
+    shot is cut, by default about two for each worker. on_frame: called with the frames done of all
+    shots and their number. options: fields of featherfx.baking.options.BakeOptions; jobs are the
+    threads of each worker. Workers need the same paths for shots, what these name, and the output
+    (docs/farm.md). What goes on is told to the logger "featherfx.farm".
 
     Raises InputError with all that is wrong with any shot before any work; afterwards, with the
     shots that could not be baked, when all others are done. Needs the extra "dask".
@@ -56,10 +58,11 @@ def bake_many(
     check_report(report, chosen.overwrite or chosen.resume)
     before = standing(report) if report else None
     paths = [Path(os.path.abspath(each)) for each in shots]
-    outputs = outputs_of(paths, Path(os.path.abspath(output)))
+    where = Path(os.path.abspath(output))
+    outputs = outputs_of(paths, where)
     folders = [*(str(each) for each in own_folders(chosen.preset_folders)), SHIPPED]
     given = asdict(replace(chosen, preset_folders=folders, report=None))
-    with opened(scheduler, workers) as engine:
+    with opened(scheduler, workers) as engine, _made(None if outputs == [where] else where):
         told = Job(paths, outputs, given, engine, shares, on_frame or _unheard).run()
         count = engine.workers
     seconds = time.perf_counter() - begin
@@ -67,6 +70,24 @@ def bake_many(
     if report is not None:
         store_report(result, report, before)
     return result
+
+
+@contextmanager
+def _made(folder: Path | None) -> Iterator[None]:
+    """A folder that is made where it is missing, and goes again where nothing came into it."""
+    if folder is None or folder.exists():
+        yield
+        return
+    try:
+        folder.mkdir()
+    except OSError as error:
+        message = f"the folder cannot be made: {error.strerror}"
+        raise OutputError(Problem(str(folder), "output", message)) from error
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            folder.rmdir()
 
 
 def _unheard(done: float, total: float) -> None:

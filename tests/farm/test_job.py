@@ -187,7 +187,6 @@ def test_errors_go_from_process_to_process(error):
 def test_the_command_bakes_a_folder_of_shots(tmp_path, monkeypatch, single):
     shots = [shot_file(tmp_path, name, "swan_wing") for name in ("wing", "other")]
     out = tmp_path / "out"
-    out.mkdir()
     opened: list[tuple[object, object]] = []
 
     @contextmanager
@@ -198,6 +197,10 @@ def test_the_command_bakes_a_folder_of_shots(tmp_path, monkeypatch, single):
     monkeypatch.setattr("featherfx.farm.bake_many.opened", serial)
     given = ["bake", *map(str, shots), "-o", str(out), "--frames", "1-3", "--chunk", "2"]
     given += ["--layout", "flat", "--engine", "dask", "--workers", "2"]
+    result = invoke(*given, "--quality", "nothing")
+    assert result.exit_code == 1
+    assert not out.exists()
+    opened.clear()
     result = invoke(*given)
     assert result.exit_code == 0, result.stderr
     assert opened == [(None, 2)]
