@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -60,11 +60,12 @@ def _dressed(
 ) -> BarbCurves:
     barbs, look = barb_curves(kind, grid, count, mirrored), kind.barbs
     feather, shape = build_feather(kind, *grid, mirrored), barbs.widths.shape
-    random = np.random.default_rng([look.seed, draw])
-    lengths = 1.0 - look.jitter * random.uniform(size=shape[:1])
-    shorter = _shortened((shape[0], shape[1]), lengths)
+    random = draws_of(look, draw, shape[0])
+    along = np.linspace(0.0, 1.0, shape[1])
+    shorter = _shortened(along, random.lengths[:, 0])
     smooth = _clumped(barbs, look) @ shorter
-    across, out = _waves((shape[0], shape[1]), look, random)
+    angles = 2.0 * np.pi * random.waves * along + random.phases
+    across, out = (look.frizz * along * np.sin(angles)).reshape(2, -1)
     points = barbs.points.reshape(-1, 3)
     beside = _beside(barbs, smooth @ points)
     within = sparse.diags_array(across) @ beside @ smooth + smooth
@@ -79,32 +80,45 @@ def _dressed(
     )
 
 
-def _shortened(shape: tuple[int, int], lengths: Array) -> Matrix:
-    """(B K, B K) points of barbs of which only the first part is left. lengths: (B,) parts."""
-    along = np.linspace(0.0, 1.0, shape[1])
+class Draws(NamedTuple):
+    """What is random of B barbs. lengths: (B, 1) parts l that are left. waves: (B, 1) numbers w of
+    them along a barb. phases: (2, B, 1) rad, a and b."""
+
+    lengths: Array
+    waves: Array
+    phases: Array
+
+
+def draws_of(look: BarbLook, draw: int, count: int) -> Draws:
+    """A draw for so many barbs."""
+    random, each = np.random.default_rng([look.seed, draw]), (count, 1)
+    return Draws(
+        lengths=1.0 - look.jitter * random.uniform(size=each),
+        waves=look.frizz_waves * random.uniform(2.0 / 3.0, 4.0 / 3.0, each),
+        phases=random.uniform(0.0, 2.0 * np.pi, (2, *each)),
+    )
+
+
+def clump_share(look: BarbLook, along: Array) -> Array:
+    """How far points at places (K,) on their barb go to the middle barb of their clump."""
+    return np.asarray(look.clump * along**look.clump_shape)
+
+
+def _shortened(along: Array, lengths: Array) -> Matrix:
+    """(B K, B K) points of barbs of which only the first part is left. along: (K,) places of the
+    points. lengths: (B,) parts."""
     return sparse.block_diag([linear_weights(along, part * along) for part in lengths], "csr")
 
 
 def _clumped(barbs: BarbCurves, look: BarbLook) -> Matrix:
     """(B K, B K) points that are drawn towards those of the middle barb of their clump."""
     count, each = barbs.widths.shape
-    share = np.tile(look.clump * np.linspace(0.0, 1.0, each) ** look.clump_shape, count)
+    share = np.tile(clump_share(look, np.linspace(0.0, 1.0, each)), count)
     middle = middle_barbs(barbs.side, barbs.st[:, 0, 1], look.clumps)
     own = np.arange(count * each)
     at = (middle[:, None] * each + np.arange(each)).ravel()
     moved = sparse.csr_array((share, (own, at)), shape=(own.size, own.size))
     return sparse.diags_array(1.0 - share) + moved
-
-
-def _waves(
-    shape: tuple[int, int], look: BarbLook, random: np.random.Generator
-) -> tuple[Array, Array]:
-    """(B K,) m, how far points go across and out of the vane."""
-    along = np.linspace(0.0, 1.0, shape[1])
-    number = look.frizz_waves * random.uniform(2.0 / 3.0, 4.0 / 3.0, (shape[0], 1))
-    phases = random.uniform(0.0, 2.0 * np.pi, (2, shape[0], 1))
-    across, out = look.frizz * along * np.sin(2.0 * np.pi * number * along + phases)
-    return across.ravel(), out.ravel()
 
 
 def _beside(barbs: BarbCurves, points: Array) -> Matrix:

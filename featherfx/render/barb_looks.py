@@ -1,7 +1,7 @@
 """Barbs of pictures with the look of their feather: in clumps, frizzy, of uneven lengths.
 
 As barbs that are written as curves have it (feather/barb_looks.py), for the strips of a picture, of
-which there may be more or fewer: the same numbers, other draws.
+which there may be more or fewer, with the slopes that shading needs.
 """
 
 from __future__ import annotations
@@ -10,12 +10,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.feather.barb_looks import middle_barbs
+from featherfx.algebra.types import Array
+from featherfx.feather.barb_looks import clump_share, draws_of, middle_barbs
 from featherfx.groom.looks import BarbLook
-
-Array = NDArray[np.float64]
 
 _NEAR = 0.05  # place on a barb
 
@@ -36,16 +34,14 @@ def dressed(
 ) -> Strips:
     """Strips with a look. draws: (n,) numbers by which each feather draws. inner: (S,) places of
     the edges' points on a barb, the tip at 1. roots: (B,) places of barbs on the shaft."""
-    random = [np.random.default_rng([look.seed, draw]) for draw in draws]
-    shape = (len(roots), 1)
-    lengths = np.stack([1.0 - look.jitter * each.uniform(size=shape) for each in random])
-    number = np.stack([each.uniform(2.0 / 3.0, 4.0 / 3.0, shape) for each in random])
-    phases = np.stack([each.uniform(0.0, 2.0 * np.pi, (2, *shape)) for each in random], axis=1)
+    random = [draws_of(look, draw, len(roots)) for draw in draws]
+    lengths = np.stack([each.lengths for each in random])
+    waves = 2.0 * np.pi * np.stack([each.waves for each in random])
+    phases = np.stack([each.phases for each in random], axis=1)
     strips = Strips(*(_shortened(each, inner, lengths) for each in strips))
     strips = strips._replace(tangents=strips.tangents * lengths[..., None])
     place = np.concatenate([inner, inner, [1.0]])
     points, tangents = _clumped(strips, look, place, roots)
-    waves = 2.0 * np.pi * look.frizz_waves * number
     angle = waves * place + phases
     far = look.frizz * place * np.sin(angle)
     rate = look.frizz * (np.sin(angle) + place * waves * np.cos(angle))
@@ -72,7 +68,7 @@ def _shortened(values: Array, inner: Array, lengths: Array) -> Array:
 def _clumped(strips: Strips, look: BarbLook, place: Array, roots: Array) -> tuple[Array, Array]:
     """Points and tangents of strips drawn towards the line of the middle barb of their clump."""
     middle = middle_barbs(np.zeros(len(roots), dtype=np.int64), roots, look.clumps)
-    share = (look.clump * place**look.clump_shape)[:, None]
+    share = clump_share(look, place)[:, None]
     # barbs that leave the shaft towards each other have no finite slope there
     slope = np.maximum(place, _NEAR) ** (look.clump_shape - 1.0)
     rate = (look.clump * look.clump_shape * slope)[:, None]

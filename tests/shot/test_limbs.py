@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 
 import featherfx
@@ -115,15 +116,33 @@ def write_skeleton(path):
     stage.Save()
 
 
-def test_a_skeleton_folds_a_wing_to_where_landmarks_have_it(tmp_path):
+def add_body(path):
+    """A square below the wing, which the arm carries, so that it does not move."""
+    stage = Usd.Stage.Open(str(path))
+    body = UsdGeom.Mesh.Define(stage, "/bird/body")
+    corners = [(-0.1, -0.2, 0.025), (0.1, -0.2, 0.025), (0.1, 0.1, 0.025), (-0.1, 0.1, 0.025)]
+    body.CreatePointsAttr([Gf.Vec3f(*each) for each in corners])
+    body.CreateFaceVertexCountsAttr([4])
+    body.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
+    binding = UsdSkel.BindingAPI.Apply(body.GetPrim())
+    binding.CreateSkeletonRel().SetTargets(["/bird/skeleton"])
+    binding.CreateJointIndicesPrimvar(True, 1).Set([0])
+    binding.CreateJointWeightsPrimvar(True, 1).Set([1.0])
+    stage.Save()
+
+
+@pytest.mark.parametrize("skin", ["/bird/skeleton", "/bird/body"])
+def test_a_skeleton_folds_a_wing_to_where_landmarks_have_it(tmp_path, skin):
     write_skeleton(tmp_path / "bones.usda")
+    add_body(tmp_path / "bones.usda")
     names = ("shoulder", "elbow", "wrist", "tip")
     of_joints = (
         f'{name} = {{ joint = "{path}" }}' for name, path in zip(names, JOINTS, strict=True)
     )
     wing = 'name = "w"\n[[wing]]\nid = "right_wing"\ntype = { base = "pigeon", bow = 25 }\n'
-    skin = '[skin]\nusd = "bones.usda"\nprim = "/bird/skeleton"\n'
-    (tmp_path / "groom.toml").write_text("\n".join([wing, *of_joints, skin]))
+    own = 'skeleton = "/bird/skeleton"' if skin == "/bird/body" else ""
+    skin = f'[skin]\nusd = "bones.usda"\nprim = "{skin}"\n'
+    (tmp_path / "groom.toml").write_text("\n".join([wing, own, *of_joints, skin]))
     (tmp_path / "shot.toml").write_text(
         'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n' + skin
     )

@@ -372,7 +372,6 @@ class ContactSolver:
             rules=RoundRules(
                 rounds=settings.rounds,
                 tolerance=settings.tolerance,
-                quiet=settings.tolerance,
                 reach=FAR * settings.margin,
                 friction=settings.friction > 0.0,
                 thinnest=self._thinnest,

@@ -98,14 +98,13 @@ class Colours(NamedTuple):
 
 
 class RoundRules(NamedTuple):
-    """rounds: most of an island. tolerance: m, residual of a solved island. quiet: m, that of a
-    body that is not solved again. reach: m, gap beyond which contacts without a force are left out
-    after the first round. friction: whether there is any. thinnest: m, least thickness of vanes,
-    between which the tolerance holds; others may be off by more."""
+    """rounds: most of an island. tolerance: m, residual of a solved island, and of a body that is
+    not solved again. reach: m, gap beyond which contacts without a force are left out after the
+    first round. friction: whether there is any. thinnest: m, least thickness of vanes, between
+    which the tolerance holds; others may be off by more."""
 
     rounds: int
     tolerance: float
-    quiet: float
     reach: float
     friction: bool
     thinnest: float
@@ -227,7 +226,7 @@ def _look(body, first, sweep):
     if marks.mine[body] == 0 or sweep.islands.open[marks.island[body]] == 0:
         return
     worst, depth = residual(body, sweep.touch, sweep.listed, marks.soft, sweep.rules.thinnest)
-    again = worst > sweep.rules.quiet
+    again = worst > sweep.rules.tolerance
     if first:
         again = again or marks.fresh[body] != 0
     marks.active[body] = 1 if again else 0
