@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the body
 _WEIGHTS = np.array([1.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of these: wrist and tips lie on
-_CLEAR = 0.035  # of the wing's longest feather, at least to the body
+_CLEAR = 0.029  # of the wing's longest feather, at least to the body
 _NEAR = 0.06  # of it, up to which a wing leaves no room for feathers below
 _EDGE = 0.16  # of a feather's length, from its shaft to the edge of its inner vane
 # deg, allowed: roof, tuck, bow, beyond which vanes part, and shoulder
