@@ -1,4 +1,4 @@
-"""Frames computed and written side by side."""
+"""Frames simulated, laid and written side by side."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from featherfx.files.background import Background
 from featherfx.jit.told import TELLER
 from featherfx.phases import phase
 from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.frames import Frame
 from featherfx.shot.simulate import simulate
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.write import CacheWriter
@@ -20,7 +21,8 @@ from featherfx.usd.write.write import CacheWriter
 def simulate_and_write(
     task: Task, notify: Callable[[int, int], None]
 ) -> tuple[int, dict[str, Any]]:
-    """Run the frame loop beside the writer; returns the samples taken over and the figures.
+    """Run the frame loop; while a frame is simulated, the one before is laid and the one before
+    that written. Returns the samples taken over and the figures.
 
     notify: called with the samples done and their number.
     """
@@ -43,13 +45,20 @@ def simulate_and_write(
                     task.whole, options.jobs, task.frames, options.subframes, start, wanted
                 )
             sink = Background(writer.write, 1)  # frames of a plumage are large
-            with sink:
+
+            def finish(finished: Callable[[], tuple[Frame, Checkpoint]]) -> None:
+                frame, checkpoint = finished()
+                sink(frame, checkpoint.save)
+
+            with sink, Background(finish, 1) as finishing:
                 with phase("simulating", silent=True):
-                    for frame in simulation if done < samples else ():
-                        with phase("writing", silent=True):
-                            sink(frame, simulation.checkpoint().save)
+                    for finished in simulation.ahead() if done < samples else ():
+                        with phase("writing" if sink.is_full else "simulating", silent=True):
+                            finishing.wait()
+                        finishing(finished)
                         done += 1
                         notify(done, samples)
+                    finishing.wait()
                 with phase("writing"):
                     sink.close()
             writer.tell(compared(task, task.dependences(simulation.laid)))

@@ -34,6 +34,11 @@ class Background:
         self._raise()
         self._queue.put(arguments)
 
+    @property
+    def is_full(self) -> bool:
+        """Whether the next call would have to wait."""
+        return self._queue.full()
+
     def wait(self) -> None:
         """Return when all calls so far are done; raises as the next call would."""
         self._queue.join()

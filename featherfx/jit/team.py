@@ -2,7 +2,8 @@
 
 All threads of a team call the same kernel. What is to be done is numbered, and each thread takes
 the next number when it is free (`ticket`); where all must be done before anyone goes on, they
-`meet`. A thread that waits gives way to others after a while.
+`meet`, and where one part must be, they wait for that (`say_done`, `wait_for`). A thread that waits
+gives way to others after a while.
 """
 
 from __future__ import annotations
@@ -77,6 +78,22 @@ def meet(team, size):
         return
     looks = 0
     while _fetch_add(team, MET * LINE, 0) == before:
+        looks += 1
+        if looks >= LOOKS:
+            _give_way()
+
+
+@kernel
+def say_done(done, part):
+    """Say that a part is done, once more. done: (P,) int64, how often each is; zeros at first."""
+    _fetch_add(done, part, 1)
+
+
+@kernel
+def wait_for(done, part, times):
+    """Wait until a part is done so many times, by threads that have begun it."""
+    looks = 0
+    while _fetch_add(done, part, 0) < times:
         looks += 1
         if looks >= LOOKS:
             _give_way()

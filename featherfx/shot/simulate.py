@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +57,16 @@ from featherfx.shot.types import Grip, Shot, Wind
 # first order
 FIRST_STEP = 1.0 / 32.0
 
+NOWHERE: Array = np.zeros((0, 3))
+
+
+class Shown(NamedTuple):
+    """A sample before it is laid: poses of the feathers that are computed, and (V, 3) m, the skin
+    beneath them."""
+
+    poses: list[FeatherPose]
+    skin: Array
+
 
 class Simulation:
     """Goes once through the frames of a shot; `report` is complete after the last one.
@@ -87,7 +98,6 @@ class Simulation:
         self._wanted: Indices = np.array(chosen, dtype=np.int64)
         self.feathers: tuple[Feather, ...] = tuple(drawn[f] for f in self._wanted)
         self._layers = Layers(shot, drawn, self._wanted, jobs) if shot.layers else None
-        self._laid: list[FeatherPose] = []
         computed = self._layers.needed if self._layers else self._wanted
         plan = level_plan(shot, drawn, motion)
         carried = Carried(shot, drawn, plan.of("guided"), plan.leading, computed)
@@ -110,7 +120,7 @@ class Simulation:
         self._index = self._first - 1
         if start is not None:
             self.take_over(start)
-        self._frames = self._run(frames or (shot.first_frame, shot.last_frame))
+        self._samples = self._run(frames or (shot.first_frame, shot.last_frame))
 
     @property
     def report(self) -> dict[str, Any]:
@@ -127,9 +137,22 @@ class Simulation:
         return None if self._layers is None else self._layers.laid
 
     def __iter__(self) -> Iterator[Frame]:
-        return self._frames
+        for index in self._samples:
+            yield self._frame(index, self._laid(index, self._shown(index)))
 
-    def _run(self, frames: tuple[int, int]) -> Iterator[Frame]:
+    def ahead(self) -> Iterator[Callable[[], tuple[Frame, Checkpoint]]]:
+        """As iterating, with what is left to do for each frame: to be called once, in their order,
+        by any thread, while the next frame is simulated. Gives the frame, and the checkpoint after
+        it. Raises what iterating raises."""
+        for index in self._samples:
+            yield partial(self._finished, index, self._shown(index), self._standing())
+
+    def _finished(self, index: int, shown: Shown, standing: Checkpoint) -> tuple[Frame, Checkpoint]:
+        frame = self._frame(index, self._laid(index, shown))
+        return frame, self._with_layers(standing)
+
+    def _run(self, frames: tuple[int, int]) -> Iterator[int]:
+        """Reach the samples of some frames, one after the other; those before are laid."""
         wanted, end = ((number - self.shot.first_frame) * self._subframes for number in frames)
         with ExitStack() as solvers:
             for group in self._groups:
@@ -142,7 +165,10 @@ class Simulation:
             for index in range(self._index + 1, end + 1):
                 self._reach(index)
                 if index >= wanted:
-                    yield self._frame(index)
+                    self._counts.frame(*self._levels.counts())
+                    yield index
+                else:
+                    self._laid(index, self._shown(index))
             cycles = [group.cycle for group in self._groups]
             warn_if_never(cycles, self.shot.cycle, self._index // self._subframes)
             self._reached.warn()
@@ -174,7 +200,6 @@ class Simulation:
                 group.start = group.state.points.nodes.copy()
         if index >= 0:
             self._note(index)
-            self._lay(index)
         self._hooks.note(self._number(index))
         self._index = index
 
@@ -186,11 +211,12 @@ class Simulation:
             nodes, number = group.state.points.nodes, self._number(index)
             self._reached.note(group.pulls, nodes, self._time(index), number)
 
-    def _lay(self, index: int) -> None:
-        """Lay feathers over those beneath them."""
-        if self._layers is not None:
-            duration, number = self._time(1) if index else 0.0, self._number(index)
-            self._laid = self._layers.lay(self._shown(index), number, self._time(index), duration)
+    def _laid(self, index: int, shown: Shown) -> list[FeatherPose]:
+        """What a sample shows of the feathers in its frames."""
+        if self._layers is None:
+            return shown.poses
+        duration, number = self._time(1) if index else 0.0, self._number(index)
+        return self._layers.of(self._wanted, self._layers.lay(*shown, number, duration))
 
     def _say_cuts(self, index: int) -> None:
         """Say what is somewhere else right after the sample with this index."""
@@ -217,10 +243,11 @@ class Simulation:
             return False
         return index > 0 and self._time(index - 1) > group.free - 0.5 * self._time(1)
 
-    def _shown(self, index: int) -> list[FeatherPose]:
+    def _shown(self, index: int) -> Shown:
         """What the simulation shows at a sample, before it is laid over each other."""
-        poses = self._levels.shown(index)
-        return self._through.of(poses, self._time(index - 1), self._time(index))
+        poses, time = self._levels.shown(index), self._time(index)
+        poses = self._through.of(poses, self._time(index - 1), time)
+        return Shown(poses, NOWHERE if self._layers is None else self._layers.skin(time))
 
     def _begin(self) -> None:
         """Settle all feathers where the simulation begins, carried by their roots if these move."""
@@ -241,6 +268,14 @@ class Simulation:
 
     def checkpoint(self) -> Checkpoint:
         """The simulation after the frame that was yielded last."""
+        return self._with_layers(self._standing())
+
+    def _with_layers(self, standing: Checkpoint) -> Checkpoint:
+        layers = {} if self._layers is None else self._layers.memory()
+        return replace(standing, layers=layers)
+
+    def _standing(self) -> Checkpoint:
+        """A checkpoint without what layers keep."""
         return Checkpoint(
             self._index,
             tuple(group.state for group in self._groups),
@@ -248,8 +283,7 @@ class Simulation:
             contact_memory(self._islands),
             self._levels.fades.memory(),
             memory_of([group.cycle for group in self._groups]),
-            {} if self._layers is None else self._layers.memory(),
-            self._wanted,
+            wanted=self._wanted,
         )
 
     def act(self, wind: Wind, pulls: Sequence[tuple[Grip, Array]] = ()) -> None:
@@ -356,15 +390,9 @@ class Simulation:
         every = any(group is each for each in self._renewed)
         return self._hooks.stirred(group) | every
 
-    def _frame(self, index: int) -> Frame:
-        time = self._time(index)
-        number = self._number(index)
-        self._counts.frame(*self._levels.counts())
-        poses = (
-            self._shown(index)
-            if self._layers is None
-            else self._layers.of(self._wanted, self._laid)
-        )
+    def _frame(self, index: int, poses: list[FeatherPose]) -> Frame:
+        """poses: of the feathers in its frames, laid."""
+        time, number = self._time(index), self._number(index)
         for f, pose in zip(self._wanted.tolist(), poses, strict=True):
             # a sum is not finite where a part is not, and found in half the time
             if not all(np.isfinite(part.sum()) or np.isfinite(part).all() for part in pose.points):

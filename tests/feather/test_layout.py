@@ -17,6 +17,7 @@ from featherfx.feather.build import build_feather, repeated_shapes, scaled
 from featherfx.feather.layout.layout import cover, laid_out, lay_out, measured
 from featherfx.feather.layout.overlap import segment_distance, shingle_pairs, strips_of
 from featherfx.feather.shapes import feathers_of
+from featherfx.files.store import nothing_kept
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset
@@ -137,6 +138,19 @@ def test_cleared_feathers_do_not_meet_as_meshes(kind):
     assert np.isfinite(depths).any()
     # the layout sees shapes on a coarser grid; the meshes are clear to a fifth of the clearance
     assert min(depths) > 0.2 * CLEARANCE
+
+
+def test_threads_change_nothing(kind, monkeypatch):
+    box = trimesh.creation.box((0.3, 0.3, 0.01)).apply_translation((0.0, 0.0, -0.0051))
+    skin = np.array(box.vertices)[np.array(box.faces)]
+    found = []
+    for threads in (1, 3):
+        monkeypatch.setattr("os.cpu_count", lambda threads=threads: threads)
+        with nothing_kept():
+            found.append(laid_out(groom_of(*field(kind), skin=skin))[1])
+    for name in ("gaps", "skin_gaps", "raised", "rolled", "lifted", "shortened"):
+        one, several = (getattr(each, name) for each in found)
+        assert one.tobytes() == several.tobytes()
 
 
 def test_the_skin_is_cleared(kind):

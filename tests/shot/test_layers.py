@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -234,5 +235,18 @@ def test_the_same_bytes_by_threads_shares_and_from_a_checkpoint(bakes, tmp_path)
         for k, f in enumerate((1, 3)):
             assert part.points[k].tobytes() == frame.points[f].tobytes()
     for frame, other in zip(laid[3:], resumed, strict=True):
+        for points, again in zip(frame.points, other.points, strict=True):
+            assert points.tobytes() == again.tobytes()
+
+
+def test_laid_while_the_next_is_simulated_it_is_the_same(bakes, tmp_path):
+    shot, laid, _ = bakes
+    with ThreadPoolExecutor(1) as pool:
+        found = [pool.submit(finish) for finish in simulate(shot, jobs=2).ahead()]
+    frames, checkpoints = zip(*(each.result() for each in found), strict=True)
+    checkpoints[2].save(tmp_path / "state.npz")
+    resumed = list(simulate(shot, start=Checkpoint.load(tmp_path / "state.npz")))
+    for frame, other in zip([*laid, *laid[3:]], [*frames, *resumed], strict=True):
+        assert frame.number == other.number
         for points, again in zip(frame.points, other.points, strict=True):
             assert points.tobytes() == again.tobytes()

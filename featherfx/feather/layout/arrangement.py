@@ -73,6 +73,10 @@ class Arrangement(NamedTuple):
         samples = self.maps.samples[self.shape] * self.size[:, None, None]
         return self.place[:, None] + np.einsum("fij,fqj->fqi", self.rotation, samples)
 
+    def with_scratch(self) -> Arrangement:
+        """The same feathers, with scratch of its own."""
+        return self._replace(relation=np.zeros((3, 4)), nearest=np.zeros((2, 2)))
+
     def put_back(self) -> None:
         """As placed, though as short as they are now."""
         self.moves[:] = 0.0

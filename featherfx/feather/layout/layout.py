@@ -8,8 +8,10 @@ be, left out, where the layout allows it.
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -28,6 +30,7 @@ from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.files.store import kept
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Groom, Layout, Placement
+from featherfx.jit.team import new_team
 from featherfx.phases import Done, phase
 
 _MOST_SWEEPS = 30
@@ -43,6 +46,8 @@ _SHORTER_STILL = 0.75  # by how much before it is dropped, down to the least
 _DROPS = 5  # how often feathers give way, the last time all that must, and the others settle
 _DROPS_OF_MESHES = 3
 _MOST_NAMED = 5
+# that share a sweep
+_MOST_THREADS = 8
 _UNCHANGED = 1e-12  # relative, of a length
 # figures of materials that no shape depends on; whatever is not named here is taken to matter
 _VANE_STRENGTHS = (
@@ -213,6 +218,16 @@ def _moved(placement: Placement, laid: Laid, k: int) -> Placement:
     return replace(moved, kind=kind, prototype=prototype, size=size)
 
 
+def _turns(pairs: Indices, order: Indices) -> Indices:
+    """(K,) of Neighbours."""
+    place = np.zeros(order.max(initial=-1) + 1, dtype=np.int64)
+    place[order] = np.arange(len(order))
+    sequence = np.lexsort((place[pairs[:, 0]], pairs[:, 1]))
+    lower, turn = pairs[sequence, 1], np.empty(len(pairs), dtype=np.int64)
+    turn[sequence] = 1 + np.arange(len(pairs)) - np.searchsorted(lower, lower)
+    return turn
+
+
 @dataclass(frozen=True)
 class _Solving:
     """Moves, shortens and at last drops feathers until none pass through each other.
@@ -276,7 +291,7 @@ class _Solving:
         feathers, layout = self.feathers, self.layout
         order, pairs = order[feathers.kept[order]], pairs[feathers.kept[pairs].all(axis=1)]
         starts = np.searchsorted(pairs[:, 0], np.arange(len(feathers.size) + 1))
-        neighbours = Neighbours(order, starts, pairs)
+        neighbours = Neighbours(order, starts, pairs, _turns(pairs, order))
         tilt = np.radians(np.where(feathers.grown, layout.most_tilt, layout.most_tilt_placed))
         lift = np.where(tilt > 0.0, layout.most_lift, 0.0)
         least = np.stack([-0.5 * tilt, -tilt, np.zeros(len(tilt))], axis=1)
@@ -284,13 +299,17 @@ class _Solving:
         wide = layout.clearance * (1.0 + self._times_crossed(pairs).astype(float))
         limits = Limits(wide, layout.clearance, least, most)
         travel = Travel(np.zeros(len(tilt)), np.full(len(pairs), -1.0), np.zeros(len(pairs)))
-        planes = np.zeros((0, 1, 4))
-        for number in range(sweeps):
-            if self.skin is not None and number % _SWEEPS_PER_SEARCH == 0:
-                planes = self.skin.planes(feathers.world())
-            lack = sweep(feathers, neighbours, planes, limits, travel)
-            if lack < _SETTLED * layout.clearance:
-                break
+        planes, threads = np.zeros((0, 1, 4)), min(os.cpu_count() or 1, _MOST_THREADS)
+        each = [feathers.with_scratch() for _ in range(threads)]
+        with ThreadPoolExecutor(threads) as pool:
+            for number in range(sweeps):
+                if self.skin is not None and number % _SWEEPS_PER_SEARCH == 0:
+                    planes = self.skin.planes(feathers.world())
+                team = new_team(1), np.zeros(len(tilt), dtype=np.int64)
+                how = neighbours, planes, limits, travel
+                lacks = pool.map(lambda own, team=team, how=how: sweep(team, own, *how), each)
+                if max(lacks) < _SETTLED * layout.clearance:
+                    break
 
     def _keys(self, pairs: Indices) -> Indices:
         """(K,) one number for each pair, whichever comes first."""

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.copy_kernels import copy_values
 from featherfx.algebra.vec3_kernels import dot, sub
 from featherfx.jit.compiled import kernel, loop_kernel
+from featherfx.jit.team import say_done, ticket, wait_for
 
 # how readily a feather moves: squares of raise and roll, as a way of the tip, and of lift
 RAISE_EASE, ROLL_EASE, LIFT_EASE = 1.0, 3.0, 0.02
@@ -36,11 +37,13 @@ SKIN_TRIES = 4
 
 class Neighbours(NamedTuple):
     """order: (F,) feathers, those beneath first. pairs: (K, 2) upper and lower; those of the upper
-    feather f are pairs[starts[f]] to pairs[starts[f + 1] - 1]."""
+    feather f are pairs[starts[f]] to pairs[starts[f + 1] - 1]. turn: (K,) how often the lower one
+    has had its turn before a pair's, its own among them."""
 
     order: NDArray[np.int64]
     starts: NDArray[np.int64]
     pairs: NDArray[np.int64]
+    turn: NDArray[np.int64]
 
 
 class Limits(NamedTuple):
@@ -224,18 +227,28 @@ def clear_skin(feathers, f, planes, limits, travel):
 
 
 @kernel
-def sweep(feathers, neighbours, planes, limits, travel):
-    """One pass over all feathers, those beneath first; returns the greatest lack of clearance (m).
+def sweep(team, feathers, neighbours, planes, limits, travel):
+    """One pass over all feathers, those beneath first, by a team of threads that all call this:
+    each takes the next one, and moves it off another when that has had all its turns before, so
+    that their number changes nothing. Returns the greatest lack of clearance (m) that this found.
 
-    planes: of size 0 without a skin. travel: gone and seen 0 and room -1 at first.
+    team: counters, and (F,) zeros, the turns that feathers have had. feathers: with scratch of this
+    thread. planes: of size 0 without a skin. travel: gone and seen 0 and room -1 at first.
     """
-    greatest = 0.0
-    for upper in neighbours.order:
+    (counters, turns), greatest = team, 0.0
+    while True:
+        place = ticket(counters, 0)
+        if place >= neighbours.order.shape[0]:
+            return greatest
+        upper = neighbours.order[place]
         for pair in range(neighbours.starts[upper], neighbours.starts[upper + 1]):
+            lower = neighbours.pairs[pair, 1]
+            wait_for(turns, lower, neighbours.turn[pair])
             greatest = max(greatest, part(feathers, neighbours, pair, limits, travel))
+            say_done(turns, lower)
         if planes.shape[0] > 0:
             greatest = max(greatest, clear_skin(feathers, upper, planes, limits, travel))
-    return greatest
+        say_done(turns, upper)
 
 
 @kernel

@@ -27,6 +27,12 @@ LEAN = 1.5
 YIELD = 0.05
 
 
+def most_laps(rows, nodes):
+    """Of a pair of vanes with so many nodes in each row: from the nodes, the edges of three ways
+    and the rims of both."""
+    return 2 * (4 * rows * nodes + 2 * (rows - 1) * (RIM_PARTS - 1))
+
+
 @kernel
 def _boxes_meet(pose, guest, host, low, high):
     """Whether a guest's own box meets a host's, which is from low to high across its vane."""
@@ -130,7 +136,7 @@ def _nodes_of(vanes, pose, bodies, margin, laps, count, seen):
                 place = first_place((x, y, z), own, exists)
                 if place[0] < 0:
                     return count, near
-            lap = laps[min(count, laps.shape[0] - 1)]
+            lap = laps[count]
             point = node, node, 0.0
             place, inside, found = _lap(vanes, pose, bodies, point, place, margin, lap)
             if found:
@@ -192,7 +198,7 @@ def _edges_of(vanes, pose, bodies, margin, laps, count, seen):
                     if _leads_away(vanes, pose, bodies, edge, place, margin):
                         continue
                     for k in range(1, RIM_PARTS):
-                        lap = laps[min(count, laps.shape[0] - 1)]
+                        lap = laps[count]
                         point = (i, c), (row, column), k / RIM_PARTS
                         place, _, found = _lap(vanes, pose, bodies, point, place, margin, lap)
                         if found:
@@ -235,7 +241,7 @@ def _at_outline(vanes, pose, bodies, edge, margin, laps, count, seen):
     part, place = way_out(x, y, pose.points[host], exists, place)
     if part <= 0.0:
         return count
-    lap = laps[min(count, laps.shape[0] - 1)]
+    lap = laps[count]
     place, _, found = _lap(vanes, pose, bodies, (node, after, part), place, margin, lap)
     return count + 1 if found else count
 
@@ -279,10 +285,9 @@ def meeting_pairs(vanes, stack, pose, follow, meets, height):
 
 @kernel
 def find_laps(vanes, stack, pose, follow, sought, laps, seen):
-    """Laps of pairs, in their order; returns how many there are. Of those that laps has no room
-    for, only that they are too many is right. follow: gap up to which points count, in
-    thicknesses. sought: the first pair and the one after the last, and (K,) which of them to look
-    at. seen: scratch, (n, 2 m + 1, 5)."""
+    """Laps of pairs, in their order; returns how many there are. follow: gap up to which points
+    count, in thicknesses. sought: the first pair and the one after the last, and (K,) which of them
+    to look at. laps: room for most_laps of each, and one more. seen: scratch, (n, 2 m + 1, 5)."""
     count, (span, meets) = 0, sought
     for pair in range(span[0], span[1]):
         if meets[pair] == 0:
@@ -296,7 +301,7 @@ def find_laps(vanes, stack, pose, follow, sought, laps, seen):
             count, near = _nodes_of(vanes, pose, bodies, margin, laps, count, seen)
             if near:
                 count = _edges_of(vanes, pose, bodies, margin, laps, count, seen)
-        for k in range(start, min(count, laps.shape[0])):
+        for k in range(start, count):
             laps[k].pair = pair
     return count
 

@@ -8,15 +8,17 @@ that clears them is found (lift_kernels.py).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather, RowPoints, stacked
+from featherfx.jit.team import new_team
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.layers.depths import Depths
 from featherfx.shot.layers.ground import ground_beneath
@@ -32,7 +34,16 @@ from featherfx.shot.layers.stack import (
     stack_of,
     vanes_of,
 )
-from featherfx.shot.layers.types import Array, Indices, Laid, Lifts, Manner, Stack, Vanes
+from featherfx.shot.layers.types import (
+    Array,
+    Indices,
+    Laid,
+    Lifts,
+    Manner,
+    Scratch,
+    Stack,
+    Vanes,
+)
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
@@ -40,14 +51,10 @@ from featherfx.shot.types import Shot
 # s, in which a lift that is no longer asked for falls to 1 / e
 FALL = 0.1
 MANNER = Manner(kept=0.0, turns=8, follow=4.0, off=1.0, seen=0.1, slope=0.3)
-# laps of a feather that there is room for at first
-ROOM = 4096
 # m, what a point may move and still count as resting where it was
 STILL = 1e-6
 # times that the first sample is laid at most, until nothing moves any more
 PASSES = 40
-# feathers of one height from which on threads share them
-SHARED = 4
 # of the numbers that a pose is marked by
 _SEED = 20261123
 _OF_FEATHERS = "same", "moved", "settled", "strays"
@@ -107,18 +114,20 @@ class Layers:
         self._skin = ground_beneath(skin, self.needed, self.vanes, _nodes(rest.nodes))
         self._skin.ground.triangle[~_touching(shot)[self.needed]] = -1
         self._marks = np.zeros(shape[0], dtype=np.uint64)
-        self._scratch = [scratch_of(self.vanes, ROOM) for _ in range(jobs)]
+        self._jobs, self._room, self._scratch = jobs, -1, list[Scratch]()
+
+    def skin(self, time: float) -> Array:
+        """(V, 3) m, the skin at a time in s since the first frame."""
+        return self._skin.points(time)
 
     def lay(
-        self, poses: Sequence[FeatherPose], frame: float, time: float, duration: float
+        self, poses: Sequence[FeatherPose], skin: Array, frame: float, duration: float
     ) -> list[FeatherPose]:
-        """Poses of the needed feathers at a sample, laid over each other.
+        """Poses of the needed feathers at a sample, laid over each other and a skin (V, 3) m.
 
-        frame: its number. time: s since the first one. duration: s since the sample before; 0 at
-        the first.
+        frame: its number. duration: s since the sample before; 0 at the first.
         """
         points, lifts, pose = stacked([pose.points for pose in poses]), self.lifts, self._pose
-        skin = self._skin.points(time)
         self._lay(points, skin, duration)
         if not duration > 0.0:
             for _ in range(PASSES):
@@ -141,51 +150,34 @@ class Layers:
 
     def _lay(self, points: RowPoints, skin: Array, duration: float) -> None:
         """Lifts and pose of the next sample. points: of all feathers; skin: (V, 3) m."""
-        lifts, marks = self.lifts, _marks(points, skin)
+        lifts, marks, jobs = self.lifts, _marks(points, skin), self._jobs
         lifts.same[:], self._marks = marks == self._marks, marks
         lifts.before[:] = self._start.lift[:] = lifts.lift
         manner = MANNER._replace(kept=float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0)
-        given = points, self._skin.ground, skin
-        with ThreadPoolExecutor(len(self._scratch)) as pool:
-
-            def shared(work: Callable[..., None], low: int, high: int, costs: Array | None) -> None:
-                list(pool.map(work, *_parts(low, high, len(self._scratch), costs)))
-
-            def start(job: int, begin: int, end: int) -> None:
-                lift_points_of_all(self.vanes, points, self._start, (begin, end))
-
-            shared(start, 0, len(marks), None)
+        with ThreadPoolExecutor(jobs) as pool:
+            spans = pairwise(np.linspace(0, len(marks), jobs + 1).astype(int).tolist())
+            lift = partial(lift_points_of_all, self.vanes, points, self._start)
+            list(pool.map(lift, spans))
             # where what keeps its lift is
             for shown, begun in zip(self._pose, self._start, strict=True):
                 shown[:] = begun
-            plan = self._plan(manner)
+            bodies = self.vanes, self.stack, self._places(manner.follow)
+            team = new_team(1), np.zeros(len(marks), dtype=np.int64)
+            given, poses = (points, self._skin.ground, skin), (self._start, self._pose)
+            lay = partial(lay_feathers, team, bodies, given, lifts, poses, manner)
+            list(pool.map(lay, self._scratch))
 
-            def lay(job: int, begin: int, end: int) -> None:
-                bodies, poses = (self.vanes, self.stack, plan.places), (self._start, self._pose)
-                while begin < end:
-                    args = manner, (begin, end), self._scratch[job]
-                    begin = lay_feathers(bodies, given, lifts, poses, *args)
-                    if begin < end:
-                        more = 2 * len(self._scratch[job].laps)
-                        self._scratch[job] = scratch_of(self.vanes, more)
-
-            if len(self._scratch) == 1:
-                lay(0, 0, len(marks))
-                return
-            for low, high in pairwise(plan.heights.tolist()):
-                if high - low < SHARED:
-                    lay(0, low, high)
-                else:
-                    shared(lay, low, high, plan.costs)
-
-    def _plan(self, manner: Manner) -> _Plan:
-        """What may meet in a sample, and in which order that is laid."""
-        stack, lifts, height = self.stack, self.lifts, np.zeros(len(self.stack.order), np.int64)
-        meeting_pairs(self.vanes, stack, self._start, manner.follow, lifts.meets, height)
-        places = np.argsort(height[stack.order], kind="stable")
-        ends = np.searchsorted(height[stack.order][places], np.arange(height.max(initial=-1) + 2))
-        met = np.concatenate([[0], np.cumsum(lifts.meets, dtype=np.int64)])
-        return _Plan(places, ends, (1.0 + met[stack.first[1:]] - met[stack.first[:-1]])[places])
+    def _places(self, follow: float) -> Indices:
+        """(F,) places of the order of the stack, those first with the fewest beneath them; what may
+        meet in the sample is noted, and scratch has room for it."""
+        stack, meets, vanes = self.stack, self.lifts.meets, self.vanes
+        height = np.zeros(len(stack.order), dtype=np.int64)
+        meeting_pairs(vanes, stack, self._start, follow, meets, height)
+        most = int(np.diff(np.append(0, np.cumsum(meets, dtype=np.int64))[stack.first]).max())
+        if most > self._room:
+            self._room = most
+            self._scratch = [scratch_of(vanes, most) for _ in range(self._jobs)]
+        return np.argsort(height[stack.order], kind="stable")
 
     def of(self, wanted: Indices, laid: Sequence[FeatherPose]) -> list[FeatherPose]:
         """Those of the needed feathers' poses that are wanted, by numbers."""
@@ -212,15 +204,6 @@ class Layers:
         self._marks = memory["marks"].astype(np.uint64)
 
 
-class _Plan(NamedTuple):
-    """In which order a stack is laid. places: (F,) of its order, those of one height in one run;
-    heights: (H + 1,) where these begin; costs: (F,) of laying each, in the same order."""
-
-    places: Indices
-    heights: Indices
-    costs: Array
-
-
 def _marks(points: RowPoints, skin: Array) -> NDArray[np.uint64]:
     """(F,) numbers that change where a point of a feather or of the skin moves by STILL or more."""
     return np.asarray(_mark(points.nodes) + _mark(skin[None]))
@@ -231,16 +214,6 @@ def _mark(points: Array) -> NDArray[np.uint64]:
     words = (np.rint(points / STILL) + 0.0).reshape(len(points), -1).view(np.uint64)
     odd = np.random.default_rng(_SEED).integers(0, 2**63, words.shape[1], dtype=np.uint64)
     return np.asarray(words @ (odd | np.uint64(1)))
-
-
-def _parts(low: int, high: int, count: int, costs: Array | None) -> tuple[list[int], ...]:
-    """Numbers of parts, and where they begin and end. costs: (F,) of each place."""
-    if costs is None:
-        ends = np.linspace(low, high, count + 1).astype(int)
-    else:
-        done = np.concatenate([[0.0], np.cumsum(costs[low:high])])
-        ends = low + np.searchsorted(done, np.linspace(0.0, done[-1], count + 1))
-    return list(range(count)), ends[:-1].tolist(), ends[1:].tolist()
 
 
 def _nodes(points: Array) -> Array:

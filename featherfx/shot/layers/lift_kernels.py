@@ -12,6 +12,7 @@ goes back slowly. Below the vane the lift falls off to the root, which stays.
 """
 
 from featherfx.jit.compiled import kernel
+from featherfx.jit.team import say_done, ticket, wait_for
 from featherfx.shot.layers.lap_kernels import BESIDE, find_laps, ground_lacks
 from featherfx.shot.layers.pose_kernels import lift_points
 
@@ -95,66 +96,70 @@ def _to_root(values, vanes, f):
 
 
 @kernel
-def lay_feathers(bodies, given, lifts, poses, manner, span, scratch):
-    """Lay the feathers at places[span[0]] to places[span[1] - 1] of the order, of which none lies
-    over another, on those that are laid. Returns the first of the span that scratch has no room
-    for, else its end.
+def lay_feathers(team, bodies, given, lifts, poses, manner, scratch):
+    """Lay all feathers, each on those that are laid, by a team of threads that all call this: each
+    takes the next one, those on the ground first, and waits for those beneath it.
 
-    bodies: vanes, stack and places. given: RowPoints before they are lifted, ground and skin
-    (V, 3) m. poses: with the lifts of the sample before, and of this one. What has not moved since
-    then, as all beneath it, keeps its lift where it kept it then or would have to rise: it was laid
-    there, and what only falls to rise again would do so for ever.
+    team: counters, and (F,) zeros, who is done. bodies: vanes, stack and places, (F,) of its order,
+    none before those beneath it. given: RowPoints before they are lifted, ground and skin (V, 3) m.
+    poses: with the lifts of the sample before, and of this one. scratch: of this thread.
     """
-    (vanes, stack, places), (points, ground, skin), (start, pose) = bodies, given, poses
-    for place in range(span[0], span[1]):
+    (vanes, stack, places), (counters, done) = bodies, team
+    while True:
+        place = ticket(counters, 0)
+        if place >= places.shape[0]:
+            return
         k = places[place]
-        f, own = stack.order[k], ((stack.first[k], stack.first[k + 1]), lifts.meets)
-        lift, before = lifts.lift[f], lifts.before[f]
-        quiet, strays = lifts.same[f] != 0, False
-        for pair in range(own[0][0], own[0][1]):
+        for pair in range(stack.first[k], stack.first[k + 1]):
             if lifts.meets[pair] != 0:
-                lower = stack.pairs[pair, 1]
-                quiet = quiet and lifts.moved[lower] == 0
-                strays = strays or lifts.strays[lower] != 0
-        lifts.moved[f], lifts.strays[f] = 0, 0
-        if quiet and lifts.settled[f] != 0:
-            continue
-        ground_lacks(vanes, start, ground, skin, f, scratch.asked)
-        # where nothing is lifted yet, so that all that is beneath takes this one with it
-        count = find_laps(vanes, stack, start, manner.follow, own, scratch.laps, scratch.seen)
-        if count <= scratch.laps.shape[0]:
-            _raise_lift(vanes, (lifts, f), manner, scratch, count, False)
-            change = _most_change(lift, before)
-            if strays:
-                change = 1e300
-            for turn in range(manner.turns):
-                least = manner.off if turn < manner.turns - 1 else manner.seen
-                if change <= least * vanes.half[f]:
-                    break
-                lift_points(vanes, points, lift, pose, f)
-                ground_lacks(vanes, pose, ground, skin, f, scratch.asked)
-                laps = scratch.laps
-                count = find_laps(vanes, stack, pose, manner.follow, own, laps, scratch.seen)
-                if count > laps.shape[0]:
-                    break
-                if turn < manner.turns - 1:
-                    _raise_lift(vanes, (lifts, f), manner, scratch, count, True)
-                    change = _most_change(lift, pose.lift[f])
-        if count > scratch.laps.shape[0]:
-            _copy(before, lift)
-            return place
-        least = manner.seen * vanes.half[f]
-        if _most_change(lift, before) <= least or (quiet and _most_rise(before, lift) > least):
-            _copy(before, lift)
-        if _most_change(lift, pose.lift[f]) > 0.0:
-            lift_points(vanes, points, lift, pose, f)
-        for pair in range(own[0][0], own[0][1]):
-            lifts.depths[pair], lifts.touching[pair] = -1e300, 0
-        _pair_depths(vanes, scratch.laps, count, lifts)
-        lifts.strays[f] = 1 if _most_change(lift, before) > manner.off * vanes.half[f] else 0
-        lifts.settled[f] = 1 if _most_change(lift, before) == 0.0 else 0
-        lifts.moved[f] = 0 if lifts.same[f] != 0 and lifts.settled[f] != 0 else 1
-    return span[1]
+                wait_for(done, stack.pairs[pair, 1], 1)
+        _lay(k, (vanes, stack), given, lifts, poses, manner, scratch)
+        say_done(done, stack.order[k])
+
+
+@kernel
+def _lay(k, bodies, given, lifts, poses, manner, scratch):
+    """Lay the k-th feather of the order. What has not moved since the sample before, as all beneath
+    it, keeps its lift where it kept it then or would have to rise: it was laid there, and what only
+    falls to rise again would do so for ever."""
+    (vanes, stack), (points, ground, skin), (start, pose) = bodies, given, poses
+    f, own = stack.order[k], ((stack.first[k], stack.first[k + 1]), lifts.meets)
+    lift, before, laps = lifts.lift[f], lifts.before[f], scratch.laps
+    quiet, strays = lifts.same[f] != 0, False
+    for pair in range(own[0][0], own[0][1]):
+        if lifts.meets[pair] != 0:
+            lower = stack.pairs[pair, 1]
+            quiet = quiet and lifts.moved[lower] == 0
+            strays = strays or lifts.strays[lower] != 0
+    lifts.moved[f], lifts.strays[f] = 0, 0
+    if quiet and lifts.settled[f] != 0:
+        return
+    ground_lacks(vanes, start, ground, skin, f, scratch.asked)
+    # where nothing is lifted yet, so that all that is beneath takes this one with it
+    count = find_laps(vanes, stack, start, manner.follow, own, laps, scratch.seen)
+    _raise_lift(vanes, (lifts, f), manner, scratch, count, False)
+    change = 1e300 if strays else _most_change(lift, before)
+    for turn in range(manner.turns):
+        least = manner.off if turn < manner.turns - 1 else manner.seen
+        if change <= least * vanes.half[f]:
+            break
+        lift_points(vanes, points, lift, pose, f)
+        ground_lacks(vanes, pose, ground, skin, f, scratch.asked)
+        count = find_laps(vanes, stack, pose, manner.follow, own, laps, scratch.seen)
+        if turn < manner.turns - 1:
+            _raise_lift(vanes, (lifts, f), manner, scratch, count, True)
+            change = _most_change(lift, pose.lift[f])
+    least = manner.seen * vanes.half[f]
+    if _most_change(lift, before) <= least or (quiet and _most_rise(before, lift) > least):
+        _copy(before, lift)
+    if _most_change(lift, pose.lift[f]) > 0.0:
+        lift_points(vanes, points, lift, pose, f)
+    for pair in range(own[0][0], own[0][1]):
+        lifts.depths[pair], lifts.touching[pair] = -1e300, 0
+    _pair_depths(vanes, laps, count, lifts)
+    lifts.strays[f] = 1 if _most_change(lift, before) > manner.off * vanes.half[f] else 0
+    lifts.settled[f] = 1 if _most_change(lift, before) == 0.0 else 0
+    lifts.moved[f] = 0 if lifts.same[f] != 0 and lifts.settled[f] != 0 else 1
 
 
 @kernel

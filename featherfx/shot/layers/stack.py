@@ -14,7 +14,7 @@ from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.feather.types import LEADING, Feather, RowPoints
 from featherfx.files.store import kept
 from featherfx.groom.types import Placement
-from featherfx.shot.layers.lap_kernels import FADE, find_laps
+from featherfx.shot.layers.lap_kernels import FADE, find_laps, most_laps
 from featherfx.shot.layers.pose_kernels import FIELDS, lift_points_of_all
 from featherfx.shot.layers.types import (
     LAP,
@@ -36,7 +36,7 @@ WRONG = 0.05
 # heights over a feather's length up to which points tell who lies over whom at rest
 NEAR = 0.1
 # pairs whose laps at rest are searched together
-PAIRS_AT_ONCE = 2_000
+PAIRS_AT_ONCE = 200
 # what is kept between surfaces, which are bent between their nodes: over the distance of rows, but
 # at most so many thicknesses. More adds up, over feathers over feathers, until none lies any more:
 # with 0.08 and 6 the pigeon's coat rises by centimetres, and more of it crosses.
@@ -83,16 +83,11 @@ def _seen_at_rest(
     seen = vanes._replace(deepest=deepest * length)
     follow = NEAR * float((length / vanes.half).max(initial=0.0))
     # part by part: laps of all pairs at once would be the most that a bake holds
-    scratch, count = scratch_of(vanes, 1024), len(stack.pairs)
+    scratch, count = scratch_of(vanes, PAIRS_AT_ONCE), len(stack.pairs)
     depth, votes = np.zeros(count), np.zeros(count, dtype=np.int64)
     for begin in range(0, count, PAIRS_AT_ONCE):
         span = begin, min(begin + PAIRS_AT_ONCE, count)
-        while True:
-            sought = span, every
-            found = find_laps(seen, stack, pose, follow, sought, scratch.laps, scratch.seen)
-            if found <= len(scratch.laps):
-                break
-            scratch = scratch_of(vanes, int(1.25 * found))
+        found = find_laps(seen, stack, pose, follow, (span, every), scratch.laps, scratch.seen)
         laps = scratch.laps[:found]
         laps = laps[laps["beside"] <= vanes.half[laps["upper"]] + vanes.half[laps["lower"]]]
         below = laps["base"] - laps["clear"]
@@ -132,11 +127,13 @@ def _by_votes(pairs: Indices, votes: Indices, order: Indices) -> Stack:
     return sorted_stack(agreeing, np.array(found, dtype=np.int64))
 
 
-def scratch_of(vanes: Vanes, laps: int) -> Scratch:
-    """What a search for so many laps writes to, and what lifts one feather."""
+def scratch_of(vanes: Vanes, pairs: int) -> Scratch:
+    """What a search of so many pairs writes to, and what lifts one feather."""
     shape = vanes.present.shape[1:]
+    # the system gives memory for as much of it as is written to
+    laps = np.empty(pairs * most_laps(*shape) + 1, dtype=LAP)
     seen = np.zeros((*shape, 5), dtype=np.int64)
-    return Scratch(np.zeros(laps, dtype=LAP), np.zeros(shape), np.zeros(shape), seen)
+    return Scratch(laps, np.zeros(shape), np.zeros(shape), seen)
 
 
 def pose_like(points: RowPoints, shape: tuple[int, ...]) -> Pose:
