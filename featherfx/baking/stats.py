@@ -24,9 +24,7 @@ from featherfx.groom.types import Groom
 from featherfx.phases import account
 from featherfx.shot.detail.detail import CARRIED
 from featherfx.shot.detail.levels import level_plan
-from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.motion.preroll import moves_before
 from featherfx.shot.share import part_of
 from featherfx.shot.simulate import Simulation, drawn_feathers, simulate
 from featherfx.shot.types import LEVELS, Detail, Quality, Shot
@@ -150,8 +148,8 @@ def bake_cost(shot: Shot, jobs: int, read: Spent, budget: float = TRIAL_SECONDS)
     """What a bake of a shot will take on this machine as it is now.
 
     read: starting and reading the shot. The rest of the time is what bakes of a few of its feathers
-    (trial.py) tell of all. budget: s for these. Memory is that of the process so far and of what
-    the bake adds; an estimate.
+    (trial.py) tell of all. budget: s of processor time for these. Memory is that of the process so
+    far and of what the bake adds; an estimate.
     """
     counts, members = _levels(shot)
     held = {level: _hold(shot, level, members[level]) for level in counts}
@@ -165,7 +163,7 @@ def bake_cost(shot: Shot, jobs: int, read: Spent, budget: float = TRIAL_SECONDS)
     memory = of_a_frame("resident") + _FRAMES_HELD * of_a_frame("posed")
     chunk = min(sample * min(frames, WriteOptions.chunk), max(sample, chunk_bytes(total)))
     memory += sample * _AUTHORED + chunk
-    learnt = expected(shot, jobs, _preroll(shot), budget)
+    learnt = expected(shot, jobs, budget)
     phases = {"reading": read.seconds, **learnt.phases}
     seconds = in_parts(phases)
     return {
@@ -185,13 +183,6 @@ def bake_cost(shot: Shot, jobs: int, read: Spent, budget: float = TRIAL_SECONDS)
         "bytes_of_a_frame": round(sample),
         "bytes_of_the_cache": round(sample * frames),
     }
-
-
-def _preroll(shot: Shot) -> int:
-    """Frames that are simulated before the first."""
-    preroll = shot.preroll / shot.frames_per_second
-    moves = moves_before(root_motion(shot), preroll, common_tolerance(shot))
-    return shot.preroll if moves else 0
 
 
 def _levels(shot: Shot) -> tuple[dict[str, float], dict[str, Any]]:

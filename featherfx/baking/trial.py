@@ -1,9 +1,10 @@
 """Bakes of a few feathers of a shot, and what they say of the bake of all.
 
-A trial is a bake like any other, written to a folder that is removed. Two of them, of few and of
-more feathers, tell what each phase costs by itself and with the work of its feathers; a phase of
-the whole bake is what follows for its work. That is done with processor times, which other
-programs on the machine hardly change; how long they take on the clock, with its threads, the writer
+A trial is a bake like any other, written to a folder that is removed. The first loads what every
+process has to. The same again and one of more feathers tell what each phase costs by itself and
+with the work of its feathers; a phase of the whole bake is what follows for its work. What a frame
+costs is taken from the frames after the first. All that is done with processor times, which other
+programs on the machine change less; how long they take on the clock, with its threads, the writer
 beside them and whatever else is running, all trials tell together. Feathers of one grid share a
 batch whose threads wait for each other, so that the clock goes by rounds of all threads.
 """
@@ -26,11 +27,13 @@ import numpy as np
 from featherfx.baking.options import TRIAL_SECONDS, BakeOptions
 from featherfx.baking.task import Task
 from featherfx.errors import InputWarning
+from featherfx.feather.build import repeated_shapes
 from featherfx.phases import Account, phase
 from featherfx.shot.detail.detail import CARRIED, Resolution
 from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.patterns import may_touch
 from featherfx.shot.share import part_of
 from featherfx.shot.simulate import drawn_feathers
 from featherfx.shot.types import LEVELS, Shot
@@ -39,13 +42,13 @@ from featherfx.usd.write.output import unique_prim_names
 
 # feathers and frames of the first trial
 FEW, FIRST_FRAMES = 12, 3
-# times as many feathers in the second, at least
-MORE = 6
+# times as many feathers in the last, at least, and its most frames while there are more feathers
+MORE, MOST_FRAMES = 6, 12
 # phases that a frame costs, and those that come once; WRITER is the writer's own time, which passes
-# while the next frames are simulated
-WRITER = "writer"
+# while the next frames are simulated, and FIRST what simulating takes until the first is handed on
+WRITER, FIRST = "writer", "first"
 _OF_FRAMES = ("simulating", WRITER)
-_ONCE = ("building", "settling", "finishing")
+_ONCE = ("building", "settling", "preroll", FIRST, "finishing")
 # those in which threads share the work
 _SHARED = ("settling", "preroll", "simulating", "writing")
 
@@ -53,13 +56,14 @@ _SHARED = ("settling", "preroll", "simulating", "writing")
 @dataclass(frozen=True)
 class Trial:
     """A bake of some feathers. frames: that it wrote. work: unknowns of a frame, and rounds: those
-    that threads go through one after another. phases: s of each on the clock. processor: s of each,
-    and of WRITER, which is left out of the others."""
+    that threads go through one after another. shapes: different ones. phases: s of each on the
+    clock. processor: s of each, and of WRITER and FIRST, which are left out of the others."""
 
     feathers: int
     frames: int
     work: float
     rounds: float
+    shapes: int
     phases: dict[str, float]
     processor: dict[str, float]
 
@@ -93,39 +97,39 @@ class Expected:
     trials: tuple[Trial, ...]
 
 
-def expected(shot: Shot, jobs: int, preroll: int, budget: float = TRIAL_SECONDS) -> Expected:
+def expected(shot: Shot, jobs: int, budget: float = TRIAL_SECONDS) -> Expected:
     """What the phases of a bake will take on this machine as it is now.
 
-    preroll: frames before the first. budget: s for the trials. Raises SimulationError where one of
-    the feathers that are tried cannot be simulated.
+    budget: s of processor time for the trials. Raises SimulationError where one of the feathers
+    that are tried cannot be simulated.
     """
     total, frames = len(shot.groom.feathers), shot.last_frame - shot.first_frame + 1
     begin, worked = time.perf_counter(), time.process_time()
     # the solver takes its time to load, here as in a bake
     import_module("featherfx.baking.loop")
     loading, loaded = time.perf_counter() - begin, time.process_time() - worked
-    with phase("measuring", 2.0) as done:
-        begin = time.perf_counter()
-        trials = [_trial(shot, min(total, FEW), min(frames, FIRST_FRAMES), jobs)]
+    with phase("measuring", 3.0) as done:
+        size = min(total, FEW), min(frames, FIRST_FRAMES)
+        trials = [_trial(shot, *size, jobs)]
         done(1)
-        spent = time.perf_counter() - begin - trials[0].phases.get("compiling", 0.0)
-        size = _second(trials[0], spent, budget - spent, total, frames)
-        if size is not None:
+        if size != (total, frames):
             trials.append(_trial(shot, *size, jobs))
-    whole = Trial(total, frames, work_of(shot, 1), work_of(shot, jobs), {}, {})
+            done(2)
+            left = budget - sum(each.worked for each in trials)
+            trials.append(_trial(shot, *_larger(trials[1], left, total, frames), jobs))
+    whole = Trial(total, frames, work_of(shot, 1), work_of(shot, jobs), _shapes(shot), {}, {})
     each = {name: _extrapolated(trials, whole, name) for name in (*_ONCE, *_OF_FRAMES)}
     processor = {
         name: _at_first(trials, name) + seconds * whole.frames_of(name)
         for name, seconds in each.items()
     }
-    processor["preroll"] = each["simulating"] * preroll
     alone, shared = _clock(trials, whole)
     # the writer's last frame is what nothing goes on beside
     phases = {name: alone * processor[name] for name in ("building", "finishing")} | {
         "starting": loading,
         "settling": shared * processor["settling"],
         "preroll": shared * processor["preroll"],
-        "simulating": shared * (processor["simulating"] + processor[WRITER]),
+        "simulating": shared * sum(processor[name] for name in ("simulating", FIRST, WRITER)),
         "writing": alone * each[WRITER],
     }
     cores = sum(t.worked for t in trials) / sum(t.seconds for t in trials)
@@ -144,28 +148,22 @@ def _clock(trials: Sequence[Trial], whole: Trial) -> tuple[float, float]:
     return of_all(("building", "finishing")), uneven * of_all((*_SHARED, WRITER))
 
 
-def _second(
-    first: Trial, spent: float, left: float, total: int, frames: int
-) -> tuple[int, int] | None:
-    """Feathers and frames of a trial that takes the time left, or of the least that tells what is
-    fixed from what goes with the feathers; None where the first was all."""
-    if (first.feathers, first.frames) == (total, frames):
-        return None
-    left, clock = max(left, 0.0), first.seconds / max(first.worked, 1e-9)
-    loop = clock * sum(first.of(name) for name in _OF_FRAMES) / first.feathers
-    once = max(spent - loop * first.feathers * (first.frames - 1), 0.0) / first.feathers
-    least = min(total, MORE * first.feathers)
-    fitting = (left / least - once) / max(loop, 1e-9)
-    count = int(np.clip(fitting, min(first.frames, frames), frames))
-    feathers = int(np.clip(left / (once + loop * count), least, total))
-    return feathers, count
+def _larger(few: Trial, left: float, total: int, frames: int) -> tuple[int, int]:
+    """Feathers and frames of a trial that takes the processor time left, or of the least that tells
+    what is fixed from what goes with the feathers. few: of those of the first trial."""
+    loop = sum(few.of(name) for name in _OF_FRAMES) / few.feathers
+    once = max(few.worked / few.feathers - loop * (few.frames - 1), 1e-9)
+    least = min(total, MORE * few.feathers)
+    most = frames if least == total else min(frames, MOST_FRAMES)
+    count = int(np.clip((left / least - once) / max(loop, 1e-9), min(few.frames, most), most))
+    return int(np.clip(left / (once + loop * count), least, total)), count
 
 
 def _extrapolated(trials: list[Trial], whole: Trial, name: str) -> float:
     """s of processor time of a phase, or of one frame of it, for the whole: a fixed part, and one
     that goes with the work."""
-    works = [_measure(each, name) for each in (*trials, whole)]
-    seconds = [each.of(name) for each in trials]
+    works = [_measure(each, name) for each in (*trials, whole)][-3:]
+    seconds = [each.of(name) for each in trials][-2:]
     if len(trials) == 1 or works[1] <= works[0]:
         return seconds[-1] * works[-1] / works[-2]
     fixed = (seconds[0] * works[1] - seconds[1] * works[0]) / (works[1] - works[0])
@@ -174,15 +172,17 @@ def _extrapolated(trials: list[Trial], whole: Trial, name: str) -> float:
 
 
 def _at_first(trials: list[Trial], name: str) -> float:
-    """s that the first trial took longer than the second, which is of more feathers: what has to be
-    loaded by every process once."""
-    first, *more = trials
-    each = first.of(name) - more[0].of(name) if more else 0.0
-    return max(each, 0.0) * first.frames_of(name)
+    """s that the first trial took longer than the same again: what every process loads once."""
+    if len(trials) == 1:
+        return 0.0
+    return max(trials[0].of(name) - trials[1].of(name), 0.0) * trials[0].frames_of(name)
 
 
 def _measure(trial: Trial, name: str) -> float:
-    return trial.work if name in ("simulating", "settling") else float(trial.feathers)
+    if name == "building":
+        return float(trial.shapes)
+    of_work = name in ("simulating", "settling", "preroll")
+    return trial.work if of_work else float(trial.feathers)
 
 
 def _trial(shot: Shot, feathers: int, frames: int, jobs: int) -> Trial:
@@ -212,35 +212,68 @@ def _trial(shot: Shot, feathers: int, frames: int, jobs: int) -> Trial:
             origin=(0.0, 0.0, 0.0),
             dependences=lambda laid: names,
         )
+        marks: list[float] = []
         with Account() as timed:
-            _, figures = simulate_and_write(task, lambda done, total: None)
+            _, figures = simulate_and_write(task, lambda *_: marks.append(time.process_time()))
             phases, processor = timed.seconds(), timed.processor_seconds()
     return Trial(
         feathers=feathers,
         frames=frames,
         work=work_of(part, 1),
         rounds=work_of(part, jobs),
+        shapes=_shapes(part),
         phases=phases,
-        processor=_apart(processor, figures["writing_processor_seconds"]),
+        processor=_apart(processor, figures["writing_processor_seconds"], marks),
     )
 
 
-def _apart(phases: dict[str, float], writer: float) -> dict[str, float]:
-    """Processor times of phases with the writer's own, which were taken for that of the phases
-    beside which it worked, by itself."""
+def _apart(phases: dict[str, float], writer: float, marks: Sequence[float]) -> dict[str, float]:
+    """Processor times of phases with WRITER and FIRST, which were taken for parts of others.
+
+    writer: the writer's own, which it took beside the frames. marks: processor time at the begin,
+    after the first frame and after each that follows."""
     beside = sum(phases.get(name, 0.0) for name in ("simulating", "writing"))
-    left = max(beside - writer, 0.0)
-    return phases | {"simulating": left, "writing": 0.0, WRITER: beside - left}
+    writer = min(writer, beside)
+    # of a single frame all is simulating, as of a shot of one
+    frames = len(marks) - 1
+    own = marks[-1] - marks[1] - writer * (frames - 1) / frames if frames > 1 else beside - writer
+    own = min(max(own, 0.0), beside - writer)
+    first = beside - writer - own
+    return phases | {"simulating": own, FIRST: first, "writing": 0.0, WRITER: writer}
 
 
 def _some(shot: Shot, count: int) -> Any:
-    """So many feathers: spread evenly, or, where they touch, neighbours."""
+    """So many feathers: spread evenly, or, where they touch, neighbours, of those that push each
+    other and of the others as many as there are of them in the whole."""
     total = len(shot.groom.feathers)
     if shot.contact is None or count == total:
         return np.unique(np.linspace(0, total - 1, count).astype(np.int64))
+    push = np.array(may_touch(shot, shot.contact))
+    own = [np.flatnonzero(push), np.flatnonzero(~push)]
+    pushing = round(count * len(own[0]) / total)
+    pushing = max(pushing, min(2, len(own[0])), count - len(own[1]))
     roots = np.array([each.position for each in shot.groom.feathers])
-    way = np.linalg.norm(roots - roots[total // 2], axis=1)
-    return np.sort(np.argsort(way, kind="stable")[:count])
+    return np.sort(
+        np.concatenate(
+            [
+                _around(roots, numbers, size)
+                for numbers, size in zip(own, (pushing, count - pushing), strict=True)
+            ]
+        )
+    )
+
+
+def _around(roots: Any, numbers: Any, count: int) -> Any:
+    """So many of some feathers, the nearest to the middle one of them. roots: (F, 3) of all."""
+    if not count:
+        return numbers[:0]
+    way = np.linalg.norm(roots[numbers] - roots[numbers[len(numbers) // 2]], axis=1)
+    return numbers[np.argsort(way, kind="stable")[:count]]
+
+
+def _shapes(shot: Shot) -> int:
+    """How many different shapes and models are built."""
+    return len(repeated_shapes(shot.groom.feathers)[0])
 
 
 def work_of(shot: Shot, jobs: int) -> float:

@@ -43,7 +43,7 @@ from featherfx.cli.progress import Progress
     type=click.FloatRange(0.1, 3600.0),
     default=TRIAL_SECONDS,
     show_default=True,
-    help="About how long to bake a few feathers to learn what all take; longer is surer.",
+    help="About how much processor time to learn from a few feathers what all take; more is surer.",
 )
 @progress_option
 def stats(
