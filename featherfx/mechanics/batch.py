@@ -178,7 +178,8 @@ def _guard(feather: Feather, kind: FeatherKind, touching: bool) -> Array:
     fibres = own <= vane.compression_guard * LEAST_HOOKED
     loose = 1.0 if _may_open(kind) else (1.0 - held) * (touching and not vane.ribbon)
     modulus = np.where(fibres, FIBRE_GUARD * loose, own)
-    stiffness = GUARD_SCALE * vane.thickness * cells_at_rest(feather)[1] * modulus
+    area = cells_at_rest(feather)[1] * cell_weights(feather.columns)[..., 0]
+    stiffness = GUARD_SCALE * vane.thickness * area * modulus
     return np.stack([stiffness, np.where(fibres, FIBRE_SHARE, 1.0)], axis=-1)
 
 
@@ -192,8 +193,7 @@ def _constants(
     cell_rest, cell_area = cells_at_rest(feather)
     vane = kind.vane_material
     held = _held(feather, kind)
-    held_area = held * cell_area * cell_weights(feather.columns)
-    cell_stiffness = np.stack([vane.across * held_area, vane.shear * held_area], axis=-1)
+    held_area = (held * cell_area)[..., None] * cell_weights(feather.columns)
     hinge_rest, hinge_stiffness = hinges_at_rest(feather, held, vane.bending_across)
     twist_rest, twist_stiffness = twists_at_rest(feather, cell_area)
     return _Constants(
@@ -207,7 +207,7 @@ def _constants(
         segment=segment,
         barb_stiffness=_barb_stiffness(feather, kind, coefficients, elastic),
         cell_rest=cell_rest,
-        cell_stiffness=cell_stiffness * vane.thickness,
+        cell_stiffness=held_area * np.array([vane.across, vane.shear]) * vane.thickness,
         hinge_rest=hinge_rest,
         hinge_stiffness=hinge_stiffness,
         twist_rest=twist_rest,
@@ -245,12 +245,11 @@ def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
     """
     cell_rest, cell_area = cells_at_rest(feather)
     vane, held = kind.vane_material, _held(feather, kind)
-    volume = vane.thickness * cell_area * cell_weights(feather.columns) * held
+    volume = vane.thickness * (cell_area * held)[..., None] * cell_weights(feather.columns)
     scatter = np.random.default_rng(SCATTER_SEED).normal(size=cell_area.shape[:2])
-    weaker = np.exp(vane.hook_scatter * scatter)[:, :, None, None]
-    across, shear = vane.hook_yield_across * weaker, vane.hook_yield_shear * weaker
+    weaker = np.exp(vane.hook_scatter * scatter)[:, :, None, None, None]
     strength = vane.hook_strength / vane.hook_yield_across
-    limit = np.stack([across * volume, shear * volume], axis=-1)
+    limit = np.array([vane.hook_yield_across, vane.hook_yield_shear]) * weaker * volume
     shared = vane.hook_slip / kind.barb_spacing
     hardening = limit[..., 0] * shared
     growth = np.divide(strength - 1.0, hardening, out=np.zeros_like(hardening), where=hardening > 0)

@@ -14,6 +14,8 @@ CRUSHED = 0.2
 # what Gregory's rule of third order (h^4) moves of the last term of a sum by trapezoids: to itself
 # and to the two next to it
 _MOVED = -1.0 / 4.0, 1.0 / 3.0, -1.0 / 12.0
+# what makes a sum over the middles of segments as exact: to the last three of them
+_MOVED_MIDDLES = 1.0 / 12.0, -1.0 / 8.0, 1.0 / 24.0
 
 
 def end_corrections(columns: int) -> Array:
@@ -37,14 +39,19 @@ def _node_weights(columns: int) -> Array:
 
 
 def cell_weights(columns: int) -> Array:
-    """(m, 2) of triangles A and B in an integral over the vane, beside their areas.
+    """(m, 2, 2) of e_ww and 2 e_vw of triangles A and B in integrals over the vane, beside their
+    areas.
 
     The strain across the barbs is that at node j in A and at j + 1 in B, in both as wide as half a
-    segment.
+    segment. Shear turns with the segment and is that of its middle.
     """
-    weights = _node_weights(columns)
-    weights[[0, -1]] *= 2.0
-    return np.stack([weights[:-1], weights[1:]], axis=-1)
+    nodes, middles = _node_weights(columns), np.ones(columns)
+    nodes[[0, -1]] *= 2.0
+    if columns > 2:
+        middles[:3] += _MOVED_MIDDLES
+        middles[:-4:-1] += _MOVED_MIDDLES
+    of_shear = np.stack([middles, middles], axis=-1)
+    return np.stack([np.stack([nodes[:-1], nodes[1:]], axis=-1), of_shear], axis=-1)
 
 
 def barb_nodes(nodes: Array) -> Array:

@@ -102,8 +102,7 @@ def test_cells_cover_the_vane(name):
     feather, model = preset_batch(name, 21, 6)
     vane = preset_kind(name).vane_material
     share = hooked_share(preset_kind(name), feather) * (not vane.ribbon)
-    held = np.maximum(share, LEAST_HOOKED)[..., None]
-    held *= cell_weights(6)[..., None]
+    held = np.maximum(share, LEAST_HOOKED)[..., None] * cell_weights(6)
     area = model.cell_stiffness[0] / vane.thickness / np.array([vane.across, vane.shear]) / held
     assert area[..., 0].sum() == pytest.approx(vane_area(feather), rel=1e-12)
     assert area[..., 1] == pytest.approx(area[..., 0], rel=1e-12)

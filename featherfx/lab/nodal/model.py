@@ -161,7 +161,7 @@ def _one(
     present = feather.barb_length > 0.0
     area = np.where(feather.cell, model.cell_stiffness[f, ..., 0], 0.0)
     held = np.maximum(hooked_share(kind, feather), LEAST_HOOKED)
-    area = area / (vane.across * vane.thickness * held * cell_weights(feather.columns))
+    area = area / (vane.across * vane.thickness * held * cell_weights(feather.columns)[..., 0])
     nodes = np.ascontiguousarray(feather.rest.nodes)
     rotation = frames_to_quats(row_frames(feather.rest.directors))
     active = hinge_places(feather.cell)
