@@ -59,6 +59,7 @@ from featherfx.render.options import COLOURS, FRAMINGS, SAMPLES, VIEWS
 )
 @click.option(
     "--colour",
+    "--color",
     type=click.Choice(COLOURS),
     default="shaded",
     show_default=True,

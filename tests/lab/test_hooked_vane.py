@@ -89,6 +89,13 @@ def test_strength_and_energy_along_the_barbs_do_not_depend_on_the_rows():
         assert max(values) < 1.01 * min(values)
 
 
+@pytest.mark.parametrize("direction", ["along", "tilted"])
+def test_strength_does_not_depend_on_the_columns(direction):
+    found = [tear(TearTest(direction, rows=11, columns=m)).as_json() for m in (4, 8, 16)]
+    values = [each["strength"] for each in found]
+    assert max(values) < 1.05 * min(values)
+
+
 def test_the_law_does_not_know_the_rate():
     slow, fast = (
         tear(TearTest("across", rows=6, columns=2, step=0.05, rate=rate)).as_json()["strength"]

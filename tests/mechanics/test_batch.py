@@ -150,6 +150,14 @@ def test_masses_of_a_barb_have_the_moments_of_an_even_one(columns):
     assert mass.sum() == pytest.approx(2.0 * even, rel=1e-12)
 
 
+@pytest.mark.parametrize("columns", [3, 4, 5, 9])
+def test_shear_is_summed_over_the_middles_of_segments_exactly_up_to_cubes(columns):
+    weights = cell_weights(columns)[..., 1].mean(axis=1) / columns
+    middle = (np.arange(columns) + 0.5) / columns
+    for power in range(4):
+        assert weights @ middle**power == pytest.approx(1.0 / (power + 1), rel=1e-12)
+
+
 @pytest.mark.parametrize("angle", [90.0, 45.0])
 def test_a_vane_bent_to_a_cylinder_along_its_barbs_has_the_energy_of_a_plate(angle):
     kind = flat_kind(angle)

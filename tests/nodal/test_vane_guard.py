@@ -137,11 +137,10 @@ def test_a_strip_pressed_across_its_barbs() -> None:
     guard = 1e3 * VANE.across
     # so stiff against shear and bending that the strip stays straight
     vane = replace(VANE, compression_guard=guard, shear=2e5, bending_across=1e-4)
-    # one column: of more the membrane is summed by Gregory's rule, and the guard by trapezoids
-    pinned = np.zeros((6, 3), dtype=bool)
+    pinned = np.zeros((6, 7), dtype=bool)
     pinned[0] = True
     length, width = 0.005, 0.02
-    model, nodal = strip_models(length, width, 6, 1, vane, pinned)
+    model, nodal = strip_models(length, width, 6, 3, vane, pinned)
     pressure = 1.5 * vane.across / np.sqrt(27.0)
 
     def excess(x: float) -> float:

@@ -58,7 +58,7 @@ PARTS = 20
 SHAFT = 1e-4
 # rows below which strips are of one height
 FEWEST = 5
-# 2 bear 2.5 % more along the barbs than 3, more of them 0.2 % less (8 columns, until a gap opens)
+# 2 bear 3 % more along the barbs than 3, more of them 0.2 % less (8 columns, until a gap opens)
 COEFFICIENTS = 3
 
 
