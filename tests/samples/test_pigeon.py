@@ -27,12 +27,8 @@ PIGEON = SAMPLES / "pigeon"
 
 
 def skin_of(path):
-    problems = Problems()
-    mesh = open_mesh(
-        open_scene(path, Place("", "", problems)), "/pigeon/body", None, Place("", "", problems)
-    )
-    problems.raise_any()
-    return mesh
+    place = Place("", "", Problems())
+    return open_mesh(open_scene(path, place), "/pigeon/body", None, place)
 
 
 @pytest.fixture(scope="module")

@@ -161,14 +161,14 @@ def _body(
     """What folded wings lie on: skin and tail; None without a reader, or after problems."""
     if read is None or skin is INVALID:
         return None
-    found = read(skin, (skin["prim"],), Path(place.source).parent, place.child("skin"))
-    if found is None:
-        return None
-    source = found[skin["prim"]]
-    corners = source.points[source.triangles]
-    if tail is not None:
-        corners = np.concatenate([corners, closed_fan(tail)])
-    return Body(corners, axes, middle)
+    with place.problems.collecting():
+        found = read(skin, (skin["prim"],), Path(place.source).parent, place.child("skin"))
+        source = found[skin["prim"]]
+        corners = source.points[source.triangles]
+        if tail is not None:
+            corners = np.concatenate([corners, closed_fan(tail)])
+        return Body(corners, axes, middle)
+    return None
 
 
 def _wing(

@@ -10,9 +10,10 @@ from __future__ import annotations
 import difflib
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
-from typing import Annotated, Any, Protocol, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NoReturn, Protocol, get_args, get_origin, get_type_hints
 
 from featherfx.errors import CONTROL, InputError, Problem
 from featherfx.limits import (
@@ -37,6 +38,14 @@ class Problems:
 
     def add(self, source: object, key: str, message: str) -> None:
         self._found[Problem(str(source), key, message)] = None
+
+    @contextmanager
+    def collecting(self) -> Iterator[None]:
+        """Add the problems of an InputError, and go on behind the block."""
+        try:
+            yield
+        except InputError as error:
+            self._found |= dict.fromkeys(error.problems)
 
     def __len__(self) -> int:
         return len(self._found)
@@ -87,6 +96,10 @@ class Place:
     def fail(self, message: str) -> Any:
         self.problems.add(self.source, self.key, message)
         return INVALID
+
+    def refuse(self, *messages: str) -> NoReturn:
+        """Raise what is wrong, where nothing can go on; see Problems.collecting."""
+        raise InputError(*(Problem(self.source, self.key, message) for message in messages))
 
     def unknown(self, message: str, name: str, names: Iterable[str]) -> Any:
         """fail() for a name that is none of the known ones, with the one that is likely meant."""
@@ -472,6 +485,14 @@ class Partial:
 
     def schema(self, partial: bool) -> JsonSchema:
         return self.table.schema(True)
+
+
+def the_one(names: Sequence[str], table: dict[str, Any], place: Place) -> str:
+    """Which of some keys a checked table holds. Raises InputError unless it is one."""
+    given = [name for name in names if table[name] is not None]
+    if len(given) != 1:
+        place.refuse(f"holds {' and '.join(given) or 'none'}, expects one of {', '.join(names)}")
+    return given[0]
 
 
 def expected(kind: ValueType) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from, from_angles, interpolated, parallel, transported
 from featherfx.algebra.types import Array
+from featherfx.errors import all_of
 from featherfx.groom.frames import Mirror, along_polyline
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
@@ -21,8 +23,8 @@ from featherfx.groom.read.rachis_curve import FittedCurve
 from featherfx.groom.read.space import Space
 from featherfx.groom.types import Turning
 
-# (folder, checked keys of a curve, place) to its polylines (k, 3) m; None after problems
-CurveReader = Callable[[Path, dict[str, Any], Place], "list[Array] | None"]
+# (folder, checked keys of a curve, place) to its polylines (k, 3) m; raises InputError
+CurveReader = Callable[[Path, dict[str, Any], Place], list[Array]]
 
 
 @dataclass(frozen=True)
@@ -119,22 +121,19 @@ def _changes(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[int
     return (store.change(sourced(entry["overrides"], place.source), at),)
 
 
-def _rotation(entry: dict[str, Any], place: Place, space: Space) -> Array | None:
+def _rotation(entry: dict[str, Any], place: Place, space: Space) -> Array:
     direction, up, angles = entry["direction"], entry["up"], entry["rotation"]
     if angles is not None:
         if direction is not None or up is not None:
-            place.child("rotation").fail("stands beside direction or up, expects one of the two")
-            return None
+            place.child("rotation").refuse("stands beside direction or up, expects one of the two")
         return space.axes @ from_angles(angles)
     if direction is None and up is None:
         return space.axes
     if direction is None or up is None:
         missing = "direction" if direction is None else "up"
-        place.child(missing).fail("missing, direction and up go together")
-        return None
+        place.child(missing).refuse("missing, direction and up go together")
     if parallel(direction, up):
-        place.child("up").fail("is parallel to direction")
-        return None
+        place.child("up").refuse("is parallel to direction")
     return frames_from(direction, up)
 
 
@@ -151,10 +150,8 @@ def belonging(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def single(entry: dict[str, Any], place: Place, store: KindStore, space: Space) -> list[Draft]:
-    """The drafts of one [[feather]] (two when mirrored, none after adding problems)."""
+    """The drafts of one [[feather]], two when mirrored. Raises InputError."""
     rotation = _rotation(entry, place, space)
-    if rotation is None:
-        return []
     choice = KindChoice((entry["kind"],), 0.0, _changes(entry, place, store), place)
     draft = Draft(
         id=entry["id"],
@@ -168,18 +165,14 @@ def single(entry: dict[str, Any], place: Place, store: KindStore, space: Space) 
     return with_mirror_images([draft], place, mirror_of(entry, space))
 
 
-def _row_frames(
-    entry: dict[str, Any], place: Place, path: Array | None
-) -> tuple[Array, Array] | None:
+def _check_root(root: dict[str, Any], place: Place) -> None:
+    if parallel(root["direction"], root["up"]):
+        place.child("up").refuse("is parallel to direction")
+
+
+def _row_frames(entry: dict[str, Any], path: Array | None) -> tuple[Array, Array]:
     """(n, 3) positions and (n, 3, 3) rotations of a row's roots. path: of its curve."""
     first, last, count = entry["first"], entry["last"], entry["count"]
-    straight = True
-    for name, root in (("first", first), ("last", last)):
-        if parallel(root["direction"], root["up"]):
-            place.child(f"{name}.up").fail("is parallel to direction")
-            straight = False
-    if not straight:
-        return None
     fractions = _spaced(count, entry["spacing"])
     points = entry["path"] if path is None else path
     points = (first["position"], last["position"]) if points is None else points
@@ -194,21 +187,19 @@ def _row_frames(
 
 
 def _curve(
-    entry: dict[str, Any], place: Place, folder: Path, read: CurveReader | None
+    entry: dict[str, Any], at: Place, folder: Path, read: CurveReader | None
 ) -> Array | None:
-    """(k, 3) m, the curve of a row; None after adding problems."""
-    at = place.child("curve")
+    """(k, 3) m, the curve of a row; None where it has none."""
+    if entry["curve"] is None:
+        return None
     if read is None:
-        at.fail("is a USD scene, which featherfx.read_groom and the commands read")
-        return None
+        at.refuse("is a USD scene, which featherfx.read_groom and the commands read")
     if entry["path"] is not None:
-        at.fail("stands beside path, expects one of the two")
-        return None
+        at.refuse("stands beside path, expects one of the two")
     found = read(folder, entry["curve"], at)
-    if found is not None and len(found) > 1:
-        at.child("prim").fail(f"holds {len(found)} curves, expects one")
-        return None
-    return found[0] if found else None
+    if len(found) > 1:
+        at.child("prim").refuse(f"holds {len(found)} curves, expects one")
+    return found[0]
 
 
 def _spaced(count: int, ratio: float) -> Array:
@@ -242,16 +233,15 @@ def row(
     folder: Path,
     read: CurveReader | None,
 ) -> list[Draft]:
-    """The drafts of one [[row]], its mirror image last; none after adding problems.
+    """The drafts of one [[row]], its mirror image last. Raises InputError.
 
     folder: of the groom. read: reader of the row's curve.
     """
-    count = len(place.problems)
-    path = None if entry["curve"] is None else _curve(entry, place, folder, read)
-    frames = _row_frames(entry, place, path)
-    if frames is None or len(place.problems) > count:
-        return []
-    count = entry["count"]
+    path, *_ = all_of(
+        partial(_curve, entry, place.child("curve"), folder, read),
+        *(partial(_check_root, entry[end], place.child(end)) for end in ("first", "last")),
+    )
+    frames, count = _row_frames(entry, path), entry["count"]
     digits = max(2, len(str(count)))
     start, end = entry["scale"]
     scales = np.linspace(start, end, count)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,10 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.algebra.types import Array
-from featherfx.errors import InputWarning
+from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.groom import DEFAULT_NAMES
 from featherfx.groom.keys.preset import FEATHER
-from featherfx.groom.keys.values import INVALID, Place, Table
+from featherfx.groom.keys.values import Place, Problems, Table
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.condensed import DrawnBarbs, DrawnVanes, vanes_of
@@ -56,28 +57,25 @@ class DrawnFeather:
 
 
 # (checked entry of [[usd]], folder that its file is relative to, place of the entry) to the file
-# and its feathers; None after adding problems. The groom does not know who reads scenes.
-SceneReader = Callable[[dict[str, Any], Path, Place], "tuple[Path, list[DrawnFeather]] | None"]
+# and its feathers; raises InputError. The groom does not know who reads scenes.
+SceneReader = Callable[[dict[str, Any], Path, Place], tuple[Path, list[DrawnFeather]]]
 
 
 def drawn_drafts(
     entry: dict[str, Any], folder: Path, place: Place, store: KindStore, read: SceneReader | None
 ) -> list[Draft]:
-    """The drafts of one [[usd]]; none after adding problems. entry: checked keys."""
+    """The drafts of one [[usd]], without those that add problems. Raises InputError.
+
+    entry: checked keys.
+    """
     if read is None:
-        place.fail("is a USD scene, which featherfx.read_groom and the commands read")
-        return []
-    found = read(entry, folder, place)
-    if found is None:
-        return []
-    path, feathers = found
-    ids = _ids(feathers)
+        place.refuse("is a USD scene, which featherfx.read_groom and the commands read")
+    path, feathers = read(entry, folder, place)
     drafts = []
-    for feather, name in zip(feathers, ids, strict=True):
+    for feather, name in zip(feathers, _ids(feathers), strict=True):
         at = Place(str(path), feather.label, place.problems)
-        draft = _draft(feather, name, entry, at, store)
-        if draft is not None:
-            drafts.append(draft)
+        with place.problems.collecting():
+            drafts.append(_draft(feather, name, entry, at, store))
     _warn_of_bends(path, drafts)
     return drafts
 
@@ -113,30 +111,20 @@ def _ids(feathers: list[DrawnFeather]) -> list[str]:
 
 def _draft(
     feather: DrawnFeather, name: str, entry: dict[str, Any], at: Place, store: KindStore
-) -> Draft | None:
+) -> Draft:
     points = without_repeats(feather.points)
-    kind = _kind(feather, entry, at)
     left = (entry["side"] == "left") != feather.mirrored
-    if feather.direction is None and len(points) < 2:
-        at.child("points").fail("the curve has no length")
-    if not kind or (feather.direction is None and len(points) < 2):
-        return None
-    start = feather.direction if len(points) < 2 else points[1] - points[0]
-    assert start is not None
+    kind, start = all_of(partial(_kind, feather, entry, at), partial(_start, feather, points, at))
     vanes = None if feather.barbs is None else vanes_of(feather.points, feather.barbs, left)
     up = _up(feather, entry, points) if vanes is None else vanes.up
     if up is None or parallel(start, up):
         fault = "there is none, and the curve is straight" if up is None else "lies along the curve"
-        at.child(_named(entry, "up")).fail(f"{fault}; give up vectors, or up in the groom")
-        return None
+        at.child(_named(entry, "up")).refuse(f"{fault}; give up vectors, or up in the groom")
     choice = _choice(kind, vanes, at, store)
     fit = fit_curve(points, up) if len(points) >= 2 else None
-    if choice is None:
-        return None
     if fit is not None and not _SHORTEST <= fit.length <= _LONGEST:
         message = f"{fit.length:.3g} m long, allowed {_SHORTEST:g} to {_LONGEST:g} m; do unit and "
-        at.child("points").fail(message + "transforms of the stage hold?")
-        return None
+        at.child("points").refuse(message + "transforms of the stage hold?")
     return Draft(
         id=name,
         choice=choice,
@@ -159,17 +147,26 @@ def _kind(feather: DrawnFeather, entry: dict[str, Any], at: Place) -> str:
         # once for a prim, however many curves it has
         prim = Place(at.source, at.key.partition("[")[0], at.problems)
         missing = "missing; give the primvar, or kind in the [groom] or [[usd]] that names the file"
-        prim.child(_named(entry, "kind")).fail(missing)
+        prim.child(_named(entry, "kind")).refuse(missing)
     return kind
 
 
-def _choice(kind: str, vanes: DrawnVanes | None, at: Place, store: KindStore) -> KindChoice | None:
-    """The kind with vanes as they are drawn; None after adding problems."""
+def _start(feather: DrawnFeather, points: Array, at: Place) -> Array:
+    """(3,) where the shaft points as it leaves the follicle."""
+    if len(points) >= 2:
+        return np.asarray(points[1] - points[0])
+    if feather.direction is None:
+        at.child("points").refuse("the curve has no length")
+    return feather.direction
+
+
+def _choice(kind: str, vanes: DrawnVanes | None, at: Place, store: KindStore) -> KindChoice:
+    """The kind with vanes as they are drawn."""
     if vanes is None:
         return KindChoice((kind,), 0.0, (), at)
-    checked = Table(FEATHER).check(vanes.change, at.child("barbs"), True)
-    if checked is INVALID:
-        return None
+    found = Problems()
+    checked = Table(FEATHER).check(vanes.change, replace(at.child("barbs"), problems=found), True)
+    found.raise_any()
     return KindChoice((kind,), 0.0, (store.change(sourced(checked, at.source), at),), at)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -152,15 +152,17 @@ def _drafts(
     readers: GroomReaders | None,
     space: Space,
 ) -> Iterator[Draft]:
-    curves = readers.curves if readers else None
-    for at, entry in parts["feather"]:
-        yield from draft_rules.single(entry, at, store, space)
-    for at, entry in parts["row"]:
-        yield from draft_rules.row(entry, at, store, space, folder, curves)
-    for at, entry in parts["table"]:
-        yield from read_table(entry, folder, at, space)
-    for at, entry in parts["usd"]:
-        yield from drawn_drafts(entry, folder, at, store, readers.feathers if readers else None)
+    curves, scenes = (readers.curves, readers.feathers) if readers else (None, None)
+    ways: dict[str, Callable[[dict[str, Any], Place], list[Draft]]] = {
+        "feather": lambda entry, at: draft_rules.single(entry, at, store, space),
+        "row": lambda entry, at: draft_rules.row(entry, at, store, space, folder, curves),
+        "table": lambda entry, at: read_table(entry, folder, at, space),
+        "usd": lambda entry, at: drawn_drafts(entry, folder, at, store, scenes),
+    }
+    for name, way in ways.items():
+        for at, entry in parts[name]:
+            with at.problems.collecting():
+                yield from way(entry, at)
 
 
 def _joints(

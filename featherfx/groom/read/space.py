@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array
+from featherfx.errors import InputError
 from featherfx.groom.frames import Mirror
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.groom import GROOM_FILE
@@ -28,6 +29,7 @@ from featherfx.groom.keys.values import (
     Place,
     Table,
     Tables,
+    the_one,
 )
 from featherfx.groom.skin.points import SkinSource, SkinSurface
 
@@ -76,10 +78,8 @@ class Space:
 
 GROOM_SPACE = Space(np.eye(3), 1.0, np.zeros(3), np.array([0.0, 1.0, 0.0]), False)
 
-# checked keys of [skin], paths of meshes, folder, place to meshes; None after problems
-SkinsReader = Callable[
-    [dict[str, Any], tuple[str, ...], Path, Place], "dict[str, SkinSource] | None"
-]
+# checked keys of [skin], paths of meshes, folder, place to meshes; raises InputError
+SkinsReader = Callable[[dict[str, Any], tuple[str, ...], Path, Place], "dict[str, SkinSource]"]
 
 
 def kept_skins(read: SkinsReader) -> SkinsReader:
@@ -88,11 +88,10 @@ def kept_skins(read: SkinsReader) -> SkinsReader:
 
     def reader(
         skin: dict[str, Any], paths: tuple[str, ...], folder: Path, place: Place
-    ) -> dict[str, SkinSource] | None:
+    ) -> dict[str, SkinSource]:
         missing = tuple(path for path in paths if path not in known)
-        found = read(skin, missing, folder, place) if missing else {}
-        known.update(found or {})
-        return None if found is None else {path: known[path] for path in paths}
+        known.update(read(skin, missing, folder, place) if missing else {})
+        return {path: known[path] for path in paths}
 
     return reader
 
@@ -103,7 +102,9 @@ def in_groom(parts: dict[str, Any], place: Place, read: SkinsReader | None) -> S
     read: of skins. Problems go to place; what cannot be placed is INVALID.
     """
     skins = _Skins(parts["skin"], place, read)
-    space = _space(parts["space"], skins, place.child("space"))
+    space = None
+    with place.problems.collecting():
+        space = _space(parts["space"], skins, place.child("space"))
     # of a skin that cannot be read one problem is enough
     placing = _Placing(space or GROOM_SPACE, skins if space else None)
     for name, key in GROOM_FILE.keys.items():
@@ -119,44 +120,40 @@ class _Skins:
     place: Place
     read: SkinsReader | None
 
-    def find(self, prim: str | None, at: Place) -> SkinSource | None:
-        """A skin by its path, that of [skin] by default; None after adding a problem."""
+    def find(self, prim: str | None, at: Place) -> SkinSource:
+        """A skin by its path, that of [skin] by default. Raises InputError, of no problem where
+        [skin] itself is known to be wrong."""
         if self.skin is None:
-            at.fail("is taken from the skin, and there is no [skin]")
-        elif self.read is None:
-            at.fail("is of a USD scene, which featherfx.read_groom and the commands read")
-        if not isinstance(self.skin, dict) or self.read is None:
-            return None
+            at.refuse("is taken from the skin, and there is no [skin]")
+        if self.read is None:
+            at.refuse("is of a USD scene, which featherfx.read_groom and the commands read")
+        if not isinstance(self.skin, dict):
+            raise InputError
         path = str(prim or self.skin["prim"])
         folder = Path(self.place.source).parent
-        found = self.read(self.skin, (path,), folder, self.place.child("skin"))
-        return None if found is None else found[path]
+        return self.read(self.skin, (path,), folder, self.place.child("skin"))[path]
 
 
 def _space(checked: Any, skins: _Skins, place: Place) -> Space | None:
-    """None after adding problems."""
+    """None where the table is wrong. Raises InputError where it cannot be placed."""
     if checked is None:
         return GROOM_SPACE
     if checked is INVALID:
         return None
     of, left = checked["of"], checked["left"]
     if left is None and of != "groom":
-        place.child("left").fail("missing, says which axis of the space is the body's left")
-        return None
+        place.child("left").refuse("missing, says which axis of the space is the body's left")
     side = _axis(left or "y")
     if of == "groom":
         return Space(np.eye(3), 1.0, np.zeros(3), side, False)
     source = skins.find(None, place.child("of"))
-    if source is None:
-        return None
     matrix = source.stage_matrix if of == "stage" else source.own_matrix
     linear, origin = matrix[:3, :3].T, matrix[3, :3]
     unit = float(np.cbrt(np.linalg.det(linear)))
     axes = linear / (unit or 1.0)
     if not unit > 0.0 or np.abs(axes.T @ axes - np.eye(3)).max() > _SHEARED:
         message = "mirrored" if unit < 0.0 else "stretched or sheared"
-        place.child("of").fail(f"{source.path} is {message} by its transforms, expects 'stage'")
-        return None
+        place.child("of").refuse(f"{source.path} is {message} by its transforms, expects 'stage'")
     if of != "body":
         return Space(axes, unit, origin, side)
     points = source.points[np.unique(source.triangles)] @ axes
@@ -219,38 +216,31 @@ class _Placing:
             return tuple(self.space.points(np.array(value)).tolist()) if self.space.given else value
         if self.skins is None:
             return INVALID
-        given = [name for name in _NAMES if value[name] is not None]
-        if len(given) != 1:
-            held = " and ".join(given) or "none"
-            return place.fail(f"holds {held}, expects one of {', '.join(_NAMES)}")
-        skin = self.skins.find(value["prim"], place)
-        found = None if skin is None else _landmark(skin, given[0], value[given[0]], place)
-        if found is None:
-            return INVALID
-        offset = self.space.unit * self.space.directions(np.array(value["offset"]))
-        return tuple((found + offset).tolist())
+        with place.problems.collecting():
+            name = the_one(_NAMES, value, place)
+            found = _landmark(self.skins.find(value["prim"], place), name, value[name], place)
+            offset = self.space.unit * self.space.directions(np.array(value["offset"]))
+            return tuple((found + offset).tolist())
+        return INVALID
 
 
-def _landmark(skin: SkinSource, name: str, value: Any, place: Place) -> Array | None:
-    """(3,) m; None after adding a problem."""
+def _landmark(skin: SkinSource, name: str, value: Any, place: Place) -> Array:
+    """(3,) m. Raises InputError."""
     at = place.child(name)
     if name == "joint":
         return skin.joint(value, at)
     if name == "vertex":
         if value >= len(skin.points):
-            at.fail(f"{value} is out of range, {skin.path} has points 0 to {len(skin.points) - 1}")
-            return None
+            points = f"{skin.path} has points 0 to {len(skin.points) - 1}"
+            at.refuse(f"{value} is out of range, {points}")
         return skin.points[value]
     corners = skin.weights(value, at)
-    if corners is None:
-        return None
     surface = SkinSurface(skin)
     # a linear weight over a triangle: integrals of it and of it times the place
     share = np.maximum(corners, 0.0)
     whole = surface.areas * share.mean(axis=1)
     if not whole.sum() > 0.0:
-        at.fail(f"primvar '{value}' on {skin.path} is nowhere above 0")
-        return None
+        at.refuse(f"primvar '{value}' on {skin.path} is nowhere above 0")
     summed = np.einsum("tk,tkc->tc", share, surface.corners)
     across = share.sum(axis=1)[:, None] * surface.corners.sum(axis=1)
     return np.asarray((surface.areas[:, None] * (summed + across)).sum(axis=0) / 12.0 / whole.sum())

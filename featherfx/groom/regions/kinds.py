@@ -78,12 +78,10 @@ def region_kinds(
     for number, each in enumerate(entries):
         at = place.child("kind") if single else place.child("kind").item(number)
         choice = KindChoice((each["name"],), 0.0, changes, place if single else at)
-        kind = store.kind(choice)
-        map_of = presence(each["where"], skin, at.child("where"))
-        if kind is not None and map_of is not None:
-            choices.append(choice)
-            kinds.append(kind)
-            amounts.append(_scaled(map_of, each["share"]))
+        choices.append(choice)
+        kinds += [kind] if (kind := store.kind(choice)) else []
+        with place.problems.collecting():
+            amounts.append(_scaled(presence(each["where"], skin, at.child("where")), each["share"]))
     if len(place.problems) > count:
         return None
     if not any(each["share"] > 0.0 for each in entries):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -13,7 +14,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputWarning
+from featherfx.errors import InputWarning, all_of
 from featherfx.files.store import kept
 from featherfx.groom.keys.values import INVALID, Place
 from featherfx.groom.presets.kind_store import KindStore
@@ -23,7 +24,7 @@ from featherfx.groom.read.space import SkinsReader, Space
 from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, region_kinds, shapes
 from featherfx.groom.regions.rules import GroomSkin, Presence, Rule, along_skin, flow, presence
 from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
-from featherfx.groom.skin.points import SkinSurface, SurfacePoints
+from featherfx.groom.skin.points import SkinSource, SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Layout
 
@@ -59,7 +60,7 @@ class _Region:
 
 @dataclass(frozen=True)
 class GroomReaders:
-    """How a groom reads scenes; each returns None after adding problems at the place.
+    """How a groom reads scenes; each raises InputError, of what stands at the place.
 
     file: where a file is that is named by someone in a folder.
     """
@@ -125,11 +126,13 @@ def _region_drafts(
     folder = Path(place.source).parent
     count = len(place.problems)
     paths = tuple(dict.fromkeys([skin["prim"], *(e["prim"] for _, e in entries if e["prim"])]))
-    sources = read(skin, paths, folder, place)
-    for path, source in (sources or {}).items():
+    sources: dict[str, SkinSource] = {}
+    with place.problems.collecting():
+        sources = read(skin, paths, folder, place)
+    for path, source in sources.items():
         if source.is_ribbon:
             place.child("prim").fail(f"{path} is no Mesh, on which alone regions grow")
-    if sources is None or len(place.problems) > count:
+    if len(place.problems) > count:
         return (), None
     skins = {path: GroomSkin(SkinSurface(each), space, folder) for path, each in sources.items()}
     built = [
@@ -155,9 +158,12 @@ def _region(
     if (entry["density"] is None) == (entry["count"] is None):
         place.child("density").fail("expects either density or count, one of the two")
     kinds = region_kinds(entry, place, skin, store)
-    where = presence(entry["where"], skin, place.child("where"))
-    along = flow(entry["flow"], surface, place.child("flow"))
-    if where is None or along is None or kinds is None or len(place.problems) > count:
+    with place.problems.collecting():
+        where, along = all_of(
+            partial(presence, entry["where"], skin, place.child("where")),
+            partial(flow, entry["flow"], surface, place.child("flow")),
+        )
+    if kinds is None or len(place.problems) > count:
         return None
     length = float(entry["length"] or kinds.lengths.max())
     if length > surface.diagonal:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ import numpy as np
 
 from featherfx.algebra.ease import faded
 from featherfx.algebra.types import Array
-from featherfx.groom.keys.values import Place
+from featherfx.errors import all_of
+from featherfx.groom.keys.values import Place, the_one
 from featherfx.groom.read.space import Space
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree
@@ -58,39 +60,27 @@ _GUIDES = 8  # guide points that a direction is interpolated from
 _LEAST_ALONG = 1e-3
 
 
-def presence(rules: tuple[dict[str, Any], ...], skin: GroomSkin, place: Place) -> Presence | None:
-    """The product of all rules. rules: checked tables. None after adding problems."""
-    built = [_presence(rule, skin, place.item(number)) for number, rule in enumerate(rules)]
-    sound = [rule for rule in built if rule is not None]
-    if len(sound) < len(built):
-        return None
-    inputs = tuple(each for _, each in sound)
-    return Presence(tuple(rule for rule, _ in sound), (skin.space, rules, *inputs))
+def presence(rules: tuple[dict[str, Any], ...], skin: GroomSkin, place: Place) -> Presence:
+    """The product of all rules. rules: checked tables. Raises InputError."""
+    built = all_of(*(partial(_presence, each, skin, place.item(k)) for k, each in enumerate(rules)))
+    inputs = tuple(each for _, each in built)
+    return Presence(tuple(rule for rule, _ in built), (skin.space, rules, *inputs))
 
 
-def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule, Any] | None:
-    """A rule, and the values of the skin that it was made of; None after adding problems."""
-    given = [name for name in _PLACES if rule[name] is not None]
-    if len(given) != 1:
-        named = " and ".join(given) or "none"
-        place.fail(f"holds {named}, expects one of {', '.join(_PLACES)}")
-        return None
-    name = given[0]
+def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule, Any]:
+    """A rule, and the values of the skin that it was made of."""
+    name, inputs = the_one(_PLACES, rule, place), None
     if name in ("primvar", "subset", "image"):
-        found = painted(name, rule[name], skin.surface, skin.folder, place)
+        plain, inputs = painted(name, rule[name], skin.surface, skin.folder, place)
     else:
-        analytic = _analytic(name, rule, skin.space, place)
-        found = None if analytic is None else (analytic, None)
-    if found is None or not rule["invert"]:
-        return found
-    plain, inputs = found
-    return (lambda points: 1.0 - plain(points)), inputs
+        plain = _analytic(name, rule, skin.space, place)
+    return ((lambda points: 1.0 - plain(points)) if rule["invert"] else plain), inputs
 
 
 def painted(
     name: str, value: str, surface: SkinSurface, folder: Path, place: Place
-) -> tuple[Rule, Any] | None:
-    """What a map on a skin says, and its values; None after adding problems.
+) -> tuple[Rule, Any]:
+    """What a map on a skin says, and its values. Raises InputError.
 
     name: primvar, subset or image; value: its name, or the picture's file as seen from the folder.
     """
@@ -99,25 +89,15 @@ def painted(
         return _image(folder / value, surface, at)
     if name == "subset":
         members = surface.source.subset(value, at)
-        if members is None:
-            return None
         return (lambda points: members[points.triangle].astype(np.float64)), members
     corners = surface.source.weights(value, at)
-    if corners is None:
-        return None
     return (lambda points: np.clip(points.interpolated(corners), 0.0, 1.0)), corners
 
 
-def _image(path: Path, surface: SkinSurface, at: Place) -> tuple[Rule, Any] | None:
-    st = surface.source.st
-    if st is None:
-        at.fail(f"{surface.source.path} has no primvars:st")
-        return None
-    grey = surface.source.image(path, at)
-    if grey is None:
-        return None
-    corners: Array = st
-    picture: Array = grey
+def _image(path: Path, surface: SkinSurface, at: Place) -> tuple[Rule, Any]:
+    if surface.source.st is None:
+        at.refuse(f"{surface.source.path} has no primvars:st")
+    corners, picture = surface.source.st, surface.source.image(path, at)
     return (lambda points: _bilinear(picture, points.interpolated(corners))), (corners, picture)
 
 
@@ -134,7 +114,7 @@ def _bilinear(grey: Array, st: Array) -> Array:
     return np.asarray((1.0 - v) * upper + v * lower)
 
 
-def _analytic(name: str, rule: dict[str, Any], space: Space, place: Place) -> Rule | None:
+def _analytic(name: str, rule: dict[str, Any], space: Space, place: Place) -> Rule:
     value, soft = rule[name], rule["soft"]
     if name == "facing":
         toward, angle, fade = np.array(value), rule["angle"], rule["soft_angle"]
@@ -163,8 +143,7 @@ def _analytic(name: str, rule: dict[str, Any], space: Space, place: Place) -> Ru
         low, high = np.full(3, -np.inf), np.full(3, np.inf)
         low["xyz".index(name)], high["xyz".index(name)] = value
     if (low >= high).any():
-        place.child(name).fail("is empty: the lower bound comes first")
-        return None
+        place.child(name).refuse("is empty: the lower bound comes first")
 
     def box(points: SurfacePoints) -> Array:
         local = space.local(points.position)
@@ -181,19 +160,13 @@ def _fade(depth: Array, width: float) -> Array:
     return faded(depth / width + 0.5)
 
 
-def flow(entry: dict[str, Any], surface: SkinSurface, place: Place) -> Rule | None:
+def flow(entry: dict[str, Any], surface: SkinSurface, place: Place) -> Rule:
     """Unit directions along the skin, (N, 3); zero where the rule gives none.
 
-    entry: checked table. None after adding problems.
+    entry: checked table. Raises InputError.
     """
-    given = [name for name in _FLOWS if entry[name] is not None]
-    if len(given) != 1:
-        found = " and ".join(given) or "none"
-        place.fail(f"holds {found}, expects one of {', '.join(_FLOWS)}")
-        return None
-    field = _field(given[0], entry[given[0]], surface, place.child(given[0]))
-    if field is None:
-        return None
+    name = the_one(_FLOWS, entry, place)
+    field = _field(name, entry[name], surface, place.child(name))
     cosine, sine = np.cos(np.radians(entry["turn"])), np.sin(np.radians(entry["turn"]))
 
     def along(points: SurfacePoints) -> Array:
@@ -213,7 +186,7 @@ def along_skin(wanted: Array, normal: Array) -> Array:
     return np.where(clear, flat / np.where(clear, size, 1.0), 0.0)
 
 
-def _field(name: str, value: Any, surface: SkinSurface, place: Place) -> Rule | None:
+def _field(name: str, value: Any, surface: SkinSurface, place: Place) -> Rule:
     if name == "direction":
         return lambda points: np.broadcast_to(np.array(value), (len(points), 3))
     if name in ("away", "towards"):
@@ -221,9 +194,8 @@ def _field(name: str, value: Any, surface: SkinSurface, place: Place) -> Rule | 
         return lambda points: sign * (points.position - pole)
     if name == "primvar":
         corners = surface.source.vectors(value, place)
-        return None if corners is None else (lambda points: points.interpolated(corners))
-    curves = surface.source.curves(value, place)
-    return None if curves is None else _guided(curves)
+        return lambda points: points.interpolated(corners)
+    return _guided(surface.source.curves(value, place))
 
 
 def _guided(curves: list[Array]) -> Rule:

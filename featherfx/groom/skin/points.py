@@ -26,7 +26,8 @@ class SkinSource(Protocol):
     path: of the prim. points: (V, 3) m. triangles: (T, 3), counter-clockwise from outside, none
     flat. face: (T,) the scene's faces. st: (T, 3, 2) texture coordinates, or None. own_matrix,
     stage_matrix: (4, 4), row vectors, from the mesh's own space at rest, and the stage's, to here.
-    is_ribbon: whether it is a ribbon along bones or a curve, on which nothing grows.
+    is_ribbon: whether it is a ribbon along bones or a curve, on which nothing grows. What is asked
+    for by name at a place raises InputError where it is not there.
     """
 
     path: str
@@ -38,23 +39,23 @@ class SkinSource(Protocol):
     stage_matrix: Array
     is_ribbon: bool
 
-    def joint(self, name: str, place: Place) -> Array | None:
-        """(3,) m, a joint of the mesh's skeleton in the bind pose; None after adding a problem."""
+    def joint(self, name: str, place: Place) -> Array:
+        """(3,) m, a joint of the mesh's skeleton in the bind pose."""
 
-    def weights(self, name: str, place: Place) -> Array | None:
-        """(T, 3) a scalar primvar at the corners; None after adding a problem."""
+    def weights(self, name: str, place: Place) -> Array:
+        """(T, 3) a scalar primvar at the corners."""
 
-    def vectors(self, name: str, place: Place) -> Array | None:
-        """(T, 3, 3) a vector primvar at the corners, in the world; None after a problem."""
+    def vectors(self, name: str, place: Place) -> Array:
+        """(T, 3, 3) a vector primvar at the corners, in the world."""
 
-    def subset(self, name: str, place: Place) -> NDArray[np.bool_] | None:
-        """(T,) whether triangles are of a named set of faces; None after adding a problem."""
+    def subset(self, name: str, place: Place) -> NDArray[np.bool_]:
+        """(T,) whether triangles are of a named set of faces."""
 
-    def image(self, path: Path, place: Place) -> Array | None:
-        """(H, W) grey values 0 to 1 of a picture, top row first; None after adding a problem."""
+    def image(self, path: Path, place: Place) -> Array:
+        """(H, W) grey values 0 to 1 of a picture, top row first."""
 
-    def curves(self, prims: tuple[str, ...], place: Place) -> list[Array] | None:
-        """Polylines (k, 3) m of curves at or below prims; None after adding problems."""
+    def curves(self, prims: tuple[str, ...], place: Place) -> list[Array]:
+        """Polylines (k, 3) m of curves at or below prims."""
 
 
 @dataclass(frozen=True)

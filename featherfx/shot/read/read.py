@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, replace
 from fnmatch import fnmatchcase
 from itertools import pairwise
@@ -118,7 +118,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     contact, layers = _contact(parts["contact"], groom, place.child("contact"), sound)
     if not sound or groom is None:
         return None
-    scenes = _scenes(raw, parts, groom, place, readers)
+    scenes = _scenes(parts, groom, place, readers)
     limbs = motion is not None and motion.of_limbs
     limbs &= any(feather.turning is not None for feather in groom.feathers)
     if "motion" in raw and parts["skin"] is not None and not limbs:
@@ -156,19 +156,20 @@ def _said(raw: dict[str, Any], library: Library, folder: Path) -> dict[str, str]
 
 
 def _scenes(
-    raw: dict[str, Any],
-    parts: dict[str, Any],
-    groom: Groom,
-    place: Place,
-    readers: SceneReaders | None,
+    parts: dict[str, Any], groom: Groom, place: Place, readers: SceneReaders | None
 ) -> dict[str, Any]:
-    """Fields of a shot that stand in scenes."""
-    return {
-        "colliders": read_colliders(parts, place, readers),
-        "surfaces": read_skin(raw, parts, groom, place, readers),
-        "wind_source": read_wind(parts, place, readers),
-        "level_of_detail": read_level_of_detail(parts, place, readers),
+    """Fields of a shot that stand in scenes; None after adding problems."""
+    ways: dict[str, Callable[[], Any]] = {
+        "colliders": lambda: read_colliders(parts, place, readers),
+        "surfaces": lambda: read_skin(parts, groom, place, readers),
+        "wind_source": lambda: read_wind(parts, place, readers),
+        "level_of_detail": lambda: read_level_of_detail(parts, place, readers),
     }
+    found: dict[str, Any] = dict.fromkeys(ways)
+    for name, way in ways.items():
+        with place.problems.collecting():
+            found[name] = way()
+    return found
 
 
 def _contact(

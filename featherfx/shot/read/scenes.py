@@ -7,13 +7,13 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
 from featherfx.algebra.between import Knots
 from featherfx.errors import InputWarning
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.regions.rules import painted
 from featherfx.groom.skin.points import SkinSurface
 from featherfx.groom.skin.skin import closest
@@ -31,27 +31,21 @@ from featherfx.shot.types import Channel, LevelOfDetail, Target
 
 
 def read_skin(
-    raw: dict[str, Any],
-    checked: dict[str, Any],
-    groom: Groom,
-    place: Place,
-    readers: SceneReaders | None,
+    checked: dict[str, Any], groom: Groom, place: Place, given: SceneReaders | None
 ) -> SkinSurfaces | None:
-    """The skin that a shot's roots ride on; None where it has none, or after adding problems.
+    """The skin that a shot's roots ride on; None where it has none.
 
-    raw: the shot as written; checked: its keys.
+    checked: the shot's keys. given: readers of scenes. Raises InputError.
     """
-    at = place.child("skin")
+    at = replace(place.child("skin"), problems=Problems())
     entry = checked["skin"]
-    if entry is None or not _has_reader(readers, at):
+    if entry is None:
         return None
-    count = len(place.problems)
+    readers = _needed(given, at)
     other = sorted({f.skin for f in groom.feathers if f.skin} - {entry["prim"]})
     needed = [entry["prim"], *other]
     path = readers.file(Path(place.source).parent, entry["usd"])
     surfaces = readers.meshes(path, needed, None, entry["rest"], at)
-    if surfaces is None:
-        return None
     start = _start(entry, checked, surfaces[0].time_codes_per_second)
     if entry["beyond"] == "error":
         _check_range(surfaces, entry["rest"], checked, start, at)
@@ -60,8 +54,7 @@ def read_skin(
         placed = [f.id for f in groom.feathers if f.skin_uv is not None and f.skin in own]
         if placed and surface.st is None:
             at.fail(f"{surface.path} has no primvars:st, but '{placed[0]}' is placed by skin uv")
-    if len(place.problems) > count:
-        return None
+    at.problems.raise_any()
     moving = tuple(_moving(surface, entry, checked, start) for surface in surfaces)
     return SkinSurfaces(moving, start, entry["tolerance"], at.source, at.key, entry["radius"])
 
@@ -80,8 +73,9 @@ def with_maps(
         at = place.child("channel").item(index).child("map")
         if channel.map is not None and entry is None:
             at.fail("is of the shot's skin; the shot has no [skin]")
-        elif channel.map is not None and readers is not None and _has_reader(readers, at):
-            channel = replace(channel, factors=_factors(channel.map, groom, entry, at, readers))
+        elif channel.map is not None and readers is not None:
+            with place.problems.collecting():
+                channel = replace(channel, factors=_factors(channel.map, groom, entry, at, readers))
         found.append(channel)
     return tuple(found)
 
@@ -94,15 +88,11 @@ def _factors(
         # holes matter to what grows on it, not to what is painted on it
         warnings.simplefilter("ignore", InputWarning)
         skins = readers.skin(entry, prims, folder, at)
-    if skins is None:
-        return {}
     surface = SkinSurface(skins[entry["prim"]])
     kind = "image" if "." in name else "primvar"
-    rule = painted(kind, name, surface, folder, at)
-    if rule is None:
-        return {}
+    rule, _ = painted(kind, name, surface, folder, at)
     roots = np.array([each.position for each in groom.feathers])
-    values = rule[0](surface.at(*closest(roots, surface.corners)))
+    values = rule(surface.at(*closest(roots, surface.corners)))
     ids = [each.id for each in groom.feathers]
     return dict(zip(ids, np.clip(values, 0.0, 1.0).tolist(), strict=True))
 
@@ -114,84 +104,76 @@ def with_shapes(
     found = []
     for index, target in enumerate(targets):
         at = place.child("target").item(index).child("shape")
-        if target.shape != "rest" and _has_reader(readers, at):
-            points = readers.poses(
-                readers.file(Path(at.source).parent, target.shape), target.frame, at
-            )
-            target = replace(target, points=points)
+        if target.shape != "rest":
+            with place.problems.collecting():
+                own = _needed(readers, at)
+                file = own.file(Path(at.source).parent, target.shape)
+                target = replace(target, points=own.poses(file, target.frame, at))
         found.append(target)
     return tuple(found)
 
 
 def read_wind(
-    checked: dict[str, Any], place: Place, readers: SceneReaders | None
+    checked: dict[str, Any], place: Place, given: SceneReaders | None
 ) -> TimedWind | None:
-    """The wind that a scene adds; None where there is none, or after adding problems."""
+    """The wind that a scene adds; None where there is none. Raises InputError."""
     at = place.child("wind_usd")
     entry = checked["wind_usd"]
-    if entry is None or not _has_reader(readers, at):
+    if entry is None:
         return None
+    readers = _needed(given, at)
     source = readers.wind(readers.file(Path(place.source).parent, entry["usd"]), entry, at)
-    if source is None:
-        return None
     start = _start(entry, checked, source.time_codes_per_second)
     _warn_of_range(source, checked, start, at)
     return TimedWind(source, start, entry["scale"])
 
 
 def read_colliders(
-    checked: dict[str, Any], place: Place, readers: SceneReaders | None
+    checked: dict[str, Any], place: Place, given: SceneReaders | None
 ) -> tuple[TimedSurface, ...]:
     """The collider meshes of a shot; incomplete after adding problems."""
     found: list[TimedSurface] = []
     for at, entry in checked["collider"]:
-        if not _has_reader(readers, at):
-            continue
-        if not entry["prims"] and entry["collection"] is None:
-            at.fail("names neither prims nor a collection")
-            continue
-        path = readers.file(Path(place.source).parent, entry["usd"])
-        meshes = readers.meshes(path, entry["prims"], entry["collection"], None, at)
-        for mesh in meshes or []:
-            if mesh.bones is not None:
-                at.fail(f"{mesh.path} is no Mesh, nothing can touch it")
-            start = _start(entry, checked, mesh.time_codes_per_second)
-            _warn_of_range(mesh, checked, start, at)
-            found.append(TimedSurface(_moving(mesh, entry, checked, start), start))
+        with place.problems.collecting():
+            readers = _needed(given, at)
+            if not entry["prims"] and entry["collection"] is None:
+                at.refuse("names neither prims nor a collection")
+            path = readers.file(Path(place.source).parent, entry["usd"])
+            for mesh in readers.meshes(path, entry["prims"], entry["collection"], None, at):
+                if mesh.bones is not None:
+                    at.fail(f"{mesh.path} is no Mesh, nothing can touch it")
+                start = _start(entry, checked, mesh.time_codes_per_second)
+                _warn_of_range(mesh, checked, start, at)
+                found.append(TimedSurface(_moving(mesh, entry, checked, start), start))
     return tuple(found)
 
 
 def read_level_of_detail(
-    checked: dict[str, Any], place: Place, readers: SceneReaders | None
+    checked: dict[str, Any], place: Place, given: SceneReaders | None
 ) -> LevelOfDetail | None:
-    """How levels follow what is seen; None where they do not, or after adding problems."""
+    """How levels follow what is seen; None where they do not. Raises InputError."""
     at, values = place.child("level_of_detail"), checked["level_of_detail"]
     if values is None or not values["enabled"]:
         return None
     usd, prim, scale = (values[key] for key in ("usd", "prim", "pixels_per_metre"))
     if (usd is None) == (scale is None):
-        at.fail("needs either usd and prim of a camera, or pixels_per_metre")
-        return None
+        at.refuse("needs either usd and prim of a camera, or pixels_per_metre")
     if (usd is None) != (prim is None):
-        at.child("prim" if prim is None else "usd").fail("missing; a camera has usd and prim")
-        return None
+        at.child("prim" if prim is None else "usd").refuse("missing; a camera has usd and prim")
     camera = None
     if usd is not None:
-        if not _has_reader(readers, at):
-            return None
+        readers = _needed(given, at)
         source = readers.camera(readers.file(Path(place.source).parent, usd), prim, at)
-        if source is None:
-            return None
         camera = TimedCamera(source, _start(values, checked, source.time_codes_per_second))
     left_out = ("enabled", "usd", "prim", "start")
     rules = {name: value for name, value in values.items() if name not in left_out}
     return LevelOfDetail(camera=camera, **rules)
 
 
-def _has_reader(readers: SceneReaders | None, at: Place) -> TypeGuard[SceneReaders]:
+def _needed(readers: SceneReaders | None, at: Place) -> SceneReaders:
     if readers is None:
-        at.fail("is a USD scene, which featherfx.read_shot and the commands read")
-    return readers is not None
+        at.refuse("is a USD scene, which featherfx.read_shot and the commands read")
+    return readers
 
 
 def _start(entry: dict[str, Any], checked: dict[str, Any], codes_per_second: float) -> float:

@@ -87,7 +87,7 @@ class WindSource(Protocol):
 
 @dataclass(frozen=True)
 class SceneReaders(GroomReaders):
-    """How scenes are read. Each returns None after adding problems at the place.
+    """How scenes are read. Each raises InputError, of what stands at the place.
 
     feathers, skin: see GroomReaders. meshes: (file, prim paths or names, collection,
     rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd], place). camera:

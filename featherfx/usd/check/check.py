@@ -143,14 +143,16 @@ def check_scene(path: Path) -> list[Problem]:
     """
     problems = Problems()
     place = Place(str(path), "", problems)
-    scene = open_scene(path, place)
-    if scene is None:
-        return problems.listed()
+    try:
+        scene = open_scene(path, place)
+    except InputError as error:
+        return list(error.problems)
     for each in missing_files(scene.stage, path):
         place.child(each.key).fail(each.message)
     with collecting(place):
         bad = _meshes(scene, place)
-        _feathers(scene, path, place)
+        with collecting(place):
+            _feathers(scene, path, place)
         prims = list(prims_below(scene, scene.stage.GetPseudoRoot()))
         for prim in counted("checking", prims, len(prims)):
             if prim.IsA(UsdGeom.PointBased) and str(prim.GetPath()) not in bad:
@@ -173,8 +175,10 @@ def _meshes(scene: SourceScene, place: Place) -> set[str]:
     for prim in prims_below(scene, scene.stage.GetPseudoRoot()):
         if prim.IsA(UsdGeom.Mesh) and prim.IsDefined() and not prim.IsAbstract():
             path = str(prim.GetPath())
-            if open_mesh(scene, path, None, place) is None:
-                bad.add(path)
+            bad.add(path)
+            with collecting(place):
+                open_mesh(scene, path, None, place)
+                bad.remove(path)
     return bad
 
 
@@ -184,13 +188,11 @@ def _feathers(scene: SourceScene, path: Path, place: Place) -> None:
     if not any(prim.IsA(kind) for prim in prims for kind in kinds):
         return
     entry = Table(USD).check({"file": path.name}, place, False)
-    found = read_feathers(entry, path.parent, place)
-    if found is None:
-        return
-    ids = Counter(feather.id for feather in found[1] if feather.id)
+    _, found = read_feathers(entry, path.parent, place)
+    ids = Counter(feather.id for feather in found if feather.id)
     for name, count in ids.items():
         if count > 1:
-            labels = ", ".join(feather.label for feather in found[1] if feather.id == name)
+            labels = ", ".join(feather.label for feather in found if feather.id == name)
             place.child(labels).fail(f"featherId '{name}' is used {count} times; ids are unique")
 
 

@@ -18,18 +18,18 @@ from pxr import Usd, UsdGeom
 from featherfx.algebra.between import Knots
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.skinning import SkinPose, find_skinning
 from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,
+    check_transforms,
     codes_of,
     find_prim,
     rest_code,
     sampled_range,
     transform_code,
-    transform_fault,
     transformed,
     what_is_there,
 )
@@ -41,9 +41,9 @@ from featherfx.usd.read.values import (
     VECTORS,
     array_of,
     at,
-    collecting,
     flattened,
     numbers_of,
+    read_for,
     sized_array,
     text_of,
 )
@@ -192,45 +192,33 @@ class AnimatedMesh(ScenePrim):
         return bool(np.linalg.det(self._scene.matrix(prim, code)[:3, :3]) < 0.0)
 
 
-def open_mesh(
-    scene: SourceScene, path: str, rest: float | None, place: Place
-) -> AnimatedMesh | None:
-    """A mesh by its prim path; None after adding problems, which name the prim.
+def open_mesh(scene: SourceScene, path: str, rest: float | None, place: Place) -> AnimatedMesh:
+    """A mesh by its prim path. Raises InputError with all problems, which name the prim.
 
     rest: time code of the rest pose; None: the bind pose of a skinned mesh, the default values or,
     where there are none, the first samples of any other.
     """
     prim = find_prim(scene, path, place, "mesh")
-    if prim is None:
-        return None
     if not prim.IsA(UsdGeom.Mesh):
         meshes = [str(p.GetPath()) for p in Usd.PrimRange(prim) if p.IsA(UsdGeom.Mesh)][:3]
         hint = f"; below it is {', '.join(meshes)}" if meshes else ""
         hint = hint or what_is_there(scene, ("mesh",), path)
-        place.fail(f"{path} is a {prim.GetTypeName() or 'prim without type'}, no Mesh{hint}")
-        return None
-    with collecting(place):
+        place.refuse(f"{path} is a {prim.GetTypeName() or 'prim without type'}, no Mesh{hint}")
+    with read_for(place):
         return _opened(scene, UsdGeom.Mesh(prim), rest, place)
-    return None
 
 
-def _opened(scene: SourceScene, mesh: Any, rest: float | None, place: Place) -> AnimatedMesh | None:
-    prim, count = mesh.GetPrim(), len(place.problems)
-    path = str(prim.GetPath())
+def _opened(scene: SourceScene, mesh: Any, rest: float | None, place: Place) -> AnimatedMesh:
+    prim, problems = mesh.GetPrim(), Problems()
+    path = f"{prim.GetPath()}{{}} in {scene.path}: {{}}"
     for attribute, message in _faults(mesh):
-        place.fail(f"{path}.{attribute} in {scene.path}: {message}")
-    fault = transform_fault(scene, prim)
-    if fault:
-        place.fail(fault)
-    if len(place.problems) > count:
-        return None
-    skinning = find_skinning(scene, mesh, place)
-    if len(place.problems) > count:
-        return None
-    opened = AnimatedMesh(scene, mesh, rest, skinning)
+        problems.add(place.source, place.key, path.format(f".{attribute}", message))
+    with problems.collecting():
+        check_transforms(scene, prim, place)
+    problems.raise_any()
+    opened = AnimatedMesh(scene, mesh, rest, find_skinning(scene, mesh, place))
     if len(opened.triangles) == 0:
-        place.fail(f"{path} in {scene.path}: no face has any area")
-        return None
+        place.refuse(path.format("", "no face has any area"))
     return opened
 
 

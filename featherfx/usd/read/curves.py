@@ -4,7 +4,7 @@ curves and instancers, element by element, whatever their interpolation and type
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from pxr import Gf, UsdGeom
 
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.groom import DEFAULT_NAMES
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.read.rachis_curve import BASES, spline_points
 from featherfx.usd.read.values import (
     EARLIEST,
@@ -58,15 +58,15 @@ class Curves:
         return spline_points(points, self.basis, self.pinned) if self.basis else points
 
 
-def curves_of(prim: Any, code: Any, place: Place) -> Curves | None:
-    """The curves of a BasisCurves prim at a time; None after adding problems."""
-    curves, problems = UsdGeom.BasisCurves(prim), len(place.problems)
+def curves_of(prim: Any, code: Any, place: Place) -> Curves:
+    """The curves of a BasisCurves prim at a time. Raises InputError with all that is wrong."""
+    curves, found = UsdGeom.BasisCurves(prim), Problems()
+    place = replace(place, problems=found)
     points = array_of(curves.GetPointsAttr(), code, VECTORS)
     counts = array_of(curves.GetCurveVertexCountsAttr(), code, INTEGERS)
     if points is None or counts is None:
         missing = "points" if points is None else "curveVertexCounts"
-        place.child(missing).fail(f"has no value {at(code)}")
-        return None
+        place.child(missing).refuse(f"has no value {at(code)}")
     points, counts = points.astype(np.float64), counts.astype(np.int64)
     kind, wrap = text_of(curves.GetTypeAttr()), text_of(curves.GetWrapAttr())
     for name, value, allowed in (("type", kind, _TYPES), ("wrap", wrap, _WRAPS)):
@@ -76,8 +76,7 @@ def curves_of(prim: Any, code: Any, place: Place) -> Curves | None:
             place.child(name).fail(f"'{value}' is not one of {', '.join(allowed)}")
     basis = text_of(curves.GetBasisAttr()) if kind == "cubic" else ""
     _check_sizes(points, counts, basis, wrap == "pinned", place)
-    if len(place.problems) > problems:
-        return None
+    found.raise_any()
     return Curves(points, np.concatenate([[0], np.cumsum(counts)]), basis, wrap == "pinned")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from featherfx.algebra.types import Array
-from featherfx.groom.keys.values import Place
+from featherfx.errors import all_of
+from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.read.condensed import DrawnBarbs
 from featherfx.groom.read.drawn import DrawnFeather
 from featherfx.usd.read.curves import Values, curves_of
@@ -20,12 +22,12 @@ from featherfx.usd.read.opening import located
 from featherfx.usd.read.stage import (
     SourceScene,
     broken_note,
+    check_transforms,
     find_prim,
     open_scene,
     prims_below,
     rest_code,
     transform_code,
-    transform_fault,
     transformed,
     what_is_there,
 )
@@ -33,10 +35,10 @@ from featherfx.usd.read.values import (
     DEFAULT,
     INTEGERS,
     array_of,
-    collecting,
     computed,
     inverse_of,
     matrix_of,
+    read_for,
     sized_array,
     targets_of,
 )
@@ -56,35 +58,31 @@ class _Curve:
 
 def read_feathers(
     entry: dict[str, Any], folder: Path, place: Place
-) -> tuple[Path, list[DrawnFeather]] | None:
-    """The feathers of one checked [[usd]] entry, and the file; None after adding problems.
+) -> tuple[Path, list[DrawnFeather]]:
+    """The feathers of one checked [[usd]] entry, and the file. Raises InputError.
 
     folder: that relative files start from. Problems of prims name the file and the prim.
     """
-    path = located(folder, entry["file"])
+    path, at, problems = located(folder, entry["file"]), place.child("prims"), Problems()
     scene = open_scene(path, place.child("file"))
-    if scene is None:
-        return None
-    count = len(place.problems)
-    paths = entry["prims"] or ("/",)
-    roots = [
-        scene.stage.GetPseudoRoot()
-        if each == "/"
-        else find_prim(scene, each, place.child("prims"), "curves", "instancer")
-        for each in paths
-    ]
+    paths, roots = entry["prims"] or ("/",), []
+    for each in paths:
+        with problems.collecting():
+            whole = each == "/"
+            root = scene.stage.GetPseudoRoot()
+            roots += [root if whole else find_prim(scene, each, at, "curves", "instancer")]
     feathers: list[DrawnFeather] = []
-    with collecting(place):
-        for prim in [prim for root in roots if root for prim in _sources(scene, root)]:
-            with collecting(place):
-                at_file = Place(str(path), "", place.problems)
+    at_file = Place(str(path), "", problems)
+    with problems.collecting(), read_for(place):
+        for prim in [prim for root in roots for prim in _sources(scene, root)]:
+            with problems.collecting(), read_for(place):
                 feathers += _feathers(scene, prim, entry, at_file)
-    if not feathers and len(place.problems) == count:
-        where = ", ".join(paths)
-        nothing = f"{path}: no curves and no instances at {where} or below"
+    problems.raise_any()
+    if not feathers:
+        nothing = f"{path}: no curves and no instances at {', '.join(paths)} or below"
         there = what_is_there(scene, ("curves", "instancer"), paths[0])
-        place.child("prims").fail(nothing + there + broken_note(scene))
-    return (path, feathers) if len(place.problems) == count else None
+        at.refuse(nothing + there + broken_note(scene))
+    return path, feathers
 
 
 def _sources(scene: SourceScene, root: Any) -> Iterator[Any]:
@@ -108,10 +106,7 @@ def _sources(scene: SourceScene, root: Any) -> Iterator[Any]:
 def _feathers(
     scene: SourceScene, prim: Any, entry: dict[str, Any], place: Place
 ) -> Iterator[DrawnFeather]:
-    fault = transform_fault(scene, prim)
-    if fault:
-        place.child(str(prim.GetPath())).fail(fault)
-        return
+    check_transforms(scene, prim, place.child(str(prim.GetPath())))
     if prim.IsA(UsdGeom.PointInstancer):
         yield from _instances(scene, prim, entry, place)
         return
@@ -129,12 +124,10 @@ def _code(attribute: Any, entry: dict[str, Any]) -> Any:
 
 
 def _curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
-    """The curves of a BasisCurves prim; none after adding problems."""
+    """The curves of a BasisCurves prim."""
     at = place.child(str(prim.GetPath()))
     code = _code(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
     curves = curves_of(prim, code, at)
-    if curves is None:
-        return
     values, count = Values(prim, entry["names"], code, curves.starts, at), len(curves.points)
     left, right = values.barbs("left_barbs", count), values.barbs("right_barbs", count)
     if (left is None) != (right is None):
@@ -213,21 +206,17 @@ def _instances(
     targets = targets_of(instancer.GetPrototypesRel())
     wrong = numbers[(numbers < 0) | (numbers >= len(targets))]
     if len(wrong):
-        at.child("protoIndices").fail(f"name prototype {wrong[0]} of {len(targets)}")
-        return
+        at.child("protoIndices").refuse(f"name prototype {wrong[0]} of {len(targets)}")
     matrices = instance_matrices(instancer, code)
     if len(numbers) == 0 or len(matrices) != len(numbers):
-        at.fail(f"has {len(numbers)} protoIndices and {len(matrices)} instance transforms")
-        return
+        at.refuse(f"has {len(numbers)} protoIndices and {len(matrices)} instance transforms")
     if not np.isfinite(matrices).all():
-        at.fail("holds instances whose places are not finite")
-        return
-    templates = [_template(scene, path, entry, at, place) for path in targets]
+        at.refuse("holds instances whose places are not finite")
+    templates = all_of(*(partial(_template, scene, path, entry, at, place) for path in targets))
     to_stage = scene.matrix(prim, transform_code(prim, code))
     ids = array_of(instancer.GetIdsAttr(), code, INTEGERS)
     if ids is not None and len(ids) != len(numbers):
-        at.child("ids").fail(f"has {len(ids)} values for {len(numbers)} instances")
-        return
+        at.child("ids").refuse(f"has {len(ids)} values for {len(numbers)} instances")
     mask = computed(prim, instancer.ComputeMaskAtTime, code)
     values = Values(prim, entry["names"], code, None, at)
     for k, number in enumerate(numbers):
@@ -241,11 +230,8 @@ def _instances(
 
 
 def _template(scene: SourceScene, path: Any, entry: dict[str, Any], at: Place, place: Place) -> Any:
-    """[(curve, matrix to the prototype's space)] and values; None where there is no such prim."""
-    prim = find_prim(scene, str(path), at.child("prototypes"))
-    if prim is None:
-        return None
-    found = []
+    """[(curve, matrix to the prototype's space)] and values."""
+    prim, found = find_prim(scene, str(path), at.child("prototypes")), []
     root = inverse_of(prim, DEFAULT)
     for each in prims_below(scene, prim):
         if each.IsA(UsdGeom.BasisCurves):
@@ -262,8 +248,6 @@ def _instanced(
     name: str,
     of: tuple[Values, int, int],
 ) -> Iterator[DrawnFeather]:
-    if template is None:
-        return
     curves, own = template
     for curve, relative in curves:
         several = "" if len(curves) == 1 else f"_{curve.prim.GetName()}_{curve.number}"

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import UsdGeom, UsdSkel
 
-from featherfx.errors import InputError
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.usd.read.stage import (
     SourceScene,
@@ -119,10 +118,7 @@ def inspect_stage(path: str | Path) -> StageReport:
     """
     problems = Problems()
     place = Place(str(path), "", problems)
-    scene = open_scene(Path(path), place)
-    if scene is None:
-        raise InputError(*problems.listed())
-    prims = []
+    scene, prims = open_scene(Path(path), place), []
     for prim in prims_below(scene, scene.stage.GetPseudoRoot()):
         kind = kind_of(prim)
         if kind:

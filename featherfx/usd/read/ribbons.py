@@ -29,13 +29,13 @@ from featherfx.usd.read.curves import curves_of
 from featherfx.usd.read.skinning import SkinPose, animated, from_bind
 from featherfx.usd.read.stage import (
     SourceScene,
+    check_transforms,
     codes_of,
     find_prim,
     rest_code,
     sampled_range,
-    transform_fault,
 )
-from featherfx.usd.read.values import at, collecting, reading
+from featherfx.usd.read.values import at, reading
 
 _BENT = 0.05  # sine of the angle from which on two bones have a hinge
 _WIDTH = 0.2  # half of a ribbon's, in lengths of the bone or of a piece of the curve
@@ -109,12 +109,8 @@ class CurveRibbon(Ribbons):
         return [self._points]
 
     def _line(self, code: Any) -> Array:
-        problems = Problems()
-        place = Place(str(self._path), str(self.space.GetPath()), problems)
-        found = curves_of(self.space, code, place)
-        problems.raise_any()
-        assert found is not None
-        return found.line(0)
+        place = Place(str(self._path), str(self.space.GetPath()), Problems())
+        return curves_of(self.space, code, place).line(0)
 
     def _ribbon(self, line: Array) -> Array:
         stations = _stations(line)
@@ -142,12 +138,10 @@ def _start(line: Array, stations: Array) -> Array:
 
 
 def curve_fault(scene: SourceScene, prim: Any, place: Place) -> str:
-    """Why roots cannot follow a curve; empty where they can, or after adding problems."""
+    """Why roots cannot follow a curve; empty where they can. Raises InputError of a damaged one."""
     sizes = set()
     for code in codes_of(UsdGeom.BasisCurves(prim).GetPointsAttr()):
         curves = curves_of(prim, code, Place(str(scene.path), str(prim.GetPath()), place.problems))
-        if curves is None:
-            return ""
         if len(curves) != 1:
             return f"holds {len(curves)} curves, roots follow one"
         line = curves.line(0)
@@ -319,48 +313,34 @@ class RibbonMesh(AnimatedMesh):
         self.bones = scale * ribbons.lengths[sound]
 
 
-def open_carrier(
-    scene: SourceScene, path: str, rest: float | None, place: Place
-) -> AnimatedMesh | None:
+def open_carrier(scene: SourceScene, path: str, rest: float | None, place: Place) -> AnimatedMesh:
     """A mesh, or the ribbons of a skeleton or a curve, by its path; as of open_mesh."""
     prim = scene.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
     for kind, opener in ((UsdSkel.Skeleton, open_bones), (UsdGeom.BasisCurves, open_curve)):
         if prim and prim.IsA(kind):
-            return opener(scene, prim, rest, place) if find_prim(scene, path, place) else None
+            find_prim(scene, path, place)
+            return opener(scene, prim, rest, place)
     return open_mesh(scene, path, rest, place)
 
 
-def open_curve(
-    scene: SourceScene, prim: Any, rest: float | None, place: Place
-) -> RibbonMesh | None:
-    """A curve as a mesh that moves; None after adding problems."""
-    count = len(place.problems)
-    with collecting(place), reading(prim):
-        fault = curve_fault(scene, prim, place)
-        fault = (
-            f"{prim.GetPath()} in {scene.path} {fault}" if fault else transform_fault(scene, prim)
-        )
-        if fault:
-            return place.fail(fault) and None
-        if len(place.problems) == count:
-            return RibbonMesh(scene, prim, CurveRibbon(scene, prim), rest)
-    return None
+def open_curve(scene: SourceScene, prim: Any, rest: float | None, place: Place) -> RibbonMesh:
+    """A curve as a mesh that moves. Raises InputError."""
+    with reading(prim):
+        if fault := curve_fault(scene, prim, place):
+            place.refuse(f"{prim.GetPath()} in {scene.path} {fault}")
+        check_transforms(scene, prim, place)
+        return RibbonMesh(scene, prim, CurveRibbon(scene, prim), rest)
 
 
-def open_bones(
-    scene: SourceScene, prim: Any, rest: float | None, place: Place
-) -> RibbonMesh | None:
-    """A skeleton as a mesh that moves; None after adding problems."""
+def open_bones(scene: SourceScene, prim: Any, rest: float | None, place: Place) -> RibbonMesh:
+    """A skeleton as a mesh that moves. Raises InputError."""
     path = f"{prim.GetPath()} in {scene.path}"
-    with collecting(place), reading(prim):
-        fault = transform_fault(scene, prim)
-        if fault:
-            return place.fail(fault) and None
+    with reading(prim):
+        check_transforms(scene, prim, place)
         query = UsdSkel.Cache().GetSkelQuery(UsdSkel.Skeleton(prim))
         if not query or not query.HasBindPose() or not len(query.GetJointOrder()):
-            return place.fail(f"{path} has no joints with bind transforms") and None
+            place.refuse(f"{path} has no joints with bind transforms")
         opened = RibbonMesh(scene, prim, BoneRibbons(prim), rest)
         if not len(opened.triangles):
-            return place.fail(f"{path} has no bone of any length") and None
+            place.refuse(f"{path} has no bone of any length")
         return opened
-    return None

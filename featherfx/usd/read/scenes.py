@@ -20,11 +20,11 @@ from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,
+    check_transforms,
     find_prim,
     open_scene,
     prims_below,
     sampled_range,
-    transform_fault,
     transformed,
     what_is_there,
 )
@@ -32,9 +32,9 @@ from featherfx.usd.read.values import (
     DEFAULT,
     EARLIEST,
     VECTORS,
-    collecting,
     computed,
     number_of,
+    read_for,
     sized_array,
     times_of,
     value_of,
@@ -45,23 +45,25 @@ _NEIGHBOURS = 8
 
 def open_meshes(
     path: Path, prims: Sequence[str], collection: str | None, rest: float | None, place: Place
-) -> list[AnimatedMesh] | None:
+) -> list[AnimatedMesh]:
     """Meshes of a file by prim path, or by name with wild cards, and by collection.
 
-    rest: time code of the rest pose, as in open_mesh. None after adding problems.
+    rest: time code of the rest pose, as in open_mesh. Raises InputError with all problems.
     """
-    scene = open_scene(path, place.child("usd"))
-    if scene is None:
-        return None
-    count = len(place.problems)
+    scene, problems = open_scene(path, place.child("usd")), Problems()
     paths: dict[str, None] = {}
     for each in prims:
-        paths |= dict.fromkeys([each] if each.startswith("/") else _by_name(scene, each, place))
+        with problems.collecting():
+            paths |= dict.fromkeys([each] if each.startswith("/") else _by_name(scene, each, place))
     if collection is not None:
-        paths |= dict.fromkeys(_by_collection(scene, collection, place))
-    meshes = [open_carrier(scene, each, rest, place) for each in paths]
-    found = [mesh for mesh in meshes if mesh is not None]
-    return found if len(place.problems) == count else None
+        with problems.collecting():
+            paths |= dict.fromkeys(_by_collection(scene, collection, place))
+    found = []
+    for each in paths:
+        with problems.collecting():
+            found.append(open_carrier(scene, each, rest, place))
+    problems.raise_any()
+    return found
 
 
 def _by_name(scene: SourceScene, pattern: str, place: Place) -> list[str]:
@@ -72,7 +74,7 @@ def _by_name(scene: SourceScene, pattern: str, place: Place) -> list[str]:
     ]
     if not found:
         there = what_is_there(scene, ("mesh",), pattern)
-        place.fail(f"no mesh is called '{pattern}' in {scene.path}{there}")
+        place.refuse(f"no mesh is called '{pattern}' in {scene.path}{there}")
     return found
 
 
@@ -80,20 +82,15 @@ def _by_collection(scene: SourceScene, collection: str, place: Place) -> list[st
     at = place.child("collection")
     owner, _, name = collection.partition(".collection:")
     prim = find_prim(scene, owner, at)
-    if prim is None:
-        return []
     api = Usd.CollectionAPI(prim, name) if name else None
     if not api or not prim.HasAPI(Usd.CollectionAPI, name):
         known = [each.GetName() for each in Usd.CollectionAPI.GetAll(prim)]
-        at.fail(f"no collection '{name}' on {owner}, there is {', '.join(known) or 'none'}")
-        return []
-    members: Any = ()
-    with collecting(at):
-        members = computed(prim, _members, api, scene.stage)
-    paths = sorted(str(m.GetPath()) for m in members if isinstance(m, Usd.Prim) and _is_mesh(m))
+        at.refuse(f"no collection '{name}' on {owner}, there is {', '.join(known) or 'none'}")
+    members = computed(prim, _members, api, scene.stage)
+    paths = [str(m.GetPath()) for m in members if isinstance(m, Usd.Prim) and m.IsA(UsdGeom.Mesh)]
     if not paths:
-        at.fail(f"{collection} holds no mesh")
-    return paths
+        at.refuse(f"{collection} holds no mesh")
+    return sorted(paths)
 
 
 def _members(api: Any, stage: Any) -> Any:
@@ -101,27 +98,19 @@ def _members(api: Any, stage: Any) -> Any:
     return Usd.CollectionAPI.ComputeIncludedObjects(query, stage, Usd.TraverseInstanceProxies())
 
 
-def _is_mesh(prim: Any) -> bool:
-    return bool(prim.IsA(UsdGeom.Mesh))
-
-
-def read_poses(path: Path, code: float | None, place: Place) -> dict[str, Array] | None:
+def read_poses(path: Path, code: float | None, place: Place) -> dict[str, Array]:
     """By feather id, (V, 3) m with z up, the points of the meshes of a file at a time code, or of
-    their default pose. None after adding problems."""
+    their default pose. Raises InputError."""
     scene = open_scene(path, place)
-    if scene is None:
-        return None
-    with collecting(place):
+    with read_for(place):
         cache = Cache(path)
         low, high = cache.frames if cache.has_frames else (-np.inf, np.inf)
         if code is not None and not low <= code <= high:
-            place.fail(f"{path} has frames {low:g} to {high:g}, not {code:g}")
-            return None
+            place.refuse(f"{path} has frames {low:g} to {high:g}, not {code:g}")
         return {
             feather.id: cache.pose(index, code).points.astype(np.float64) @ scene.to_world
             for index, feather in enumerate(cache.feathers)
         }
-    return None
 
 
 class UniformWind(ScenePrim):
@@ -169,35 +158,28 @@ class SampledWind(ScenePrim):
         return cKDTree(transformed(points, matrix)), velocities @ matrix[:3, :3]
 
 
-def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | SampledWind | None:
-    """The wind that checked keys of [wind_usd] name; None after adding problems."""
-    scene = open_scene(path, place.child("usd"))
-    prim = None if scene is None else find_prim(scene, entry["prim"], place.child("prim"), "points")
-    if scene is None or prim is None:
-        return None
-    with collecting(place):
-        fault = transform_fault(scene, prim)
-        if fault:
-            place.child("prim").fail(fault)
-        elif entry["attribute"] is not None:
+def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | SampledWind:
+    """The wind that checked keys of [wind_usd] name. Raises InputError."""
+    scene, at = open_scene(path, place.child("usd")), place.child("prim")
+    prim = find_prim(scene, entry["prim"], at, "points")
+    with read_for(place):
+        check_transforms(scene, prim, at)
+        if entry["attribute"] is not None:
             return _uniform(scene, prim, entry["attribute"], place.child("attribute"))
-        else:
-            return _sampled(scene, prim, place.child("prim"))
-    return None
+        return _sampled(scene, prim, at)
 
 
-def _uniform(scene: SourceScene, prim: Any, name: str, at: Place) -> UniformWind | None:
+def _uniform(scene: SourceScene, prim: Any, name: str, at: Place) -> UniformWind:
     if not Sdf.Path.IsValidNamespacedIdentifier(name) or not prim.GetAttribute(name):
         authored = prim.GetAuthoredAttributes()
         vectors = [each.GetName() for each in authored if _is_vector(value_of(each, EARLIEST))]
         known = ", ".join(vectors) or "none"
-        at.fail(f"no attribute '{name}' on {prim.GetPath()}; attributes of one vector: {known}")
-        return None
+        at.refuse(f"no attribute '{name}' on {prim.GetPath()}; attributes of one vector: {known}")
     attribute = prim.GetAttribute(name)
     for code in [EARLIEST, *map(Usd.TimeCode, times_of(attribute))]:
         if not _is_vector(value_of(attribute, code)):
-            at.fail(f"{attribute.GetPath()} is no vector of 3 finite numbers at time code {code}")
-            return None
+            told = f"is no vector of 3 finite numbers at time code {code}"
+            at.refuse(f"{attribute.GetPath()} {told}")
     return UniformWind(scene, prim, attribute)
 
 
@@ -209,21 +191,18 @@ def _is_vector(value: Any) -> bool:
     return array.shape in ((3,), (1, 3)) and bool(np.isfinite(array).all())
 
 
-def _sampled(scene: SourceScene, prim: Any, at: Place) -> SampledWind | None:
+def _sampled(scene: SourceScene, prim: Any, at: Place) -> SampledWind:
     if not prim.IsA(UsdGeom.PointBased):
-        at.fail(f"{prim.GetPath()} holds no points; give attribute for one vector")
-        return None
+        at.refuse(f"{prim.GetPath()} holds no points; give attribute for one vector")
     base = UsdGeom.PointBased(prim)
     times = {*times_of(base.GetPointsAttr()), *times_of(base.GetVelocitiesAttr())}
     for code in [*map(Usd.TimeCode, sorted(times))] or [DEFAULT]:
         points, velocities = _field_values(base, code)
         where = f"{prim.GetPath()} at time code {code}"
         if len(points) == 0 or len(points) != len(velocities):
-            at.fail(f"{where}: {len(points)} points and {len(velocities)} velocities")
-            return None
+            at.refuse(f"{where}: {len(points)} points and {len(velocities)} velocities")
         if not (np.isfinite(points).all() and np.isfinite(velocities).all()):
-            at.fail(f"{where}: values that are not finite")
-            return None
+            at.refuse(f"{where}: values that are not finite")
     return SampledWind(scene, prim)
 
 
@@ -253,24 +232,16 @@ class SceneCamera(ScenePrim):
         )
 
 
-def open_camera(path: Path, prim: str, place: Place) -> SceneCamera | None:
-    """The camera at a prim path of a file; None after adding problems."""
-    scene = open_scene(path, place.child("usd"))
-    at = place.child("prim")
-    found = None if scene is None else find_prim(scene, prim, at, "camera")
-    if scene is None or found is None:
-        return None
+def open_camera(path: Path, prim: str, place: Place) -> SceneCamera:
+    """The camera at a prim path of a file. Raises InputError."""
+    scene, at = open_scene(path, place.child("usd")), place.child("prim")
+    found = find_prim(scene, prim, at, "camera")
     if not found.IsA(UsdGeom.Camera):
-        at.fail(f"{prim} is no camera in {path}{what_is_there(scene, ('camera',), prim)}")
-        return None
-    fault = transform_fault(scene, found)
-    if fault:
-        at.fail(fault)
-        return None
-    with collecting(at):
+        at.refuse(f"{prim} is no camera in {path}{what_is_there(scene, ('camera',), prim)}")
+    with read_for(at):
+        check_transforms(scene, found, at)
         _check_lens(UsdGeom.Camera(found))
         return SceneCamera(scene, found)
-    return None
 
 
 def _check_lens(camera: Any) -> None:
@@ -303,12 +274,8 @@ def camera_of(path: Path, named: str, cache: Cache) -> Callable[[float | None], 
     """
     file, colon, prim = named.rpartition(":/")
     where = Path(file) if colon else path
-    problems = Problems()
-    camera = open_camera(
-        where, f"/{prim}" if colon else named, Place("preview", "camera", problems)
-    )
-    problems.raise_any()
-    assert camera is not None
+    place = Place("preview", "camera", Problems())
+    camera = open_camera(where, f"/{prim}" if colon else named, place)
     rate = camera.time_codes_per_second / cache.frames_per_second
 
     def seen(time: float | None) -> View:

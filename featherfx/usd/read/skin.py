@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputWarning
-from featherfx.groom.keys.values import Place, nearest
+from featherfx.errors import InputWarning, all_of
+from featherfx.groom.keys.values import Place, Problems, nearest
 from featherfx.groom.skin.faults import skin_faults
 from featherfx.usd.read.animated_mesh import AnimatedMesh, topology_of
 from featherfx.usd.read.curves import curves_of
@@ -38,10 +39,10 @@ from featherfx.usd.read.values import (
     NUMBERS,
     VECTORS,
     array_of,
-    collecting,
     elements,
     flattened,
     numbers_of,
+    read_for,
     sized_array,
     texts_of,
 )
@@ -49,28 +50,23 @@ from featherfx.usd.read.values import (
 
 def read_skin(
     skin: dict[str, Any], paths: tuple[str, ...], folder: Path, place: Place
-) -> dict[str, SkinMesh] | None:
-    """Meshes by their paths, of the file that checked keys of [skin] name; None after problems.
+) -> dict[str, SkinMesh]:
+    """Meshes by their paths, of the file that checked keys of [skin] name. Raises InputError where
+    they cannot be opened; of what is wrong with one it adds problems.
 
     Warns of holes and of faces that pass through each other.
     """
-    scene = open_scene(located(folder, skin["usd"]), place.child("usd"))
-    if scene is None:
-        return None
-    found = {}
-    for path in paths:
-        mesh = open_carrier(scene, path, skin["rest"], place.child("prim"))
-        if mesh is None:
-            continue
-        found[path] = SkinMesh(scene, mesh)
+    scene, at = open_scene(located(folder, skin["usd"]), place.child("usd")), place.child("prim")
+    opened = all_of(*(partial(open_carrier, scene, path, skin["rest"], at) for path in paths))
+    for path, mesh in zip(paths, opened, strict=True):
         if mesh.bones is not None:
             continue
         problems, doubts = skin_faults(mesh.rest, mesh.triangles, mesh.face)
         for message in problems:
-            place.child("prim").fail(f"{path} in {scene.path}: {message}")
+            at.fail(f"{path} in {scene.path}: {message}")
         for message in doubts:
             warnings.warn(f"{scene.path}: {path}: {message}", InputWarning, stacklevel=2)
-    return found if len(found) == len(paths) else None
+    return {path: SkinMesh(scene, mesh) for path, mesh in zip(paths, opened, strict=True)}
 
 
 class SkinMesh:
@@ -83,89 +79,77 @@ class SkinMesh:
         self.own_matrix, self.is_ribbon = mesh.rest_matrix, mesh.bones is not None
         self.stage_matrix = in_world(np.eye(4), scene.to_world)
 
-    def joint(self, name: str, place: Place) -> Array | None:
-        """(3,) m, a joint of the mesh's skeleton in the bind pose; None after adding a problem."""
-        with collecting(place):
+    def joint(self, name: str, place: Place) -> Array:
+        """(3,) m, a joint of the mesh's skeleton in the bind pose."""
+        with read_for(place):
             skeleton = self._prim
             if not skeleton.IsA(UsdSkel.Skeleton):
                 skeleton = UsdSkel.BindingAPI(self._prim).GetInheritedSkeleton().GetPrim()
             if not skeleton:
-                return place.fail(f"no skeleton moves {self.path}") and None
-            bound = _bind_places(self._scene, skeleton, place)
-            number = None if bound is None else _number(name, bound[0], place)
-            if bound is None or number is None:
-                return None
-            return _from_skeleton(self._scene, skeleton, bound[1][number], place)
-        return None
+                place.refuse(f"no skeleton moves {self.path}")
+            paths, places = _bind_places(self._scene, skeleton, place)
+            return _from_skeleton(self._scene, skeleton, places[_number(name, paths, place)], place)
 
-    def weights(self, name: str, place: Place) -> Array | None:
-        """(T, 3) a scalar primvar at the corners; None after adding a problem."""
+    def weights(self, name: str, place: Place) -> Array:
+        """(T, 3) a scalar primvar at the corners."""
         return self._primvar(name, 1, place)
 
-    def vectors(self, name: str, place: Place) -> Array | None:
-        """(T, 3, 3) a vector primvar at the corners, in the world; None after a problem."""
+    def vectors(self, name: str, place: Place) -> Array:
+        """(T, 3, 3) a vector primvar at the corners, in the world."""
         local = self._primvar(name, 3, place)
-        if local is None:
-            return None
         code = transform_code(self._prim, Usd.TimeCode.Default())
         return np.asarray(local @ self._scene.matrix(self._prim, code)[:3, :3])
 
-    def subset(self, name: str, place: Place) -> NDArray[np.bool_] | None:
-        """(T,) whether triangles are of a named set of faces; None after adding a problem."""
+    def subset(self, name: str, place: Place) -> NDArray[np.bool_]:
+        """(T,) whether triangles are of a named set of faces."""
         subsets = {
             each.GetPrim().GetName(): each
             for each in UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Mesh(self._prim))
         }
         if name not in subsets:
-            place.fail(f"no subset '{name}' on {self.path}, {nearest(name, subsets)}")
-            return None
-        with collecting(place):
+            place.refuse(f"no subset '{name}' on {self.path}, {nearest(name, subsets)}")
+        with read_for(place):
             indices = sized_array(subsets[name].GetIndicesAttr(), EARLIEST, INTEGERS)
             return np.isin(self.face, indices)
-        return None
 
-    def image(self, path: Path, place: Place) -> Array | None:
-        """(H, W) grey values 0 to 1 of a picture, top row first; None after adding a problem."""
+    def image(self, path: Path, place: Place) -> Array:
+        """(H, W) grey values 0 to 1 of a picture, top row first."""
         try:
             from PIL import Image
         except ImportError:
-            place.fail('needs Pillow; pip install "featherfx[preview]"')
-            return None
+            place.refuse('needs Pillow; pip install "featherfx[preview]"')
         try:
             with Image.open(path) as image:
                 return np.asarray(image.convert("L"), dtype=np.float64) / 255.0
         except FileNotFoundError:
-            place.fail(f"{path}: there is no such file")
+            place.refuse(f"{path}: there is no such file")
         except OSError as error:
-            place.fail(f"{path}: cannot be read: {error}")
-        return None
+            place.refuse(f"{path}: cannot be read: {error}")
 
-    def curves(self, prims: tuple[str, ...], place: Place) -> list[Array] | None:
-        """Polylines (k, 3) m of curves at or below prims; None after adding problems."""
+    def curves(self, prims: tuple[str, ...], place: Place) -> list[Array]:
+        """Polylines (k, 3) m of curves at or below prims."""
         return _curves(self._scene, prims, place)
 
-    def _primvar(self, name: str, size: int, place: Place) -> Array | None:
+    def _primvar(self, name: str, size: int, place: Place) -> Array:
         """(T, 3) or (T, 3, size) values at the corners of the triangles."""
-        with collecting(place):
+        with read_for(place):
             return self._at_corners(name, size, place)
-        return None
 
-    def _at_corners(self, name: str, size: int, place: Place) -> Array | None:
+    def _at_corners(self, name: str, size: int, place: Place) -> Array:
         api = UsdGeom.PrimvarsAPI(self._prim)
         primvar = api.FindPrimvarWithInheritance(name)
         value = flattened(primvar, EARLIEST)
         if value is None:
             known = [each.GetPrimvarName() for each in api.GetPrimvarsWithValues()]
-            place.fail(f"no primvar '{name}' on {self.path}, {nearest(name, known)}")
-            return None
+            place.refuse(f"no primvar '{name}' on {self.path}, {nearest(name, known)}")
         kind = NUMBERS if size == 1 else VECTORS
         values = numbers_of(elements(value), kind, primvar.GetAttr()).astype(np.float64)
         if not np.isfinite(values).all():
-            place.fail(f"primvar '{name}' on {self.path} holds values that are not finite")
-            return None
+            place.refuse(f"primvar '{name}' on {self.path} holds values that are not finite")
         corners = self._corners(values, str(primvar.GetInterpolation()))
         if corners is None:
-            place.fail(f"primvar '{name}' on {self.path} has {len(values)} values that fit nothing")
+            told = f"has {len(values)} values that fit nothing"
+            place.refuse(f"primvar '{name}' on {self.path} {told}")
         return corners
 
     def _corners(self, values: Array, interpolation: str) -> Array | None:
@@ -191,113 +175,86 @@ class SkinMesh:
         return result
 
 
-def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array] | None:
+def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array]:
     """Polylines (k, 3) m of the curves at or below a prim of a USD file, or of a skeleton's joints.
 
-    entry: checked keys of the curve of a row. None after adding problems.
+    entry: checked keys of the curve of a row. Raises InputError.
     """
     scene = open_scene(located(folder, entry["usd"]), place.child("usd"))
-    root = (
-        None
-        if scene is None
-        else find_prim(scene, entry["prim"], place.child("prim"), "curves", "skeleton")
-    )
-    if scene is None or root is None:
-        return None
-    with collecting(place):
+    root = find_prim(scene, entry["prim"], place.child("prim"), "curves", "skeleton")
+    with read_for(place):
         return _lines(scene, root, entry, place)
-    return None
 
 
-def _lines(
-    scene: SourceScene, root: Any, entry: dict[str, Any], place: Place
-) -> list[Array] | None:
+def _lines(scene: SourceScene, root: Any, entry: dict[str, Any], place: Place) -> list[Array]:
     if not root.IsA(UsdSkel.Skeleton):
         if entry["joints"]:
-            place.child("joints").fail(f"{entry['prim']} in {scene.path} is no Skeleton")
-            return None
+            place.child("joints").refuse(f"{entry['prim']} in {scene.path} is no Skeleton")
         return _curves(scene, (entry["prim"],), place.child("prim"))
     if len(entry["joints"]) < 2:
         known = ", ".join(texts_of(UsdSkel.Skeleton(root).GetJointsAttr()))
-        place.child("joints").fail(f"expects two or more of {entry['prim']}, known: {known}")
-        return None
-    line = joint_line(scene, root, entry["joints"], place, entry["tail"])
-    return None if line is None else [line]
+        place.child("joints").refuse(f"expects two or more of {entry['prim']}, known: {known}")
+    return [joint_line(scene, root, entry["joints"], place, entry["tail"])]
 
 
-def _curves(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Array] | None:
-    """Lines of at least two points; None after adding problems."""
+def _curves(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Array]:
+    """Lines of at least two points. Raises InputError with all problems of curves."""
     found: list[Array] = []
-    problems = len(place.problems)
+    problems = Problems()
     for path in prims:
-        root = find_prim(scene, path, place, "curves")
-        if root is None:
-            return None
-        for prim in prims_below(scene, root):
+        for prim in prims_below(scene, find_prim(scene, path, place, "curves")):
             if prim.IsA(UsdGeom.BasisCurves):
-                with collecting(place):
+                with problems.collecting(), read_for(place):
                     found += _polylines(scene, prim, place)
-    if not found and len(place.problems) == problems:
+    problems.raise_any()
+    if not found:
         there = what_is_there(scene, ("curves",), prims[0])
-        place.fail(f"no curves at {', '.join(prims)} or below in {scene.path}{there}")
-    return found if len(place.problems) == problems else None
+        place.refuse(f"no curves at {', '.join(prims)} or below in {scene.path}{there}")
+    return found
 
 
 def _polylines(scene: SourceScene, prim: Any, place: Place) -> list[Array]:
-    """(k, 3) m of each curve of a prim; none after adding problems."""
+    """(k, 3) m of each curve of a prim."""
     code = rest_code(UsdGeom.BasisCurves(prim).GetPointsAttr())
     at = Place(str(scene.path), str(prim.GetPath()), place.problems)
     curves = curves_of(prim, code, at)
-    if curves is None:
-        return []
     matrix = scene.matrix(prim, transform_code(prim, code))
     return [transformed(curves.line(number), matrix) for number in range(len(curves))]
 
 
 def joint_line(
-    scene: SourceScene, prim: Any, names: tuple[str, ...], place: Place, tail: bool = False
-) -> Array | None:
-    """(k, 3) m, places of joints in the bind pose of a skeleton; None after adding problems.
+    scene: SourceScene, prim: Any, names: tuple[str, ...], place: Place, tail: bool
+) -> Array:
+    """(k, 3) m, places of joints in the bind pose of a skeleton. Raises InputError.
 
     names: paths as the skeleton has them, or their last parts where these are unique. tail: whether
     the line goes on to the end of the last joint's bone.
     """
-    bound = _bind_places(scene, prim, place)
-    if bound is None:
-        return None
-    paths, places = bound
-    found = [_number(name, paths, place.child("joints").item(k)) for k, name in enumerate(names)]
-    chosen = [each for each in found if each is not None]
-    if len(chosen) < len(found):
-        return None
+    (paths, places), at = _bind_places(scene, prim, place), place.child("joints")
+    chosen = all_of(*(partial(_number, name, paths, at.item(k)) for k, name in enumerate(names)))
     end = _tail(scene, prim, paths, places, chosen) if tail else None
     local = places[chosen] if end is None else np.vstack([places[chosen], end])
     points = _from_skeleton(scene, prim, local, place)
-    if points is None:
-        return None
     if (np.diff(points, axis=0) == 0.0).all(axis=1).any():
-        place.child("joints").fail("two joints that follow each other are at one place")
-        return None
+        at.refuse("two joints that follow each other are at one place")
     return points
 
 
-def _bind_places(scene: SourceScene, prim: Any, place: Place) -> tuple[list[str], Array] | None:
+def _bind_places(scene: SourceScene, prim: Any, place: Place) -> tuple[list[str], Array]:
     """Paths of a skeleton's joints, and their places (J, 3) in its space in the bind pose."""
     skeleton = UsdSkel.Skeleton(prim)
     paths = texts_of(skeleton.GetJointsAttr(), EARLIEST)
     bind = array_of(skeleton.GetBindTransformsAttr(), EARLIEST, MATRICES)
     if bind is None or len(bind) != len(paths) or not paths:
-        place.fail(f"{prim.GetPath()} in {scene.path} has no bind transform for every joint")
-        return None
+        place.refuse(f"{prim.GetPath()} in {scene.path} has no bind transform for every joint")
     return paths, bind.astype(np.float64)[:, 3, :3]
 
 
-def _from_skeleton(scene: SourceScene, prim: Any, local: Array, place: Place) -> Array | None:
-    """(k, 3) m, of points in a skeleton's space; None after adding a problem."""
+def _from_skeleton(scene: SourceScene, prim: Any, local: Array, place: Place) -> Array:
+    """(k, 3) m, of points in a skeleton's space."""
     points = transformed(local, scene.matrix(prim, transform_code(prim, DEFAULT)))
     if not np.isfinite(points).all():
-        place.fail(f"{prim.GetPath()} in {scene.path}: bind transforms are not finite")
-        return None
+        place.refuse(f"{prim.GetPath()} in {scene.path}: bind transforms are not finite")
     return points
 
 
@@ -325,8 +282,8 @@ def _tail(
     return places[last] + reach * straight if reach > 0.0 else None
 
 
-def _number(name: str, paths: list[str], place: Place) -> int | None:
-    """The number of a joint; None after adding a problem."""
+def _number(name: str, paths: list[str], place: Place) -> int:
+    """The number of a joint."""
     if name in paths:
         return paths.index(name)
     found = [k for k, path in enumerate(paths) if path.rsplit("/", 1)[-1] == name]
@@ -334,8 +291,6 @@ def _number(name: str, paths: list[str], place: Place) -> int | None:
         return found[0]
     if found:
         several = ", ".join(paths[k] for k in found)
-        place.fail(f"'{name}' may be {several}; give the whole path")
-    else:
-        known = {path.rsplit("/", 1)[-1] for path in paths} | set(paths)
-        place.fail(f"no joint '{name}', {nearest(name, known)}")
-    return None
+        place.refuse(f"'{name}' may be {several}; give the whole path")
+    known = {path.rsplit("/", 1)[-1] for path in paths} | set(paths)
+    place.refuse(f"no joint '{name}', {nearest(name, known)}")

@@ -17,7 +17,6 @@ from featherfx.usd.read.values import (
     VECTORS,
     array_of,
     at,
-    collecting,
     fault,
     reading,
     sized_array,
@@ -208,16 +207,16 @@ def points_of_joint(scene: SourceScene, skeleton: Any, joint: int) -> Array:
         bound = UsdSkel.BindingAPI(prim).GetInheritedSkeleton()
         if bound and bound.GetPrim() == skeleton:
             unread = Place(str(scene.path), str(prim.GetPath()), Problems())
-            skinning = find_skinning(scene, UsdGeom.Mesh(prim), unread)
-            found += [] if skinning is None else [skinning.points_of(joint)]
+            with unread.problems.collecting():
+                skinning = find_skinning(scene, UsdGeom.Mesh(prim), unread)
+                found += [] if skinning is None else [skinning.points_of(joint)]
     return np.concatenate(found)
 
 
 def find_skinning(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
-    """The skinning of a mesh, None where no skeleton moves it or after adding a problem."""
-    with collecting(place), reading(mesh.GetPrim()):
+    """The skinning of a mesh, None where no skeleton moves it. Raises InputError."""
+    with reading(mesh.GetPrim()):
         return _find(scene, mesh, place)
-    return None
 
 
 def _find(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
@@ -233,13 +232,11 @@ def _find(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
     skeleton_prim = UsdSkel.BindingAPI(mesh.GetPrim()).GetInheritedSkeleton()
     skeleton = cache.GetSkelQuery(skeleton_prim) if skeleton_prim else None
     if not skeleton:
-        place.fail(f"{path}: has joint influences, but skel:skeleton names no valid skeleton")
-        return None
+        place.refuse(f"{path}: has joint influences, but skel:skeleton names no valid skeleton")
     skinning = Skinning(mesh, skeleton, query, cache)
     if query.HasJointInfluences():
         transforms = skeleton.ComputeSkinningTransforms(EARLIEST)
         points = skinning.earliest()
         if transforms is None or not query.ComputeSkinnedPoints(transforms, points, EARLIEST):
-            place.fail(f"{path}: USD cannot skin it; {_MISFIT}")
-            return None
+            place.refuse(f"{path}: USD cannot skin it; {_MISFIT}")
     return skinning

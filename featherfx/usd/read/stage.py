@@ -211,20 +211,19 @@ def transformed(points: NDArray[Any], matrix: Array) -> Array:
     return moved
 
 
-def open_scene(path: Path, place: Place) -> SourceScene | None:
-    """Open a stage with its payloads; None after adding a problem at the place that names it."""
+def open_scene(path: Path, place: Place) -> SourceScene:
+    """Open a stage with its payloads. Raises InputError at the place that names it."""
     try:
         stage = open_stage(path)
         clips = broken_clips(stage)
     except InputError as error:
-        for problem in error.problems:
-            own = problem.source == place.source
-            place.fail(str(replace(problem, source="") if own else problem))
-        return None
-    for file, reason in clips.items():
-        place.fail(f"{file}: {reason}")
+        own = (
+            replace(each, source="") if each.source == place.source else each
+            for each in error.problems
+        )
+        place.refuse(*map(str, own))
     if clips:
-        return None
+        place.refuse(*(f"{file}: {reason}" for file, reason in clips.items()))
     if not stage.HasAuthoredMetadata(UsdGeom.Tokens.metersPerUnit):
         warnings.warn(
             f"{path}: metersPerUnit is not authored, which means centimetres", InputWarning, 2
@@ -259,7 +258,7 @@ def _listed(kind: str, paths: list[str], path: str) -> str:
 
 
 def find_prim(scene: SourceScene, path: str, place: Place, *kinds: str) -> Any:
-    """The prim at a path, also within an instance; None after adding a problem.
+    """The prim at a path, also within an instance. Raises InputError at the place.
 
     kinds: of KINDS, that are listed where there is no prim at the path.
     """
@@ -268,27 +267,20 @@ def find_prim(scene: SourceScene, path: str, place: Place, *kinds: str) -> Any:
         and Sdf.Path(path).IsAbsolutePath()
         and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
     ):
-        place.fail(
-            f"'{path}' is no absolute prim path such as /Bird/body"
-            + what_is_there(scene, kinds, path)
-        )
-        return None
+        there = what_is_there(scene, kinds, path)
+        place.refuse(f"'{path}' is no absolute prim path such as /Bird/body{there}")
     prim = scene.stage.GetPrimAtPath(path)
     if not prim:
         there = what_is_there(scene, kinds, path)
-        place.fail(_absent(scene, Sdf.Path(path)) + there + broken_note(scene))
-        return None
+        place.refuse(_absent(scene, Sdf.Path(path)) + there + broken_note(scene))
     if not prim.IsActive():
-        place.fail(f"{path} is inactive in {scene.path}")
-    elif not prim.IsDefined():
-        place.fail(
-            f"{path} is only an over in {scene.path}: nothing defines it{broken_note(scene)}"
-        )
-    elif prim.IsAbstract():
-        place.fail(f"{path} is a class in {scene.path}, which stands for no prim by itself")
-    else:
-        return prim
-    return None
+        place.refuse(f"{path} is inactive in {scene.path}")
+    if not prim.IsDefined():
+        note = broken_note(scene)
+        place.refuse(f"{path} is only an over in {scene.path}: nothing defines it{note}")
+    if prim.IsAbstract():
+        place.refuse(f"{path} is a class in {scene.path}, which stands for no prim by itself")
+    return prim
 
 
 def broken_note(scene: SourceScene) -> str:
@@ -350,14 +342,14 @@ def sampled_range(prim: Any, attributes: Sequence[Any]) -> tuple[float, float] |
     return (min(each[0] for each in moving), max(each[-1] for each in moving)) if moving else None
 
 
-def transform_fault(scene: SourceScene, prim: Any) -> str:
-    """Where the transforms of a prim are not finite, at any of their samples; empty if nowhere."""
+def check_transforms(scene: SourceScene, prim: Any, place: Place) -> None:
+    """Raises InputError where the transforms of a prim are not finite, at any of their samples."""
     transforms = _transforms(prim)
     times = sorted({time for each in transforms for time in times_of(each)})
     for code in (DEFAULT, *map(Usd.TimeCode, times)):
         if not np.isfinite(scene.matrix(prim, code)).all():
-            return f"{prim.GetPath()} in {scene.path}: transforms are not finite {at(code)}"
-    return ""
+            where = f"{prim.GetPath()} in {scene.path}"
+            place.refuse(f"{where}: transforms are not finite {at(code)}")
 
 
 def _transforms(prim: Any) -> list[Any]:

@@ -88,15 +88,19 @@ def reading(thing: Any) -> Iterator[None]:
 
 
 @contextmanager
-def collecting(place: Place) -> Iterator[None]:
-    """Add the problems of an InputError, or what USD says, to those of a place and go on."""
+def read_for(place: Place) -> Iterator[None]:
+    """Turn an error of USD into an InputError that names a place."""
     try:
         yield
-    except InputError as error:
-        for each in error.problems:
-            place.problems.add(each.source, each.key, each.message)
     except (Tf.ErrorException, UnicodeDecodeError) as error:
-        place.fail(f"USD cannot read it: {reason_of(error)}")
+        place.refuse(f"USD cannot read it: {reason_of(error)}")
+
+
+@contextmanager
+def collecting(place: Place) -> Iterator[None]:
+    """Add the problems of an InputError, or what USD says, to those of a place and go on."""
+    with place.problems.collecting(), read_for(place):
+        yield
 
 
 def value_of(attribute: Any, code: Any = DEFAULT) -> Any:
