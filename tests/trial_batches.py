@@ -28,11 +28,7 @@ FEATHER_PRESETS = [each.name for each in list_presets() if each.family == "feath
 def preset_kind(name: str) -> FeatherKind:
     """The feather kind of a shipped preset, nothing overridden."""
     _, tree = load_preset(f"feather/{name}")
-    problems = Problems()
-    kind = kind_of(name, tree, Place("presets", name, problems))
-    problems.raise_any()
-    assert kind is not None
-    return kind
+    return kind_of(name, tree, Place("presets", name, Problems()))
 
 
 def preset_batch(

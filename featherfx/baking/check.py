@@ -12,7 +12,6 @@ from featherfx.baking.options import DrawnOptions
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.shapes import feathers_of
-from featherfx.groom.keys.values import Problems
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MOST_TRIED, irregular
 from featherfx.shot.motion.motion import root_motion
@@ -49,7 +48,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
 
     None where it is neither. Raises InputError where it holds a wrong value.
     """
-    keys = load_toml(path, Problems()) or {}
+    keys = load_toml(path)
     tasks: list[Callable[[], Any]] = []
     if "groom" in keys:
         shot = read_shot(path, folders)

@@ -119,12 +119,9 @@ def _cache_of(file: Path, quality: str) -> Iterator[Path]:
     if file.suffix != ".toml":
         yield file
         return
-    from featherfx.groom.keys.values import Problems
     from featherfx.groom.read.toml_file import load_toml
 
-    problems = Problems()
-    keys = load_toml(file, problems) or {}
-    problems.raise_any()
+    keys = load_toml(file)
     with tempfile.TemporaryDirectory(prefix="featherfx-") as folder:
         cache = Path(folder) / f"{file.parent.name}_{file.stem}.usdc"
         if "groom" in keys:

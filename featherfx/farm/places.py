@@ -19,7 +19,6 @@ from pathlib import Path
 from featherfx.baking.task import part_path
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import write_text
-from featherfx.groom.keys.values import Problems
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.usd.write.output import SUFFIXES
 from featherfx.usd.write.parts import remove_cache
@@ -55,7 +54,9 @@ def outputs_of(shots: Sequence[Path], where: Path) -> list[Path]:
 
 def _name_of(shot: Path) -> str:
     """The name that a shot file gives itself; wrong files are told of when they are read."""
-    name = str((load_toml(shot, Problems()) or {}).get("name", shot.stem))
+    name = shot.stem
+    with contextlib.suppress(InputError):
+        name = str(load_toml(shot).get("name", name))
     return re.sub(r"[^\w.-]+", "_", name)
 
 

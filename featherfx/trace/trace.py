@@ -239,13 +239,9 @@ def kind_of_text(text: str) -> FeatherKind:
         path = Path(folder) / "traced.toml"
         path.write_text(text, encoding="utf-8")
         library = Library((), Problems())
-        tree = library.load_file("feather", path)
         place = Place("traced", "", library.problems)
-        finished = None if tree is None else library.finish("feather", tree, place)
-        kind = None if finished is None else kind_of("traced", finished, place)
-        library.problems.raise_any()
-    assert kind is not None
-    return kind
+        finished = library.finish("feather", library.load_file("feather", path), place)
+        return kind_of("traced", finished, place)
 
 
 def flattened(kind: FeatherKind) -> FeatherKind:

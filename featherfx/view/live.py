@@ -435,12 +435,10 @@ def presets_of(source: Source) -> Tuned:
 
     A value that the shot or its groom says itself wins over presets, in what is shown as in a bake.
     """
-    problems = Problems()
-    shot, library = read_shot(source.shot, source.folders), Library(source.folders, problems)
-    raw = load_toml(source.shot, problems) or {}
+    shot, library = read_shot(source.shot, source.folders), Library(source.folders, Problems())
+    raw = load_toml(source.shot)
     groom = source.shot.parent / str(raw.get("groom", ""))
-    made = (load_toml(groom, problems) or {}) if groom.suffix == ".toml" else {}
-    problems.raise_any()
+    made = load_toml(groom) if groom.suffix == ".toml" else {}
     kinds = dict.fromkeys(each.kind.name for each in some_of(shot, source.feathers))
     named = [("feather", name) for name in kinds]
     named += [

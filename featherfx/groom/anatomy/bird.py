@@ -7,6 +7,7 @@ between landmarks, so they fit any skin. What a bird becomes are tables of a gro
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from, from_rotation_vector, parallel
+from featherfx.errors import all_of
 from featherfx.groom.anatomy.fans import closed_fan
 from featherfx.groom.anatomy.lie import Body, hidden, lie_on
 from featherfx.groom.anatomy.remiges import shut
@@ -63,19 +65,16 @@ def hatch(
     if entry is None or entry is INVALID or len(place.problems):
         return {}
     if parts["skin"] is None:
-        at.fail("stands without [skin], whose coat it makes")
-        return {}
+        at.refuse("stands without [skin], whose coat it makes")
     points = {k: np.array(v) for k, v in entry["landmarks"].items() if v is not None}
-    axes = _axes(points, entry["up"], at.child("landmarks"))
     given = sourced(entry["type"], at.source)
-    tree = library.merged("bird", given, at.child("type"))
-    if axes is None or tree is None:
-        return {}
+    axes, tree = all_of(
+        partial(_axes, points, entry["up"], at.child("landmarks")),
+        partial(library.merged, "bird", given, at.child("type")),
+    )
     kind = plain(tree)
     scale = entry["scale"] or _distance(points, "beak", "tail") / kind["length"]
     wing = wing_type(kind["wing"], at.child("type.wing"), library)
-    if wing is None:
-        return {}
     stays = "right_wing" not in points and entry["fold"] == 1.0 and not entry["opens"]
     wing = shut(wing) if stays else wing
     tail = _tail(entry, kind["tail"], points, axes, scale) if kind["tail"]["count"] else None
@@ -118,25 +117,22 @@ def _distance(points: Points, first: str, second: str) -> float:
     return float(np.linalg.norm(points[first] - points[second]))
 
 
-def _axes(points: Points, up: tuple[float, ...], place: Place) -> Array | None:
-    """(3, 3) forward along the trunk, left and up; None after adding a problem."""
+def _axes(points: Points, up: tuple[float, ...], place: Place) -> Array:
+    """(3, 3) forward along the trunk, left and up. Raises InputError."""
     wings = [name for name in ("right_wing", "left_wing") if name in points]
     if len(wings) == 1:
         missing = "left_wing" if wings[0] == "right_wing" else "right_wing"
-        place.child(missing).fail(f"missing, {wings[0]} has its landmarks")
-        return None
+        place.child(missing).refuse(f"missing, {wings[0]} has its landmarks")
     flat = [(name, point) for name, point in points.items() if point.ndim == 1]
     size = max(_distance(points, "beak", "tail"), 1e-9)
     for k, (name, point) in enumerate(flat):
         for other, there in flat[:k]:
             if np.linalg.norm(point - there) < 1e-3 * size:
-                place.child(name).fail(f"is at the place of {other}")
-                return None
+                place.child(name).refuse(f"is at the place of {other}")
     shoulders = 0.5 * (points["right_shoulder"] + points["left_shoulder"])
     forward = shoulders - points["tail"]
     if parallel(forward, up):
-        place.child("tail").fail("is right below or above the shoulders; set `up`")
-        return None
+        place.child("tail").refuse("is right below or above the shoulders; set `up`")
     axes = frames_from(forward, up)
     for axis, name, back in (
         (1, "left_shoulder", "right_shoulder"),
@@ -145,8 +141,7 @@ def _axes(points: Points, up: tuple[float, ...], place: Place) -> Array | None:
     ):
         if float((points[name] - points[back]) @ axes[:, axis]) <= 0.0:
             side = ("behind", "to the right of")[axis]
-            place.child(name).fail(f"is {side} {back}: are the two exchanged?")
-            return None
+            place.child(name).refuse(f"is {side} {back}: are the two exchanged?")
     return axes
 
 

@@ -28,17 +28,14 @@ Array = NDArray[np.float64]
 
 
 def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Draft], list[Joint]]:
-    """The drafts of one [[tail]] and its joints, both empty after adding problems.
+    """The drafts of one [[tail]] and its joints. Raises InputError.
 
     Pairs count from the middle, where they lie uppermost; the right feather of a pair over the
     left one. A feather stands at its share of half the width of the root and of half the fan.
     """
     kind = _kind(entry, place, store)
-    if kind is None:
-        return [], []
     if entry["count"] % 2:
-        place.child("count").fail(f"{entry['count']} is odd, a tail has pairs of feathers")
-        return [], []
+        place.child("count").refuse(f"{entry['count']} is odd, a tail has pairs of feathers")
     frame = frames_from(entry["direction"], entry["up"])
     base, pairs = np.array(entry["position"]), entry["count"] // 2
     closed, opened = (0.5 * np.radians(angle) for angle in entry["angles"])
@@ -103,14 +100,12 @@ def closed_fan(entry: dict[str, Any]) -> Array:
 
 
 def crest(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Draft], list[Joint]]:
-    """The drafts of one [[crest]] and its joint, both empty after adding problems.
+    """The drafts of one [[crest]] and its joint. Raises InputError.
 
     Feathers stand along a path from front to back, by turns left and right of it; those in front
     turn by the whole angle, the last by half of it, and lie over those behind.
     """
     kind = _kind(entry, place, store)
-    if kind is None:
-        return [], []
     path = np.array(entry["path"])
     frame = frames_from(entry["direction"], entry["up"])
     count = entry["count"]
@@ -148,11 +143,9 @@ def crest(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[D
     return drafts, joints
 
 
-def _kind(entry: dict[str, Any], place: Place, store: KindStore) -> FeatherKind | None:
-    """None after adding problems."""
+def _kind(entry: dict[str, Any], place: Place, store: KindStore) -> FeatherKind:
     if parallel(entry["direction"], entry["up"]):
-        place.child("up").fail("is parallel to direction")
-        return None
+        place.child("up").refuse("is parallel to direction")
     return store.kind(KindChoice((entry["kind"],), 0.0, (), place))
 
 

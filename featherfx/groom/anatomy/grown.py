@@ -32,21 +32,22 @@ def grown_parts(parts: dict[str, Any], store: KindStore, library: Library, space
     drafts: list[Draft] = []
     joints: list[tuple[Joint, Place]] = []
     for at, entry in parts["wing"]:
-        if parallel(entry["forward"], entry["up"]):
-            at.child("up").fail("is parallel to forward")
-            continue
-        axes = frames_from(entry["forward"], entry["up"])
-        own, bones = wing(entry, at, store, library, axes)
-        mirror = mirror_of(entry, space)
-        drafts += with_mirror_images(own, at, mirror)
-        joints += [(each, at) for each in bones]
-        if mirror is not None:
-            joints += [(_mirrored(each, mirror), at) for each in bones if other_side(each.name)]
+        with at.problems.collecting():
+            if parallel(entry["forward"], entry["up"]):
+                at.child("up").refuse("is parallel to forward")
+            axes = frames_from(entry["forward"], entry["up"])
+            own, bones = wing(entry, at, store, library, axes)
+            mirror = mirror_of(entry, space)
+            drafts += with_mirror_images(own, at, mirror)
+            joints += [(each, at) for each in bones]
+            if mirror is not None:
+                joints += [(_mirrored(each, mirror), at) for each in bones if other_side(each.name)]
     for name, grow in (("tail", tail), ("crest", crest)):
         for at, entry in parts[name]:
-            own, bones = grow(entry, at, store)
-            drafts += own
-            joints += [(each, at) for each in bones]
+            with at.problems.collecting():
+                own, bones = grow(entry, at, store)
+                drafts += own
+                joints += [(each, at) for each in bones]
     return Grown(tuple(drafts), tuple(joints))
 
 

@@ -11,12 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import from_rotation_vector, motions
+from featherfx.errors import all_of
 from featherfx.groom.anatomy.bow import Bow, bow_share, wrapped
 from featherfx.groom.anatomy.pose import WingBones, as_placed, folded
 from featherfx.groom.anatomy.remiges import (
@@ -31,7 +33,7 @@ from featherfx.groom.anatomy.remiges import (
     spread_evenly,
 )
 from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingType
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.drafts import Draft
@@ -73,19 +75,16 @@ class _Wing:
 def wing(
     entry: dict[str, Any], place: Place, store: KindStore, library: Library, axes: Array
 ) -> tuple[list[Draft], list[Joint]]:
-    """The drafts of one [[wing]] and its joints, both empty after adding problems.
+    """The drafts of one [[wing]] and its joints. Raises InputError.
 
     entry: checked keys. axes: (3, 3) of the body, x forward, y to its left, z up.
     """
     kind = wing_type(entry["type"], place.child("type"), library)
-    bones = None if kind is None else _bones(entry, place, kind, axes)
-    if kind is None or bones is None:
-        return [], []
+    bones = _bones(entry, place, kind, axes)
     found = _Wing(entry, place, kind, bones, store, entry["scale"])
     remiges = remiges_of(kind, bones, entry["scale"])
     found = replace(found, closed=_closed(found, axes))
-    if not _sound(found, remiges, axes):
-        return [], []
+    _check(found, remiges, axes)
     drafts = list(_flight(found, remiges))
     for number, row in enumerate(kind.coverts):
         if row.side == "below" and not entry["below"]:
@@ -103,67 +102,64 @@ def _closed(wing: _Wing, axes: Array) -> _Closed | None:
     return None if bow is None else _Closed(replace(wing, bones=shut), remiges, bow)
 
 
-def wing_type(given: Any, place: Place, library: Library) -> WingType | None:
-    """A type as it is written, with its bases; None after adding problems."""
+def wing_type(given: Any, place: Place, library: Library) -> WingType:
+    """A type as it is written, with its bases. Raises InputError."""
     if isinstance(given, WingType):
         return given
-    tree = library.merged("wing", sourced(given, place.source), place)
-    if tree is None:
-        return None
-    values = plain(tree)
+    values = plain(library.merged("wing", sourced(given, place.source), place))
     values |= {name: FlightRow(**values[name]) for name in (*ROWS, "alula")}
     values["coverts"] = tuple(CovertRow(**each) for each in values["coverts"])
     return WingType(**values)
 
 
-def _bones(entry: dict[str, Any], place: Place, kind: WingType, axes: Array) -> WingBones | None:
+def _bones(entry: dict[str, Any], place: Place, kind: WingType, axes: Array) -> WingBones:
     names = ("elbow", "wrist", "tip")
     missing = [name for name in names if entry[name] is None]
     left, fold, scale = entry["side"] == "left", entry["fold"], entry["scale"]
     shoulder = np.array(entry["shoulder"])
     lengths = scale * np.array([kind.humerus, kind.forearm, kind.hand])
     if missing and (len(missing) < len(names) or fold is None):
-        place.child(missing[0]).fail("missing: expects elbow, wrist and tip, or fold without them")
-        return None
+        told = "missing: expects elbow, wrist and tip, or fold without them"
+        place.child(missing[0]).refuse(told)
     if missing:
         return folded(kind, shoulder, lengths, axes, left, fold)
     points = np.array([entry[name] for name in ("shoulder", *names)])
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if lengths.min() < 1e-4:
         name = names[int(np.argmin(lengths))]
-        place.child(name).fail("is where the joint before it is; a bone has a length")
-        return None
+        place.child(name).refuse("is where the joint before it is; a bone has a length")
     if fold is not None:
         return folded(kind, shoulder, lengths, axes, left, fold)
     bones = as_placed(kind, points, axes, left)
     if bones is None:
-        place.child("tip").fail("shoulder, elbow, wrist and tip are on one line; give fold")
+        place.child("tip").refuse("shoulder, elbow, wrist and tip are on one line; give fold")
     return bones
 
 
-def _sound(wing: _Wing, remiges: Remiges, axes: Array) -> bool:
-    """Whether feathers fit their bones and point backwards; False after adding problems."""
-    count = len(wing.place.problems)
-    for number, name in enumerate(ROWS):
+def _check(wing: _Wing, remiges: Remiges, axes: Array) -> None:
+    """Raises InputError unless feathers fit their bones and point backwards."""
+    problems, rows = Problems(), [getattr(wing.kind, name) for name in ROWS]
+    rows += [wing.kind.alula] if wing.kind.alula.count else []
+    rows += [row for row in wing.kind.coverts if row.side == "above" or wing.entry["below"]]
+    kinds = all_of(*(partial(wing.store.kind, _choice(wing, row.kind)) for row in rows))
+    place = replace(wing.place, problems=problems)
+    for number, (name, row, kind) in enumerate(zip(ROWS, rows, kinds, strict=False)):
         own = remiges.bone == number
-        row = getattr(wing.kind, name)
-        kind = wing.store.kind(_choice(wing, row.kind))
-        if kind is None or own.sum() < 2:
+        if own.sum() < 2:
             continue
         apart = float(np.linalg.norm(np.diff(remiges.roots[own], axis=0), axis=1).min())
         quill = kind.rachis.diameter_base * float(remiges.lengths[own].max()) / kind.length
         if apart < _QUILL_ROOM * quill:
-            wing.place.child(f"type.{name}.count").fail(
+            place.child(f"type.{name}.count").fail(
                 f"{row.count} feathers with quills of {1e3 * quill:.3g} mm stand {1e3 * apart:.3g} "
                 f"mm apart on a bone of {1e3 * wing.bones.lengths[number]:.3g} mm"
             )
     middle = remiges.bone == 1
     ways = frames_at(wing.bones, remiges.angles[middle])[:, :, 0]
     if len(ways) and float((ways.mean(axis=0)) @ axes[:, 0]) > 0.5:
-        wing.place.child("wrist").fail(
-            "the feathers would point forwards: are landmarks, or the sides, exchanged?"
-        )
-    return len(wing.place.problems) == count
+        told = "the feathers would point forwards: are landmarks, or the sides, exchanged?"
+        place.child("wrist").fail(told)
+    problems.hand_on()
 
 
 def _choice(wing: _Wing, name: str) -> KindChoice:
@@ -289,8 +285,6 @@ def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
     entry, closed = wing.entry, wing.closed
     choice = _choice(wing, row.kind)
     kind = wing.store.kind(choice)
-    if kind is None:
-        return
     positions, rotations = _in_plane(wing, remiges, row)
     bows: Sequence[Array | None] = [None] * len(row.own)
     wraps = np.zeros((len(row.own), 2))

@@ -66,9 +66,14 @@ class Problems:
         return listed + more
 
     def raise_any(self) -> None:
-        """Raises InputError with all that was collected, if anything was."""
+        """Raises InputError with what was collected, as listed, if anything was."""
         if self._found:
             raise InputError(*self.listed())
+
+    def hand_on(self) -> None:
+        """As raise_any, with all of it, for who collects further."""
+        if self._found:
+            raise InputError(*self._found)
 
     def nearest(self, name: str, names: Iterable[str]) -> str:
         """nearest() for the first names that are wrong; empty when so many have been looked for."""
@@ -103,8 +108,12 @@ class Place:
 
     def unknown(self, message: str, name: str, names: Iterable[str]) -> Any:
         """fail() for a name that is none of the known ones, with the one that is likely meant."""
-        meant = self.problems.nearest(name, names)
-        return self.fail(f"{message}, {meant}" if meant else message)
+        return self.fail(self.meant(message, name, names))
+
+    def meant(self, message: str, name: str, names: Iterable[str]) -> str:
+        """A message about a name that is none of the known ones, with the one likely meant."""
+        near = self.problems.nearest(name, names)
+        return f"{message}, {near}" if near else message
 
 
 JsonSchema = dict[str, Any]

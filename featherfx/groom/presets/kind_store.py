@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
+from featherfx.errors import InputError, all_of
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kinds import Change, adjusted, blended, kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree, merged
@@ -27,12 +29,12 @@ class KindChoice:
 
 
 class KindStore:
-    """Builds kinds, each once. Problems go to the library's list."""
+    """Builds kinds, each once."""
 
     def __init__(self, library: Library) -> None:
         self._library = library
         self._changes: list[tuple[Tree, Place]] = []
-        self._kinds: dict[Any, FeatherKind | None] = {}
+        self._kinds: dict[Any, FeatherKind | InputError] = {}
         self._adjusted: dict[Any, FeatherKind] = {}
 
     def change(self, tree: Tree, place: Place) -> int:
@@ -40,48 +42,42 @@ class KindStore:
         self._changes.append((tree, place))
         return len(self._changes) - 1
 
-    def kind(self, choice: KindChoice) -> FeatherKind | None:
-        """The chosen kind; None after adding problems (once for each place)."""
+    def kind(self, choice: KindChoice) -> FeatherKind:
+        """The chosen kind. Raises InputError."""
         good = (choice.names, choice.blend, choice.changes)
-        if good in self._kinds:
-            return self._kinds[good]
         bad = (good, choice.place.key)
-        if bad in self._kinds:
-            return None
-        built = self._build(choice)
-        self._kinds[bad if built is None else good] = built
-        return built
+        found = self._kinds.get(good) or self._kinds.get(bad)
+        if found is None:
+            try:
+                found = self._kinds[good] = self._build(choice)
+            except InputError as error:
+                found = self._kinds[bad] = error
+        if isinstance(found, InputError):
+            raise InputError(*found.problems)
+        return found
 
-    def _build(self, choice: KindChoice) -> FeatherKind | None:
+    def _build(self, choice: KindChoice) -> FeatherKind:
         if len(choice.names) == 1:
             return self._preset(choice.names[0], choice.changes, choice.place)
-        ends = [
-            self.kind(KindChoice((name,), 0.0, choice.changes, choice.place))
-            for name in choice.names
-        ]
-        if ends[0] is None or ends[1] is None:
-            return None
+        single = (KindChoice((each,), 0.0, choice.changes, choice.place) for each in choice.names)
+        ends = all_of(*(partial(self.kind, each) for each in single))
         try:
-            kind: FeatherKind = blended(ends[0], ends[1], choice.blend)
+            return blended(ends[0], ends[1], choice.blend)
         except ValueError:
-            first, second = choice.names
-            choice.place.child("blend").fail(
-                f"'{first}' and '{second}' cannot be blended: their outlines or guides differ in "
-                "number"
+            told = "cannot be blended: their outlines or guides differ in number"
+            choice.place.child("blend").refuse(
+                f"'{choice.names[0]}' and '{choice.names[1]}' {told}"
             )
-            return None
-        return kind
 
-    def _preset(self, name: str, changes: tuple[int, ...], place: Place) -> FeatherKind | None:
+    def _preset(self, name: str, changes: tuple[int, ...], place: Place) -> FeatherKind:
         library = self._library
         base = {"base": Sourced(name, place.source)}
         tree = library.resolve("feather", base, place, key="kind")
         at = place
         for number in changes:
             above, at = self._changes[number]
-            tree = None if tree is None else merged(tree, above)
-        finished = None if tree is None else library.finish("feather", tree, at)
-        return None if finished is None else kind_of(name, finished, at)
+            tree = merged(tree, above)
+        return kind_of(name, library.finish("feather", tree, at), at)
 
     def adjusted(self, kind: FeatherKind, change: Change) -> FeatherKind:
         """The kind with a change; one object for equal requests."""

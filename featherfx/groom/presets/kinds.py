@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
@@ -52,9 +52,10 @@ def _colour(values: dict[str, Any]) -> Colour:
     return Colour(**{**values, "patterns": tuple(patterns)})
 
 
-def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
-    """The kind that a finished feather tree describes; None after adding problems."""
-    values = plain(tree)
+def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
+    """The kind that a finished feather tree describes. Raises InputError."""
+    values, problems = plain(tree), Problems()
+    place = replace(place, problems=problems)
     kind = FeatherKind(
         name=name,
         length=values["length"],
@@ -69,7 +70,6 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
         colour=_colour(values["colour"]),
         barbs=BarbLook(**values["barbs"]),
     )
-    count = len(place.problems)
     for index, pattern in enumerate(kind.colour.patterns):
         if pattern.end <= pattern.start:
             file = _source(tree, "colour", "patterns")
@@ -96,8 +96,7 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
     _check_hooks(kind.vane_material, tree, place)
     if kind.vane_material.ribbon:
         _check_ribbon(kind, tree, place)
-    if len(place.problems) > count:
-        return None
+    problems.hand_on()
     return dialled(kind, values["stiffness"], values["weight"])
 
 

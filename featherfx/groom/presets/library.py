@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from featherfx.errors import InputError
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import REQUIRED, Key, Place, Problems, Table, expected
@@ -55,16 +56,17 @@ def plain(tree: Tree) -> dict[str, Any]:
 
 
 class Library:
-    """Presets by family and name, each file read once. Problems go to the list given.
+    """Presets by family and name, each file read once.
 
-    said: what the files say, by presets.FAMILY/NAME.KEY (told.py).
+    problems: of whoever reads with it. said: what the files say, by presets.FAMILY/NAME.KEY
+    (told.py).
     """
 
     def __init__(self, folders: Iterable[str | Path], problems: Problems) -> None:
         self.folders = search_path(folders)
         self.problems = problems
         self.said: dict[str, str] = {}
-        self._loaded: dict[Path, Tree | None] = {}
+        self._loaded: dict[Path, Tree | InputError] = {}
         self._shipped = shipped_folder()
 
     def label(self, path: Path) -> str:
@@ -94,22 +96,20 @@ class Library:
         place: Place,
         chain: Sequence[tuple[str, Path]] = (),
         key: str = "base",
-    ) -> Tree | None:
-        """The tree with its `base` merged under it; None after adding a problem.
+    ) -> Tree:
+        """The tree with its `base` merged under it. Raises InputError.
 
         chain: (name, file) of the presets that led here, to see cycles.
         key: what the user wrote the base under.
         """
         rest = {name: value for name, value in tree.items() if name != "base"}
         base = tree.get("base")
-        below: Tree | None = {}
-        if base is not None:
-            below = self._load(family, base, place.child(key), chain)
-        return None if below is None else merged(below, rest)
+        below = {} if base is None else self._load(family, base, place.child(key), chain)
+        return merged(below, rest)
 
     def _load(
         self, family: str, base: Sourced, place: Place, chain: Sequence[tuple[str, Path]]
-    ) -> Tree | None:
+    ) -> Tree:
         name = base.value
         start = 0
         if chain and chain[-1][0] == name:  # a preset over another of its own name
@@ -117,20 +117,16 @@ class Library:
         found = self.find(family, name, start)
         where = Place(base.source, place.key, self.problems)
         if found is None and start:
-            where.fail(f"preset cycle: {name} -> {name}")
-            return None
+            where.refuse(f"preset cycle: {name} -> {name}")
         if found is None:
-            where.unknown(f"no {family} preset '{name}'", name, self.names(family))
-            return None
+            where.refuse(where.meant(f"no {family} preset '{name}'", name, self.names(family)))
         path = found[0]
         if len(chain) >= MOST_BASES:
-            where.fail(f"more than {MOST_BASES} presets extend each other; merge some of them")
-            return None
+            where.refuse(f"more than {MOST_BASES} presets extend each other; merge some of them")
         if any(path == each for _, each in chain):
             names = [each for each, _ in chain]
             loop = [*names[[p for _, p in chain].index(path) :], name]
-            where.fail("preset cycle: " + " -> ".join(loop))
-            return None
+            where.refuse("preset cycle: " + " -> ".join(loop))
         return self.load_file(family, path, chain)
 
     def _folder_number(self, path: Path, family: str) -> int:
@@ -139,66 +135,67 @@ class Library:
                 return index
         return -1
 
-    def load_file(
-        self, family: str, path: Path, chain: Sequence[tuple[str, Path]] = ()
-    ) -> Tree | None:
-        """A preset file with all its bases; None after adding problems."""
+    def load_file(self, family: str, path: Path, chain: Sequence[tuple[str, Path]] = ()) -> Tree:
+        """A preset file with all its bases. Raises InputError."""
         if path not in self._loaded:
-            self._loaded[path] = self._read(family, path, chain)
-        return self._loaded[path]
+            try:
+                self._loaded[path] = self._read(family, path, chain)
+            except InputError as error:
+                self._loaded[path] = error
+        found = self._loaded[path]
+        if isinstance(found, InputError):
+            raise InputError(*found.problems)
+        return found
 
-    def _read(self, family: str, path: Path, chain: Sequence[tuple[str, Path]]) -> Tree | None:
+    def _read(self, family: str, path: Path, chain: Sequence[tuple[str, Path]]) -> Tree:
         source = self.label(path)
-        raw = load_toml(path, self.problems, source)
-        if raw is None:
-            return None
+        raw, problems = load_toml(path, source), Problems()
         name = f"presets.{family}/{path.stem}" + " (below)" * bool(
             chain and chain[-1][0] == path.stem
         )
         self.said |= {f"{name}.{key}": text for key, text in told(raw, path.parent).items()}
-        place = Place(source, "", self.problems)
-        count = len(self.problems)
-        checked = FAMILIES[family].extended.check(raw, place, True)
-        broken = len(self.problems) > count
-        tree = sourced(checked, source) if isinstance(checked, dict) else {"base": None}
-        if broken and isinstance(raw.get("base"), str):
-            tree = {"base": Sourced(raw["base"], source)}  # still reports what is wrong below
-        if tree.get("base", 0) is None:
-            return None
-        resolved = self.resolve(family, tree, place, (*chain, (path.stem, path)))
-        return None if broken else resolved
+        checked = FAMILIES[family].extended.check(raw, Place(source, "", problems), True)
+        tree = sourced(checked, source) if isinstance(checked, dict) else {}
+        if len(problems):  # still reports what is wrong below
+            tree = (
+                {"base": Sourced(raw["base"], source)} if isinstance(raw.get("base"), str) else {}
+            )
+        with problems.collecting():
+            place = Place(source, "", self.problems)
+            tree = self.resolve(family, tree, place, (*chain, (path.stem, path)))
+        problems.hand_on()
+        return tree
 
-    def finish(self, family: str, tree: Tree, place: Place) -> Tree | None:
-        """The tree with materials resolved and defaults filled in; None after adding problems."""
+    def finish(self, family: str, tree: Tree, place: Place) -> Tree:
+        """The tree with materials resolved and defaults filled in. Raises InputError."""
         kind = tree.get("kind")
         table = FAMILIES[family].finished(kind.value if isinstance(kind, Sourced) else "")
         return self._finish(table, tree, place)
 
-    def _finish(self, table: Table, tree: Tree, place: Place) -> Tree | None:
-        result: Tree = {}
+    def _finish(self, table: Table, tree: Tree, place: Place) -> Tree:
+        result, problems = Tree(), Problems()
         for name, value in tree.items():
             if name not in table.keys:
                 source = value.source if isinstance(value, Sourced) else place.source
-                at = Place(source, place.child(name).key, self.problems)
-                at.fail(f"does not apply to a {table.title}")
+                message = f"does not apply to a {table.title}"
+                problems.add(source, place.child(name).key, message)
         for name, key in table.keys.items():
-            result[name] = self._finish_key(key, tree.get(name), place.child(name))
-        return None if any(value is None for value in result.values()) else result
+            with problems.collecting():
+                result[name] = self._finish_key(key, tree.get(name), place.child(name))
+        problems.hand_on()
+        return result
 
     def _finish_key(self, key: Key, value: Any, place: Place) -> Any:
         if isinstance(key.type, Preset) and value is not None:
-            resolved = self.resolve(key.type.family, value, place)
-            return None if resolved is None else self.finish(key.type.family, resolved, place)
+            return self.merged(key.type.family, value, place)
         if isinstance(key.type, Table):
             return self._finish(key.type, value or {}, place)
         if value is not None:
             return value
         if key.default is REQUIRED:
-            place.fail(f"missing, expects {expected(key.type)}")
-            return None
+            place.refuse(f"missing, expects {expected(key.type)}")
         return Sourced(key.default, "default")
 
-    def merged(self, family: str, tree: Tree, place: Place, key: str = "base") -> Tree | None:
+    def merged(self, family: str, tree: Tree, place: Place, key: str = "base") -> Tree:
         """resolve() and finish() in one."""
-        resolved = self.resolve(family, tree, place, key=key)
-        return None if resolved is None else self.finish(family, resolved, place)
+        return self.finish(family, self.resolve(family, tree, place, key=key), place)

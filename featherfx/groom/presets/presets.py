@@ -9,6 +9,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
+from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import Place, Problems, Table, nearest
@@ -59,13 +60,11 @@ def _named(name: str, library: Library) -> tuple[str, str]:
     if len(hits) == 1:
         return hits[0], short
     if hits:
-        options = ", ".join(f"{each}/{short}" for each in hits)
-        library.problems.add("presets", name, f"stands for several presets: {options}")
+        fault = f"stands for several presets: {', '.join(f'{each}/{short}' for each in hits)}"
     else:
         known = {each for one in FAMILIES for each in library.names(one)}
-        library.problems.add("presets", name, f"there is no such preset, {nearest(short, known)}")
-    library.problems.raise_any()
-    raise AssertionError("unreachable")
+        fault = f"there is no such preset, {nearest(short, known)}"
+    raise InputError(Problem("presets", name, fault))
 
 
 def load_preset(name: str, preset_folders: Iterable[str | Path] = ()) -> tuple[str, Tree]:
@@ -73,20 +72,14 @@ def load_preset(name: str, preset_folders: Iterable[str | Path] = ()) -> tuple[s
     library = Library(preset_folders, Problems())
     family, short = _named(name, library)
     place = Place("presets", f"{family}/{short}", library.problems)
-    tree = library.merged(family, {"base": Sourced(short, "presets")}, place)
-    library.problems.raise_any()
-    assert tree is not None
-    return family, tree
+    return family, library.merged(family, {"base": Sourced(short, "presets")}, place)
 
 
 def check_preset(family: str, path: Path, library: Library) -> None:
-    """Checks one preset file with all that it names; problems go to the library's list."""
-    tree = library.load_file(family, path)
-    if tree is None:
-        return
+    """Checks one preset file with all that it names. Raises InputError."""
     place = Place(library.label(path), "", library.problems)
-    finished = library.finish(family, tree, place)
-    if finished is not None and family == "feather":
+    finished = library.finish(family, library.load_file(family, path), place)
+    if family == "feather":
         kind_of(path.stem, finished, place)
 
 

@@ -166,7 +166,7 @@ def _choice(kind: str, vanes: DrawnVanes | None, at: Place, store: KindStore) ->
         return KindChoice((kind,), 0.0, (), at)
     found = Problems()
     checked = Table(FEATHER).check(vanes.change, replace(at.child("barbs"), problems=found), True)
-    found.raise_any()
+    found.hand_on()
     return KindChoice((kind,), 0.0, (store.change(sourced(checked, at.source), at),), at)
 
 
@@ -182,19 +182,15 @@ def _up(feather: DrawnFeather, entry: dict[str, Any], points: Array) -> Array | 
     return curved_up(points) if len(points) > 2 else None
 
 
-def drawn_changes(
-    draft: Draft, kind: FeatherKind, store: KindStore
-) -> tuple[float, float, float] | None:
+def drawn_changes(draft: Draft, kind: FeatherKind, store: KindStore) -> tuple[float, float, float]:
     """Factor of length and changes of camber and sweep (deg) that make a kind fit its drawing.
 
-    What an override has changed stays as it is. None after adding problems.
+    What an override has changed stays as it is. Raises InputError.
     """
     shape = draft.shape
     if shape is None:
         return 1.0, 0.0, 0.0
     base = store.kind(shape.choice)
-    if base is None:
-        return None
     fit, rachis = shape.fit, base.rachis
     factor = fit.length / kind.length if kind.length == base.length else 1.0
     if not shape.bent:

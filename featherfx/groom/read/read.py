@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import about_x
+from featherfx.algebra.types import Array
 from featherfx.groom.anatomy.bird import hatch
 from featherfx.groom.anatomy.grown import grown_parts
 from featherfx.groom.keys.groom import GROOM_FILE
@@ -63,8 +64,9 @@ def read_groom(
     preset_folders: searched before the user's and the shipped presets. Raises InputError with all
     problems of the file, its tables and scenes and the presets that it names.
     """
-    library = Library(preset_folders, Problems())
-    groom = collect_groom(Path(path), library, readers)
+    library, groom = Library(preset_folders, Problems()), None
+    with library.problems.collecting():
+        groom = collect_groom(Path(path), library, readers)
     library.problems.raise_any()
     assert groom is not None
     return groom
@@ -76,23 +78,20 @@ def collect_groom(
     readers: GroomReaders | None = None,
     above: Iterable[tuple[Overrides, Place]] = (),
 ) -> Groom | None:
-    """The groom of a file; None, or an incomplete groom, after adding problems.
+    """The groom of a file; None, or an incomplete groom, after adding problems. Raises InputError.
 
     above: checked [overrides] of a shot, and its place, that come after the groom's.
     """
     if path.suffix.lower() in SCENE_SUFFIXES:
-        raw: dict[str, Any] | None = {"name": path.stem, "usd": [{"file": path.name}]}
+        raw: dict[str, Any] = {"name": path.stem, "usd": [{"file": path.name}]}
     else:
-        raw = load_toml(path, library.problems)
-    if raw is None:
-        return None
+        raw = load_toml(path)
+    place = Place(str(path), "", library.problems)
     if raw.keys() >= _SHOT_KEYS:
-        library.problems.add(path, "", "is a shot, expects a groom")
-        return None
+        place.refuse("is a shot, expects a groom")
     family = "groom" if _FEATHER_KEYS & raw.keys() else file_kind(raw, path, {})
     if family not in ("groom", ""):
-        library.problems.add(path, "", f"is a {family} preset, expects a groom")
-        return None
+        place.refuse(f"is a {family} preset, expects a groom")
     return groom_of(raw, path, library, readers, above)
 
 
@@ -110,15 +109,16 @@ def groom_of(
         readers = replace(readers, skin=kept_skins(readers.skin))
     space = in_groom(parts, place, None if readers is None else readers.skin)
     store = KindStore(library)
-    colours = hatch(parts, place, library, None if readers is None else readers.skin)
+    colours: Overrides = {}
+    with library.problems.collecting():
+        colours = hatch(parts, place, library, None if readers is None else readers.skin)
     grown = grown_parts(parts, store, library, space)
     joints = _joints(parts["joint"], grown.joints, space)
     plumage = plumage_of(raw, parts, place, store, readers, space)
     written = _drafts(parts, path.parent, store, readers, space) if _may_be(parts, place) else ()
     drafts = [*islice(written, MOST_FEATHERS + 1), *grown.drafts, *plumage.drafts]
     if len(drafts) > MOST_FEATHERS:
-        place.fail(f"holds more than {MOST_FEATHERS} feathers")
-        return None
+        place.refuse(f"holds more than {MOST_FEATHERS} feathers")
     if not drafts and not len(library.problems):
         place.fail(
             "there are no feathers; expects a [bird], [[feather]], [[row]], [[wing]], [[tail]], "
@@ -328,45 +328,43 @@ def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Pla
     rotations = np.stack([draft.rotation for draft in drafts]) @ about_x(roll)
     placements = []
     for draft, rotation, change in zip(drafts, rotations, changes.tolist(), strict=True):
-        kind = store.kind(draft.choice)
-        if kind is None:
-            continue
-        drawn = drawn_changes(draft, kind, store)
-        if drawn is None:
-            continue
-        scale = draft.scale * drawn[0] * (1.0 + change[0])
-        width = draft.width * (1.0 + change[1])
-        camber = drawn[1] + draft.curl + change[2]
-        shape = Change(
-            width=width,
-            camber=camber,
-            sweep=drawn[2],
-            hollow=draft.hollow,
-            wrap=draft.wrap,
-            stiffness=draft.stiffness,
-            weight=draft.weight,
-            patterns=_patterns(draft.id, kind),
-            angle=change[4],
-            **{name: 1.0 + change[k] for k, name in enumerate(_MATTER[1:], start=5)},
-        )
-        prototype = store.adjusted(kind, shape)
-        placements.append(
-            Placement(
-                id=draft.id,
-                kind=store.adjusted(prototype, Change(scale=scale)),
-                region=draft.region,
-                position=draft.position,
-                rotation=rotation,
-                joint=draft.joint,
-                mirrored=draft.left,
-                skin=draft.skin,
-                skin_uv=draft.skin_uv,
-                prototype=prototype,
-                size=scale,
-                layer=draft.layer,
-                stack=draft.stack,
-                grown=draft.grown,
-                turning=draft.turning,
-            )
-        )
+        with draft.place.problems.collecting():
+            placements.append(_placement(draft, rotation, change, store))
     return tuple(placements)
+
+
+def _placement(draft: Draft, rotation: Array, change: list[float], store: KindStore) -> Placement:
+    """change: drawn of a feather, of each column of _drawn. Raises InputError."""
+    kind = store.kind(draft.choice)
+    drawn = drawn_changes(draft, kind, store)
+    scale = draft.scale * drawn[0] * (1.0 + change[0])
+    shape = Change(
+        width=draft.width * (1.0 + change[1]),
+        camber=drawn[1] + draft.curl + change[2],
+        sweep=drawn[2],
+        hollow=draft.hollow,
+        wrap=draft.wrap,
+        stiffness=draft.stiffness,
+        weight=draft.weight,
+        patterns=_patterns(draft.id, kind),
+        angle=change[4],
+        **{name: 1.0 + change[k] for k, name in enumerate(_MATTER[1:], start=5)},
+    )
+    prototype = store.adjusted(kind, shape)
+    return Placement(
+        id=draft.id,
+        kind=store.adjusted(prototype, Change(scale=scale)),
+        region=draft.region,
+        position=draft.position,
+        rotation=rotation,
+        joint=draft.joint,
+        mirrored=draft.left,
+        skin=draft.skin,
+        skin_uv=draft.skin_uv,
+        prototype=prototype,
+        size=scale,
+        layer=draft.layer,
+        stack=draft.stack,
+        grown=draft.grown,
+        turning=draft.turning,
+    )

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from featherfx.groom.keys.values import Problems
+from featherfx.errors import InputError, Problem
 from featherfx.limits import MOST_NESTING, MOST_TOML_BYTES, irregular
 
 _POSITION = re.compile(r"^(?P<what>.*) \(at (?P<where>.*)\)$", re.DOTALL)
@@ -17,44 +17,47 @@ _DEEP_KEY = re.compile(rf"(?m)(?:^[ \t\[]*|[{{,]\s*){_PART}(?:\.[ \t]*{_PART}){{
 _TOO_DEEP = f"tables and arrays are nested deeper than {MOST_NESTING}"
 
 
-def load_toml(path: Path, problems: Problems, label: str = "") -> dict[str, Any] | None:
-    """The file's tables, or None after adding a problem that names the file (and line).
+def load_toml(path: Path, label: str = "") -> dict[str, Any]:
+    """The file's tables. Raises InputError, which names the file (and line).
 
-    label: how the file is called in problems, its path where empty.
+    label: how the file is called in it, its path where empty.
     """
-    source = label or str(path)
-    if fault := irregular(path):
-        problems.add(source, "", f"{fault}, expects a TOML file")
-        return None
     try:
-        if (size := path.stat().st_size) > MOST_TOML_BYTES:
-            problems.add(source, "", _too_large(size))
-            return None
-        text = path.read_text(encoding="utf-8-sig")
-        tables = None if _DEEP_KEY.search(text) else tomllib.loads(text)
-        if tables is not None and not _is_deep(tables):
-            return tables
-        problems.add(source, "", _TOO_DEEP)
+        return _tables(path)
     except FileNotFoundError:
-        problems.add(source, "", "there is no such file")
+        fault = "there is no such file"
     except RecursionError:
-        problems.add(source, "", _TOO_DEEP)
+        fault = _TOO_DEEP
     except UnicodeDecodeError as error:
-        problems.add(source, "", f"is not UTF-8 text (byte {error.start})")
+        fault = f"is not UTF-8 text (byte {error.start})"
     except tomllib.TOMLDecodeError as error:
         match = _POSITION.match(str(error))
         text = f"{match['where']}: {match['what']}" if match else str(error)
-        problems.add(source, "", f"not valid TOML, {text}")
+        fault = f"not valid TOML, {text}"
+    except _Unfit as error:
+        fault = str(error)
     except ValueError as error:  # integers beyond Python's limits
-        problems.add(source, "", f"cannot be read: {error}")
+        fault = f"cannot be read: {error}"
     except OSError as error:
-        problems.add(source, "", f"cannot be read: {error.strerror or error}")
-    return None
+        fault = f"cannot be read: {error.strerror or error}"
+    raise InputError(Problem(label or str(path), "", fault))
 
 
-def _too_large(size: int) -> str:
-    sizes = f"has {size / 1e6:.3g} MB, allowed {MOST_TOML_BYTES / 1e6:.3g} MB"
-    return f"{sizes}; thousands of feathers stand in a [[table]], a CSV or NPZ file"
+class _Unfit(ValueError):
+    """What a file is, or has too much of."""
+
+
+def _tables(path: Path) -> dict[str, Any]:
+    if fault := irregular(path):
+        raise _Unfit(f"{fault}, expects a TOML file")
+    if (size := path.stat().st_size) > MOST_TOML_BYTES:
+        sizes = f"has {size / 1e6:.3g} MB, allowed {MOST_TOML_BYTES / 1e6:.3g} MB"
+        raise _Unfit(f"{sizes}; thousands of feathers stand in a [[table]], a CSV or NPZ file")
+    text = path.read_text(encoding="utf-8-sig")
+    tables = None if _DEEP_KEY.search(text) else tomllib.loads(text)
+    if tables is None or _is_deep(tables):
+        raise _Unfit(_TOO_DEEP)
+    return tables
 
 
 def _is_deep(tables: dict[str, Any]) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.regions.rules import GroomSkin, Rule, presence
@@ -64,9 +64,9 @@ class RegionKinds:
 
 def region_kinds(
     entry: dict[str, Any], place: Place, skin: GroomSkin, store: KindStore
-) -> RegionKinds | None:
-    """The kinds of a region with checked keys; None after adding problems."""
-    count = len(place.problems)
+) -> RegionKinds:
+    """The kinds of a region with checked keys. Raises InputError."""
+    problems = Problems()
     changes: tuple[int, ...] = ()
     if entry["overrides"]:
         at = place.child("overrides")
@@ -79,14 +79,13 @@ def region_kinds(
         at = place.child("kind") if single else place.child("kind").item(number)
         choice = KindChoice((each["name"],), 0.0, changes, place if single else at)
         choices.append(choice)
-        kinds += [kind] if (kind := store.kind(choice)) else []
-        with place.problems.collecting():
+        with problems.collecting():
+            kinds.append(store.kind(choice))
+        with problems.collecting():
             amounts.append(_scaled(presence(each["where"], skin, at.child("where")), each["share"]))
-    if len(place.problems) > count:
-        return None
+    problems.hand_on()
     if not any(each["share"] > 0.0 for each in entries):
-        place.child("kind").fail("has no share above 0")
-        return None
+        place.child("kind").refuse("has no share above 0")
     return RegionKinds(tuple(choices), tuple(kinds), tuple(amounts))
 
 

@@ -135,10 +135,10 @@ def _region_drafts(
     if len(place.problems) > count:
         return (), None
     skins = {path: GroomSkin(SkinSurface(each), space, folder) for path, each in sources.items()}
-    built = [
-        _region(entry, at, skins[entry["prim"] or skin["prim"]], store) for at, entry in entries
-    ]
-    regions = [region for region in built if region is not None]
+    regions = []
+    for at, entry in entries:
+        with place.problems.collecting():
+            regions.append(_region(entry, at, skins[entry["prim"] or skin["prim"]], store))
     counts = [_count(region) for region in regions]
     _check_total(regions, counts, skin["most"], place)
     if len(place.problems) > count:
@@ -150,29 +150,27 @@ def _region_drafts(
     return tuple(drafts), np.concatenate([surface.corners for surface in surfaces])
 
 
-def _region(
-    entry: dict[str, Any], place: Place, skin: GroomSkin, store: KindStore
-) -> _Region | None:
+def _region(entry: dict[str, Any], place: Place, skin: GroomSkin, store: KindStore) -> _Region:
+    """Raises InputError."""
     surface = skin.surface
-    count = len(place.problems)
-    if (entry["density"] is None) == (entry["count"] is None):
-        place.child("density").fail("expects either density or count, one of the two")
-    kinds = region_kinds(entry, place, skin, store)
-    with place.problems.collecting():
-        where, along = all_of(
-            partial(presence, entry["where"], skin, place.child("where")),
-            partial(flow, entry["flow"], surface, place.child("flow")),
-        )
-    if kinds is None or len(place.problems) > count:
-        return None
+    _, kinds, where, along = all_of(
+        partial(_check_number, entry, place.child("density")),
+        partial(region_kinds, entry, place, skin, store),
+        partial(presence, entry["where"], skin, place.child("where")),
+        partial(flow, entry["flow"], surface, place.child("flow")),
+    )
     length = float(entry["length"] or kinds.lengths.max())
     if length > surface.diagonal:
-        place.child("length").fail(
+        place.child("length").refuse(
             f"{length:g} m is longer than the whole skin {surface.source.path}, "
             f"{surface.diagonal:.3g} m; are its units right?"
         )
-        return None
     return _Region(entry, place, surface, kinds, where, along, skin.space)
+
+
+def _check_number(entry: dict[str, Any], place: Place) -> None:
+    if (entry["density"] is None) == (entry["count"] is None):
+        place.refuse("expects either density or count, one of the two")
 
 
 def _count(region: _Region) -> int:

@@ -250,10 +250,7 @@ def feather_kind(preset: str, preset_folders: tuple[str | Path, ...] = ()) -> Fe
     family, tree = load_preset(preset, preset_folders)
     if family != "feather":
         raise InputError(Problem("presets", preset, f"is of family {family}, not feather"))
-    problems = Problems()
-    kind = kind_of(preset.rpartition("/")[2], tree, Place("presets", preset, problems))
-    problems.raise_any()
-    assert kind is not None
+    kind = kind_of(preset.rpartition("/")[2], tree, Place("presets", preset, Problems()))
     leading, trailing = (
         replace(vane, rounded_base=0.0, rounded_tip=0.0) for vane in (kind.leading, kind.trailing)
     )

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from featherfx.errors import all_of
 from featherfx.groom.keys.preset import Clock
-from featherfx.groom.keys.values import INVALID, Place
+from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.types import Groom
 from featherfx.shot.types import Motion
@@ -20,35 +22,33 @@ _DEEPEST = 4
 
 def read_motion(
     raw: Any, given: Any, place: Place, library: Library, groom: Groom | None, depth: int = 0
-) -> Motion | None:
-    """The motion that a checked key or part describes; None after adding problems.
+) -> Motion:
+    """The motion that a checked key or part describes. Raises InputError.
 
     raw: as the file has it, so that messages name the key where a base was written.
     """
-    if given is INVALID:
-        return None
     table = {"base": given} if isinstance(given, str) else given
     named = not isinstance(raw, dict)
     tree = library.merged("motion", sourced(table, place.source), place, "" if named else "base")
-    if tree is None:
-        return None
-    values = plain(tree)
+    values, problems = plain(tree), Problems()
+    place = replace(place, problems=problems)
     kind = values.pop("kind")
     clock = Clock(**{each.name: values.pop(each.name) for each in fields(Clock)})
-    count = len(library.problems)
     _check_later(place.child("amount"), [time for time, _ in clock.amount])
     for index, (_, amount) in enumerate(clock.amount):
         if not 0.0 <= amount <= 2.0:
             at = place.child("amount").item(index).item(1)
             at.fail(f"{amount:g} is out of range, allowed 0 to 2")
     if kind == "act":
-        at = Place(tree["parts"].source, place.child("parts").key, library.problems)
-        values["parts"] = _parts(values["parts"], at, library, groom, depth)
+        at = Place(tree["parts"].source, place.child("parts").key, problems)
+        with problems.collecting():
+            values["parts"] = _parts(values["parts"], at, library, groom, depth)
     elif kind == "fold":
         _check_later(place.child("folds"), [key["time"] for key in values["folds"]], "time")
     elif kind == "keys":
         _check_keyframes(values["keyframes"], groom, place.child("keyframes"))
-    return None if len(library.problems) > count else Motion(kind, values, clock)
+    problems.hand_on()
+    return Motion(kind, values, clock)
 
 
 def _parts(
@@ -57,14 +57,14 @@ def _parts(
     library: Library,
     groom: Groom | None,
     depth: int,
-) -> tuple[Motion | None, ...]:
+) -> tuple[Motion, ...]:
     if depth == _DEEPEST:
-        place.fail(f"acts stand in acts more than {_DEEPEST} deep; is one a part of itself?")
-        return ()
-    return tuple(
-        read_motion(part, part, place.item(index), library, groom, depth + 1)
+        place.refuse(f"acts stand in acts more than {_DEEPEST} deep; is one a part of itself?")
+    read = (
+        partial(read_motion, part, part, place.item(index), library, groom, depth + 1)
         for index, part in enumerate(parts)
     )
+    return tuple(all_of(*read))
 
 
 def _check_later(place: Place, times: list[float], name: str = "") -> None:

@@ -64,8 +64,9 @@ def read_shot(
     preset_folders: searched before the user's and the shipped presets. readers: of USD scenes.
     Raises InputError with all problems of the shot, its groom, tables, scenes and presets.
     """
-    library = Library(preset_folders, Problems())
-    shot = _collect(Path(path), library, readers)
+    library, shot = Library(preset_folders, Problems()), None
+    with library.problems.collecting():
+        shot = _collect(Path(path), library, readers)
     library.problems.raise_any()
     assert shot is not None
     return shot
@@ -78,41 +79,41 @@ def check_file(
     problems = Problems()
     path = Path(path)
     library = Library(preset_folders, problems)
-    raw = load_toml(path, problems)
-    if raw is None:
-        return problems.listed()
-    kind = file_kind(raw, path, {"shot": SHOT_FILE})
-    if kind == "shot":
-        _collect(path, library, readers)
-    elif kind == "groom":
-        collect_groom(path, library, readers)
-    elif kind:
-        check_preset(kind, path, library)
-    else:
-        problems.add(path, "", "is no shot, groom or preset: it holds no key of any")
+    with problems.collecting():
+        kind = file_kind(load_toml(path), path, {"shot": SHOT_FILE})
+        if kind == "shot":
+            _collect(path, library, readers)
+        elif kind == "groom":
+            collect_groom(path, library, readers)
+        elif kind:
+            check_preset(kind, path, library)
+        else:
+            problems.add(path, "", "is no shot, groom or preset: it holds no key of any")
     return problems.listed()
 
 
 def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot | None:
     problems = library.problems
+    place = Place(str(path), "", problems)
     if path.suffix.lower() in SCENE_SUFFIXES and path.is_file():
-        problems.add(path, "", "is a USD file, expects a shot, which may name it as its groom")
-        return None
-    raw = load_toml(path, problems)
-    if raw is None:
-        return None
+        place.refuse("is a USD file, expects a shot, which may name it as its groom")
+    raw = load_toml(path)
     kind = "shot" if {"groom", "frames"} & raw.keys() else file_kind(raw, path, {"shot": SHOT_FILE})
     if kind not in ("shot", ""):
         told = "a groom" if kind == "groom" else f"a {kind} preset"
         more = f', a file with groom = "{path.name}" and frames' if kind == "groom" else ""
-        problems.add(path, "", f"is {told}, expects a shot{more}")
-        return None
-    place = Place(str(path), "", problems)
+        place.refuse(f"is {told}, expects a shot{more}")
     parts = SHOT_FILE.parts(raw, place)
     sound = not len(problems)
     groom = _groom(raw, parts, place, library, readers)
-    wind, quality = (_preset(name, raw, parts, place, library) for name in ("wind", "quality"))
-    motion = read_motion(raw.get("motion"), parts["motion"], place.child("motion"), library, groom)
+    wind = quality = motion = None
+    with problems.collecting():
+        wind = _preset("wind", raw, parts, place, library)
+    with problems.collecting():
+        quality = _preset("quality", raw, parts, place, library)
+    if (given := parts["motion"]) is not INVALID:
+        with problems.collecting():
+            motion = read_motion(raw.get("motion"), given, place.child("motion"), library, groom)
     loads = _loads(parts, groom)
     _check_frames(parts["frames"], place.child("frames"))
     contact, layers = _contact(parts["contact"], groom, place.child("contact"), sound)
@@ -205,14 +206,16 @@ def _groom(
     if given is INVALID:
         return None
     file = readers.file if readers is not None else truediv
-    if isinstance(given, str):
-        groom = collect_groom(file(path.parent, given), library, readers, above)
-    else:
-        usd = given["usd"]
-        entry = {name: value for name, value in raw["groom"].items() if name != "usd"}
-        tables = {"name": Path(usd).stem, "usd": entry | {"file": usd}}
-        groom = groom_of(tables, path, library, readers, above)
-        groom = groom and replace(groom, source=file(path.parent, usd))
+    groom = None
+    with library.problems.collecting():
+        if isinstance(given, str):
+            groom = collect_groom(file(path.parent, given), library, readers, above)
+        else:
+            usd = given["usd"]
+            entry = {name: value for name, value in raw["groom"].items() if name != "usd"}
+            tables = {"name": Path(usd).stem, "usd": entry | {"file": usd}}
+            groom = groom_of(tables, path, library, readers, above)
+            groom = groom and replace(groom, source=file(path.parent, usd))
     if groom is None or len(library.problems) > count:
         return None  # half a groom would mislead later checks
     return groom
@@ -221,15 +224,13 @@ def _groom(
 def _preset(
     family: str, raw: dict[str, Any], parts: dict[str, Any], place: Place, library: Library
 ) -> Any:
-    """The Motion, Wind or Quality of a shot; None after adding problems."""
+    """The Wind or Quality of a shot; None where its key is wrong. Raises InputError."""
     given, at = parts[family], place.child(family)
     if given is INVALID:
         return None
     table = {"base": given} if isinstance(given, str) else given
     named = isinstance(raw.get(family, given), str)
     tree = library.merged(family, sourced(table, at.source), at, "" if named else "base")
-    if tree is None:
-        return None
     values = plain(tree)
     if family == "quality":
         return Quality(name=table.get("base") or "custom", **values)

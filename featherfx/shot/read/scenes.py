@@ -54,7 +54,7 @@ def read_skin(
         placed = [f.id for f in groom.feathers if f.skin_uv is not None and f.skin in own]
         if placed and surface.st is None:
             at.fail(f"{surface.path} has no primvars:st, but '{placed[0]}' is placed by skin uv")
-    at.problems.raise_any()
+    at.problems.hand_on()
     moving = tuple(_moving(surface, entry, checked, start) for surface in surfaces)
     return SkinSurfaces(moving, start, entry["tolerance"], at.source, at.key, entry["radius"])
 

@@ -215,7 +215,7 @@ def _opened(scene: SourceScene, mesh: Any, rest: float | None, place: Place) -> 
         problems.add(place.source, place.key, path.format(f".{attribute}", message))
     with problems.collecting():
         check_transforms(scene, prim, place)
-    problems.raise_any()
+    problems.hand_on()
     opened = AnimatedMesh(scene, mesh, rest, find_skinning(scene, mesh, place))
     if len(opened.triangles) == 0:
         place.refuse(path.format("", "no face has any area"))

@@ -76,7 +76,7 @@ def curves_of(prim: Any, code: Any, place: Place) -> Curves:
             place.child(name).fail(f"'{value}' is not one of {', '.join(allowed)}")
     basis = text_of(curves.GetBasisAttr()) if kind == "cubic" else ""
     _check_sizes(points, counts, basis, wrap == "pinned", place)
-    found.raise_any()
+    found.hand_on()
     return Curves(points, np.concatenate([[0], np.cumsum(counts)]), basis, wrap == "pinned")
 
 

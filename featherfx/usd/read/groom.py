@@ -77,7 +77,7 @@ def read_feathers(
         for prim in [prim for root in roots for prim in _sources(scene, root)]:
             with problems.collecting(), read_for(place):
                 feathers += _feathers(scene, prim, entry, at_file)
-    problems.raise_any()
+    problems.hand_on()
     if not feathers:
         nothing = f"{path}: no curves and no instances at {', '.join(paths)} or below"
         there = what_is_there(scene, ("curves", "instancer"), paths[0])

@@ -62,7 +62,7 @@ def open_meshes(
     for each in paths:
         with problems.collecting():
             found.append(open_carrier(scene, each, rest, place))
-    problems.raise_any()
+    problems.hand_on()
     return found
 
 

@@ -206,7 +206,7 @@ def _curves(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Ar
             if prim.IsA(UsdGeom.BasisCurves):
                 with problems.collecting(), read_for(place):
                     found += _polylines(scene, prim, place)
-    problems.raise_any()
+    problems.hand_on()
     if not found:
         there = what_is_there(scene, ("curves",), prims[0])
         place.refuse(f"no curves at {', '.join(prims)} or below in {scene.path}{there}")
