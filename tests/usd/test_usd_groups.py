@@ -18,7 +18,8 @@ from featherfx.feather.types import both
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.check.crossings import count_crossings
 from featherfx.usd.convert.condensed import export_condensed
-from featherfx.usd.convert.export import flatten, mesh_sequence
+from featherfx.usd.convert.export import mesh_sequence
+from featherfx.usd.convert.plain import flatten
 from featherfx.usd.read.earlier import EarlierCache
 from featherfx.usd.read.read import Cache
 from featherfx.usd.write import posed_groups as joined

@@ -64,10 +64,9 @@ class KindStore:
         try:
             return blended(ends[0], ends[1], choice.blend)
         except ValueError:
+            both = " and ".join(f"'{name}'" for name in choice.names)
             told = "cannot be blended: their outlines or guides differ in number"
-            choice.place.child("blend").refuse(
-                f"'{choice.names[0]}' and '{choice.names[1]}' {told}"
-            )
+            choice.place.child("blend").refuse(f"{both} {told}")
 
     def _preset(self, name: str, changes: tuple[int, ...], place: Place) -> FeatherKind:
         library = self._library

@@ -155,11 +155,11 @@ class Library:
         )
         self.said |= {f"{name}.{key}": text for key, text in told(raw, path.parent).items()}
         checked = FAMILIES[family].extended.check(raw, Place(source, "", problems), True)
-        tree = sourced(checked, source) if isinstance(checked, dict) else {}
-        if len(problems):  # still reports what is wrong below
-            tree = (
-                {"base": Sourced(raw["base"], source)} if isinstance(raw.get("base"), str) else {}
-            )
+        tree, base = Tree(), raw.get("base")
+        if isinstance(checked, dict) and not len(problems):
+            tree = sourced(checked, source)
+        elif isinstance(base, str):
+            tree = {"base": Sourced(base, source)}  # still reports what is wrong below
         with problems.collecting():
             place = Place(source, "", self.problems)
             tree = self.resolve(family, tree, place, (*chain, (path.stem, path)))

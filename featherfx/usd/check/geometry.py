@@ -45,6 +45,7 @@ _CONSTANT_ATTRIBUTES = (
 )  # fmt: skip
 _DIAGNOSED = [*HOOKS, *(name for names in DIAGNOSTICS.values() for name in names)]
 _NOTHING = np.asarray(None)
+_OF_PRIMVARS = "{{}} values; interpolation {} asks for {{}}"
 _PER_FACE = ("primvars:barbDirection", *_DIAGNOSED)
 _RATES = (*RATES, HALF_VELOCITIES)
 _SAMPLED_WITH_POINTS = (*_RATES, "normals", "extent", *_PER_FACE)
@@ -125,7 +126,7 @@ class GeometryCheck:
         """What contradicts itself: sizes, indices, values that are not finite, windings."""
         topology = list(self._topology())
         yield from topology
-        yield from self._over_time("points", self._wrong_count, self._may_not_count)
+        yield from self._counted("points", self._points, "{} points, not {}")
         for name in ("points", *_SAMPLED_WITH_POINTS):
             yield from self._over_time(name, _not_finite, _may_not_be_finite)
         for name in _RATES:
@@ -304,15 +305,20 @@ class GeometryCheck:
             if all(np.array_equal(sample, rest) for sample in samples):
                 yield "points", f"{len(self._codes)} samples, all equal to the default value"
 
-    def _wrong_count(self, value: Any, code: Any) -> str:
-        return "" if len(value) == self._points else f"{len(value)} points, not {self._points}"
+    def _counted(self, name: str, expected: int, told: str) -> Found:
+        """Report the first time at which an attribute has another number of values."""
+
+        def test(value: Any, code: Any) -> str:
+            return "" if len(value) == expected else told.format(len(value), expected)
+
+        def may_fail(samples: Any, codes: Any) -> Any:
+            return np.full(len(samples), samples.shape[1] != expected)
+
+        yield from self._over_time(name, test, may_fail)
 
     def _not_per_point(self, value: Any, code: Any) -> str:
         points = len(self._value("points", code))
         return "" if len(value) == points else f"{len(value)} values for {points} points"
-
-    def _may_not_count(self, samples: Any, codes: Any) -> Any:
-        return np.full(len(samples), samples.shape[1] != self._points)
 
     def _may_not_be_per_point(self, samples: Any, codes: Any) -> Any:
         points = self._points_at(codes)
@@ -371,7 +377,8 @@ class GeometryCheck:
         if self._curves:
             kinds["widths"] = self._curves.GetWidthsInterpolation()
         for name, interpolation in kinds.items():
-            yield from self._sized(name, interpolation, self._expected(interpolation))
+            told = _OF_PRIMVARS.format(interpolation)
+            yield from self._counted(name, self._expected(interpolation), told)
 
     def _primvars(self) -> Found:
         for primvar in UsdGeom.PrimvarsAPI(self._prim).GetPrimvars():
@@ -382,26 +389,16 @@ class GeometryCheck:
             if primvar.IsIndexed():
                 yield from self._indexed(primvar, name, interpolation, expected)
             else:
-                yield from self._sized(name, interpolation, expected)
+                yield from self._counted(name, expected, _OF_PRIMVARS.format(interpolation))
 
     def _indexed(self, primvar: Any, name: str, interpolation: str, expected: int) -> Found:
-        yield from self._sized(f"{name}:indices", interpolation, expected)
+        told = _OF_PRIMVARS.format(interpolation)
+        yield from self._counted(f"{name}:indices", expected, told)
         indices = sized_array(primvar.GetIndicesAttr(), DEFAULT, INTEGERS)
         value = value_of(primvar.GetAttr())
         values = () if value is None else elements(value)
         if len(indices) and not 0 <= indices.min() <= indices.max() < len(values):
             yield f"{name}:indices", f"out of range; allowed 0 to {len(values) - 1}"
-
-    def _sized(self, name: str, interpolation: str, expected: int) -> Found:
-        def test(value: Any, code: Any) -> str:
-            if len(value) == expected:
-                return ""
-            return f"{len(value)} values; interpolation {interpolation} asks for {expected}"
-
-        def may_fail(samples: Any, codes: Any) -> Any:
-            return np.full(len(samples), samples.shape[1] != expected)
-
-        yield from self._over_time(name, test, may_fail)
 
     def _subsets(self) -> Found:
         families: dict[str, list[Any]] = {}
@@ -458,6 +455,4 @@ def _not_finite(value: Any, code: Any) -> str:
 
 
 def _may_not_be_finite(samples: Any, codes: Any) -> Any:
-    if np.isfinite(samples).all():
-        return np.zeros(len(samples), dtype=np.bool_)
-    return np.ones(len(samples), dtype=np.bool_)
+    return np.full(len(samples), not np.isfinite(samples).all())

@@ -1,4 +1,4 @@
-"""A cache in other forms: one plain USD file, Houdini's condensed feathers, mesh sequences."""
+"""A cache as mesh sequences, for a quick look."""
 
 from __future__ import annotations
 
@@ -9,44 +9,18 @@ from typing import Any, BinaryIO
 
 import numpy as np
 import trimesh
-from pxr import Sdf
 
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import into, standing, write_all
-from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.read import Cache
-from featherfx.usd.read.stage import refuse_inputs
-from featherfx.usd.read.values import computed
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.output import check_output, file_problems
-from featherfx.usd.write.publish import publish
+from featherfx.usd.write.output import file_problems
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
 
 
 # of exported meshes, red, green, blue, opacity of 255
 COLOUR = (230, 220, 200, 255)
-
-
-def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Path:
-    """Write a cache of any layout as one file without references, clips or sublayers.
-
-    output: .usd, .usdc or .usda. The samples of the whole cache are in memory meanwhile. Raises
-    InputError where one cannot be read or the other not be written.
-    """
-    target = check_output(output, overwrite)
-    before = {target: standing(target)}
-    stage = open_stage(path)
-    refuse_inputs([target], [Path(path)])
-    layer = computed(stage.GetPseudoRoot(), stage.Flatten, False)
-    source = stage.GetRootLayer().customLayerData
-    if source:
-        layer.customLayerData = source
-    # Export goes by the suffix of the layer's own name; a plain copy has the right one.
-    plain = Sdf.Layer.CreateAnonymous(".usda")
-    plain.TransferContent(layer)
-    publish([(plain, target)], before)
-    return target
 
 
 def mesh_sequence(

@@ -23,17 +23,13 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import standing
 from featherfx.usd import arrays
-from featherfx.usd.read.opening import open_stage
+from featherfx.usd.convert.plain import begun
 from featherfx.usd.read.read import Cache
-from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.read.thinned import levels, thinned
 from featherfx.usd.read.values import EARLIEST
 from featherfx.usd.write.layout import FEATHERS, MATERIALS
-from featherfx.usd.write.output import check_output
 from featherfx.usd.write.prims import author_primvars, tell_shared
-from featherfx.usd.write.publish import publish
 
 SET, FULL = "levelOfDetail", "full"
 # shares of the view, by eye: a bird 500, 160 and 50 pixels long in a picture of 1920 by 1080
@@ -71,10 +67,8 @@ def export_levels(
     if not thresholds or any(not 0.0 < b < a for a, b in pairwise([np.inf, *thresholds])):
         told = f"{', '.join(f'{each:g}' for each in thresholds)}; allowed: falling numbers above 0"
         raise InputError(Problem("lod", "", told))
-    target = check_output(output, overwrite)
-    before = {target: standing(target)}
-    refuse_inputs([target], [Path(path)])
-    source, cache = open_stage(path), Cache(path)
+    source, written = begun(path, output, overwrite)
+    cache = Cache(path)
     if not source.GetDefaultPrim():
         raise InputError(Problem(str(path), "defaultPrim", "is missing, so nothing can name it"))
     codes: Sequence[float | None] = cache.codes() or [None]
@@ -98,9 +92,9 @@ def export_levels(
         _choose_by_size(stage, group, extent, thresholds[: len(found)])
     full, root = group.GetPath().AppendChild(FULL), group.GetParent().GetPath()
     del stage, group, meshes  # a stage would complain of references of what has no file yet
-    _name_cache(layer, full, root, source, f"./{os.path.relpath(path, target.parent)}")
+    _name_cache(layer, full, root, source, f"./{os.path.relpath(path, Path(output).parent)}")
     layer.customLayerData = {"featherfx": {"lod": arrays.strings(FULL, *(e.name for e in found))}}
-    publish([(layer, target)], before)
+    written(layer)
     whole = sum(len(each.triangles) for each in cache.feathers)
     return [(FULL, whole), *((each.name, len(each.triangles)) for each in found)]
 

@@ -21,14 +21,9 @@ from scipy.interpolate import PchipInterpolator
 
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import standing
 from featherfx.usd.arrays import vec3f
-from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.stage import refuse_inputs
-from featherfx.usd.read.values import computed
+from featherfx.usd.convert.plain import begun, plain_copy
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, ORIENT, P_BARB
-from featherfx.usd.write.output import check_output
-from featherfx.usd.write.publish import publish
 
 # frames of a new cache
 MOST_FRAMES = 1_000_000
@@ -153,10 +148,7 @@ def retime(
     """
     if sum(each is not None for each in (speed, keys, loop)) != 1:
         raise InputError(Problem("retime", "", "takes one of speed, keys and loop"))
-    target = check_output(output, overwrite)
-    before = {target: standing(target)}
-    stage = open_stage(path)
-    refuse_inputs([target], [Path(path)])
+    stage, written = begun(path, output, overwrite)
     range_ = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if not (stage.HasAuthoredTimeCodeRange() and range_[0] < range_[1]):
         raise InputError(Problem(str(path), "", "has no frames to retime"))
@@ -166,12 +158,10 @@ def retime(
         times = along_keys(keys, range_)
     else:
         times = as_loop(int(loop or 0), range_)
-    old = computed(stage.GetPseudoRoot(), stage.Flatten, False)
+    old, layer = plain_copy(stage), Sdf.Layer.CreateAnonymous(".usda")
     prims = [_Prim(old, each) for each in _sampled_prims(old)]
     if loop is not None:
         _check_roots(prims, loop, range_, str(path))
-    # Export goes by the suffix of the layer's own name; a plain copy has the right one.
-    layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.TransferContent(old)
     rate = stage.GetTimeCodesPerSecond()
     bounds = [corners for prim in prims for corners in prim.write(layer, times, rate)]
@@ -182,8 +172,7 @@ def retime(
     layer.startTimeCode, layer.endTimeCode = times.first, times.last
     # no bake may resume from it
     layer.customLayerData = {"featherfx": {"retimed": Path(path).name}}
-    publish([(layer, target)], before)
-    return target
+    return written(layer)
 
 
 class _Track:

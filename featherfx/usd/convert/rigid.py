@@ -21,16 +21,12 @@ from pxr import Gf, Sdf, UsdGeom, Vt
 from featherfx.algebra.rotation import frames_to_quats, rotation_part
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import standing
 from featherfx.usd import arrays
 from featherfx.usd.arrays import vec3f
-from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.stage import refuse_inputs
-from featherfx.usd.read.values import computed
+from featherfx.usd.convert.plain import begun, plain_copy
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, HALF_VELOCITIES, RANGES
 from featherfx.usd.write.layout import FEATHERS, SCOPES
-from featherfx.usd.write.output import check_output, unique_prim_names
-from featherfx.usd.write.publish import publish
+from featherfx.usd.write.output import unique_prim_names
 
 # what follows from the transform, and what moves with it
 _RATES = ("velocities", HALF_VELOCITIES, ACCELERATIONS)
@@ -97,12 +93,8 @@ def export_rigid(
     """
     if not 0.0 < tolerance < np.inf:
         raise InputError(Problem("rigid", "", f"is {tolerance:g}, allowed above 0 mm"))
-    target = check_output(output, overwrite)
-    before = {target: standing(target)}
-    stage = open_stage(path)
-    refuse_inputs([target], [Path(path)])
-    layer = Sdf.Layer.CreateAnonymous(".usda")
-    layer.TransferContent(computed(stage.GetPseudoRoot(), stage.Flatten, False))
+    stage, written = begun(path, output, overwrite)
+    layer = plain_copy(stage)
     root = stage.GetDefaultPrim().GetPath()
     parts = {name: list(_prims(layer, root.AppendChild(name))) for name, _ in SCOPES.values()}
     if not any(_codes(layer, each) for each in parts[FEATHERS]):
@@ -114,7 +106,7 @@ def export_rigid(
     told = dict(stage.GetRootLayer().customLayerData.get("featherfx") or {})
     kept = {name: value for name, value in told.items() if name not in _OF_BAKE}
     layer.customLayerData = {"featherfx": {**kept, "rigid": len(found), "rigidWithin": tolerance}}
-    publish([(layer, target)], before)
+    written(layer)
     return len(found)
 
 
