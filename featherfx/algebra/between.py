@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import rotation_part, rotation_vectors, vectors_to_frames
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 
 # knots on either side of a knot that its polynomial goes through
 _REACH = 2
@@ -135,14 +134,14 @@ class Knots:
         return self.start + self.step * np.array(knots, dtype=np.float64)
 
 
-def _lagrange(knots: NDArray[np.int64], place: float) -> Array:
+def _lagrange(knots: Indices, place: float) -> Array:
     """(n,) weights of samples at n knots in the polynomial through them at a place."""
     apart = (knots[:, None] - knots[None, :]).astype(np.float64)
     ratio = (place - knots[None, :]) / np.where(apart == 0.0, 1.0, apart)
     return np.asarray(np.where(apart == 0.0, 1.0, ratio).prod(axis=1))
 
 
-def _beyond(knots: NDArray[np.int64], way: float) -> tuple[Array, Array]:
+def _beyond(knots: Indices, way: float) -> tuple[Array, Array]:
     """(n,) weights of samples at an end, the knot 0, and those next to it, a way beyond it: of
     places and of what comes to rest."""
     powers = np.linalg.inv(np.vander(knots.astype(np.float64), increasing=True))

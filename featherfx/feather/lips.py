@@ -19,8 +19,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags
 from featherfx.feather.types import Array, Feather, Indices, RowPoints
 
 # s, over which rates of carried points are differenced, of points that move on by their rates
@@ -122,7 +122,7 @@ class Lips(Carried):
         meeting = _meeting(feather.cell, side, row, column)
         return Lips(row, node, own.before, own.after, place, point, meeting)
 
-    def open(self, hooked: Array) -> NDArray[np.bool_]:
+    def open(self, hooked: Array) -> Flags:
         """(L,) which are open, of the hooks (2, n-1, m, 2) of all triangles."""
         return np.asarray((hooked.ravel()[self.cells] == 0.0).all(axis=1))
 
@@ -204,7 +204,7 @@ def _picked(carried: Carried, numbers: Indices) -> Carried:
     return Carried(*(getattr(carried, each.name)[numbers] for each in fields(carried)))
 
 
-def _meeting(cell: NDArray[np.bool_], side: Indices, row: Indices, column: Indices) -> Indices:
+def _meeting(cell: Flags, side: Indices, row: Indices, column: Indices) -> Indices:
     """(L, 3) triangles that meet in the upper node of a strip at the end of its cell `column`: B of
     that cell, A and B of the next."""
     number = np.arange(cell.size).reshape(cell.shape)

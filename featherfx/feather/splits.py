@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags
 from featherfx.feather.types import Array
 from featherfx.groom.splits import Split
 
@@ -20,7 +20,7 @@ from featherfx.groom.splits import Split
 SPREAD = 4.0
 
 
-def strips_of(splits: Sequence[Split], place: Array, grown: NDArray[np.bool_]) -> dict[int, Split]:
+def strips_of(splits: Sequence[Split], place: Array, grown: Flags) -> dict[int, Split]:
     """Row below each split, and the split; of several in one strip the deepest.
 
     place: (n,) of the rows, share of the vane's length. grown: (n,) whether they have a barb.
@@ -37,7 +37,7 @@ def strips_of(splits: Sequence[Split], place: Array, grown: NDArray[np.bool_]) -
     return found
 
 
-def open_cells(splits: dict[int, Split], exists: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def open_cells(splits: dict[int, Split], exists: Flags) -> Flags:
     """(n-1, m, 2) triangles that are open at rest. splits: of strips_of. exists: as the result."""
     result, columns = np.zeros(exists.shape, dtype=np.bool_), exists.shape[1]
     along = (np.arange(columns) + 0.5) / columns

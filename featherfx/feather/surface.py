@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags
 from featherfx.feather.rachis import Rachis
 from featherfx.feather.types import LEADING, RACHIS, TRAILING, Array, Indices, Surface, barb_slice
 
@@ -15,7 +15,7 @@ def build_surface(
     nodes: Array,
     rachis: Rachis,
     barb_length: Array,
-    cell: NDArray[np.bool_],
+    cell: Flags,
     tube_sides: int,
     splits: bool,
 ) -> Surface:
@@ -36,7 +36,7 @@ def vane_surface(
     nodes: Array,
     station: Array,
     barb_length: Array,
-    cell: NDArray[np.bool_],
+    cell: Flags,
     splits: bool = False,
 ) -> Surface:
     """Both vanes, which share the rachis points; only points that a triangle uses.
@@ -78,7 +78,7 @@ def _lips(used: Indices, size: int) -> Indices:
 
 
 def _side_triangles(
-    barb_length: Array, cell: NDArray[np.bool_], side: int, columns: int, lip: int
+    barb_length: Array, cell: Flags, side: int, columns: int, lip: int
 ) -> tuple[Indices, Indices]:
     """(T, 3) corners and (T, 2) barb edges, root to end, as flat numbers of nodes.
 

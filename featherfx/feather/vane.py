@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.types import Flags
 from featherfx.feather.barbs import Barbs, trace_barbs, without_barb
@@ -143,14 +142,14 @@ def cell_areas(nodes: Array, dorsal: Array, side: int) -> tuple[Array, Array]:
     return np.linalg.norm(normal, axis=-1), np.sum(normal * facing, axis=-1)
 
 
-def existing_cells(area: Array, first_vane_row: int, length: float) -> NDArray[np.bool_]:
+def existing_cells(area: Array, first_vane_row: int, length: float) -> Flags:
     """(n - 1, m, 2) which triangles have an area and lie in the vane."""
     exists = area > _NO_AREA * length**2
     exists[:first_vane_row] = False
     return exists
 
 
-def folded_rows(exists: NDArray[np.bool_], signed_area: Array) -> NDArray[np.bool_]:
+def folded_rows(exists: Flags, signed_area: Array) -> Flags:
     """(n - 1,) between which rows and the next a triangle that exists is folded over."""
     return np.any(exists & (signed_area <= 0.0), axis=(1, 2))
 

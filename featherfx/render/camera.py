@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.render.light_kernels import Lens
 from featherfx.shot.detail.view import View
 
@@ -99,7 +98,7 @@ class Eye:
 
 
 def axes_of(
-    view: str, points: Array, triangles: NDArray[np.int64], stands: bool = False
+    view: str, points: Array, triangles: Indices, stands: bool = False
 ) -> tuple[Array, Array]:
     """(right, up) of one of VIEWS; "auto" sees triangles (T, 3) of points (V, 3) from their broad
     side, or upright what stands."""
@@ -109,7 +108,7 @@ def axes_of(
     return np.array(right), np.array(up)
 
 
-def _three_quarter(points: Array, triangles: NDArray[np.int64]) -> tuple[Array, Array]:
+def _three_quarter(points: Array, triangles: Indices) -> tuple[Array, Array]:
     """(right, up) of a view that sees the vanes from their broad side, a little from aside; of
     vanes around a body, one of it upright."""
     world_up = np.array([0.0, 0.0, 1.0])

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.colours import VANE, linear
 from featherfx.render.scene import DrawnPose, DrawnScene
 
@@ -101,7 +100,7 @@ def _coloured(scene: DrawnScene, values: list[Array], bar: Bar) -> tuple[list[Ar
     return colours, bar
 
 
-def _shown(scene: DrawnScene) -> NDArray[np.bool_]:
+def _shown(scene: DrawnScene) -> Flags:
     """(T,) triangles that have values."""
     return ~scene.rachis & np.asarray(scene.rest.barbs.any(axis=1))
 

@@ -8,9 +8,8 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import RACHIS
 from featherfx.groom.keys.values import nearest
@@ -46,7 +45,7 @@ class DrawnScene:
     feathers: tuple[CachedFeather, ...]
     starts: Indices
     triangles: Indices
-    rachis: NDArray[np.bool_]
+    rachis: Flags
     owner: Indices
     regions: tuple[str, ...]
     along_feather: Array

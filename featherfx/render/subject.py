@@ -9,9 +9,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.errors import InputWarning
 from featherfx.render.camera import Eye
 from featherfx.render.colour import COLLIDER, SHAFT, SKIN, Bar, Legend, look_colours, value_colours
@@ -28,8 +28,6 @@ from featherfx.render.scene import (
 from featherfx.render.vanes import Plumage, plumage_of
 from featherfx.usd.read.opening import located
 from featherfx.usd.read.read import Cache
-
-Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -110,9 +108,6 @@ def scenery_of_files(
             found.append(Scenery(other, scene, np.array(SKIN), True, rate=rate))
     return found
 
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _POSES_FRAMED = 30_000  # of single feathers; of larger caches frames are left out evenly
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import write_whole
 from featherfx.solver.state import State
@@ -37,7 +37,7 @@ class Checkpoint:
     levels: dict[str, NDArray[Any]] = field(default_factory=dict)
     cycles: dict[str, NDArray[Any]] = field(default_factory=dict)
     layers: dict[str, NDArray[Any]] = field(default_factory=dict)
-    wanted: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    wanted: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def save(self, path: Path) -> None:
         """Write it to an .npz file, whole or not at all."""

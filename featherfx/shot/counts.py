@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.solver.solver import StepReport
 
 # feathers that a report names one by one
@@ -94,7 +94,7 @@ class Counts:
         ]
 
 
-def _mean_and_max(counts: list[NDArray[np.float64]]) -> dict[str, float]:
+def _mean_and_max(counts: list[Array]) -> dict[str, float]:
     if not counts:
         return {"mean": 0.0, "max": 0.0}
     joined = np.concatenate(counts)

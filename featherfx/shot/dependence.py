@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Indices
 from featherfx.feather.shapes import feathers_of
 from featherfx.files.content import digest, digests, members
 from featherfx.groom.types import Placement
@@ -63,7 +63,7 @@ def dependences(shot: Shot, laid: Laid | None = None) -> list[str]:
     return _with_those_beneath(shot, laid or Layers(shot, drawn, everyone, 1).laid, texts)
 
 
-def _with_islands(shot: Shot, islands: NDArray[np.int64], own: Sequence[str]) -> list[str]:
+def _with_islands(shot: Shot, islands: Indices, own: Sequence[str]) -> list[str]:
     """The texts with what all feathers of an island depend on."""
     slips = any(may_slip(each.kind) for each in shot.groom.feathers)
     placements, result = shot.groom.feathers, list(own)

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map, scaled_map
 from featherfx.feather.shapes import feathers_of
@@ -60,7 +59,7 @@ class Group:
     resolution: Resolution
     exposure: float
     island: int
-    members: NDArray[np.int64]
+    members: Indices
     feathers: list[Feather]
     maps: list[RowMap | None]
     names: list[str]
@@ -136,7 +135,7 @@ def make_groups(
     resolutions: Sequence[Sequence[Resolution]],
     motion: Roots,
     jobs: int,
-    islands: NDArray[np.int64],
+    islands: Indices,
     time: float = 0.0,
 ) -> list[Group]:
     """Batches of feathers of one island, grid, barb taper, clamp, hooks, exposure, wetness,
@@ -173,7 +172,7 @@ def make_groups(
 def _group(
     shot: Shot,
     drawn: Sequence[Feather],
-    members: NDArray[np.int64],
+    members: Indices,
     key: _Alike,
     motion: Roots,
     jobs: int,

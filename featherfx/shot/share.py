@@ -15,9 +15,8 @@ import warnings
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Indices
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.types import Feather
 from featherfx.shot.detail.guides import guide_weights, uses_guides
@@ -152,7 +151,7 @@ def _shares(shot: Shot, count: int) -> Indices:
     return _none_empty(share, count)
 
 
-def _cut(roots: NDArray[np.float64], work: NDArray[np.float64], count: int) -> Indices:
+def _cut(roots: Array, work: Array, count: int) -> Indices:
     """(N,) parts of roots (N, 3), from 0, of about equal work (N,)."""
     if count == 1 or len(roots) < 2:
         return np.zeros(len(roots), dtype=np.int64)
@@ -176,14 +175,14 @@ def _none_empty(share: Indices, count: int) -> Indices:
     return share
 
 
-def part_of(shot: Shot, chosen: NDArray[np.int64]) -> Shot:
+def part_of(shot: Shot, chosen: Indices) -> Shot:
     """The shot with some of its feathers, by their numbers (K,) in ascending order."""
     groom = replace(shot.groom, feathers=tuple(shot.groom.feathers[k] for k in chosen))
     skin = None if shot.skin is None else _skin(shot.skin, chosen)
     return replace(shot, groom=groom, skin=skin)
 
 
-def _skin(skin: BoundSkin, chosen: NDArray[np.int64]) -> BoundSkin:
+def _skin(skin: BoundSkin, chosen: Indices) -> BoundSkin:
     parts = []
     for part in skin.parts:
         kept = np.isin(part.members, chosen)

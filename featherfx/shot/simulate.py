@@ -9,9 +9,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowPoints
@@ -385,7 +384,7 @@ class Simulation:
             self._counts.add(report, group.names, self._number(index))
             self._estimate.stepped(group, report)
 
-    def _stirred(self, group: Group) -> NDArray[np.bool_]:
+    def _stirred(self, group: Group) -> Flags:
         """(F,) feathers of a group that are other ones than at the last sample."""
         every = any(group is each for each in self._renewed)
         return self._hooks.stirred(group) | every

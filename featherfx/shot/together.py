@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags
 from featherfx.mechanics.model import Loads
 from featherfx.shot.alone import Alone
 from featherfx.shot.contact.contact import MOST_NAMED, ShotContact
@@ -54,7 +55,7 @@ class Together:
         start: float,
         end: float,
         loads: Sequence[Loads],
-        stirred: Sequence[NDArray[np.bool_]],
+        stirred: Sequence[Flags],
         begun: bool,
     ) -> Advanced:
         """Bring the feathers from start to end (s).
@@ -74,7 +75,7 @@ class Together:
         span: tuple[float, float],
         paths: Sequence[RootPath],
         loads: Sequence[Loads],
-        resting: NDArray[np.bool_],
+        resting: Flags,
         begun: bool,
     ) -> Advanced:
         start, end = span
@@ -159,13 +160,11 @@ class Together:
             self._led = (start, end), paths
         return self._led[1]
 
-    def _idle(self) -> NDArray[np.bool_]:
+    def _idle(self) -> Flags:
         """(B,) feathers of all batches that are computed in another one."""
         return ~np.concatenate([self._levels.active(group) for group in self.groups])
 
-    def _resting(
-        self, paths: Sequence[RootPath], loads: Sequence[Loads], duration: float
-    ) -> NDArray[np.bool_]:
+    def _resting(self, paths: Sequence[RootPath], loads: Sequence[Loads], duration: float) -> Flags:
         """(B,) feathers of all batches that nothing stirs, unless others push them."""
         flags = []
         for group, path, acting in zip(self.groups, paths, loads, strict=True):

@@ -17,14 +17,11 @@ J the ratio of areas of vane_guard_kernels, 1 / h_0 that of the triangle's heigh
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Flags
 from featherfx.mechanics.model import Gaps, Model
 from featherfx.solver.state import State
 from featherfx.solver.step.gap_kernels import HEALED, LOOSE, PREENING
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # part of its strength that a gap may bear when it is closed
 HELD = 0.5

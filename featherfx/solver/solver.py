@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from threading import local
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.errors import SimulationError
 from featherfx.jit.compiled import compile_ahead, is_asked_for
 from featherfx.limits import MOST_JOBS
@@ -26,8 +26,6 @@ from featherfx.solver.step.root_path import RootPath as RootPath
 from featherfx.solver.step.root_path import hold_roots as hold_roots
 from featherfx.solver.step.start_kernels import start_acceleration
 from featherfx.solver.work import Work, make_work
-
-Array = NDArray[np.float64]
 
 NEWTON_ITERATIONS = 32
 # the same of one feather in one frame, a bound on work alone; bakes of the samples need 3 to 100,

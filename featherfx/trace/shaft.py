@@ -13,11 +13,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import Chebyshev
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.trace.silhouette import Laid
 
@@ -74,7 +73,7 @@ def shaft_of(laid: Laid, source: str) -> ShaftLine:
     return _even(np.stack([along, smooth(along)], axis=1))
 
 
-def _bare(mask: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], float]:
+def _bare(mask: Flags) -> tuple[Flags, float]:
     """(U,) the calamus, where the feather is as narrow as at its base, and how wide that is."""
     width = mask.sum(axis=1)
     base = float(np.median(width[round(0.01 * len(width)) : round(0.04 * len(width)) + 1]))
@@ -93,9 +92,7 @@ def _ridges(grey: Array, width: float) -> list[Array]:
     return [np.max([sign * each for each in bent], axis=0) for sign in (-1.0, 1.0)]
 
 
-def _path(
-    ridge: Array, mask: NDArray[np.bool_], bare: NDArray[np.bool_]
-) -> tuple[float, NDArray[np.int64], Array]:
+def _path(ridge: Array, mask: Flags, bare: Flags) -> tuple[float, Indices, Array]:
     """How far the best line stands out, the line (U,), and how much it shows along it."""
     inner = ndimage.binary_erosion(mask, iterations=3) & ~bare[:, None]
     usual = float(np.median(np.abs(ridge[inner]))) if inner.any() else 0.0
@@ -107,14 +104,14 @@ def _path(
     return contrast, path, np.clip(along, 0.1, 2.0 * max(contrast, 0.1))
 
 
-def _near_the_middle(mask: NDArray[np.bool_]) -> Array:
+def _near_the_middle(mask: Flags) -> Array:
     """(U, V) worth of a calamus, whose own line is the middle of the mask."""
     places = np.arange(mask.shape[1])
     middle = (mask * places).sum(axis=1) / np.maximum(mask.sum(axis=1), 1)
     return np.asarray(10.0 - np.abs(places - middle[:, None]))
 
 
-def _best_path(value: Array) -> NDArray[np.int64]:
+def _best_path(value: Array) -> Indices:
     """(U,) the places of a path through (U, V) with the greatest sum, one to the side at most."""
     total, came = value[0].copy(), np.zeros(value.shape, dtype=np.int8)
     for row in range(1, len(value)):

@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, Problem
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
@@ -263,7 +262,7 @@ def _places(found: _Outlines, points: Array, length: float) -> Array:
     return np.asarray(start + flat @ np.array([[c, s], [-s, c]]))
 
 
-def _drawn(found: _Outlines, feather: Feather) -> NDArray[np.bool_]:
+def _drawn(found: _Outlines, feather: Feather) -> Flags:
     """(U, V) which places a flat feather covers."""
     places = _places(found, feather.surface.points(feather.rest), float(feather.station[-1]))
     size = found.laid.mask.shape
@@ -274,7 +273,7 @@ def _drawn(found: _Outlines, feather: Feather) -> NDArray[np.bool_]:
     return np.asarray(image).T
 
 
-def _clean(mask: NDArray[np.bool_], line: ShaftLine) -> NDArray[np.bool_]:
+def _clean(mask: Flags, line: ShaftLine) -> Flags:
     """Without hairs, notches, and the calamus."""
     reach = max(1, round(0.5 * _HAIR * line.length))
     grown = ndimage.binary_closing(np.pad(mask, reach + 1), iterations=reach)

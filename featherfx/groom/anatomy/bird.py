@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from, from_rotation_vector, parallel
+from featherfx.algebra.types import Array
 from featherfx.errors import all_of
 from featherfx.groom.anatomy.fans import closed_fan
 from featherfx.groom.anatomy.lie import Body, hidden, lie_on
@@ -27,7 +27,6 @@ from featherfx.groom.keys.values import INVALID, Key, Place
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.space import SkinsReader
 
-Array = NDArray[np.float64]
 Points = dict[str, Array]
 
 # of what lies over what, wings being -4 to 9: breast, neck and mantle over the wings' roots, what

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import screws_of, vectors_to_frames
+from featherfx.algebra.types import Array
 from featherfx.groom.types import FeatherKind
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

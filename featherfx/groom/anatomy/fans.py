@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import (
     about_x,
@@ -16,6 +15,7 @@ from featherfx.algebra.rotation import (
     parallel,
     screws_of,
 )
+from featherfx.algebra.types import Array
 from featherfx.groom.anatomy.bow import bow_share
 from featherfx.groom.anatomy.remiges import spread_evenly
 from featherfx.groom.frames import along_polyline
@@ -23,8 +23,6 @@ from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.read.drafts import Draft
 from featherfx.groom.types import FeatherKind, Joint, Turning
-
-Array = NDArray[np.float64]
 
 
 def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Draft], list[Joint]]:

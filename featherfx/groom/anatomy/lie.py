@@ -11,15 +11,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.files.store import kept
 from featherfx.groom.anatomy.pose import folded
 from featherfx.groom.anatomy.remiges import lying
 from featherfx.groom.keys.anatomy import WingType
 from featherfx.groom.skin.search import search_tree
-
-Array = NDArray[np.float64]
 
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the body
 _WEIGHTS = np.array([1.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of these: wrist and tips lie on

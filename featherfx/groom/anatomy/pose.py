@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from, from_rotation_vector, rotation_vectors
+from featherfx.algebra.types import Array
 from featherfx.groom.keys.anatomy import WingType
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

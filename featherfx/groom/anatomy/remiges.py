@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from
+from featherfx.algebra.types import Array, Indices
 from featherfx.groom.anatomy.bow import Bow, bow_of
 from featherfx.groom.anatomy.pose import WingBones, spread_plan
 from featherfx.groom.keys.anatomy import WingType
-
-Array = NDArray[np.float64]
 
 ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
 # of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
@@ -33,7 +31,7 @@ class Remiges:
 
     rows: tuple[str, ...]
     numbers: tuple[int, ...]
-    bone: NDArray[np.int64]
+    bone: Indices
     roots: Array
     angles: Array
     shares: Array

@@ -15,9 +15,9 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import from_rotation_vector, motions
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import all_of
 from featherfx.groom.anatomy.bow import Bow, bow_share, wrapped
 from featherfx.groom.anatomy.pose import WingBones, as_placed, folded
@@ -38,8 +38,6 @@ from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.drafts import Draft
 from featherfx.groom.types import Joint, Turning
-
-Array = NDArray[np.float64]
 
 _BONES = ("shoulder", "elbow", "wrist")
 _SINGULAR = {"tertials": "tertial", "secondaries": "secondary", "primaries": "primary"}
@@ -184,7 +182,7 @@ class _Row:
     width: float
     layer: int
     height: float
-    own: NDArray[np.int64]
+    own: Indices
     lengths: Array
     forward: Array
     numbers: tuple[int, ...]

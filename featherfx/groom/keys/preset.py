@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from featherfx.algebra.types import Array
 from featherfx.groom.keys.anatomy import BIRD_TYPE, WingType
 from featherfx.groom.keys.family import PartPreset, Preset
 from featherfx.groom.keys.places import Direction
@@ -136,9 +134,7 @@ class Quality:
 class Wind:
     """A wind field: a mean wind with seeded gusts that travel with it. direction: (3,) unit."""
 
-    direction: Annotated[
-        NDArray[np.float64], Direction(), "Where the wind blows to.", Default((1.0, 0.0, 0.0))
-    ]
+    direction: Annotated[Array, Direction(), "Where the wind blows to.", Default((1.0, 0.0, 0.0))]
     speed: Annotated[float, Number(0, 150, "m/s"), "Speed of the mean wind."]
     gust: Annotated[
         float, Number(0, 2), "Root mean square of the gusts as a share of the speed."

@@ -12,15 +12,14 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags
 from featherfx.groom.types import BarbGuide, VaneShape
 
 _STEPS = 48
 
 
-def _intersections(first: Array, second: Array) -> NDArray[np.bool_]:
+def _intersections(first: Array, second: Array) -> Flags:
     """(a, b) whether segment i of polyline first (a + 1, 2) meets segment j of second."""
     start_a, step_a = first[:-1, None], np.diff(first, axis=0)[:, None]
     start_b, step_b = second[None, :-1], np.diff(second, axis=0)[None]

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 
 _MOST_GUIDES = 12
 _MOST_OUTLINE_POINTS = 60
@@ -113,7 +112,7 @@ def _vane(
     return {"outline": corners[:-1] if ends_at_tip else corners, "guides": guides, **_AS_DRAWN}
 
 
-def _spread(count: int, most: int) -> NDArray[np.int64]:
+def _spread(count: int, most: int) -> Indices:
     """Indices of at most `most` of `count` items, evenly spread, first and last included."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from, from_angles, interpolated, parallel, transported
 from featherfx.algebra.types import Array
@@ -266,7 +265,7 @@ def row(
 LIMIT = 3.0  # standard deviations; keeps lengths positive
 
 
-def draws(seed: int, ids: Iterable[str]) -> NDArray[np.float64]:
+def draws(seed: int, ids: Iterable[str]) -> Array:
     """(n, 4) normal draws (length, width, camber, roll), clipped at LIMIT."""
     digests = b"".join(
         hashlib.blake2b(f"{seed}:{name}".encode(), digest_size=64).digest() for name in ids

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import about_x
 from featherfx.algebra.types import Array
@@ -291,7 +290,7 @@ def _check_joints(drafts: list[Draft], joints: tuple[Joint, ...]) -> None:
             at.unknown(f"no joint '{draft.joint}'", draft.joint, names)
 
 
-def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> NDArray[np.float64]:
+def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> Array:
     """(n, 8) draws of all feathers, of length, width, camber, roll, and of _MATTER; but for length
     and roll few different ones where asked for."""
     names = [draft.id for draft in drafts]

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError
 from featherfx.groom.frames import Mirror
 from featherfx.groom.keys.family import Preset
@@ -66,7 +65,7 @@ class Space:
         """(..., 3) points of the space, of points (..., 3) m of the groom's frame."""
         return np.asarray((points - self.origin) @ self.axes / self.unit) if self.given else points
 
-    def is_left(self, points: Array) -> NDArray[np.bool_]:
+    def is_left(self, points: Array) -> Flags:
         """(N,) whether points (N, 3) m of the groom's frame are on the body's left."""
         return np.asarray(self.local(points) @ self.left > 0.0)
 

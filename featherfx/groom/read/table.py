@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from, parallel
+from featherfx.algebra.types import Array
 from featherfx.errors import CONTROL
 from featherfx.groom.keys.groom import TABLE
 from featherfx.groom.keys.values import Number, Place, Problems, shown
@@ -242,7 +243,7 @@ def _check_rows(path: Path, columns: Columns, problems: Problems) -> None:
         _report(path, "up_x", bad, lambda row: "up is zero or parallel to direction", problems)
 
 
-def _vectors(columns: Columns, name: str) -> NDArray[np.float64]:
+def _vectors(columns: Columns, name: str) -> Array:
     return np.column_stack([columns[each] for each in VECTORS[name]])
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.files.store import kept
 from featherfx.groom.skin.search import size_classes
 
@@ -81,7 +80,7 @@ def _crossing(points: Array, triangles: Indices) -> Indices:
     return pairs[found]
 
 
-def within(points: Array, corners: Array) -> NDArray[np.bool_]:
+def within(points: Array, corners: Array) -> Flags:
     """(N,) whether points (N, 3) lie inside triangles (T, 3, 3), however these cross each other.
 
     By the winding number: the sum of the solid angles of all triangles over 4 pi (Jacobson 2013;
@@ -117,7 +116,7 @@ def _near_pairs(corners: Array) -> Indices:
     return np.concatenate(found)
 
 
-def _pierced(start: Array, end: Array, corners: Array) -> NDArray[np.bool_]:
+def _pierced(start: Array, end: Array, corners: Array) -> Flags:
     """(K,) whether a segment passes through the inside of a triangle (Moeller, Trumbore 1997)."""
     along = end - start
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

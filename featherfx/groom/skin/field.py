@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import rotation_part
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.groom.skin.search import search_tree
 
 # of the mean square distance, by which the centring of weights is held back where triangles stand
@@ -73,7 +72,7 @@ class TurnField:
             turns[crushed] = rotation_part(whole[crushed])
         return turns
 
-    def some(self, kept: NDArray[np.bool_]) -> TurnField:
+    def some(self, kept: Flags) -> TurnField:
         """Those of the roots that are kept, (F,)."""
         sizes = np.diff(self.starts, append=len(self.places))
         pairs = np.repeat(kept, sizes)
@@ -183,7 +182,7 @@ def _within(
     return _Shares(root, near, areas[near] * falling * same_way)
 
 
-def _hanging(around: _Shares, start: _Shares, joined: Indices) -> NDArray[np.bool_]:
+def _hanging(around: _Shares, start: _Shares, joined: Indices) -> Flags:
     """(N,) whether triangles around a root hang together with those at its corners."""
     size = int(joined.max()) + 1
     corners = around.root[:, None] * size + joined[around.triangle]
@@ -196,7 +195,7 @@ def _hanging(around: _Shares, start: _Shares, joined: Indices) -> NDArray[np.boo
         reached, hanging = np.unique(corners[now]), now
 
 
-def _merged(first: _Shares, second: _Shares, kept: NDArray[np.bool_], triangles: int) -> _Shares:
+def _merged(first: _Shares, second: _Shares, kept: Flags, triangles: int) -> _Shares:
     """Both together, of the second those kept, one pair of each root and triangle, by root."""
     root = np.concatenate([first.root, second.root[kept]])
     triangle = np.concatenate([first.triangle, second.triangle[kept]])

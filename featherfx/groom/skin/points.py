@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.groom.keys.values import Place
 from featherfx.groom.skin.faults import crossing_triangles, within
 from featherfx.groom.skin.search import search_tree
@@ -48,7 +47,7 @@ class SkinSource(Protocol):
     def vectors(self, name: str, place: Place) -> Array:
         """(T, 3, 3) a vector primvar at the corners, in the world."""
 
-    def subset(self, name: str, place: Place) -> NDArray[np.bool_]:
+    def subset(self, name: str, place: Place) -> Flags:
         """(T,) whether triangles are of a named set of faces."""
 
     def image(self, path: Path, place: Place) -> Array:
@@ -114,7 +113,7 @@ class SkinSurface:
         found = self._products[near]
         return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
-    def buried(self, points: SurfacePoints) -> NDArray[np.bool_]:
+    def buried(self, points: SurfacePoints) -> Flags:
         """(N,) whether places lie inside the body, as they do where it passes through itself."""
         if not len(crossing_triangles(self.source.points, self.source.triangles)):
             return np.zeros(len(points), dtype=np.bool_)
@@ -157,7 +156,7 @@ class SurfacePoints:
         """(N, ...) values between those of the corners (T, 3, ...)."""
         return np.asarray(np.einsum("nk,nk...->n...", self.barycentric, corners[self.triangle]))
 
-    def some(self, kept: NDArray[np.bool_] | Indices) -> SurfacePoints:
+    def some(self, kept: Flags | Indices) -> SurfacePoints:
         """Those that are kept, or with these numbers."""
         return SurfacePoints(
             self.surface,

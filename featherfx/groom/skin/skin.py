@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.groom.skin.field import TurnField, turn_field
 from featherfx.groom.skin.search import search_tree, size_classes
 
@@ -38,7 +37,7 @@ class Binding:
     used: Indices
     own: Indices
 
-    def some(self, kept: NDArray[np.bool_]) -> Binding:
+    def some(self, kept: Flags) -> Binding:
         """The roots that are kept, (F,), on the same triangles."""
         return Binding(
             triangle=self.triangle[kept],
@@ -51,7 +50,7 @@ class Binding:
         )
 
 
-def is_flat(points: Array, triangles: Indices) -> NDArray[np.bool_]:
+def is_flat(points: Array, triangles: Indices) -> Flags:
     """(T,) whether triangles have no area to speak of. points: (V, 3), triangles: (T, 3)."""
     corners = points[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -11,10 +11,9 @@ from time import perf_counter, thread_time
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.ease import smooth_step
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
@@ -73,7 +72,7 @@ class ShakeRun:
 
     station: Array
     moved: Array
-    present: NDArray[np.bool_]
+    present: Flags
     seconds: float
     steps: int
     iterations: int

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.lab.networks.network import FibreNetwork, following, joined
 
 Periodic = Literal["no", "x", "both"]
@@ -167,9 +166,7 @@ def _crossings(plan: Mikado, middle: Array, along: Array) -> _Stops:
     return _Stops(places[meet], fibre, number, np.concatenate([at_one[meet], at_other[meet]]))
 
 
-def _with_edges(
-    plan: Mikado, middle: Array, along: Array, stops: _Stops
-) -> tuple[_Stops, NDArray[np.bool_]]:
+def _with_edges(plan: Mikado, middle: Array, along: Array, stops: _Stops) -> tuple[_Stops, Flags]:
     """With a node where a fibre leaves the square; which nodes are held."""
     with np.errstate(divide="ignore"):
         walls = np.stack([-middle / along, (plan.width - middle) / along])
@@ -186,7 +183,7 @@ def _with_edges(
     return _Stops(every, np.concatenate(fibre), node, np.concatenate(at)), held
 
 
-def _joined(plan: Mikado, stops: _Stops, held: NDArray[np.bool_], section: FibreSection) -> Layout:
+def _joined(plan: Mikado, stops: _Stops, held: Flags, section: FibreSection) -> Layout:
     """Nodes along fibres, near ones merged into the held or the first of them."""
     order = np.lexsort((stops.at, stops.fibre))
     fibre, node, at = stops.fibre[order], stops.node[order], stops.at[order]

@@ -18,11 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 
 # springs to the ground that make the matrix of a network with mechanisms regular, as a share of its
 # diagonal; their effect is taken out by corrections, until these no longer halve the residual; a
@@ -49,7 +48,7 @@ class FibreNetwork:
     def dimensions(self) -> int:
         return int(self.span.shape[1])
 
-    def keeping(self, kept: NDArray[np.bool_]) -> FibreNetwork:
+    def keeping(self, kept: Flags) -> FibreNetwork:
         """The network with some of its segments (S,) only; nodes stay."""
         number = np.cumsum(kept) - 1
         whole = kept[self.pairs[:, 1]] & ((self.pairs[:, 0] < 0) | kept[self.pairs[:, 0]])

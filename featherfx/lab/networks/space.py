@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.lab.networks.layouts import FibreSection, Layout
 from featherfx.lab.networks.network import (
     FibreNetwork,
@@ -50,7 +49,7 @@ class SpaceLayout:
     network: FibreNetwork
     places: Array
     held: Indices
-    links: NDArray[np.bool_]
+    links: Flags
 
 
 def space_mikado(plan: SpaceMikado, section: FibreSection) -> SpaceLayout:
@@ -206,7 +205,7 @@ def shear(layout: SpaceLayout, gradient: Array) -> Sheared:
     )
 
 
-def _links_kept(layout: SpaceLayout, network: FibreNetwork, used: Indices) -> NDArray[np.bool_]:
+def _links_kept(layout: SpaceLayout, network: FibreNetwork, used: Indices) -> Flags:
     """(S,) which segments of what carries join two sheets: their ends differ in height."""
     if not layout.links.any():
         return np.zeros(len(network.ends), np.bool_)

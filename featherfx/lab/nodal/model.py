@@ -12,10 +12,9 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import Feather
@@ -46,18 +45,18 @@ class NodalModel(NamedTuple):
     carried: whether the sections of barbs are carried along them, else they follow the vane.
     """
 
-    slot: NDArray[np.int64]
-    frame_slot: NDArray[np.int64]
-    size: NDArray[np.int64]
+    slot: Indices
+    frame_slot: Indices
+    size: Indices
     band: int
     rest_nodes: Array
     rest_rotation: Array
-    present: NDArray[np.bool_]
+    present: Flags
     stretch_inverse: Array
     stretch_stiffness: Array
     bend_rest: Array
     bend_stiffness: Array
-    hinge_active: NDArray[np.bool_]
+    hinge_active: Flags
     hinge_rest: Array
     plate: Array
     shaft: bool
@@ -74,7 +73,7 @@ def nodal_model(
     stretch: Stretch = "stiff",
     section: Section = "vane",
     shaft: bool = True,
-    pinned: NDArray[np.bool_] | None = None,
+    pinned: Flags | None = None,
 ) -> NodalModel:
     """Constant arrays of the nodal kinematics for a batch made by make_model.
 
@@ -121,7 +120,7 @@ def _check(
     stretch: str,
     section: str,
     shaft: bool,
-    pinned: NDArray[np.bool_] | None,
+    pinned: Flags | None,
 ) -> None:
     problems = []
     for key, value, allowed in (
@@ -154,7 +153,7 @@ def _one(
     bending: Bending,
     carried: bool,
     shaft: bool,
-    pinned: NDArray[np.bool_] | None,
+    pinned: Flags | None,
 ) -> dict:
     """The arrays of NodalModel for one feather."""
     vane = kind.vane_material
@@ -196,12 +195,12 @@ def _one(
 
 
 def _slots(
-    present: NDArray[np.bool_],
+    present: Flags,
     columns: int,
     shaft: bool,
     held: bool,
-    pinned: NDArray[np.bool_] | None,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    pinned: Flags | None,
+) -> tuple[Indices, Indices, int]:
     """First unknown of every node (n, 1 + 2 m) and frame (n,), and how many unknowns there are."""
     rows = present.shape[1]
     slot = np.full((rows, 1 + 2 * columns), -1, dtype=np.int64)
@@ -268,7 +267,7 @@ def _bending_tables(
     bending: Bending,
     area: Array,
     held: Array,
-    active: NDArray[np.bool_],
+    active: Flags,
     shaft: bool,
 ) -> Array:
     vane, columns = kind.vane_material, feather.columns
@@ -285,7 +284,7 @@ def _bending_tables(
     return plate_tables(feather.rest.nodes, area, active, moduli)
 
 
-def _used_hinges(active: NDArray[np.bool_], used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _used_hinges(active: Flags, used: Flags) -> Flags:
     """Hinges that a table weighs; used: (2, n-1, m, 2, 3)."""
     result = np.zeros_like(active)
     for kind in range(2):

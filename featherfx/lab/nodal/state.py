@@ -6,10 +6,9 @@ from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import RowPoints, both, turned
 from featherfx.lab.nodal.model import NodalModel
 from featherfx.mechanics.batch import row_frames
@@ -63,8 +62,8 @@ class Element(NamedTuple):
 
     lines: Array
     weight: Array
-    slots: NDArray[np.int64]
-    nodes: NDArray[np.int64]
+    slots: Indices
+    nodes: Indices
     membrane: Array
     turns: Array
     hinge: Array

@@ -18,10 +18,9 @@ from math import atan2, degrees, radians
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import Problem
 from featherfx.feather.types import Feather, RowPoints, Surface
 from featherfx.groom.types import FeatherKind, Hooked, Splits, VaneMaterial
@@ -222,7 +221,7 @@ class HookedSample:
             spent=gaps.spent.copy(),
         )
 
-    def _clamp(self, row: int) -> NDArray[np.int64]:
+    def _clamp(self, row: int) -> Indices:
         """(m + 1, 2) row and node of all nodes of a row's barb, root to end."""
         return np.array([(row, node) for node in range(1 + self.size.columns)])
 
@@ -244,7 +243,7 @@ class HookedSample:
         )
 
     @property
-    def opened(self) -> NDArray[np.bool_]:
+    def opened(self) -> Flags:
         """(n-1, m, 2) which triangles are open."""
         hooked: Array = self.state.gaps.hooked[0, 0]
         return hooked == 0.0

@@ -20,9 +20,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import Range, out_of_range, part, require, value
 from featherfx.lab.vane.elements import Membrane, Order, membrane
@@ -134,7 +133,7 @@ def band_mesh(
     return mesh, moduli[stiff[mesh.strip].astype(int)]
 
 
-def band_rows(sample: Sample, bands: Bands, layers: int = 1) -> tuple[Array, NDArray[np.bool_]]:
+def band_rows(sample: Sample, bands: Bands, layers: int = 1) -> tuple[Array, Flags]:
     """(R,) m, rows on all borders of bands and through all corners; (R - 1,) whether barb."""
     corners = corner_rows(sample)
     low, high = corners[0], corners[-1]

@@ -24,11 +24,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import bmat, csc_matrix, csr_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
-from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.lab.vane.chain_kernels import chain_system
 from featherfx.lab.vane.elements import Membrane
 from featherfx.lab.vane.sample_kernels import (
@@ -44,7 +43,7 @@ UNIT = np.array([1.0, 0.0, 1.0])
 class Pattern:
     """Pairs of coordinates that elements couple. nodes: (M, K). free: (2 N,) coordinates."""
 
-    def __init__(self, nodes: NDArray[np.int64], free: Flags) -> None:
+    def __init__(self, nodes: Indices, free: Flags) -> None:
         unknown = (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
         rows = np.repeat(unknown, unknown.shape[1], axis=1).ravel()
         columns = np.tile(unknown, (1, unknown.shape[1])).ravel()
@@ -72,7 +71,7 @@ class Pattern:
         return csc_matrix(data, (count, count))
 
 
-def _starts(columns: NDArray[np.int64], size: int) -> NDArray[np.int64]:
+def _starts(columns: Indices, size: int) -> Indices:
     return np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=size))])
 
 

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import Range, out_of_range, part, require, value
 from featherfx.lab.vane.elements import Membrane, membrane
@@ -172,7 +171,7 @@ def mesh_of(test: Traction, moduli: Moduli) -> Mesh:
     return aligned_of_size(test.sample, test.elements, float(layer))
 
 
-def clamped(sample: Sample, body: Membrane) -> NDArray[np.bool_]:
+def clamped(sample: Sample, body: Membrane) -> Flags:
     """(N,) nodes in the clamps."""
     height = body.points[:, 1]
     return (height <= 0.0) | (height >= sample.height)

@@ -19,9 +19,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import (
     LEADING,
@@ -83,12 +82,12 @@ class Fades:
         self.to[starting] = wanted[starting]
         return [Change(int(f), int(self.now[f]), int(self.to[f])) for f in starting]
 
-    def active(self, members: NDArray[np.int64], level: int) -> Flags:
+    def active(self, members: Indices, level: int) -> Flags:
         """(M,) which of some feathers are to be computed at a level."""
         return np.asarray((self.now[members] == level) | (self.to[members] == level))
 
     @property
-    def fading(self) -> NDArray[np.int64]:
+    def fading(self) -> Indices:
         """Feathers that change."""
         return np.flatnonzero(self.now != self.to)
 

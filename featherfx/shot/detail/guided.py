@@ -24,11 +24,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from featherfx.algebra.rotation import rotation_vectors
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice, both, stacked
 from featherfx.shot.detail.guided_kernels import chains
@@ -188,7 +187,7 @@ def overlaps(own: Array, other: Array) -> Array:
     return np.maximum(high - low, 0.0) / np.diff(other)
 
 
-def _interpolation(own: Array, other: Array, grown: NDArray[np.bool_]) -> Array:
+def _interpolation(own: Array, other: Array, grown: Flags) -> Array:
     """(n, n) linear weights of the other's rows with barbs at the own places."""
     found = np.zeros((len(own), len(other)))
     places = np.flatnonzero(grown)

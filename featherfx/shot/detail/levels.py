@@ -16,7 +16,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.types import Feather
 from featherfx.limits import refuse_beyond_memory
 from featherfx.shot.detail.detail import CARRIED, Detailer, Resolution
@@ -41,7 +41,7 @@ class LevelPlan:
 
     table: Numbers
     resolutions: tuple[tuple[Resolution, ...], ...]
-    free: NDArray[np.bool_]
+    free: Flags
 
     @property
     def changes(self) -> bool:

@@ -18,10 +18,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.ease import faded
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.groom.skin.search import search_tree
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import CHANNELS, Channel, Shot
@@ -124,7 +123,7 @@ def acting(shot: Shot) -> list[list[Any]]:
     ]
 
 
-def product(found: Sequence[Course], name: str, time: float, members: NDArray[np.int64]) -> Array:
+def product(found: Sequence[Course], name: str, time: float, members: Indices) -> Array:
     """(M,) all channels of a name, whose neutral value is 1, multiplied with each other at a time
     in s; members: (M,) feathers."""
     own = [each.of_each(time)[members] for each in found if each.channel.name == name]

@@ -16,9 +16,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.direction.channels import Course, courses, product
 from featherfx.shot.types import Shot
@@ -54,7 +53,7 @@ class Blown:
         )
 
 
-def matter_of(found: Sequence[Course], members: NDArray[np.int64], gravity: Array) -> Matter | None:
+def matter_of(found: Sequence[Course], members: Indices, gravity: Array) -> Matter | None:
     """What channels (those of NAMES) make of the matter of a batch, members: (M,) numbers of its
     feathers in the shot; None where none does."""
     own = [each for each in found if each.weights[members].any()]
@@ -67,7 +66,7 @@ class Matter:
     found: those that do. members: (M,) numbers of the feathers in the shot. gravity: (3,) m/s^2.
     """
 
-    def __init__(self, found: Sequence[Course], members: NDArray[np.int64], gravity: Array) -> None:
+    def __init__(self, found: Sequence[Course], members: Indices, gravity: Array) -> None:
         self._found, self._members, self._gravity = tuple(found), members, gravity
         names = {each.channel.name for each in found}
         self.changes_model = not names.isdisjoint(("stiffness", "damping"))

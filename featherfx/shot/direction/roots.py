@@ -16,10 +16,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags
 from featherfx.groom.types import Placement
 from featherfx.shot.direction.channels import Course, courses
 from featherfx.shot.motion.roots import RootFrames, Roots
@@ -88,7 +87,7 @@ def _pull(placements: Sequence[Placement], course: Course) -> _Pull:
     return _Pull(course, shift, axes)
 
 
-def _spread(placements: Sequence[Placement], members: NDArray[np.bool_]) -> Array:
+def _spread(placements: Sequence[Placement], members: Flags) -> Array:
     """(F,) share of a fan's angle that turns each feather about its z: half of it, either way, at
     the ends of the line along which roots lie most."""
     found = np.zeros(len(placements))

@@ -22,9 +22,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.density import density_map
 from featherfx.feather.types import Feather, RowPoints, Surface
@@ -52,7 +51,7 @@ class Pull:
 
     target: Target
     hold: Curve
-    members: NDArray[np.int64]
+    members: Indices
     local: Array
     mass: Array
     length: Array
@@ -68,7 +67,7 @@ class Pull:
 class Pulls:
     """All targets of a batch; members: (F,) numbers of its feathers in the shot."""
 
-    def __init__(self, found: Sequence[Pull], members: NDArray[np.int64], motion: Roots) -> None:
+    def __init__(self, found: Sequence[Pull], members: Indices, motion: Roots) -> None:
         self._found, self._members, self._motion = tuple(found), members, motion
 
     def added(self, loads: Loads, start: float, end: float) -> Loads:
@@ -80,9 +79,7 @@ class Pulls:
                 loads = _gripped(loads, pull, hold, places)
         return loads
 
-    def deviations(
-        self, nodes: Array, time: float
-    ) -> list[tuple[Target, NDArray[np.int64], Array]]:
+    def deviations(self, nodes: Array, time: float) -> list[tuple[Target, Indices, Array]]:
         """Of each target that is held in full at a time (s): it, the shot's numbers of its
         feathers, and (K,) how far these are off it, of their lengths. nodes: (F, n, 1 + 2 m, 3) m.
         """
@@ -138,7 +135,7 @@ def pulls_of(
     shot: Shot,
     drawn: Sequence[Feather],
     feathers: Sequence[Feather],
-    members: NDArray[np.int64],
+    members: Indices,
     motion: Roots,
     model: Model,
 ) -> Pulls | None:

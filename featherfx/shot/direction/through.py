@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Indices
 from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.shot.detail.carried import in_world, rates_of, seen_from_roots
 from featherfx.shot.detail.guided import INSTANT, Shapes, Turns
@@ -32,9 +32,7 @@ class FollowThrough:
     drawn: all feathers on the meshes' grid. shown: (S,) numbers of those that are shown.
     """
 
-    def __init__(
-        self, shot: Shot, drawn: Sequence[Feather], motion: Roots, shown: NDArray[np.int64]
-    ) -> None:
+    def __init__(self, shot: Shot, drawn: Sequence[Feather], motion: Roots, shown: Indices) -> None:
         self._found, self._motion = courses(shot, NAMES), motion
         acted_on = np.zeros(len(drawn), dtype=np.bool_)
         for each in self._found:

@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.ease import smooth_step
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, TRAILING, Feather, barb_slice
@@ -95,7 +94,7 @@ def gripped(
     start_points: Sequence[Array],
     start: float,
     end: float,
-) -> tuple[NDArray[np.int64], Array, Array]:
+) -> tuple[Indices, Array, Array]:
     """grip_node, (grip_start, grip_end) and grip_stiffness of Loads (see frame_loads)."""
     count = len(feathers)
     most = max(np.bincount([place for place, _ in grips], minlength=count)) if grips else 0

@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.ease import eased
 from featherfx.algebra.rotation import rotation_vectors, vectors_to_frames
+from featherfx.algebra.types import Indices
 from featherfx.groom.keys.preset import STEADY, Clock
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 
@@ -57,7 +57,7 @@ class _Upon:
     """One pose upon another. parents: (J,)."""
 
     skeleton: Skeleton
-    parents: NDArray[np.int64]
+    parents: Indices
 
     @classmethod
     def of(cls, skeleton: Skeleton) -> _Upon:

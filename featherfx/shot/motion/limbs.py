@@ -10,17 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.groom.skin.skin import Binding, bind, follow
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.joints import JointPoses, Skeleton, joint_roots, skeleton_of
 from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.read.sources import MovingSurface
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

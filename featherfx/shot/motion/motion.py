@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError
 from featherfx.shot.direction.roots import directed
 from featherfx.shot.motion.act import clocked, together
@@ -93,7 +92,7 @@ def _without_body(poses: PosesOverTime) -> PosesOverTime:
     return limbs
 
 
-def root_path(motion: Roots, members: NDArray[np.int64], start: float, end: float) -> RootPath:
+def root_path(motion: Roots, members: Indices, start: float, end: float) -> RootPath:
     """Paths of the roots with indices members (F,) from start to end (s)."""
     times = np.linspace(start, end, SAMPLES)[1:]
     frames = [arrived(motion, start), *(motion.frames(time) for time in times)]

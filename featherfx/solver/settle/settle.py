@@ -24,8 +24,8 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.feather.types import both
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
@@ -37,8 +37,6 @@ from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import minimise
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.work import Work, no_strains
-
-Array = NDArray[np.float64]
 
 FIRST, LAST, SHORTEST, GROWTH = 1e-2, 1e4, 1e-7, 8.0  # step lengths, s
 ITERATIONS, STEPS = 100, 80

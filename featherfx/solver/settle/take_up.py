@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.rotation_kernels import conjugate, multiply, normalised
+from featherfx.algebra.types import Array, Flags
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Model
 from featherfx.solver.state import State
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose
 from featherfx.solver.step.root_path import RootPath
 from featherfx.solver.work import make_work
-
-Array = NDArray[np.float64]
 
 
 def take_up(
@@ -52,9 +50,7 @@ def take_up(
 SAME = 1e-9
 
 
-def carry_to(
-    model: Model, state: State, path: RootPath, only: NDArray[np.bool_] | None = None
-) -> None:
+def carry_to(model: Model, state: State, path: RootPath, only: Flags | None = None) -> None:
     """Move held feathers rigidly, in place, to where their paths begin.
 
     A jump in no time is a cut in the animation, not a motion: taken as one it would throw the

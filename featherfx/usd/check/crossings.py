@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.crossings import BODY, Crossings, crossings_of, patches_of
 from featherfx.feather.types import RACHIS
@@ -123,7 +122,7 @@ def chosen_frames(
 
 def _meshes(
     scenes: Sequence[Scene], code: float | None
-) -> Iterator[tuple[Array, Indices, NDArray[np.bool_], int]]:
+) -> Iterator[tuple[Array, Indices, Flags, int]]:
     for scene in scenes:
         for index, points in zip(scene.chosen, scene.points(code), strict=True):
             feather = scene.cache.feathers[index]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx._version import __version__
+from featherfx.algebra.types import Floats
 from featherfx.errors import Problem
 from featherfx.files.whole import into, standing, write_all
 from featherfx.usd.convert.export import COLOUR, codes_of, to_gltf
@@ -101,7 +102,7 @@ def _content(cache: Cache, codes: list[float], counts: list[int]) -> list[bytes]
     arrays, starts = _Arrays(), np.cumsum([0, *counts])
     turn, every = to_gltf(cache).T, range(len(counts))
 
-    def points(code: float) -> NDArray[np.float32]:
+    def points(code: float) -> Floats:
         return (np.concatenate(cache.points_of(every, code)) @ turn).astype(np.float32)
 
     first = points(codes[0])

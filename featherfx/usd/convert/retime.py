@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Sdf
 from scipy.interpolate import PchipInterpolator
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Floats
 from featherfx.errors import InputError, Problem
 from featherfx.usd.arrays import vec3f
 from featherfx.usd.convert.plain import begun, plain_copy
@@ -286,7 +285,7 @@ class _Prim:
         steps[starts + counts - 1] = 0.0
         return points[starts], np.add.reduceat(steps, starts)
 
-    def write(self, layer: Any, times: TimeMap, rate: float) -> Iterator[NDArray[np.float32]]:
+    def write(self, layer: Any, times: TimeMap, rate: float) -> Iterator[Floats]:
         """Replace the samples in a layer that has the prim, and give the corners of each frame."""
         for track in self.tracks.values():
             for code in track.codes:

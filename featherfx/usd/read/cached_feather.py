@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import UsdGeom
 
+from featherfx.algebra.types import Floats, Indices
 from featherfx.errors import InputError
 from featherfx.feather.types import LEADING
 from featherfx.groom.looks import BarbLook, look_of
@@ -30,9 +30,6 @@ from featherfx.usd.read.values import (
     text_of,
 )
 from featherfx.usd.types import LOOK, RANGES
-
-Floats = NDArray[np.float32]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

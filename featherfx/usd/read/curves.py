@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Gf, UsdGeom
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.groom import DEFAULT_NAMES
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.read.rachis_curve import BASES, spline_points
@@ -41,7 +40,7 @@ class Curves:
     """
 
     points: Array
-    starts: NDArray[np.int64]
+    starts: Indices
     basis: str
     pinned: bool
 
@@ -80,9 +79,7 @@ def curves_of(prim: Any, code: Any, place: Place) -> Curves:
     return Curves(points, np.concatenate([[0], np.cumsum(counts)]), basis, wrap == "pinned")
 
 
-def _check_sizes(
-    points: Array, counts: NDArray[np.int64], basis: str, pinned: bool, place: Place
-) -> None:
+def _check_sizes(points: Array, counts: Indices, basis: str, pinned: bool, place: Place) -> None:
     if counts.sum() != len(points) or (counts < 0).any():
         place.child("curveVertexCounts").fail(f"add up to {counts.sum()}, there are {len(points)}")
     if not np.isfinite(points).all():

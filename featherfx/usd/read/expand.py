@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 from scipy import sparse
 
 from featherfx.algebra.rotation import quats_to_frames
+from featherfx.algebra.types import Flags
 from featherfx.errors import InputError, Problem
 from featherfx.feather.barb_looks import drawn_barbs
 from featherfx.feather.build import scaled
@@ -278,7 +278,7 @@ class _Shafts:
         return nodes, np.stack([frames[..., 1], frames[..., 2]], axis=1)
 
     @cached_property
-    def _leading_is_right(self) -> NDArray[np.bool_]:
+    def _leading_is_right(self) -> Flags:
         """(N,) of the feather of each row."""
         counts = np.diff(self._starts)
         flags = self._shaped("primvars:leadingIsRight", DEFAULT, INTEGERS, (len(counts),))

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.values import Place, Problems, nearest
 from featherfx.groom.skin.faults import skin_faults
@@ -100,7 +99,7 @@ class SkinMesh:
         code = transform_code(self._prim, Usd.TimeCode.Default())
         return np.asarray(local @ self._scene.matrix(self._prim, code)[:3, :3])
 
-    def subset(self, name: str, place: Place) -> NDArray[np.bool_]:
+    def subset(self, name: str, place: Place) -> Flags:
         """(T,) whether triangles are of a named set of faces."""
         subsets = {
             each.GetPrim().GetName(): each

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel, Vt
 
-from featherfx.algebra.types import Array, Floats
+from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
@@ -166,9 +166,7 @@ def animated(skeleton: Any) -> list[Any]:
     ]
 
 
-def _blend_shapes(
-    query: Any, mesh: Any
-) -> tuple[list[NDArray[np.int64]], list[NDArray[np.float32]]]:
+def _blend_shapes(query: Any, mesh: Any) -> tuple[list[Indices], list[Floats]]:
     """Point indices of each shape (none: all points) and (k, 3) offsets of each of its parts."""
     targets = targets_of(UsdSkel.BindingAPI(mesh.GetPrim()).GetBlendShapeTargetsRel())
     for target in targets:

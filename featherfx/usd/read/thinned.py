@@ -9,13 +9,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Floats, Indices
 from featherfx.feather.types import RACHIS
 from featherfx.usd.read.cached_feather import CachedFeather
-
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float32]
 
 # rows of a thinned vane, tried one after another
 _ROWS = (11, 7, 5, 3)

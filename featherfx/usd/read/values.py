@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Tf, Usd, UsdGeom
 
+from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.values import Place
 
@@ -238,14 +239,14 @@ def targets_of(relationship: Any) -> list[Any]:
         return list(relationship.GetForwardedTargets())
 
 
-def matrix_of(prim: Any, code: Any) -> NDArray[np.float64]:
+def matrix_of(prim: Any, code: Any) -> Array:
     """(4, 4) local space of a prim to the stage's, row vectors."""
     with reading(prim):
         found = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code)
     return np.array(found)
 
 
-def inverse_of(prim: Any, code: Any) -> NDArray[np.float64]:
+def inverse_of(prim: Any, code: Any) -> Array:
     """(4, 4) space of the stage to a prim's local one, row vectors."""
     try:
         return np.asarray(np.linalg.inv(matrix_of(prim, code)))

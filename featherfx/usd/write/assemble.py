@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Sdf, Tf
 
-from featherfx.algebra.types import Floats
+from featherfx.algebra.types import Flags, Floats
 from featherfx.errors import Problem
 from featherfx.files.whole import Standing, Store
 from featherfx.usd.types import RATES, OutputError
@@ -63,7 +62,7 @@ def assemble(
     publish(finish_layers(layers, info, path, (low, high), clips), before, pictures)
 
 
-def _moving(records: Sequence[ChunkRecord], static: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _moving(records: Sequence[ChunkRecord], static: Flags) -> Flags:
     """(G,) which groups have samples: those with more than one pose over all chunks."""
     result = np.zeros(len(static), dtype=np.bool_)
     for record in records:

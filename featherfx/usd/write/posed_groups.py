@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Flags, Floats
+from featherfx.algebra.types import Array, Flags, Floats, Indices
 from featherfx.feather.types import RowPoints
 from featherfx.shot.frames import FeatherPose
 from featherfx.usd.arrays import InPlace, Quath, Scalars, Vec3f
@@ -133,7 +133,7 @@ def _joined(points: Sequence[RowPoints]) -> RowPoints:
     return RowPoints(nodes, np.concatenate([each.directors for each in points], dtype=np.float64))
 
 
-def _counted_on(indices: Sequence[NDArray[Any]], starts: NDArray[np.int64]) -> NDArray[np.int64]:
+def _counted_on(indices: Sequence[NDArray[Any]], starts: Indices) -> Indices:
     """Indices of all feathers; starts: what each feather's count from."""
     return np.concatenate([each + start for each, start in zip(indices, starts, strict=False)])
 
@@ -217,21 +217,21 @@ class PosedGroup:
         return "constant" if self.alone else "uniform"
 
     @cached_property
-    def widths(self) -> NDArray[np.float64]:
+    def widths(self) -> Array:
         """(n,) stage units, diameters of all shafts."""
         return np.concatenate([each.widths for each in self.feathers])
 
     @property
-    def held(self) -> NDArray[np.float64]:
+    def held(self) -> Array:
         """(T,) share of barbules that are hooked at rest."""
         return np.concatenate([each.held for each in self.feathers])
 
     @cached_property
-    def barb_widths(self) -> NDArray[np.float64]:
+    def barb_widths(self) -> Array:
         """(K,) stage units, diameters of all barbs."""
         return np.concatenate([each.barb_widths for each in self.feathers])
 
-    def starts(self, key: Key) -> NDArray[np.int64]:
+    def starts(self, key: Key) -> Indices:
         """(M + 1,) where the elements of each feather begin in an attribute, and all."""
         if key[1] in PER_FACE:
             return self.faces
@@ -355,5 +355,5 @@ class PosedGroup:
         return digest.hexdigest()
 
 
-def _starts(counts: Sequence[int]) -> NDArray[np.int64]:
+def _starts(counts: Sequence[int]) -> Indices:
     return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])

@@ -15,10 +15,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Sdf, UsdGeom, UsdShade
 
-from featherfx.algebra.types import Indices
+from featherfx.algebra.types import Array, Indices
 from featherfx.feather.shape_text import shape_text
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.usd import arrays
@@ -184,9 +183,7 @@ def _look(
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(materials[name])
 
 
-def shades_of(
-    entries: Sequence[FeatherEntry], name: str, counts: Sequence[int]
-) -> NDArray[np.float64] | None:
+def shades_of(entries: Sequence[FeatherEntry], name: str, counts: Sequence[int]) -> Array | None:
     """(K, 3) linear colours of feathers that share a prim; None where they have none.
 
     name: of Colours' points, shaft or barbs. counts: of each feather's elements.

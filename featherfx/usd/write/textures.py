@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import Problem
 from featherfx.feather.colours import VANE, brightness, charted, displayed
 from featherfx.files.whole import Store
@@ -51,7 +51,7 @@ class Atlas:
         """Charts across a tile, and up."""
         return side // (self.pixels // 2), side // self.pixels
 
-    def _places(self) -> tuple[NDArray[np.int64], ...]:
+    def _places(self) -> tuple[Indices, ...]:
         """(N,) each, of a feather: its tile, and its place in that."""
         across, up = self._grid(self.side)
         tile, place = np.divmod(np.arange(self.feathers), across * up)
