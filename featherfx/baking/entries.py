@@ -206,7 +206,7 @@ def drawn_entries(
 
             def build(number: int, placement: Placement) -> tuple[Feather, RowMap | None]:
                 done(number)
-                return _drawn_feather(placement, grid, meshes)
+                return render_feather(placement.kind, grid, meshes, placement.mirrored)
 
             built = all_of(*(partial(build, *each) for each in enumerate(groom.feathers)))
     entries = entries_of(groom, [feather for feather, _ in built], static=False, skin=skin)
@@ -223,13 +223,6 @@ def drawn_entries(
             entries[index], name=names[index], points_map=built[index][1], barbs=barbs
         )
     return entries
-
-
-def _drawn_feather(
-    placement: Placement, grid: tuple[int, int], meshes: tuple[int, int]
-) -> tuple[Feather, RowMap | None]:
-    """The feather to draw, and the map to it from a simulated one of another grid."""
-    return render_feather(placement.kind, grid, meshes, placement.mirrored)
 
 
 def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:

@@ -99,7 +99,12 @@ def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """A whole text file in UTF-8. Raises as write_all."""
-    write_whole(path, lambda file: file.write(text.encode()))
+    write_all([(path, into_text(text))])
+
+
+def into_text(text: str) -> Store:
+    """What stores a text, in UTF-8."""
+    return into(lambda file: file.write(text.encode()))
 
 
 def into(write: Callable[[BinaryIO], object]) -> Store:

@@ -20,7 +20,7 @@ from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, Problem
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
-from featherfx.files.whole import into, standing, write_all
+from featherfx.files.whole import into, into_text, standing, write_all
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library
@@ -347,7 +347,7 @@ def write_traced(
         problems.append(Problem(str(overlay), "", f"suffix '{overlay.suffix}' is not .png or .jpg"))
     if problems:
         raise InputError(*problems)
-    writers = [(output, into(lambda file: file.write(traced.text.encode())))]
+    writers = [(output, into_text(traced.text))]
     if overlay is not None:
         kind = "PNG" if overlay.suffix.lower() == ".png" else "JPEG"
         writers.append((overlay, into(lambda file: picture.save(file, kind))))

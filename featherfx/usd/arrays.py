@@ -1,11 +1,12 @@
 """Numpy arrays to USD value arrays; the only place that knows how.
 
 USD converts a buffer element by element, ten times slower than memory. Large values are therefore
-computed in place, in the memory of a new USD array (Vec3f, Scalars).
+computed in place, in the memory of a new USD array (InPlace).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -61,36 +62,24 @@ class InPlace:
         return self._kind.FromNumpy(self.numbers) if self._value is None else self._value
 
 
-class Vec3f(InPlace):
-    """count vectors; numbers: (count, 3)."""
-
-    __slots__ = ()
-
-    def __init__(self, count: int) -> None:
-        super().__init__(Vt.Vec3fArray, (count, 3))
+def new_vectors(count: int) -> InPlace:
+    """numbers: (count, 3)."""
+    return InPlace(Vt.Vec3fArray, (count, 3))
 
 
-class Scalars(InPlace):
-    """count numbers; numbers: (count,)."""
-
-    __slots__ = ()
-
-    def __init__(self, count: int) -> None:
-        super().__init__(Vt.FloatArray, (count,))
+def new_scalars(count: int) -> InPlace:
+    """numbers: (count,)."""
+    return InPlace(Vt.FloatArray, (count,))
 
 
-class Quath(InPlace):
-    """count rotations in half precision; numbers: (count, 4), the real part last, as USD has it."""
-
-    __slots__ = ()
-
-    def __init__(self, count: int) -> None:
-        super().__init__(Vt.QuathArray, (count, 4), np.float16)
+def new_rotations(count: int) -> InPlace:
+    """numbers: (count, 4) in half precision, the real part last, as USD has it."""
+    return InPlace(Vt.QuathArray, (count, 4), np.float16)
 
 
 def vec3f(values: ArrayLike) -> Any:
     """(N, 3) to Vt.Vec3fArray."""
-    array = Vec3f(len(np.asarray(values)))
+    array = new_vectors(len(np.asarray(values)))
     array.numbers[...] = values
     return array.value
 
@@ -101,34 +90,14 @@ def vec3h(values: Floats) -> Any:
     return Vt.Vec3hArray.FromNumpy(np.clip(values, -most, most).astype(np.float16))
 
 
-def vec2d(values: ArrayLike) -> Any:
-    """(N, 2) to Vt.Vec2dArray."""
-    return Vt.Vec2dArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float64))
+def _to(kind: Any, number: Any) -> Callable[[ArrayLike], Any]:
+    return lambda values: kind.FromNumpy(np.ascontiguousarray(values, dtype=number))
 
 
-def vec2i(values: ArrayLike) -> Any:
-    """(N, 2) to Vt.Vec2iArray."""
-    return Vt.Vec2iArray.FromNumpy(np.ascontiguousarray(values, dtype=np.int32))
-
-
-def vec2f(values: ArrayLike) -> Any:
-    """(N, 2) to Vt.Vec2fArray."""
-    return Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
-
-
-def vec4f(values: ArrayLike) -> Any:
-    """(N, 4) to Vt.Vec4fArray."""
-    return Vt.Vec4fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
-
-
-def floats(values: ArrayLike) -> Any:
-    """(N,) to Vt.FloatArray."""
-    return Vt.FloatArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
-
-
-def ints(values: ArrayLike) -> Any:
-    """(N,) to Vt.IntArray."""
-    return Vt.IntArray.FromNumpy(np.ascontiguousarray(values, dtype=np.int32))
+# of (N, 2), (N, 4) and (N,) numbers
+vec2d, vec2i = _to(Vt.Vec2dArray, np.float64), _to(Vt.Vec2iArray, np.int32)
+vec2f, vec4f = _to(Vt.Vec2fArray, np.float32), _to(Vt.Vec4fArray, np.float32)
+floats, ints = _to(Vt.FloatArray, np.float32), _to(Vt.IntArray, np.int32)
 
 
 def strings(*values: str) -> Any:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import into, standing, write_all
+from featherfx.files.whole import into_text, standing, write_all
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import Direction
 from featherfx.groom.keys.preset import FAMILIES
@@ -119,7 +119,7 @@ class Tuned:
             for path in wanted:
                 path.parent.mkdir(parents=True, exist_ok=True)
             before = {path: standing(path) for path in wanted}
-            write_all([(path, _writer(text)) for path, text in wanted.items()], before)
+            write_all([(path, into_text(text)) for path, text in wanted.items()], before)
         except OSError as error:
             told = f"cannot be written: {error.strerror or error}"
             raise InputError(Problem(str(folder), "", told)) from error
@@ -145,10 +145,6 @@ class Tuned:
 
 def _table(family: str, values: dict[str, Any]) -> Table:
     return FAMILIES[family].finished(values.get("kind", ""))
-
-
-def _writer(text: str) -> Any:
-    return into(lambda file: file.write(text.encode()))
 
 
 def _sliders(kind: ValueType, value: Any, at: str, key: Key) -> Iterator[Slider]:

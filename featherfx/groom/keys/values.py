@@ -187,7 +187,7 @@ class Number:
     def check(self, value: Any, place: Place, partial: bool) -> Any:
         kinds = int if self.whole else (int, float)
         if isinstance(value, bool) or not isinstance(value, kinds):
-            return place.fail(f"{shown(value)} is not {self._noun()}")
+            return place.fail(f"{shown(value)} is not {'an integer' if self.whole else 'a number'}")
         if isinstance(value, float) and not math.isfinite(value):
             return place.fail(f"{shown(value)} is not a finite number")
         if not self.low <= value <= self.high:
@@ -206,9 +206,6 @@ class Number:
 
     def _range(self) -> str:
         return f"{self.low:.10g} to {self.high:.10g}"
-
-    def _noun(self) -> str:
-        return "an integer" if self.whole else "a number"
 
 
 @dataclass(frozen=True)

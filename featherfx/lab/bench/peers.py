@@ -113,7 +113,7 @@ def mujoco_iso(step: float) -> PeerRun:
     mujoco.mj_forward(model, data)
     end = np.linalg.norm(data.flexvert_xpos - [LENGTH, 0.0, 0.0], axis=1).argmin()
     tips, seconds, steps = [], 0.0, 0
-    for output in _output_times():
+    for output in (each for each in OUTPUT_TIMES if each <= END):
         begin = time.process_time()
         while data.time < output - 0.5 * step:
             mujoco.mj_step(model, data)
@@ -145,10 +145,6 @@ def our_iso(step: float) -> PeerRun:
     """The isotropic strip by our nodal kinematics."""
     run = run_strip(StripTest("iso", step), END)
     return PeerRun(run.tip, run.cpu_seconds, run.steps)
-
-
-def _output_times() -> list[float]:
-    return [each for each in OUTPUT_TIMES if each <= END]
 
 
 def peer_tables(extent: PeerRates) -> Iterator[ResultTable]:

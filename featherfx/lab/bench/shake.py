@@ -117,15 +117,10 @@ def _model(kind: FeatherKind, rows: int, columns: int, coefficients: int) -> Mod
     return with_damping(make_model([feather], [kind], coefficients), [kind])
 
 
-def _repeated(model: Model, count: int) -> Model:
-    """The model of one feather for count equal ones."""
-    return model.some([0] * count)
-
-
 def barb_curvature(kind: FeatherKind, shake: Shake) -> ShakeRun:
     """The default solver."""
     one = _model(kind, shake.rows, shake.columns, shake.coefficients)
-    model = _repeated(one, shake.count) if shake.count > 1 else one
+    model = one.some([0] * shake.count) if shake.count > 1 else one
     state = rest_state(model, np.zeros((shake.count, 3)), np.tile(np.eye(3), (shake.count, 1, 1)))
     with Solver(model, _settings(shake), shake.jobs) as solver:
         return _run(kind, shake, solver, state, one.unknowns)
@@ -165,7 +160,7 @@ def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int
         raise_if_failed(report.status, state.time, ["shaken feather"] * shake.count)
         steps += int(report.steps[0])
         iterations += int(report.iterations[0])
-        if _is_output(after):
+        if abs(after * OUTPUT_RATE - round(after * OUTPUT_RATE)) < 1e-6:
             moved.append(_followed(feather, state.points.nodes[0]) - rest)
     present = np.concatenate([np.ones((1, feather.rows)), feather.barb_length]) > 0.0
     return ShakeRun(
@@ -177,10 +172,6 @@ def _step_times(shake: Shake) -> Array:
     step = shake.step or 1.0 / OUTPUT_RATE
     times: Array = np.linspace(0.0, shake.duration, max(1, round(shake.duration / step)) + 1)
     return times
-
-
-def _is_output(time: float) -> bool:
-    return abs(time * OUTPUT_RATE - round(time * OUTPUT_RATE)) < 1e-6
 
 
 def _followed(feather: Feather, points: Array) -> Array:

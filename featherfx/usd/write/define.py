@@ -13,7 +13,7 @@ above them change. Both are inherited, so that nothing is said of single feather
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,13 +47,6 @@ from featherfx.usd.write.prims import (
     seats,
 )
 from featherfx.usd.write.samples import AnimatedPrims
-
-
-def define_scopes(stage: Any, info: StageInfo, parts: Collection[str]) -> None:
-    """The groups under the root."""
-    for name in (*(SCOPES[part][0] for part in SCOPES if part in parts), MATERIALS):
-        UsdGeom.Scope.Define(stage, info.root_path.AppendChild(name))
-
 
 SET, DEFAULT = "representation", "vane"
 
@@ -107,7 +100,8 @@ def define_prims(
     """
     stage, parts = Usd.Stage.Open(layer), {part for own in prims.prims for part in own}
     define_root(stage, info)
-    define_scopes(stage, info, parts)
+    for name in (*(SCOPES[part][0] for part in SCOPES if part in parts), MATERIALS):
+        UsdGeom.Scope.Define(stage, info.root_path.AppendChild(name))
     if MESH in parts:  # else all that there is is drawn
         define_representations(stage, info, BARB in parts)
     look = look_of(entries, texture)

@@ -11,7 +11,6 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from featherfx.algebra.rotation import frames_to_quats
-from featherfx.algebra.types import Array
 from featherfx.feather.colours import colours_of, uniform
 from featherfx.feather.types import Feather
 from featherfx.files.content import stable_number
@@ -138,10 +137,11 @@ def _author_instances(
     instancer.CreateProtoIndicesAttr(arrays.ints(np.array(chosen)))
     instancer.CreatePositionsAttr(arrays.vec3f(positions))
     instancer.CreateScalesAttr(arrays.vec3f(np.repeat([[p.size] for p in placements], 3, axis=1)))
-    instancer.CreateOrientationsAttr(Vt.QuathArray([_half(each) for each in orientations]))
+    quats = orientations.tolist()
+    instancer.CreateOrientationsAttr(Vt.QuathArray([Gf.Quath(*each) for each in quats]))
     # half precision turns a long feather's tip by its thickness; older USD lacks the finer one
     if hasattr(instancer, "CreateOrientationsfAttr"):
-        instancer.CreateOrientationsfAttr(Vt.QuatfArray([_single(each) for each in orientations]))
+        instancer.CreateOrientationsfAttr(Vt.QuatfArray([Gf.Quatf(*each) for each in quats]))
     instancer.CreateIdsAttr(Vt.Int64Array([stable_number(p.id) for p in placements]))
     texts = {
         "featherId": [p.id for p in placements],
@@ -150,11 +150,3 @@ def _author_instances(
     }
     for name, values in texts.items():
         author_texts(instancer.GetPrim(), name, values, UsdGeom.Tokens.vertex)
-
-
-def _half(values: Array) -> Any:
-    return Gf.Quath(*map(float, values))
-
-
-def _single(values: Array) -> Any:
-    return Gf.Quatf(*map(float, values))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.types import Array, Flags, Floats, Indices
 from featherfx.feather.types import RowPoints
 from featherfx.shot.frames import FeatherPose
-from featherfx.usd.arrays import InPlace, Quath, Scalars, Vec3f
+from featherfx.usd.arrays import InPlace, new_rotations, new_scalars, new_vectors
 from featherfx.usd.types import (
     ACCELERATIONS,
     BARB,
@@ -247,12 +247,12 @@ class PosedGroup:
         own = ("points", *RATES) if compared else ()
         shared = {key: room for key, room in self._unwritten.items() if key[1] not in own}
         values: dict[Key, InPlace] = {
-            key: Vec3f(self._count(key)) for key in self._vectors if key not in shared
+            key: new_vectors(self._count(key)) for key in self._vectors if key not in shared
         }
         values |= shared
-        values |= {key: Vec3f(2) for key in self._extents}
-        values |= {key: Scalars(self._count(key)) for key in self._scalars}
-        values |= {key: Quath(self._count(key)) for key in self._turns}
+        values |= {key: new_vectors(2) for key in self._extents}
+        values |= {key: new_scalars(self._count(key)) for key in self._scalars}
+        values |= {key: new_rotations(self._count(key)) for key in self._turns}
         for key in self._scalars:
             values[key].numbers[...] = self.held if key[1] == HOOKED else 0.0
         pose = WrittenPose(values, self._shared_out(values), np.ones(len(self.members), np.bool_))
@@ -262,10 +262,10 @@ class PosedGroup:
         return pose
 
     @cached_property
-    def _unwritten(self) -> dict[Key, Vec3f]:
+    def _unwritten(self) -> dict[Key, InPlace]:
         """Room, which poses share, for what is found with them and not written."""
         form = self.feathers[0].form
-        return {key: Vec3f(self._count(key)) for key in self._vectors if not form.writes(key)}
+        return {key: new_vectors(self._count(key)) for key in self._vectors if not form.writes(key)}
 
     def _count(self, key: Key) -> int:
         return int(self.starts(key)[-1])
