@@ -41,6 +41,12 @@ class InputError(Exception):
         return type(self), self.problems
 
 
+def require(*problems: Problem) -> None:
+    """Raises InputError if there are problems."""
+    if problems:
+        raise InputError(*problems)
+
+
 def all_of(*tasks: Callable[[], Any]) -> list[Any]:
     """Results of all tasks; raises one InputError with the problems of all of them."""
     results: list[Any] = []
@@ -50,8 +56,7 @@ def all_of(*tasks: Callable[[], Any]) -> list[Any]:
             results.append(task())
         except InputError as error:
             problems += error.problems
-    if problems:
-        raise InputError(*dict.fromkeys(problems))
+    require(*dict.fromkeys(problems))
     return results
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, DrawnOptions
-from featherfx.errors import InputError, Problem, all_of
+from featherfx.errors import Problem, all_of, require
 from featherfx.feather.barb_looks import drawn_barbs
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.colours import colours_of
@@ -136,8 +136,7 @@ def refuse_splits_elsewhere(
         )
         for name, parts in names.items()
     ]
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
 
 
 def refuse_unfit_form(groom: Groom, options: BakeOptions, source: str) -> None:
@@ -157,8 +156,7 @@ def refuse_unfit_form(groom: Groom, options: BakeOptions, source: str) -> None:
         ]
     if options.velocities == "none" and options.accelerations:
         problems.append(Problem(source, "velocities", "none leaves no accelerations either"))
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
 
 
 def _vane_stiffness(kind: FeatherKind) -> tuple[float, float]:

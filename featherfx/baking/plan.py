@@ -15,7 +15,7 @@ from typing import Any
 
 from featherfx.api import Folders, read_shot
 from featherfx.baking.task import default_output
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require
 from featherfx.files.whole import write_text
 from featherfx.groom.presets.folders import SHIPPED, own_folders
 from featherfx.shot.share import most_shares, share_count
@@ -71,8 +71,7 @@ def plan(
         output.with_suffix(".openjd.json"): template,
     }
     problems = file_problems(list(texts), overwrite)
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
     for path, content in texts.items():
         write_text(path, json.dumps(content, indent=2) + "\n")
     return list(texts)

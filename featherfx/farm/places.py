@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from featherfx.baking.task import part_path
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require
 from featherfx.files.whole import write_text
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.usd.write.output import SUFFIXES
@@ -47,8 +47,7 @@ def outputs_of(shots: Sequence[Path], where: Path) -> list[Path]:
         if name in names[:k]:
             other = shots[names.index(name)]
             problems.append(Problem(str(shot), "", f"would be {name}.usdc, as {other} is"))
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
     return [where / f"{name}.usdc" for name in names]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem, require
 from featherfx.feather.outline import outline_fault
 from featherfx.feather.rachis import build_rachis
 from featherfx.feather.splits import open_cells, strips_of
@@ -165,8 +165,7 @@ def _problem(kind: FeatherKind, key: str, message: str) -> Problem:
 
 
 def _raise_if_any(problems: list[Problem]) -> None:
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
 
 
 def make_read_only(record: Any) -> None:

@@ -9,7 +9,7 @@ from dataclasses import MISSING, field, fields
 from math import inf, isfinite
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem
 
 MEANING, ALLOWED, OPTION = "meaning", "allowed", "option"
 WITHOUT, DEFAULTS = "without", "defaults"
@@ -75,9 +75,3 @@ def out_of_range(
         elif allowed is not None and found is not None and not allowed.holds(found):
             problems.append(Problem(source, each.name, form.format(value=found, allowed=allowed)))
     return problems
-
-
-def require(*problems: Problem) -> None:
-    """Raises InputError if there are problems."""
-    if problems:
-        raise InputError(*problems)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require
 from featherfx.files.whole import standing
 from featherfx.phases import Done, phase
 from featherfx.render.annotate import add_key, beside, contact_sheet, label
@@ -58,8 +58,7 @@ def draw(path: Path, output: Path, options: PictureOptions, jobs: int) -> list[P
             shots = _on_floor(shots, subjects)
         files = _files(output, shots, options)
         problems = file_problems(files, options.overwrite) + check_pixels(len(shots), options)
-        if problems:
-            raise InputError(*problems)
+        require(*problems)
         before = {file: standing(file) for file in files}
         every = [shot.time for shot in shots]
         keys = [subject.colour(shots[0].eye, every, options.colour) for subject in subjects]
@@ -214,8 +213,7 @@ def _times(
         for code in frames
         if not first <= code <= last
     ]
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
     return [float(code) for code in frames]
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem, require
 from featherfx.limits import MOST_PIXELS, MOST_SHEET, MOST_SIDE
 
 COLOURS = ("shaded", "barb", "region", "strain", "hooked")
@@ -120,8 +120,7 @@ def check_options(path: Path, output: Path, options: PictureOptions) -> None:
     for file in (path, *others, *options.scenery):
         if not Path(file).is_file():
             problems.append(Problem(str(file), "", "file does not exist"))
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
 
 
 def _number_problems(options: PictureOptions) -> list[Problem]:

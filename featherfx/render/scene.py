@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem, require
 from featherfx.feather.types import RACHIS
 from featherfx.groom.keys.values import nearest
 from featherfx.render.geometry import vertex_normals
@@ -88,8 +88,7 @@ def chosen_feathers(
                 near = nearest(pattern, set(known[key]) - {""})
                 problems.append(Problem(source, key, f"no {key} fits '{pattern}'; {near}"))
             chosen |= fits
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
     return np.flatnonzero(chosen if feathers or regions else ~chosen)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem, require
 from featherfx.feather.types import RowPoints, turned
 from featherfx.groom.types import Groom
 from featherfx.phases import phase
@@ -46,7 +46,6 @@ def place_feathers(shot: Shot) -> Shot:
         for index, each in enumerate(load.feather for load in loads)
         if each not in left
     ]
-    if lost:
-        raise InputError(*lost)
+    require(*lost)
     skin = shot.surfaces.bind(groom) if shot.surfaces is not None else shot.skin
     return replace(shot, groom=groom, skin=skin, surfaces=None)

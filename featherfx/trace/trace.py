@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw
 from scipy import ndimage
 
 from featherfx.algebra.types import Array, Flags
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.files.whole import into, into_text, standing, write_all
@@ -345,8 +345,7 @@ def write_traced(
         problems.append(Problem(str(output), "", f"suffix '{output.suffix}' is not .toml"))
     if overlay is not None and overlay.suffix.lower() not in (".png", ".jpg"):
         problems.append(Problem(str(overlay), "", f"suffix '{overlay.suffix}' is not .png or .jpg"))
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
     writers = [(output, into_text(traced.text))]
     if overlay is not None:
         kind = "PNG" if overlay.suffix.lower() == ".png" else "JPEG"

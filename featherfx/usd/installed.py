@@ -6,7 +6,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem, require
 
 OLDEST = (0, 24, 3)
 # the library that every program with USD loads first; all in one, or with the others beside it
@@ -30,8 +30,7 @@ def refuse_unfit_usd() -> None:
     if len(loaded := loaded_libraries()) > 1:
         told = f"is loaded beside {', '.join(loaded[1:])}: two installs of USD in one process"
         problems.append(Problem(loaded[0], "", f"{told}; use the host's alone (docs/dcc.md)"))
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
 
 
 def loaded_libraries() -> list[str]:

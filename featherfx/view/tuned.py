@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require
 from featherfx.files.whole import into_text, standing, write_all
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import Direction
@@ -113,8 +113,7 @@ class Tuned:
         problems = [*self._refused(wanted, overwrite)]
         if not wanted:
             problems.append(Problem(str(folder), "", "nothing was changed"))
-        if problems:
-            raise InputError(*problems)
+        require(*problems)
         try:
             for path in wanted:
                 path.parent.mkdir(parents=True, exist_ok=True)

@@ -18,14 +18,14 @@ from typing import Any, Literal
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind, Groom, Placement
-from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, require, value
+from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, value
 from featherfx.lab.feathers.repeat_kernels import repeat_iteration, repeat_nodal_iteration
 from featherfx.lab.nodal.model import NodalModel, nodal_model
 from featherfx.lab.nodal.solver import NodalSolver, nodal_system

@@ -30,8 +30,8 @@ import numpy as np
 from scipy.linalg import LinAlgError, solve
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import Problem
-from featherfx.lab.declare import POSITIVE, Range, out_of_range, require, value
+from featherfx.errors import Problem, require
+from featherfx.lab.declare import POSITIVE, Range, out_of_range, value
 
 # fitted to the test RHD14 of human skin (section 4.5.1.2)
 STIFFNESS, EXPONENT = 0.5289e6, 14.1395

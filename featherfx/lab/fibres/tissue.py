@@ -26,8 +26,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, Problem
-from featherfx.lab.declare import require
+from featherfx.errors import InputError, Problem, require
 from featherfx.limits import MOST_LISTED
 
 # of fibre directions, and of the stretch that damage is integrated over

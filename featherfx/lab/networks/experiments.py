@@ -19,8 +19,8 @@ import numpy as np
 from scipy import sparse
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputError, Problem, SimulationError
-from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, part, require, value
+from featherfx.errors import InputError, Problem, SimulationError, require
+from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, part, value
 from featherfx.lab.networks.krylov import DIRECT, Method, Preconditioner, Solved, solve
 from featherfx.lab.networks.layouts import (
     FibreSection,

@@ -23,8 +23,7 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, cg, gmres, minres
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputError, Problem
-from featherfx.lab.declare import require
+from featherfx.errors import InputError, Problem, require
 from featherfx.lab.networks.network import HeldSystem, factor_of
 
 Method = Literal["pcg", "minres", "gmres", "direct", "cholmod"]

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import Problem
+from featherfx.errors import Problem, require
 from featherfx.groom.types import FeatherKind, VaneMaterial
-from featherfx.lab.declare import require, value
+from featherfx.lab.declare import value
 from featherfx.lab.networks.network import FibreNetwork, homogenised
 
 

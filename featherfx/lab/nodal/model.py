@@ -15,7 +15,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem, require
 from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
@@ -141,8 +141,7 @@ def _check(
     if model.rachis_rest.shape[2] > 6:
         message = "true; the nodal kinematics has no ribbons; allowed: false"
         problems.append(Problem("", "vane_material.ribbon", message))
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
 
 
 def _one(

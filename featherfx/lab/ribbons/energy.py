@@ -24,8 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import Problem
-from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, require, value
+from featherfx.errors import Problem, require
+from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, value
 
 # four points integrate c^2 (1 + t^2)^2 of linear c and t exactly
 POINTS, WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(4))

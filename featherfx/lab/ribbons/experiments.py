@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require
 from featherfx.feather.build import build_feather
 from featherfx.groom.types import (
     BarbGuide,
@@ -23,7 +23,7 @@ from featherfx.groom.types import (
     VaneMaterial,
     VaneShape,
 )
-from featherfx.lab.declare import FINITE, NOT_NEGATIVE, POSITIVE, out_of_range, part, require, value
+from featherfx.lab.declare import FINITE, NOT_NEGATIVE, POSITIVE, out_of_range, part, value
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.motion import Air, Pace, RibbonMotion
 from featherfx.lab.ribbons.rest import RibbonRest, settle_ribbon

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import SimulationError
-from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, require, value
+from featherfx.errors import SimulationError, require
+from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, value
 from featherfx.lab.ribbons.curve import (
     LINKS,
     Curve,

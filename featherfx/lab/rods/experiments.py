@@ -12,8 +12,8 @@ from functools import cache
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputWarning, Problem
-from featherfx.lab.declare import POSITIVE, Range, out_of_range, part, require, value
+from featherfx.errors import InputWarning, Problem, require
+from featherfx.lab.declare import POSITIVE, Range, out_of_range, part, value
 from featherfx.lab.rods.rod import (
     Rod,
     Vector,

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import Problem
-from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, require, value
+from featherfx.errors import Problem, require
+from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, value
 from featherfx.mechanics.model import Loads, Model, no_hooks, no_loads
 from featherfx.solver.state import State, rest_state
 

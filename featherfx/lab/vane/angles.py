@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import Problem
-from featherfx.lab.declare import out_of_range, part, require, value
+from featherfx.errors import Problem, require
+from featherfx.lab.declare import out_of_range, part, value
 from featherfx.lab.vane.elements import Order
 from featherfx.lab.vane.mesoscale import (
     Bands,

@@ -21,10 +21,10 @@ import numpy as np
 from scipy.ndimage import label
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.errors import Problem
+from featherfx.errors import Problem, require
 from featherfx.feather.types import Feather, RowPoints, Surface
 from featherfx.groom.types import FeatherKind, Hooked, Splits, VaneMaterial
-from featherfx.lab.declare import POSITIVE, Range, out_of_range, require, value
+from featherfx.lab.declare import POSITIVE, Range, out_of_range, value
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads

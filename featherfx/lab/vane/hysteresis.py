@@ -19,9 +19,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require
 from featherfx.groom.types import FeatherKind
-from featherfx.lab.declare import require
 from featherfx.lab.vane.calibrate import IDENTIFIED, half_intervals, identified_shares
 from featherfx.lab.vane.curves import MeasuredCurve
 from featherfx.mechanics.vane_hook_kernels import hooked_response, slip_after

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from featherfx.errors import InputError, Problem
-from featherfx.lab.declare import require, value
+from featherfx.errors import InputError, Problem, require
+from featherfx.lab.declare import value
 from featherfx.lab.vane.sample import Moduli, Sample
 from featherfx.lab.vane.traction import Meshing, Model, Traction, pull_test, traction_problems
 

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags
-from featherfx.errors import InputError, Problem
-from featherfx.lab.declare import Range, out_of_range, part, require, value
+from featherfx.errors import InputError, Problem, require
+from featherfx.lab.declare import Range, out_of_range, part, value
 from featherfx.lab.vane.elements import Membrane, Order, membrane
 from featherfx.lab.vane.mesh import Mesh, aligned_mesh, corner_rows
 from featherfx.lab.vane.sample import (

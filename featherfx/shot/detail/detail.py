@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem, require
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind, Placement
 from featherfx.mechanics.batch import may_slip
@@ -109,8 +109,7 @@ class Detailer:
             )
             if level in CARRIED
         ]
-        if problems:
-            raise InputError(*problems)
+        require(*problems)
 
     def resolution(self, f: int, level: str) -> Resolution:
         """Of one feather at a level."""

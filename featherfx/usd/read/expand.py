@@ -20,7 +20,7 @@ from scipy import sparse
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Flags
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require
 from featherfx.feather.barb_looks import drawn_barbs
 from featherfx.feather.build import scaled
 from featherfx.feather.density import density_map, scaled_map, scaled_points
@@ -94,8 +94,7 @@ def expand(
         for name, (value, low, high) in allowed.items()
         if value is not None and not low <= value <= high
     ]
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
     refuse_unfit_usd()
     opened = open_stage(stage) if isinstance(stage, str | Path) else stage
     return Expansion(opened, rows, columns, barbs or 0)

@@ -10,7 +10,7 @@ from typing import Any
 
 from pxr import Ar, Sdf, Usd, UsdGeom
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.values import USD_ERRORS, described, reason_of
 from featherfx.usd.write.options import UP_AXES
@@ -76,8 +76,7 @@ def open_stage(path: str | Path) -> Any:
     except USD_ERRORS as error:
         problem = Problem(opened, "", f"USD cannot open it: {reason_of(error)}")
         raise InputError(problem) from error
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
     return stage
 
 

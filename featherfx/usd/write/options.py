@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem, require
 from featherfx.limits import MOST_FRAMES, MOST_SUBFRAMES
 
 LAYOUTS = ("auto", "flat", "payload", "clips")
@@ -120,5 +120,4 @@ def check_ranges(options: StageOptions, source: str) -> None:
             continue
         allowed = f"at least {least}" if most is None else f"{least} to {most}"
         problems.append(Problem(source, each.name, f"{value}; allowed: {allowed}"))
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
