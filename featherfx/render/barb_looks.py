@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import unit
 from featherfx.feather.barb_looks import clump_share, draws_of, middle_barbs
 from featherfx.groom.looks import BarbLook
 
@@ -86,11 +87,6 @@ def _line(values: Array) -> Array:
 
 def _ways(strips: Strips) -> tuple[Array, Array]:
     """Unit vectors across the barbs in the vane, and out of it."""
-    barb = _unit(strips.tangents)
+    barb = unit(strips.tangents)
     across = strips.along - (strips.along * barb).sum(axis=-1, keepdims=True) * barb
-    return _unit(across), _unit(np.cross(strips.along, strips.tangents))
-
-
-def _unit(vectors: Array) -> Array:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
+    return unit(across), unit(np.cross(strips.along, strips.tangents))

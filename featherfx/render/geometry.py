@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Floats, Indices
+from featherfx.algebra.vectors import unit
 
 
 @dataclass(frozen=True)
@@ -80,5 +81,4 @@ def vertex_normals(points: Array, triangles: Indices) -> Array:
         ],
         axis=1,
     )
-    length = np.linalg.norm(summed, axis=1, keepdims=True)
-    return np.asarray(summed / np.where(length > 0, length, 1))
+    return np.asarray(unit(summed))

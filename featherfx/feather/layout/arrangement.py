@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from featherfx.algebra.raster import nodes_within
 from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import unit
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.crossings import Patches, crossings_of, patches_of
 from featherfx.feather.layout.move_kernels import all_gaps, count_cover
@@ -193,7 +194,7 @@ class SkinPlanes:
 
     def __init__(self, corners: Array) -> None:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        normals = unit(normals)
         centres = corners.mean(axis=1)
         offsets = np.einsum("tc,tc->t", centres, normals)
         self._planes = np.concatenate([normals, offsets[:, None]], axis=1)

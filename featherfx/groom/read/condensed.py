@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import unit
 
 _MOST_GUIDES = 12
 _MOST_OUTLINE_POINTS = 60
@@ -70,8 +71,7 @@ def _with_root(shaft: Array, barbs: Array) -> Array:
 
 def _frames(shaft: Array, left: Array, right: Array) -> Array:
     """(k, 3, 3) columns: tangent, to the left barbs, dorsal, at the shaft's points."""
-    tangent = np.gradient(shaft, axis=0)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-300)
+    tangent = unit(np.gradient(shaft, axis=0))
     apart = left[:, -1] - right[:, -1]
     apart = apart - tangent * (apart * tangent).sum(axis=1, keepdims=True)
     size = np.linalg.norm(apart, axis=1)
@@ -80,7 +80,7 @@ def _frames(shaft: Array, left: Array, right: Array) -> Array:
     if len(good):
         near = good[np.abs(np.arange(len(shaft))[:, None] - good).argmin(axis=1)]
         apart = apart[near] - tangent * (apart[near] * tangent).sum(axis=1, keepdims=True)
-    apart /= np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), 1e-300)
+    apart = unit(apart)
     return np.stack([tangent, apart, np.cross(tangent, apart)], axis=2)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from featherfx.algebra.ease import faded
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of
 from featherfx.groom.keys.values import Place, the_one
 from featherfx.groom.read.space import Space
@@ -202,7 +203,7 @@ def _guided(curves: list[Array]) -> Rule:
     """Tangents of the nearest points of guide curves, by one over the squared distance."""
     middles = np.concatenate([0.5 * (curve[1:] + curve[:-1]) for curve in curves])
     steps = np.concatenate([np.diff(curve, axis=0) for curve in curves])
-    tangents = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-300)
+    tangents = unit(steps)
     tree, count = search_tree(middles), min(_GUIDES, len(middles))
 
     def along(points: SurfacePoints) -> Array:

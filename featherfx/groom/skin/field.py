@@ -19,6 +19,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import rotation_part
 from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import unit
 from featherfx.groom.skin.search import search_tree
 
 # of the mean square distance, by which the centring of weights is held back where triangles stand
@@ -89,8 +90,7 @@ def tangents(corners: Array) -> Array:
     """(F, 3, 3) columns: two sides of each triangle and its unit normal. corners: (F, 3, 3)."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(first, second)
-    size = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = normal / np.where(size > 0.0, size, 1.0)
+    normal = unit(normal)
     return np.stack([first, second, normal], axis=2)
 
 
@@ -128,7 +128,7 @@ def turn_field(
     _, welded = np.unique(points, axis=0, return_inverse=True)
     joined = welded.ravel()[triangles]
     at_corners = _at_corners(triangle, barycentric, joined, areas)
-    facing = _normalised(_sums(at_corners, normals[at_corners.triangle], len(triangle)))
+    facing = unit(_sums(at_corners, normals[at_corners.triangle], len(triangle)))
     around = _within(places, facing, radius, centres, normals, areas)
     hanging = _hanging(around, at_corners, joined)
     shares = _merged(at_corners, around, hanging, len(triangles))
@@ -233,8 +233,3 @@ def _sums(shares: _Shares, values: Array, count: int) -> Array:
     weights = shares.weight.reshape(-1, *([1] * (values.ndim - 1)))
     starts = np.searchsorted(shares.root, np.arange(count))
     return np.asarray(np.add.reduceat(weights * values, starts, axis=0))
-
-
-def _normalised(vectors: Array) -> Array:
-    size = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(size > 0.0, size, 1.0)

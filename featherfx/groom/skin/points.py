@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import unit
 from featherfx.groom.keys.values import Place
 from featherfx.groom.skin.faults import crossing_triangles, within
 from featherfx.groom.skin.search import search_tree
@@ -92,8 +93,7 @@ class SkinSurface:
         summed = np.zeros_like(self.source.points)
         for corner in range(3):
             np.add.at(summed, self.source.triangles[:, corner], self._products)
-        length = np.linalg.norm(summed, axis=1, keepdims=True)
-        return summed / np.where(length > 0.0, length, 1.0)
+        return np.asarray(unit(summed))
 
     @cached_property
     def room(self) -> Array:

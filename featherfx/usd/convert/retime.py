@@ -19,6 +19,7 @@ from pxr import Sdf
 from scipy.interpolate import PchipInterpolator
 
 from featherfx.algebra.types import Array, Floats
+from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, Problem
 from featherfx.usd.arrays import vec3f
 from featherfx.usd.convert.plain import begun, plain_copy
@@ -341,10 +342,7 @@ class _Prim:
             sign = np.sign((values[0] * values[1]).sum(axis=-1, keepdims=True))
             values[1] = np.where(sign < 0.0, -1.0, 1.0) * values[1]
         total = sum(part.weight * each for part, each in zip(parts, values, strict=True))
-        if name not in _UNIT:
-            return total
-        length = np.linalg.norm(total, axis=-1, keepdims=True)
-        return total / np.where(length > 0.0, length, 1.0)
+        return unit(total) if name in _UNIT else total
 
 
 def _sampled_prims(layer: Any) -> list[Any]:

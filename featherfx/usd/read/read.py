@@ -12,6 +12,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from featherfx.algebra.types import Array, Floats, Indices
+from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, Problem
 from featherfx.usd.read.cached_feather import CachedFeather, constant_parts, within
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes
@@ -184,7 +185,7 @@ class Cache:
 
         direction = of_faces("barbDirection", VECTORS)
         if direction is not None:
-            direction = _unit(direction @ matrix[:3, :3])
+            direction = unit(direction @ matrix[:3, :3])
         velocities, normals = self._directions([index], matrix, code)
         return CachedPose(
             points=transformed(points, matrix).astype(np.float32),
@@ -247,7 +248,7 @@ class Cache:
         # Normals turn with the inverse transpose; row vectors here.
         return (
             None if velocities is None else velocities @ matrix[:3, :3],
-            None if normals is None else _unit(normals @ np.linalg.inv(matrix[:3, :3]).T),
+            None if normals is None else unit(normals @ np.linalg.inv(matrix[:3, :3]).T),
         )
 
     def some_points_of(self, chosen: Sequence[int], time: float | None, among: Indices) -> Array:
@@ -374,8 +375,3 @@ def _moved(points: Floats, matrix: Array) -> Array:
     """Points in the world, in double precision."""
     exact: Array = points.astype(float)
     return transformed(exact, matrix) if (matrix != np.eye(4)).any() else exact
-
-
-def _unit(vectors: Any) -> Any:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(length > 0, length, 1.0)
