@@ -76,8 +76,7 @@ def _numbers(text: str) -> list[float]:
 
 
 FRAMES = Parsed("A-B", _frames)
-SHARES = Parsed("I/N", _shares)
-SIZE = Parsed("WxH", _size)
+_FORMS = {"A-B": FRAMES, "I/N": Parsed("I/N", _shares), "WxH": Parsed("WxH", _size)}
 NUMBERS = Parsed("NUMBERS", _numbers)
 
 
@@ -160,24 +159,32 @@ def _option(declared: Field[Any], hint: Any) -> Callable[[Decorated], Decorated]
     if hint == bool | None:
         return click.option(f"{flag}/--no-{flag[2:]}", default=None, help=told["text"])
     return click.option(
-        flag,
+        *flag.split(),
         declared.name,
         type=_click_type(told, hint),
-        default="" if default == () else default,
+        multiple=told.get("several", False),
+        default="" if default == () and "several" not in told else _as_choice(told, default),
         show_default=default not in (None, ()),
         metavar=told.get("metavar"),
         help=told["text"],
     )
 
 
+def _as_choice(told: Mapping[str, Any], default: Any) -> Any:
+    """A default as one of the texts that may be chosen."""
+    return default if default is None or "allowed" not in told else str(default)
+
+
 def _click_type(told: Mapping[str, Any], hint: Any) -> click.ParamType | None:
     """What a field takes on the command line."""
     if "form" in told:
-        return FRAMES if told["form"] == "A-B" else SHARES
+        return _FORMS[told["form"]]
     if "allowed" in told:
         if get_origin(hint) is Sequence:
             return names(*told["allowed"])
-        return click.Choice(told["allowed"], case_sensitive=False)
+        return click.Choice([*map(str, told["allowed"])], case_sensitive=False)
+    if "reads" in told:
+        return readable_path()
     if "least" in told:
         if float in get_args(hint):
             return click.FloatRange(min=told["least"], max=told.get("most"))

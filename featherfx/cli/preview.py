@@ -9,8 +9,8 @@ import click
 
 from featherfx.cli.options import (
     FRAMES,
-    SIZE,
     jobs_option,
+    options_of,
     output_option,
     overwrite_option,
     progress_option,
@@ -19,7 +19,7 @@ from featherfx.cli.options import (
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 from featherfx.limits import MOST_SHEET
-from featherfx.render.options import COLOURS, FRAMINGS, SAMPLES, VIEWS
+from featherfx.render.options import PictureOptions
 
 
 @click.command(
@@ -57,58 +57,10 @@ from featherfx.render.options import COLOURS, FRAMINGS, SAMPLES, VIEWS
     metavar="N",
     help="N views around the upright axis.",
 )
-@click.option(
-    "--colour",
-    "--color",
-    type=click.Choice(COLOURS),
-    default="shaded",
-    show_default=True,
-    help="Shaded vanes, barb angle, region, strain across the barbs, or hooks that hold.",
-)
-@click.option("--size", type=SIZE, help="Pixels of one picture.")
-@click.option(
-    "--view",
-    type=click.Choice(VIEWS),
-    default="auto",
-    show_default=True,
-    help="Where the camera stands; auto looks onto the vanes.",
-)
-@click.option(
-    "--framing",
-    type=click.Choice([each for each in FRAMINGS if each]),
-    help="Keep in view what all frames of FILE show, or those drawn, or go along with it."
-    "  [default: all; drawn with --feather or --region; follow where it goes far]",
-)
-@click.option(
-    "--camera",
-    metavar="PATH",
-    help="Prim path of a USD camera in FILE, or of another file as cameras.usda:/path.",
-)
-@click.option(
-    "--feather", "feathers", multiple=True, metavar="ID", help="Only these, close up; * and ? too."
-)
-@click.option(
-    "--region", "regions", multiple=True, metavar="NAME", help="Only these, close up; * and ? too."
-)
-@click.option("--surroundings", is_flag=True, help="With --feather or --region: the others, too.")
-@click.option(
-    "--against", type=readable_path(), metavar="FILE", help="A cache to draw beside this one."
-)
-@click.option(
-    "--scenery",
-    type=readable_path(),
-    multiple=True,
-    metavar="FILE",
-    help="USD file whose meshes are drawn, too. Skin and colliders of the shot always are.",
-)
-@click.option("--bare", is_flag=True, help="Leave out skin and colliders.")
-@click.option("--floor", is_flag=True, help="A floor under what is drawn, which takes its shadow.")
-@click.option(
-    "--samples",
-    type=click.Choice([str(each) for each in SAMPLES]),
-    default="16",
-    show_default=True,
-    help="Rays a pixel.",
+@options_of(
+    PictureOptions,
+    *("colour", "size", "view", "framing", "camera", "feathers", "regions", "surroundings"),
+    *("against", "scenery", "bare", "floor", "samples"),
 )
 @click.option(
     "--f-stop", type=float, default=0.0, metavar="N", help="Blur of a lens, such as 2.8; 0: none."

@@ -5,15 +5,16 @@ from __future__ import annotations
 import importlib.util
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from featherfx.errors import Problem, require
 from featherfx.limits import MOST_PIXELS, MOST_SHEET, MOST_SIDE
+from featherfx.usd.write.options import option
 
 COLOURS = ("shaded", "barb", "region", "strain", "hooked")
 VIEWS = ("auto", "top", "side", "front")
-FRAMINGS = (None, "all", "drawn", "follow")
+FRAMINGS = ("all", "drawn", "follow")
 SAMPLES = (1, 4, 16, 64)
 SUFFIXES = (".png", ".gif", ".mp4")
 SHEET_FRAMES = 9  # of a sheet, where nothing else is said
@@ -24,37 +25,53 @@ class PictureOptions:
     """What is drawn of a cache, and how.
 
     frames: time codes; None: the first frame, on a sheet up to nine spread over the range, of a
-    film all whole frames. size: (width, height) in pixels of one frame, 1280 x 720, or 480 x 320 on
-    a sheet. colour: one of COLOURS: a look, barb angle, region, strain across the barbs, or hooks
-    that hold. sheet: all frames on one picture. view: one of VIEWS. framing: one of FRAMINGS: what
-    the camera keeps in view, the feathers as they are in all frames of the file, or in those drawn;
-    or it goes along with them. None: all, but those drawn of feathers and regions, and along with
-    what goes farther than it is large. camera: path of a camera prim of the file, or FILE:PATH of
-    another one; then `view` does not count. feathers, regions: ids and regions, or patterns, of
-    feathers to look at closely; the others are drawn only with surroundings. against: another
-    cache, drawn beside this one. scenery: further USD files whose meshes are drawn. bare: whether
-    skin and colliders of the shot are left out. samples: rays a pixel, one of SAMPLES. turntable:
-    number of views around the upright axis, 0 for none. floor: whether there is one under what is
-    looked at, which takes its shadow. f_stop: of the lens, sharp at the middle of
-    what is framed; 0: all is sharp. overwrite: whether files that exist are replaced.
+    film all whole frames. sheet: all frames on one picture. turntable: number of views around the
+    upright axis, 0 for none. f_stop: of the lens, sharp at the middle of what is framed; 0: all is
+    sharp. overwrite: whether files that exist are replaced. The others are those of the command.
     """
 
     frames: Sequence[float] | None = None
-    size: tuple[int, int] | None = None
-    colour: str = "shaded"
+    size: tuple[int, int] | None = option(None, "Pixels of one picture.", form="WxH")
+    colour: str = option(
+        "shaded",
+        "Shaded vanes, barb angle, region, strain across the barbs, or hooks that hold.",
+        allowed=COLOURS,
+        flag="--colour --color",
+    )
     sheet: bool = False
-    view: str = "auto"
-    framing: str | None = None
-    camera: str | None = None
-    feathers: Sequence[str] = ()
-    regions: Sequence[str] = ()
-    surroundings: bool = False
-    against: str | Path | None = None
-    scenery: Sequence[str | Path] = ()
-    bare: bool = False
-    samples: int = 16
+    view: str = option("auto", "Where the camera stands; auto looks onto the vanes.", allowed=VIEWS)
+    framing: str | None = option(
+        None,
+        "Keep in view what all frames of FILE show, or those drawn, or go along with it."
+        "  [default: all; drawn with --feather or --region; follow where it goes far]",
+        allowed=FRAMINGS,
+    )
+    camera: str | None = option(
+        None,
+        "Prim path of a USD camera in FILE, or of another file as cameras.usda:/path.",
+        metavar="PATH",
+    )
+    feathers: Sequence[str] = option(
+        (), "Only these, close up; * and ? too.", several=True, metavar="ID", flag="--feather"
+    )
+    regions: Sequence[str] = option(
+        (), "Only these, close up; * and ? too.", several=True, metavar="NAME", flag="--region"
+    )
+    surroundings: bool = option(False, "With --feather or --region: the others, too.")
+    against: str | Path | None = option(
+        None, "A cache to draw beside this one.", reads=True, metavar="FILE"
+    )
+    scenery: Sequence[str | Path] = option(
+        (),
+        "USD file whose meshes are drawn, too. Skin and colliders of the shot always are.",
+        several=True,
+        reads=True,
+        metavar="FILE",
+    )
+    bare: bool = option(False, "Leave out skin and colliders.")
+    samples: int = option(16, "Rays a pixel.", allowed=SAMPLES)
     turntable: int = 0
-    floor: bool = False
+    floor: bool = option(False, "A floor under what is drawn, which takes its shadow.")
     f_stop: float = 0.0
     overwrite: bool = False
 
@@ -65,7 +82,7 @@ class PictureOptions:
 
     @property
     def framed(self) -> str:
-        """One of FRAMINGS that is not None."""
+        """One of FRAMINGS."""
         return self.framing or ("drawn" if self.feathers or self.regions else "all")
 
     @property
@@ -92,17 +109,11 @@ def check_options(path: Path, output: Path, options: PictureOptions) -> None:
         for module, name, extra in _libraries(output)
         if importlib.util.find_spec(module) is None
     ]
-    names = (
-        ("colour", COLOURS),
-        ("view", VIEWS),
-        ("framing", FRAMINGS),
-        ("samples", SAMPLES),
-    )
-    for key, allowed in names:
-        value = getattr(options, key)
-        if value not in allowed:
-            told = ", ".join(str(each) for each in allowed if each is not None)
-            problems.append(Problem("preview", key, f"'{value}' is not one of {told}"))
+    for each in fields(options):
+        value, allowed = getattr(options, each.name), each.metadata.get("allowed")
+        if allowed and value not in (*allowed, each.default):
+            told = ", ".join(map(str, allowed))
+            problems.append(Problem("preview", each.name, f"'{value}' is not one of {told}"))
     problems += _number_problems(options)
     if output.suffix.lower() not in SUFFIXES:
         told = f"suffix '{output.suffix}' is not one of {', '.join(SUFFIXES)}"

@@ -25,8 +25,9 @@ def option(default: Any, text: str, **limits: Any) -> Any:
     """A field of a class of options.
 
     text: its meaning with unit, for help. limits: least, most, above: what a number is at least, at
-    most, or more than; allowed: names; form: of two numbers in one text, "A-B" or "I/N"; metavar:
-    in help; flag: on the command line, where it is not the name.
+    most, or more than; allowed: names; form: of two numbers in one text, "A-B", "I/N" or "WxH";
+    several: of a sequence, one a flag; reads: a file that is there; metavar: in help; flag: on the
+    command line, where it is not the name; several with blanks between.
     """
     return field(default=default, metadata={"text": text, **limits})
 
