@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import fields
 from typing import Any
 
 import click
 
-from featherfx.cli.options import output_option
+from featherfx.cli.options import options_of, output_option
 from featherfx.cli.program import Command
-from featherfx.lab.bench.options import QUICK_STRESS_CASES, STRESS_CASES, BenchOptions
+from featherfx.lab.bench.options import BenchOptions
 
 
 @click.command(
@@ -26,62 +26,7 @@ from featherfx.lab.bench.options import QUICK_STRESS_CASES, STRESS_CASES, BenchO
     featherfx bench --stress --cases 200 --seed 7 --json
     """,
 )
-@click.option(
-    "--quick", is_flag=True, help="A smaller set of settings, in two minutes of one core."
-)
-@click.option("--stress", is_flag=True, help="Random absurd cases instead of measurements.")
-@click.option(
-    "--peers", is_flag=True, help='Beside MuJoCo (extra "peers"): error against time of a strip.'
-)
-@click.option(
-    "--skips",
-    multiple=True,
-    metavar="SHOT",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="What skipping work saves and costs on a shot; once for each shot.",
-)
-@click.option(
-    "--front", is_flag=True, help="What rows, columns, coefficients and steps miss and cost."
-)
-@click.option(
-    "--promise",
-    multiple=True,
-    metavar="SHOT",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Whether a shot keeps the error that is promised; once for each shot.",
-)
-@click.option(
-    "--error",
-    multiple=True,
-    type=click.FloatRange(0.01, 20),
-    default=(0.5,),
-    show_default=True,
-    help="Of --promise: errors, percent of a feather's length. Repeatable.",
-)
-@click.option("--only", default="*", help="Of --skips: names of skips, with * and ?.")
-@click.option(
-    "--frames", type=click.IntRange(min=2), help="Of --skips and --promise: frames of each."
-)
-@click.option(
-    "--every",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Of --skips and --promise: every n-th feather of each shot alone.",
-)
-@click.option(
-    "--cases",
-    type=click.IntRange(min=1),
-    help=f"Number of random cases.  [default: {STRESS_CASES}, quick: {QUICK_STRESS_CASES}]",
-)
-@click.option(
-    "--json",
-    "as_json",
-    is_flag=True,
-    help="Of --stress: cases, stopped, violations, over_tolerance_share and seconds as JSON.",
-)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="First one.")
-@click.option("--jobs", type=click.IntRange(min=1), help="Threads.  [default: all cores]")
+@options_of(BenchOptions, *(each.name for each in fields(BenchOptions) if each.metadata))
 @output_option(
     "Folder for the page, CSV, JSON and plots; without it the page goes to stdout.",
     required=False,

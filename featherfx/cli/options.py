@@ -155,7 +155,7 @@ def _option(declared: Field[Any], hint: Any) -> Callable[[Decorated], Decorated]
     told, default = declared.metadata, declared.default
     flag = told.get("flag", "--" + declared.name.replace("_", "-"))
     if hint is bool:
-        return click.option(flag, is_flag=True, help=told["text"])
+        return click.option(flag, declared.name, is_flag=True, help=told["text"])
     if hint == bool | None:
         return click.option(f"{flag}/--no-{flag[2:]}", default=None, help=told["text"])
     return click.option(
@@ -185,6 +185,8 @@ def _click_type(told: Mapping[str, Any], hint: Any) -> click.ParamType | None:
         return click.Choice([*map(str, told["allowed"])], case_sensitive=False)
     if "reads" in told:
         return readable_path()
+    if "there" in told:
+        return click.Path(path_type=Path, exists=True, dir_okay=False)
     if "least" in told:
         if float in get_args(hint):
             return click.FloatRange(min=told["least"], max=told.get("most"))

@@ -5,28 +5,58 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from featherfx.usd.write.options import option
+
 STRESS_CASES, QUICK_STRESS_CASES = 10_000, 200
 
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """What to measure and how much of it; see `featherfx bench --help`."""
+    """What to measure and how much of it."""
 
-    quick: bool
-    stress: bool
-    peers: bool
-    skips: tuple[Path, ...]
-    front: bool
-    promise: tuple[Path, ...]
-    error: tuple[float, ...]
-    only: str
-    frames: int | None
-    every: int
-    cases: int | None
-    seed: int
-    as_json: bool
-    jobs: int | None
-    output: Path | None
+    quick: bool = option(False, "A smaller set of settings, in two minutes of one core.")
+    stress: bool = option(False, "Random absurd cases instead of measurements.")
+    peers: bool = option(False, 'Beside MuJoCo (extra "peers"): error against time of a strip.')
+    skips: tuple[Path, ...] = option(
+        (),
+        "What skipping work saves and costs on a shot; once for each shot.",
+        several=True,
+        there=True,
+        metavar="SHOT",
+    )
+    front: bool = option(False, "What rows, columns, coefficients and steps miss and cost.")
+    promise: tuple[Path, ...] = option(
+        (),
+        "Whether a shot keeps the error that is promised; once for each shot.",
+        several=True,
+        there=True,
+        metavar="SHOT",
+    )
+    error: tuple[float, ...] = option(
+        (0.5,),
+        "Of --promise: errors, percent of a feather's length. Repeatable.",
+        several=True,
+        least=0.01,
+        most=20,
+    )
+    only: str = option("*", "Of --skips: names of skips, with * and ?.")
+    frames: int | None = option(None, "Of --skips and --promise: frames of each.", least=2)
+    every: int = option(
+        1, "Of --skips and --promise: every n-th feather of each shot alone.", least=1
+    )
+    cases: int | None = option(
+        None,
+        f"Number of random cases.  [default: {STRESS_CASES}, quick: {QUICK_STRESS_CASES}]",
+        least=1,
+    )
+    as_json: bool = option(
+        False,
+        "Of --stress: cases, stopped, violations, over_tolerance_share and seconds as JSON.",
+        flag="--json",
+    )
+    seed: int = option(0, "First one.", least=0)
+    jobs: int | None = option(None, "Threads.  [default: all cores]", least=1)
+    output: Path | None = None
 
     @property
     def seeds(self) -> range:

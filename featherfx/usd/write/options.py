@@ -26,8 +26,8 @@ def option(default: Any, text: str, **limits: Any) -> Any:
 
     text: its meaning with unit, for help. limits: least, most, above: what a number is at least, at
     most, or more than; allowed: names; form: of two numbers in one text, "A-B", "I/N" or "WxH";
-    several: of a sequence, one a flag; reads: a file that is there; metavar: in help; flag: on the
-    command line, where it is not the name; several with blanks between.
+    several: of a sequence, one a flag; reads: a file; there: one that is there; metavar: in help;
+    flag: on the command line, where it is not the name; several with blanks between.
     """
     return field(default=default, metadata={"text": text, **limits})
 
