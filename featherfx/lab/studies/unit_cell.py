@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import root
 
 from featherfx.errors import SimulationError
+from featherfx.groom.types import VaneMaterial
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.networks.network import (
     FibreNetwork,
@@ -26,7 +27,7 @@ from featherfx.lab.networks.unit_cell import (
     cell_of,
     scattered,
 )
-from featherfx.lab.studies.study import Rows, StudyResult, draw, ourselves
+from featherfx.lab.studies.study import Figure, Rows, StudyResult, draw, ourselves
 
 PRESET = "swan_primary"
 SEGMENTS = (4, 8, 16, 32)
@@ -161,7 +162,12 @@ def lattice(folder: Path) -> StudyResult:
             note=f"equal strain {bounds[0] / cell.thickness / moduli.across:.4g}; the vane lies"
             " between, and how neighbours shift decides",
         )
-    hooks = np.unique(np.geomspace(1, 2 * cell.crossings - 1, 9).round().astype(int))
+    return StudyResult(rows, _pictured(folder, fitted, vane))
+
+
+def _pictured(folder: Path, fitted: UnitCell, vane: VaneMaterial) -> tuple[Figure, ...]:
+    """The cell, and its moduli over the number of hooks."""
+    hooks = np.unique(np.geomspace(1, 2 * fitted.crossings - 1, 9).round().astype(int))
     swept = [cell_moduli(replace(fitted, hooks=int(each))) for each in hooks]
 
     def paint(canvas: Any) -> None:
@@ -178,7 +184,7 @@ def lattice(folder: Path) -> StudyResult:
         "Left: a gap between two barbs (black) with distal (blue) and proximal (orange) barbules."
         " Right: moduli against the number of hooked crossings; dotted: measured."
     )
-    return StudyResult(rows, draw(folder / "unit_cell.png", caption, paint, (9.0, 4.2)))
+    return draw(folder / "unit_cell.png", caption, paint, (9.0, 4.2))
 
 
 def _paint_cell(axes: Any, cell: UnitCell) -> None:

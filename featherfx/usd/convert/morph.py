@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx._version import __version__
-from featherfx.algebra.types import Floats
+from featherfx.algebra.types import Floats, Indices
 from featherfx.errors import Problem
 from featherfx.files.whole import into, standing, write_all
 from featherfx.usd.convert.export import COLOUR, codes_of, to_gltf
@@ -100,35 +100,9 @@ class _Arrays:
 
 def _content(cache: Cache, codes: list[float], counts: list[int]) -> list[bytes]:
     arrays, starts = _Arrays(), np.cumsum([0, *counts])
-    turn, every = to_gltf(cache).T, range(len(counts))
-
-    def points(code: float) -> Floats:
-        return (np.concatenate(cache.points_of(every, code)) @ turn).astype(np.float32)
-
-    first = points(codes[0])
-    corners = [f.triangles + k for f, k in zip(cache.feathers, starts, strict=False)]
-    indices = np.concatenate(corners).astype(np.uint32).ravel()
-    attributes = {"POSITION": arrays.add(first, "VEC3", _POINTS)}
-    colours = [f.colour for f in cache.feathers]
-    known = [np.asarray(each, dtype=np.float32) for each in colours if each is not None]
-    if len(known) == len(colours):
-        attributes["COLOR_0"] = arrays.add(np.concatenate(known), "VEC3", _POINTS)
-    primitive = {
-        "attributes": attributes,
-        "indices": arrays.add(indices, "SCALAR", _INDICES),
-        "material": 0,
-        "targets": [
-            {"POSITION": arrays.add(points(code) - first, "VEC3", _POINTS)} for code in codes[1:]
-        ],
-    }
-    times = (np.array(codes) - codes[0]) / cache.frames_per_second
-    weights = np.eye(len(codes), dtype=np.float32)[:, 1:].ravel()
-    sampler = {
-        "input": arrays.add(times.astype(np.float32), "SCALAR"),
-        "output": arrays.add(weights, "SCALAR"),
-        "interpolation": "LINEAR",
-    }
-    plain = [1.0] * 4 if "COLOR_0" in attributes else [each / 255 for each in COLOUR]
+    primitive = _primitive(arrays, cache, codes, starts)
+    coloured = "COLOR_0" in primitive["attributes"]
+    plain = [1.0] * 4 if coloured else [each / 255 for each in COLOUR]
     finish = {"baseColorFactor": plain, "metallicFactor": 0.0, "roughnessFactor": 0.65}
     told = [
         {"id": f.id, "kind": f.kind, "region": f.region, "first": int(k), "points": n}
@@ -141,12 +115,7 @@ def _content(cache: Cache, codes: list[float], counts: list[int]) -> list[bytes]
         "nodes": [{"mesh": 0, "name": "feathers", "extras": {"feathers": told}}],
         "meshes": [{"primitives": [primitive], "weights": [0.0] * (len(codes) - 1)}],
         "materials": [{"doubleSided": True, "pbrMetallicRoughness": finish}],
-        "animations": [
-            {
-                "samplers": [sampler],
-                "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}],
-            }
-        ],
+        "animations": [_animation(arrays, codes, cache.frames_per_second)],
         "accessors": arrays.accessors,
         "bufferViews": arrays.views,
         "buffers": [{"byteLength": arrays.size}],
@@ -160,3 +129,43 @@ def _content(cache: Cache, codes: list[float], counts: list[int]) -> list[bytes]
         struct.pack("<I4s", arrays.size, b"BIN\0"),
         *arrays.parts,
     ]
+
+
+def _primitive(
+    arrays: _Arrays, cache: Cache, codes: list[float], starts: Indices
+) -> dict[str, Any]:
+    """All feathers at the first code, and as targets what they have moved by at the others."""
+    turn, every = to_gltf(cache).T, range(len(starts) - 1)
+
+    def points(code: float) -> Floats:
+        return (np.concatenate(cache.points_of(every, code)) @ turn).astype(np.float32)
+
+    first = points(codes[0])
+    corners = [f.triangles + k for f, k in zip(cache.feathers, starts, strict=False)]
+    indices = np.concatenate(corners).astype(np.uint32).ravel()
+    attributes = {"POSITION": arrays.add(first, "VEC3", _POINTS)}
+    colours = [f.colour for f in cache.feathers]
+    known = [np.asarray(each, dtype=np.float32) for each in colours if each is not None]
+    if len(known) == len(colours):
+        attributes["COLOR_0"] = arrays.add(np.concatenate(known), "VEC3", _POINTS)
+    return {
+        "attributes": attributes,
+        "indices": arrays.add(indices, "SCALAR", _INDICES),
+        "material": 0,
+        "targets": [
+            {"POSITION": arrays.add(points(code) - first, "VEC3", _POINTS)} for code in codes[1:]
+        ],
+    }
+
+
+def _animation(arrays: _Arrays, codes: list[float], frames_per_second: float) -> dict[str, Any]:
+    """Each code's target in full at its time, in between in proportion."""
+    times = (np.array(codes) - codes[0]) / frames_per_second
+    weights = np.eye(len(codes), dtype=np.float32)[:, 1:].ravel()
+    sampler = {
+        "input": arrays.add(times.astype(np.float32), "SCALAR"),
+        "output": arrays.add(weights, "SCALAR"),
+        "interpolation": "LINEAR",
+    }
+    channel = {"sampler": 0, "target": {"node": 0, "path": "weights"}}
+    return {"samplers": [sampler], "channels": [channel]}

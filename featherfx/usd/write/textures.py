@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -66,6 +66,11 @@ class Atlas:
         corner = np.stack([column, row], axis=1) * size + _BORDER
         begin = corner / self.side + np.stack([tile % _ACROSS, tile // _ACROSS], axis=1)
         return np.hstack([begin, np.broadcast_to((size - 2 * _BORDER) / self.side, begin.shape)])
+
+    def given_to(self, entries: Sequence[FeatherEntry]) -> tuple[FeatherEntry, ...]:
+        """Each with its chart."""
+        charts = zip(entries, self.charts, strict=True)
+        return tuple(replace(entry, chart=chart) for entry, chart in charts)
 
     def files(self, path: Path) -> list[Path]:
         """The pictures of a cache, in the order of their tiles."""

@@ -11,7 +11,7 @@ from typing import Any
 
 from featherfx.errors import Problem, SimulationError
 from featherfx.files.background import Background
-from featherfx.files.whole import standing
+from featherfx.files.whole import Standing, standing
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number
 from featherfx.usd.installed import refuse_unfit_usd
@@ -122,10 +122,7 @@ class CacheWriter:
         self._frames, space = frames, replace(StageSpace.of(options), origin=place.origin)
         self._subframes, pixels = options.subframes, options.textures
         self._atlas = Atlas(len(feathers), pixels) if pixels else None
-        if self._atlas:
-            charts = zip(feathers, self._atlas.charts, strict=True)
-            feathers = [replace(entry, chart=chart) for entry, chart in charts]
-        self._feathers = tuple(feathers)
+        self._feathers = self._atlas.given_to(feathers) if self._atlas else tuple(feathers)
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
         form = Form.of(options)
         posed = posed_feathers(self._feathers, space, extras, form)
@@ -143,12 +140,7 @@ class CacheWriter:
             | ({"chunk": self.chunk} if continuation and frames else {}),
         )
         own = (continuation and continuation.settings) or self._settings_of_stage(options.chunk)
-        self._check_files(options, own)
-        pictures = self._atlas.files(self._path) if self._atlas else []
-        if self._atlas:
-            refuse_textures(pictures, options.overwrite)
-        files = [*pictures, *output_files(self._path, self._layout)]
-        self._before = {file: standing(file) for file in files}
+        self._before = self._checked_files(options, own)
         how = chosen_group(options.group, len(self._feathers))
         groups = [
             PosedGroup(group, posed, [entry.static for entry in self._feathers], how == FEATHER)
@@ -275,11 +267,19 @@ class CacheWriter:
         assert self._frames is not None
         return sample_number(self._frames[0], self._next, self._subframes)
 
-    def _check_files(self, options: WriteOptions, settings: Mapping[str, str]) -> None:
-        """Refuse files that are there; what this bake left itself is replaced to resume it."""
+    def _checked_files(
+        self, options: WriteOptions, settings: Mapping[str, str]
+    ) -> dict[Path, Standing]:
+        """How the files stand that the cache will have. Refuses those that are there, but for what
+        this bake left itself, which is replaced to resume it."""
         begun = unfinished_bakes(parts_folder(self._path, self._layout))
         own = self._path.exists() or dict(settings) in [each for each, _ in begun]
         check_output(self._path, options.overwrite or (options.resume and own), self._layout)
+        pictures = self._atlas.files(self._path) if self._atlas else []
+        if pictures:
+            refuse_textures(pictures, options.overwrite)
+        files = [*pictures, *output_files(self._path, self._layout)]
+        return {file: standing(file) for file in files}
 
     def _check_unchanged(self) -> None:
         """Refuse what another bake has published before this one had the lock."""
