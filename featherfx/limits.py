@@ -1,4 +1,5 @@
-"""Sizes beyond which an input is refused, each declared here once; docs/reference.md lists them.
+"""Sizes beyond which an input is refused, and how an option declares what it may be; each size is
+declared here once, docs/reference.md lists them.
 
 They lie far above what films use and below what makes a machine swap or a run last for hours. A
 message says the value, the limit, and what to do instead or how to raise it.
@@ -9,7 +10,9 @@ from __future__ import annotations
 import math
 import os
 import stat
+from dataclasses import field
 from pathlib import Path
+from typing import Any
 
 from featherfx.errors import InputError, Problem
 
@@ -35,6 +38,17 @@ MOST_KEPT_BYTES = 2e9  # of layouts, models and the like in the cache folder (fi
 MOST_PIXELS = 100_000_000  # of all pictures that are drawn at a time
 
 MEMORY_VARIABLE = "FEATHERFX_MEMORY"
+
+
+def option(default: Any, text: str, **limits: Any) -> Any:
+    """A field of a class of options.
+
+    text: its meaning with unit, for help. limits: least, most, above: what a number is at least, at
+    most, or more than; allowed: names; form: of two numbers in one text, "A-B", "I/N" or "WxH";
+    several: of a sequence, one a flag; reads: a file; there: one that is there; metavar: in help;
+    flag: on the command line, where it is not the name; several with blanks between.
+    """
+    return field(default=default, metadata={"text": text, **limits})
 
 
 def irregular(path: Path) -> str:

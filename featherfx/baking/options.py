@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from featherfx.limits import MOST_BARBS, MOST_COLUMNS, MOST_JOBS, MOST_ROWS
-from featherfx.usd.write.options import StageOptions, WriteOptions, option
+from featherfx.limits import MOST_BARBS, MOST_COLUMNS, MOST_JOBS, MOST_ROWS, option
+from featherfx.usd.write.options import StageOptions, WriteOptions
 
 if TYPE_CHECKING:
     from featherfx.shot.types import Quality

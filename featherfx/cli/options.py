@@ -139,7 +139,7 @@ def jobs_option(meaning: str = "Threads.") -> Callable[[Decorated], Decorated]:
 def options_of(options: type, *names: str) -> Callable[[Decorated], Decorated]:
     """The options of a command for fields of a class of options, in this order.
 
-    Name, type, range, default and help are those of the field (featherfx/usd/write/options.py).
+    Name, type, range, default and help are those of the field (option of featherfx/limits.py).
     """
     hints, known = get_type_hints(options), {each.name: each for each in fields(options)}
 

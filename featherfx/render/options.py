@@ -9,8 +9,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from featherfx.errors import Problem, require
-from featherfx.limits import MOST_PIXELS, MOST_SHEET, MOST_SIDE
-from featherfx.usd.write.options import option
+from featherfx.limits import MOST_PIXELS, MOST_SHEET, MOST_SIDE, option
 
 COLOURS = ("shaded", "barb", "region", "strain", "hooked")
 VIEWS = ("auto", "top", "side", "front")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from featherfx.usd.write.options import option
+from featherfx.limits import option
 
 STRESS_CASES, QUICK_STRESS_CASES = 10_000, 200
 

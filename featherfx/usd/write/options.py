@@ -7,11 +7,10 @@ own options from these fields, and errors name them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, fields
 
 from featherfx.errors import Problem, require
-from featherfx.limits import MOST_FRAMES, MOST_SUBFRAMES
+from featherfx.limits import MOST_FRAMES, MOST_SUBFRAMES, option
 
 LAYOUTS = ("auto", "flat", "payload", "clips")
 UP_AXES = ("Y", "Z")
@@ -19,17 +18,6 @@ FEATHER, KIND, REGION, ALL = "feather", "kind", "region", "all"
 GROUPS = (FEATHER, KIND, REGION, ALL)
 MESH, CONDENSED, CURVES, BOTH = "mesh", "condensed", "curves", "both"
 FORMS = (MESH, CONDENSED, CURVES, BOTH)
-
-
-def option(default: Any, text: str, **limits: Any) -> Any:
-    """A field of a class of options.
-
-    text: its meaning with unit, for help. limits: least, most, above: what a number is at least, at
-    most, or more than; allowed: names; form: of two numbers in one text, "A-B", "I/N" or "WxH";
-    several: of a sequence, one a flag; reads: a file; there: one that is there; metavar: in help;
-    flag: on the command line, where it is not the name; several with blanks between.
-    """
-    return field(default=default, metadata={"text": text, **limits})
 
 
 @dataclass(frozen=True)
