@@ -18,6 +18,7 @@ from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array
 
 _STEPS = 8  # points per cubic segment
+_LEAST_BEND = 1.0  # deg; a curve of less is straight
 # rows: power of t; columns: control points (Foley et al., Computer Graphics, chapter 11)
 _BASES = {
     "bezier": (np.array([[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]), 1.0, 3),
@@ -69,15 +70,15 @@ def without_repeats(points: Array) -> Array:
     return points[np.concatenate([[True], steps > 1e-9 * scale])]
 
 
-def curved_up(points: Array, least: float = 1.0) -> Array | None:
+def curved_up(points: Array) -> Array | None:
     """(3,) unit: the outer side of a shaft's bend, square to its chord; None where it is straight.
 
-    Feathers bend towards ventral, so that the outer side is dorsal. least: deg of bend that count.
+    Feathers bend towards ventral, so that the outer side is dorsal.
     """
     steps = np.diff(points, axis=0)
     first, last = steps[0], steps[-1]
     cosine = first @ last / (np.linalg.norm(first) * np.linalg.norm(last))
-    if cosine > np.cos(np.radians(least)):
+    if cosine > np.cos(np.radians(_LEAST_BEND)):
         return None
     chord = points[-1] - points[0]
     norm = np.linalg.norm(chord)

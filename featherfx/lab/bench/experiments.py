@@ -316,9 +316,9 @@ FULL = Extent(
 REPEATS = 3
 
 
-def fastest(method: Method, kind: FeatherKind, shake: Shake, repeats: int = REPEATS) -> ShakeRun:
+def fastest(method: Method, kind: FeatherKind, shake: Shake) -> ShakeRun:
     """The fastest of several equal runs: what the machine does when nobody disturbs it."""
-    return min((method(kind, shake) for _ in range(repeats)), key=lambda run: run.seconds)
+    return min((method(kind, shake) for _ in range(REPEATS)), key=lambda run: run.seconds)
 
 
 def threads_table(kind: FeatherKind, extent: Extent, jobs: int) -> ResultTable:

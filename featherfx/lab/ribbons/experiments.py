@@ -45,8 +45,8 @@ CLAMPS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
 }
 # elements of a rod, and how far gravity is tilted to let it leave its plane
 ROD_SEGMENTS, TILT = 200, 1e-3
-# width over length of the ribbons of the cantilever curve, and how their stations crowd
-NARROW, GRADING = 0.05, 2.5
+# width over length of the ribbons of the cantilever curve, how their stations crowd, and elements
+NARROW, GRADING, ELEMENTS = 0.05, 2.5, 20
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def _last(holds: Callable[[float], bool], low: float, high: float, accuracy: flo
     return 0.5 * (low + high)
 
 
-def cantilever_ratios(loads: Sequence[float], elements: int = 20) -> Array:
+def cantilever_ratios(loads: Sequence[float]) -> Array:
     """Drop over reach of the tip of ribbons clamped level, under their weight.
 
     loads: ascending, weight per length times length^3 over D w. Each shape starts from the one
@@ -153,14 +153,14 @@ def cantilever_ratios(loads: Sequence[float], elements: int = 20) -> Array:
     frame, start, ratios = clamp_frame("level"), None, []
     for load in loads:
         density = load / float(np.linalg.norm(GRAVITY))
-        ribbon = Ribbon(1.0, NARROW, 1.0, density, elements=elements, grading=GRADING)
+        ribbon = Ribbon(1.0, NARROW, 1.0, density, elements=ELEMENTS, grading=GRADING)
         rest = settle_ribbon(ribbon, frame, GRAVITY, start=start)
         start, tip = rest.unknowns, rest.curve.points[-1]
         ratios.append(-tip[1] / tip[0])
     return np.array(ratios)
 
 
-def rod_of(ribbon: Ribbon, thickness: float, segments: int = ROD_SEGMENTS) -> Rod:
+def rod_of(ribbon: Ribbon, thickness: float) -> Rod:
     """The rod of rectangular section that would commonly stand for a ribbon.
 
     Its bending stiffness out of the plane is the plate's, D w; within the plane
@@ -182,7 +182,7 @@ def rod_of(ribbon: Ribbon, thickness: float, segments: int = ROD_SEGMENTS) -> Ro
         # Y / (2 (1 + nu)) w h^3 / 3 with Y h^3 = 12 (1 - nu^2) D
         gj=2.0 * (1.0 - poisson) * ei * correction,
         rest_curvature=float(ribbon.rest_curvature),
-        segments=segments,
+        segments=ROD_SEGMENTS,
     )
 
 

@@ -250,6 +250,8 @@ SIZE = 13e-3
 SQUARE = Sample(90.0, SIZE, SIZE)
 COUNTS = (8, 12, 16, 25)
 STRAIN, STEPS = -0.03, 3
+# of the coarse mesh of the membrane, along and across
+CELLS = 12
 # sideways deflection of the start from which the barbs are let go, as a share of the height
 PUSH = 0.02
 
@@ -288,16 +290,16 @@ def _press(count: int, fraction: float, strain: Array) -> Array:
     return _pressed(membrane(SQUARE, mesh, moduli, 2), strain, count)
 
 
-def press_membrane(count: int, gradient: bool, cells: int = 12) -> float:
+def press_membrane(count: int, gradient: bool) -> float:
     """Stress over the barbs' modulus of a homogeneous membrane at the strain of the size effect.
 
     count: N of the bands that it stands for. gradient: with the energy that their barbs' bending
-    has, E_B P^3 T^2 / 12 |d2x / dv2|^2 / 2 (P share, T spacing). cells: of its coarse mesh, along
-    and across. Raises InputError where it has no equilibrium.
+    has, E_B P^3 T^2 / 12 |d2x / dv2|^2 / 2 (P share, T spacing). Raises InputError
+    where it has no equilibrium.
     """
     bands = Bands(FRACTION, SIZE / count, BARB, BARB / RATIO)
     low, *_, high = corner_rows(SQUARE)
-    mesh = aligned_mesh(SQUARE, np.linspace(low, high, cells + 1), SIZE / cells)
+    mesh = aligned_mesh(SQUARE, np.linspace(low, high, CELLS + 1), SIZE / CELLS)
     stiffness = BARB * FRACTION**3 * bands.barb_spacing**2 / 12.0 if gradient else 0.0
     moduli = effective_moduli(bands, series_shear(bands)).as_array()
     body = membrane(SQUARE, mesh, moduli, barb_bending=stiffness)

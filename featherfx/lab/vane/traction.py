@@ -109,7 +109,7 @@ class PulledSample:
         return slope(self.strain, self.stress)
 
 
-def run_traction(test: Traction, *, check_mesh: bool = True) -> TractionResult:
+def run_traction(test: Traction) -> TractionResult:
     """Run a test, and a coarser one to see whether its slope is of the sample or of the mesh.
 
     Raises InputError for values out of range and where there is no equilibrium.
@@ -128,11 +128,9 @@ def run_traction(test: Traction, *, check_mesh: bool = True) -> TractionResult:
             found, None, None, 0, 0, 0, time.perf_counter() - begin, regime, None, note
         )
     pulled = pull_test(test)
-    change = None
-    if check_mesh:
-        coarse = pull_test(replace(test, elements=max(int(ELEMENTS.low) // 2, test.elements // 4)))
-        change = pulled.slope / coarse.slope - 1.0
-    known = change is None or abs(change) <= MESH_CHANGE
+    coarse = pull_test(replace(test, elements=max(int(ELEMENTS.low) // 2, test.elements // 4)))
+    change = pulled.slope / coarse.slope - 1.0
+    known = abs(change) <= MESH_CHANGE
     if not known:
         note = f"{note}; " if note else ""
         note += "no number is given, because it depends on the mesh: see mesh_change"

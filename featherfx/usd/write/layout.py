@@ -72,14 +72,14 @@ def author_metadata(layer: Any, metadata: Mapping[str, Any]) -> None:
         layer.customLayerData = {"featherfx": dict(metadata)}
 
 
-def define_root(stage: Any, info: StageInfo, kind: str = Kind.Tokens.component) -> Any:
+def define_root(stage: Any, info: StageInfo) -> Any:
     """The root prim, a model, at its origin."""
     form = UsdGeom.Xform.Define(stage, info.root_path)
     if info.space.is_moved:
         place = info.space.positions(np.array(info.space.origin))
         form.AddTranslateOp().Set(Gf.Vec3d(*place.tolist()))
     root = form.GetPrim()
-    Usd.ModelAPI(root).SetKind(kind)
+    Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
     return root
 
 
