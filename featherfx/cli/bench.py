@@ -47,9 +47,11 @@ def bench(**values: Any) -> None:
     if sum(map(bool, kinds)) > 1:
         names = "--stress, --peers, --front, --skips and --promise"
         raise click.UsageError(f"{names} exclude each other")
-    alone = (options.only, options.frames, options.every) == ("*", None, 1)
-    if not (options.skips or options.promise) and not alone:
-        raise click.UsageError("--only, --frames and --every go with --skips or --promise")
+    some = bool(options.skips or options.promise)
+    if not some and (options.frames, options.every) != (None, 1):
+        raise click.UsageError("--frames and --every go with --skips or --promise")
+    if options.only != "*" and not (options.skips or options.front):
+        raise click.UsageError("--only goes with --skips or --front")
     if options.as_json and not options.stress:
         raise click.UsageError("--json goes with --stress")
     from featherfx.cli.lab.benchmarks import run_benchmarks

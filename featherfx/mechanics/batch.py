@@ -98,12 +98,14 @@ def make_model(
     """Constant arrays of feathers that share a grid.
 
     feathers, kinds: one each per feather of the batch; all feathers have equal rows and columns
-    and all kinds the same barb taper. coefficients: per barb and direction, 0 for rigid barbs.
+    and all kinds the same barb taper. coefficients: per barb and direction, 0 for rigid barbs, at
+    most one a column: turns of more joints than there are would move nothing.
     touching: whether loose barbs do not pass through each other.
     Where a kind's barbs are clamped elastically, all get one more: see clamped_shapes.
     Damping is left at zero: featherfx.solver.step.modes.with_damping adds it. Roots are held.
     """
     columns = feathers[0].columns
+    coefficients = min(coefficients, columns)
     taper = kinds[0].vane_material.barb_taper
     elastic = any(has_elastic_clamp(kind) for kind in kinds)
     guarded = any(is_guarded(kind, touching) for kind in kinds)
@@ -362,7 +364,12 @@ def vane_mass(feather: Feather, kind: FeatherKind, cell_area: Array | None = Non
         node[1:, :-1] += first + second
         node[1:, 1:] += second
         is_barb = feather.barb_length[side] > 0.0
-        node[is_barb] = node[is_barb] @ end_corrections(columns)
+        even = node[is_barb]
+        moved = even @ end_corrections(columns) - even
+        # a barb beside one that is hardly there would be left with less than nothing at a node
+        most, taken = 0.5 * even, np.maximum(-moved, 0.0)
+        share = np.divide(most, taken, out=np.ones_like(even), where=taken > most)
+        node[is_barb] = even + share.min(axis=1, keepdims=True) * moved
         mass[:, 0] += node[:, 0]
         mass[:, barb_slice(side, columns)] = node[:, 1:]
     return mass

@@ -37,8 +37,9 @@ from featherfx.solver.solver import Settings, Solver, compile_steps
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping
 
-# Newton stops at this fraction of the step's tolerance from the step's solution
-NEWTON_FRACTION = 1e-2
+# Newton stops at this fraction of the step's tolerance from the step's solution: what is left adds
+# as much to the step's error, and less costs more (docs/log.md)
+NEWTON_FRACTION = 0.1
 # the same where forces of contact follow from the poses, so that feathers in balance come to rest;
 # and m, a small part of what any gap may be off, below which that says nothing
 CONTACT_NEWTON_FRACTION, CONTACT_NEWTON = 1e-3, 2e-7

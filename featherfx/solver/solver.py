@@ -35,6 +35,8 @@ MOST_ITERATIONS = 20_000
 HARD = 12
 # of the feather's length, error that a step may not exceed where it can be shorter
 COARSE = 0.01
+# of the tolerance of a step, distance from the solution that counts as rest at most
+AT_REST = 1e-2
 
 
 @dataclass(frozen=True)
@@ -168,9 +170,11 @@ class Solver:
         """Bring feathers to rest under their loads; the given state is not changed.
 
         fraction: 0..1, place within the loads' frame (grips). feathers: indices, all by default.
-        Returns the state, and per feather the status (0: at rest within settings.newton; NO_REST:
-        it flutters in the wind, and the pose is one on its way) and the Newton iterations.
+        Returns the state, and per feather the status (0: at rest within settings.newton and
+        AT_REST; NO_REST: it flutters in the wind, and the pose is one on its way) and the Newton
+        iterations.
         """
+        near = min(self.settings.newton, AT_REST * self.settings.tolerance)
         new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
         compile_steps(self.model)
         status = np.zeros(self.model.feathers)
@@ -183,7 +187,7 @@ class Solver:
                 f,
                 fraction,
                 new,
-                self.settings.newton,
+                near,
                 self._work(),
             )
 

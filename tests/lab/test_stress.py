@@ -48,10 +48,17 @@ def test_cases_whose_energy_once_grew(seed):
     assert outcome.energy_gain <= stress.ENERGY_SLACK
 
 
+@pytest.mark.parametrize("seed", [320022, 320042])
+def test_cases_that_once_stopped(seed):
+    """One had more coefficients than joints to turn, one a node of less than no mass."""
+    outcome = stress.run_case(draw_case(seed, 40))
+    assert (outcome.status, outcome.violations) == (0, [])
+
+
 def test_what_accelerations_hold_explains_the_ripple_of_resolved_motion():
-    case = draw_case(103837)
-    looser = replace(case.settings, tolerance=3.0 * case.settings.tolerance, spectral_radius=0.5)
-    outcome = stress.run_case(replace(case, settings=looser))
+    case = draw_case(100118, MOST_ROWS)
+    ringing = replace(case.settings, spectral_radius=0.8)
+    outcome = stress.run_case(replace(case, settings=ringing))
     assert outcome.forced == 0
     assert outcome.unexplained_gain < stress.ENERGY_SLACK < outcome.energy_gain
 

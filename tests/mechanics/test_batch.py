@@ -13,6 +13,7 @@ from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import RACHIS
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape
+from featherfx.lab.bench.cases import draw_case
 from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.mechanics.batch import LEAST_HOOKED, make_model, resized, row_frames
 from featherfx.mechanics.model import no_loads, wind_of_each
@@ -156,6 +157,11 @@ def test_shear_is_summed_over_the_middles_of_segments_exactly_up_to_cubes(column
     middle = (np.arange(columns) + 0.5) / columns
     for power in range(4):
         assert weights @ middle**power == pytest.approx(1.0 / (power + 1), rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(320036, 320048))
+def test_no_node_has_less_than_no_mass_beside_the_widest_row(seed):
+    assert (draw_case(seed, 40).model.mass >= 0.0).all()
 
 
 @pytest.mark.parametrize("angle", [90.0, 45.0])

@@ -92,3 +92,35 @@ def test_a_step_ends_within_the_tolerance_of_its_solution_with_fewer_matrices(ra
         assert report.move[0] < 1e-6
         iterations, matrices = iterations + report.iterations[0], matrices + report.matrices[0]
     assert matrices < 0.7 * iterations
+
+
+def test_loose_steps_err_no_more_and_are_mostly_solved_once():
+    """Steps that Newton leaves at a tenth of their tolerance, by how the step before converged,
+    beside steps that are solved to the end, and both beside much shorter ones."""
+    _, model = preset_batch("swan_primary", rows=11, columns=4, coefficients=2)
+    start, loads, frame = at_origin(model), no_loads(1, (0.0, 0.0, -9.81)), 1.0 / 24.0
+    found, spent = {}, {}
+    for name, tolerance, newton in (
+        ("loose", 1e-4, 1e-5),
+        ("tight", 1e-4, 1e-9),
+        ("short", 1e-6, 1e-8),
+    ):
+        solver = Solver(model, Settings(tolerance, newton=newton, spectral_radius=0.5))
+        state, sums = start, np.zeros(4)
+        for index in range(6):
+            path = swung(state, index * frame, frame)
+            state, report = solver.step(state, loads, path, frame)
+            assert report.status[0] == 0
+            assert report.error[0] <= tolerance
+            counts = report.steps, report.iterations, report.matrices, report.rejected
+            sums += [each[0] for each in counts]
+        found[name], spent[name] = state.points.nodes, sums
+    left, missed = (
+        np.abs(found[one] - found[other]).max()
+        for one, other in (("loose", "tight"), ("tight", "short"))
+    )
+    assert left < 0.5 * missed
+    steps, iterations, matrices, rejected = spent["loose"]
+    assert iterations < 0.75 * spent["tight"][1]
+    assert rejected < 0.12 * steps
+    assert matrices < 1.25 * (steps + rejected)

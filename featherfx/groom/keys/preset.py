@@ -42,14 +42,16 @@ class Quality:
     coefficients: Annotated[
         int,
         Number(-1, 6, whole=True),
-        "Curvature coefficients per barb and direction; 0: rigid barbs, -1: the solver chooses.",
+        "Curvature coefficients per barb and direction, no more than columns; 0: rigid barbs, -1: "
+        "the solver chooses.",
     ] = -1
     tolerance: Annotated[
         float | None,
         Number(1e-9, 0.1, "m"),
         "Local error that a sub-step may have: a step with more is taken again in shorter ones, "
-        "as long as there are no more than `max_substeps`. Errors of steps add up. Default: by "
-        "`error`, for each feather.",
+        "as long as there are no more than `max_substeps`. Errors of steps add up: a tolerance "
+        "four times smaller about halves what a trajectory errs by. Default: by `error`, for each "
+        "feather.",
     ] = None
     error: Annotated[
         float | None,

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatch
 from time import process_time
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ from featherfx.feather.density import farthest
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.lab.bench.report import ResultTable, Row
-from featherfx.lab.bench.scenes import SCENES, scene
+from featherfx.lab.bench.scenes import scene
 from featherfx.lab.bench.skips import share_of
 from featherfx.shot.detail.detail import deflections, load_estimate
 from featherfx.shot.detail.estimate import bends
@@ -36,7 +37,6 @@ COEFFICIENTS = (1, 2, 3, 4)
 FINEST = {"rows": ROWS[-1], "columns": COLUMNS[-1], "coefficients": COEFFICIENTS[-1]}
 # of the feather's length
 TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-6)
-RADII = (0.5, 0.8)
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,11 @@ class Setting:
 
 
 def sweeps() -> Iterator[tuple[str, list[Setting]]]:
-    """What is varied, and its settings, the finest last."""
+    """What is varied, and its settings, the finest last; steps are those of the presets' radius."""
     yield "rows", [Setting(rows=n, columns=3) for n in ROWS]
     yield "columns", [Setting(columns=m) for m in COLUMNS]
     yield "coefficients", [Setting(columns=6, coefficients=c) for c in COEFFICIENTS]
-    for radius in RADII:
-        yield "tolerance", [Setting(tolerance=t, radius=radius) for t in TOLERANCES]
+    yield "tolerance", [Setting(tolerance=t, radius=0.5) for t in TOLERANCES]
 
 
 class FrontRun(NamedTuple):
@@ -126,39 +125,37 @@ def bent(ran: FrontRun) -> list[tuple[float, float]]:
     return found
 
 
-def measure(
-    names: Sequence[str] = tuple(SCENES), note: Callable[[Row], None] = lambda row: None
-) -> list[Row]:
-    """A row for each scene, feather and setting. note: called with each row."""
+def measure(name: str, only: str = "*") -> list[Row]:
+    """A row for each feather and setting of a scene. only: names of what is varied (*, ?)."""
     rows: list[Row] = []
-    for name in names:
-        shot = scene(name)
-        estimated = estimated_deflections(shot)
-        run(at(shot, Setting(tolerance=1e-2)))  # compiles
-        for varied, settings in sweeps():
-            runs = [run(at(shot, setting)) for setting in settings]
-            real = bent(runs[-1])
-            for setting, each in zip(settings[:-1], runs[:-1], strict=True):
-                found = errors(each, runs[-1])
-                parts = zip(shot.groom.feathers, found, estimated, real, strict=True)
-                for p, error, (shaft, barb), (shaft_bent, barb_bent) in parts:
-                    rows.append(
-                        {
-                            "scene": name,
-                            "feather": p.id,
-                            "length": p.kind.length,
-                            "varied": varied,
-                            **vars(setting),
-                            "shaft": shaft,
-                            "barb": barb,
-                            "shaft bent": shaft_bent,
-                            "barb bent": barb_bent,
-                            "substeps": each.report["substeps"]["mean"],
-                            "error": error,
-                            "seconds": each.seconds,
-                        }
-                    )
-                    note(rows[-1])
+    shot = scene(name)
+    estimated = estimated_deflections(shot)
+    run(at(shot, Setting(tolerance=1e-2)))  # compiles
+    for varied, settings in sweeps():
+        if not fnmatch(varied, only):
+            continue
+        runs = [run(at(shot, setting)) for setting in settings]
+        real = bent(runs[-1])
+        for setting, each in zip(settings[:-1], runs[:-1], strict=True):
+            found = errors(each, runs[-1])
+            parts = zip(shot.groom.feathers, found, estimated, real, strict=True)
+            for p, error, (shaft, barb), (shaft_bent, barb_bent) in parts:
+                rows.append(
+                    {
+                        "scene": name,
+                        "feather": p.id,
+                        "length": p.kind.length,
+                        "varied": varied,
+                        **vars(setting),
+                        "shaft": shaft,
+                        "barb": barb,
+                        "shaft bent": shaft_bent,
+                        "barb bent": barb_bent,
+                        "substeps": each.report["substeps"]["mean"],
+                        "error": error,
+                        "seconds": each.seconds,
+                    }
+                )
     return rows
 
 
@@ -172,22 +169,24 @@ HOW = (
 )
 # of feathers and scenes, in how many a setting misses no more than is written
 HELD = 0.9
-RADIUS = 0.5
 LEAST = 1e-5
 
 
 def missed(rows: Sequence[Row]) -> dict[str, Any]:
     """What featherfx/shot/detail/promise.py chooses and estimates by, of the rows that `measure`
-    gives."""
+    gives; what they did not vary is left out."""
     found: dict[str, Any] = {}
     for name, bend in (("rows", "shaft"), ("columns", "barb"), ("coefficients", "barb")):
         own = [r for r in rows if r["varied"] == name]
+        if not own:
+            continue
         found[name] = {
             "cost": _costs(own, name),
             "before": _by_number(own, name, bend),
             "after": _by_number(own, name, f"{bend} bent"),
         }
-    return found | {"steps": _by_steps([r for r in rows if r["varied"] == "tolerance"])}
+    own = [r for r in rows if r["varied"] == "tolerance"]
+    return found | ({"steps": _by_steps(own)} if own else {})
 
 
 def _by_number(rows: Sequence[Row], name: str, bend: str) -> dict[str, Any]:
@@ -225,12 +224,11 @@ def _costs(rows: Sequence[Row], name: str) -> dict[int, float]:
 
 def _by_steps(rows: Sequence[Row]) -> dict[str, float]:
     """Factor and exponent of a trajectory's error by the tolerance of steps, both of the length."""
-    own = [r for r in rows if r["radius"] == RADIUS]
-    scenes = {r["scene"] for r in own}
-    median = {s: float(np.median([r["length"] for r in own if r["scene"] == s])) for s in scenes}
-    ratio = np.log([r["tolerance"] * median[r["scene"]] / r["length"] for r in own])
-    error = np.log([max(r["error"], LEAST) for r in own])
-    feathers = np.array([f"{r['scene']}/{r['feather']}" for r in own])
+    scenes = {r["scene"] for r in rows}
+    median = {s: float(np.median([r["length"] for r in rows if r["scene"] == s])) for s in scenes}
+    ratio = np.log([r["tolerance"] * median[r["scene"]] / r["length"] for r in rows])
+    error = np.log([max(r["error"], LEAST) for r in rows])
+    feathers = np.array([f"{r['scene']}/{r['feather']}" for r in rows])
     each = [np.polyfit(ratio[feathers == f], error[feathers == f], 1)[0] for f in set(feathers)]
     # the middle one: of a vane that snaps errors say nothing of the steps
     exponent = np.median(each)

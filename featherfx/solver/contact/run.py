@@ -128,14 +128,15 @@ class Run:
         self._paths, self._reports = views_of(paths), views_of(self.reports())
 
     def _step_settings(self, substeps: int, iterations: int) -> StepSettings:
-        settings = self._team.solvers[0].settings
+        every = [solver.settings for solver in self._team.solvers]
+        settings = every[0]  # which differ in nothing but how far steps may err
         return StepSettings(
             duration=float(self.duration),
             shortest=float(self.duration / substeps),
             spectral_radius=float(settings.spectral_radius),
-            tolerance=float(settings.tolerance),
+            tolerance=min(float(each.tolerance) for each in every),
             coarse=COARSE,
-            newton=float(settings.newton),
+            newton=min(float(each.newton) for each in every),
             iterations=NEWTON_ITERATIONS,
             hard=HARD,
             most_iterations=min(settings.max_iterations, iterations),

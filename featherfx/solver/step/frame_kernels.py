@@ -40,7 +40,7 @@ from featherfx.solver.step.integrator_kernels import (
     motion_of,
     step_error,
 )
-from featherfx.solver.step.newton_kernels import minimise, nearly_solved
+from featherfx.solver.step.newton_kernels import Goal, Pace, minimise, nearly_solved
 from featherfx.solver.step.pose_kernels import (
     keep_pose,
     load_pose,
@@ -166,9 +166,8 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     """Solve a step to work.now and check it; returns its Outcome."""
     h, radius, now, around = attempt.h, attempt.spectral_radius, work.now, work.around
     factors = _predict(model, loads, f, path, attempt, state, work)
-    solved = minimise(
-        model, loads, f, attempt.fraction, factors, settings.newton, attempt.limit, work
-    )
+    goal = Goal(settings.newton, attempt.limit, attempt.pace)
+    solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
     error = step_error(radius, h, motion_of(state, f, NODES), now.points.nodes, around.target.nodes)
     slipped = slip_of_step(model, f, now.strains.cell, around.gaps, work.gaps)
     error = max(error, settings.tolerance * slipped / LARGEST_SLIP)
@@ -181,7 +180,9 @@ def _try(model, loads, f, path, attempt, state, settings, work):
             growth = held_energy(model, f, h, attempt.promise.drift, state)
         keeps, energy = solved_energy(model, loads, f, attempt.promise, growth, factors.rate, work)
         status = GREW if keeps < 0.0 else status
-    return Outcome(status, solved.iterations, solved.matrices, solved.move, error, keeps, energy)
+    pace = Pace(solved.shrink, solved.first) if status == CONVERGED else Pace(1.0, 0.0)
+    numbers = solved.iterations, solved.matrices, solved.move
+    return Outcome(status, *numbers, error, keeps, energy, pace)
 
 
 @kernel
@@ -217,7 +218,7 @@ def advance(model, loads, f, path, state, settings, work, report):
     """
     duration, left = settings.duration, settings.most_iterations
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
-    done, taken, way = 0.0, 0, GO_ON
+    done, taken, way, pace = 0.0, 0, GO_ON, Pace(1.0, 0.0)
     promise = promise_of(model, loads, f, path, duration, state)
     while done < duration * (1.0 - 1e-9):
         if left <= 0:
@@ -227,11 +228,11 @@ def advance(model, loads, f, path, state, settings, work, report):
             way = max(way, FOLLOW)  # there are no rates to go on with
         radius = EULER if way == BACKWARD else settings.spectral_radius
         floor, limit = shortest_now(settings, done, taken, left), min(settings.iterations, left)
-        attempt = Attempt(step, floor, fraction, way, radius, limit, promise)
+        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, pace)
         outcome = _try(model, loads, f, path, attempt, state, settings, work)
         verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
         count_try(report, f, verdict, attempt, outcome, settings)
-        left -= outcome.iterations
+        left, pace = left - outcome.iterations, outcome.pace
         if verdict == TAKEN:
             released = _accept(model, f, attempt, state, work)
             slow_down(outcome.keeps, promise.drift, points_of(state.velocity, f))

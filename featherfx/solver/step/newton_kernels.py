@@ -13,7 +13,10 @@ It stops where the distance to the minimum is below the tolerance. With moves d_
 steps that shrink by t = d_k / d_(k-1), that distance is at most d_k t / (1 - t) if they go on to
 shrink like that. Newton's shrink faster, so for a new matrix this is the estimate if t < 1/2, else
 d_k. With a kept one soft directions may shrink more slowly than what is seen, so there it is taken
-as no less than d_k.
+as no less than d_k. A first move has no t yet; it is taken to shrink as in the step before, worse
+by as much as it is longer, and a little worse each time that this was not seen again (Hairer and
+Wanner, Solving Ordinary Differential Equations II, section IV.8). What that misjudges counts as
+error of the step, which is then done again.
 """
 
 from math import isfinite, sqrt
@@ -46,16 +49,37 @@ CREPT = 4
 SLOW = 0.5
 # part of a step's own error that it may be away from its solution when its iterations are used up
 NEARLY = 0.01
+# power of a shrink that was not seen again
+FORGET = 0.8
+
+
+class Pace(NamedTuple):
+    """How moves shrink: the second over the first (shrink, 1 where it is not known), and that first
+    one (m)."""
+
+    shrink: float
+    first: float
+
+
+class Goal(NamedTuple):
+    """How far minimise goes: the distance from the minimum that counts as converged (tolerance, m),
+    most iterations (limit), the Pace of the step before."""
+
+    tolerance: float
+    limit: int
+    pace: Pace
 
 
 class Solved(NamedTuple):
     """What minimise did: status, Newton iterations, those of them with a new matrix, distance from
-    the minimum as estimated (move, m)."""
+    the minimum as estimated (move, m); shrink and first of the Pace."""
 
     status: int
     iterations: int
     matrices: int
     move: float
+    shrink: float
+    first: float
 
 
 @kernel
@@ -151,20 +175,28 @@ def _distance_left(move, before, fresh):
     return move * max(1.0, shrink / (1.0 - min(shrink, 0.9)))
 
 
+@kernel
+def _first_left(move, pace):
+    """Distance to the minimum (m) after a first full step, by the Pace of the step before."""
+    if pace.shrink >= 1.0:
+        return move
+    return move * pace.shrink * max(1.0, move / pace.first)
+
+
 @shared_kernel(Solved)
-def minimise(model, loads, f, fraction, factors, tolerance, limit, work):
+def minimise(model, loads, f, fraction, factors, goal, work):
     """Bring the pose work.now to the minimum of step_energy.
 
-    fraction: of the frame. tolerance: m, distance from the minimum that counts as converged. limit:
-    most iterations. Returns Solved.
+    fraction: of the frame. goal: Goal. Returns Solved.
     """
     now, right, band, secants = work.now, work.system.right, work.system.band, work.secants
+    tolerance, shrink, first = goal.tolerance, goal.pace.shrink**FORGET, goal.pace.first
     energy = evaluate(model, loads, f, fraction, factors, now, work.around)
     if not isfinite(energy):
-        return Solved(NOT_FINITE, 0, 0, 0.0)
+        return Solved(NOT_FINITE, 0, 0, 0.0, shrink, first)
     before, left, shift, stable, matrices, kept = 0.0, 0.0, 0.0, 0, 0, 0
     crept, fresh = False, True
-    for iteration in range(1, limit + 1):
+    for iteration in range(1, goal.limit + 1):
         if not fresh:
             assemble(model, loads, f, fraction, factors, FORCES_ONLY, 0.0, work)
             fresh = not end_step(kept, right, secants)
@@ -174,7 +206,7 @@ def minimise(model, loads, f, fraction, factors, tolerance, limit, work):
                 model, loads, f, fraction, factors, shift if crept else STABLE, work
             )
             if shift == NONE:
-                return Solved(NOT_DEFINITE, iteration, matrices, left)
+                return Solved(NOT_DEFINITE, iteration, matrices, left, shrink, first)
             kept, matrices = 0, matrices + 1
             stable += 1 if shift == STABLE else 0
             if stable == CREPT:
@@ -185,7 +217,7 @@ def minimise(model, loads, f, fraction, factors, tolerance, limit, work):
         new, move, scale = _search(model, loads, f, fraction, factors, energy, tolerance, work)
         if scale == 0.0:
             if fresh and shift == STABLE:
-                return Solved(NOT_CONVERGED, iteration, matrices, move)
+                return Solved(NOT_CONVERGED, iteration, matrices, move, shrink, first)
             shift, fresh = STABLE if fresh else shift, True
             continue
         if shift > 0.0 and scale < 0.5:
@@ -194,12 +226,16 @@ def minimise(model, loads, f, fraction, factors, tolerance, limit, work):
         energy, left = new, move
         if scale == 1.0:
             left = _distance_left(move, before, fresh)
+            if iteration == 1:
+                left = _first_left(move, goal.pace)
+            elif iteration == 2 and before > 0.0:
+                shrink, first = move / before, before
             if left < tolerance:
-                return Solved(CONVERGED, iteration, matrices, left)
+                return Solved(CONVERGED, iteration, matrices, left, shrink, first)
         slow = not fresh and move > SLOW * before
         fresh = slow or scale < 1.0 or shift != 0.0 or kept + 1 == PAIRS
         before = move if scale == 1.0 else 0.0
-    return Solved(NOT_CONVERGED, limit, matrices, left)
+    return Solved(NOT_CONVERGED, goal.limit, matrices, left, shrink, first)
 
 
 @kernel

@@ -16,6 +16,7 @@ from typing import NamedTuple
 from featherfx.jit.compiled import kernel
 from featherfx.solver.status import CONVERGED, GREW
 from featherfx.solver.step.energy_promise_kernels import Promise
+from featherfx.solver.step.newton_kernels import Pace
 
 # what becomes of a try
 TAKEN, REJECTED, FAILED = 0, 1, 2
@@ -25,6 +26,10 @@ GO_ON, FOLLOW, BACKWARD = 0, 1, 2
 LOST = 30.0
 # a regular step may be cut this far when Newton fails, by this factor each time
 SMALLEST, CUT = 1e6, 0.25
+# length of the next step over that whose error is the tolerance, and most over the last: more of
+# either costs more in steps that are done again than it saves, as a vibration that turns round has
+# no error for a moment (docs/log.md)
+SAFETY, GROWTH = 0.7, 1.5
 # a step for its error alone over a regular one, at least; Newton iterations set aside for a step
 FINEST, SET_ASIDE = 1e-4, 12.0
 
@@ -76,7 +81,7 @@ def settings_of(frame, length):
 class Attempt(NamedTuple):
     """A try of a step: its length h (s), the length below which none is tried for its error (floor,
     s), the fraction of the frame at its end, GO_ON, FOLLOW or BACKWARD (way), the spectral radius,
-    Newton iterations at most (limit), the Promise."""
+    Newton iterations at most (limit), the Promise, the Pace of the try before."""
 
     h: float
     floor: float
@@ -85,12 +90,13 @@ class Attempt(NamedTuple):
     spectral_radius: float
     limit: int
     promise: Promise
+    pace: Pace
 
 
 class Outcome(NamedTuple):
     """What came of it: status, Newton iterations and those of them with a new matrix, distance from
     the solution (move, m), error (m), the part of its velocities that it keeps and its energy (J,
-    energy_promise_kernels)."""
+    energy_promise_kernels), the Pace."""
 
     status: int
     iterations: int
@@ -99,6 +105,7 @@ class Outcome(NamedTuple):
     error: float
     keeps: float
     energy: float
+    pace: Pace
 
 
 @kernel
@@ -149,7 +156,7 @@ def next_step(h, done, duration):
 @kernel
 def _length_for(error, tolerance, step, least, most):
     """Length whose error would be a little below the tolerance, within least to most of step."""
-    change = 0.9 * (tolerance / max(error, 1e-30)) ** (1.0 / 3.0)
+    change = SAFETY * (tolerance / max(error, 1e-30)) ** (1.0 / 3.0)
     return step * min(most, max(least, change))
 
 
@@ -187,7 +194,7 @@ def after_step(first, attempt, outcome, settings):
     tolerance, error = settings.tolerance, outcome.error
     # an iteration with a matrix at hand costs a quarter of one with a new one
     costly = (outcome.iterations + 3 * outcome.matrices) // 4
-    most = 1.0 if costly > settings.hard or error > LOST * tolerance else 2.0
+    most = 1.0 if costly > settings.hard or error > LOST * tolerance else GROWTH
     wanted = _length_for(error, tolerance, attempt.h, 0.5, most)
     h = max(min(attempt.floor, most * attempt.h), wanted)
     cut = attempt.way == BACKWARD and attempt.h < 0.999 * settings.shortest

@@ -10,7 +10,7 @@ from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of
 from featherfx.solver.step.integrator_kernels import Factors
-from featherfx.solver.step.newton_kernels import evaluate, largest_move, minimise
+from featherfx.solver.step.newton_kernels import Goal, Pace, evaluate, largest_move, minimise
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.step.retry_kernels import shortest_now
 from featherfx.solver.step.root_kernels import root_at
@@ -22,10 +22,12 @@ START_ITERATIONS = 8
 
 
 class Span(NamedTuple):
-    """The begin of a frame: its length (s), the fraction of the frame at its end."""
+    """The begin of a frame: its length (s), the fraction of the frame at its end, Newton iterations
+    at most (limit)."""
 
     length: float
     fraction: float
+    limit: int
 
 
 @shared_kernel(None)
@@ -50,6 +52,7 @@ def start_acceleration(model, loads, f, path, settings, state, work):
     path: of the roots, over the frame. settings: StepSettings of the frame.
     """
     given, duration = state.proposal[f], settings.duration
+    limit = min(START_ITERATIONS, settings.iterations)
     floor = shortest_now(settings, 0.0, 0, settings.most_iterations)
     h = given if 0.0 < given < duration else duration
     before = strains_of(state.strains, f, 0)
@@ -59,12 +62,12 @@ def start_acceleration(model, loads, f, path, settings, state, work):
     evaluate(model, loads, f, 0.0, _factors(h), work.now, work.around)
     copy_strains(work.now.strains, before)
     accepted, finer = points_of(state.acceleration, f), points_of(state.smoothed, f)
-    _accelerate(model, loads, f, path, Span(h, h / duration), state, work, accepted)
+    _accelerate(model, loads, f, path, Span(h, h / duration, limit), state, work, accepted)
     while 0.5 * h > floor:
         allowed = min(settings.tolerance, settings.coarse) / (h * h)
         if _largest(accepted.nodes) <= allowed:
             break
-        half = Span(0.5 * h, 0.5 * h / duration)
+        half = Span(0.5 * h, 0.5 * h / duration, limit)
         _accelerate(model, loads, f, path, half, state, work, finer)
         if largest_move(accepted, finer, 0.0) <= allowed:
             break
@@ -96,7 +99,8 @@ def _accelerate(model, loads, f, path, span, state, work, to):
         copy_points(points, now.points)
         time = state.time[f] + h
         blow(now.points.nodes, time, loads, f, velocity.nodes, model.cell_stiffness[f], around)
-    minimise(model, loads, f, 0.0, _factors(h), 0.0, START_ITERATIONS, work)
+    goal = Goal(0.0, span.limit, Pace(1.0, 0.0))
+    minimise(model, loads, f, 0.0, _factors(h), goal, work)
     _rates_of(now.points, around.target, h * h, to)
 
 
