@@ -174,6 +174,8 @@ def test_a_number_that_moves_by_a_tenth_of_its_tolerance_is_named(tmp_path):
     assert report.moved(now, before) == []
     before["studies"]["trial"]["rows"][0]["value"] = 1.021
     assert report.moved(now, before) == ["trial, length <of> a | b: 1.021 -> 1.0"]
+    before["studies"]["trial"]["rows"][0] |= {"value": 1.0, "source": "another book"}
+    assert report.moved(now, before) == ["trial, length <of> a | b: held against something else"]
     before["studies"]["trial"]["rows"].pop()
     assert report.moved(now, before) == ["trial: other numbers than before"]
 
@@ -183,11 +185,20 @@ def test_the_page_is_of_today(tmp_path):
     quick = study.studies(
         [
             *("elastica", "frequencies", "fibre_elements", "fibre_merging", "fibre_space"),
-            *("vane_mesoscale", "guard_truss", "feather_masses"),
+            *("vane_mesoscale", "guard_truss", "feather_masses", "ribbon_shell", "tissue_laws"),
         ]
     )
     now = runs.run_all(quick, tmp_path, compile_first=())
     assert report.moved(now, json.loads(page.read_text())) == []
+
+
+def test_published_places_have_their_pages():
+    assert published("Houghton 2020, figures 6.16 and 6.17, in words").text == (
+        "Houghton 2020, figures 6.16 (p. 121) and 6.17 (p. 122), in words"
+    )
+    assert published("a book, table 1.2").text == "a book, table 1.2"
+    with pytest.raises(KeyError, match=r"table 9\.9"):
+        published("Jouve 2024, table 9.9")
 
 
 def slow_then(folder):

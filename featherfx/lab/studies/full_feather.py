@@ -149,7 +149,8 @@ def _wrong_bending() -> Rows:
     rows.bound(text, stiff.wavelength / right.wavelength, words, at_most=1.0, note=note)
     text = f"wavelength over that with bending along the barbs times {WRONG[0]:g}"
     found = right.wavelength / weak.wavelength
-    rows.bound(text, found, words, at_most=1.0, note="the modulus along the barbs does reduce it")
+    turned = ourselves("the statement of figure 6.6 with its two names exchanged")
+    rows.bound(text, found, turned, at_most=1.0)
     return rows
 
 
@@ -245,7 +246,8 @@ def guard(folder: Path) -> StudyResult:
     )
     rows.bound(text, float((printed / bent).max()), figure, at_least=1.0, note=note)
     text = "the same with (1 - J)^3 instead of ((1 - J) / 6)^3"
-    rows.bound(text, float((plain / bent).max()), figure, at_least=1.0)
+    mended = ourselves("the statement of figure 6.8 with equation 6.6 put right")
+    rows.bound(text, float((plain / bent).max()), mended, at_least=1.0)
     text = "share of its length at which it then buckles"
     rows.report(text, float(SQUEEZED[np.flatnonzero(plain > bent)[-1]]))
 

@@ -36,10 +36,13 @@ COMMAND = "featherfx lab report"
 INTRODUCTION = (
     f"This page is what `{COMMAND}` writes; no number on it is typed in. Every study computes its"
     " numbers anew. The kind of a row says what they are held against: *published*, a number that"
-    " is printed in the text; *independent*, a solution by a method that shares no line with ours;"
+    " is printed in the text, or what it says in words; *independent*, a solution by another method"
+    " or of another model, which is named;"
     " *self*, our own input, finer mesh or fit, or what is true by construction, which confirms"
-    " only that the program agrees with itself. The copies of the texts that we have carry no page"
-    " numbers, so tables, equations and sections are named. SI units."
+    " only that the program agrees with itself. Pages are those of the texts' own tables of"
+    " contents: a range, where they tell only where a section begins and ends. The copies that we"
+    " have of Jouve et al. 2024 (10 pages) and Charrondiere et al. 2019 (7 pages) carry none. SI"
+    " units."
 )
 NO_PLOTS = "There are no figures: matplotlib (the optional extra `plots`) is not installed."
 STYLE = """
@@ -80,12 +83,18 @@ def facts(entries: Sequence[Entry], version: str) -> list[str]:
     return [
         f"Last written on {date}; the studies took {seconds:.0f} s of processor time, kernels"
         f" compiled before. Machine and versions: {listed}.",
-        f"Of {len(rows)} numbers, {_sum_of(rows, 'published')} with published ones and"
+        f"Of {len(rows)} numbers, {_sum_of(rows, 'published')} with published ones"
+        f" ({_sum_of(_in_words(rows), 'published')} of them with what a text says in words) and"
         f" {_sum_of(rows, 'independent')} with independent solutions; {_sum_of(rows, 'self')} with"
         f" ourselves, which does not count; {sum(row.source is None for row in rows)} have nothing"
         " to be compared with.",
         *([] if can_plot() else [NO_PLOTS]),
     ]
+
+
+def _in_words(rows: Sequence[Row]) -> list[Row]:
+    """Those that are held against a statement, not a number."""
+    return [row for row in rows if row.source is not None and "in words" in row.source.text]
 
 
 def _sum_of(rows: Sequence[Row], kind: Kind) -> str:
@@ -218,8 +227,11 @@ def moved(entries: Sequence[Entry], before: dict[str, Any]) -> list[str]:
             found.append(f"{entry.study.name}: other numbers than before")
             continue
         for row, old in zip(entry.result.rows, rows, strict=True):
+            text = f"{entry.study.name}, {row.quantity}"
             if row.source is not None and abs(row.ours - old["value"]) > STILL * _room(row):
-                found.append(f"{entry.study.name}, {row.quantity}: {old['value']} -> {row.ours}")
+                found.append(f"{text}: {old['value']} -> {row.ours}")
+            if (old["kind"], old["source"]) != (_row(row)["kind"], _row(row)["source"]):
+                found.append(f"{text}: held against something else")
     return found
 
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from featherfx.lab.feathers.feather import feather_kind
-from featherfx.lab.studies.study import Rows, StudyResult, draw, independent, ourselves, published
+from featherfx.lab.studies.study import Rows, StudyResult, draw, ourselves, published
+from featherfx.lab.studies.vane import RESOLVED
 from featherfx.lab.vane.mesoscale import SwanBands, effective_moduli, pull_bands, series_shear
 from featherfx.lab.vane.sample import Moduli, Sample, strains
 from featherfx.lab.vane.traction import PulledSample, Traction, pull_test
@@ -51,7 +52,6 @@ def samples(folder: Path) -> StudyResult:
     rows = Rows()
     rows += _scatter()
     rows += _uniform()
-    resolved = independent("bands of barbs and barbules, resolved one by one")
     for sample, meso, macro in zip(tilted, by_bands, by_membrane, strict=True):
         text = f"{1e3 * sample.width:g} by {1e3 * sample.height:g} mm, tilted"
         ratio = float(macro.stress[-1] / meso.stress[-1])
@@ -61,7 +61,7 @@ def samples(folder: Path) -> StudyResult:
             ratio,
             1.0,
             0.1,
-            resolved,
+            RESOLVED,
             note=f"{note}; one place of the barbs, which moves the bands by some 5 %",
         )
         rows.compare(
@@ -69,7 +69,7 @@ def samples(folder: Path) -> StudyResult:
             poisson(sample, macro),
             poisson(sample, meso),
             0.1,
-            resolved,
+            RESOLVED,
             absolute=True,
         )
     widest, narrowest = by_bands[0].stress[-1], by_bands[-1].stress[-1]
@@ -115,7 +115,9 @@ def _sample(angle: float, size: tuple[int, int, int]) -> Sample:
 def _scatter() -> Rows:
     """The shipped vane within what was measured."""
     vane = feather_kind("swan_primary").vane_material
-    source = published(f"{THESIS}, figure D.3: 37 to 61 kPa and 263 to 457 MPa")
+    source = ourselves(
+        f"{THESIS}, figure D.3: 37 to 61 kPa and 263 to 457 MPa, of which the preset is the mean"
+    )
     rows = Rows()
     for name, (low, high) in SCATTER.items():
         text = f"modulus {name} of the preset swan_primary, in the middle of what was measured"
@@ -149,7 +151,7 @@ def _poisson(moduli: Moduli) -> Rows:
     pulled = pull_test(Traction(across, moduli, STRAIN, STEPS, 500))
     tilted = _sample(45.0, (13, 18, 103))
     isotropic = pull_test(Traction(tilted, moduli, STRAIN, 1, 500, model="isotropic"))
-    none = published(f"{THESIS}, section 3.3: null")
+    none = ourselves(f"true by construction; {THESIS}, section 3.3, measured none either")
     rows = Rows()
     rows.bound("Poisson's ratio, transverse", abs(poisson(across, pulled)), none, at_most=1e-3)
     text = "Poisson's ratio of an isotropic membrane without Poisson effect, 13 by 18 mm, tilted"

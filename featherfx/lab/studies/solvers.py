@@ -35,7 +35,9 @@ TOLERANCE = 1e-8
 def lattices(folder: Path) -> StudyResult:
     """A sparse factorisation beside PCG with P_Db: time, kept numbers, iterations."""
     rows = Rows()
-    source = published("Houghton 2020, table 5.4 and section 5.3.1: the count does not grow")
+    source = published(
+        "Houghton 2020, table 5.4 and section 5.3.1, in words: the count does not grow"
+    )
     for size in SIZES:
         system = sheared_system(NetworkPlan(size=size).layout(periodic=False))
         text = f"{len(system.right)} unknowns"

@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 from featherfx.errors import InputError, Problem
 from featherfx.lab.bench.report import can_plot
+from featherfx.lab.studies.pages import with_pages
 
 Verdict = Literal["agrees", "differs", "only with itself", "no comparison"]
 Kind = Literal["published", "independent", "self"]
@@ -29,10 +30,10 @@ Comparison = Literal["relative", "absolute", "at most", "at least", "none"]
 class Source:
     """What a number of ours is held against.
 
-    kind: "published", a number that is printed in the text; "independent", a solution by a method
-    that shares no line with ours; "self": our own input, our own finer mesh, what was fitted to, or
-    what is true by construction. text: the publication and the place in it, or the method, or what
-    of ours it is.
+    kind: "published", a number that is printed in the text, or what it says "in words";
+    "independent", a solution by another method or of another model; "self": our own input, our own
+    finer mesh, what was fitted to, or what is true by construction. text: the publication and the
+    place in it, or the method, or what of ours it is.
     """
 
     kind: Kind
@@ -40,8 +41,9 @@ class Source:
 
 
 def published(text: str) -> Source:
-    """A number that is printed; text: publication, and table, equation, figure or section."""
-    return Source("published", text)
+    """A number that is printed; text: publication, and table, equation, figure or section, to
+    which the page is added where it is known."""
+    return Source("published", with_pages(text))
 
 
 def independent(text: str) -> Source:
