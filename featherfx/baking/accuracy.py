@@ -5,6 +5,11 @@ shot says, then in full with twice the rows, twice the columns, more coefficient
 smaller tolerance, each alone and all together. A difference is multiplied by what a series of
 further doublings would add (4/3 where errors fall with the square of the spacing).
 
+Whether there is such a series is asked in the first frame, where feathers are at rest or flutter:
+ends of barbs that flutter on four times the rows may hang still on twice as many, as the waves that
+run along the vane are too short for them. Where feathers are farther from there than the series
+tells, that is their error.
+
 What is compared are the nodes of the shot's own grid, at every frame. Where feathers touch, those
 that are looked at touch colliders and each other (those of one grid), and no others.
 """
@@ -50,6 +55,8 @@ LEAST_TOLERANCE = 1e-9
 # a share of the length that is no difference
 ROUNDING = 1e-9
 TOTAL = "all"
+# what is farther off in the first frame, on a grid that is finer twice over, than the series tells
+AT_FIRST = "rest"
 # what is made finer for each part of the error
 PARTS = {name: frozenset((name,)) for name in ("rows", "columns", "coefficients", "time")}
 PARTS[TOTAL] = frozenset(PARTS)
@@ -77,10 +84,11 @@ class ErrorPart:
 @dataclass(frozen=True)
 class ShotError:
     """error_mm, error_percent: of all together. feather: the worst, by percent. parts: of each
-    alone; "detail" is what levels coarser than full cost. feathers: ids of those looked at.
-    resolutions: what is simulated of each. frames: looked at. contact: whether the shot has
-    feathers that touch: what those that are not looked at do to the others is left out. seconds:
-    that it took."""
+    alone; "detail" is what levels coarser than full cost, "rest" what the first frame shows on four
+    times the rows and columns, if that is more than all others together tell. feathers: ids of
+    those looked at. resolutions: what is simulated of each. frames: looked at. contact: whether the
+    shot has feathers that touch: what those that are not looked at do to the others is left out.
+    seconds: that it took."""
 
     error_mm: float
     error_percent: float
@@ -111,7 +119,7 @@ def shot_error(shot: Shot, feathers: int = LOOKED_AT, jobs: int = 1) -> ShotErro
     chosen = chosen_feathers(shot, feathers)
     alone = part_of(shot, chosen)
     part = replace(alone, contact=contact)
-    with phase("comparing", 2 + len(PARTS)) as done:
+    with phase("comparing", 3 + len(PARTS)) as done:
         simulation = simulate(shot, jobs, wanted=chosen.tolist())
         shown = _Run(simulation.feathers, _by_feather(simulation))
         done(1)
@@ -126,7 +134,11 @@ def shot_error(shot: Shot, feathers: int = LOOKED_AT, jobs: int = 1) -> ShotErro
             coarse = shown if name == TOTAL and not touching else plain
             found[name] = REST[name] * _ways(fine, coarse)
             done(number)
+        at_first = _ways_at_first(alone, grids, jobs)
+        done(number + 1)
     total = found.pop(TOTAL) + (found["detail"] if touching else 0.0)
+    if (at_first > total).any():
+        found[AT_FIRST], total = at_first, np.maximum(at_first, total)
     lengths = np.array([each.kind.length for each in part.groom.feathers])
     if (found["detail"] < ROUNDING * lengths).all():
         found.pop("detail")
@@ -226,6 +238,20 @@ def _simulated(part: Shot, grids: Sequence[Resolution], finer: frozenset[str], j
         points |= dict(zip(members.tolist(), _by_feather(simulation), strict=True))
     order = range(len(grids))
     return _Run([feathers[f] for f in order], [points[f] for f in order])
+
+
+def _ways_at_first(alone: Shot, grids: Sequence[Resolution], jobs: int) -> Array:
+    """(F,) m, largest distance of the nodes of feathers in the first frame from where they are on
+    four times the rows and columns; both come to rest in it, however they got there in the shot."""
+    first = replace(alone, last_frame=alone.first_frame, preroll=0)
+    finer = [finer_quality(alone.quality, grid, PARTS["rows"] | PARTS["columns"]) for grid in grids]
+    twice = [
+        replace(grid, rows=each.rows, columns=each.columns)
+        for grid, each in zip(grids, finer, strict=True)
+    ]
+    space = PARTS[TOTAL] - PARTS["time"]
+    fine = _simulated(first, twice, space, jobs)
+    return _ways(fine, _simulated(first, grids, frozenset(), jobs))
 
 
 def finer_quality(quality: Quality, grid: Resolution, finer: frozenset[str]) -> Quality:

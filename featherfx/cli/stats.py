@@ -158,8 +158,9 @@ def error(
     """Estimate how far the nodes of a SHOT (a TOML file) are from where finer settings have them.
 
     The feathers that bend most, are longest, or are pulled are simulated again with twice the rows,
-    twice the columns, more coefficients and shorter steps, each alone and all together. Where
-    feathers touch, they touch colliders and each other; what others do to them is left out.
+    twice the columns, more coefficients and shorter steps, each alone and all together; their first
+    frame is tried on four times the rows and columns, too. Where feathers touch, they touch
+    colliders and each other; what others do to them is left out.
     """
     with Progress("comparisons", style):
         found = pipeline.error_of(

@@ -76,8 +76,8 @@ class Simulation:
     substeps per feather and frame (mean, max), rejected_substeps and substeps_over_tolerance
     (accepted above the quality's tolerance, because none shorter is allowed), worst_substeps (the
     ten feathers that this was worst for: feather, frame, error in m, substeps), worst_residual (m,
-    distance of a step from its solution), worst_step_error (m), skipped work by kind; where the
-    quality promises an error, error_promised and error_estimated (percent of the length).
+    distance of a step from its solution), worst_step_error (m), skipped work by kind;
+    error_estimated, and error_promised where the quality promises one (percent of the length).
     """
 
     def __init__(

@@ -94,6 +94,11 @@ def test_the_error_is_kept_and_estimated():
 
 def test_a_bake_takes_an_error_and_reports_it(tmp_path):
     report = tmp_path / "report.json"
+    bake(PULL, tmp_path / "p.usdc", frames=(1, 2), report=report)
+    told = json.loads(report.read_text())
+    assert "error_promised" not in told
+    assert 0.0 < told["error_estimated"] < 6.0
+    report.unlink()
     bake(PULL, tmp_path / "o.usdc", frames=(1, 2), error=2.0, report=report)
     told = json.loads(report.read_text())
     assert told["error_promised"] == 2.0

@@ -23,8 +23,7 @@ class Estimate:
 
     def __init__(self, shot: Shot, groups: Sequence[Group]) -> None:
         self._promised = shot.quality.promised
-        chosen = [] if self._promised is None else [g for g in groups if g.level == "full"]
-        self._groups = {id(group): group for group in chosen}
+        self._groups = {id(group): group for group in groups if group.level == "full"}
         self._rest = {k: stacked([f.rest for f in g.feathers]) for k, g in self._groups.items()}
         # of the length: largest deflections of shaft and barbs, and largest error of a step
         self._worst = {k: np.zeros((len(g.members), 3)) for k, g in self._groups.items()}
@@ -45,12 +44,13 @@ class Estimate:
         np.maximum(worst, found / [f.station[-1] for f in group.feathers], out=worst)
 
     def report(self) -> dict[str, Any]:
-        """Of a bake's report, percent of the length: the error that was promised, and the largest
-        that is estimated. Empty where none was promised."""
-        if self._promised is None:
+        """Of a bake's report, percent of the length: the error that was promised, if any was, and
+        the largest that is estimated. Empty where nothing is simulated in full."""
+        if not self._groups:
             return {}
-        worst = max((float(each.max()) for each in self.errors()), default=0.0)
-        return {"error_promised": 100.0 * self._promised, "error_estimated": 100.0 * worst}
+        worst = max(float(each.max()) for each in self.errors())
+        promised = {} if self._promised is None else {"error_promised": 100.0 * self._promised}
+        return promised | {"error_estimated": 100.0 * worst}
 
     def errors(self) -> list[Array]:
         """Per batch (F,), of the length."""
