@@ -111,6 +111,7 @@ class BarbLook:
     ] = 8
 
 
+@lru_cache(maxsize=4096)
 def look_text(look: BarbLook) -> str:
     """What of a look is not as usual, for caches; empty where all is."""
     usual = asdict(BarbLook())

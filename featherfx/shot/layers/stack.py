@@ -42,7 +42,7 @@ PAIRS_AT_ONCE = 200
 # with 0.08 and 6 the pigeon's coat rises by centimetres, and more of it crosses.
 CLEAR, MOST_CLEAR = 0.024, 1.8
 # depth, over a feather's length, that is undone; beyond twice that the order counts for nothing
-DEEPEST = 0.6
+DEEPEST = 1.0
 
 
 def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: RowPoints) -> Stack:
