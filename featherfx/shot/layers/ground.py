@@ -35,7 +35,7 @@ def ground_beneath(
         own[members] = vanes.present[members] != 0
         beneath, feather = SkinBeneath(surface, rest[own]), np.nonzero(own)[0]
         over = np.abs(beneath.height) < NEAR * vanes.row.sum(axis=1)[feather]
-        clear[own] = np.minimum(beneath.height, vanes.half[feather])
+        clear[own] = np.minimum(beneath.height, (vanes.half + vanes.clear)[feather])
         triangle[own] = np.where(over, beneath.triangle + faces, -1)
         skins.append(beneath)
         triangles.append(beneath.mesh.triangles + points)
