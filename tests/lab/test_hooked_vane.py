@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,6 +71,7 @@ def test_until_it_opens_work_is_stored_spent_or_damped():
     """Damped: E tau (de/dt)^2 over the volume, at 1 height a second; under 2 % of the work."""
     found = tear(TearTest("across", rows=6, columns=2, step=0.02, furthest=0.3)).as_json()
     assert found["released"] == 0.0
+    assert found["strength"] is None
     assert 0.0 < found["damped"] < 0.02 * found["work"]
     assert abs(found["unaccounted"]) < 1e-3 * found["work"]
 
@@ -108,6 +110,12 @@ def test_the_commands_print_what_programs_read():
     arguments = ["lab", "cycle", "--strains", "0.1", "--rows", "6", "--columns", "2", "--json"]
     found = json.loads(invoke(*arguments).output)
     assert set(found) == {"strain", "stress", "stress_at_zero", "loss"}
+
+
+def test_a_strip_without_gaps_cannot_be_torn_or_slip():
+    for run, test in ((tear, TearTest("across")), (cycle, CycleTest())):
+        with pytest.raises(InputError, match=r"preset: 'peacock_barb' is a ribbon"):
+            run(replace(test, preset="peacock_barb"))
 
 
 @pytest.mark.parametrize("strains", ["", "0.1,x", "-0.1", "0.1,2"])

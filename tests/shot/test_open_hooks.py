@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +135,20 @@ def test_a_torn_vane_goes_on_from_a_checkpoint_to_the_bit(shot, run):
     rest = np.stack([frame.points[0] for frame in going_on])
     np.testing.assert_array_equal(points[TORN:], rest)
     for ours, theirs in zip(found[-1], gaps(going_on), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_torn_vane_that_sleeps_stays_torn(tmp_path):
+    shot = replace(read_shot(write_shot(tmp_path, more="")), last_frame=60)
+    found = []
+    for sleep in (True, False):
+        simulation = simulate(replace(shot, sleep=sleep))
+        for _ in simulation:
+            pass
+        assert (simulation.report["skipped"]["sleeping feather frames"] > 5) == sleep
+        found.append(gaps(simulation))
+    assert (found[0].hooked == 0.0).any()
+    for ours, theirs in zip(found[0][:3], found[1][:3], strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
 

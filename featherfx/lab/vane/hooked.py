@@ -113,9 +113,10 @@ def _no_surface() -> Surface:
 class TearTest:
     """Pull a sample of a hooked vane until it parts along a gap between two barbs.
 
-    Keys: strength (Pa), energy_per_length (J/m of split), split_angle (degrees away from the
-    barbs), split_length (m), work, stored, dissipated, released, damped (J; by the material),
-    unaccounted (J; of the work, what the steps of the motion lose), strain, stress (lists).
+    Keys: strength (Pa; null where it has not parted), energy_per_length (J/m of split), split_angle
+    (degrees away from the barbs), split_length (m), work, stored, dissipated, released, damped (J;
+    by the material), unaccounted (J; of the work, what the steps of the motion lose), strain,
+    stress (lists).
     """
 
     direction: Direction = value("Of the pull, to the barbs; along: the gaps are sheared.")
@@ -269,12 +270,13 @@ class HookedSample:
 
 @dataclass(frozen=True)
 class Torn:
-    """path: of the pull, at rest first. strength: Pa, largest stress, also between its points.
+    """path: of the pull, at rest first. strength: Pa, largest stress, also between its points, of a
+    sample that has parted.
     opened_length: m, of all splits. spent_length: m, as of HookedSample. split_angle: degrees, of
     the longest to the barbs. work: J, of the clamp."""
 
     path: Sequence[Point]
-    strength: float
+    strength: float | None
     opened_length: float
     spent_length: float
     split_angle: float
@@ -301,8 +303,8 @@ class Torn:
 
 
 def tear(test: TearTest) -> Torn:
-    """Raises InputError for values out of range or hooks that do not open."""
-    kind = feather_kind(test.preset)
+    """Raises InputError for values out of range or a preset without gaps."""
+    kind = _kind_with_gaps("tear", test.preset)
     vane = replace(
         kind.vane_material, hooks="open", hook_scatter=test.scatter, compression_guard=GUARD
     )
@@ -326,7 +328,15 @@ def tear(test: TearTest) -> Torn:
             strength = max(strength, last.stress)
         path.append(last)
     lengths = sample.opened_length, sample.spent_length
-    return Torn(path, strength, *lengths, _split_angle(sample), work)
+    return Torn(path, strength if sample.parted else None, *lengths, _split_angle(sample), work)
+
+
+def _kind_with_gaps(where: str, preset: str) -> FeatherKind:
+    kind = feather_kind(preset)
+    if kind.vane_material.ribbon:
+        text = f"'{preset}' is a ribbon; allowed: vanes, whose barbs have gaps between them"
+        require(Problem(where, "preset", text))
+    return kind
 
 
 def _split_angle(sample: HookedSample) -> float:
@@ -347,7 +357,7 @@ def _split_angle(sample: HookedSample) -> float:
 
 
 def cycle(test: CycleTest) -> dict[str, Any]:
-    """Raises InputError for values out of range."""
+    """Raises InputError for values out of range or a preset without gaps."""
     problems = out_of_range(test, "cycle")
     try:
         strains = [float(each) for each in test.strains.split(",")]
@@ -357,7 +367,7 @@ def cycle(test: CycleTest) -> dict[str, Any]:
         text = f"'{test.strains}'; allowed: numbers above 0 to 1 with commas, as 0.1,0.2"
         problems.append(Problem("cycle", "strains", text))
     require(*problems)
-    kind = feather_kind(test.preset)
+    kind = _kind_with_gaps("cycle", test.preset)
     vane = replace(kind.vane_material, hooks="slip", compression_guard=GUARD)
     size = SampleOf(rows=test.rows, columns=test.columns)
     sample = HookedSample(size, vane, kind, ANGLES[test.direction])
