@@ -26,7 +26,7 @@ from featherfx.usd.space import origin_for
 from featherfx.usd.write.instances import write_instances
 from featherfx.usd.write.options import FEATHER, StageOptions, WriteOptions, check_ranges
 from featherfx.usd.write.output import check_output, output_files, unique_prim_names
-from featherfx.usd.write.write import CacheWriter, Place
+from featherfx.usd.write.write import CachePlace, CacheWriter
 
 
 @takes(GroomOptions)
@@ -71,7 +71,7 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     written = {each.name: getattr(options, each.name) for each in fields(StageOptions)}
     origin = origin_for([each.position for each in groom.feathers])
     stage = WriteOptions(**written, group=FEATHER)
-    place = Place(origin=origin)
+    place = CachePlace(origin=origin)
     with CacheWriter(path, entries, None, options=stage, place=place, metadata=metadata):
         pass
     return len(entries)

@@ -8,7 +8,7 @@ from typing import Any
 from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
 from featherfx.baking.task import Task
 from featherfx.usd.write.resume import table_text
-from featherfx.usd.write.write import CacheWriter, Continuation, Place
+from featherfx.usd.write.write import CachePlace, CacheWriter, Continuation
 
 
 def new_writer(task: Task) -> CacheWriter:
@@ -23,7 +23,7 @@ def new_writer(task: Task) -> CacheWriter:
         metadata=metadata_of(shot.groom, quality)
         | scenery_of(shot, task.path)
         | {"shot": shot.name, "settings": task.settings},
-        place=Place(
+        place=CachePlace(
             task.root,
             "{}of{}".format(*task.options.feathers) if task.options.feathers else "",
             task.origin,

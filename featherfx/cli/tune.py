@@ -72,7 +72,7 @@ def tune(
     who has the address with its token, and writes nothing but these presets; Ctrl-C ends it.
     """
     # simulates and draws, which takes its time to load
-    from featherfx.view.live import Live, LiveServer, Source, presets_of
+    from featherfx.view.live import Live, LiveServer, LiveSource, presets_of
 
     shot = Path(what)
     given = shot.suffix == ".toml"
@@ -85,7 +85,7 @@ def tune(
             if feathers and family != "wing":
                 raise click.UsageError("--feather is for shots and wings")
             feathers = feathers or [_OF_WING] * (family == "wing")
-        source = Source(shot, folder, feathers, quality, preset_folders, default_jobs())
+        source = LiveSource(shot, folder, feathers, quality, preset_folders, default_jobs())
         with Live(source, presets_of(source)) as live:
             server = LiveServer(live, into, overwrite, serving["port"] or 0)
             serve(server, serving["no_browser"])

@@ -19,7 +19,7 @@ from featherfx.groom.looks import BarbLook
 _NEAR = 0.05  # place on a barb
 
 
-class Strips(NamedTuple):
+class BarbStrips(NamedTuple):
     """Strips of n feathers, (n, B, 2 S + 1, 3) each: points of the one edge, of the other, the tip.
 
     along, tangents: derivatives of points along the shaft and along the barb.
@@ -31,15 +31,15 @@ class Strips(NamedTuple):
 
 
 def dressed(
-    strips: Strips, look: BarbLook, draws: Sequence[int], inner: Array, roots: Array
-) -> Strips:
+    strips: BarbStrips, look: BarbLook, draws: Sequence[int], inner: Array, roots: Array
+) -> BarbStrips:
     """Strips with a look. draws: (n,) numbers by which each feather draws. inner: (S,) places of
     the edges' points on a barb, the tip at 1. roots: (B,) places of barbs on the shaft."""
     random = [draws_of(look, draw, len(roots)) for draw in draws]
     lengths = np.stack([each.lengths for each in random])
     waves = 2.0 * np.pi * np.stack([each.waves for each in random])
     phases = np.stack([each.phases for each in random], axis=1)
-    strips = Strips(*(_shortened(each, inner, lengths) for each in strips))
+    strips = BarbStrips(*(_shortened(each, inner, lengths) for each in strips))
     strips = strips._replace(tangents=strips.tangents * lengths[..., None])
     place = np.concatenate([inner, inner, [1.0]])
     points, tangents = _clumped(strips, look, place, roots)
@@ -48,7 +48,7 @@ def dressed(
     rate = look.frizz * (np.sin(angle) + place * waves * np.cos(angle))
     for way, own, change in zip(_ways(strips), far, rate, strict=True):
         points, tangents = points + own[..., None] * way, tangents + change[..., None] * way
-    return Strips(points, strips.along, tangents)
+    return BarbStrips(points, strips.along, tangents)
 
 
 def _shortened(values: Array, inner: Array, lengths: Array) -> Array:
@@ -66,7 +66,7 @@ def _shortened(values: Array, inner: Array, lengths: Array) -> Array:
     return np.concatenate([edges[0][:, :, :-1], edges[1][:, :, :-1], tips], axis=2)
 
 
-def _clumped(strips: Strips, look: BarbLook, place: Array, roots: Array) -> tuple[Array, Array]:
+def _clumped(strips: BarbStrips, look: BarbLook, place: Array, roots: Array) -> tuple[Array, Array]:
     """Points and tangents of strips drawn towards the line of the middle barb of their clump."""
     middle = middle_barbs(np.zeros(len(roots), dtype=np.int64), roots, look.clumps)
     share = clump_share(look, place)[:, None]
@@ -85,7 +85,7 @@ def _line(values: Array) -> Array:
     return np.concatenate([middle, middle, values[:, :, -1:]], axis=2)
 
 
-def _ways(strips: Strips) -> tuple[Array, Array]:
+def _ways(strips: BarbStrips) -> tuple[Array, Array]:
     """Unit vectors across the barbs in the vane, and out of it."""
     barb = unit(strips.tangents)
     across = strips.along - (strips.along * barb).sum(axis=-1, keepdims=True) * barb

@@ -35,7 +35,7 @@ from featherfx.usd.write.output import file_problems
 
 
 @dataclass(frozen=True)
-class Shot:
+class Exposure:
     """One picture to draw. time: code, None for the rest pose. name: of its label. number: of its
     file. floor: m, height of a floor, None for none."""
 
@@ -72,7 +72,7 @@ def draw(path: Path, output: Path, options: PictureOptions, jobs: int) -> list[P
 def _finished(
     pictures: Iterator[list[Picture]],
     subjects: Sequence[Subject],
-    shots: Sequence[Shot],
+    shots: Sequence[Exposure],
     options: PictureOptions,
     key: Bar | Legend | None,
 ) -> Iterator[Picture]:
@@ -93,13 +93,13 @@ def _finished(
 
 
 def _pictures(
-    subjects: Sequence[Subject], shots: Sequence[Shot], options: PictureOptions, jobs: int
+    subjects: Sequence[Subject], shots: Sequence[Exposure], options: PictureOptions, jobs: int
 ) -> Iterator[list[Picture]]:
     """The pictures of every shot, one of each subject; the next is prepared while one is drawn."""
     work = [(subject, shot) for shot in shots for subject in subjects]
     strips = len(range(0, options.pixels[1], ROWS_AT_ONCE))
 
-    def prepared(subject: Subject, shot: Shot) -> Tracer:
+    def prepared(subject: Subject, shot: Exposure) -> Tracer:
         geometry = subject.geometry(shot.time)
         return Tracer(geometry, shot.eye, options.samples, not options.is_look, shot.floor)
 
@@ -136,14 +136,14 @@ def _drawn(tracer: Tracer, drawers: ThreadPoolExecutor, done: Done) -> Picture:
 
 def _shots(
     path: Path, subjects: Sequence[Subject], times: Sequence[float | None], options: PictureOptions
-) -> list[Shot]:
+) -> list[Exposure]:
     """What is drawn from where."""
     named = [(time, _name(time), _number(time)) for time in times]
     if options.camera is not None:
         seen = camera_of(path, options.camera, subjects[0].cache)
         eyes = [whole(seen(time), options.pixels) for time in times]
         return [
-            Shot(time, eye, name, number)
+            Exposure(time, eye, name, number)
             for (time, name, number), eye in zip(named, eyes, strict=True)
         ]
     kept = times if options.framed == "drawn" else None
@@ -167,12 +167,12 @@ def _shots(
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         eyes = [eye.focused(options.f_stop, middle) for eye in eyes]
     return [
-        Shot(time, carried(eye, way(time)), name, number)
+        Exposure(time, carried(eye, way(time)), name, number)
         for (time, name, number), eye in zip(named, eyes, strict=True)
     ]
 
 
-def _on_floor(shots: Sequence[Shot], subjects: Sequence[Subject]) -> list[Shot]:
+def _on_floor(shots: Sequence[Exposure], subjects: Sequence[Subject]) -> list[Exposure]:
     """With a floor as high as the lowest point of all frames, where they are seen from above it."""
     hulls = [hull for subject in subjects for _, hull in subject.whole_reach]
     height = min(float(hull[:, 2].min()) for hull in hulls)
@@ -181,7 +181,7 @@ def _on_floor(shots: Sequence[Shot], subjects: Sequence[Subject]) -> list[Shot]:
     ]
 
 
-def _files(output: Path, shots: Sequence[Shot], options: PictureOptions) -> list[Path]:
+def _files(output: Path, shots: Sequence[Exposure], options: PictureOptions) -> list[Path]:
     if len(shots) == 1 or options.sheet or output.suffix.lower() != ".png":
         return [output]
     return [output.with_suffix(f".{shot.number}{output.suffix}") for shot in shots]

@@ -25,7 +25,7 @@ from featherfx.render.scene import (
     load_pose,
     load_scene,
 )
-from featherfx.render.vanes import Plumage, plumage_of
+from featherfx.render.vanes import DrawnPlumage, plumage_of
 from featherfx.usd.read.opening import located
 from featherfx.usd.read.read import Cache
 
@@ -125,7 +125,7 @@ class Subject:
     scene: DrawnScene
     close: DrawnScene
     scenery: Sequence[Scenery]
-    plumage: Plumage | None = None
+    plumage: DrawnPlumage | None = None
     values: dict[float | None, Array] = field(default_factory=dict)
 
     @cached_property

@@ -30,7 +30,7 @@ from featherfx.feather.density import hermite_weights
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import BarbLook
-from featherfx.render.barb_looks import Strips, dressed
+from featherfx.render.barb_looks import BarbStrips, dressed
 from featherfx.render.geometry import Geometry, geometry_of, joined, vertex_normals
 from featherfx.render.light_kernels import SHAFT, SKIN, VANE
 from featherfx.usd.read.cached_feather import CachedFeather
@@ -43,7 +43,7 @@ _STEP = 1.3  # between numbers of barbs, so that feathers of about one size shar
 _ROUND, _ROUND_FAR = 0.90, 0.12  # how round barbs are shaded where each is drawn, and where not
 
 
-class VaneGrid(NamedTuple):
+class DrawnGrid(NamedTuple):
     """A vane's vertices from the shaft outwards. rows: (R, C). edges: (R - 1, C), upper edges of
     the strips between them; None where these are the rows. heights: (R,). places: (C,), on the
     barb."""
@@ -62,7 +62,7 @@ class Topology:
     none.
     """
 
-    vanes: tuple[VaneGrid, ...]
+    vanes: tuple[DrawnGrid, ...]
     shaft: tuple[Indices, Array] | None
 
 
@@ -86,7 +86,7 @@ def topology_of(feather: CachedFeather) -> Topology | None:
     return Topology(tuple(vanes), shaft) if vanes and shaft else None
 
 
-def _vane_grid(st: Floats, triangles: Indices) -> VaneGrid | None:
+def _vane_grid(st: Floats, triangles: Indices) -> DrawnGrid | None:
     """None where rows are no barbs of one number of vertices, one for each place."""
     rows = _rows(st, np.unique(triangles))
     grid = _ordered(st, rows)
@@ -96,10 +96,10 @@ def _vane_grid(st: Floats, triangles: Indices) -> VaneGrid | None:
     places = np.abs(st[grid[widest], 0] - 0.5).astype(float)
     places = (places - places[0]) / max(places[-1] - places[0], 1e-12)
     heights = st[grid[:, 0], 1].astype(float)
-    return VaneGrid(grid, None, heights, places) if (np.diff(places) > 0).all() else None
+    return DrawnGrid(grid, None, heights, places) if (np.diff(places) > 0).all() else None
 
 
-def _parting_grid(st: Floats, triangles: Indices) -> VaneGrid | None:
+def _parting_grid(st: Floats, triangles: Indices) -> DrawnGrid | None:
     """As _vane_grid, of a vane that may part: each strip has edges of its own."""
     heights = st[triangles, 1]
     low, high = heights.min(axis=1), heights.max(axis=1)
@@ -175,7 +175,7 @@ class _Group:
 
 
 @dataclass(frozen=True)
-class Plumage:
+class DrawnPlumage:
     """The feathers of a scene, grouped once for all poses of one camera's pictures.
 
     feathers: as read. starts: (N + 1,) first point of each. groups: of those with barbs. plain: the
@@ -246,12 +246,12 @@ def plumage_of(
     pixels: Array,
     colours: tuple[Array, Array, Array],
     own: bool,
-) -> Plumage:
+) -> DrawnPlumage:
     """Feathers grouped by what they share.
 
     pixels: (N, 3): length of the feather in pixels and in metres, and of its barbs in pixels.
-    starts: as of Plumage. colours: its colours, shaft and skin. own: whether feathers with colours
-    of their own keep them.
+    starts: as of DrawnPlumage. colours: its colours, shaft and skin. own: whether feathers with
+    colours of their own keep them.
     """
     known: dict[tuple[bytes, ...], Topology | None] = {}
     groups: dict[tuple[int, tuple[int, int], BarbLook], list[int]] = {}
@@ -269,7 +269,7 @@ def plumage_of(
         found[id(topology)] = topology
         sort = id(topology), _detail(pixels[index]), feather.look
         groups.setdefault(sort, []).append(index)
-    return Plumage(
+    return DrawnPlumage(
         feathers=tuple(feathers) if own else tuple(replace(f, colour=None) for f in feathers),
         starts=starts,
         groups=tuple(
@@ -305,7 +305,7 @@ def _share(pixels: Array, barbs: int) -> float:
 
 
 def _strips(
-    grid: Array, parted: Array | None, colours: Array, vane: VaneGrid, group: _Group
+    grid: Array, parted: Array | None, colours: Array, vane: DrawnGrid, group: _Group
 ) -> Geometry:
     """The barbs of one vane of n feathers; grid, colours: (n, R, C, 3). parted: (n, R - 1, C, 3),
     how far the strips' upper edges are from the rows above them."""
@@ -332,7 +332,7 @@ def _strips(
     away: Sequence[Array | float] = (0.0, 0.0, 0.0)
     if parted is not None:
         away = _away(parted, vane, edges, inner)
-    strips = Strips(*(of_strips(*each) for each in zip(sheet, tips, away, strict=True)))
+    strips = BarbStrips(*(of_strips(*each) for each in zip(sheet, tips, away, strict=True)))
     if group.look != BarbLook():
         strips = dressed(strips, group.look, group.draws, inner, middles)
     points, along, tangents, colour = (
@@ -352,7 +352,7 @@ def _strips(
     )
 
 
-def _away(parted: Array, vane: VaneGrid, edges: Array, inner: Array) -> tuple[Array, Array, Array]:
+def _away(parted: Array, vane: DrawnGrid, edges: Array, inner: Array) -> tuple[Array, Array, Array]:
     """(n, B, 2 S + 1, 3) m, how far the points of drawn barbs go along with their strips, and its
     derivatives along rows and columns. parted: of _strips. edges: (B + 1,) heights between barbs.
     inner: (S,) places on a barb."""

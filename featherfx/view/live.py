@@ -51,7 +51,7 @@ _LIVE = re.compile(r"(points|strain)-after-(\d{1,12})")
 
 
 @dataclass(frozen=True)
-class Source:
+class LiveSource:
     """What is simulated. shot: its file. feathers: patterns of ids, all by default. quality: name
     of a preset. folders: of presets. jobs: threads. folder: for what is needed meanwhile."""
 
@@ -81,7 +81,7 @@ class Live:
     InputError where the shot cannot be read.
     """
 
-    def __init__(self, source: Source, tuned: Tuned) -> None:
+    def __init__(self, source: LiveSource, tuned: Tuned) -> None:
         self.tuned, self._source = tuned, source
         self._asked, self._number, self._version = time.monotonic(), 0, 0
         self._told: dict[str, Any] = {}
@@ -429,7 +429,7 @@ def _vector(values: Any) -> Array:
     return found
 
 
-def presets_of(source: Source) -> Tuned:
+def presets_of(source: LiveSource) -> Tuned:
     """The presets that a shot names: of its feathers' kinds, of its wind and motion, and of wings
     and birds of its groom.
 

@@ -26,7 +26,7 @@ from featherfx.usd.write import posed_groups as joined
 from featherfx.usd.write.forms import chosen_group, grouped
 from featherfx.usd.write.join import join_shares
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter, Continuation, Place
+from featherfx.usd.write.write import CachePlace, CacheWriter, Continuation
 
 GROUPS = ("kind", "region", "all")
 SETTINGS = {"shot": "one"}
@@ -34,7 +34,7 @@ SETTINGS = {"shot": "one"}
 
 def of(settings, **place):
     """What a writer is told of a bake of these settings."""
-    place, goes_on = Place("bird", **place), Continuation(settings)
+    place, goes_on = CachePlace("bird", **place), Continuation(settings)
     return {"place": place, "continuation": goes_on, "metadata": {"settings": settings}}
 
 

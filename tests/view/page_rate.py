@@ -18,7 +18,7 @@ from typing import Any
 from test_view_live import served
 from test_view_page import BROWSER_OPTIONS, scripted
 
-from featherfx.view.live import Live, LiveServer, Source, presets_of
+from featherfx.view.live import Live, LiveServer, LiveSource, presets_of
 from featherfx.view.page import fitting_second
 from featherfx.view.serve import Server
 
@@ -96,7 +96,7 @@ def main(what: str, file: str, more: str = "") -> None:
         measure(lambda: Server(played), PLAY, "playing")
         return
     with tempfile.TemporaryDirectory() as folder:
-        source = Source(Path(file), Path(folder), [more] if more else (), jobs=2)
+        source = LiveSource(Path(file), Path(folder), [more] if more else (), jobs=2)
         with Live(source, presets_of(source)) as live:
             make = lambda: LiveServer(live, Path(folder), overwrite=False)  # noqa: E731
             measure(make, LIVE, "left alone")

@@ -23,7 +23,7 @@ from featherfx.errors import InputError
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
 from featherfx.shot.simulate import simulate
-from featherfx.view.live import Live, LiveServer, Source, presets_of
+from featherfx.view.live import Live, LiveServer, LiveSource, presets_of
 from featherfx.view.serve import HOST
 from featherfx.view.tuned import Tuned
 
@@ -135,7 +135,7 @@ def test_a_feather_goes_on_from_where_it_was_in_another_shape():
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory):
-    source = Source(SHOT, tmp_path_factory.mktemp("live"))
+    source = LiveSource(SHOT, tmp_path_factory.mktemp("live"))
     with Live(source, presets_of(source)) as live:
         yield live
 
@@ -204,7 +204,7 @@ def test_changes_are_simulated_and_what_is_wrong_is_told(live):
 
 def test_a_wing_begins_again_with_other_bones(tmp_path):
     shot, family = _stage("wing/pigeon", tmp_path, [], "calm", "hold")
-    source = Source(shot, tmp_path, [_OF_WING])
+    source = LiveSource(shot, tmp_path, [_OF_WING])
     tuned = presets_of(source)
     assert family == "wing"
     assert {"wing/pigeon:humerus", "wing/pigeon:primaries.lengths.3", YOUNG_OF_PRIMARY} <= {

@@ -24,8 +24,8 @@ from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, p
 from featherfx.lab.networks.krylov import DIRECT, Method, Preconditioner, Solved, solve
 from featherfx.lab.networks.layouts import (
     FibreSection,
-    Layout,
     Mikado,
+    NetworkLayout,
     Periodic,
     mikado,
     triangular,
@@ -73,7 +73,7 @@ class NetworkPlan:
         """m, side of the random network's square."""
         return float(np.sqrt(self.fibres / self.density))
 
-    def layout(self, periodic: bool) -> Layout:
+    def layout(self, periodic: bool) -> NetworkLayout:
         """The network without what carries nothing; held at its edges if not periodic.
 
         Raises InputError with every value that is out of range.
@@ -133,7 +133,7 @@ class NetworkModuli:
     crosslink_density: float
 
 
-def network_moduli(layout: Layout) -> NetworkModuli:
+def network_moduli(layout: NetworkLayout) -> NetworkModuli:
     """Moduli of a periodic network. Raises InputError where a mechanism hinders."""
     network = layout.network
     if not len(network.ends):
@@ -173,12 +173,12 @@ class PreconditionTest:
     tolerance: float = value("Residual, as a share of the forces.", 1e-10, Range(1e-15, 1.0, True))
 
 
-def sheared_system(layout: Layout) -> HeldSystem:
+def sheared_system(layout: NetworkLayout) -> HeldSystem:
     """Equations of a network whose held nodes move with a simple shear of SHEAR along x."""
     return held_system(layout.network, layout.held, sheared(layout)[layout.held])
 
 
-def sheared(layout: Layout) -> Array:
+def sheared(layout: NetworkLayout) -> Array:
     """(N, 2) m, displacements of all nodes under SHEAR if they are affine."""
     return np.stack([SHEAR * layout.places[:, 1], np.zeros(len(layout.places))], axis=1)
 
@@ -223,7 +223,7 @@ class _Pose(NamedTuple):
     matrix: sparse.csr_array
 
 
-def sheared_energies(layout: Layout, shears: Array) -> Array:
+def sheared_energies(layout: NetworkLayout, shears: Array) -> Array:
     """(n,) J, at rest, with the held nodes moved along x by shears (n,) times their height.
 
     Raises SimulationError where a shear has no rest.
@@ -239,7 +239,7 @@ def sheared_energies(layout: Layout, shears: Array) -> Array:
     return np.array(found)
 
 
-def _rest(layout: Layout, moved: Array, inner: Indices) -> tuple[Array, float]:
+def _rest(layout: NetworkLayout, moved: Array, inner: Indices) -> tuple[Array, float]:
     pose = _pose(layout, moved)
     for _ in range(ITERATIONS):
         matrix = pose.matrix[inner][:, inner]
@@ -259,7 +259,7 @@ def _rest(layout: Layout, moved: Array, inner: Indices) -> tuple[Array, float]:
     raise SimulationError("network", 0.0, f"no rest in {ITERATIONS} iterations")
 
 
-def _pose(layout: Layout, moved: Array) -> _Pose:
+def _pose(layout: NetworkLayout, moved: Array) -> _Pose:
     network = layout.network
     each = np.arange(len(network.ends))
     shape = (len(each), network.nodes)

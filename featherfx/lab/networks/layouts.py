@@ -30,7 +30,7 @@ class FibreSection:
 
 
 @dataclass(frozen=True)
-class Layout:
+class NetworkLayout:
     """A network and where it lies.
 
     places: (N, 2) m, of its nodes. size: (2,) m, width and height. held: (H,) nodes on the edges
@@ -46,10 +46,12 @@ class Layout:
     def area(self) -> float:
         return float(np.prod(self.size))
 
-    def carrying(self) -> Layout:
+    def carrying(self) -> NetworkLayout:
         """Without dangling ends and without nodes that no fibre reaches."""
         network, used = self.network.carrying(self.held)
-        return Layout(network, self.places[used], self.size, np.searchsorted(used, self.held))
+        return NetworkLayout(
+            network, self.places[used], self.size, np.searchsorted(used, self.held)
+        )
 
 
 def triangular(
@@ -59,7 +61,7 @@ def triangular(
     periodic: Periodic = "both",
     kept: float = 1.0,
     seed: int = 0,
-) -> Layout:
+) -> NetworkLayout:
     """Regular triangular lattice with sides of 1 m, nodes row by row; fibres along 0, 60, 120 deg.
 
     rows: a whole number of pairs of them if both directions are periodic. The lowest and the
@@ -94,7 +96,7 @@ def triangular(
     stays = np.concatenate(inside) & (np.random.default_rng(seed).random(3 * count) < kept)
     height = rows if periodic == "both" else rows - 1
     edges = (0, rows - 1) if periodic != "both" else ()
-    return Layout(
+    return NetworkLayout(
         network.keeping(stays),
         np.stack([j + 0.5 * (i % 2), ROW * i], axis=1),
         np.array([columns, ROW * height]),
@@ -121,7 +123,7 @@ class Mikado:
     scatter: float | None = None
 
 
-def mikado(plan: Mikado, section: FibreSection) -> Layout:
+def mikado(plan: Mikado, section: FibreSection) -> NetworkLayout:
     """The network of a plan, with its dangling ends."""
     random = np.random.default_rng(plan.seed)
     # drawn one after the other, so that a network with more fibres holds one with fewer
@@ -183,7 +185,7 @@ def _with_edges(plan: Mikado, middle: Array, along: Array, stops: _Stops) -> tup
     return _Stops(every, np.concatenate(fibre), node, np.concatenate(at)), held
 
 
-def _joined(plan: Mikado, stops: _Stops, held: Flags, section: FibreSection) -> Layout:
+def _joined(plan: Mikado, stops: _Stops, held: Flags, section: FibreSection) -> NetworkLayout:
     """Nodes along fibres, near ones merged into the held or the first of them."""
     order = np.lexsort((stops.at, stops.fibre))
     fibre, node, at = stops.fibre[order], stops.node[order], stops.at[order]
@@ -199,7 +201,7 @@ def _joined(plan: Mikado, stops: _Stops, held: Flags, section: FibreSection) -> 
     follows = following(fibre)
     span = _nearest(plan, places[node[follows + 1]] - places[node[follows]])
     network = joined(len(places), node, follows, span, (section.stretch, section.bend))
-    return Layout(network, places, np.full(2, plan.width), np.flatnonzero(fixed))
+    return NetworkLayout(network, places, np.full(2, plan.width), np.flatnonzero(fixed))
 
 
 def _nearest(plan: Mikado, apart: Array) -> Array:

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.lab.networks.layouts import FibreSection, Layout
+from featherfx.lab.networks.layouts import FibreSection, NetworkLayout
 from featherfx.lab.networks.network import (
     FibreNetwork,
     equilibrium,
@@ -123,7 +123,7 @@ def _strung(
     return SpaceLayout(network, places, np.flatnonzero(border), np.zeros(len(follows), np.bool_))
 
 
-def linked_sheets(sheet: Layout, count: int, apart: float, aside: float) -> SpaceLayout:
+def linked_sheets(sheet: NetworkLayout, count: int, apart: float, aside: float) -> SpaceLayout:
     """Sheets above each other, each the one below turned by a quarter about its middle.
 
     sheet: in the xy plane, square, held at all sides, its fibres straight: where crossings were

@@ -37,7 +37,7 @@ LINKS = 8
 
 
 @dataclass(frozen=True)
-class Curve:
+class Centreline:
     """A ribbon's centreline in space.
 
     points: (N + 1, 3) m from clamp to tip. frames: (N + 1, 3, 3) columns
@@ -77,7 +77,7 @@ def _about(axis: int, angle: Array) -> Array:
     return rotation
 
 
-def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int = LINKS) -> Curve:
+def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int = LINKS) -> Centreline:
     """The curve of given unknowns (curvature, then ruling), clamped at the origin.
 
     frame: (3, 3) columns across, normal, along at the clamp.
@@ -93,7 +93,7 @@ def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int = LINKS
     axes = np.stack([frames[:-1, :, 2], bends, frames[1:, :, 2]], axis=1)
     before, after = 0.5 * steps[:, None] * axes[:, 0], 0.5 * steps[:, None] * axes[:, 2]
     points = np.concatenate([np.zeros((1, 3)), np.cumsum(before + after, axis=0)])
-    return Curve(points, frames, points[:-1] + before, axes)
+    return Centreline(points, frames, points[:-1] + before, axes)
 
 
 def link_masses(ribbon: Ribbon, links: int = LINKS) -> Array:
@@ -118,7 +118,12 @@ def work_of_loads(
 
 
 def slopes_of_loads(
-    ribbon: Ribbon, unknowns: Array, curve: Curve, points: Array, force: Array, links: int = LINKS
+    ribbon: Ribbon,
+    unknowns: Array,
+    curve: Centreline,
+    points: Array,
+    force: Array,
+    links: int = LINKS,
 ) -> tuple[Array, Array]:
     """Gradient (U,) and Hessian (U, U) of their energy.
 
@@ -158,7 +163,7 @@ def slopes_of_loads(
     return jacobian.T @ slope.ravel(), matrix
 
 
-def slopes_of_points(curve: Curve, points: Array) -> Array:
+def slopes_of_points(curve: Centreline, points: Array) -> Array:
     """(P, 3, 3 N), how points move with the hinges' angles; points: as of slopes_of_loads."""
     away = points[:, None, :] - curve.joints[None]
     moves = np.cross(curve.axes[None], away[:, :, None, :])

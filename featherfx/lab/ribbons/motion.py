@@ -27,7 +27,7 @@ from featherfx.errors import SimulationError, require
 from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, value
 from featherfx.lab.ribbons.curve import (
     LINKS,
-    Curve,
+    Centreline,
     angle_slopes,
     centreline,
     link_masses,
@@ -109,7 +109,7 @@ class RibbonMotion:
         """(N + 3, 3) m: the centreline's, and two that are fixed to the last link."""
         return self._placed(unknowns)[1]
 
-    def _placed(self, unknowns: Array) -> tuple[Curve, Array]:
+    def _placed(self, unknowns: Array) -> tuple[Centreline, Array]:
         curve = centreline(self.ribbon, unknowns, self.frame, LINKS)
         end = curve.points[-1] + self._lever * curve.frames[-1][:, 1:].T
         return curve, np.concatenate([curve.points, end])

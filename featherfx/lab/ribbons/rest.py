@@ -18,7 +18,7 @@ from featherfx.algebra.types import Array
 from featherfx.errors import SimulationError
 from featherfx.lab.ribbons.curve import (
     LINKS,
-    Curve,
+    Centreline,
     centreline,
     energy_alone,
     energy_of_loads,
@@ -51,7 +51,7 @@ class RibbonRest:
     """
 
     unknowns: Array
-    curve: Curve
+    curve: Centreline
     energy: float
     iterations: int
     residual: float
@@ -137,11 +137,11 @@ class _Loads:
             return energy_alone(ribbon, unknowns, frame, self._gravity, self._tip)
         return -float(np.sum(self._force * self.curve(unknowns).points))
 
-    def curve(self, unknowns: Array) -> Curve:
+    def curve(self, unknowns: Array) -> Centreline:
         """The centreline."""
         if self._ribbon.series:
             points, frames = series_points(self._ribbon, unknowns, self._frame, LINKS)
-            return Curve(points, frames, np.empty((0, 3)), np.empty((0, 3, 3)))
+            return Centreline(points, frames, np.empty((0, 3)), np.empty((0, 3, 3)))
         return centreline(self._ribbon, unknowns, self._frame, self._links)
 
 

@@ -21,7 +21,7 @@ from featherfx.lab.networks.experiments import (
     sheared_system,
 )
 from featherfx.lab.networks.krylov import Method, Preconditioner, solve
-from featherfx.lab.networks.layouts import FibreSection, Layout, triangular
+from featherfx.lab.networks.layouts import FibreSection, NetworkLayout, triangular
 from featherfx.lab.networks.network import (
     equilibrium,
     held_displacements,
@@ -156,16 +156,16 @@ def _mean(values: Sequence[float]) -> tuple[float, float]:
     return float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values)))
 
 
-def _springs(share: float, seed: int) -> Layout:
+def _springs(share: float, seed: int) -> NetworkLayout:
     """A lattice of springs, 24 by 24, held above and below."""
     return triangular(24, 24, FibreSection(1.0, 0.0), "x", share, seed).carrying()
 
 
-def _sheared_modulus(layout: Layout) -> float:
+def _sheared_modulus(layout: NetworkLayout) -> float:
     return 2.0 * _held_energy(layout) / (layout.area * SHEAR**2)
 
 
-def _held_energy(layout: Layout) -> float:
+def _held_energy(layout: NetworkLayout) -> float:
     system, moved = sheared_system(layout), sheared(layout).ravel()
     moved[system.free] = equilibrium(system.matrix, system.right)
     return network_energy(layout.network, moved)

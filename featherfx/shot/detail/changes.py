@@ -47,7 +47,7 @@ JUMP = 0.004
 
 
 @dataclass(frozen=True)
-class Change:
+class LevelChange:
     """A feather that takes up a new level. before, after: numbers of levels."""
 
     feather: int
@@ -72,7 +72,7 @@ class Fades:
         self.to: Numbers = self.now.copy()
         self.weight, self.grown = np.zeros(len(lengths)), np.zeros(len(lengths))
 
-    def begin(self, index: int) -> list[Change]:
+    def begin(self, index: int) -> list[LevelChange]:
         """End the fades that are through and begin those to the levels of a sample."""
         through = self.weight >= 1.0
         self.now[through] = self.to[through]
@@ -80,7 +80,7 @@ class Fades:
         wanted = self.plan.at(-(-index // self._per_frame))
         starting = np.flatnonzero((self.now == self.to) & (wanted != self.now))
         self.to[starting] = wanted[starting]
-        return [Change(int(f), int(self.now[f]), int(self.to[f])) for f in starting]
+        return [LevelChange(int(f), int(self.now[f]), int(self.to[f])) for f in starting]
 
     def active(self, members: Indices, level: int) -> Flags:
         """(M,) which of some feathers are to be computed at a level."""

@@ -9,7 +9,7 @@ import numpy as np
 from featherfx.algebra.types import Flags, Indices
 from featherfx.feather.types import Feather
 from featherfx.shot.detail.carried import Carried, rigid_poses
-from featherfx.shot.detail.changes import Change, Fades, take_level_up
+from featherfx.shot.detail.changes import Fades, LevelChange, take_level_up
 from featherfx.shot.detail.levels import NUMBER, LevelPlan
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.groups import Group, loads_within, pose_of
@@ -56,7 +56,7 @@ class LevelRun:
             for group in groups
             for k, f in enumerate(group.members)
         }
-        self._changes: list[Change] = []
+        self._changes: list[LevelChange] = []
         self._known: tuple[int, Poses] | None = None
 
     def active(self, group: Group) -> Flags:
@@ -91,7 +91,7 @@ class LevelRun:
         if self._shot.settle:
             self._settle([c for c in starting if c.before == _RIGID], time)
 
-    def _settle(self, changes: Sequence[Change], time: float) -> None:
+    def _settle(self, changes: Sequence[LevelChange], time: float) -> None:
         """Let feathers that were rigid begin in balance, not in mid-air at their rest shape."""
         chosen: dict[int, tuple[Group, list[int]]] = {}
         for change in changes:

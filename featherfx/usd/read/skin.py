@@ -49,7 +49,7 @@ from featherfx.usd.read.values import (
 
 def read_skin(
     skin: dict[str, Any], paths: tuple[str, ...], folder: Path, place: Place
-) -> dict[str, SkinMesh]:
+) -> dict[str, StageSkin]:
     """Meshes by their paths, of the file that checked keys of [skin] name. Raises InputError where
     they cannot be opened; of what is wrong with one it adds problems.
 
@@ -65,10 +65,10 @@ def read_skin(
             at.fail(f"{path} in {scene.path}: {message}")
         for message in doubts:
             warnings.warn(f"{scene.path}: {path}: {message}", InputWarning, stacklevel=2)
-    return {path: SkinMesh(scene, mesh) for path, mesh in zip(paths, opened, strict=True)}
+    return {path: StageSkin(scene, mesh) for path, mesh in zip(paths, opened, strict=True)}
 
 
-class SkinMesh:
+class StageSkin:
     """A mesh as featherfx.groom.skin.points.SkinSource describes it."""
 
     def __init__(self, scene: SourceScene, mesh: AnimatedMesh) -> None:

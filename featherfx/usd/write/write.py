@@ -54,7 +54,7 @@ def chunk_frames(options: WriteOptions, posed: Sequence[PosedFeather]) -> int:
 
 
 @dataclass(frozen=True)
-class Place:
+class CachePlace:
     """Where the prims of a cache stand.
 
     root: name of the root prim; "": the file's. part: in the names of groups, where caches with the
@@ -112,7 +112,7 @@ class CacheWriter:
         frames_per_second: float = 24.0,
         options: WriteOptions = WriteOptions(),
         *,
-        place: Place = Place(),
+        place: CachePlace = CachePlace(),
         metadata: Mapping[str, Any] | None = None,
         continuation: Continuation | None = None,
     ) -> None:
