@@ -13,9 +13,11 @@ from featherfx.cli.options import (
     output_option,
     overwrite_option,
     pairs,
+    progress_option,
     readable_path,
 )
 from featherfx.cli.program import Command
+from featherfx.cli.progress import Progress
 
 
 @click.command(
@@ -56,6 +58,7 @@ from featherfx.cli.program import Command
     "--frames", type=FRAMES, help="Alembic, meshes: first and last frame.  [default: all]"
 )
 @overwrite_option()
+@progress_option
 def export(
     cache: Path,
     output: Path,
@@ -65,6 +68,7 @@ def export(
     lod: list[float] | None,
     frames: tuple[int, int] | None,
     overwrite: bool,
+    style: str,
 ) -> None:
     """Write CACHE (a USD file of featherfx) in another form."""
     usd = output.suffix in (".usd", ".usda", ".usdc")
@@ -78,20 +82,25 @@ def export(
         raise click.UsageError("--frames goes with Alembic and mesh files")
     if morph and output.suffix != ".glb":
         raise click.UsageError("--morph goes with a .glb file")
-    if rigid is not None:
-        count = pipeline.export_rigid(cache, output, rigid, overwrite)
-        click.echo(f"{output}: {count} feather{'s' * (count != 1)} move rigidly", err=True)
-        return
-    if lod is not None:
-        levels = pipeline.export_levels(cache, output, lod, overwrite)
-        told = ", ".join(f"{name} {count} triangles" for name, count in levels)
-        click.echo(f"{output}: {told}", err=True)
-        return
-    files = pipeline.export(
-        cache, output, condensed=condensed, morph=morph, frames=frames, overwrite=overwrite
-    )
-    several = f"{len(files)} files beside " if len(files) > 1 else ""
-    click.echo(f"{several}{files[0]}", err=True)
+    with Progress("frames", style):
+        if rigid is not None:
+            count = pipeline.export_rigid(cache, output, rigid, overwrite)
+            told = f"{output}: {count} feather{'s' * (count != 1)} move rigidly"
+        elif lod is not None:
+            levels = pipeline.export_levels(cache, output, lod, overwrite)
+            told = ", ".join(f"{name} {count} triangles" for name, count in levels)
+            told = f"{output}: {told}"
+        else:
+            files = pipeline.export(
+                cache,
+                output,
+                condensed=condensed,
+                morph=morph,
+                frames=frames,
+                overwrite=overwrite,
+            )
+            told = f"{len(files)} files beside {files[0]}" if len(files) > 1 else str(files[0])
+    click.echo(told, err=True)
 
 
 @click.command(
@@ -117,6 +126,7 @@ def export(
     help="Frames at the end of the cache that become a loop; those before them are faded in.",
 )
 @overwrite_option("Replace a file that exists.")
+@progress_option
 def retime(
     cache: Path,
     output: Path,
@@ -124,6 +134,7 @@ def retime(
     keys: list[tuple[float, float]] | None,
     loop: int | None,
     overwrite: bool,
+    style: str,
 ) -> None:
     """Write CACHE (a USD file of featherfx) in another time, without simulating it anew.
 
@@ -132,5 +143,6 @@ def retime(
     """
     if sum(each is not None for each in (speed, keys, loop)) != 1:
         raise click.UsageError("give one of --speed, --keys and --loop")
-    pipeline.retime(cache, output, speed=speed, keys=keys, loop=loop, overwrite=overwrite)
+    with Progress("frames", style):
+        pipeline.retime(cache, output, speed=speed, keys=keys, loop=loop, overwrite=overwrite)
     click.echo(str(output), err=True)

@@ -16,6 +16,7 @@ import numpy as np
 
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import standing, write_all
+from featherfx.phases import counted
 from featherfx.usd.read.cached_feather import CachedFeather
 from featherfx.usd.read.read import Cache, CachedPose
 from featherfx.usd.types import OutputError
@@ -84,14 +85,17 @@ def _write(abc: Any, cache: Cache, codes: Sequence[float | None], path: Path) ->
     """The archive is complete once the last object of it is gone, which is when this returns."""
     archive = abc.Abc.OArchive(str(path))
     sampling = archive.addTimeSampling(_sampling(abc, codes, cache.frames_per_second))
-    for index, feather in enumerate(cache.feathers):
+    schemas = []
+    for feather in cache.feathers:
         mesh = abc.AbcGeom.OPolyMesh(archive.getTop(), feather.name, sampling)
-        schema = mesh.getSchema()
+        schemas.append(schema := mesh.getSchema())
         _author_ids(abc, schema, feather)
         for subset, faces in feather.subsets.items():
             sample = abc.AbcGeom.OFaceSetSchemaSample(_ints(faces))
             schema.createFaceSet(subset).getSchema().set(sample)
-        for code in codes:
+    # frame by frame, as many feathers share a mesh
+    for code in counted("writing", codes, len(codes)):
+        for index, (feather, schema) in enumerate(zip(cache.feathers, schemas, strict=True)):
             schema.set(_sample(abc, feather, cache.pose(index, code)))
 
 

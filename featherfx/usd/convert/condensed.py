@@ -8,17 +8,18 @@ ahead. Rows without a barb have all its points on the shaft.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from featherfx.algebra.types import Floats, Indices
+from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING, TRAILING
 from featherfx.files.whole import standing
+from featherfx.phases import counted
 from featherfx.usd import arrays
 from featherfx.usd.read.cached_feather import CachedFeather
 from featherfx.usd.read.read import Cache
@@ -37,21 +38,20 @@ NAMES = ("P_barbl", "P_barbr")
 class _Grid:
     """The barb grid of one mesh of V points, n rows and m columns.
 
-    tube: (K,) points of the shaft's surface, and row: (K,) theirs; a row's shaft point is their
-    mean. nodes: (2, n, m + 1) points of the left and right barbs, root first; V + i is the shaft
-    point of row i.
+    tube: (K,) points of the shaft's surface, row by row, and first: (n,) where each row begins
+    among them; a row's shaft point is their mean. nodes: (2, n, m + 1) points of the left and right
+    barbs, root first; V + i is the shaft point of row i.
     """
 
     tube: Indices
-    row: Indices
+    first: Indices
     nodes: Indices
 
-    def values(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+    def values(self, points: Array | Floats) -> tuple[Floats, Floats, Floats]:
         """Shaft (n, 3), left and right barbs (n, m, 3) of surface points (V, 3)."""
-        rows = self.nodes.shape[1]
-        shaft = np.zeros((rows, 3))
-        np.add.at(shaft, self.row, points[self.tube])
-        shaft /= np.bincount(self.row, minlength=rows)[:, None]
+        counts = np.diff(self.first, append=len(self.tube))
+        shaft = np.add.reduceat(points[self.tube], self.first, axis=0, dtype=float)
+        shaft /= counts[:, None]
         left, right = np.concatenate([points, shaft.astype(np.float32)])[self.nodes]
         return left[:, 0], left[:, 1:], right[:, 1:]
 
@@ -59,8 +59,9 @@ class _Grid:
 def export_condensed(path: str | Path, output: str | Path, overwrite: bool = False) -> int:
     """Write a cache as condensed feathers and return their number.
 
-    output: .usd, .usdc or .usda. All samples are in memory meanwhile. Raises InputError where the
-    cache cannot be read, a mesh in it is not laid out on a barb grid, or the output not written.
+    output: .usd, .usdc or .usda. What is written is in memory meanwhile. Raises InputError where
+    the cache cannot be read, a mesh in it is not laid out on a barb grid, or the output not
+    written.
     """
     target = check_output(output, overwrite)
     before = {target: standing(target)}
@@ -73,14 +74,24 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
     layer, codes, root = new_layer(info), cache.codes(), info.root_path
     stage = Usd.Stage.Open(layer)
     define_root(stage, info)
-    for index, (feather, grid) in enumerate(zip(cache.feathers, grids, strict=True)):
-        curve = _define(stage, root.AppendChild(feather.name), feather, grid)
-        rest = cache.pose(index).points
-        _author_pose(curve, grid, rest, Usd.TimeCode.Default())
-        poses = [cache.pose(index, code).points for code in codes]
-        if any(not np.array_equal(pose, rest) for pose in poses):
-            for code, pose in zip(codes, poses, strict=True):
-                _author_pose(curve, grid, pose, Usd.TimeCode(code))
+    curves = [
+        _define(stage, root.AppendChild(feather.name), feather, grid)
+        for feather, grid in zip(cache.feathers, grids, strict=True)
+    ]
+    everyone = range(len(grids))
+    rest = cache.points_of(everyone)
+    for curve, grid, points in zip(curves, grids, rest, strict=True):
+        _author_pose(curve, grid, points, None)
+    moving: set[int] = set()
+    # frame by frame, as many feathers share a mesh; what stands still has the rest pose alone
+    for code in codes:
+        still = [k for k in everyone if k not in moving]
+        pairs = zip(still, cache.points_of(still, code), strict=True)
+        moving |= {k for k, points in pairs if not np.array_equal(points, rest[k])}
+    for code in counted("writing", codes, len(codes)):
+        chosen = sorted(moving)
+        for k, points in zip(chosen, cache.points_of(chosen, code), strict=True):
+            _author_pose(curves[k], grids[k], points, code)
     author_metadata(layer, {**layer_metadata(Path(path)), "layout": "condensed"})
     publish([(layer, target)], before)
     return len(cache.feathers)
@@ -113,8 +124,9 @@ def _grid(path: str | Path, feather: CachedFeather, pose: Any) -> _Grid:
         # of lips at one place the barb's own, which come first, count
         own = np.flatnonzero(node * sign > 0)[::-1]
         nodes[side, row_of_vane[own], np.abs(node[own])] = vane[own]
-    grid = _Grid(tube, row, nodes)
-    return _Grid(tube, row, nodes[::-1]) if _leading_is_right(grid, feather, pose) else grid
+    order = np.argsort(row, kind="stable")
+    grid = _Grid(tube[order], np.searchsorted(row[order], np.arange(len(stations))), nodes)
+    return replace(grid, nodes=nodes[::-1]) if _leading_is_right(grid, feather, pose) else grid
 
 
 def _leading_is_right(grid: _Grid, feather: CachedFeather, pose: Any) -> bool:
@@ -132,16 +144,27 @@ def _define(stage: Any, path: Any, feather: CachedFeather, grid: _Grid) -> Any:
     curve = define_polylines(stage, path, [rows])
     author_primvars(curve.GetPrim(), **labels(feather.id, feather.kind, feather.region))
     primvars = UsdGeom.PrimvarsAPI(curve)
+    curve.CreateExtentAttr()
     for name in NAMES:
         kind = Sdf.ValueTypeNames.Point3fArray
         primvars.CreatePrimvar(name, kind, UsdGeom.Tokens.vertex, columns)
     return curve
 
 
-def _author_pose(curve: Any, grid: _Grid, points: Floats, code: Any) -> None:
+def _author_pose(curve: Any, grid: _Grid, points: Array, code: float | None) -> None:
+    """code: of the sample, None: the default. Samples go by the layer, which takes less
+    time than attributes do."""
     shaft, left, right = grid.values(points)
-    curve.GetPointsAttr().Set(arrays.vec3f(shaft), code)
-    curve.CreateExtentAttr().Set(arrays.vec3f([shaft.min(axis=0), shaft.max(axis=0)]), code)
-    primvars = UsdGeom.PrimvarsAPI(curve)
-    for name, barbs in zip(NAMES, (left, right), strict=True):
-        primvars.GetPrimvar(name).Set(arrays.vec3f(barbs.reshape(-1, 3)), code)
+    values = {
+        "points": shaft,
+        "extent": np.array([shaft.min(axis=0), shaft.max(axis=0)]),
+        "primvars:P_barbl": left.reshape(-1, 3),
+        "primvars:P_barbr": right.reshape(-1, 3),
+    }
+    prim = curve.GetPrim()
+    path, layer = prim.GetPath(), prim.GetStage().GetRootLayer()
+    for name, value in values.items():
+        if code is None:
+            prim.GetAttribute(name).Set(arrays.vec3f(value))
+        else:
+            layer.SetTimeSample(path.AppendProperty(name), code, arrays.vec3f(value))

@@ -12,6 +12,7 @@ import trimesh
 
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import into, standing, write_all
+from featherfx.phases import counted
 from featherfx.usd.read.read import Cache
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import file_problems
@@ -52,7 +53,7 @@ def mesh_sequence(
         file.write(content.encode() if isinstance(content, str) else content)
 
     try:
-        each = zip(files, codes, strict=True)
+        each = counted("writing", zip(files, codes, strict=True), len(files))
         write_all(((file, into(partial(put, code=code))) for file, code in each), before)
     except OSError as error:
         message = f"not written: {error.strerror or error}"

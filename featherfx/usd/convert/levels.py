@@ -23,6 +23,7 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
+from featherfx.phases import counted
 from featherfx.usd import arrays
 from featherfx.usd.convert.plain import begun
 from featherfx.usd.read.read import Cache
@@ -191,7 +192,7 @@ def _animate(
         mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
         if place.any():
             mesh.AddTranslateOp().Set(Gf.Vec3d(*place.tolist()))
-    for code in codes:
+    for code in counted("writing", codes, len(codes)):
         points = np.concatenate(cache.points_of(chosen, code))
         velocities, normals = cache.directions_of(chosen, code)
         every.append([points.min(axis=0), points.max(axis=0)])

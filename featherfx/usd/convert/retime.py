@@ -21,6 +21,7 @@ from scipy.interpolate import PchipInterpolator
 from featherfx.algebra.types import Array, Floats
 from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, Problem
+from featherfx.phases import counted
 from featherfx.usd.arrays import vec3f
 from featherfx.usd.convert.plain import begun, plain_copy
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, ORIENT, P_BARB
@@ -164,7 +165,8 @@ def retime(
         _check_roots(prims, loop, range_, str(path))
     layer.TransferContent(old)
     rate = stage.GetTimeCodesPerSecond()
-    bounds = [corners for prim in prims for corners in prim.write(layer, times, rate)]
+    parts = counted("writing", prims, len(prims))
+    bounds = [corners for prim in parts for corners in prim.write(layer, times, rate)]
     hint = layer.GetAttributeAtPath(stage.GetDefaultPrim().GetPath().AppendProperty("extentsHint"))
     if hint:
         every = np.array([*bounds, np.asarray(hint.default)])

@@ -21,6 +21,7 @@ from pxr import Gf, Sdf, UsdGeom, Vt
 from featherfx.algebra.rotation import frames_to_quats, rotation_part
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
+from featherfx.phases import counted
 from featherfx.usd import arrays
 from featherfx.usd.arrays import vec3f
 from featherfx.usd.convert.plain import begun, plain_copy
@@ -100,7 +101,8 @@ def export_rigid(
     if not any(_codes(layer, each) for each in parts[FEATHERS]):
         raise InputError(Problem(str(path), "", "has no meshes of feathers that move"))
     allowed = 1e-3 * tolerance / UsdGeom.GetStageMetersPerUnit(stage)
-    found = dict(each for mesh in parts[FEATHERS] for each in _rigid(layer, mesh, allowed))
+    meshes = counted("checking", parts[FEATHERS], len(parts[FEATHERS]))
+    found = dict(each for mesh in meshes for each in _rigid(layer, mesh, allowed))
     for scope, end in SCOPES.values():
         _write(layer, parts[scope], found, end)
     told = dict(stage.GetRootLayer().customLayerData.get("featherfx") or {})
