@@ -166,7 +166,8 @@ def _votes(pairs: Indices, rest: Array, surfaces: VaneSurfaces, shorter: Array) 
         some = np.flatnonzero(octaves == octave)
         free = Candidates(pairs[some], np.zeros(len(some), dtype=np.int64))
         margin = float(NEAR * 2.0 ** (octave + 1.0))
-        search = Search(surfaces, bodies, memory, margin, 0.0, WALL_FIT)
+        margins = np.full(len(rest), margin)
+        search = Search(surfaces, bodies, memory, margins, margin, 0.0, WALL_FIT)
         found = Searcher(free, surfaces).find(search).contacts
         pair, side = some[found["pair"]], found["side"]
         height = found["start_gap"] + found["thickness"]

@@ -42,7 +42,7 @@ from featherfx.solver.contact.search_kernels import (
 # edge, and so much of its height above a crease, up to so many thicknesses
 BESIDE, SLANT, CREASE = 1.0, 0.1, 20.0
 OVER = BESIDE + SLANT * CREASE
-# slack that is asked for, in margins, and if there is less; m, for rounding
+# slack that is asked for, over the widest margin, and if there is less; m, for rounding
 MOST, LESS, ROUNDED = 4.0, 1.0, 1e-9
 # looks at a pair until its slack is asked for again: where there was some, and where not
 SOON, LATE = 1, 8
@@ -55,7 +55,7 @@ def follow(body, search, clearance):
     """Add to what a body has gone since the search before, and renew its triangles."""
     present, ahead = search.surfaces.present[body], search.bodies.ahead[body]
     before, columns = clearance.nodes[body], (search.surfaces.present.shape[2] - 1) // 2
-    most, moved, lost = MOST * search.margin, 0.0, False
+    most, moved, lost = MOST * search.widest, 0.0, False
     for i in range(present.shape[0]):
         for c in range(present.shape[1]):
             if present[i, c] == 0:
@@ -71,7 +71,7 @@ def follow(body, search, clearance):
         return
     moved = sqrt(moved)
     grown, turned, largest = _renew(body, search, clearance)
-    reach = search.surfaces.far[body] + search.margin + 2.0 * most + largest
+    reach = search.surfaces.far[body] + search.widest + 2.0 * most + largest
     as_host = moved + grown + reach * turned
     # as much as makes every pair of the body be looked at
     enough = 2.0 * most
@@ -140,7 +140,7 @@ def clear(pair, guest, host, side, search, clearance):
         return
     ways, gone = search.bodies.way[guest] + search.bodies.way[host], 0.0
     clearance.wait[pair] = LATE
-    for slack in (MOST * search.margin, LESS * search.margin):
+    for slack in (MOST * search.widest, LESS * search.widest):
         if slack - ROUNDED > ways and _has_slack(guest, host, side, slack, search, clearance):
             gone = clearance.as_guest[guest] + clearance.as_host[host]
             clearance.until[pair] = slack - ROUNDED + gone
@@ -153,8 +153,9 @@ def _has_slack(guest, host, side, slack, search, clearance):
     """Whether all nodes of a guest have a slack (m) over a host."""
     surfaces, bounds = search.surfaces, search.bodies.bounds[host]
     thickness = clearance.half[guest] + clearance.half[host]
-    reach = surfaces.far[host] + search.margin + slack
-    limits = OVER * thickness + slack, thickness + search.margin + slack, reach
+    # margins may grow before this is asked again
+    reach = surfaces.far[host] + search.widest + slack
+    limits = OVER * thickness + slack, thickness + search.widest + slack, reach
     away = reach + clearance.size[host]
     for i in range(surfaces.guests.shape[1]):
         for c in range(surfaces.guests.shape[2]):

@@ -51,6 +51,12 @@ class Node(NamedTuple):
 
 
 @kernel
+def margin_of(search, guest, host):
+    """m, gap below which the nodes of a guest are followed over a host."""
+    return 0.5 * (search.margin[guest] + search.margin[host])
+
+
+@kernel
 def _along(points, x, contact):
     """Distance of a node along its host's normal, and beside it (m)."""
     normal, away = triangle_normal(points, contact), sub(x, host_place(points, contact))
@@ -111,9 +117,10 @@ def _find_node(node, guess, ceiling, search, touch, count):
     x = guest_place(now[guest], node.row, p, fraction)
     if node.known < 0 and dot(ceiling[0], x) > ceiling[1]:
         return count, guess
-    if box_distance(x, bodies.bounds[host]) > search.margin * search.margin:
+    margin = margin_of(search, guest, host)
+    if box_distance(x, bodies.bounds[host]) > margin * margin:
         return count, guess
-    limit = surfaces.far[host] + search.margin + bodies.way[guest] + bodies.way[host]
+    limit = surfaces.far[host] + margin + bodies.way[guest] + bodies.way[host]
     near = nearest_node(x, now[host], surfaces.present[host], bodies.boxes[host], guess, limit)
     if near[0] < 0:
         return count, guess
@@ -213,7 +220,8 @@ def _at_start(contact, x, near, search):
     far it is along the host's normal, m, on the contact's side. The contact is put on the closest
     triangle."""
     surfaces, bodies, host = search.surfaces, search.bodies, contact.host
-    limit = surfaces.far[host] + search.margin + bodies.way[contact.guest] + bodies.way[host]
+    margin = margin_of(search, contact.guest, host)
+    limit = surfaces.far[host] + margin + bodies.way[contact.guest] + bodies.way[host]
     start, present, boxes = bodies.start[host], surfaces.present[host], bodies.boxes[host]
     near = nearest_node(x, start, present, boxes, near, limit)
     if near[0] < 0:
@@ -234,6 +242,7 @@ def _belongs_to_order(contact, x, near, search):
     columns, points = search.surfaces.exists.shape[3], search.bodies.start[contact.guest]
     known, side = search.memory.key, search.memory.side
     _, _, low = _at_start(contact, x, near, search)
+    margin = margin_of(search, contact.guest, contact.host)
     own = columns + p if p <= columns else 2 * columns - p
     for k in range(4):
         # of a point of the rim the nodes at its ends
@@ -247,7 +256,7 @@ def _belongs_to_order(contact, x, near, search):
         over, _, height = _at_start(contact, y, near, search)
         if not over:
             continue
-        if height > -AROUND * contact.thickness or abs(height - low) > search.margin:
+        if height > -AROUND * contact.thickness or abs(height - low) > margin:
             continue
         key = (contact.pair * guests.shape[0] + i) * guests.shape[1] + c
         at = _first_key(known, key)
@@ -278,7 +287,8 @@ def _meets(contact, along, node, search):
     if node.known >= 0 and search.again:
         # where it pressed in another search of the interval it goes on, or poses would alternate
         kept = kept or search.memory.force[node.known, 0] > 0.0
-    if not kept and gap > search.margin + _closing(bodies, begin, ahead, contact):
+    margin = margin_of(search, guest, host)
+    if not kept and gap > margin + _closing(bodies, begin, ahead, contact):
         return False
     start, _ = _along(bodies.start[host], begin, contact)
     set_gaps(contact, contact.thickness, contact.side * start, search.recovery)
@@ -316,7 +326,7 @@ def _ceiling(guest, host, side, search, half):
     led = sub(bodies.ahead[guest, 0, 0], bodies.start[guest, 0, 0])
     other = sub(bodies.ahead[host, 0, 0], bodies.start[host, 0, 0])
     way = bodies.swing[guest] + bodies.swing[host] + length(sub(led, other))
-    room = search.margin + way + (1.0 + OVER) * (half[guest] + half[host])
+    room = margin_of(search, guest, host) + way + (1.0 + OVER) * (half[guest] + half[host])
     if side == 0:
         return (0.0, 0.0, 0.0), 1e300
     top = slab[4] if side > 0 else -slab[3]
@@ -342,12 +352,13 @@ def _find_pair(pair, side, bodies, search, half, touch, state):
     count, at = state
     surfaces, boxes, bounds = search.surfaces, search.bodies.boxes, search.bodies.bounds[host]
     _, rows, width = surfaces.guests.shape
+    margin = margin_of(search, guest, host)
     # neighbours on the guest are near neighbours on the host
     near = -1, -1
     for i in range(rows):
         after = min(i + 1, rows - 1)
-        if boxes_apart(boxes[guest, i], bounds, search.margin) and boxes_apart(
-            boxes[guest, after], bounds, search.margin
+        if boxes_apart(boxes[guest, i], bounds, margin) and boxes_apart(
+            boxes[guest, after], bounds, margin
         ):
             continue
         key = (pair * rows + i) * width
@@ -436,7 +447,8 @@ def find_contacts(candidates, search, earlier, clearance, low, high, touch):
                     touch[count] = before[old]
                 count, old = count + 1, old + 1
             continue
-        if boxes_apart(bodies.bounds[guest], bodies.bounds[host], search.margin) or is_clear(
+        margin = margin_of(search, guest, host)
+        if boxes_apart(bodies.bounds[guest], bodies.bounds[host], margin) or is_clear(
             pair, guest, host, bodies, clearance
         ):
             continue

@@ -61,8 +61,9 @@ FAR = 0.5
 SOFT = 1e-2
 # Newton iterations of one solve of a feather; one that needs more gets a shorter interval
 MOST_ITERATIONS = 1000
-# searches for contacts in one interval: the poses at its end are not known before
-SEARCHES = 4
+# searches for contacts in one interval: the poses at its end are not known before; margin of the
+# next, over the way that a body went against expectation
+SEARCHES, WIDER = 4, 2.0
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,9 @@ class ContactSettings:
     """How contact is solved.
 
     friction: Coulomb's coefficient. smoothing: m/s, slip speed below which friction is partial.
-    margin: m, gap below which a node is followed. tolerance: m, what a gap that should be closed
+    margin: m, gap below which nodes of the thickest vane are followed, and the most of any; of
+    others in proportion to their thickness, and of those that do not go where they were headed
+    more. tolerance: m, what a gap that should be closed
     may be off. rounds: most rounds over all feathers in an interval. recovery: m/s, speed at which
     what begins too deep comes apart.
     """
@@ -168,6 +171,8 @@ class ContactSolver:
         self._team = Team(solvers, self.grids, widest.jobs)
         self._colours = no_colours(bodies)
         self._thinnest = 2.0 * float(np.min(halves, initial=np.inf))
+        thickest = float(np.max(halves, initial=np.finfo(float).tiny))
+        self._margin = settings.margin / thickest * np.asarray(halves)
         self._touching: tuple[Indices, ByBody] | None = None
         self._free = np.ones(bodies, dtype=np.bool_)
         self.memory = no_memory(self.surfaces)
@@ -212,20 +217,23 @@ class ContactSolver:
         if yielding is not None:
             soft[yielding] = 1
         before, forces = Found(new_touch(1), 0), np.zeros(self.grids.bodies)
+        margin = self._margin.copy()
         for number in range(SEARCHES):
             searched = run.now.copy()
-            self._find(run, walls, (memory, before), stale if number else free, (turns, number > 0))
+            looked = stale if number else free
+            self._find(run, walls, (memory, before), looked, margin, (turns, number > 0))
             if yielding is not None:
                 soften(*self.found, soft, SOFT)
             if number:
-                stale |= self._pressed_elsewhere(forces) & free
+                stale = self._changed(stale, forces, soft) & free
             solved = self._solve(run, stale, soft)
             rounds += int(solved.islands.rounds.max(initial=0))
             moved = _largest_moves(run.now, searched)
-            stale, before = (moved >= self.settings.margin) & ~run.failed(), self.found
+            stale, before = (moved >= margin) & ~run.failed(), self.found
             if not stale.any():
                 break
-            # the bodies did not go where they were headed: look again where they went
+            # the bodies did not go where they were headed: look again where they went, and wider
+            margin[stale] = np.minimum(WIDER * moved[stale], self.settings.margin)
             add_forces(*self.found, forces)
             order = self.candidates.order
             memory = self.found.remembered(order, self._found_in, self.memory)
@@ -303,10 +311,11 @@ class ContactSolver:
         walls: Sequence[Wall | Ground],
         known: tuple[Memory, Found],
         stale: Flags,
+        margin: Array,
         manner: tuple[bool, bool],
     ) -> None:
         """Search for contacts of stale bodies, those known before hold on for others; the room
-        grows. manner: turns and again (Search)."""
+        grows. margin: of Search; manner: turns and again (Search)."""
         settings, (memory, before), (turns, again) = self.settings, known, manner
         impedance = FIT * (self._inertia(run.duration) * self._mass + self._elastic)
         self._found_in = memory._replace(inside=memory.inside.copy())
@@ -314,6 +323,7 @@ class ContactSolver:
             self.surfaces,
             moving_bodies(run.start, run.now, impedance),
             self._found_in,
+            margin,
             settings.margin,
             settings.recovery * run.duration,
             WALL_FIT,
@@ -340,12 +350,14 @@ class ContactSolver:
         radius = self.solvers[0].settings.spectral_radius
         return float(integrator_of(radius, duration).inertia)
 
-    def _pressed_elsewhere(self, forces: Array) -> Flags:
+    def _changed(self, stale: Flags, forces: Array, soft: Bytes) -> Flags:
         """(B,) bodies that feel other forces (N) than before: what was found then, of another body
-        or at another place, pressed as well."""
+        or at another place, pressed as well; and those that are stale and pressed, by planes that
+        may have turned. Whether others have new contacts their gaps tell."""
         found = np.zeros_like(forces)
         add_forces(*self.found, found)
-        return np.asarray(np.abs(found - forces) > 1e-9 * forces)
+        pressed = (found > 0.0) | (forces > 0.0) | (soft != 0)
+        return np.asarray((np.abs(found - forces) > 1e-9 * forces) | (stale & pressed))
 
     def _solve(self, run: Run, stale: Flags, soft: Bytes) -> Sweep:
         """Rounds of solves with the contacts found; what they ended with.

@@ -118,7 +118,9 @@ class Run:
         self.start = grids.together([state.points.nodes for state in self.old])
         velocity = grids.together([state.velocity.nodes for state in self.old])
         ahead = self.start + duration * velocity
-        carried = grids.together([_carried(*each) for each in zip(self.old, paths, strict=True)])
+        carried = grids.together(
+            [_carried(*each) for each in zip(self.old, paths, own, strict=True)]
+        )
         self.now = ahead + shares[..., None] * (carried - ahead)
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
         self.report = no_steps(grids.bodies)
@@ -225,18 +227,21 @@ def _rows_of(state: State, free: Flags) -> State:
         return state.copy()
     arrays = {}
     for name, array in state.arrays().items():
-        arrays[name] = np.zeros_like(array)
+        # unlike zeros_like, this touches no memory yet
+        arrays[name] = np.zeros(array.shape, array.dtype)
         arrays[name][free] = array[free]
     return State.of(arrays)
 
 
-def _carried(state: State, path: RootPath) -> Array:
-    """(F, n, 1 + 2 m, 3) m, nodes carried rigidly to where their roots' paths end; as
-    if every feather had one."""
-    nodes, samples = state.points.nodes, path.samples
+def _carried(state: State, path: RootPath, free: Flags) -> Array:
+    """(F, n, 1 + 2 m, 3) m, nodes of some feathers (F,) carried rigidly to where their roots' paths
+    end, as if every feather had one; zero of the others."""
+    nodes, samples = state.points.nodes[free], path.samples[free]
     turns = Rotation.from_rotvec(samples[:, -1, 3:]).as_matrix()
-    away = (nodes - samples[:, :1, None, :3]).reshape(len(nodes), -1, 3) @ turns.swapaxes(1, 2)
-    return np.asarray(away.reshape(nodes.shape) + samples[:, -1:, None, :3])
+    away = (nodes - samples[:, :1, None, :3]) @ turns.swapaxes(1, 2)[:, None]
+    found = np.zeros(state.points.nodes.shape)
+    found[free] = away + samples[:, -1:, None, :3]
+    return found
 
 
 def _rows(state: State) -> tuple[Array, ...]:

@@ -84,15 +84,17 @@ class Candidates(NamedTuple):
 
 
 class Search(NamedTuple):
-    """What a search goes by. margin: m, gap below which a node is followed. recovery: m, that a
-    depth may be reduced by. wall_fit: stiffness of a contact with a wall over that of the node.
-    turns: whether points that come around a rim stay on the side where they come, against an
-    order. again: whether the memory is of an earlier search of the same interval."""
+    """What a search goes by. margin: (B,) m, gap below which a body's nodes are followed, for two
+    bodies the mean of theirs; widest: the largest that one may have. recovery: m, that a depth may
+    be reduced by. wall_fit: stiffness of a contact with a wall over that of the node. turns:
+    whether points that come around a rim stay on the side where they come, against an order. again:
+    whether the memory is of an earlier search of the same interval."""
 
     surfaces: VaneSurfaces
     bodies: MovingBodies
     memory: Memory
-    margin: float
+    margin: Array
+    widest: float
     recovery: float
     wall_fit: float
     turns: bool = False

@@ -125,7 +125,7 @@ def meet_triangle(node, found, wall, kind, search, touch, count):
         inside[node.column] &= ~kind
     if beside > BESIDE * thickness + SLANT * min(abs(along), CREASE * thickness) + closing:
         return count
-    if along - thickness > search.margin + closing or inside[node.column] & kind != 0:
+    if along - thickness > search.margin[body] + closing or inside[node.column] & kind != 0:
         return count
     contact = slot(touch, count)
     start_contact(contact, node, p, fraction)
