@@ -40,6 +40,7 @@ class Together:
             shot,
             [group.solver for group in groups],
             [group.members for group in groups],
+            [group.level for group in groups],
             [feather for group in groups for feather in group.feathers],
         )
 

@@ -273,7 +273,7 @@ def test_feathers_in_contact_change_their_level_without_a_pop(tmp_path: Path) ->
     frames = list(simulation)
     length = shot.groom.feathers[0].kind.length
     ways = [
-        np.abs(now.points[f] - before.points[f])[:, [0, *range(3, 9)]].max()
+        np.abs(now.points[f] - before.points[f]).max()
         for before, now in pairwise(frames)
         for f in range(2)
     ]
@@ -281,9 +281,8 @@ def test_feathers_in_contact_change_their_level_without_a_pop(tmp_path: Path) ->
     assert 0.0 < max(ways) < 2.0 * JUMP * length
     contact = simulation.report["contact"]
     assert contact["most_contacts"] > 0
-    # a thickness deep, one would have passed the other; by processor, the change to all rows
-    # reads 0.24 or 0.30 mm
-    assert contact["worst_depth"] < 5e-4
+    # of the thickness; were each level to touch both of the other feather's, a half of it
+    assert contact["worst_depth"] < 0.2 * 5e-4
     begun = simulate(shot, frames=(0, 5))
     for _ in begun:
         pass

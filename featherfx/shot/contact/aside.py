@@ -1,5 +1,10 @@
-"""Feathers that are computed at another level of detail meanwhile stand aside, far from all others,
-as bodies that are led."""
+"""Who touches whom while feathers change their level of detail.
+
+What is computed at another level meanwhile stands aside, far from all others, as bodies that are
+led. Of two feathers that are both computed at the same two levels those of one level touch: each
+would feel the other twice, and a level that is taken up begins where its rows put it, in those of
+the other level by as much as the two differ.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +23,32 @@ Flags = NDArray[np.bool_]
 
 # m, between feathers that stand aside
 APART = 1e4
+
+
+class Partners:
+    """Bodies of the same feathers at several levels. feather: (B,) whose each is. level: (B,)."""
+
+    def __init__(self, feather: Indices, level: Indices) -> None:
+        self._feather, self._level = (
+            np.unique(each, return_inverse=True)[1] for each in (feather, level)
+        )
+        self.several = len(np.unique(feather)) < len(feather)
+        self._known = np.zeros(0, dtype=np.bool_), 0
+
+    def apart(self, pairs: Indices, idle: Flags) -> Flags | None:
+        """(N,) which pairs (N, 2) do not touch because their feathers do at a level that both are
+        computed at; None where that is as it was. idle: (B,) of bodies."""
+        if not self.several or (
+            len(pairs) == self._known[1] and np.array_equal(idle, self._known[0])
+        ):
+            return None
+        self._known = idle.copy(), len(pairs)
+        computed = np.zeros((self._feather.max() + 1, self._level.max() + 1), dtype=np.bool_)
+        computed[self._feather[~idle], self._level[~idle]] = True
+        first, second = self._level[pairs].T
+        feathers = self._feather[pairs].T
+        both = computed[feathers[0], second] & computed[feathers[1], first]
+        return np.asarray(both & (first != second))
 
 
 def aside(grids: Grids, states: Sequence[State], idle: Flags) -> Led | None:

@@ -20,7 +20,7 @@ from featherfx.errors import InputWarning
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
-from featherfx.shot.contact.aside import aside, forgotten, put_back
+from featherfx.shot.contact.aside import Partners, aside, forgotten, put_back
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.contact.mend import Stepper, Surroundings
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
@@ -86,8 +86,8 @@ class Tally:
 class ShotContact:
     """Advances all batches of a shot together.
 
-    solvers: of the batches. members: per batch, places in the groom. feathers: as simulated, batch
-    after batch.
+    solvers: of the batches. members: per batch, places in the groom; levels: per batch, of detail.
+    feathers: as simulated, batch after batch.
     """
 
     def __init__(
@@ -95,11 +95,13 @@ class ShotContact:
         shot: Shot,
         solvers: Sequence[Solver],
         members: Sequence[NDArray[np.int64]],
+        levels: Sequence[str],
         feathers: Sequence[Feather],
     ) -> None:
         assert shot.contact is not None
         self.shot, self.contact = shot, shot.contact
         order = np.concatenate(members)
+        self._partners = Partners(order, np.repeat(levels, [len(each) for each in members]))
         placements = [shot.groom.feathers[k] for k in order]
         self.names = [placement.id for placement in placements]
         thickness = np.array([p.kind.vane_material.thickness for p in placements])
@@ -169,6 +171,9 @@ class ShotContact:
         while steps.left():
             span = steps.span
             self._meet(current, paths_of(span.start, span.end), span.length)
+            apart = self._partners.apart(self.solver.candidates.pairs, idle)
+            if apart is not None:
+                self.solver.leave_out(apart)
             led = aside(self.solver.grids, current, idle)
             if led is not None:
                 self.solver.memory = forgotten(self.solver.memory, self.solver.candidates, idle)

@@ -189,6 +189,10 @@ class ContactSolver:
         )
         self._searcher.take_on(self.candidates)
 
+    def leave_out(self, pairs: Flags) -> None:
+        """From now on some of the candidates' pairs (N,) pass through each other."""
+        self._searcher.leave_out(pairs)
+
     def interval(
         self,
         states: Sequence[State],

@@ -95,6 +95,7 @@ class Searcher:
         self._for_each, self._jobs = for_each or _one_by_one, jobs
         self._points = int(np.count_nonzero(surfaces.guests)) / len(surfaces.far)
         self.looked_at, self._on_walls = 0, list[Touch]()
+        self._left_out = np.zeros(0, dtype=np.bool_)
         self._clearance = _no_clearance(surfaces)
         self.take_on(candidates)
 
@@ -111,10 +112,16 @@ class Searcher:
         until, wait = np.full(pairs, -np.inf), np.zeros(pairs, dtype=np.int8)
         until[:known], wait[:known] = self._clearance.until, self._clearance.wait
         self._clearance = self._clearance._replace(until=until, wait=wait)
+        self._left_out = np.resize(self._left_out, pairs) & (np.arange(pairs) < known)
+
+    def leave_out(self, pairs: NDArray[np.bool_]) -> None:
+        """From now on look at all pairs (N,) but these."""
+        self._left_out = pairs
+        self.forget()
 
     def forget(self) -> None:
         """Look at all pairs again: there are surfaces that were not there before."""
-        self._clearance.until[:] = -np.inf
+        self._clearance.until[:] = np.where(self._left_out, np.inf, -np.inf)
 
     def find(
         self,
