@@ -204,16 +204,16 @@ def nodal_minimise(model, nodal, loads, f, fraction, factors, method, work):
     """Bring the pose work.now to the minimum of nodal_step_energy.
 
     work.before: strains of the last converged pose. fraction: of the frame. method: Minimiser.
-    Returns Solved; each iteration has a matrix of its own.
+    Returns Solved; each iteration has a matrix of its own, and no pace is kept.
     """
     now, trial, textbook, tolerance = work.now, work.trial, method.textbook, method.tolerance
     energy = evaluate(model, nodal, loads, f, fraction, factors, now, work)
     move = 0.0
     for iteration in range(1, method.iterations + 1):
         if not isfinite(energy):
-            return Solved(NOT_FINITE, iteration, iteration, move)
+            return Solved(NOT_FINITE, iteration, iteration, move, 1.0, 0.0)
         if not _solve(model, nodal, loads, f, fraction, factors, textbook, work):
-            return Solved(NOT_DEFINITE, iteration, iteration, move)
+            return Solved(NOT_DEFINITE, iteration, iteration, move, 1.0, 0.0)
         factor = 1.0
         for _ in range(HALVINGS if textbook else 1):
             move_by(model, nodal, f, factor, textbook, work)
@@ -228,7 +228,7 @@ def nodal_minimise(model, nodal, loads, f, fraction, factors, method, work):
         energy = new
         if move < tolerance:
             if not nodal.inextensible:
-                return Solved(CONVERGED, iteration, iteration, move)
+                return Solved(CONVERGED, iteration, iteration, move, 1.0, 0.0)
             if _raise_multipliers(nodal, f, now.strains, work.multiplier) < INEXTENSIBLE:
-                return Solved(CONVERGED, iteration, iteration, move)
-    return Solved(NOT_CONVERGED, method.iterations, method.iterations, move)
+                return Solved(CONVERGED, iteration, iteration, move, 1.0, 0.0)
+    return Solved(NOT_CONVERGED, method.iterations, method.iterations, move, 1.0, 0.0)
