@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, rotation_vectors
+from featherfx.algebra.types import Array
 from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
@@ -25,8 +25,6 @@ from featherfx.mechanics.vane_rest import (
     hinges_at_rest,
     twists_at_rest,
 )
-
-Array = NDArray[np.float64]
 
 
 class _Constants(NamedTuple):

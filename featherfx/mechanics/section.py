@@ -11,11 +11,9 @@ Sources: ellipse formulas are textbook ones; the shear factors bound Cowper 1966
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.groom.types import RachisMaterial, VaneMaterial
-
-Array = NDArray[np.float64]
 
 # bending of a strip within its plane over that out of it, at most: more shows nowhere (by 4e-4 of
 # the length in the strip of docs/hooks.md), but Newton's method takes 30 times as many iterations

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags
-from featherfx.errors import InputError, Problem, require
+from featherfx.errors import Problem, require
 from featherfx.lab.declare import Range, out_of_range, part, value
 from featherfx.lab.vane.elements import Membrane, Order, membrane
 from featherfx.lab.vane.mesh import Mesh, aligned_mesh, corner_rows
@@ -36,9 +36,8 @@ from featherfx.lab.vane.sample import (
     slope,
     strain_problems,
     strains,
-    stress,
 )
-from featherfx.lab.vane.statics import MembranePose, NoEquilibrium, Statics
+from featherfx.lab.vane.statics import MembranePose, Statics
 from featherfx.lab.vane.traction import PulledSample, clamped, pull
 
 # strips thinner than this share of the barb spacing are merged with their neighbour
@@ -312,22 +311,10 @@ def _pressed(body: Membrane, strain: Array, count: int) -> Array:
     sample = SQUARE
     statics = Statics(body, clamped(sample, body))
     rest = body.points
-    top = rest[:, 1] >= sample.height
     # the straight sample is an equilibrium too, an unstable one: start aside of it
     level = rest[:, 1] / sample.height
     aside = PUSH * sample.height * np.sin(np.pi * level) ** 2
-    pose: MembranePose = statics.rest()
     first = displacement(float(strain[0]), sample.height)
     begin = rest + np.column_stack([aside, first * level])
-    pose = MembranePose(begin, statics.system.stresses(begin), pose.tensions)
-    found = []
-    for each in strain:
-        moved = displacement(float(each), sample.height)
-        try:
-            pose = statics.descend(pose, rest + np.outer(top, [0.0, moved]))
-        except NoEquilibrium as error:
-            message = f"{count}: no equilibrium at the strain {each:g}: {error}"
-            raise InputError(Problem("", "counts", message)) from error
-        force = float(statics.forces(pose)[top, 1].sum())
-        found.append(stress(force, moved, sample))
-    return np.array(found)
+    pose = MembranePose(begin, statics.system.stresses(begin), statics.rest().tensions)
+    return pull(sample, statics, strain, pose, Statics.descend, f"{count} bands").stress

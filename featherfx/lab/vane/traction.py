@@ -9,6 +9,7 @@ steep enough to join both. Source: Jouve 2024, chapters 3 to 5.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -176,9 +177,15 @@ def clamped(sample: Sample, body: Membrane) -> Flags:
 
 
 def pull(
-    sample: Sample, statics: Statics, strain: Array, pose: MembranePose | None = None
+    sample: Sample,
+    statics: Statics,
+    strain: Array,
+    pose: MembranePose | None = None,
+    move: Callable[[Statics, MembranePose, Array], MembranePose] = Statics.move,
+    of: str = "",
 ) -> PulledSample:
-    """Pull through the strains (n,), from `pose` or from rest. Raises InputError."""
+    """Pull through the strains (n,), from `pose` or from rest. of: the sample in messages. Raises
+    InputError."""
     pose = pose or statics.rest()
     rest = statics.membrane.points
     top = rest[:, 1] >= sample.height
@@ -186,10 +193,10 @@ def pull(
     for each in strain:
         moved = displacement(float(each), sample.height)
         try:
-            pose = statics.move(pose, rest + np.outer(top, [0.0, moved]))
+            pose = move(statics, pose, rest + np.outer(top, [0.0, moved]))
         except NoEquilibrium as error:
             message = f"no equilibrium at {each:g}: {error}"
-            raise InputError(Problem("", "strain", message)) from error
+            raise InputError(Problem(of, "strain", message)) from error
         force = float(statics.forces(pose)[top, 1].sum())
         stresses.append(stress(force, moved, sample))
     return PulledSample(strain, np.array(stresses), pose, statics)
