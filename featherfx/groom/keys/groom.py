@@ -14,9 +14,9 @@ from featherfx.groom.keys.values import (
     Number,
     Partial,
     Table,
-    Tables,
     Text,
     keys_of,
+    tables,
     vector,
 )
 from featherfx.groom.types import Joint
@@ -372,23 +372,19 @@ VARIATION = {
 GROOM = {
     "name": Key(Text(), "Name of the groom."),
     "space": Key(Table(SPACE), "Axes and unit that the groom is written in.", None),
-    "joint": Key(Tables(Table(JOINT), 10_000), "Joints of the skeleton.", ()),
-    "feather": Key(Tables(Table(FEATHER_ENTRY), MOST_FEATHERS), "Feathers placed one by one.", ()),
-    "row": Key(Tables(Table(ROW), 10_000), "Rows of feathers.", ()),
+    "joint": tables(JOINT, "Joints of the skeleton."),
+    "feather": tables(FEATHER_ENTRY, "Feathers placed one by one.", most=MOST_FEATHERS),
+    "row": tables(ROW, "Rows of feathers."),
     "bird": Key(Table(BIRD), "A whole bird, from landmarks of its body.", None),
-    "wing": Key(Tables(Table(WING), 1000), "Whole wings.", ()),
-    "tail": Key(Tables(Table(TAIL), 1000), "Tails that fan.", ()),
-    "crest": Key(Tables(Table(CREST), 1000), "Crests that rise.", ()),
-    "table": Key(
-        Tables(Table(TABLE), 1000, single=True), "Feathers from files, one table or several.", ()
-    ),
-    "usd": Key(
-        Tables(Table(USD), 1000, single=True),
-        "Feathers drawn in USD scenes, one table or several.",
-        (),
+    "wing": tables(WING, "Whole wings.", most=1000),
+    "tail": tables(TAIL, "Tails that fan.", most=1000),
+    "crest": tables(CREST, "Crests that rise.", most=1000),
+    "table": tables(TABLE, "Feathers from files, one table or several.", most=1000, single=True),
+    "usd": tables(
+        USD, "Feathers drawn in USD scenes, one table or several.", most=1000, single=True
     ),
     "skin": Key(Table(SKIN), "Mesh that regions grow on.", None),
-    "region": Key(Tables(Table(REGION), 10_000), "Regions of the skin with their feathers.", ()),
+    "region": tables(REGION, "Regions of the skin with their feathers."),
     "layout": Key(
         Table(LAYOUT),
         "Lay the feathers over each other like shingles; without it they stay as placed.",

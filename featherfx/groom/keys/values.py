@@ -419,7 +419,7 @@ class Tables:
     """
 
     table: Table
-    most: int
+    most: int = 10_000
     single: bool = False
 
     def check(self, value: Any, place: Place, partial: bool) -> list[tuple[Place, Any]]:
@@ -446,6 +446,11 @@ class Tables:
     def schema(self, partial: bool) -> JsonSchema:
         several = ArrayOf(self.table, 0, self.most).schema(partial)
         return one_of_types(several, self.table.schema(partial)) if self.single else several
+
+
+def tables(keys: Mapping[str, Key], meaning: str, **limits: Any) -> Key:
+    """A key of any number of tables. limits: other fields of Tables."""
+    return Key(Tables(Table(keys), **limits), meaning, ())
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from featherfx.groom.keys.values import (
     Key,
     Number,
     Table,
-    Tables,
     Text,
     keys_of,
+    tables,
 )
 from featherfx.shot.types import (
     Channel,
@@ -138,42 +138,28 @@ SHOT = {
     **keys_of(Shot),
     "wind_usd": Key(Table(WIND_USD), "Wind of a USD scene, added to `wind`.", None),
     "contact": Key(Table(CONTACT), "Contact of feathers with each other and colliders.", None),
-    "collider": Key(Tables(Table(COLLIDER), 10_000), "Meshes of USD scenes.", ()),
-    "grip": Key(Tables(Table(GRIP), 10_000), "Points led along a path.", ()),
-    "detail": Key(
-        Tables(Table(DETAIL), 10_000),
+    "collider": tables(COLLIDER, "Meshes of USD scenes."),
+    "grip": tables(GRIP, "Points led along a path."),
+    "detail": tables(
+        DETAIL,
         "Level of detail by feather, before the quality's lengths; the last one that fits holds.",
-        (),
     ),
-    "shelter": Key(
-        Tables(Table(SHELTER), 10_000),
+    "shelter": tables(
+        SHELTER,
         "Which feathers the wind reaches less, because they lie within plumage; the last one that "
         "fits holds.",
-        (),
     ),
     "level_of_detail": Key(
         Table(LEVEL_OF_DETAIL), "Levels of detail by frame, from what is seen.", None
     ),
-    "wet": Key(
-        Tables(Table(WET), 10_000),
-        "Which feathers are wet, and when; the last one that fits holds.",
-        (),
+    "wet": tables(WET, "Which feathers are wet, and when; the last one that fits holds."),
+    "free": tables(
+        FREE, "Which feathers leave their roots, and when; the last one that fits holds."
     ),
-    "free": Key(
-        Tables(Table(FREE), 10_000),
-        "Which feathers leave their roots, and when; the last one that fits holds.",
-        (),
-    ),
-    "channel": Key(
-        Tables(Table(CHANNEL), 10_000),
-        "What feathers are made to do: angles add up, factors multiply.",
-        (),
-    ),
-    "target": Key(
-        Tables(Table(TARGET), 1000), "Shapes that feathers are brought to and held in.", ()
-    ),
-    "preen": Key(Tables(Table(PREEN), 10_000), "Strokes that close what has split.", ()),
-    "force": Key(Tables(Table(FORCE), 10_000), "Dead forces on points and lines.", ()),
+    "channel": tables(CHANNEL, "What feathers are made to do: angles add up, factors multiply."),
+    "target": tables(TARGET, "Shapes that feathers are brought to and held in.", most=1000),
+    "preen": tables(PREEN, "Strokes that close what has split."),
+    "force": tables(FORCE, "Dead forces on points and lines."),
 }
 
 SHOT_FILE = Table(SHOT, "shot")

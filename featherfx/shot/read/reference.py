@@ -14,7 +14,7 @@ from featherfx.groom.keys import groom as groom_keys
 from featherfx.groom.keys import preset as preset_keys
 from featherfx.groom.keys import regions as region_keys
 from featherfx.groom.keys.anatomy import CovertRow, CrestOfBird, FlightRow, PartOfBody, TailOfBird
-from featherfx.groom.keys.values import REQUIRED, Key, keys_of
+from featherfx.groom.keys.values import REQUIRED, Key, Table, Tables, keys_of
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.types import BarbGuide, Hooked, RachisShape, Splits, VaneShape
 from featherfx.shot.read import keys as shot_keys
@@ -51,23 +51,20 @@ an array is replaced as a whole, and a table that names a `base` replaces what i
 `featherfx presets show NAME` prints the merged values and the file that each came from.
 """
 
+
+def _headed(keys: Mapping[str, Key]) -> Iterator[tuple[str, Mapping[str, Key]]]:
+    """The tables that keys take."""
+    for name, key in keys.items():
+        if isinstance(key.type, Table):
+            yield f"### [{name}]", key.type.keys
+        elif isinstance(key.type, Tables):
+            yield f"### [[{name}]]", key.type.table.keys
+
+
 _SHOT = (
     ("## Shot file", shot_keys.SHOT),
     ("### [groom] of a shot", shot_keys.GROOM_USD),
-    ("### [skin]", shot_keys.SKIN),
-    ("### [wind_usd]", shot_keys.WIND_USD),
-    ("### [[collider]]", shot_keys.COLLIDER),
-    ("### [contact]", shot_keys.CONTACT),
-    ("### [[grip]]", shot_keys.GRIP),
-    ("### [[force]]", shot_keys.FORCE),
-    ("### [[detail]]", shot_keys.DETAIL),
-    ("### [[shelter]]", shot_keys.SHELTER),
-    ("### [[preen]]", shot_keys.PREEN),
-    ("### [[wet]]", shot_keys.WET),
-    ("### [[free]]", shot_keys.FREE),
-    ("### [[channel]]", shot_keys.CHANNEL),
-    ("### [[target]]", shot_keys.TARGET),
-    ("### [level_of_detail]", shot_keys.LEVEL_OF_DETAIL),
+    *_headed(shot_keys.SHOT),
 )
 _GROOM = (
     ("## Groom file", groom_keys.GROOM),
