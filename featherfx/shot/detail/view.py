@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.shot.read.sources import OfScene
 
 
 @dataclass(frozen=True)
@@ -29,16 +29,8 @@ class View:
     orthographic: bool
 
 
-class Camera(Protocol):
+class Camera(OfScene, Protocol):
     """A camera of a scene."""
-
-    @property
-    def time_codes_per_second(self) -> float:
-        """Of the scene."""
-
-    @property
-    def origin(self) -> tuple[str, tuple[Path, ...]]:
-        """Path in the scene, and every file that the scene is made of."""
 
     def view(self, code: float) -> View:
         """Where it is and what it sees at a time code."""

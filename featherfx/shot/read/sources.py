@@ -18,7 +18,19 @@ from featherfx.groom.regions.regions import GroomReaders
 from featherfx.shot.motion.preroll import run_up
 
 
-class MovingSurface(Protocol):
+class OfScene(Protocol):
+    """What stands in a scene."""
+
+    @property
+    def time_codes_per_second(self) -> float:
+        """Of the scene."""
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        """Path in the scene, and every file that the scene is made of."""
+
+
+class MovingSurface(OfScene, Protocol):
     """A triangle mesh that moves; metres, z up.
 
     path: where it stands in its scene. triangles: (T, 3) point indices. face: (T,) the scene's
@@ -36,16 +48,8 @@ class MovingSurface(Protocol):
     bones: Array | None
 
     @property
-    def time_codes_per_second(self) -> float:
-        """Of the scene."""
-
-    @property
     def space(self) -> tuple[float, str]:
         """Metres per unit and up axis ("Y" or "Z") of the scene itself."""
-
-    @property
-    def origin(self) -> tuple[str, tuple[Path, ...]]:
-        """Path in the scene, and every file that the scene is made of."""
 
     @property
     def file(self) -> Path:
@@ -64,7 +68,7 @@ class MovingSurface(Protocol):
         """The same, moving smoothly between the poses that it has at knots (time codes)."""
 
 
-class WindSource(Protocol):
+class WindSource(OfScene, Protocol):
     """A wind that a scene gives.
 
     path: of its prim. sampled: first and last time code of its samples, None where it is steady.
@@ -72,14 +76,6 @@ class WindSource(Protocol):
 
     path: str
     sampled: tuple[float, float] | None
-
-    @property
-    def time_codes_per_second(self) -> float:
-        """Of the scene."""
-
-    @property
-    def origin(self) -> tuple[str, tuple[Path, ...]]:
-        """Path in the scene, and every file that the scene is made of."""
 
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s at points (N, 3) m, at a time code."""
