@@ -328,7 +328,7 @@ class Contact:
 class Layers:
     """How feathers as they are shown lie over each other (featherfx/shot/layers).
 
-    contact: thickness, which feathers touch, and whether the skin counts.
+    contact: thickness, which feathers are laid, and whether the skin counts.
     """
 
     contact: Contact

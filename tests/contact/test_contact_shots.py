@@ -205,6 +205,7 @@ def test_feathers_are_carried_by_a_body_that_moves():
         ('regions = ["wing"]', "regions[0]"),
         ('kinds = ["swan_*", "crow"]', "kinds[1]"),
         ("regions = []", "regions"),
+        ('layered = ["*", "wing"]', "layered[1]"),
     ],
 )
 def test_regions_and_kinds_that_are_not_there_are_named(tmp_path, keys, what):
@@ -224,6 +225,20 @@ def test_the_table_is_read_and_can_be_switched_off(tmp_path):
     assert read_shot(path).contact == Contact(None, 0.3, 0)
     path.write_text(text + "[contact]\nenabled = false\nfriction = 0.1\n")
     assert read_shot(path).contact is None
+
+
+def test_more_feathers_may_be_laid_than_push(tmp_path):
+    text = f'name = "x"\ngroom = "{SAMPLE.parent / "groom.toml"}"\nframes = [1, 2]\n'
+    path = tmp_path / "shot.toml"
+    path.write_text(text + '[contact]\nregions = ["primaries"]\nkinds = ["swan_*"]\n')
+    shot = read_shot(path)
+    assert shot.layers is not None
+    assert shot.layers.contact == shot.contact
+    path.write_text(path.read_text() + 'layered = ["*"]\n')
+    more = read_shot(path)
+    assert more.layers is not None
+    assert more.contact == shot.contact
+    assert (more.layers.contact.regions, more.layers.contact.kinds) == (("*",), ("*",))
 
 
 def test_contact_can_be_limited_to_regions_and_kinds():

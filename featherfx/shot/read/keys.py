@@ -113,6 +113,12 @@ CONTACT = {
         "rest, sample by sample, in what is written.",
         True,
     ),
+    "layered": Key(
+        ArrayOf(Text(), 1, 1000),
+        "Regions whose feathers are laid, of all kinds, with * and ? as wild cards; default: the "
+        "feathers that touch.",
+        None,
+    ),
 } | keys_of(Contact)
 
 LEVEL_OF_DETAIL = {

@@ -179,11 +179,14 @@ def _contact(
     if not sound or values is None or not values["enabled"]:
         return None, None
     known = _names(groom)
-    for key, one in (("regions", "region"), ("kinds", "kind")):
-        for i, pattern in enumerate(values[key]):
+    for key, one in (("regions", "region"), ("kinds", "kind"), ("layered", "region")):
+        for i, pattern in enumerate(values[key] or ()):
             _check_pattern(pattern, one, known[one], place.child(key).item(i))
     contact = Contact(**{each.name: values[each.name] for each in fields(Contact)})
-    layers = Layers(contact) if values["layers"] else None
+    laid = contact
+    if values["layered"] is not None:
+        laid = replace(contact, regions=values["layered"], kinds=("*",))
+    layers = Layers(laid) if values["layers"] else None
     return (contact if values["forces"] else None), layers
 
 
