@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import time
 
 import pytest
@@ -10,7 +11,7 @@ from commands import invoke
 from places import ROOT
 
 from featherfx.errors import InputError, SimulationError
-from featherfx.lab.studies import report, runs, study
+from featherfx.lab.studies import pages, report, runs, study
 from featherfx.lab.studies.study import (
     Rows,
     Study,
@@ -199,6 +200,11 @@ def test_published_places_have_their_pages():
     assert published("a book, table 1.2").text == "a book, table 1.2"
     with pytest.raises(KeyError, match=r"table 9\.9"):
         published("Jouve 2024, table 9.9")
+    listed = json.loads((ROOT / "docs/validation/validation.json").read_text())["studies"].values()
+    rows = [row for each in listed for row in each["rows"] if row["kind"] == "published"]
+    texts = {row["source"] for row in rows if row["source"].split(",")[0] in pages.PAGES}
+    assert len(texts) > 30
+    assert all(re.search(r"\(pp?\. \d", text) for text in texts)
 
 
 def slow_then(folder):
