@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,7 +11,6 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from featherfx.algebra.types import Array, Floats, Indices
-from featherfx.errors import InputWarning
 from featherfx.render.camera import Eye
 from featherfx.render.colour import COLLIDER, SHAFT, SKIN, Bar, Legend, look_colours, value_colours
 from featherfx.render.geometry import Geometry, apart, geometry_of, joined, vertex_normals
@@ -26,30 +24,23 @@ from featherfx.render.scene import (
     load_scene,
 )
 from featherfx.render.vanes import DrawnPlumage, plumage_of
-from featherfx.usd.read.opening import located
 from featherfx.usd.read.read import Cache
+from featherfx.usd.read.scenery import Scene, named_by
 
 
 @dataclass(frozen=True)
 class Scenery:
-    """Meshes of one file. scene: those. colour: (3,) of those without one. framed: whether cameras
-    are to see all of it. start, first: time code of the file at a time code of the cache. rate:
-    time codes of the file in one of the cache. rest: time code of the file at rest; None: its rest
-    pose."""
+    """Meshes of one file. beside: those, in the time of the cache. scene: as they are drawn.
+    colour: (3,) of those without one. framed: whether cameras are to see all of it."""
 
-    cache: Cache
+    beside: Scene
     scene: DrawnScene
     colour: Array
-    framed: bool
-    start: float = 0.0
-    first: float = 0.0
-    rate: float = 1.0
-    rest: float | None = None
+    framed: bool = True
 
     def points(self, time: float | None) -> Array:
         """(V, 3) m at a time code of the cache; None: at rest."""
-        code = self.rest if time is None else self.start + self.rate * (time - self.first)
-        return load_points(self.cache, self.scene, code)
+        return load_points(self.beside.cache, self.scene, self.beside.code(time))
 
     def geometry(self, time: float | None) -> Geometry:
         """At a time code of the cache."""
@@ -65,31 +56,9 @@ class Scenery:
 def scenery_of_shot(cache: Cache, path: Path) -> list[Scenery]:
     """The skin and the colliders that a cache names; a warning tells what is not there."""
     found = []
-    for entry in cache.scenery:
-        file = located(path.parent, entry["file"])
-        if not file.is_file():
-            message = f"{path}: its {entry['role']} {file} is not there and not drawn"
-            warnings.warn(message, InputWarning, stacklevel=2)
-            continue
-        other = Cache(file)
-        chosen = np.flatnonzero([each.path == entry["prim"] for each in other.feathers])
-        if not len(chosen):
-            message = f"{path}: {file} has no {entry['prim']} to draw"
-            warnings.warn(message, InputWarning, stacklevel=2)
-            continue
-        is_skin = entry["role"] == "skin"
-        found.append(
-            Scenery(
-                cache=other,
-                scene=load_scene(other, chosen),
-                colour=np.array(SKIN if is_skin else COLLIDER),
-                framed=is_skin,
-                start=entry["start"],
-                first=entry["first"],
-                rate=other.frames_per_second / cache.frames_per_second,
-                rest=entry.get("rest"),
-            )
-        )
+    for each in named_by(cache, path, ["skin", "collider"], "drawn"):
+        scene, is_skin = load_scene(each.cache, np.array(each.chosen)), each.role == "skin"
+        found.append(Scenery(each, scene, np.array(SKIN if is_skin else COLLIDER), is_skin))
     return found
 
 
@@ -98,14 +67,14 @@ def scenery_of_files(
 ) -> list[Scenery]:
     """All meshes of other files, at the same seconds. known: what is drawn already."""
     found = []
-    drawn = {(each.cache.path, f.path) for each in known for f in each.scene.feathers}
+    drawn = {(each.beside.cache.path, f.path) for each in known for f in each.scene.feathers}
     for file in files:
         other = Cache(file)
         rate = other.frames_per_second / cache.frames_per_second
-        left = [(other.path, each.path) not in drawn for each in other.feathers]
-        if any(left):
-            scene = load_scene(other, np.flatnonzero(left))
-            found.append(Scenery(other, scene, np.array(SKIN), True, rate=rate))
+        left = [k for k, each in enumerate(other.feathers) if (other.path, each.path) not in drawn]
+        if left:
+            scene = load_scene(other, np.array(left))
+            found.append(Scenery(Scene(other, left, rate=rate), scene, np.array(SKIN)))
     return found
 
 

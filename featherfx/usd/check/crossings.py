@@ -5,42 +5,22 @@ A shaft counts as a line of its vane, as in contact: what its tube passes throug
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.errors import InputError, Problem
 from featherfx.feather.crossings import BODY, Crossings, crossings_of, patches_of
 from featherfx.feather.types import RACHIS
-from featherfx.usd.read.opening import located
 from featherfx.usd.read.read import Cache
+from featherfx.usd.read.scenery import Scene, named_by
 
 # pairs that are named
 MOST_NAMED = 10
-
-
-class Scene(NamedTuple):
-    """Meshes of a file. chosen: numbers of those. start, first: time code of the file at a time
-    code of the cache; rate: time codes of the file in one of the cache. rest: time code of the file
-    at rest; None: its rest pose."""
-
-    cache: Cache
-    chosen: Sequence[int]
-    start: float = 0.0
-    first: float = 0.0
-    rate: float = 1.0
-    rest: float | None = None
-
-    def points(self, code: float | None) -> list[Array]:
-        """(V, 3) m, of each mesh at a time code of the cache; None: at rest."""
-        own = self.rest if code is None else self.start + self.rate * (code - self.first)
-        unit = self.cache.meters_per_unit
-        return [unit * each for each in self.cache.points_of(self.chosen, own)]
 
 
 def count_crossings(
@@ -63,7 +43,7 @@ def count_crossings(
     cache = Cache(path)
     if not any(feather.is_feather for feather in cache.feathers):
         raise InputError(Problem(str(path), "", "holds no mesh with a feather's id"))
-    scenes = [Scene(cache, range(len(cache.feathers))), *skins_of(cache, path)]
+    scenes = scenes_of(cache, path)
     codes = chosen_frames(cache, str(path), frames)
     patches = patches_of(list(_meshes(scenes, codes[0])))
     names = [feather.id for feather in cache.feathers]
@@ -84,22 +64,10 @@ def count_crossings(
             yield _told(found, names, code)
 
 
-def skins_of(cache: Cache, path: Path) -> Iterator[Scene]:
-    """The skins that a cache names."""
-    for entry in cache.scenery:
-        file = located(path.parent, entry["file"])
-        if entry["role"] != "skin":
-            continue
-        chosen: list[int] = []
-        if file.is_file():
-            other = Cache(file)
-            chosen = [k for k, each in enumerate(other.feathers) if each.path == entry["prim"]]
-        if not chosen:
-            message = f"{path}: its skin {entry['prim']} of {file} is not there and not looked at"
-            warnings.warn(message, InputWarning, stacklevel=2)
-            continue
-        rate = other.frames_per_second / cache.frames_per_second
-        yield Scene(other, chosen, entry["start"], entry["first"], rate, entry.get("rest"))
+def scenes_of(cache: Cache, path: Path) -> list[Scene]:
+    """A cache's own meshes, and the skins that it names."""
+    whole = Scene(cache, range(len(cache.feathers)))
+    return [whole, *named_by(cache, path, ["skin"], "looked at")]
 
 
 def chosen_frames(

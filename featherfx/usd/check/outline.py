@@ -11,7 +11,7 @@ import numpy as np
 from featherfx.algebra.raster import nodes_within
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
-from featherfx.usd.check.crossings import Scene, chosen_frames, skins_of
+from featherfx.usd.check.crossings import chosen_frames, scenes_of
 from featherfx.usd.read.read import Cache
 
 VIEWS = {"top": (0, 1), "side": (0, 2), "front": (1, 2)}  # axes of a picture, z up
@@ -35,7 +35,7 @@ def measure_holes(
     `pixel` (m). Raises InputError as count_crossings does.
     """
     cache = Cache(path)
-    scenes = [Scene(cache, range(len(cache.feathers))), *skins_of(cache, Path(path))]
+    scenes = scenes_of(cache, Path(path))
     chosen = [k if cache.up_axis == "Z" else _Y_UP[k] for k in VIEWS[view]]
     codes = chosen_frames(cache, str(path), frames)
     on_frame(0, len(codes))
