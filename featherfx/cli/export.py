@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -62,25 +63,23 @@ from featherfx.cli.progress import Progress
 def export(
     cache: Path,
     output: Path,
-    morph: bool,
-    condensed: bool,
     rigid: float | None,
     lod: list[float] | None,
-    frames: tuple[int, int] | None,
     overwrite: bool,
     style: str,
+    **form: Any,
 ) -> None:
     """Write CACHE (a USD file of featherfx) in another form."""
-    usd = output.suffix in (".usd", ".usda", ".usdc")
+    usd, condensed = output.suffix in (".usd", ".usda", ".usdc"), form["condensed"]
     if condensed and not usd:
         raise click.UsageError("--condensed goes with a USD file")
     if rigid is not None and (condensed or not usd):
         raise click.UsageError("--rigid goes with a USD file, without --condensed")
     if lod is not None and (condensed or rigid is not None or not usd):
         raise click.UsageError("--lod goes with a USD file, without --condensed and --rigid")
-    if frames and usd:
+    if form["frames"] and usd:
         raise click.UsageError("--frames goes with Alembic and mesh files")
-    if morph and output.suffix != ".glb":
+    if form["morph"] and output.suffix != ".glb":
         raise click.UsageError("--morph goes with a .glb file")
     with Progress("frames", style):
         if rigid is not None:
@@ -91,14 +90,7 @@ def export(
             told = ", ".join(f"{name} {count} triangles" for name, count in levels)
             told = f"{output}: {told}"
         else:
-            files = pipeline.export(
-                cache,
-                output,
-                condensed=condensed,
-                morph=morph,
-                frames=frames,
-                overwrite=overwrite,
-            )
+            files = pipeline.export(cache, output, overwrite=overwrite, **form)
             told = f"{len(files)} files beside {files[0]}" if len(files) > 1 else str(files[0])
     click.echo(told, err=True)
 
