@@ -93,6 +93,8 @@ class _Handler(BaseHTTPRequestHandler):
     server: Server
     server_version, sys_version = "featherfx", ""
     protocol_version = "HTTP/1.1"
+    # else a body waits until the browser, some 40 ms later, has said that the header is there
+    disable_nagle_algorithm = True
 
     def do_GET(self) -> None:
         name = self._allowed()
