@@ -232,7 +232,7 @@ class ContactSolver:
                 stale = self._changed(stale, forces, soft) & free
             solved = self._solve(run, stale, soft)
             rounds += int(solved.islands.rounds.max(initial=0))
-            moved = _largest_moves(run.now, searched)
+            moved = _largest_moves(run.now, searched, free)
             stale, before = (moved >= margin) & ~run.failed(), self.found
             if not stale.any():
                 break
@@ -417,6 +417,9 @@ class ContactSolver:
         return self._touching[1]
 
 
-def _largest_moves(after: Array, before: Array) -> Array:
-    """(B,) m, how far any node of each body is in one pose (B, n, 1 + 2 m, 3) from the other."""
-    return np.asarray(np.abs(after - before).max(axis=(1, 2, 3)))
+def _largest_moves(after: Array, before: Array, free: Flags) -> Array:
+    """(B,) m, how far any node of each body that is free (B,) is in one pose (B, n, 1 + 2 m, 3)
+    from the other; no other has moved."""
+    found = np.zeros(len(free))
+    found[free] = np.abs(after[free] - before[free]).max(axis=(1, 2, 3))
+    return found

@@ -115,13 +115,13 @@ class Run:
         for solver, state, path, some in zip(team.solvers, self.old, paths, own, strict=True):
             carry_to(solver.model, state, path, some)
         self.new = [_rows_of(state, some) for state, some in zip(self.old, own, strict=True)]
-        self.start = grids.together([state.points.nodes for state in self.old])
-        velocity = grids.together([state.velocity.nodes for state in self.old])
-        ahead = self.start + duration * velocity
+        self.start = grids.together([state.points.nodes for state in self.old], free)
+        velocity = grids.together([state.velocity.nodes for state in self.old], free)
         carried = grids.together(
-            [_carried(*each) for each in zip(self.old, paths, own, strict=True)]
+            [_carried(*each) for each in zip(self.old, paths, own, strict=True)], free
         )
-        self.now = ahead + shares[..., None] * (carried - ahead)
+        ahead, self.now = self.start[free] + duration * velocity[free], self.start.copy()
+        self.now[free] = ahead + shares[free, ..., None] * (carried[free] - ahead)
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
         self.report = no_steps(grids.bodies)
         self._step = self._step_settings(substeps, iterations)

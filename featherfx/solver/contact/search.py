@@ -57,14 +57,17 @@ class Found(NamedTuple):
         """
         contacts, (_, rows, columns) = self.contacts, memory.wall.shape
         on_wall, wall = contacts["host"] < 0, np.zeros_like(memory.wall)
-        mine, others = contacts[on_wall], contacts[~on_wall]
-        wall[mine["guest"], mine["row"], mine["column"]] = mine["guest_force"]
-        held = (others["guest_force"] > 0.0) | (others["host_force"] > 0.0)
+        guest, row, column, force = (
+            contacts[name][on_wall] for name in ("guest", "row", "column", "guest_force")
+        )
+        wall[guest, row, column] = force
+        held = (contacts["guest_force"] > 0.0) | (contacts["host_force"] > 0.0)
         if start is None:
             # what is deep belongs on its side, whether it is pressed or not
-            held |= others["gap"] < others["spared"]
-            held |= others["side"] != order[others["pair"]]
-        kept = others[held]
+            held |= contacts["gap"] < contacts["spared"]
+            # behind the pairs, what walls have
+            held |= contacts["side"] != np.append(order, 0)[contacts["pair"]]
+        kept = contacts[held & ~on_wall]
         key = (kept["pair"] * rows + kept["row"]) * columns + kept["column"]
         force = np.stack([kept["guest_force"], kept["host_force"]], axis=1)
         side = kept["side"].astype(np.int8)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from featherfx.algebra.types import Flags
 from featherfx.feather.types import barb_slice
 from featherfx.mechanics.model import Model
 from featherfx.solver.contact.search_kernels import RIM_PARTS
@@ -69,12 +70,19 @@ class Grids:
         own[bodies, :, : 1 + m] = values[:, :, : 1 + m]
         own[bodies, :, trailing : trailing + m] = values[:, :, 1 + m :]
 
-    def together(self, parts: Sequence[Array]) -> Array:
-        """(B, most rows, 1 + 2 most columns, ...) from one (F, n, 1 + 2 m, ...) per batch."""
+    def together(self, parts: Sequence[Array], free: Flags | None = None) -> Array:
+        """(B, most rows, 1 + 2 most columns, ...) from one (F, n, 1 + 2 m, ...) per batch; zero of
+        bodies that are not free (B,)."""
         shape = self.bodies, self.most_rows, 1 + 2 * self.most_columns
-        found = np.zeros(shape + parts[0].shape[3:])
+        found, some = np.zeros(shape + parts[0].shape[3:]), np.arange(self.bodies)
+        if free is not None:
+            some = some[free]
+        first = np.searchsorted(some, self.first)
         for batch, values in enumerate(parts):
-            self.put(values, batch, slice(None), found)
+            own = some[first[batch] : first[batch + 1]] - self.first[batch]
+            whole = len(own) == len(values)
+            chosen = slice(None) if whole else own
+            self.put(values[chosen], batch, chosen, found)
         return found
 
 
