@@ -112,6 +112,13 @@ def _precondition(test: PreconditionTest) -> Iterator[Any]:
     yield {name: found[name] for name in found if name != "displacements"}
 
 
+def _tear(test: TearTest, output: Path | None) -> Iterator[Any]:
+    torn = tear(test)
+    yield torn
+    if output is not None:
+        yield from _drawn(pictures.tear_picture(output, torn))
+
+
 def _traction(test: Traction, output: Path | None) -> Iterator[Any]:
     found = run_traction(test)
     yield found
@@ -292,9 +299,10 @@ EXPERIMENTS = {
     ),
     "tear": Experiment(
         TearTest,
-        lambda test: [tear(test)],
-        "--direction across",
+        _tear,
+        "--direction across -o tear.png",
         "--direction tilted --rows 41 --json",
+        more=(PICTURE,),
     ),
     "cycle": Experiment(
         CycleTest,

@@ -273,7 +273,8 @@ class Torn:
     """path: of the pull, at rest first. strength: Pa, largest stress, also between its points, of a
     sample that has parted.
     opened_length: m, of all splits. spent_length: m, as of HookedSample. split_angle: degrees, of
-    the longest to the barbs. work: J, of the clamp."""
+    the longest to the barbs. work: J, of the clamp. nodes: (n, m + 1, 3) m, and hooked:
+    (n-1, m, 2), part of the strength that is left, at the end."""
 
     path: Sequence[Point]
     strength: float | None
@@ -281,6 +282,8 @@ class Torn:
     spent_length: float
     split_angle: float
     work: float
+    nodes: Array
+    hooked: Array
 
     def as_json(self) -> dict[str, Any]:
         """Plain values by key, SI units."""
@@ -327,8 +330,16 @@ def tear(test: TearTest) -> Torn:
             work += 0.5 * (last.stress + before.stress) * sample.section * way
             strength = max(strength, last.stress)
         path.append(last)
-    lengths = sample.opened_length, sample.spent_length
-    return Torn(path, strength if sample.parted else None, *lengths, _split_angle(sample), work)
+    return Torn(
+        path=path,
+        strength=strength if sample.parted else None,
+        opened_length=sample.opened_length,
+        spent_length=sample.spent_length,
+        split_angle=_split_angle(sample),
+        work=work,
+        nodes=sample.state.points.nodes[0, :, : size.columns + 1],
+        hooked=sample.state.gaps.hooked[0, 0],
+    )
 
 
 def _kind_with_gaps(where: str, preset: str) -> FeatherKind:
