@@ -143,7 +143,7 @@ OPTIONS = {
     " size-effect output",
     "rupture": "elements sigma mu critical release stiffness exponent weak weak-mu scatter seed"
     " step fibres",
-    "tear": "direction preset rows columns width height rate furthest step scatter release",
+    "tear": "direction preset rows columns width height rate furthest step scatter release output",
     "cycle": "direction preset strains rows columns parts",
     "calibrate": "elements preset save name cycles law",
     "angles": "barb-fraction barb-spacing barb barbule angle aspect pictures output",
