@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from places import SAMPLES
 
+from featherfx.algebra.rotation import frames_from
 from featherfx.errors import InputWarning
 from featherfx.feather.crossings import crossings_of, patches_of
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import RACHIS
+from featherfx.feather.types import RACHIS, turned
+from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import Placement
 from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.layers import layers
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.share import share_count
 from featherfx.shot.simulate import simulate
@@ -185,6 +188,31 @@ def test_a_feather_that_lies_far_beneath_what_it_should_lie_over_stays_there():
     for frame, other in zip(simulate(shot), simulate(replace(shot, layers=None)), strict=True):
         for points, before in zip(frame.points, other.points, strict=True):
             np.testing.assert_array_equal(points, before)
+
+
+def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
+    """By less than its length. Both are slanted, the other is large: boxes along the axes meet."""
+    shot = shingles(2)
+    small, large = shot.groom.feathers
+    kind, back = adjusted(large.kind, Change(scale=3.0)), np.array([small.kind.length, 0.0, 0.0])
+    feathers = small, replace(large, kind=kind, prototype=None, position=-back)
+    shot = replace(shot, groom=replace(shot.groom, feathers=feathers))
+    poses, none = next(iter(simulate(replace(shot, layers=None)))).poses, np.zeros((0, 3))
+    slant = frames_from((1.0, 0.0, 1.0), (-1.0, 0.0, 1.0))
+    upper, lower = (replace(each, points=turned(slant.T, each.points)) for each in poses)
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    plumage = layers.Layers(shot, drawn, np.arange(2), 1)
+    plumage.lay([upper, lower], none, 0.0, 0.0)
+    way = -0.7 * small.kind.length * slant[:, 2]
+    sunk = replace(upper, points=upper.points.shifted(way))
+    laid = plumage.lay([sunk, lower], none, 1.0, 1.0 / shot.frames_per_second)
+    before, after = (
+        least_gap(*(turned(slant, each.points).rows()[2:] for each in pair))
+        for pair in ((sunk, lower), laid)
+    )
+    assert before < -0.65 * small.kind.length
+    assert after > 0.85 * THICKNESS  # the quill stays where it grows
+    assert plumage.report()["written_depth"]["worst"] < 0.5
 
 
 def test_feathers_that_do_not_touch_are_left_as_they_are(bakes):
