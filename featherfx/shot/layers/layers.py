@@ -50,7 +50,7 @@ from featherfx.shot.types import Shot
 
 # s, in which a lift that is no longer asked for falls to 1 / e
 FALL = 0.1
-MANNER = Manner(kept=0.0, turns=8, follow=4.0, off=1.0, seen=0.1, slope=0.3)
+MANNER = Manner(kept=0.0, turns=8, follow=4.0, off=2.0, seen=0.1, slope=0.3)
 # m, what a point may move and still count as resting where it was
 STILL = 1e-6
 # times that the first sample is laid at most, until nothing moves any more
