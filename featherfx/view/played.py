@@ -31,7 +31,7 @@ from featherfx.render.colour import (
     strain_across_barbs,
     value_limits,
 )
-from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_pose, load_scene
+from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_scene
 from featherfx.usd.read.read import Cache
 from featherfx.usd.read.thinned import Thinned, levels, thinned
 
@@ -207,7 +207,7 @@ class Played:
         """A value of all points in a frame, as `frame`."""
         hooked = None
         if name == HOOKED.name:
-            hooked = load_pose(self._cache, self._scene, self._code(number)).hooked
+            hooked = self._cache.hooked_of(self._scene.chosen.tolist(), self._code(number))
         return self.valued(name, self._points(number), hooked)
 
     def _code(self, number: int) -> float | None:

@@ -174,16 +174,8 @@ class Cache:
 
         None is the rest pose: the default value, or the first sample where there is no default.
         """
-        own, feather = self._own[index], self.feathers[index]
         points, matrix, code = self._placed([index], time)
-
-        def of_faces(name: str, kind: Kind) -> Any:
-            """(T, ...) values of a primvar for triangles."""
-            found = own.mesh.read(f"primvars:{name}", code, kind)
-            mine = () if found is None else found[own.faces]
-            return mine[feather.face] if len(mine) > feather.face.max(initial=0) else None
-
-        direction = of_faces("barbDirection", VECTORS)
+        direction = self._of_faces(index, "barbDirection", code, VECTORS)
         if direction is not None:
             direction = unit(direction @ matrix[:3, :3])
         velocities, normals = self._directions([index], matrix, code)
@@ -192,8 +184,25 @@ class Cache:
             velocities=velocities,
             normals=normals,
             barb_direction=direction,
-            hooked=of_faces("hooked", NUMBERS),
+            hooked=self._of_faces(index, "hooked", code, NUMBERS),
         )
+
+    def hooked_of(self, chosen: Sequence[int], time: float | None = None) -> Array:
+        """(T,) hooks of the triangles of some feathers, one after the other, as `pose` has them,
+        faster; 1 where there are none."""
+        found = []
+        for index in chosen:
+            code = _code_of(self._own[index], time)
+            own = self._of_faces(index, "hooked", code, NUMBERS)
+            found.append(np.ones(len(self.feathers[index].triangles)) if own is None else own)
+        return np.concatenate(found).astype(float)
+
+    def _of_faces(self, index: int, name: str, code: Any, kind: Kind) -> Any:
+        """(T, ...) values of a primvar for the triangles of feather index."""
+        own, feather = self._own[index], self.feathers[index]
+        found = own.mesh.read(f"primvars:{name}", code, kind)
+        mine = () if found is None else found[own.faces]
+        return mine[feather.face] if len(mine) > feather.face.max(initial=0) else None
 
     def points(self, index: int, time: float | None = None) -> Array:
         """(V, 3) points of feather index as `pose` has them, faster."""
@@ -284,9 +293,7 @@ class Cache:
         """Points of feathers that follow each other, in the space of their mesh's matrix, that
         matrix, and the time code they are of."""
         own, last, feather = self._own[run[0]], self._own[run[-1]], self.feathers[run[-1]]
-        code = DEFAULT if time is None else Usd.TimeCode(time)
-        if time is None and own.mesh.read("points", code, VECTORS) is None:
-            code = EARLIEST
+        code = _code_of(own, time)
         matrix = own.mesh.matrix(code)
         points = own.mesh.read("points", code, VECTORS)
         if points is None:
@@ -303,6 +310,13 @@ class Cache:
             message = f"has transforms {at(code)} that are not finite, or flatten it"
             raise InputError(Problem(self._path, feather.path, message))
         return chosen, matrix, code
+
+
+def _code_of(own: _Own, time: float | None) -> Any:
+    """The time code that a pose is read at."""
+    if time is not None:
+        return Usd.TimeCode(time)
+    return EARLIEST if own.mesh.read("points", DEFAULT, VECTORS) is None else DEFAULT
 
 
 def _drawn(stage: Any) -> Iterator[list[tuple[_Own, CachedFeather]]]:
