@@ -70,6 +70,9 @@ from featherfx.solver.step.strain_kernels import (
     strains_of,
 )
 
+# of where Newton ends for a held feather, where it ends for one that flies
+FREE = 0.1
+
 
 @kernel
 def _go_on(model, f, h, state, pose):
@@ -167,6 +170,9 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     h, radius, now, around = attempt.h, attempt.spectral_radius, work.now, work.around
     factors = _predict(model, loads, f, path, attempt, state, work)
     goal = Goal(settings.newton, attempt.limit, attempt.pace)
+    if not model.held[f]:
+        # what is left of a step would be momentum that a feather in flight keeps for ever
+        goal = Goal(FREE * settings.newton, attempt.limit, Pace(1.0, 0.0))
     solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
     error = step_error(radius, h, motion_of(state, f, NODES), now.points.nodes, around.target.nodes)
     slipped = slip_of_step(model, f, now.strains.cell, around.gaps, work.gaps)
