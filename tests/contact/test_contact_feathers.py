@@ -143,8 +143,9 @@ def test_feathers_apart_are_stepped_as_if_there_were_no_contact():
 
 
 def test_a_feather_that_slipped_through_comes_back_at_the_recovery_speed():
-    """Starts 3 mm on the wrong side; the order brings it back, without a kick."""
-    model, state = free_feathers("swan_primary", [[0, 0, 0], [0.0, 0.0, -0.003]], **GRID)
+    """Starts 3 mm on the wrong side; the order brings it back, without a kick. Not right below
+    the other: edges that leave each other together may kick (docs/contact.md)."""
+    model, state = free_feathers("swan_primary", [[0, 0, 0], [2e-3, 6e-4, -0.003]], **GRID)
     contact = solver_of(model, PAIR, ORDERED, rounds=30, recovery=0.1)
     heights, step = [], 2e-3
     for new, _ in run(contact, state, step, 25):

@@ -48,10 +48,9 @@ def test_cases_whose_energy_once_grew(seed):
     assert outcome.energy_gain <= stress.ENERGY_SLACK
 
 
-@pytest.mark.parametrize("seed", [320022, 320042])
-def test_cases_that_once_stopped(seed):
-    """One had more coefficients than joints to turn, one a node of less than no mass."""
-    outcome = stress.run_case(draw_case(seed, 40))
+def test_a_case_that_once_stopped():
+    """It had a node of less than no mass."""
+    outcome = stress.run_case(draw_case(320042, 40))
     assert (outcome.status, outcome.violations) == (0, [])
 
 

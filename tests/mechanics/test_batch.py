@@ -159,6 +159,11 @@ def test_shear_is_summed_over_the_middles_of_segments_exactly_up_to_cubes(column
         assert weights @ middle**power == pytest.approx(1.0 / (power + 1), rel=1e-12)
 
 
+def test_a_barb_has_no_more_coefficients_than_joints():
+    _, model = preset_batch("swan_primary", rows=5, columns=2, coefficients=3)
+    assert model.coefficients == 2
+
+
 @pytest.mark.parametrize("seed", range(320036, 320048))
 def test_no_node_has_less_than_no_mass_beside_the_widest_row(seed):
     assert (draw_case(seed, 40).model.mass >= 0.0).all()

@@ -45,7 +45,7 @@ CLAMP = 1e4
 RELAXATION = 1e-3
 # m. Where gaps open the sample snaps; with these and RADIUS the steps lose less than 1 % of the
 # work (a tolerance of 1e-6 with radius 0: 2 to 6 %)
-TOLERANCE, SETTLED = 3e-9, 1e-9
+TOLERANCE, SETTLED = 1e-9, 3e-10
 RADIUS = 0.8
 MOST_ITERATIONS = 20000
 # of a part of the pull: what gives way at once may not slip far in one of them, because a gap does
