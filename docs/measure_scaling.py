@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from featherfx.feather.build import build_feather
-from featherfx.groom.keys.values import Problems
+from featherfx.groom.keys.problems import Problems
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.presets.library import Library
 from featherfx.groom.read.read import groom_of

@@ -11,7 +11,7 @@ from featherfx.algebra.rotation import frames_to_quats
 from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.presets import list_presets, load_preset
 from featherfx.groom.types import FeatherKind

@@ -46,7 +46,7 @@ def build_feather(
     length have no barb. InputError, with all problems found, for outlines and guides that cannot
     be built: barbs that cross, leave the outline or fold the vane.
     """
-    _raise_if_any(_problems(kind, rows, columns, tube_sides))
+    require(*_problems(kind, rows, columns, tube_sides))
     if mirrored:
         feather = mirror_feather(build_feather(kind, rows, columns, False, tube_sides))
     else:
@@ -94,7 +94,7 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
         cell[side], barb_length[side] = vane.cell, vane.barb_length
         spans[side] = barb_span(rachis.station, vane.barb_length, rachis.first_vane_row)
         problems += [_problem(kind, f"{name}.guides", message) for message in vane.problems]
-    _raise_if_any(problems)
+    require(*problems)
     surface = build_surface(nodes, rachis, barb_length, cell, tube_sides, kind.may_part)
     feather = Feather(
         rest=RowPoints(nodes, np.stack([rachis.frame[..., 1], rachis.frame[..., 2]], axis=1)),
@@ -162,10 +162,6 @@ def _vane_problems(kind: FeatherKind, name: str, vane: VaneShape) -> list[Proble
 
 def _problem(kind: FeatherKind, key: str, message: str) -> Problem:
     return Problem(f"feather kind {kind.name}", key, message)
-
-
-def _raise_if_any(problems: list[Problem]) -> None:
-    require(*problems)
 
 
 def make_read_only(record: Any) -> None:

@@ -7,15 +7,8 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Annotated
 
-from featherfx.groom.keys.values import (
-    ArrayOf,
-    Number,
-    Place,
-    Problems,
-    Table,
-    Text,
-    keys_of,
-)
+from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.values import ArrayOf, Number, Table, Text, keys_of
 
 _PLACE = Number(0, 1)
 _FILM = Number(0, 3e-6, "m")

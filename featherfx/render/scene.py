@@ -12,7 +12,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import Problem, require
 from featherfx.feather.types import RACHIS
-from featherfx.groom.keys.values import nearest
+from featherfx.groom.keys.problems import nearest
 from featherfx.render.geometry import vertex_normals
 from featherfx.usd.read.cached_feather import CachedFeather
 from featherfx.usd.read.read import Cache

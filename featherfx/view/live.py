@@ -23,7 +23,7 @@ from featherfx.baking.entries import entries_of
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.files.store import nothing_kept
 from featherfx.groom.keys.preset import FAMILIES
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Placement

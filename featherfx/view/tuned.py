@@ -17,17 +17,8 @@ from featherfx.files.whole import into_text, standing, write_all
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import Direction
 from featherfx.groom.keys.preset import FAMILIES
-from featherfx.groom.keys.values import (
-    ArrayOf,
-    Flag,
-    Key,
-    Number,
-    Place,
-    Problems,
-    Table,
-    Text,
-    ValueType,
-)
+from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.values import ArrayOf, Flag, Key, Number, Table, Text, ValueType
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset, toml_of
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.groom.keys.values import Problems
+from featherfx.groom.keys.problems import Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.presets.presets import check_preset, list_presets, load_preset, show
 

@@ -7,7 +7,7 @@ import pytest
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.read.read import read_groom

@@ -9,7 +9,7 @@ from commands import invoke
 from PIL import Image
 
 from featherfx.feather.rachis import build_rachis
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library
 from featherfx.groom.presets.library import plain as plain_tree

@@ -16,7 +16,7 @@ from featherfx.feather.crossings import crossings_of, patches_of
 from featherfx.feather.layout.layout import laid_out, measured
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import RACHIS
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
 from featherfx.groom.skin.faults import signed_volume, skin_faults
 from featherfx.usd.read.animated_mesh import open_mesh

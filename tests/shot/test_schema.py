@@ -19,14 +19,13 @@ from places import ROOT
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,
     Named,
     Number,
     Partial,
-    Place,
-    Problems,
     Table,
     Tables,
     Text,

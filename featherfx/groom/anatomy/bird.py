@@ -22,8 +22,9 @@ from featherfx.groom.anatomy.remiges import shut
 from featherfx.groom.anatomy.wing import wing_type
 from featherfx.groom.keys.anatomy import PARTS, WingType
 from featherfx.groom.keys.groom import CREST, TAIL, WING
+from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.keys.regions import FLOW, LAYOUT, REGION, SPREAD, WHERE
-from featherfx.groom.keys.values import INVALID, Key, Place
+from featherfx.groom.keys.values import Key
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.space import SkinsReader
 

@@ -19,7 +19,7 @@ from featherfx.algebra.types import Array
 from featherfx.groom.anatomy.bow import bow_share
 from featherfx.groom.anatomy.remiges import spread_evenly
 from featherfx.groom.frames import along_polyline
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.read.drafts import Draft
 from featherfx.groom.types import FeatherKind, Joint, Turning

@@ -11,7 +11,7 @@ from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.groom.anatomy.fans import crest, tail
 from featherfx.groom.anatomy.wing import wing
 from featherfx.groom.frames import Mirror
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.presets.library import Library
 from featherfx.groom.read.drafts import Draft, mirror_of, other_side, with_mirror_images

@@ -33,7 +33,7 @@ from featherfx.groom.anatomy.remiges import (
     spread_evenly,
 )
 from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingType
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.drafts import Draft

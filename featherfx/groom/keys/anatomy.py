@@ -6,16 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from featherfx.groom.keys.family import Preset
-from featherfx.groom.keys.values import (
-    ArrayOf,
-    Default,
-    Key,
-    Named,
-    Number,
-    Table,
-    Text,
-    keys_of,
-)
+from featherfx.groom.keys.values import ArrayOf, Default, Key, Named, Number, Table, Text, keys_of
 from featherfx.groom.looks import Colour
 
 _LENGTH = Number(1e-3, 5, "m")

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from featherfx.groom.keys.values import REQUIRED, JsonSchema, Key, Place, Table, Text, one_of_types
+from featherfx.groom.keys.problems import Place
+from featherfx.groom.keys.values import REQUIRED, JsonSchema, Key, Table, Text, one_of_types
 
 _BASE = Key(
     Text(),

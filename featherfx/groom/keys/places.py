@@ -10,14 +10,13 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.keys.values import (
-    INVALID,
     ArrayOf,
     Either,
     JsonSchema,
     Key,
     Number,
-    Place,
     Table,
     Text,
     vector,

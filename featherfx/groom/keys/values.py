@@ -7,113 +7,19 @@ Checking never stops at the first fault: everything that is wrong goes to one li
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
-from typing import Annotated, Any, NoReturn, Protocol, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Protocol, get_args, get_origin, get_type_hints
 
-from featherfx.errors import CONTROL, InputError, Problem
+from featherfx.errors import CONTROL
+from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.limits import (
     MOST_CHARACTERS,
-    MOST_COMPARED,
-    MOST_LISTED,
     MOST_PATTERNS,
-    MOST_SEARCHES,
 )
 
 REQUIRED = object()
-INVALID = object()
-_LONGEST_COMPARED = 200  # characters; comparing takes their square
-
-
-class Problems:
-    """Collects problems in the order in which they are found, each once."""
-
-    def __init__(self) -> None:
-        self._found: dict[Problem, None] = {}
-        self._searches = 0
-
-    def add(self, source: object, key: str, message: str) -> None:
-        self._found[Problem(str(source), key, message)] = None
-
-    @contextmanager
-    def collecting(self) -> Iterator[None]:
-        """Add the problems of an InputError, and go on behind the block."""
-        try:
-            yield
-        except InputError as error:
-            self._found |= dict.fromkeys(error.problems)
-
-    def __len__(self) -> int:
-        return len(self._found)
-
-    def listed(self) -> list[Problem]:
-        """What was collected, of every file the first ones; the others are counted."""
-        counts: Counter[str] = Counter()
-        listed = []
-        for problem in self._found:
-            counts[problem.source] += 1
-            if counts[problem.source] <= MOST_LISTED:
-                listed.append(problem)
-        more = [
-            Problem(source, "", f"and {count - MOST_LISTED} more problems")
-            for source, count in counts.items()
-            if count > MOST_LISTED
-        ]
-        return listed + more
-
-    def raise_any(self) -> None:
-        """Raises InputError with what was collected, as listed, if anything was."""
-        if self._found:
-            raise InputError(*self.listed())
-
-    def hand_on(self) -> None:
-        """As raise_any, with all of it, for who collects further."""
-        if self._found:
-            raise InputError(*self._found)
-
-    def nearest(self, name: str, names: Iterable[str]) -> str:
-        """nearest() for the first names that are wrong; empty when so many have been looked for."""
-        self._searches += 1
-        return nearest(name, names) if self._searches <= MOST_SEARCHES else ""
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a value stands: a file, a dotted key, and the list that takes its problems."""
-
-    source: str
-    key: str
-    problems: Problems
-
-    def child(self, name: str) -> Place:
-        """The place of a key below this one (itself for an empty name)."""
-        if not name:
-            return self
-        return Place(self.source, f"{self.key}.{name}" if self.key else name, self.problems)
-
-    def item(self, index: int) -> Place:
-        return Place(self.source, f"{self.key}[{index}]", self.problems)
-
-    def fail(self, message: str) -> Any:
-        self.problems.add(self.source, self.key, message)
-        return INVALID
-
-    def refuse(self, *messages: str) -> NoReturn:
-        """Raise what is wrong, where nothing can go on; see Problems.collecting."""
-        raise InputError(*(Problem(self.source, self.key, message) for message in messages))
-
-    def unknown(self, message: str, name: str, names: Iterable[str]) -> Any:
-        """fail() for a name that is none of the known ones, with the one that is likely meant."""
-        return self.fail(self.meant(message, name, names))
-
-    def meant(self, message: str, name: str, names: Iterable[str]) -> str:
-        """A message about a name that is none of the known ones, with the one likely meant."""
-        near = self.problems.nearest(name, names)
-        return f"{message}, {near}" if near else message
 
 
 JsonSchema = dict[str, Any]
@@ -153,26 +59,6 @@ def shown(value: Any) -> str:
         return f"{value:g}"
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def closest(name: str, names: Sequence[str], most: int) -> list[str]:
-    """Names that are like one, the likest first; none where it is too long to compare."""
-    if len(name) > _LONGEST_COMPARED:
-        return []
-    compared = [each for each in names[:MOST_COMPARED] if len(each) <= _LONGEST_COMPARED]
-    return difflib.get_close_matches(name, compared, n=most, cutoff=0.6)
-
-
-def nearest(name: str, names: Iterable[str]) -> str:
-    """Half a sentence that names the likeliest meant name, or all of them if they are few."""
-    known = sorted(names)
-    close = closest(name, known, 1)
-    if close:
-        return f"did you mean '{close[0]}'?"
-    if not known:
-        return "there are none"
-    more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""
-    return "known: " + ", ".join(known[:MOST_LISTED]) + more
 
 
 @dataclass(frozen=True)

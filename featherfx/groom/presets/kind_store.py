@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from featherfx.errors import InputError, all_of
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kinds import Change, adjusted, blended, kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree, merged
 from featherfx.groom.types import FeatherKind

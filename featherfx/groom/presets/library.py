@@ -10,7 +10,8 @@ from typing import Any
 from featherfx.errors import InputError
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import FAMILIES
-from featherfx.groom.keys.values import REQUIRED, Key, Place, Problems, Table, expected
+from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.values import REQUIRED, Key, Table, expected
 from featherfx.groom.presets.folders import search_path, shipped_folder
 from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml

@@ -12,7 +12,8 @@ from typing import Any
 from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import FAMILIES
-from featherfx.groom.keys.values import Place, Problems, Table, nearest
+from featherfx.groom.keys.problems import Place, Problems, nearest
+from featherfx.groom.keys.values import Table
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree
 

@@ -15,7 +15,7 @@ from featherfx.algebra.rotation import frames_from, from_angles, interpolated, p
 from featherfx.algebra.types import Array
 from featherfx.errors import all_of
 from featherfx.groom.frames import Mirror, along_polyline
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.rachis_curve import FittedCurve

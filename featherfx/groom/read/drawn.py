@@ -17,7 +17,8 @@ from featherfx.algebra.types import Array
 from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.groom import DEFAULT_NAMES
 from featherfx.groom.keys.preset import FEATHER
-from featherfx.groom.keys.values import Place, Problems, Table
+from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.values import Table
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.condensed import DrawnBarbs, DrawnVanes, vanes_of

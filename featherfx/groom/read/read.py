@@ -17,7 +17,7 @@ from featherfx.algebra.types import Array
 from featherfx.groom.anatomy.bird import hatch
 from featherfx.groom.anatomy.grown import grown_parts
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.values import INVALID, Place, Problems
+from featherfx.groom.keys.problems import INVALID, Place, Problems
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import Library, sourced

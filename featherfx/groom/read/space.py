@@ -19,17 +19,8 @@ from featherfx.groom.frames import Mirror
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.places import SPHERE_TABLE, Direction, Length, Point, Sphere
-from featherfx.groom.keys.values import (
-    INVALID,
-    ArrayOf,
-    Either,
-    Named,
-    Partial,
-    Place,
-    Table,
-    Tables,
-    the_one,
-)
+from featherfx.groom.keys.problems import INVALID, Place
+from featherfx.groom.keys.values import ArrayOf, Either, Named, Partial, Table, Tables, the_one
 from featherfx.groom.skin.points import SkinSource, SkinSurface
 
 _NAMES = ("vertex", "joint", "primvar")

@@ -21,7 +21,8 @@ from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.algebra.types import Array
 from featherfx.errors import CONTROL
 from featherfx.groom.keys.groom import TABLE
-from featherfx.groom.keys.values import Number, Place, Problems, shown
+from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.values import Number, shown
 from featherfx.groom.presets.kind_store import KindChoice
 from featherfx.groom.read.drafts import Draft, mirror_of, with_mirror_images
 from featherfx.groom.read.space import Space

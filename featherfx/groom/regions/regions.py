@@ -16,7 +16,7 @@ from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputWarning, all_of
 from featherfx.files.store import kept
-from featherfx.groom.keys.values import INVALID, Place
+from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.read.drafts import CurveReader, Draft
 from featherfx.groom.read.drawn import SceneReader

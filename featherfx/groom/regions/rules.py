@@ -14,7 +14,8 @@ from featherfx.algebra.ease import faded
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of
-from featherfx.groom.keys.values import Place, the_one
+from featherfx.groom.keys.problems import Place
+from featherfx.groom.keys.values import the_one
 from featherfx.groom.read.space import Space
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree

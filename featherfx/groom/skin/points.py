@@ -11,7 +11,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import unit
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.problems import Place
 from featherfx.groom.skin.faults import crossing_triangles, within
 from featherfx.groom.skin.search import search_tree
 

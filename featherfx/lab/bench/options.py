@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from featherfx.limits import option
 
 STRESS_CASES, QUICK_STRESS_CASES = 10_000, 200
+
+
+def _shots(text: str) -> Any:
+    return option(
+        (), f"{text} a shot; once for each shot.", several=True, there=True, metavar="SHOT"
+    )
 
 
 @dataclass(frozen=True)
@@ -17,21 +24,9 @@ class BenchOptions:
     quick: bool = option(False, "A smaller set of settings, in two minutes of one core.")
     stress: bool = option(False, "Random absurd cases instead of measurements.")
     peers: bool = option(False, 'Beside MuJoCo (extra "peers"): error against time of a strip.')
-    skips: tuple[Path, ...] = option(
-        (),
-        "What skipping work saves and costs on a shot; once for each shot.",
-        several=True,
-        there=True,
-        metavar="SHOT",
-    )
+    skips: tuple[Path, ...] = _shots("What skipping work saves and costs on")
     front: bool = option(False, "What rows, columns, coefficients and steps miss and cost.")
-    promise: tuple[Path, ...] = option(
-        (),
-        "Whether a shot keeps the error that is promised; once for each shot.",
-        several=True,
-        there=True,
-        metavar="SHOT",
-    )
+    promise: tuple[Path, ...] = _shots("Whether the promised error is kept by")
     error: tuple[float, ...] = option(
         (0.5,),
         "Of --promise: errors, percent of a feather's length. Repeatable.",

@@ -21,7 +21,7 @@ from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem, require
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind, Groom, Placement

@@ -11,7 +11,7 @@ import numpy as np
 
 from featherfx.errors import all_of
 from featherfx.groom.keys.preset import Clock
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.types import Groom
 from featherfx.shot.types import Motion

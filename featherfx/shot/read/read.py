@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import Problem
-from featherfx.groom.keys.values import INVALID, Place, Problems
+from featherfx.groom.keys.problems import INVALID, Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.presets.presets import check_preset
 from featherfx.groom.read.file_kind import file_kind

@@ -13,7 +13,7 @@ import numpy as np
 
 from featherfx.algebra.between import Knots
 from featherfx.errors import InputWarning
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.regions.rules import painted
 from featherfx.groom.skin.points import SkinSurface
 from featherfx.groom.skin.skin import closest

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from featherfx.algebra.between import Knots
 from featherfx.algebra.types import Array, Indices
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.problems import Place
 from featherfx.groom.regions.regions import GroomReaders
 from featherfx.shot.motion.preroll import run_up
 

@@ -34,7 +34,7 @@ from featherfx.solver.state import State
 from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED
 from featherfx.solver.step.gap_kernels import give_way, slip_of_step
 from featherfx.solver.step.integrator_kernels import Factors
-from featherfx.solver.step.newton_kernels import Goal, Pace, minimise
+from featherfx.solver.step.newton_kernels import UNKNOWN, Goal, minimise
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.work import Work, no_strains
 
@@ -130,7 +130,7 @@ class Rest:
             self.f,
             self.fraction,
             factors,
-            Goal(self.tolerance, limit, Pace(1.0, 0.0)),
+            Goal(self.tolerance, limit, UNKNOWN),
             self.work,
         )
         self.iterations += solved.iterations

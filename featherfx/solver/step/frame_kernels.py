@@ -40,7 +40,7 @@ from featherfx.solver.step.integrator_kernels import (
     motion_of,
     step_error,
 )
-from featherfx.solver.step.newton_kernels import Goal, Pace, minimise, nearly_solved
+from featherfx.solver.step.newton_kernels import UNKNOWN, Goal, Pace, minimise, nearly_solved
 from featherfx.solver.step.pose_kernels import (
     keep_pose,
     load_pose,
@@ -172,7 +172,7 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     goal = Goal(settings.newton, attempt.limit, attempt.pace)
     if not model.held[f]:
         # what is left of a step would be momentum that a feather in flight keeps for ever
-        goal = Goal(FREE * settings.newton, attempt.limit, Pace(1.0, 0.0))
+        goal = Goal(FREE * settings.newton, attempt.limit, UNKNOWN)
     solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
     error = step_error(radius, h, motion_of(state, f, NODES), now.points.nodes, around.target.nodes)
     slipped = slip_of_step(model, f, now.strains.cell, around.gaps, work.gaps)
@@ -186,7 +186,7 @@ def _try(model, loads, f, path, attempt, state, settings, work):
             growth = held_energy(model, f, h, attempt.promise.drift, state)
         keeps, energy = solved_energy(model, loads, f, attempt.promise, growth, factors.rate, work)
         status = GREW if keeps < 0.0 else status
-    pace = Pace(solved.shrink, solved.first) if status == CONVERGED else Pace(1.0, 0.0)
+    pace = Pace(solved.shrink, solved.first) if status == CONVERGED else UNKNOWN
     numbers = solved.iterations, solved.matrices, solved.move
     return Outcome(status, *numbers, error, keeps, energy, pace)
 
@@ -224,7 +224,7 @@ def advance(model, loads, f, path, state, settings, work, report):
     """
     duration, left = settings.duration, settings.most_iterations
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
-    done, taken, way, pace = 0.0, 0, GO_ON, Pace(1.0, 0.0)
+    done, taken, way, pace = 0.0, 0, GO_ON, UNKNOWN
     promise = promise_of(model, loads, f, path, duration, state)
     while done < duration * (1.0 - 1e-9):
         if left <= 0:

@@ -61,6 +61,9 @@ class Pace(NamedTuple):
     first: float
 
 
+UNKNOWN = Pace(1.0, 0.0)
+
+
 class Goal(NamedTuple):
     """How far minimise goes: the distance from the minimum that counts as converged (tolerance, m),
     most iterations (limit), the Pace of the step before."""

@@ -10,7 +10,7 @@ from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of
 from featherfx.solver.step.integrator_kernels import Factors
-from featherfx.solver.step.newton_kernels import Goal, Pace, evaluate, largest_move, minimise
+from featherfx.solver.step.newton_kernels import UNKNOWN, Goal, evaluate, largest_move, minimise
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.step.retry_kernels import shortest_now
 from featherfx.solver.step.root_kernels import root_at
@@ -99,7 +99,7 @@ def _accelerate(model, loads, f, path, span, state, work, to):
         copy_points(points, now.points)
         time = state.time[f] + h
         blow(now.points.nodes, time, loads, f, velocity.nodes, model.cell_stiffness[f], around)
-    goal = Goal(0.0, span.limit, Pace(1.0, 0.0))
+    goal = Goal(0.0, span.limit, UNKNOWN)
     minimise(model, loads, f, 0.0, _factors(h), goal, work)
     _rates_of(now.points, around.target, h * h, to)
 

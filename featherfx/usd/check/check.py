@@ -17,7 +17,8 @@ from pxr import Usd, UsdGeom, UsdUtils
 
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.groom import USD
-from featherfx.groom.keys.values import Place, Problems, Table
+from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.values import Table
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.phases import counted
 from featherfx.usd.check.geometry import geometry_problems

@@ -33,12 +33,17 @@ def begun(path: str | Path, output: str | Path, overwrite: bool) -> tuple[Any, P
     return stage, written
 
 
-def plain_copy(stage: Any) -> Any:
+def composed(stage: Any) -> Any:
     """All that a stage composes, as one layer in memory."""
+    return computed(stage.GetPseudoRoot(), stage.Flatten, False)
+
+
+def plain_copy(layer: Any) -> Any:
+    """A layer to change and to write."""
     # Export goes by the suffix of the layer's own name; a plain copy has the right one.
-    layer = Sdf.Layer.CreateAnonymous(".usda")
-    layer.TransferContent(computed(stage.GetPseudoRoot(), stage.Flatten, False))
-    return layer
+    copy = Sdf.Layer.CreateAnonymous(".usda")
+    copy.TransferContent(layer)
+    return copy
 
 
 def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Path:
@@ -48,7 +53,7 @@ def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Pa
     InputError where one cannot be read or the other not be written.
     """
     stage, written = begun(path, output, overwrite)
-    layer = plain_copy(stage)
+    layer = plain_copy(composed(stage))
     if source := stage.GetRootLayer().customLayerData:
         layer.customLayerData = source
     return written(layer)

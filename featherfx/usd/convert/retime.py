@@ -23,7 +23,7 @@ from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, Problem
 from featherfx.phases import counted
 from featherfx.usd.arrays import vec3f
-from featherfx.usd.convert.plain import begun, plain_copy
+from featherfx.usd.convert.plain import begun, composed, plain_copy
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, ORIENT, P_BARB
 
 # frames of a new cache
@@ -159,12 +159,11 @@ def retime(
         times = along_keys(keys, range_)
     else:
         times = as_loop(int(loop or 0), range_)
-    old, layer = plain_copy(stage), Sdf.Layer.CreateAnonymous(".usda")
+    old = composed(stage)
     prims = [_Prim(old, each) for each in _sampled_prims(old)]
     if loop is not None:
         _check_roots(prims, loop, range_, str(path))
-    layer.TransferContent(old)
-    rate = stage.GetTimeCodesPerSecond()
+    layer, rate = plain_copy(old), stage.GetTimeCodesPerSecond()
     parts = counted("writing", prims, len(prims))
     bounds = [corners for prim in parts for corners in prim.write(layer, times, rate)]
     hint = layer.GetAttributeAtPath(stage.GetDefaultPrim().GetPath().AppendProperty("extentsHint"))

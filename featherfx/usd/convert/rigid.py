@@ -24,7 +24,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.phases import counted
 from featherfx.usd import arrays
 from featherfx.usd.arrays import vec3f
-from featherfx.usd.convert.plain import begun, plain_copy
+from featherfx.usd.convert.plain import begun, composed, plain_copy
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, HALF_VELOCITIES, RANGES
 from featherfx.usd.write.layout import FEATHERS, SCOPES
 from featherfx.usd.write.output import unique_prim_names
@@ -95,7 +95,7 @@ def export_rigid(
     if not 0.0 < tolerance < np.inf:
         raise InputError(Problem("rigid", "", f"is {tolerance:g}, allowed above 0 mm"))
     stage, written = begun(path, output, overwrite)
-    layer = plain_copy(stage)
+    layer = plain_copy(composed(stage))
     root = stage.GetDefaultPrim().GetPath()
     parts = {name: list(_prims(layer, root.AppendChild(name))) for name, _ in SCOPES.values()}
     if not any(_codes(layer, each) for each in parts[FEATHERS]):

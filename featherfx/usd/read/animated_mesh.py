@@ -18,7 +18,7 @@ from pxr import Usd, UsdGeom
 from featherfx.algebra.between import Knots
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.skinning import SkinPose, find_skinning
 from featherfx.usd.read.stage import (

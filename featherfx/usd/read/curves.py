@@ -12,7 +12,7 @@ from pxr import Gf, UsdGeom
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.groom import DEFAULT_NAMES
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.rachis_curve import BASES, spline_points
 from featherfx.usd.read.values import (
     EARLIEST,

@@ -12,7 +12,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from featherfx.algebra.types import Array
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.usd.read.skinning import Skinning, find_skinning
 from featherfx.usd.read.stage import SourceScene
 from featherfx.usd.read.values import (

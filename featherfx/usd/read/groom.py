@@ -13,7 +13,7 @@ from pxr import Usd, UsdGeom
 
 from featherfx.algebra.types import Array
 from featherfx.errors import all_of
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.condensed import DrawnBarbs
 from featherfx.groom.read.drawn import DrawnFeather
 from featherfx.usd.read.curves import Values, curves_of

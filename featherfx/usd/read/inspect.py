@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import UsdGeom, UsdSkel
 
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.usd.read.stage import (
     SourceScene,
     broken_arcs,

@@ -22,7 +22,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
 from featherfx.algebra.rotation import transported
 from featherfx.algebra.types import Array, Indices
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
 from featherfx.usd.read.curves import curves_of

@@ -12,7 +12,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from scipy.spatial import cKDTree
 
 from featherfx.algebra.types import Array
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.shot.detail.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
 from featherfx.usd.read.read import Cache

@@ -12,7 +12,7 @@ from pxr import Usd, UsdGeom, UsdSkel
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning, all_of
-from featherfx.groom.keys.values import Place, Problems, nearest
+from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.skin.faults import skin_faults
 from featherfx.usd.read.animated_mesh import AnimatedMesh, topology_of
 from featherfx.usd.read.curves import curves_of

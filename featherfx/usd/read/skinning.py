@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel, Vt
 
 from featherfx.algebra.types import Array, Floats, Indices
-from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
     DEFAULT,

@@ -19,7 +19,7 @@ from pxr import Pcp, Sdf, Usd, UsdGeom, UsdSkel, UsdUtils
 
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, InputWarning, Problem
-from featherfx.groom.keys.values import Place, closest
+from featherfx.groom.keys.problems import Place, closest
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.values import (
     DEFAULT,

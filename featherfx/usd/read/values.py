@@ -17,7 +17,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.problems import Place
 
 DEFAULT, EARLIEST = Usd.TimeCode.Default(), Usd.TimeCode.EarliestTime()
 
