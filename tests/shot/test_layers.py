@@ -19,6 +19,7 @@ from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import Placement
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.layers import layers
+from featherfx.shot.motion.skin import SkinSurfaces
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.share import share_count
 from featherfx.shot.simulate import simulate
@@ -213,6 +214,38 @@ def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
     assert before < -0.65 * small.kind.length
     assert after > 0.85 * THICKNESS  # the quill stays where it grows
     assert plumage.report()["written_depth"]["worst"] < 0.5
+
+
+class Sheet:
+    """A level square that does not move, as featherfx.shot.read.sources.MovingSurface has it."""
+
+    path, st, sampled, bones, is_ribbon = "/sheet", None, None, None, False
+    triangles, face = np.array([[0, 1, 2], [0, 2, 3]]), np.array([0, 0])
+    time_codes_per_second = 24.0
+
+    def __init__(self, height: float) -> None:
+        self.rest = np.array([[-1.0, -1, height], [1, -1, height], [1, 1, height], [-1, 1, height]])
+
+    def points(self, code: float) -> np.ndarray:
+        return self.rest
+
+
+def test_a_feather_that_is_pushed_into_the_skin_is_laid_over_it():
+    """It keeps from it what feathers keep from each other, not half a thickness alone."""
+    shot = shingles(1)
+    pose = next(iter(simulate(replace(shot, layers=None)))).poses[0]
+    low = float(pose.points.nodes[..., 2].min())
+    surfaces = SkinSurfaces((Sheet(low - 4e-3),), 0.0, 1.0, "", "")
+    shot = replace(shot, skin=surfaces.bind(shot.groom))
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    plumage = layers.Layers(shot, drawn, np.arange(1), 1)
+    skin = plumage.skin(0.0)
+    plumage.lay([pose], skin, 0.0, 0.0)
+    sunk = replace(pose, points=pose.points.shifted(np.array([0.0, 0.0, -8e-3])))
+    laid = plumage.lay([sunk], skin, 1.0, 1.0 / shot.frames_per_second)[0]
+    before, after = (each.points.nodes[4:, :, 2] - skin[0, 2] for each in (sunk, laid))
+    assert before.min() < -2e-3
+    assert after.min() > 0.5 * THICKNESS + 0.9 * float(plumage.vanes.clear[0])
 
 
 def test_feathers_that_do_not_touch_are_left_as_they_are(bakes):
