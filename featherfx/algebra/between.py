@@ -32,7 +32,7 @@ class Stencil(NamedTuple):
     """What the motion at a time is made of.
 
     times: (n,) of knots. weights: (2, n) of the polynomials about the knot before and the one
-    after, which stand at numbers middles (2,) among them. share: of the latter. onwards: (n,)
+    after, which stand at numbers middles (2,) among them. fraction: of the latter. onwards: (n,)
     weights of places, which differ beyond the ends.
     """
 
@@ -40,11 +40,11 @@ class Stencil(NamedTuple):
     weights: Array
     onwards: Array
     middles: tuple[int, int]
-    share: float
+    fraction: float
 
     def value(self, samples: Array) -> Array:
         """(...) values between samples (n, ...), one for each of the times."""
-        weights = (1.0 - self.share) * self.weights[0] + self.share * self.weights[1]
+        weights = (1.0 - self.fraction) * self.weights[0] + self.fraction * self.weights[1]
         return np.asarray(np.tensordot(weights, samples, 1))
 
     def place(self, samples: Array) -> Array:
@@ -65,7 +65,7 @@ class Stencil(NamedTuple):
             for middle, weights in zip(self.middles, self.weights, strict=True)
         )
         way = rotation_vectors(np.swapaxes(before, -1, -2) @ after)
-        return np.asarray(before @ vectors_to_frames(self.share * way))
+        return np.asarray(before @ vectors_to_frames(self.fraction * way))
 
     def _chart(self, samples: Array, middle: int, weights: Array) -> Array:
         vectors = rotation_vectors(np.swapaxes(samples[middle], -1, -2) @ samples)
@@ -121,9 +121,9 @@ class Knots:
             row[some[0] - knots[0] : some[-1] - knots[0] + 1] = _lagrange(np.array(some), place)
         middles = before - knots[0], before + 1 - knots[0]
         u = place - before
-        share = u * u * (3.0 - 2.0 * u)
-        both = (1.0 - share) * weights[0] + share * weights[1]
-        return Stencil(self._times(knots), weights, both, middles, share)
+        fraction = u * u * (3.0 - 2.0 * u)
+        both = (1.0 - fraction) * weights[0] + fraction * weights[1]
+        return Stencil(self._times(knots), weights, both, middles, fraction)
 
     def _around(self, knot: int) -> list[int]:
         low = knot - _REACH if self.first is None else max(knot - _REACH, self.first)

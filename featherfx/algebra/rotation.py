@@ -198,13 +198,13 @@ def interpolated(first: Array, last: Array, fraction: Array) -> Array:
     return np.asarray(first @ rotations)
 
 
-def shared_turns(first: Array, second: Array, shares: Array) -> Array:
+def shared_turns(first: Array, second: Array, fractions: Array) -> Array:
     """(n, 3, 3) rotations on the shortest way from first to second, (n, 3, 3), by shares (n,)."""
-    turning = np.flatnonzero(shares)
+    turning = np.flatnonzero(fractions)
     result = first.copy()
     if len(turning):
         ways = rotation_vectors(np.swapaxes(first[turning], -1, -2) @ second[turning])
-        part = vectors_to_frames(shares[turning, None] * ways)
+        part = vectors_to_frames(fractions[turning, None] * ways)
         result[turning] = first[turning] @ part
     return result
 

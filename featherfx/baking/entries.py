@@ -18,7 +18,7 @@ from featherfx.errors import Problem, all_of, require
 from featherfx.feather.barb_looks import drawn_barbs
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.colours import colours_of
-from featherfx.feather.hooked import hooked_share
+from featherfx.feather.hooked import hooked_fraction
 from featherfx.feather.render import barb_diameters, render_feather
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Array, Feather, RowMap
@@ -175,11 +175,11 @@ def _held(kind: FeatherKind, feather: Feather, static: bool) -> Array | None:
     if not loose and not split:
         return None
     held = np.ones(len(feather.surface.triangles))
-    shares = hooked_share(kind, feather)
+    fractions = hooked_fraction(kind, feather)
     if split:
-        shares = np.where(feather.split, 0.0, shares)
+        fractions = np.where(feather.split, 0.0, fractions)
     # faces of vanes come first, in the order of cells
-    held[: np.count_nonzero(feather.cell)] = shares[feather.cell]
+    held[: np.count_nonzero(feather.cell)] = fractions[feather.cell]
     return held
 
 

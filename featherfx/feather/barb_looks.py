@@ -99,7 +99,7 @@ def draws_of(look: BarbLook, draw: int, count: int) -> Draws:
     )
 
 
-def clump_share(look: BarbLook, along: Array) -> Array:
+def clump_fraction(look: BarbLook, along: Array) -> Array:
     """How far points at places (K,) on their barb go to the middle barb of their clump."""
     return np.asarray(look.clump * along**look.clump_shape)
 
@@ -113,12 +113,12 @@ def _shortened(along: Array, lengths: Array) -> Matrix:
 def _clumped(barbs: BarbCurves, look: BarbLook) -> Matrix:
     """(B K, B K) points that are drawn towards those of the middle barb of their clump."""
     count, each = barbs.widths.shape
-    share = np.tile(clump_share(look, np.linspace(0.0, 1.0, each)), count)
+    fraction = np.tile(clump_fraction(look, np.linspace(0.0, 1.0, each)), count)
     middle = middle_barbs(barbs.side, barbs.st[:, 0, 1], look.clumps)
     own = np.arange(count * each)
     at = (middle[:, None] * each + np.arange(each)).ravel()
-    moved = sparse.csr_array((share, (own, at)), shape=(own.size, own.size))
-    return sparse.diags_array(1.0 - share) + moved
+    moved = sparse.csr_array((fraction, (own, at)), shape=(own.size, own.size))
+    return sparse.diags_array(1.0 - fraction) + moved
 
 
 def _beside(barbs: BarbCurves, points: Array) -> Matrix:

@@ -98,8 +98,8 @@ def uniform(kind: FeatherKind) -> FeatherKind:
 
 def brightness(colour: Colour, id: str) -> float:
     """By a number that the id alone decides, evenly spread about 1 with the deviation `vary`."""
-    share = stable_number(id) / 2.0**63
-    return max(1.0 + colour.vary * 3.0**0.5 * (2.0 * share - 1.0), 0.0)
+    fraction = stable_number(id) / 2.0**63
+    return max(1.0 + colour.vary * 3.0**0.5 * (2.0 * fraction - 1.0), 0.0)
 
 
 def _mesh_places(feather: Feather) -> Array:

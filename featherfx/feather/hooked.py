@@ -8,7 +8,7 @@ from featherfx.feather.types import Array, Feather
 from featherfx.groom.types import FeatherKind
 
 
-def hooked_share(kind: FeatherKind, feather: Feather) -> Array:
+def hooked_fraction(kind: FeatherKind, feather: Feather) -> Array:
     """(2, n-1, m, 2) share of hooked barbules, 0 to 1, in the middle of each triangle.
 
     feather: of that kind, at any size.

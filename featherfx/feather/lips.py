@@ -137,13 +137,13 @@ class Strands:
     """P points of barbs that are drawn between the rows of a vane that may part.
 
     near, far: the point as part of the barb below, carried by the nodes on either side of it.
-    share: (P,) of far. cells: (2, P, 3), triangles that meet in the strip's upper edge at near and
-    far, as in Lips, -1 where that is no part of a strip.
+    fraction: (P,) of far. cells: (2, P, 3), triangles that meet in the strip's upper edge at near
+    and far, as in Lips, -1 where that is no part of a strip.
     """
 
     near: Carried
     far: Carried
-    share: Array
+    fraction: Array
     cells: Indices
 
     @staticmethod
@@ -169,12 +169,12 @@ class Strands:
         """Those of which a part goes along with the barb below, of the hooks of all triangles
         (2, n-1, m, 2); None where there are none."""
         near, far = (hooked.ravel()[self.cells] == 0.0).all(axis=2) & (self.cells[..., 0] >= 0)
-        part = (1.0 - self.share) * near + self.share * far
+        part = (1.0 - self.fraction) * near + self.fraction * far
         points = np.flatnonzero(part > 0.0)
         if len(points) == 0:
             return None
         ends = _picked(self.near, points), _picked(self.far, points)
-        return Parted(points, part[points, None], *ends, self.share[points, None])
+        return Parted(points, part[points, None], *ends, self.fraction[points, None])
 
 
 @dataclass(frozen=True)
@@ -186,12 +186,12 @@ class Parted:
     part: Array
     near: Carried
     far: Carried
-    share: Array
+    fraction: Array
 
     def carried(self, points: RowPoints) -> Array:
         """(Q, 3) m, where they are as parts of the barbs below."""
         ends = self.near.carried(points), self.far.carried(points)
-        return np.asarray((1.0 - self.share) * ends[0] + self.share * ends[1])
+        return np.asarray((1.0 - self.fraction) * ends[0] + self.fraction * ends[1])
 
     def joined(self, curves: Array, own: Array) -> Array:
         """(P, 3) points or rates as of a whole vane with those (Q, 3) of the parted ones."""

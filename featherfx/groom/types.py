@@ -362,14 +362,14 @@ class Joint:
 class Turning:
     """How a follicle turns between two joints, while the feather's joint carries its anchor.
 
-    joints: names. share: 0 turns with the first, 1 with the second. anchor: (3,) m, in the groom's
-    frame at rest; the root turns about it. bow: (6,) screw (rad, m) in the groom's frame at rest,
-    of the whole bow of a wing whose second joint is folded (featherfx/groom/anatomy/bow.py); the
+    joints: names. fraction: 0 turns with the first, 1 with the second. anchor: (3,) m, in the
+    groom's frame at rest; the root turns about it. bow: (6,) screw (rad, m) in the groom's frame
+    at rest, of the whole bow of a wing whose second joint is folded (groom/anatomy/bow.py); the
     first carries it; None: it stays flat.
     """
 
     joints: tuple[str, str]
-    share: float
+    fraction: float
     anchor: Array
     bow: Array | None = None
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, rotation_vectors
 from featherfx.algebra.types import Array
-from featherfx.feather.hooked import hooked_share
+from featherfx.feather.hooked import hooked_fraction
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
@@ -159,10 +159,10 @@ def is_guarded(kind: FeatherKind, touching: bool) -> bool:
     if kind.vane_material.compression_guard > 0.0 or _may_open(kind):
         return True
     loose = any(
-        share < 1.0
+        fraction < 1.0
         for vane in (kind.leading, kind.trailing)
         for curve in (vane.hooked.shaft, vane.hooked.barb)
-        for _, share in curve
+        for _, fraction in curve
     )
     return touching and loose
 
@@ -228,7 +228,7 @@ def _held(feather: Feather, kind: FeatherKind) -> Array:
     if kind.vane_material.ribbon:
         # its stiffness is all in the shaft's
         return np.full(feather.cell.shape, LEAST_HOOKED)
-    return np.maximum(hooked_share(kind, feather), LEAST_HOOKED)
+    return np.maximum(hooked_fraction(kind, feather), LEAST_HOOKED)
 
 
 def _stacked_hooks(feathers: Sequence[Feather], kinds: Sequence[FeatherKind]) -> Hooks:
@@ -366,8 +366,8 @@ def vane_mass(feather: Feather, kind: FeatherKind, cell_area: Array | None = Non
         moved = even @ end_corrections(columns) - even
         # a barb beside one that is hardly there would be left with less than nothing at a node
         most, taken = 0.5 * even, np.maximum(-moved, 0.0)
-        share = np.divide(most, taken, out=np.ones_like(even), where=taken > most)
-        node[is_barb] = even + share.min(axis=1, keepdims=True) * moved
+        fraction = np.divide(most, taken, out=np.ones_like(even), where=taken > most)
+        node[is_barb] = even + fraction.min(axis=1, keepdims=True) * moved
         mass[:, 0] += node[:, 0]
         mass[:, barb_slice(side, columns)] = node[:, 1:]
     return mass

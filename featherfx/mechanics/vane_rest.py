@@ -106,9 +106,9 @@ def hinges_at_rest(feather: Feather, held: Array, modulus: float) -> tuple[Array
     softer = upper / held[:, 1:, :, 0] + lower / held[:, :-1, :, 1]
     # of a segment, the width of the strip that each hinge stands for
     weights = _node_weights(feather.columns)
-    share = weights[1:]
-    share[0] += weights[0]
-    stiffness[:, 1:-1] = np.where(both, modulus * share * size**2 / softer, 0.0)
+    fraction = weights[1:]
+    fraction[0] += weights[0]
+    stiffness[:, 1:-1] = np.where(both, modulus * fraction * size**2 / softer, 0.0)
     known = np.stack([angle, opening(upper), opening(lower)], axis=-1)
     rest[:, 1:-1] = np.where(stiffness[:, 1:-1, :, None] > 0.0, known, 0.0)
     return rest, stiffness

@@ -13,7 +13,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
-from featherfx.feather.barb_looks import clump_share, draws_of, middle_barbs
+from featherfx.feather.barb_looks import clump_fraction, draws_of, middle_barbs
 from featherfx.groom.looks import BarbLook
 
 _NEAR = 0.05  # place on a barb
@@ -69,13 +69,13 @@ def _shortened(values: Array, inner: Array, lengths: Array) -> Array:
 def _clumped(strips: BarbStrips, look: BarbLook, place: Array, roots: Array) -> tuple[Array, Array]:
     """Points and tangents of strips drawn towards the line of the middle barb of their clump."""
     middle = middle_barbs(np.zeros(len(roots), dtype=np.int64), roots, look.clumps)
-    share = clump_share(look, place)[:, None]
+    fraction = clump_fraction(look, place)[:, None]
     # barbs that leave the shaft towards each other have no finite slope there
     slope = np.maximum(place, _NEAR) ** (look.clump_shape - 1.0)
     rate = (look.clump * look.clump_shape * slope)[:, None]
     lines = [_line(each)[:, middle] - each for each in (strips.points, strips.tangents)]
-    points = strips.points + share * lines[0]
-    return points, strips.tangents + share * lines[1] + rate * lines[0]
+    points = strips.points + fraction * lines[0]
+    return points, strips.tangents + fraction * lines[1] + rate * lines[0]
 
 
 def _line(values: Array) -> Array:

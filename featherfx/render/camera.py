@@ -179,8 +179,8 @@ class Way:
 
     def __call__(self, time: float | None) -> Array:
         """(3,) m."""
-        share = 2.0 * ((time or 0.0) - self.first) / self.span - 1.0
-        return np.vander([share], len(self.coefficients))[0] @ self.coefficients
+        fraction = 2.0 * ((time or 0.0) - self.first) / self.span - 1.0
+        return np.vander([fraction], len(self.coefficients))[0] @ self.coefficients
 
 
 def way_of(reach: Sequence[tuple[float, Array]]) -> Way:
@@ -190,8 +190,8 @@ def way_of(reach: Sequence[tuple[float, Array]]) -> Way:
     middles = np.array([0.5 * (hull.min(axis=0) + hull.max(axis=0)) for _, hull in reach])
     first, span = float(codes.min()), max(float(np.ptp(codes)), 1e-9)
     degree = min(3, len(np.unique(codes)) - 1)
-    shares = 2.0 * (codes - first) / span - 1.0
-    return Way(np.polyfit(shares, middles, degree).reshape(degree + 1, 3), first, span)
+    fractions = 2.0 * (codes - first) / span - 1.0
+    return Way(np.polyfit(fractions, middles, degree).reshape(degree + 1, 3), first, span)
 
 
 def standing_still() -> Way:

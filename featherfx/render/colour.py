@@ -64,8 +64,8 @@ def value_colours(
 ) -> tuple[list[Array], Bar]:
     """Colours (T, 3) of each pose by values ("barb", "strain" or "hooked"), 0 to 1, and the key."""
     if mode == "hooked":
-        shares = [pose.hooked for pose in poses]
-        return _coloured(scene, shares, Bar("hooks that hold", 0.0, 1.0, HOOKS))
+        fractions = [pose.hooked for pose in poses]
+        return _coloured(scene, fractions, Bar("hooks that hold", 0.0, 1.0, HOOKS))
     if mode == "barb":
         values = [barb_angle(scene, pose) for pose in poses]
         return _by_value(scene, values, "barb angle (deg)", SEQUENTIAL, symmetric=False)

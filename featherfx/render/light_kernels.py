@@ -274,10 +274,10 @@ def _sky(lights, direction):
     """(3,) light that comes from a direction of the sky, or from the ground."""
     height = dot(direction, lights.up)
     if height >= 0.0:
-        share = sqrt(height)
-        return combined(1.0 - share, lights.horizon, share, lights.zenith)
-    share = 1.0 - exp(5.0 * height)
-    return combined(1.0 - share, lights.horizon, share, lights.ground)
+        fraction = sqrt(height)
+        return combined(1.0 - fraction, lights.horizon, fraction, lights.zenith)
+    fraction = 1.0 - exp(5.0 * height)
+    return combined(1.0 - fraction, lights.horizon, fraction, lights.ground)
 
 
 @kernel

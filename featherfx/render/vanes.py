@@ -157,21 +157,21 @@ def _rows(st: Floats, vertices: Indices) -> list[Indices]:
 @dataclass(frozen=True)
 class _Group:
     """Feathers of one topology, one number of barbs and one look. members: (n,) of the scene.
-    barbs: of a vane. stations: points along a barb. share: of the feather's barbs that are drawn,
-    at most 1. draws: (n,) by which each feather draws what is random of the look."""
+    barbs: of a vane. stations: points along a barb. fraction: of the feather's barbs that are
+    drawn, at most 1. draws: (n,) by which each feather draws what is random of the look."""
 
     members: Indices
     topology: Topology
     barbs: int
     stations: int
-    share: float
+    fraction: float
     look: BarbLook
     draws: Sequence[int]
 
     @property
     def round(self) -> float:
         """The fewer of the barbs are drawn, the less each stands out."""
-        return _ROUND_FAR + (_ROUND - _ROUND_FAR) * self.share
+        return _ROUND_FAR + (_ROUND - _ROUND_FAR) * self.fraction
 
 
 @dataclass(frozen=True)
@@ -278,7 +278,7 @@ def plumage_of(
                 topology=found[key],
                 barbs=barbs,
                 stations=stations,
-                share=_share(pixels[members], barbs),
+                fraction=_fraction(pixels[members], barbs),
                 look=look,
                 draws=[stable_number(feathers[k].id) % look.variants for k in members],
             )
@@ -300,7 +300,7 @@ def _detail(pixels: Array) -> tuple[int, int]:
     return round(_STEP**steps), int(stations) + 1
 
 
-def _share(pixels: Array, barbs: int) -> float:
+def _fraction(pixels: Array, barbs: int) -> float:
     return min(1.0, barbs * _REAL_SPACING / float(np.median(pixels[:, 1])))
 
 
@@ -315,7 +315,7 @@ def _strips(
     middles = 0.5 * (edges[1:] + edges[:-1])
     reach = np.linalg.norm(grid[:, :, -1] - grid[:, :, 0], axis=2).max()
     spine = np.linalg.norm(grid[:, -1, 0] - grid[:, 0, 0], axis=1).max()
-    taper = float(np.clip(1.5 * group.share * spine / barbs / max(reach, 1e-12), 1e-3, 0.25))
+    taper = float(np.clip(1.5 * group.fraction * spine / barbs / max(reach, 1e-12), 1e-3, 0.25))
     inner = np.linspace(0.0, 1.0 - taper, stations)
     sheet = _patch(grid, (heights, edges), (places, inner))
     tips = _patch(grid, (heights, middles), (places, np.ones(1)))

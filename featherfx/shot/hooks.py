@@ -50,8 +50,8 @@ class Hooks:
                 rate = placement.kind.vane_material.hook_heal
                 if rate > 0.0:
                     every = np.ones(group.feathers[k].cell.shape, dtype=np.bool_)
-                    share = 1.0 - np.exp(-rate * (end - start))
-                    changed[k] |= _close(group, k, every, float(share), 0.0)
+                    fraction = 1.0 - np.exp(-rate * (end - start))
+                    changed[k] |= _close(group, k, every, float(fraction), 0.0)
             self._stirred[id(group)] = changed
 
     def stirred(self, group: Group) -> Flags:
@@ -107,8 +107,8 @@ def _stroke(group: Group, k: int, stroke: Preen, start: float, end: float) -> bo
     return _close(group, k, touched, stroke.closes, stroke.reach)
 
 
-def _close(group: Group, k: int, touched: Flags, share: float, reach: float) -> bool:
-    gaps = closed(group.solver.model, group.state, k, touched, share, reach)
+def _close(group: Group, k: int, touched: Flags, fraction: float, reach: float) -> bool:
+    gaps = closed(group.solver.model, group.state, k, touched, fraction, reach)
     if gaps is None:
         return False
     # a checkpoint may still hold the state

@@ -30,11 +30,11 @@ _FLAT = 1e-6
 
 
 def closed(
-    model: Model, state: State, f: int, touched: Flags, share: float, reach: float
+    model: Model, state: State, f: int, touched: Flags, fraction: float, reach: float
 ) -> Gaps | None:
     """Gaps of feather f of a state after some of them are closed; None where none is.
 
-    touched: (2, n-1, m, 2) triangles that are looked at. share: c, above 0 to 1. reach: m. The
+    touched: (2, n-1, m, 2) triangles that are looked at. fraction: c, above 0 to 1. reach: m. The
     state is not changed.
     """
     gaps, hooks = state.gaps_of(f), model.hooks
@@ -47,11 +47,11 @@ def closed(
     new = Gaps(*(array.copy() for array in gaps))
     x, k, y = strain[chosen], stiffness[chosen], hooks.limit[f][chosen]
     was_open = gaps.hooked[chosen] == 0.0
-    hooked = gaps.hooked[chosen] + share * (1.0 - gaps.hooked[chosen])
+    hooked = gaps.hooked[chosen] + fraction * (1.0 - gaps.hooked[chosen])
     hooked[hooked > 1.0 - LOOSE] = 1.0
-    level = np.where(was_open, 1.0, 1.0 + (1.0 - share) * (gaps.level[chosen] - 1.0))
+    level = np.where(was_open, 1.0, 1.0 + (1.0 - fraction) * (gaps.level[chosen] - 1.0))
     before = np.where(was_open[:, None], x, gaps.slip[chosen])
-    slip = (1.0 - share) * before
+    slip = (1.0 - fraction) * before
     stress = k * (x - slip)
     borne = np.hypot(np.maximum(stress[:, 0], 0.0) / y[:, 0], stress[:, 1] / y[:, 1])
     much = borne / (HELD * hooked * level)

@@ -48,12 +48,12 @@ class ShaftLine:
         step = np.gradient(self.places, axis=0)
         return np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
 
-    def at(self, share: Array) -> tuple[Array, Array]:
+    def at(self, fraction: Array) -> tuple[Array, Array]:
         """(K, 2) places and (K,) headings at shares of the length; straight on past both ends."""
-        inside = np.clip(share, 0.0, 1.0)
+        inside = np.clip(fraction, 0.0, 1.0)
         heading = np.interp(inside, self._along, self.heading)
         places = np.stack([np.interp(inside, self._along, c) for c in self.places.T], axis=1)
-        beyond = (share - inside)[:, None] * self.length
+        beyond = (fraction - inside)[:, None] * self.length
         return places + beyond * np.stack([np.cos(heading), np.sin(heading)], axis=1), heading
 
 

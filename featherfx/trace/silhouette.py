@@ -103,11 +103,11 @@ def silhouette(photo: Photo, threshold: float | None = None) -> Flags:
         sizes = np.bincount(labels.ravel())
         sizes[0] = 0
         found = labels == sizes.argmax()
-    share = float(found.mean())
-    if not count or not _COVERS[0] <= share <= _COVERS[1]:
+    fraction = float(found.mean())
+    if not count or not _COVERS[0] <= fraction <= _COVERS[1]:
         message = (
-            f"no silhouette: {100.0 * share:.2g} % of the picture differ from its border, allowed"
-            f" {100.0 * _COVERS[0]:g} to {100.0 * _COVERS[1]:g}; a plain background, or a"
+            f"no silhouette: {100.0 * fraction:.2g} % of the picture differ from its border,"
+            f" allowed {100.0 * _COVERS[0]:g} to {100.0 * _COVERS[1]:g}; a plain background, or a"
             " threshold, may help"
         )
         raise InputError(Problem(str(photo.file), "", message))

@@ -34,7 +34,7 @@ Guides = list[tuple[float, float, float]]
 
 # shares of the length: what an outline may be simplified by, and a shaft be off an arc
 _SIMPLER, _ARC = 0.0015, 0.003
-# vanes begin with barbs that grow to the outline over one of these shares: the best is taken
+# vanes begin with barbs that grow to the outline over one of these fractions: the best is taken
 _BASES = (0.0, 0.05, 0.1, 0.2)
 _ROWS, _COLUMNS = 101, 16
 # times that outlines are moved by what is left between the feather and its silhouette
@@ -87,25 +87,25 @@ class _Outlines:
 
     def __init__(self, laid: Laid, line: ShaftLine, leading: str | None) -> None:
         self.laid, self.line = laid, line
-        shares, left = widths(laid, line, LEFT)
+        fractions, left = widths(laid, line, LEFT)
         _, right = widths(laid, line, RIGHT)
-        self.calamus, self.bare = calamus_of(shares, left, right)
+        self.calamus, self.bare = calamus_of(fractions, left, right)
         is_left = left.sum() <= right.sum() if leading is None else leading == "left"
         self.first = LEFT if is_left else RIGHT
         self.heading, self.sweep, self.course = _turnings(line, self.first)
-        self.shares, self.wanted = shares, (left, right) if is_left else (right, left)
+        self.fractions, self.wanted = fractions, (left, right) if is_left else (right, left)
         self.edges = [each.copy() for each in self.wanted]
         self.guides = [
-            barb_angles(laid, line, side, (self.calamus, self.bare), (shares, width))
+            barb_angles(laid, line, side, (self.calamus, self.bare), (fractions, width))
             for side, width in zip((self.first, -self.first), self.wanted, strict=True)
         ]
 
     def outline(self, k: int) -> list[tuple[float, float]]:
         """Points of a vane's outline as a preset has them."""
-        shares, width = self.shares, self.edges[k]
+        fractions, width = self.fractions, self.edges[k]
         last = np.flatnonzero(self.wanted[k] > 0.0)[-1]
-        chosen = (shares >= self.calamus) & (np.arange(len(shares)) <= last)
-        along = (shares[chosen] - self.calamus) / (1.0 - self.calamus)
+        chosen = (fractions >= self.calamus) & (np.arange(len(fractions)) <= last)
+        along = (fractions[chosen] - self.calamus) / (1.0 - self.calamus)
         points = np.stack([along, width[chosen]], axis=1)
         points[0, 1] = 0.0
         if width[last] < 0.004:
@@ -141,15 +141,15 @@ class _Outlines:
 def _turnings(line: ShaftLine, first: float) -> tuple[float, float, list[list[float]]]:
     """Heading at the base (rad, to the left), sweep and course (degrees) of a line; an arc that
     fits has no course."""
-    shares = np.linspace(0.0, 1.0, len(line.heading))
-    rate, begin = np.polyfit(shares, line.heading, 1)
+    fractions = np.linspace(0.0, 1.0, len(line.heading))
+    rate, begin = np.polyfit(fractions, line.heading, 1)
     # to the trailing side
     sweep = -first * float(np.degrees(rate))
-    if _apart(line, begin + rate * shares) < _ARC:
+    if _apart(line, begin + rate * fractions) < _ARC:
         return float(begin), sweep, []
     places = np.linspace(0.0, 1.0, 13)
-    smooth = ndimage.uniform_filter1d(line.heading, len(shares) // 30, mode="nearest")
-    turned = -first * np.degrees(np.interp(places, shares, smooth - smooth[0]))
+    smooth = ndimage.uniform_filter1d(line.heading, len(fractions) // 30, mode="nearest")
+    turned = -first * np.degrees(np.interp(places, fractions, smooth - smooth[0]))
     rest = turned - sweep * places
     course = [[float(s), 0.0, float(r), 0.0] for s, r in zip(places, rest, strict=True)]
     return float(smooth[0]), sweep, course

@@ -18,7 +18,7 @@ from featherfx.trace.silhouette import Laid
 
 LEFT, RIGHT = 1.0, -1.0
 # shares of the shaft at which widths are taken, on past its tip
-_SHARES = np.linspace(0.0, 1.12, 673)
+_FRACTIONS = np.linspace(0.0, 1.12, 673)
 # blur of the widths, of these
 _EVEN = 2.0
 # a vane begins where it is so much wider than the calamus, of the length
@@ -38,7 +38,7 @@ _ALLOWED, _CURL = (8.0, 118.0), (-10.0, 30.0)
 def widths(laid: Laid, line: ShaftLine, side: float) -> tuple[Array, Array]:
     """(K,) shares of the length along the shaft, and (K,) how far the vane of a side goes from it,
     across, in lengths: to its outermost pixel."""
-    places, heading = line.at(_SHARES)
+    places, heading = line.at(_FRACTIONS)
     across = side * np.stack([-np.sin(heading), np.cos(heading)], axis=1)
     reach = np.arange(0.0, laid.mask.shape[1], 0.5)
     at = places[:, None] + reach[:, None] * across[:, None]
@@ -47,16 +47,16 @@ def widths(laid: Laid, line: ShaftLine, side: float) -> tuple[Array, Array]:
     )
     outermost = np.where(inside > 0.5, reach, 0.0).max(axis=1) / line.length
     there = outermost > 0.0
-    return _SHARES, np.where(there, ndimage.gaussian_filter1d(outermost, _EVEN), 0.0)
+    return _FRACTIONS, np.where(there, ndimage.gaussian_filter1d(outermost, _EVEN), 0.0)
 
 
-def calamus_of(shares: Array, left: Array, right: Array) -> tuple[float, float]:
+def calamus_of(fractions: Array, left: Array, right: Array) -> tuple[float, float]:
     """Where the first vane begins, a share of the length, and half the width of the calamus."""
-    bare = 0.5 * float(np.median((left + right)[(shares > 0.005) & (shares < 0.04)]))
+    bare = 0.5 * float(np.median((left + right)[(fractions > 0.005) & (fractions < 0.04)]))
     wide = np.maximum(left, right) > bare + _BEGINS
     lasting = ndimage.minimum_filter1d(wide, 13, origin=-6)
-    begins = np.flatnonzero(lasting & (shares < 0.9))
-    return (float(shares[begins[0]]) if len(begins) else 0.0), bare
+    begins = np.flatnonzero(lasting & (fractions < 0.9))
+    return (float(fractions[begins[0]]) if len(begins) else 0.0), bare
 
 
 def simplified(points: Array, tolerance: float) -> Array:
@@ -87,12 +87,12 @@ def barb_angles(
     """
     (calamus, thick), direction, found = bare, _directions(laid), []
     for position in _ALONG:
-        share = calamus + (1.0 - calamus) * (position + np.linspace(-0.04, 0.04, 33))
-        places, heading = line.at(share)
+        fraction = calamus + (1.0 - calamus) * (position + np.linspace(-0.04, 0.04, 33))
+        places, heading = line.at(fraction)
         across = side * np.stack([-np.sin(heading), np.cos(heading)], axis=1)
         # between the shaft, which gets thinner, and the edge
-        low = thick * (1.0 - 0.8 * share) * line.length + _MARGIN
-        high = np.interp(share, *edge) * line.length - _MARGIN
+        low = thick * (1.0 - 0.8 * fraction) * line.length + _MARGIN
+        high = np.interp(fraction, *edge) * line.length - _MARGIN
         angles = []
         for part in pairwise(_OUT):
             ways = low + np.linspace(*part, 15)[:, None] * np.maximum(high - low, 0.0)

@@ -236,8 +236,8 @@ class Played:
         return np.where(self._scene.rachis, 0.0, found)
 
     def _scaled(self, values: Array, value: Value) -> Bytes:
-        share = (values - value.low) / (value.high - value.low)
-        return np.round(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
+        fraction = (values - value.low) / (value.high - value.low)
+        return np.round(255.0 * np.clip(fraction, 0.0, 1.0)).astype(np.uint8)
 
     def _of_points(self, faces: Array) -> Array:
         """(P,) means of the faces around kept points."""
@@ -266,8 +266,8 @@ class Played:
             return np.full((len(self._kept.points), 3), 0.2)
         angles = barb_angle(self._scene, self.rest)
         low, high = value_limits(angles[~self._scene.rachis], symmetric=False)
-        share = (self._of_points(angles) - low) / (high - low)
-        return linear(ramp_colours(SEQUENTIAL, np.clip(share, 0.0, 1.0)))
+        fraction = (self._of_points(angles) - low) / (high - low)
+        return linear(ramp_colours(SEQUENTIAL, np.clip(fraction, 0.0, 1.0)))
 
 
 def packed(header: Mapping[str, Any]) -> str:

@@ -163,15 +163,15 @@ class Laid(NamedTuple):
     """A layout's result for the K of F feathers that it keeps, and their P pairs.
 
     kept: (F,). place: (K, 3) m and rotation: (K, 3, 3). rank: (K,) place in the order, upwards.
-    share: (K,) of its length that a feather has kept. moves: (K, 3) raise (rad), roll (rad), lift
-    (m). heights: (K,) m over the skin, NaN without one. pairs: (P, 2) and gaps: (P,) m.
+    fraction: (K,) of its length that a feather has kept. moves: (K, 3) raise (rad), roll (rad),
+    lift (m). heights: (K,) m over the skin, NaN without one. pairs: (P, 2) and gaps: (P,) m.
     """
 
     kept: Flags
     place: Array
     rotation: Array
     rank: Indices
-    share: Array
+    fraction: Array
     moves: Array
     heights: Array
     pairs: Indices
@@ -198,7 +198,7 @@ def _result(feathers: Arrangement, rank: Indices, pairs: Indices, skin: SkinPlan
         place=feathers.place[chosen],
         rotation=feathers.rotation[chosen],
         rank=rank[chosen],
-        share=(feathers.size / feathers.placed_size)[chosen],
+        fraction=(feathers.size / feathers.placed_size)[chosen],
         moves=feathers.moves[chosen],
         heights=feathers.heights(skin)[chosen],
         pairs=number[pairs[over]],
@@ -210,10 +210,10 @@ def _moved(placement: Placement, laid: Laid, k: int) -> Placement:
     """The placement as the k-th of those that a layout keeps."""
     place, rotation = laid.place[k].copy(), laid.rotation[k].copy()
     moved = replace(placement, position=place, rotation=rotation, rank=int(laid.rank[k]))
-    share = float(laid.share[k])
-    if abs(share - 1.0) < _UNCHANGED:
+    fraction = float(laid.fraction[k])
+    if abs(fraction - 1.0) < _UNCHANGED:
         return moved
-    prototype, size = placement.prototype or placement.kind, placement.size * share
+    prototype, size = placement.prototype or placement.kind, placement.size * fraction
     kind = adjusted(prototype, Change(scale=size))
     return replace(moved, kind=kind, prototype=prototype, size=size)
 
@@ -429,7 +429,7 @@ def _report(groom: Groom, laid: Laid) -> LayoutReport:
         raised=np.degrees(laid.moves[:, 0]),
         rolled=np.degrees(laid.moves[:, 1]),
         lifted=laid.moves[:, 2],
-        shortened=laid.share,
+        shortened=laid.fraction,
         dropped=tuple(groom.feathers[k].id for k in np.flatnonzero(~laid.kept)),
         unresolved=tuple(sorted(left, key=lambda each: (-each.depth, each.upper, each.lower))),
     )

@@ -266,8 +266,8 @@ def _sites(points: Points, axes: Array) -> dict[str, Array]:
     high = 0.5 * np.linalg.norm(left - right) * axes[:, 2]
     top = 0.5 * (right + left) + high
 
-    def between(first: Array, second: Array, share: float) -> Array:
-        return np.asarray(first + share * (second - first))
+    def between(first: Array, second: Array, fraction: float) -> Array:
+        return np.asarray(first + fraction * (second - first))
 
     found = {
         "beak": [p["beak"], between(p["beak"], p["crown"], _BEAK - 0.2)],
@@ -282,13 +282,13 @@ def _sites(points: Points, axes: Array) -> dict[str, Array]:
         ],
         "mantle": [top, between(p["nape"], top, 0.75)],
         "scapular": [
-            between(between(each, top, 0.3), p["tail"], share)
+            between(between(each, top, 0.3), p["tail"], fraction)
             for each in (right, left)
-            for share in (0.0, 0.2)
+            for fraction in (0.0, 0.2)
         ],
-        "back": [between(top, p["tail"], share) for share in (0.3, 0.55)],
+        "back": [between(top, p["tail"], fraction) for fraction in (0.3, 0.55)],
         "rump": [between(top, p["tail"], 0.85)],
-        "belly": [between(p["breast"], p["vent"], share) for share in (0.4, 0.7)],
+        "belly": [between(p["breast"], p["vent"], fraction) for fraction in (0.4, 0.7)],
         "flank": [
             between(between(each, p["tail"], 0.35), between(p["breast"], p["vent"], 0.5), 0.5)
             for each in (right, left)

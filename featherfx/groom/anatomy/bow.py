@@ -85,7 +85,7 @@ def wrapped(kind: FeatherKind, sizes: Array, within: Array) -> Array:
 _FLATTEST = 1e-6  # rad, for a wing that bends along its feathers alone
 
 
-def bow_share(fold: Array | float) -> Any:
+def bow_fraction(fold: Array | float) -> Any:
     """How much of its bow a wing has at a fold: its sixth power, so late that fans are closed."""
     return np.maximum(fold, 0.0) ** 6
 

@@ -16,7 +16,7 @@ from featherfx.algebra.rotation import (
     screws_of,
 )
 from featherfx.algebra.types import Array
-from featherfx.groom.anatomy.bow import bow_share
+from featherfx.groom.anatomy.bow import bow_fraction
 from featherfx.groom.anatomy.remiges import spread_evenly
 from featherfx.groom.frames import along_polyline
 from featherfx.groom.keys.problems import Place
@@ -38,7 +38,7 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
     base, pairs = np.array(entry["position"]), entry["count"] // 2
     closed, opened = (0.5 * np.radians(angle) for angle in entry["angles"])
     half, arch = 0.5 * entry["root_width"], 0.5 * np.radians(entry["arch"])
-    bent = float(bow_share(1.0 - entry["fan"]))
+    bent = float(bow_fraction(1.0 - entry["fan"]))
     lengths = spread_evenly(entry["lengths"], pairs)
     drafts: list[Draft] = []
     joints = [Joint(entry["id"], base, entry["joint"])]
@@ -48,15 +48,15 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
         bone = f"{entry['id']}_{side}"
         joints.append(Joint(bone, base, entry["id"], "body", 0, hinge, 1.0 - entry["fan"]))
         for number in range(pairs):
-            share = (number + 0.5) / pairs
-            opening = sign * share * entry["fan"] * (opened - closed)
+            fraction = (number + 0.5) / pairs
+            opening = sign * fraction * entry["fan"] * (opened - closed)
             opens = from_rotation_vector(opening * frame[:, 2])
-            turned = opens @ from_rotation_vector(sign * share * closed * frame[:, 2]) @ frame
+            turned = opens @ from_rotation_vector(sign * fraction * closed * frame[:, 2]) @ frame
             depth = entry["lift"] * (number + (0.0 if sign > 0.0 else 0.5))
-            root = base + sign * share * half * frame[:, 1] - depth * frame[:, 2]
-            turning, wrap = Turning((entry["id"], bone), share, root), 0.0
+            root = base + sign * fraction * half * frame[:, 1] - depth * frame[:, 2]
+            turning, wrap = Turning((entry["id"], bone), fraction, root), 0.0
             if arch:  # round an axis along the tail, as if its feathers lay on a cylinder
-                bow = from_rotation_vector(-sign * share * arch * frame[:, 0])
+                bow = from_rotation_vector(-sign * fraction * arch * frame[:, 0])
                 above = bow @ ((half / arch - depth) * frame[:, 2])
                 shift = base - half / arch * frame[:, 2] + above - bow @ root
                 screw = screws_of(bow[None], shift[None])
@@ -74,7 +74,7 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
                     position=root,
                     rotation=turned,
                     scale=float(lengths[number]) / kind.length,
-                    roll=entry["roll"] * share,
+                    roll=entry["roll"] * fraction,
                     left=sign < 0.0,
                     stack=2 * (pairs - number) + int(sign > 0.0),
                     turning=turning,
@@ -115,12 +115,12 @@ def crest(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[D
         Joint(f"{name}_base", path[-1], entry["joint"]),
         Joint(name, path[-1], f"{name}_base", "body", 0, hinge, 1.0 - entry["raise"]),
     ]
-    shares = np.linspace(1.0, 0.5, count)
+    fractions = np.linspace(1.0, 0.5, count)
     lengths = spread_evenly(entry["lengths"], count)
     drafts = []
-    for number, (root, share) in enumerate(zip(roots, shares, strict=True)):
+    for number, (root, fraction) in enumerate(zip(roots, fractions, strict=True)):
         sign = -1.0 if number % 2 else 1.0
-        angle = -share * (flat + entry["raise"] * (raised - flat))
+        angle = -fraction * (flat + entry["raise"] * (raised - flat))
         turned = from_rotation_vector(angle * frame[:, 1]) @ frame
         aside = from_rotation_vector(np.radians(sign * entry["aside"]) * turned[:, 2])
         drafts.append(
@@ -135,7 +135,7 @@ def crest(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[D
                 roll=0.0,
                 left=sign < 0.0,
                 stack=count - number,
-                turning=Turning((f"{name}_base", name), float(share), root),
+                turning=Turning((f"{name}_base", name), float(fraction), root),
             )
         )
     return drafts, joints

@@ -113,13 +113,13 @@ def as_placed(kind: WingType, points: Array, axes: Array, left: bool) -> WingBon
         return None
     frames = frames_from(bones, np.tile(turn * bend, (3, 1)))
     spread, closed = upper_arms(kind, axes, left)
-    hinges, shares = [rotation_vectors(closed @ spread.T)], []
+    hinges, fractions = [rotation_vectors(closed @ spread.T)], []
     for number, (first, last) in enumerate(_turns(kind), 1):
         x, y = frames[number - 1].T[:2] @ frames[number][:, 0]
         angle = np.degrees(np.arctan2(turn * y, x))
-        shares.append((angle - first) / (last - first) if last != first else 0.0)
+        fractions.append((angle - first) / (last - first) if last != first else 0.0)
         hinges.append(turn * np.radians(last - first) * frames[number][:, 2])
-    fold = np.array([np.mean(shares), *shares])
+    fold = np.array([np.mean(fractions), *fractions])
     return WingBones(points, frames, np.stack(hinges), fold, left)
 
 

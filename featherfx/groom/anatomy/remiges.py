@@ -25,7 +25,7 @@ class Remiges:
 
     rows: the row that each belongs to. numbers: in it, as ornithology counts them: primaries and
     secondaries from the wrist. bone: of each. roots: (N, 3) m, on the bones. angles: (N,) deg
-    against the forearm as the wing is. shares: (N,) of the hand's turn that each takes. lengths:
+    against the forearm as the wing is. fractions: (N,) of the hand's turn that each takes. lengths:
     (N,) m. forward: (N,) m, from the root to the leading edge.
     """
 
@@ -34,7 +34,7 @@ class Remiges:
     bone: Indices
     roots: Array
     angles: Array
-    shares: Array
+    fractions: Array
     lengths: Array
     forward: Array
 
@@ -55,7 +55,7 @@ def remiges_of(kind: WingType, bones: WingBones, scale: float) -> Remiges:
     arm = np.linspace(0.0, 1.0, counts[0] + counts[1])[:, None]
     hand = np.linspace(0.0, 1.0, counts[2] + 1)[1:, None]
     ends = np.concatenate([inner + arm * (middle - inner), middle + hand * (outer - middle)])
-    shares = (ends[:, 1] - ends[:, 0]) / ((closed - spread) or 1.0)
+    fractions = (ends[:, 1] - ends[:, 0]) / ((closed - spread) or 1.0)
     lengths = [
         spread_evenly(getattr(kind, name).lengths, count)
         for name, count in zip(ROWS, counts, strict=True)
@@ -71,8 +71,8 @@ def remiges_of(kind: WingType, bones: WingBones, scale: float) -> Remiges:
         numbers=tuple(numbers),
         bone=np.repeat(np.arange(3), counts),
         roots=np.concatenate(spots),
-        angles=ends[:, 0] + shares * (bones.bend - spread),
-        shares=shares,
+        angles=ends[:, 0] + fractions * (bones.bend - spread),
+        fractions=fractions,
         lengths=scale * np.concatenate(lengths),
         forward=_to_leading_edge(kind, bones.lengths, counts, ends[:, 0]),
     )

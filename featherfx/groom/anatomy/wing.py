@@ -19,7 +19,7 @@ import numpy as np
 from featherfx.algebra.rotation import from_rotation_vector, motions
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import all_of
-from featherfx.groom.anatomy.bow import Bow, bow_share, wrapped
+from featherfx.groom.anatomy.bow import Bow, bow_fraction, wrapped
 from featherfx.groom.anatomy.pose import WingBones, as_placed, folded
 from featherfx.groom.anatomy.remiges import (
     ROWS,
@@ -273,7 +273,7 @@ def _thumb(wing: _Wing) -> Remiges:
         bone=np.full(row.count, 2),
         roots=edge + along(bones.points[2], bones.points[3], _ALULA, row.count),
         angles=np.full(row.count, bones.bend) + float(wing.kind.outermost[0]),
-        shares=np.ones(row.count),
+        fractions=np.ones(row.count),
         lengths=wing.scale * spread_evenly(row.lengths, row.count),
         forward=np.zeros(row.count),
     )
@@ -292,12 +292,12 @@ def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
         screws = closed.bow.screws(ways, closed.remiges.roots[row.own])
         screws = wing.bones.from_forearm(closed.wing.bones, screws)
         bows = list(screws)
-        share = float(bow_share(wing.bones.fold[2]))
-        turns, shifts = motions(share * screws)
+        fraction = float(bow_fraction(wing.bones.fold[2]))
+        turns, shifts = motions(fraction * screws)
         positions = np.einsum("nij,nj->ni", turns, positions) + shifts
         rotations = turns @ rotations
         inside = wrapped(kind, row.width * row.lengths, closed.bow.edge - ways)
-        wraps = share / closed.bow.radius * row.lengths[:, None] * inside
+        wraps = fraction / closed.bow.radius * row.lengths[:, None] * inside
     for k, remex in enumerate(row.own):
         length = float(row.lengths[k])
         yield Draft(
@@ -319,7 +319,7 @@ def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
             stack=len(remiges.rows) - int(remex),
             turning=Turning(
                 joints=(wing.joint(1), wing.joint(2)),
-                share=float(remiges.shares[remex]),
+                fraction=float(remiges.fractions[remex]),
                 anchor=remiges.roots[remex],
                 bow=bows[k],
             ),

@@ -110,7 +110,7 @@ def _mirrored(turning: Turning | None, mirror: Mirror) -> Turning | None:
         return None
     first, second = (other_side(name) or name for name in turning.joints)
     bow = None if turning.bow is None else mirror.screw(turning.bow)
-    return Turning((first, second), turning.share, mirror.points(turning.anchor), bow)
+    return Turning((first, second), turning.fraction, mirror.points(turning.anchor), bow)
 
 
 def _changes(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[int, ...]:

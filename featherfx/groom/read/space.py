@@ -227,10 +227,10 @@ def _landmark(skin: SkinSource, name: str, value: Any, place: Place) -> Array:
     corners = skin.weights(value, at)
     surface = SkinSurface(skin)
     # a linear weight over a triangle: integrals of it and of it times the place
-    share = np.maximum(corners, 0.0)
-    whole = surface.areas * share.mean(axis=1)
+    fraction = np.maximum(corners, 0.0)
+    whole = surface.areas * fraction.mean(axis=1)
     if not whole.sum() > 0.0:
         at.refuse(f"primvar '{value}' on {skin.path} is nowhere above 0")
-    summed = np.einsum("tk,tkc->tc", share, surface.corners)
-    across = share.sum(axis=1)[:, None] * surface.corners.sum(axis=1)
+    summed = np.einsum("tk,tkc->tc", fraction, surface.corners)
+    across = fraction.sum(axis=1)[:, None] * surface.corners.sum(axis=1)
     return np.asarray((surface.areas[:, None] * (summed + across)).sum(axis=0) / 12.0 / whole.sum())

@@ -29,7 +29,7 @@ _STIFFNESS = 1e-3
 _MOST_CHANGE = 3.0
 
 
-class _Shares(NamedTuple):
+class _Pairs(NamedTuple):
     """Pairs of a root and a triangle, (N,) each, by root, and the weight of each."""
 
     root: Indices
@@ -131,12 +131,12 @@ def turn_field(
     facing = unit(_sums(at_corners, normals[at_corners.triangle], len(triangle)))
     around = _within(places, facing, radius, centres, normals, areas)
     hanging = _hanging(around, at_corners, joined)
-    shares = _merged(at_corners, around, hanging, len(triangles))
-    offsets = centres[shares.triangle] - places[shares.root]
-    weights = _centred(shares, offsets, facing, len(triangle))
-    used, own = np.unique(shares.triangle, return_inverse=True)
+    pairs = _merged(at_corners, around, hanging, len(triangles))
+    offsets = centres[pairs.triangle] - places[pairs.root]
+    weights = _centred(pairs, offsets, facing, len(triangle))
+    used, own = np.unique(pairs.triangle, return_inverse=True)
     found = TurnField(
-        starts=np.searchsorted(shares.root, np.arange(len(triangle))),
+        starts=np.searchsorted(pairs.root, np.arange(len(triangle))),
         places=own,
         weights=weights,
         inverse=np.asarray(np.linalg.inv(tangents(corners[used])), dtype=np.float64),
@@ -145,7 +145,7 @@ def turn_field(
     return found, used
 
 
-def _at_corners(triangle: Indices, barycentric: Array, joined: Indices, areas: Array) -> _Shares:
+def _at_corners(triangle: Indices, barycentric: Array, joined: Indices, areas: Array) -> _Pairs:
     """The triangles at the corners of each root's own; each corner's share out by their areas.
 
     The shares of a root add up to the area around it.
@@ -163,26 +163,26 @@ def _at_corners(triangle: Indices, barycentric: Array, joined: Indices, areas: A
     near = owner[np.repeat(first[corner], sizes) + step]
     total = np.einsum("fk,fk->f", barycentric, around[corner].reshape(-1, 3))
     part = np.repeat(barycentric.ravel() / around[corner], sizes)
-    return _Shares(root, near, total[root] * part * areas[near])
+    return _Pairs(root, near, total[root] * part * areas[near])
 
 
 def _within(
     places: Array, facing: Array, radius: Array, centres: Array, normals: Array, areas: Array
-) -> _Shares:
+) -> _Pairs:
     """The triangles within each root's radius, by area, distance and how they face."""
     if not radius.any():
         nothing = np.zeros(0, dtype=np.int64)
-        return _Shares(nothing, nothing, np.zeros(0))
+        return _Pairs(nothing, nothing, np.zeros(0))
     hits = search_tree(centres).query_ball_point(places, radius)
     root = np.repeat(np.arange(len(places)), [len(hit) for hit in hits])
     near = np.concatenate([np.array(hit, dtype=np.int64) for hit in hits])
     squared = ((centres[near] - places[root]) ** 2).sum(axis=1)
     falling = np.maximum(1.0 - squared / np.maximum(radius[root] ** 2, 1e-300), 0.0) ** 2
     same_way = np.maximum(np.einsum("nc,nc->n", facing[root], normals[near]), 0.0)
-    return _Shares(root, near, areas[near] * falling * same_way)
+    return _Pairs(root, near, areas[near] * falling * same_way)
 
 
-def _hanging(around: _Shares, start: _Shares, joined: Indices) -> Flags:
+def _hanging(around: _Pairs, start: _Pairs, joined: Indices) -> Flags:
     """(N,) whether triangles around a root hang together with those at its corners."""
     size = int(joined.max()) + 1
     corners = around.root[:, None] * size + joined[around.triangle]
@@ -195,26 +195,26 @@ def _hanging(around: _Shares, start: _Shares, joined: Indices) -> Flags:
         reached, hanging = np.unique(corners[now]), now
 
 
-def _merged(first: _Shares, second: _Shares, kept: Flags, triangles: int) -> _Shares:
+def _merged(first: _Pairs, second: _Pairs, kept: Flags, triangles: int) -> _Pairs:
     """Both together, of the second those kept, one pair of each root and triangle, by root."""
     root = np.concatenate([first.root, second.root[kept]])
     triangle = np.concatenate([first.triangle, second.triangle[kept]])
     weight = np.concatenate([first.weight, second.weight[kept]])
     key, place = np.unique(root * triangles + triangle, return_inverse=True)
     summed = np.bincount(place.ravel(), weights=weight).astype(np.float64)
-    return _Shares(key // triangles, key % triangles, summed)
+    return _Pairs(key // triangles, key % triangles, summed)
 
 
-def _centred(shares: _Shares, offsets: Array, facing: Array, count: int) -> Array:
+def _centred(pairs: _Pairs, offsets: Array, facing: Array, count: int) -> Array:
     """(N,) weights that add up to 1 for each root, their centre at it where that is near.
 
     offsets: (N, 3) m, from roots to triangles; what lies in the plane square to facing counts.
     """
-    root = shares.root
+    root = pairs.root
     height = np.einsum("nc,nc->n", offsets, facing[root])
     flat = offsets - height[:, None] * facing[root]
-    weight = shares.weight / np.bincount(root, shares.weight, count)[root]
-    part = shares._replace(weight=weight)
+    weight = pairs.weight / np.bincount(root, pairs.weight, count)[root]
+    part = pairs._replace(weight=weight)
     mean = _sums(part, flat, count)
     square = _sums(part, flat[:, :, None] * flat[:, None, :], count)
     spread = np.trace(square, axis1=1, axis2=2)[:, None, None]
@@ -228,8 +228,8 @@ def _centred(shares: _Shares, offsets: Array, facing: Array, count: int) -> Arra
     return np.asarray(weight * (1.0 + change / np.maximum(1.0, most / _MOST_CHANGE)[root]))
 
 
-def _sums(shares: _Shares, values: Array, count: int) -> Array:
+def _sums(pairs: _Pairs, values: Array, count: int) -> Array:
     """(F, ...) weighted sums of values (N, ...) of the pairs, which stand by root."""
-    weights = shares.weight.reshape(-1, *([1] * (values.ndim - 1)))
-    starts = np.searchsorted(shares.root, np.arange(count))
+    weights = pairs.weight.reshape(-1, *([1] * (values.ndim - 1)))
+    starts = np.searchsorted(pairs.root, np.arange(count))
     return np.asarray(np.add.reduceat(weights * values, starts, axis=0))

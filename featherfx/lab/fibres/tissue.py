@@ -52,11 +52,11 @@ def sacks(parameters: Array, along: Array, across: Array) -> Array:
     """Stress for a (unit of the stress) and b, fibres spread by SPREAD about the pull."""
     a, b = parameters
     angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, DIRECTIONS)
-    share = np.exp(-(angle**2) / (2.0 * SPREAD**2)) / (SPREAD * np.sqrt(2.0 * np.pi))
+    fraction = np.exp(-(angle**2) / (2.0 * SPREAD**2)) / (SPREAD * np.sqrt(2.0 * np.pi))
     square = np.cos(angle) ** 2
     strain = along[:, None] * square + across[:, None] * (1.0 - square)
     stress = a * np.expm1(np.minimum(b * strain, 50.0))
-    return np.asarray(np.trapezoid(stress * share * square, angle, axis=1))
+    return np.asarray(np.trapezoid(stress * fraction * square, angle, axis=1))
 
 
 def arnoux(parameters: Array, along: Array, across: Array) -> Array:

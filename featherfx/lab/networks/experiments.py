@@ -247,14 +247,14 @@ def _rest(layout: NetworkLayout, moved: Array, inner: Indices) -> tuple[Array, f
         step = np.zeros_like(moved)
         step[inner] = -factor_of(matrix + ground).solve(pose.gradient[inner])
         slope = float(pose.gradient @ step)
-        share = 1.0
+        fraction = 1.0
         for _ in range(HALVINGS):
-            trial = _pose(layout, moved + share * step)
-            if trial.energy <= pose.energy + 1e-4 * share * slope + 1e-15 * pose.energy:
+            trial = _pose(layout, moved + fraction * step)
+            if trial.energy <= pose.energy + 1e-4 * fraction * slope + 1e-15 * pose.energy:
                 break
-            share *= 0.5
-        moved, pose = moved + share * step, trial
-        if np.abs(share * step).max() < CLOSE * layout.size.max():
+            fraction *= 0.5
+        moved, pose = moved + fraction * step, trial
+        if np.abs(fraction * step).max() < CLOSE * layout.size.max():
             return moved, pose.energy
     raise SimulationError("network", 0.0, f"no rest in {ITERATIONS} iterations")
 

@@ -214,16 +214,16 @@ def pieces_of(ribbon: Ribbon, unknowns: Array, least: int = 1) -> Pieces:
     wanted = np.ceil(step * np.maximum(turn[:-1], turn[1:]) / TURN).astype(np.int64)
     counts = np.maximum(wanted, least)
     element = np.repeat(np.arange(ribbon.elements), counts)
-    share = 1.0 / counts[element]
-    place = (np.arange(len(element)) - (np.cumsum(counts) - counts)[element]) * share
+    fraction = 1.0 / counts[element]
+    place = (np.arange(len(element)) - (np.cumsum(counts) - counts)[element]) * fraction
     rows = np.arange(len(element))
     to_unknowns = np.zeros((len(element), 4, 2 * size))
     for first, column in ((0, element), (2, size + element)):
         to_unknowns[rows, first, column] = 1.0 - place
         to_unknowns[rows, first, column + 1] = place
-        to_unknowns[rows, first + 1, column] = -share
-        to_unknowns[rows, first + 1, column + 1] = share
-    length = step[element] * share
+        to_unknowns[rows, first + 1, column] = -fraction
+        to_unknowns[rows, first + 1, column + 1] = fraction
+    length = step[element] * fraction
     begin = ribbon.stations[element] + place * step[element]
     width = ribbon.width_at(np.stack([begin, begin + length], axis=1))
     width[:, 1] -= width[:, 0]

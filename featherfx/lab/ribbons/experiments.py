@@ -199,9 +199,9 @@ def hang_rod(rod: Rod, line_density: float) -> Array:
     return _rest(rod_model(rod), root, [loads], 1e-8 * rod.length)
 
 
-def _tilted(share: float) -> Array:
+def _tilted(fraction: float) -> Array:
     """(3,) m/s^2, gravity with a share of it out of the plane."""
-    return GRAVITY + np.array([0.0, 0.0, share * np.linalg.norm(GRAVITY)])
+    return GRAVITY + np.array([0.0, 0.0, fraction * np.linalg.norm(GRAVITY)])
 
 
 def _rest(model: Model, root: Array, loads: Sequence[Loads], move: float) -> Array:
@@ -262,6 +262,6 @@ def hang_feather(kind: FeatherKind, rows: int) -> Array:
     SimulationError.
     """
     across, normal, along = clamp_frame("level").T
-    loads = [no_loads(1, tuple(_tilted(share))) for share in (0.1, 0.0)]
+    loads = [no_loads(1, tuple(_tilted(fraction))) for fraction in (0.1, 0.0)]
     model = make_model([build_feather(kind, rows, 1)], [kind], 0)
     return _rest(model, np.stack([along, across, normal], axis=1), loads, 1e-6 * kind.length)

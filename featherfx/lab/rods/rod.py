@@ -124,8 +124,8 @@ def stations(rod: Rod) -> Array:
     # places so far towards a point that they are known by the section that is left there
     section = np.geomspace(1.0, 1.0 - rod.taper, 1 + 64 * rod.segments)
     place = (1.0 - section) / rod.taper
-    share = 0.5 * place + 0.5 * np.linspace(0.0, 1.0, len(section))
-    found = rod.length * np.interp(even, share, place)
+    fraction = 0.5 * place + 0.5 * np.linspace(0.0, 1.0, len(section))
+    found = rod.length * np.interp(even, fraction, place)
     return np.asarray(found)
 
 

@@ -79,7 +79,7 @@ def as_weighed(kind: FeatherKind, bird: Weighed) -> FeatherKind:
     )
 
 
-def moving_share(rise: float) -> float:
+def moving_fraction(rise: float) -> float:
     """Of the mass that moves in the first mode, that of the vanes without which its frequency is so
     many percent higher, if the shape of the mode is the same."""
     return 1.0 - (1.0 + 0.01 * rise) ** -2
@@ -138,8 +138,8 @@ def masses(folder: Path) -> StudyResult:
         bare = _frequencies(_bare(kind), 1, 0, 1)[0]
         rise = 100.0 * (bare / whole - 1.0)
         text = f"first frequency of {preset} without its vanes, more by"
-        note = f"so vanes have {moving_share(rise):.0%} of the mass that moves; of theirs"
-        note += f" {moving_share(RISE[0] - RISE[1]):.0%} to {moving_share(sum(RISE)):.0%}"
+        note = f"so vanes have {moving_fraction(rise):.0%} of the mass that moves; of theirs"
+        note += f" {moving_fraction(RISE[0] - RISE[1]):.0%} to {moving_fraction(sum(RISE)):.0%}"
         rows.compare(text, rise, *RISE, TRIMMED, unit="%", absolute=True, note=note)
         rows.report(f"first frequency of {preset}, clamped", whole, unit="Hz")
     return StudyResult([*rows, *powers, *_keratin(), *_train()])

@@ -79,8 +79,8 @@ def lattice(folder: Path) -> StudyResult:
             plan = NetworkPlan(size=40, bend=bend)
             found = [_modulus(replace(plan, dilution=each)) for each in kept]
             axes.semilogy(kept, found, label=f"{bend:g} N m$^2$")
-        for share, modulus, solved, _ in TABLE_5_5:
-            axes.semilogy(share, modulus * LATTICES / solved, "ko")
+        for fraction, modulus, solved, _ in TABLE_5_5:
+            axes.semilogy(fraction, modulus * LATTICES / solved, "ko")
         axes.set_ylim(1e-7, 1.0)
         axes.set(xlabel="share of segments left", ylabel="shear modulus, N/m")
         axes.legend()
@@ -125,11 +125,11 @@ def _counts() -> Rows:
 def _diluted() -> Rows:
     source = published(f"{HOUGHTON}, table 5.5")
     rows = Rows()
-    for share, printed, solved, counts in TABLE_5_5:
-        layouts = [_springs(share, seed) for seed in range(LATTICES)]
+    for fraction, printed, solved, counts in TABLE_5_5:
+        layouts = [_springs(fraction, seed) for seed in range(LATTICES)]
         mean, error = _mean([_sheared_modulus(each) for each in layouts])
         note = ""
-        if share == 1.0:
+        if fraction == 1.0:
             ours = _mean([_sheared_modulus(_springs(0.99, seed)) for seed in range(LATTICES)])[0]
             # Feng, Thorpe and Garboczi 1985: linear from 2/3 to 1
             note = CUT.format(ours, np.sqrt(3.0) / 4.0 * (3.0 * 0.99 - 2.0))
@@ -137,16 +137,16 @@ def _diluted() -> Rows:
             note = f"printed {printed:g}, with 0 for {LATTICES - solved} of {LATTICES} lattices"
             note += " that were not solved (section 5.3.2): taken out here"
             printed *= LATTICES / solved
-        text = f"shear modulus with {share:.2f} of the segments, springs"
+        text = f"shear modulus with {fraction:.2f} of the segments, springs"
         allowed = max(ERRORS * error, 1e-4)
         rows.compare(text, mean, printed, allowed, source, unit="N/m", absolute=True, note=note)
         choices: tuple[Preconditioner, ...] = ("P_J", "P_Db")
         for choice, count in zip(choices, counts, strict=False):
             found = [solve(sheared_system(each), "pcg", choice).iterations for each in layouts]
             mean, error = _mean(found)
-            text = f"iterations of PCG with {choice}, {share:.2f} of the segments, springs"
+            text = f"iterations of PCG with {choice}, {fraction:.2f} of the segments, springs"
             allowed = max(ERRORS * error, 1.0)
-            note = MIXED if (share, choice) == (1.0, "P_J") else ""
+            note = MIXED if (fraction, choice) == (1.0, "P_J") else ""
             rows.compare(text, mean, count, allowed, source, absolute=True, note=note)
     return rows
 
@@ -156,9 +156,9 @@ def _mean(values: Sequence[float]) -> tuple[float, float]:
     return float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values)))
 
 
-def _springs(share: float, seed: int) -> NetworkLayout:
+def _springs(fraction: float, seed: int) -> NetworkLayout:
     """A lattice of springs, 24 by 24, held above and below."""
-    return triangular(24, 24, FibreSection(1.0, 0.0), "x", share, seed).carrying()
+    return triangular(24, 24, FibreSection(1.0, 0.0), "x", fraction, seed).carrying()
 
 
 def _sheared_modulus(layout: NetworkLayout) -> float:

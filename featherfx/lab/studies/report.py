@@ -240,8 +240,8 @@ def _room(row: Row) -> float:
     assert row.reference is not None
     if row.comparison in ("at most", "at least"):
         return abs(row.ours - row.reference)
-    share = abs(row.reference) if row.comparison == "relative" else 1.0
-    return (row.tolerance or 0.0) * share
+    fraction = abs(row.reference) if row.comparison == "relative" else 1.0
+    return (row.tolerance or 0.0) * fraction
 
 
 def kept(entries: Sequence[Entry], before: dict[str, Any], folder: Path) -> list[Entry]:

@@ -38,7 +38,7 @@ SPACING, STRAIN, STEPS, ELEMENTS = 5e-4, 0.1, 2, 4000
 # of the tilted ones, those that are pulled
 PULLED = (TILTED[0], TILTED[2], TILTED[5], TILTED[6])
 # share of barbs in the surface: figure 5.8, and the bounds of both texts
-SHARES = (0.11, 0.12, 0.14, 0.16, 0.19)
+FRACTIONS = (0.11, 0.12, 0.14, 0.16, 0.19)
 
 
 def samples(folder: Path) -> StudyResult:
@@ -77,7 +77,7 @@ def samples(folder: Path) -> StudyResult:
     text = "stress of the narrowest tilted sample over the widest's"
     rows.bound(text, narrowest / widest, words, at_most=1.0)
     rows += _poisson(moduli)
-    rows += _shares()
+    rows += _fractions()
     caption = (
         "Tilted tests of the samples of table 3.1 (figure 5.6 of Jouve 2024, without its measured"
         " curves, which are a picture): bands (lines) and membrane (dots), by width and height."
@@ -160,15 +160,15 @@ def _poisson(moduli: Moduli) -> Rows:
     return rows
 
 
-def _shares() -> Rows:
+def _fractions() -> Rows:
     """Figure 5.8: the share of barbs hardly matters to what bands carry."""
     sample = _sample(45.0, (13, 18, 103))
     strain = strains(0.5 * STRAIN, 1)
     found = {
-        share: pull_bands(sample, SwanBands(share, SPACING).bands(), strain).stress[-1]
-        for share in SHARES
+        fraction: pull_bands(sample, SwanBands(fraction, SPACING).bands(), strain).stress[-1]
+        for fraction in FRACTIONS
     }
-    printed = [found[share] for share in (0.12, 0.14, 0.16)]
+    printed = [found[fraction] for fraction in (0.12, 0.14, 0.16)]
     words = published(f"{THESIS}, figure 5.8, in words: not much impacted")
     rows = Rows()
     text = "spread of the stress over shares of barbs of 0.12 to 0.16, aspect 1.38"

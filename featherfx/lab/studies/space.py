@@ -272,7 +272,7 @@ def _power(counts: Sequence[int], found: Sequence[int]) -> tuple[float, float]:
 
 # figures 6.26 to 6.28: fibres of a sheet and distances of sheets (m), ours as none are printed
 COUNTS, APART = (100, 150, 200), (0.1, 0.2, 0.4)
-SHARES: dict[str, Callable[[Sheared], float]] = {
+FRACTIONS: dict[str, Callable[[Sheared], float]] = {
     "links over sheets": lambda each: each.links / (each.energy - each.links),
     "bending over all": lambda each: each.bend / each.energy,
     "energy over affine": lambda each: each.energy / each.affine,
@@ -289,8 +289,8 @@ def contours(folder: Path) -> StudyResult:
             layout = linked_sheets(sheet, SHEETS, apart, ASIDE)
             for way in ("xy", "xz"):
                 sheared = shear(layout, _gradient(*DIRECTIONS[way]))
-                for name, share in SHARES.items():
-                    found.setdefault((name, way), []).append(share(sheared))
+                for name, fraction in FRACTIONS.items():
+                    found.setdefault((name, way), []).append(fraction(sheared))
     grids = {key: np.reshape(each, (len(COUNTS), len(APART))) for key, each in found.items()}
     rows = Rows()
     for name, way, figure, grows in (
@@ -316,8 +316,8 @@ def contours(folder: Path) -> StudyResult:
     rows.bound(text, float(last[-1] / last[0]), falls, at_most=1.0)
 
     def paint(canvas: Any) -> None:
-        panels = canvas.subplots(len(SHARES), 2)
-        for place, key in enumerate(product(SHARES, ("xy", "xz"))):
+        panels = canvas.subplots(len(FRACTIONS), 2)
+        for place, key in enumerate(product(FRACTIONS, ("xy", "xz"))):
             axes = panels.flat[place]
             drawn = axes.contourf(APART, COUNTS, grids[key], levels=8, cmap="viridis")
             canvas.colorbar(drawn, ax=axes)

@@ -117,8 +117,8 @@ def _as_printed() -> np.ndarray:
     right = e * (1.0 - stretch**-3) - 0.5 / stretch + 0.5 * stretch**-4
     pressure = (e - 0.5 * (stretch**2 + 1.0 / stretch)) / stretch
     wrong = e - 1.0 / stretch - pressure / stretch
-    share = np.divide(wrong, right, out=np.ones_like(wrong), where=right > 0.0)
-    return arnoux(parameters, ALONG, ALONG) * share
+    fraction = np.divide(wrong, right, out=np.ones_like(wrong), where=right > 0.0)
+    return arnoux(parameters, ALONG, ALONG) * fraction
 
 
 READ = "where the first fibre breaks, E22 = (C_r - 1) / 2; ours goes there in steps"

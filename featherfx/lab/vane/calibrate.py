@@ -135,7 +135,7 @@ def calibrate(
         moduli=_moduli(guess),
         low=low,
         high=high,
-        identified=identified_shares(jacobian),
+        identified=identified_fractions(jacobian),
         conditioning=float(singular[0] / singular[-1]),
         residual=float(np.sqrt(np.mean(residual**2))),
         curves=len(curves),
@@ -238,7 +238,7 @@ def _gauss_newton(
             jacobian[:, k] = (shifted - base) / DIFFERENCE
         weak = [
             n
-            for n, left in zip(NAMES, identified_shares(jacobian), strict=True)
+            for n, left in zip(NAMES, identified_fractions(jacobian), strict=True)
             if left < IDENTIFIED
         ]
         if weak:
@@ -251,7 +251,7 @@ def _gauss_newton(
     return guess, jacobian, ROUNDS
 
 
-def identified_shares(jacobian: Array) -> tuple[float, ...]:
+def identified_fractions(jacobian: Array) -> tuple[float, ...]:
     """Of each column the stress that is left when it changes by the factor e, whatever the others
     do, as a share of the whole."""
     found = []

@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem, require
 from featherfx.groom.types import FeatherKind
-from featherfx.lab.vane.calibrate import IDENTIFIED, half_intervals, identified_shares
+from featherfx.lab.vane.calibrate import IDENTIFIED, half_intervals, identified_fractions
 from featherfx.lab.vane.curves import MeasuredCurve
 from featherfx.mechanics.vane_hook_kernels import hooked_response, slip_after
 
@@ -112,8 +112,8 @@ def fit_cycles(curves: Sequence[MeasuredCurve], kind: FeatherKind, source: str =
     guesses = _guesses(curves)
     best = min(guesses, key=lambda guess: float(np.sum(missed(guess) ** 2)))
     found = least_squares(missed, best, x_scale="jac", diff_step=1e-4, max_nfev=60)
-    shares = identified_shares(found.jac)
-    weak = [name for name, share in zip(NAMES, shares, strict=True) if share < IDENTIFIED]
+    fractions = identified_fractions(found.jac)
+    weak = [name for name, fraction in zip(NAMES, fractions, strict=True) if fraction < IDENTIFIED]
     if weak:
         message = "the curves do not determine it; missing is {}"
         raise InputError(*(Problem(source, n, message.format(MISSING[n])) for n in weak))
@@ -126,7 +126,7 @@ def fit_cycles(curves: Sequence[MeasuredCurve], kind: FeatherKind, source: str =
             None if most is None else float(np.exp(middle + sign * most) * unit[k])
             for sign in (-1.0, 1.0)
         )
-        fitted[name] = Fitted(float(np.exp(middle) * unit[k]), low, high, shares[k])
+        fitted[name] = Fitted(float(np.exp(middle) * unit[k]), low, high, fractions[k])
     residual = float(np.sqrt(np.mean(found.fun**2)))
     return Hysteresis(**fitted, residual=residual, curves=len(curves), points=len(data))
 
@@ -153,4 +153,4 @@ def _guesses(curves: Sequence[MeasuredCurve]) -> list[Array]:
     strain, stress = first.strain[:up][early], first.stress[:up][early]
     across = abs(float(strain @ stress)) / max(float(strain @ strain), 1e-12)
     most = max(float(curve.stress.max()) for curve in curves)
-    return [np.log([across, share * most, slip]) for share, slip in product(YIELDS, SLIPS)]
+    return [np.log([across, fraction * most, slip]) for fraction, slip in product(YIELDS, SLIPS)]

@@ -150,8 +150,8 @@ class Stepper:
             start[~led.free], end[~led.free] = led.start[~led.free], led.end[~led.free]
         current, done = list(states), whole
         for part in span.parts(4 if failed else 2):
-            shares = [(time - span.start) / span.length for time in (part.start, part.end)]
-            ways = [start + share * (end - start) for share in shares]
+            fractions = [(time - span.start) / span.length for time in (part.start, part.end)]
+            ways = [start + fraction * (end - start) for fraction in fractions]
             done_part = self.step(current, part, resting & ~island, Led(island, *ways))
             current = done_part.states
             done.contact += done_part.contact

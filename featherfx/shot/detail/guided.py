@@ -156,13 +156,13 @@ def _blends(shapes: Shapes, guides: Shapes, weights: Any) -> tuple[Any, list[Any
         station, guide = shapes.stations[f], guides.stations[g]
         maps = [overlaps(station, guide)]
         maps += [_interpolation(station, guide, grown) for grown in guides.grown[g]]
-        followers, leaders, shares = (
+        followers, leaders, fractions = (
             values[some, None] for values in (weights.row, weights.col, weights.data)
         )
         for part, own_map, size in zip(parts, maps, (rows - 1, rows, rows), strict=True):
             each = sparse.coo_array(own_map)
             row, column = followers * size + each.row, leaders * size + each.col
-            part.append((row.ravel(), column.ravel(), (shares * each.data).ravel()))
+            part.append((row.ravel(), column.ravel(), (fractions * each.data).ravel()))
     found = []
     for part, size in zip(parts, (rows - 1, rows, rows), strict=True):
         row, column, data = (np.concatenate(column) for column in zip(*part, strict=True))

@@ -143,9 +143,9 @@ def chosen_for(error: float, shaft: float, barb: float) -> Chosen:
     return best
 
 
-def rounded_up(share: float) -> float:
+def rounded_up(fraction: float) -> float:
     """A deflection as what is chosen for is: alike within a tenth, never less."""
-    return 1.1 ** math.ceil(math.log(max(share, 1e-6), 1.1))
+    return 1.1 ** math.ceil(math.log(max(fraction, 1e-6), 1.1))
 
 
 def stepped_down(tolerance: float) -> float:

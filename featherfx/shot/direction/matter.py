@@ -43,13 +43,13 @@ class Blown:
 
     def through(self, loads: Loads, weights: tuple[float, ...], time: float) -> Loads:
         """Loads of a batch that feels the channels by these weights, at a time in s."""
-        share = 1.0
+        fraction = 1.0
         for course, weight in zip(self._found, weights, strict=True):
-            share *= 1.0 + weight * (course.value(time) - 1.0)
-        if share == 1.0:
+            fraction *= 1.0 + weight * (course.value(time) - 1.0)
+        if fraction == 1.0:
             return loads
         return loads._replace(
-            wind_mean=share * loads.wind_mean, wind_amplitude=share * loads.wind_amplitude
+            wind_mean=fraction * loads.wind_mean, wind_amplitude=fraction * loads.wind_amplitude
         )
 
 

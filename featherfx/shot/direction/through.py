@@ -77,9 +77,11 @@ class FollowThrough:
         def at(step: float) -> RowPoints:
             moved = both(lambda x, v, a: x + step * v + 0.5 * step * step * a, *local)
             turns = self._shapes.turns(moved)
-            share = product(self._found, "follow", end + step, self._members)
-            along = turns.along * share[:, None, None]
-            return self._shapes.posed(Turns(along, turns.barbs * share[:, None, None, None, None]))
+            fraction = product(self._found, "follow", end + step, self._members)
+            along = turns.along * fraction[:, None, None]
+            return self._shapes.posed(
+                Turns(along, turns.barbs * fraction[:, None, None, None, None])
+            )
 
         before, now, after = at(-h), at(0.0), at(h)
         return [

@@ -56,10 +56,10 @@ class Depths:
             "pairs_touching": int(self._counts.sum()),
         }
 
-    def _quantile(self, share: float) -> float:
+    def _quantile(self, fraction: float) -> float:
         """Depth that a share of the pairs and samples do not exceed, to BIN."""
         total = int(self._counts.sum())
         if not total:
             return 0.0
-        place = np.searchsorted(np.cumsum(self._counts), share * total)
+        place = np.searchsorted(np.cumsum(self._counts), fraction * total)
         return float(min(BIN * place, self._worst.max(initial=0.0)))

@@ -131,15 +131,15 @@ class CutRoots:
             self._frames.pop(k - 16, None)
         return self._frames[k]
 
-    def _between(self, k: int, share: float, time: float) -> RootFrames:
+    def _between(self, k: int, fraction: float, time: float) -> RootFrames:
         """Roots at a share of the way from frame k to k + 1."""
-        found = self.motion.frames(time) if share else self._at(k)
+        found = self.motion.frames(time) if fraction else self._at(k)
         near = self.finder.near(k) if 0 <= k < self.last else np.zeros(len(self.lengths), bool)
         if not near.any():
             return found
         before, after, cut = self._at(k), self._at(k + 1), self.finder.cut(k)
-        positions = curve(self.finder, k, share, lambda j: self._at(j).positions)
-        turned = shared_turns(before.rotations, after.rotations, np.full(len(cut), share))
+        positions = curve(self.finder, k, fraction, lambda j: self._at(j).positions)
+        turned = shared_turns(before.rotations, after.rotations, np.full(len(cut), fraction))
         turned = np.where(cut[:, None, None], after.rotations, turned)
         return RootFrames(
             np.where(near[:, None], positions, found.positions),
@@ -205,16 +205,16 @@ class CutSurface:
             self._points.pop(k - 16, None)
         return self._points[k]
 
-    def _between(self, k: int, share: float, time: float) -> Array:
+    def _between(self, k: int, fraction: float, time: float) -> Array:
         if not (0 <= k < self.last and self.finder.near(k)[0]):
             return self.surface.points(time)
-        return curve(self.finder, k, share, self._at)
+        return curve(self.finder, k, fraction, self._at)
 
 
-def curve(finder: CutFinder, k: int, share: float, places: Callable[[int], Array]) -> Array:
+def curve(finder: CutFinder, k: int, fraction: float, places: Callable[[int], Array]) -> Array:
     """(N, 3) m, at a share of the way from frame k to k + 1 on a cubic that sees no cut; what is
     cut there comes along the way that it goes on from frame k + 1."""
-    start, end, u = places(k), places(k + 1), share
+    start, end, u = places(k), places(k + 1), fraction
     first, last = finder.tangents(k, places)
     across = u * u * (3.0 - 2.0 * u)
     cubic = start + across * (end - start) + u * (1.0 - u) * ((1.0 - u) * first - u * last)

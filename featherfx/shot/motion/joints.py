@@ -19,7 +19,7 @@ from featherfx.algebra.rotation import (
 )
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.groom.anatomy.bow import bow_share
+from featherfx.groom.anatomy.bow import bow_fraction
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.roots import RootFrames
 
@@ -101,9 +101,9 @@ class Bows:
 
     def straightened(self, at_rest: RootFrames) -> RootFrames:
         """The roots at rest without the bow."""
-        share = -bow_share(self.folds)[self.joints, None]
+        fraction = -bow_fraction(self.folds)[self.joints, None]
         still = np.tile(np.eye(3), (len(self.folds), 1, 1)), np.zeros((len(self.folds), 3))
-        return self._bent(at_rest, share, *still)
+        return self._bent(at_rest, fraction, *still)
 
     def bent(
         self, roots: RootFrames, poses: JointPoses, rotations: Array, shifts: Array
@@ -111,10 +111,12 @@ class Bows:
         """Roots of flat wings, bent as those of the poses are. rotations, shifts: of carriers."""
         turned = rotation_vectors(poses.rotations)
         folds = self.folds + np.einsum("jk,jk->j", turned, self.hinges)
-        return self._bent(roots, bow_share(folds)[self.joints, None], rotations, shifts)
+        return self._bent(roots, bow_fraction(folds)[self.joints, None], rotations, shifts)
 
-    def _bent(self, roots: RootFrames, share: Array, rotations: Array, shifts: Array) -> RootFrames:
-        turns, ways = motions(share * self.screws)
+    def _bent(
+        self, roots: RootFrames, fraction: Array, rotations: Array, shifts: Array
+    ) -> RootFrames:
+        turns, ways = motions(fraction * self.screws)
         carrier, origin = rotations[self.carriers], shifts[self.carriers]
         turns = carrier @ turns @ carrier.swapaxes(1, 2)
         positions, frames = roots.positions.copy(), roots.rotations.copy()
@@ -146,15 +148,15 @@ class JointRoots:
     """The F roots of a groom on its joints.
 
     joints: (F,) number of each feather's joint. between: (F, 2) of those that it turns between,
-    and shares: (F,) how far with the second. anchors: (F, 3) m, what the joint carries, about which
-    the root turns. at_rest: the roots in the groom's frame, of flat wings. poses: of the joints
-    over time. bows: of wings that bend as they fold.
+    and fractions: (F,) how far with the second. anchors: (F, 3) m, what the joint carries, about
+    which the root turns. at_rest: the roots in the groom's frame, of flat wings. poses: of the
+    joints over time. bows: of wings that bend as they fold.
     """
 
     skeleton: Skeleton
     joints: Indices
     between: Indices
-    shares: Array
+    fractions: Array
     anchors: Array
     at_rest: RootFrames
     poses: PosesOverTime
@@ -169,7 +171,7 @@ class JointRoots:
         poses = self.poses(time)
         rotations, shifts = self.skeleton.carriers(poses)
         turns = shared_turns(
-            rotations[self.between[:, 0]], rotations[self.between[:, 1]], self.shares
+            rotations[self.between[:, 0]], rotations[self.between[:, 1]], self.fractions
         )
         positions = _applied(rotations[self.joints], self.anchors) + shifts[self.joints]
         positions += _applied(turns, self.at_rest.positions - self.anchors)
@@ -183,16 +185,16 @@ def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> Joint
     joints = np.array([index[feather.joint] for feather in groom.feathers], dtype=np.int64)
     between = np.column_stack([joints, joints])
     at_rest = roots_at_rest(groom)
-    shares, anchors = np.zeros(len(joints)), at_rest.positions.copy()
+    fractions, anchors = np.zeros(len(joints)), at_rest.positions.copy()
     for number, feather in enumerate(groom.feathers):
         if feather.turning is not None:
             between[number] = [index[name] for name in feather.turning.joints]
-            shares[number] = feather.turning.share
+            fractions[number] = feather.turning.fraction
             anchors[number] = feather.turning.anchor
     bows = _bows(groom, index)
     if bows is not None:
         at_rest = bows.straightened(at_rest)
-    return JointRoots(skeleton, joints, between, shares, anchors, at_rest, poses, bows)
+    return JointRoots(skeleton, joints, between, fractions, anchors, at_rest, poses, bows)
 
 
 def roots_at_rest(groom: Groom) -> RootFrames:

@@ -44,7 +44,7 @@ class RunUp:
 def moves_before(motion: Roots, duration: float, tolerance: float) -> bool:
     """Whether any root moves within `duration` (s) before the first frame by more than a small
     part of a tolerance (m)."""
-    first, middle, last = (motion.frames(-share * duration) for share in (1.0, 0.5, 0.0))
+    first, middle, last = (motion.frames(-fraction * duration) for fraction in (1.0, 0.5, 0.0))
     return any(
         bool(np.abs(now - end).max(initial=0.0) > _STILL * tolerance)
         for each in (first, middle)

@@ -252,10 +252,10 @@ def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
     _check_forces(forces)
     _check_patterns([*details, *shelters, *preens, *wets, *frees, *channels, *targets], groom)
     _check_preens(preens, groom)
-    _check_shares(wets, "{:g} s")
+    _check_fractions(wets, "{:g} s")
     _check_frames_of([*frees, *targets], parts["frames"])
     _check_channels(channels)
-    _check_shares(targets)
+    _check_fractions(targets)
     return {
         "grips": tuple(
             Grip(**entry | {"displacement": np.array(entry["displacement"])}) for _, entry in grips
@@ -285,13 +285,13 @@ def _check_preens(entries: Entries, groom: Groom | None) -> None:
             )
 
 
-def _check_shares(entries: Entries, said: str = "frame {:g}") -> None:
+def _check_fractions(entries: Entries, said: str = "frame {:g}") -> None:
     """Keys with values from 0 to 1, in order."""
     for at, entry in entries:
-        for index, (_, share) in enumerate(entry["keys"]):
-            if not 0.0 <= share <= 1.0:
+        for index, (_, fraction) in enumerate(entry["keys"]):
+            if not 0.0 <= fraction <= 1.0:
                 place = at.child("keys").item(index).item(1)
-                place.fail(f"{share:g} is out of range, allowed 0 to 1")
+                place.fail(f"{fraction:g} is out of range, allowed 0 to 1")
         _check_later(at.child("keys"), entry["keys"], said)
 
 

@@ -95,13 +95,13 @@ def measure_moves(
     for done, code in enumerate(codes[1:], 2):
         points = np.concatenate(cache.points_of(chosen, code))
         ways = np.linalg.norm(points - before, axis=1)
-        shares = np.maximum.reduceat(ways, first) / np.maximum(sizes, 1e-12)
-        worst = int(shares.argmax())
+        fractions = np.maximum.reduceat(ways, first) / np.maximum(sizes, 1e-12)
+        worst = int(fractions.argmax())
         before = points
         on_frame(done, len(codes))
         yield {
             "frame": code,
-            "largest": float(shares[worst]),
+            "largest": float(fractions[worst]),
             "feather": cache.feathers[chosen[worst]].id,
-            "middle": float(np.median(shares)),
+            "middle": float(np.median(fractions)),
         }

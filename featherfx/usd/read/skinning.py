@@ -95,8 +95,8 @@ class Skinning:
         order = every if own is None else list(own)
         if every[joint] not in order:
             return points[:0]
-        share = np.where(numbers == order.index(every[joint]), weights, 0.0).sum(axis=1)
-        return points[share > 0.5 * weights.sum(axis=1)]
+        fraction = np.where(numbers == order.index(every[joint]), weights, 0.0).sum(axis=1)
+        return points[fraction > 0.5 * weights.sum(axis=1)]
 
     def attributes(self) -> list[Any]:
         """What moves the skeleton, for its time samples."""
