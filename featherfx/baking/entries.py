@@ -28,8 +28,9 @@ from featherfx.limits import refuse_beyond_memory
 from featherfx.mechanics.batch import may_slip
 from featherfx.phases import phase
 from featherfx.shot.motion.skin import BoundSkin
+from featherfx.shot.patterns import last_fitting
 from featherfx.shot.placement import place
-from featherfx.shot.types import Quality, Shot
+from featherfx.shot.types import Quality, Shot, Wet
 from featherfx.usd.read.opening import located, open_stage
 from featherfx.usd.read.stage import kind_of
 from featherfx.usd.types import FeatherEntry
@@ -189,10 +190,11 @@ def drawn_entries(
     drawn: DrawnOptions,
     names: Sequence[str],
     skin: BoundSkin | None,
+    wets: Sequence[Wet] = (),
 ) -> list[FeatherEntry]:
     """What the writer takes of a bake: feathers as they are drawn, and how they follow.
 
-    quality: of the simulation. names: prim name per feather.
+    quality: of the simulation. names: prim name per feather. wets: rules of the shot.
     """
     grid, count = (quality.rows, quality.columns), drawn.barbs
     meshes = drawn.grid(quality)
@@ -208,7 +210,9 @@ def drawn_entries(
 
             built = all_of(*(partial(build, *each) for each in enumerate(groom.feathers)))
     entries = entries_of(groom, [feather for feather, _ in built], static=False, skin=skin)
-    for index, placement in enumerate(groom.feathers):
+    for index, (placement, wet) in enumerate(
+        zip(groom.feathers, last_fitting(wets, groom.feathers), strict=True)
+    ):
         barbs = None
         if count:
             barbs = drawn_barbs(placement.kind, grid, count, placement.mirrored, placement.id)
@@ -218,7 +222,11 @@ def drawn_entries(
                 own = placement.kind, built[index][0], barbs, placement.id, _with_film(groom)
                 entries[index] = replace(entries[index], colours=colours_of(*own))
         entries[index] = replace(
-            entries[index], name=names[index], points_map=built[index][1], barbs=barbs
+            entries[index],
+            name=names[index],
+            points_map=built[index][1],
+            barbs=barbs,
+            wet=wet >= 0 and wets[wet].clump > 0.0,
         )
     return entries
 

@@ -16,7 +16,7 @@ def new_writer(task: Task) -> CacheWriter:
     shot, quality = task.shot, task.shot.quality
     return CacheWriter(
         task.path,
-        drawn_entries(shot.groom, quality, task.options, task.names, shot.skin),
+        drawn_entries(shot.groom, quality, task.options, task.names, shot.skin, shot.wets),
         task.frames,
         shot.frames_per_second,
         task.options,

@@ -128,7 +128,7 @@ def _look(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
 def _chunk(task: Task) -> int:
     """Frames of a chunk of the whole."""
     shot, options = task.shot, task.options
-    entries = drawn_entries(shot.groom, shot.quality, options, task.names, shot.skin)
+    entries = drawn_entries(shot.groom, shot.quality, options, task.names, shot.skin, shot.wets)
     extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
     return chunk_frames(options, posed_feathers(entries, StageSpace(), extras))
 

@@ -37,6 +37,8 @@ from featherfx.groom.types import FeatherKind
 # of the part of a vane that a clump takes, how unevenly the parts are cut
 _UNEVEN = 0.7
 _SEED = 7
+# exponent of the way along a barb by which water draws barbs together
+WET_SHAPE = 2.0
 
 Matrix = Any
 
@@ -154,7 +156,8 @@ def clumped(barbs: BarbCurves, points: Array, amount: float, clumps: int) -> Arr
     each = points.reshape(*barbs.widths.shape, 3)
     along = np.linspace(0.0, 1.0, each.shape[1])[:, None]
     middle = each[middle_barbs(barbs.side, barbs.st[:, 0, 1], clumps)]
-    return np.asarray(each + amount * along**2 * (middle - each)).reshape(points.shape)
+    fraction = amount * along**WET_SHAPE
+    return np.asarray(each + fraction * (middle - each)).reshape(points.shape)
 
 
 def middle_barbs(side: Indices, place: Array, clumps: int) -> Indices:

@@ -1,4 +1,4 @@
-"""Barbs of pictures with the look of their feather: in clumps, frizzy, of uneven lengths.
+"""Barbs of pictures with the look of their feather: in clumps, frizzy, of uneven lengths, wet.
 
 As barbs that are written as curves have it (feather/barb_looks.py), for the strips of a picture, of
 which there may be more or fewer, with the slopes that shading needs.
@@ -13,7 +13,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
-from featherfx.feather.barb_looks import clump_fraction, draws_of, middle_barbs
+from featherfx.feather.barb_looks import WET_SHAPE, clump_fraction, draws_of, middle_barbs
 from featherfx.groom.looks import BarbLook
 
 _NEAR = 0.05  # place on a barb
@@ -49,6 +49,21 @@ def dressed(
     for way, own, change in zip(_ways(strips), far, rate, strict=True):
         points, tangents = points + own[..., None] * way, tangents + change[..., None] * way
     return BarbStrips(points, strips.along, tangents)
+
+
+def soaked(strips: BarbStrips, wet: Array, inner: Array, roots: Array) -> BarbStrips:
+    """Strips whose ends water draws together. wet: (n, 2) how far, and in how many clumps. inner,
+    roots: as of dressed."""
+    some = wet[wet[:, 0] > 0.0]
+    if not len(some):
+        return strips
+    place, drawn = np.concatenate([inner, inner, [1.0]]), BarbStrips(*(s.copy() for s in strips))
+    for amount, clumps in np.unique(some, axis=0):
+        own = (wet == (amount, clumps)).all(axis=1)
+        look = BarbLook(clump=amount, clumps=int(clumps), clump_shape=WET_SHAPE)
+        mine = BarbStrips(*(each[own] for each in strips))
+        drawn.points[own], drawn.tangents[own] = _clumped(mine, look, place, roots)
+    return drawn
 
 
 def _shortened(values: Array, inner: Array, lengths: Array) -> Array:

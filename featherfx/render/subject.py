@@ -154,7 +154,8 @@ class Subject:
             colours = self.values[time]
             own = apart(pose.points, self.scene.triangles, pose.normals, colours)
         else:
-            own = self.plumage.geometry(load_points(self.cache, self.scene, time))
+            wet = self.cache.clumped_of(self.scene.chosen.tolist(), time)
+            own = self.plumage.geometry(load_points(self.cache, self.scene, time), wet)
         return joined([own, *others])
 
     def _pixels(self, eye: Eye, points: Array) -> Array:

@@ -30,7 +30,7 @@ from featherfx.feather.density import hermite_weights
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import BarbLook
-from featherfx.render.barb_looks import BarbStrips, dressed
+from featherfx.render.barb_looks import BarbStrips, dressed, soaked
 from featherfx.render.geometry import Geometry, geometry_of, joined, vertex_normals
 from featherfx.render.light_kernels import SHAFT, SKIN, VANE
 from featherfx.usd.read.cached_feather import CachedFeather
@@ -191,9 +191,10 @@ class DrawnPlumage:
     shaft: Array
     skin: Array
 
-    def geometry(self, points: Array) -> Geometry:
-        """All feathers of a pose, points (V, 3) m."""
-        return joined([*self._plain(points), *self._grouped(points)])
+    def geometry(self, points: Array, wet: Array | None = None) -> Geometry:
+        """All feathers of a pose, points (V, 3) m. wet: (N, 2) of Cache.clumped_of; None: dry."""
+        wet = np.zeros((len(self.feathers), 2)) if wet is None else wet
+        return joined([*self._plain(points), *self._grouped(points, wet)])
 
     def _plain(self, points: Array) -> Iterator[Geometry]:
         for member in self.plain:
@@ -203,7 +204,7 @@ class DrawnPlumage:
             normals = vertex_normals(mine, triangles)
             yield geometry_of(mine, triangles, SKIN, normals, colour)
 
-    def _grouped(self, points: Array) -> Iterator[Geometry]:
+    def _grouped(self, points: Array, wet: Array) -> Iterator[Geometry]:
         for group in self.groups:
             at = self.starts[group.members]
             for grid in group.topology.vanes:
@@ -211,7 +212,9 @@ class DrawnPlumage:
                 parted = None
                 if grid.edges is not None:
                     parted = points[at[:, None, None] + grid.edges] - mine[:, 1:]
-                yield _strips(mine, parted, self._colours(group.members, grid.rows), grid, group)
+                colours = self._colours(group.members, grid.rows)
+                posed = _PosedVane(mine, parted, colours, wet[group.members])
+                yield _strips(posed, grid, group)
             if group.topology.shaft is not None:
                 rings, heights = group.topology.shaft
                 shafts = self._shafts(group.members, rings)
@@ -304,11 +307,19 @@ def _fraction(pixels: Array, barbs: int) -> float:
     return min(1.0, barbs * _REAL_SPACING / float(np.median(pixels[:, 1])))
 
 
-def _strips(
-    grid: Array, parted: Array | None, colours: Array, vane: DrawnGrid, group: _Group
-) -> Geometry:
-    """The barbs of one vane of n feathers; grid, colours: (n, R, C, 3). parted: (n, R - 1, C, 3),
-    how far the strips' upper edges are from the rows above them."""
+class _PosedVane(NamedTuple):
+    """One vane of n feathers. grid, colours: (n, R, C, 3). parted: (n, R - 1, C, 3), how far the
+    strips' upper edges are from the rows above them. wet: (n, 2) as of Cache.clumped_of."""
+
+    grid: Array
+    parted: Array | None
+    colours: Array
+    wet: Array
+
+
+def _strips(posed: _PosedVane, vane: DrawnGrid, group: _Group) -> Geometry:
+    """The barbs of one vane."""
+    grid, parted, colours, wet = posed
     heights, places = vane.heights, vane.places
     count, barbs, stations = len(grid), group.barbs, group.stations
     edges = np.linspace(heights[0], heights[-1], barbs + 1)
@@ -335,6 +346,7 @@ def _strips(
     strips = BarbStrips(*(of_strips(*each) for each in zip(sheet, tips, away, strict=True)))
     if group.look != BarbLook():
         strips = dressed(strips, group.look, group.draws, inner, middles)
+    strips = soaked(strips, wet, inner, middles)
     points, along, tangents, colour = (
         each.reshape(-1, 3).astype(np.float32) for each in (*strips, of_strips(shades, tip_shades))
     )

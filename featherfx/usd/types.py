@@ -19,6 +19,9 @@ ENERGY_DENSITY = "primvars:energyDensity"
 # of vanes whose hooks may slip, per face
 HOOKED, SLIP = "primvars:hooked", "primvars:slip"
 HOOKS = (HOOKED, SLIP)
+# of wet feathers, per face: how far the ends of drawn barbs come together, 0 to 1, and in how many
+# clumps a vane
+WET = ("primvars:wetClump", "primvars:wetClumps")
 DIAGNOSTICS = {"strain": (STRAIN_ACROSS, STRAIN_SHEAR), "energy": (ENERGY_DENSITY,)}
 
 # of condensed feathers, on the points of shafts: their barbs' nodes, left and right (P_BARB), and
@@ -36,7 +39,12 @@ MESH, RACHIS, BARB = "mesh", "rachis", "barbs"
 RATES = ("velocities", ACCELERATIONS)
 # velocities in half precision, which USD's own attribute has no place for
 HALF_VELOCITIES = "primvars:halfVelocities"
-PER_FACE = (BARB_DIRECTION, *HOOKS, *(name for names in DIAGNOSTICS.values() for name in names))
+PER_FACE = (
+    BARB_DIRECTION,
+    *HOOKS,
+    *WET,
+    *(name for names in DIAGNOSTICS.values() for name in names),
+)
 # tables of prims that feathers share: first and number of each feather's points, faces, curves
 RANGES = "featherRange"
 
@@ -66,6 +74,7 @@ class FeatherEntry:
     barb_widths: (m,) m, diameters of a barb at its nodes, root to end, the root left out.
     hooked: whether the state of its hooks is written: the share that holds to 0 (open), and their
         slip. Else `held` is, where it is given.
+    wet: whether barbs come together in clumps at times, which is written.
     colours: linear; None where no feather of the cache has any.
     shape: kind that the feather is built of, whether mirrored, and how many times as large it is;
         condensed feathers are expanded by it.
@@ -86,6 +95,7 @@ class FeatherEntry:
     vane_stiffness: tuple[float, float] = (0.0, 0.0)
     held: Array | None = None
     hooked: bool = False
+    wet: bool = False
     barb_widths: Array | None = None
     colours: Colours | None = None
     shape: tuple[FeatherKind, bool, float] | None = None

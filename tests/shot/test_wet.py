@@ -8,18 +8,25 @@ import numpy as np
 import pytest
 from places import SAMPLES
 
+from featherfx import bake
 from featherfx.errors import InputError
 from featherfx.feather.barb_looks import clumped
 from featherfx.feather.build import build_feather
 from featherfx.feather.render import barb_curves
 from featherfx.mechanics.batch import make_model, vane_mass
 from featherfx.mechanics.model import no_loads
+from featherfx.render.camera import axes_of, framing
+from featherfx.render.light_kernels import VANE
+from featherfx.render.options import PictureOptions
+from featherfx.render.scene import load_points
+from featherfx.render.subject import open_subject
 from featherfx.shot.dependence import dependences
 from featherfx.shot.loads.wet import Water, clumping
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Wet
+from featherfx.usd.read.read import Cache
 
 SAMPLE = SAMPLES / "wet_feather"
 SOAKED = Wet(feathers="wet", keys=((0.0, 1.0),))
@@ -120,6 +127,36 @@ def test_barbs_come_together_at_their_ends_and_stay_at_their_roots(shot):
         assert np.median(after) < narrower * np.median(before)
     ends = np.linalg.norm(np.diff(together[own][:, -1], axis=0), axis=1)
     assert (ends > 3.0 * np.median(ends)).sum() == 5
+
+
+def test_a_cache_tells_how_wet_its_feathers_are_and_pictures_draw_it(tmp_path):
+    (tmp_path / "groom.toml").write_text((SAMPLE / "groom.toml").read_text())
+    text = (SAMPLE / "shot.toml").read_text()
+    changes = ("[1, 48]", "[1, 3]"), ('"preview"', '"draft"'), ("[1.0, 1], [2.0", "[0, 1], [0.1")
+    for before, after in changes:
+        text = text.replace(before, after)
+    (tmp_path / "shot.toml").write_text(text)
+    bake(tmp_path / "shot.toml", tmp_path / "wet.usda", overwrite=True)
+    cache = Cache(tmp_path / "wet.usda")
+    for frame, wet in ((1.0, 1.0), (3.0, 1.0 - 0.7 / 0.1 * 2.0 / 24.0)):
+        told = cache.clumped_of([1, 0], frame)
+        np.testing.assert_allclose(told, [[0.8 * wet, 24.0], [0.0, 0.0]], rtol=1e-6)
+    subject = open_subject(tmp_path / "wet.usda", PictureOptions())
+    right, up = axes_of("side", *subject.shape())
+    reach = np.concatenate([hull for _, hull in subject.whole_reach])
+    subject.colour(framing(right, up, reach, (600, 400)), [1.0], "shaded")
+    drawn = subject.geometry(1.0)
+    dry = subject.plumage.geometry(load_points(cache, subject.scene, 1.0))
+    tip = drawn.across == 0.0
+    tip[np.unique(drawn.triangles[drawn.material != VANE])] = False
+    apart = [np.linalg.norm(np.diff(each.points[tip], axis=0), axis=1) for each in (dry, drawn)]
+    nearer = np.divide(apart[1], apart[0], out=np.ones_like(apart[0]), where=apart[0] > 0.0)
+    # the feathers stand side by side along y; within a clump a fifth of the way is left
+    wet = dry.points[tip][1:, 1] < 0.0
+    assert np.median(nearer[wet]) == pytest.approx(0.2, rel=1e-3)
+    np.testing.assert_array_equal(
+        drawn.points[drawn.points[:, 1] > 0.0], dry.points[dry.points[:, 1] > 0.0]
+    )
 
 
 @pytest.mark.parametrize(

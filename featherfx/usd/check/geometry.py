@@ -27,7 +27,7 @@ from featherfx.usd.read.values import (
     times_of,
     value_of,
 )
-from featherfx.usd.types import DIAGNOSTICS, HALF_VELOCITIES, HOOKED, HOOKS, RANGES, RATES
+from featherfx.usd.types import DIAGNOSTICS, HALF_VELOCITIES, HOOKED, HOOKS, RANGES, RATES, WET
 
 Found = Iterator[tuple[str, str]]
 
@@ -43,7 +43,7 @@ _CONSTANT_ATTRIBUTES = (
     "orientation", "doubleSided", "primvars:st", "primvars:Pref", "primvars:rest",
     "primvars:featherId", "primvars:featherKind", "primvars:region", "primvars:side",
 )  # fmt: skip
-_DIAGNOSED = [*HOOKS, *(name for names in DIAGNOSTICS.values() for name in names)]
+_DIAGNOSED = [*HOOKS, *WET, *(name for names in DIAGNOSTICS.values() for name in names)]
 _NOTHING = np.asarray(None)
 _OF_PRIMVARS = "{{}} values; interpolation {} asks for {{}}"
 _PER_FACE = ("primvars:barbDirection", *_DIAGNOSED)

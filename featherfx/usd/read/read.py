@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -30,7 +31,7 @@ from featherfx.usd.read.values import (
     reading,
     times_of,
 )
-from featherfx.usd.types import HALF_VELOCITIES
+from featherfx.usd.types import HALF_VELOCITIES, WET
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.prims import SUBSETS
 
@@ -81,6 +82,10 @@ class _Mesh:
             self.values[name] = found
         return found
 
+    def has(self, name: str) -> bool:
+        """Whether the mesh has an attribute."""
+        return bool(self.drawn.mesh.GetPrim().HasAttribute(name))
+
     def matrix(self, code: Any) -> Array:
         """(4, 4) from the space of its points to the world."""
         return self.drawn.matrix(code)
@@ -104,6 +109,9 @@ class _Expanded:
         if self._code != code:
             self._code, self._points = code, self._expansion.points(code).astype(np.float32)
         return self._points
+
+    def has(self, name: str) -> bool:
+        return False
 
     def matrix(self, code: Any) -> Array:
         return np.eye(4)
@@ -196,6 +204,22 @@ class Cache:
             own = self._of_faces(index, "hooked", code, NUMBERS)
             found.append(np.ones(len(self.feathers[index].triangles)) if own is None else own)
         return np.concatenate(found).astype(float)
+
+    @cached_property
+    def _is_wet(self) -> bool:
+        meshes = {id(own.mesh): own.mesh for own in self._own}.values()
+        return any(mesh.has(WET[0]) for mesh in meshes)
+
+    def clumped_of(self, chosen: Sequence[int], time: float | None = None) -> Array:
+        """(N, 2) of some feathers, how far water draws the ends of their barbs together, 0 to 1,
+        and in how many clumps a vane."""
+        found = np.zeros((len(chosen), 2))
+        for place, index in enumerate(chosen) if self._is_wet else ():
+            code = _code_of(self._own[index], time)
+            for k, name in enumerate(WET):
+                own = self._of_faces(index, name.removeprefix("primvars:"), code, NUMBERS)
+                found[place, k] = 0.0 if own is None or not len(own) else own[0]
+        return found
 
     def _of_faces(self, index: int, name: str, code: Any, kind: Kind) -> Any:
         """(T, ...) values of a primvar for the triangles of feather index."""

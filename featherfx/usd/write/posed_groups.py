@@ -31,6 +31,7 @@ from featherfx.usd.types import (
     PER_FACE,
     RACHIS,
     RATES,
+    WET,
 )
 from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.forms import Group
@@ -347,7 +348,7 @@ class PosedGroup:
 
     def digest(self, pose: WrittenPose) -> str:
         """Short name of a pose: equal poses, equal names. Of a single feather the points tell."""
-        named = ("points", *P_BARB, *HOOKS) if self.alone else {name for _, name in self.keys}
+        named = ("points", *P_BARB, *HOOKS, *WET) if self.alone else {name for _, name in self.keys}
         digest = hashlib.blake2b(digest_size=8)
         for key, value in pose.values.items():
             if key[1] in named and key not in self._unwritten:

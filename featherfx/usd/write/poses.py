@@ -44,6 +44,7 @@ from featherfx.usd.types import (
     SLIP,
     STRAIN_ACROSS,
     STRAIN_SHEAR,
+    WET,
     FeatherEntry,
 )
 from featherfx.usd.write import surface_kernels
@@ -105,6 +106,7 @@ class PosedFeather:
         asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
         self._hooks = entry.hooked and self.faces > 0
         asked += HOOKS if self._hooks else ()
+        asked += WET if entry.wet and self.faces else ()
         self.scalars: tuple[Key, ...] = tuple((MESH, name) for name in asked)
         self.turns: tuple[Key, ...] = ((RACHIS, ORIENT),) if form.condensed else ()
 
@@ -176,6 +178,9 @@ class PosedFeather:
         if self._accelerations:
             rates[ACCELERATIONS] = given.accelerations
         self._note_hooks(out, self._hooked(given), given.gaps.slip if given.gaps else None)
+        if self._entry.wet:
+            for name, value in zip(WET, given.clumped, strict=True):
+                out[MESH, name][:] = value
         self._surface.carry(points)
         finite = self._place(out, _mapped(own, points))
         for name, values in rates.items():
@@ -220,7 +225,7 @@ class PosedFeather:
         seconds: to the next sample. A velocity that until then carries no point farther than its
         rounding, at the greatest coordinate of a prim, does not count.
         """
-        own = [(MESH, name) for name in HOOKS] + [(RACHIS, name) for name in P_BARB]
+        own = [(MESH, name) for name in (*HOOKS, *WET)] + [(RACHIS, name) for name in P_BARB]
         if any((now[key] != before[key]).any() for key in own if key in now):
             return True
         return any(
