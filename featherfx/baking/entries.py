@@ -72,7 +72,8 @@ def entries_of(
                 colours_of(placement.kind, feather, None, placement.id, film) if coloured else None
             ),
             shape=shape,
-            look="" if placement.kind.may_part else look_text(placement.kind.barbs),
+            look=look_text(placement.kind.drawn_look),
+            barb_count=placement.kind.barb_count,
         )
         for index, (placement, feather, shape) in enumerate(
             zip(groom.feathers, feathers, shapes, strict=True)

@@ -333,6 +333,16 @@ class FeatherKind:
         """Whether its vanes ever have gaps that are open."""
         return self.vane_material.hooks == "open" or self.is_split
 
+    @property
+    def drawn_look(self) -> BarbLook:
+        """Of its barbs in pictures; vanes that may part are drawn smooth."""
+        return BarbLook() if self.may_part else self.barbs
+
+    @property
+    def barb_count(self) -> int:
+        """Real barbs along each vane."""
+        return max(round(self.length * (1.0 - self.calamus) / self.barb_spacing), 1)
+
 
 @dataclass(frozen=True)
 class Joint:

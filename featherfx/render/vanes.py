@@ -36,7 +36,7 @@ from featherfx.render.light_kernels import SHAFT, SKIN, VANE
 from featherfx.usd.read.cached_feather import CachedFeather
 
 _SPACING = 4.5  # pixels from one barb to the next, at least
-_REAL_SPACING = 5e-4  # m, chosen by eye between those of contour and of flight feathers
+_REAL_SPACING = 5e-4  # m, where a mesh does not tell: between contour and flight feathers'
 _STATION = 6.0  # pixels between two points of a barb
 _MOST_BARBS = 1200.0
 _STEP = 1.3  # between numbers of barbs, so that feathers of about one size share their weights
@@ -258,6 +258,9 @@ def plumage_of(
     """
     known: dict[tuple[bytes, ...], Topology | None] = {}
     groups: dict[tuple[int, tuple[int, int], BarbLook], list[int]] = {}
+    real = np.array(
+        [f.barb_count or m / _REAL_SPACING for f, m in zip(feathers, pixels[:, 1], strict=True)]
+    )
     found: dict[int, Topology] = {}
     plain = []
     for index, feather in enumerate(feathers):
@@ -270,7 +273,7 @@ def plumage_of(
             plain.append(index)
             continue
         found[id(topology)] = topology
-        sort = id(topology), _detail(pixels[index]), feather.look
+        sort = id(topology), _detail(pixels[index], real[index]), feather.look
         groups.setdefault(sort, []).append(index)
     return DrawnPlumage(
         feathers=tuple(feathers) if own else tuple(replace(f, colour=None) for f in feathers),
@@ -281,7 +284,7 @@ def plumage_of(
                 topology=found[key],
                 barbs=barbs,
                 stations=stations,
-                fraction=_fraction(pixels[members], barbs),
+                fraction=min(1.0, barbs / float(np.median(real[members]))),
                 look=look,
                 draws=[stable_number(feathers[k].id) % look.variants for k in members],
             )
@@ -294,17 +297,14 @@ def plumage_of(
     )
 
 
-def _detail(pixels: Array) -> tuple[int, int]:
-    """Barbs of a vane and points along one, for a row of `pixels` of plumage_of."""
-    length, metres, barb = pixels
-    barbs = min(length / _SPACING, metres / _REAL_SPACING, _MOST_BARBS)
+def _detail(pixels: Array, real: float) -> tuple[int, int]:
+    """Barbs of a vane that has so many, and points along one, for a row of `pixels` of
+    plumage_of."""
+    length, _, barb = pixels
+    barbs = min(length / _SPACING, real, _MOST_BARBS)
     steps = max(int(np.log(max(barbs, 1.0)) / np.log(_STEP)), 7)
     stations = np.clip(2 ** np.ceil(np.log2(max(barb, 1.0) / _STATION)), 2, 16)
     return round(_STEP**steps), int(stations) + 1
-
-
-def _fraction(pixels: Array, barbs: int) -> float:
-    return min(1.0, barbs * _REAL_SPACING / float(np.median(pixels[:, 1])))
 
 
 class _PosedVane(NamedTuple):

@@ -32,6 +32,8 @@ ORIENT = "primvars:barborient"
 SHAPE, SHAPE_SIZE = "featherShape", "shapeSize"
 # of meshes, how their barbs look in pictures, as text (groom/looks.py)
 LOOK = "barbLook"
+# and how many real barbs each vane has
+BARB_COUNT = "barbCount"
 
 # The prims of a feather, or of several that share them, and what is written of these: what is a
 # rate, and what has a value for each face. All else has one for each point.
@@ -80,6 +82,7 @@ class FeatherEntry:
         condensed feathers are expanded by it.
     chart: (4,) u, v, du, dv of its texture coordinates in the pictures (usd/write/textures.py).
     look: of its barbs in pictures, as text (groom/looks.py); empty: smooth.
+    barb_count: real barbs along each vane; 0: not known.
     """
 
     id: str
@@ -101,3 +104,4 @@ class FeatherEntry:
     shape: tuple[FeatherKind, bool, float] | None = None
     chart: Array | None = None
     look: str = ""
+    barb_count: int = 0

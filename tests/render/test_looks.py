@@ -395,21 +395,31 @@ def test_an_mp4_has_every_frame(cache, tmp_path):
     assert len(list(frames)) == 5
 
 
-def drawn_with(tmp_path, look, name="one"):
-    """A feather with a look of its barbs, and its strips (B, 2 S + 1, 3) of both vanes."""
+def groom_of(tmp_path, *lines):
+    """A groom of feathers, each with lines of its own."""
     groom = tmp_path / "groom.toml"
-    groom.write_text(
-        'name = "one"\n[[feather]]\nid = "one"\nkind = "swan_primary"\nposition = [0, 0, 0]\n'
-        f"overrides = {{ {look} }}\n"
-    )
-    export_groom(groom, tmp_path / f"{name}.usdc", quality="draft")
+    each = '[[feather]]\nid = "feather_{}"\nkind = "swan_primary"\nposition = [0, {}, 0]\n{}\n'
+    feathers = (each.format(k, k, line) for k, line in enumerate(lines))
+    groom.write_text('name = "few"\n' + "".join(feathers))
+    return groom
+
+
+def drawn_group(tmp_path, line, name="one"):
+    """A feather as a picture that it fills has it: its group, and its strips (B, 2 S + 1, 3) of
+    both vanes."""
+    export_groom(groom_of(tmp_path, line), tmp_path / f"{name}.usdc", quality="draft")
     subject = open_subject(tmp_path / f"{name}.usdc", PictureOptions())
     right, up = axes_of("top", *subject.shape())
     eye = framing(right, up, whole_reach(subject), (400, 300))
     subject.colour(eye, [None], "shaded")
     geometry, (group,) = subject.geometry(None), subject.plumage.groups
     each = 2 * group.stations + 1
-    return geometry.points[: 2 * group.barbs * each].reshape(2, group.barbs, each, 3)
+    points = geometry.points[: 2 * group.barbs * each]
+    return group, points.reshape(2, group.barbs, each, 3)
+
+
+def drawn_with(tmp_path, look, name="one"):
+    return drawn_group(tmp_path, f"overrides = {{ {look} }}", name)[1]
 
 
 def test_pictures_show_how_barbs_look(tmp_path):
@@ -432,6 +442,27 @@ def test_pictures_show_how_barbs_look(tmp_path):
     away = np.linalg.norm(frizzy - smooth, axis=3)
     assert away[:, :, 0].max() < 1e-7
     assert 2e-4 < away[:, :, -1].mean() < away.max() < 1.5e-3
+
+
+@pytest.mark.parametrize("size", [0.04, 8.0])
+def test_a_feather_is_drawn_alike_at_any_size(tmp_path, size):
+    (once, points), (scaled, others) = (
+        drawn_group(tmp_path, f"scale = {each}", f"size_{k}") for k, each in enumerate((1.0, size))
+    )
+    assert (
+        scaled.fraction
+        == once.fraction
+        == pytest.approx(once.barbs / (0.85 * 0.35 / 5e-4), rel=0.01)
+    )
+    np.testing.assert_allclose(others / size, points, atol=1e-6)
+
+
+@pytest.mark.parametrize("instances", [True, False])
+def test_caches_tell_how_many_barbs_there_are(tmp_path, instances):
+    groom = groom_of(tmp_path, "", "scale = 0.05", "overrides = { barb_spacing = 4.25e-3 }")
+    export_groom(groom, tmp_path / "a.usdc", quality="draft", instances=instances)
+    counts = {f.id: f.barb_count for f in Cache(tmp_path / "a.usdc").feathers}
+    assert counts == {"feather_0": 595, "feather_1": 595, "feather_2": 70}
 
 
 def test_a_look_that_is_none_is_refused(tmp_path):

@@ -40,7 +40,10 @@ def of(settings, **place):
 
 def write(path: Path, group: str, chosen=None, **more) -> Path:
     """Five frames of some of the four feathers."""
-    entries = more.pop("entries", feathers.entries())
+    entries = more.pop("entries", None) or [
+        replace(entry, barb_count=count)
+        for entry, count in zip(feathers.entries(), (40, 40, 7, 0), strict=True)
+    ]
     chosen = range(len(entries)) if chosen is None else chosen
     given = more.pop("given", None) or of(SETTINGS)
     options = WriteOptions(**{"chunk": 2, "group": group, **more})
@@ -98,10 +101,12 @@ def test_readers_find_each_feather_as_if_it_stood_alone(single, shared):
     one, many = Cache(single), Cache(shared)
     assert sorted(f.id for f in many.feathers) == sorted(f.id for f in one.feathers)
     assert len({f.name for f in many.feathers}) == 4
+    assert sorted(f.barb_count for f in many.feathers) == [0, 7, 40, 40]
     for index, feather in enumerate(many.feathers):
         other = next(k for k, each in enumerate(one.feathers) if each.id == feather.id)
         alone = one.feathers[other]
-        assert (feather.kind, feather.region) == (alone.kind, alone.region)
+        for name in ("kind", "region", "barb_count"):
+            assert getattr(feather, name) == getattr(alone, name)
         assert feather.is_feather
         for name in ("triangles", "side", "face", "rest", "st", "colour"):
             np.testing.assert_array_equal(getattr(feather, name), getattr(alone, name))

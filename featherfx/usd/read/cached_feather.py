@@ -14,7 +14,7 @@ from featherfx.errors import InputError
 from featherfx.feather.types import LEADING
 from featherfx.groom.looks import BarbLook, look_of
 from featherfx.usd.read.animated_mesh import fans, topology_of
-from featherfx.usd.read.members import Member, members_of
+from featherfx.usd.read.members import Member, barb_count_of, members_of
 from featherfx.usd.read.values import (
     EARLIEST,
     INTEGERS,
@@ -43,6 +43,7 @@ class CachedFeather:
     1 trailing, 2 rachis (0 where unknown). face: (T,) face that the triangle was cut from.
     subsets: name to face indices. rest: (V, 3), st: (V, 2) and colour: (V, 3), displayColor (the
     mean of a point's faces where it is of faces), None where not authored. look: of its barbs.
+    barb_count: real ones along each vane, 0: not known.
     """
 
     path: str
@@ -59,6 +60,7 @@ class CachedFeather:
     colour: Floats | None
     is_feather: bool
     look: BarbLook = BarbLook()
+    barb_count: int = 0
 
 
 def constant_parts(mesh: Any) -> list[tuple[Member, CachedFeather]]:
@@ -81,7 +83,7 @@ def constant_parts(mesh: Any) -> list[tuple[Member, CachedFeather]]:
         told = "do not fit the faces, which name points of other feathers"
         raise fault(prim.GetAttribute(f"{RANGES}:points"), told)
     return [
-        (member, replace(each, look=_look(prim, member.look)))
+        (member, replace(each, look=_look(prim, member.look), barb_count=member.barb_count))
         for member, each in zip(members, own, strict=True)
         if each
     ]
@@ -160,6 +162,7 @@ def _constant_part(mesh: Any) -> CachedFeather:
         ),
         is_feather=bool(authored),
         look=_look(prim, label(LOOK, "")),
+        barb_count=barb_count_of(prim),
     )
 
 

@@ -59,7 +59,7 @@ class ExpandedFeather:
     """One feather of an expansion. points: its own among all points, and barbs: among all barbs.
 
     triangles: (T, 3) into its own points. side: (T,) 0 leading, 1 trailing, 2 rachis. st: (V, 2).
-    barb_side: (B,) of its barbs. look: of these in pictures.
+    barb_side: (B,) of its barbs. look: of these in pictures. barb_count: real ones along each vane.
     """
 
     id: str
@@ -72,6 +72,7 @@ class ExpandedFeather:
     barbs: slice
     barb_side: Indices
     look: BarbLook
+    barb_count: int
 
 
 def expand(
@@ -187,7 +188,8 @@ class _Shafts:
         if len(members) != len(counts):
             raise self._fault("curveVertexCounts", f"tell of {len(counts)}, {len(members)} named")
         shapes = self._shapes(len(counts))
-        self._looks = [BarbLook() if kind.may_part else kind.barbs for kind, _ in shapes]
+        self._looks = [kind.drawn_look for kind, _ in shapes]
+        self._counts = [kind.barb_count for kind, _ in shapes]
         sizes = self._shaped(f"primvars:{SHAPE_SIZE}", DEFAULT, NUMBERS, counts.shape)
         # of the values of this prim, which are in the units of its stage
         scales = sizes.astype(float) / UsdGeom.GetStageMetersPerUnit(prim.GetStage())
@@ -321,6 +323,7 @@ class _Shafts:
                 barbs=slice(barbs, barbs + len(side)),
                 barb_side=side,
                 look=self._looks[k],
+                barb_count=self._counts[k],
             )
             points, barbs = points + len(surface.row), barbs + len(side)
 

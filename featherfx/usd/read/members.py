@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from pxr import UsdGeom
@@ -23,8 +23,9 @@ from featherfx.usd.read.values import (
     sized_array,
     texts_of,
 )
-from featherfx.usd.types import LOOK, RANGES
+from featherfx.usd.types import BARB_COUNT, LOOK, RANGES
 
+Shared = TypeVar("Shared", str, int)
 _PAIRS = Kind("iu", (2,), "an array of pairs of integers")
 
 
@@ -32,7 +33,7 @@ _PAIRS = Kind("iu", (2,), "an array of pairs of integers")
 class Member:
     """One feather of a prim. name: to tell it by, the prim's where it is the only one. points,
     faces: (first, number) of its own, None for all; faces of a mesh, else curves. look: of its
-    barbs, as text."""
+    barbs, as text. barb_count: of these, 0: not known."""
 
     id: str
     kind: str
@@ -40,6 +41,7 @@ class Member:
     points: tuple[int, int] | None = None
     faces: tuple[int, int] | None = None
     look: str = ""
+    barb_count: int = 0
 
 
 def members_of(prim: Any) -> list[Member]:
@@ -56,8 +58,19 @@ def members_of(prim: Any) -> list[Member]:
         told = f"names {len(ids)} feathers, and {RANGES} {len(points)} and {len(faces)}"
         raise fault(_primvar(prim, "featherId").GetAttr(), told)
     kinds, regions, looks = (_texts(prim, name, faces) for name in ("featherKind", "region", LOOK))
+    counts = _shared(_primvar(prim, BARB_COUNT), _numbers(prim), faces, 0)
     ranges = (map(tuple, table.tolist()) for table in (points, faces))
-    return [Member(*each) for each in zip(ids, kinds, regions, *ranges, looks, strict=True)]
+    return [Member(*each) for each in zip(ids, kinds, regions, *ranges, looks, counts, strict=True)]
+
+
+def barb_count_of(prim: Any) -> int:
+    """Real barbs along each vane of a prim's only feather; 0 where it does not tell."""
+    return next(iter(_numbers(prim)), 0)
+
+
+def _numbers(prim: Any) -> list[int]:
+    found = array_of(_primvar(prim, BARB_COUNT).GetAttr(), DEFAULT, INTEGERS)
+    return [] if found is None else np.maximum(found, 0).astype(int).tolist()
 
 
 def _ranges(prim: Any, name: str) -> Indices | None:
@@ -75,14 +88,18 @@ def _ranges(prim: Any, name: str) -> Indices | None:
 def _texts(prim: Any, name: str, faces: Indices) -> Sequence[str]:
     """A label of each feather: that of its first face or curve, empty where it has none."""
     primvar = _primvar(prim, name)
-    texts = texts_of(primvar.GetAttr())
-    indices = np.arange(len(texts))
+    return _shared(primvar, texts_of(primvar.GetAttr()), faces, "")
+
+
+def _shared(primvar: Any, values: Sequence[Shared], faces: Indices, none: Shared) -> list[Shared]:
+    """What a primvar that may be indexed has for each feather's first face or curve."""
+    indices = np.arange(len(values))
     if primvar and primvar.IsIndexed():
         indices = sized_array(primvar.GetIndicesAttr(), DEFAULT, INTEGERS).astype(np.int64)
-    if not ((indices >= 0) & (indices < len(texts))).all():
+    if not ((indices >= 0) & (indices < len(values))).all():
         raise fault(primvar.GetAttr(), "its indices do not fit its values")
     inside = (faces[:, 1] > 0) & (faces[:, 0] < len(indices))
-    return [texts[indices[k]] if own else "" for k, own in zip(faces[:, 0], inside, strict=True)]
+    return [values[indices[k]] if own else none for k, own in zip(faces[:, 0], inside, strict=True)]
 
 
 def _primvar(prim: Any, name: str) -> Any:

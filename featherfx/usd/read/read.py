@@ -393,6 +393,7 @@ def _expanded(stage: Any) -> Iterator[tuple[_Own, CachedFeather]]:
                 colour=None,
                 is_feather=True,
                 look=each.look,
+                barb_count=each.barb_count,
             ),
         )
 

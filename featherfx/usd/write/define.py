@@ -140,7 +140,8 @@ def _sort(group: PosedGroup, entries: Sequence[FeatherEntry]) -> Any:
         return group.name
     shared = surface.triangles, surface.part, surface.st
     is_held = entries[0].held is None or entries[0].hooked
-    alike = entries[0].root is None, is_held, entries[0].colours is None, entries[0].look
+    looks = entries[0].colours is None, entries[0].look, entries[0].barb_count
+    alike = entries[0].root is None, is_held, *looks
     return *map(id, shared), entries[0].feather.rows, *alike
 
 

@@ -15,6 +15,7 @@ from featherfx.feather.colours import colours_of, uniform
 from featherfx.feather.types import Feather
 from featherfx.files.content import stable_number
 from featherfx.files.whole import standing
+from featherfx.groom.looks import look_text
 from featherfx.groom.types import Placement
 from featherfx.shot.placement import place
 from featherfx.usd import arrays
@@ -27,7 +28,7 @@ from featherfx.usd.write.options import StageOptions
 from featherfx.usd.write.output import check_output, output_files, prim_name, unique_prim_names
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import posed_feathers
-from featherfx.usd.write.prims import author_texts, define_mesh
+from featherfx.usd.write.prims import author_shared, define_mesh
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.samples import AnimatedPrims
 
@@ -93,6 +94,8 @@ def _entries(
             static=True,
             # instances of one shape are equally bright
             colours=colours_of(uniform(kind), shape, None, "", film) if coloured else None,
+            look=look_text(kind.drawn_look),
+            barb_count=kind.barb_count,
         )
         for number, (shape, kind) in enumerate(zip(shapes, kinds, strict=True))
     ]
@@ -149,4 +152,4 @@ def _author_instances(
         "region": [p.region for p in placements],
     }
     for name, values in texts.items():
-        author_texts(instancer.GetPrim(), name, values, UsdGeom.Tokens.vertex)
+        author_shared(instancer.GetPrim(), name, values, UsdGeom.Tokens.vertex)

@@ -21,7 +21,17 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.feather.shape_text import shape_text
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.usd import arrays
-from featherfx.usd.types import BARB, HOOKED, LOOK, MESH, RANGES, SHAPE, SHAPE_SIZE, FeatherEntry
+from featherfx.usd.types import (
+    BARB,
+    BARB_COUNT,
+    HOOKED,
+    LOOK,
+    MESH,
+    RANGES,
+    SHAPE,
+    SHAPE_SIZE,
+    FeatherEntry,
+)
 from featherfx.usd.types import RACHIS as SHAFT
 from featherfx.usd.write.materials import COLOURS
 
@@ -66,6 +76,7 @@ _PRIMVARS = {
     "leadingIsRight": (_TYPES.IntArray, _CONSTANT, 1),
     SHAPE: (_TYPES.StringArray, _CONSTANT, 1),
     LOOK: (_TYPES.StringArray, _CONSTANT, 1),
+    BARB_COUNT: (_TYPES.IntArray, _CONSTANT, 1),
     SHAPE_SIZE: (_TYPES.FloatArray, _CONSTANT, 1),
     # for viewers that ignore materials
     "displayColor": (_TYPES.Color3fArray, _CONSTANT, 1),
@@ -82,13 +93,15 @@ def author_primvars(prim: Any, interpolation: str = "", **values: Any) -> None:
             primvar.SetElementSize(element)
 
 
-def author_texts(
-    prim: Any, name: str, texts: Sequence[str], interpolation: str, counts: Any = 1
+def author_shared(
+    prim: Any, name: str, values: Sequence[Any], interpolation: str, counts: Any = 1
 ) -> None:
-    """Author a primvar of texts, each for as many elements as counts has, once in the file."""
-    place = {text: number for number, text in enumerate(dict.fromkeys(texts))}
-    author_primvars(prim, interpolation, **{name: arrays.strings(*place)})
-    indices = np.repeat([place[text] for text in texts], counts)
+    """Author a primvar of texts or numbers, each for as many elements as counts has, once in the
+    file."""
+    place = {value: number for number, value in enumerate(dict.fromkeys(values))}
+    told = arrays.ints([*place]) if isinstance(values[0], int) else arrays.strings(*place)
+    author_primvars(prim, interpolation, **{name: told})
+    indices = np.repeat([place[value] for value in values], counts)
     if len(indices) > len(place):
         UsdGeom.PrimvarsAPI(prim).GetPrimvar(name).SetIndices(arrays.ints(indices))
 
@@ -139,7 +152,7 @@ def tell_shared(prim: Any, feathers: Sequence[Any], **starts: Indices) -> None:
         "region": [each.region for each in feathers],
     }
     for name, values in texts.items():
-        author_texts(prim, name, values, UsdGeom.Tokens.uniform, np.diff(elements))
+        author_shared(prim, name, values, UsdGeom.Tokens.uniform, np.diff(elements))
     for name, first in starts.items():
         table = prim.CreateAttribute(f"{RANGES}:{name}", Sdf.ValueTypeNames.Int2Array)
         table.SetVariability(Sdf.VariabilityUniform)
@@ -219,9 +232,11 @@ def define_mesh(
     _tell_whose(prim, group, entries, points=starts, faces=group.faces)
     if group.alone and entries[0].root is not None:
         author_primvars(prim, **seats(entries))
+    usual, counts = (_CONSTANT, 1) if group.alone else ("uniform", np.diff(group.faces))
     if any(looks := [entry.look for entry in entries]):
-        usual, counts = (_CONSTANT, 1) if group.alone else ("uniform", np.diff(group.faces))
-        author_texts(prim, LOOK, looks, usual, counts)
+        author_shared(prim, LOOK, looks, usual, counts)
+    if any(barbs := [entry.barb_count for entry in entries]):
+        author_shared(prim, BARB_COUNT, barbs, usual, counts)
     st = arrays.vec2f(np.concatenate([each.st for each in surfaces]))
     author_primvars(prim, Pref=rest, rest=rest, st=st, side=arrays.ints(part))
     author_primvars(prim, **painted(entries, MESH))
@@ -282,7 +297,7 @@ def define_condensed(
     prim = stage.GetPrimAtPath(path)
     texts = [shape_text(*each.shape[:2]) for each in entries if each.shape is not None]
     if len(texts) == len(entries):
-        author_texts(prim, SHAPE, texts, group.interpolation)
+        author_shared(prim, SHAPE, texts, group.interpolation)
     for name, value in values.items():
         each = name in ("leadingIsRight", SHAPE_SIZE)
         author_primvars(prim, group.interpolation if each else "", **{name: value})
