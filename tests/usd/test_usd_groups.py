@@ -38,12 +38,14 @@ def of(settings, **place):
     return {"place": place, "continuation": goes_on, "metadata": {"settings": settings}}
 
 
+def counted_entries():
+    pairs = zip(feathers.entries(), (40, 40, 7, 0), strict=True)
+    return [replace(entry, barb_count=count) for entry, count in pairs]
+
+
 def write(path: Path, group: str, chosen=None, **more) -> Path:
     """Five frames of some of the four feathers."""
-    entries = more.pop("entries", None) or [
-        replace(entry, barb_count=count)
-        for entry, count in zip(feathers.entries(), (40, 40, 7, 0), strict=True)
-    ]
+    entries = more.pop("entries", counted_entries())
     chosen = range(len(entries)) if chosen is None else chosen
     given = more.pop("given", None) or of(SETTINGS)
     options = WriteOptions(**{"chunk": 2, "group": group, **more})
@@ -295,7 +297,7 @@ def test_shares_are_taken_over_with_the_bytes_of_a_whole(tmp_path, group, shares
     path = tmp_path / "merged.usdc"
     options = WriteOptions(chunk=2, group=group)
     given = of(SETTINGS)
-    with CacheWriter(path, feathers.entries(), (1, 5), 24.0, options, **given) as out:
+    with CacheWriter(path, counted_entries(), (1, 5), 24.0, options, **given) as out:
         for file, chosen in zip(files, shares, strict=True):
             out.take_over(EarlierCache(file), chosen)
         for number in range(1, 6):
