@@ -20,10 +20,12 @@ from featherfx.jit.cache import ROOT
 from featherfx.jit.shipped import FOLDER, Processor, of_this_machine
 
 _SAMPLES = ROOT.parent / "samples"
-# what compiles what is common: steps of feathers that touch, the layout of a bird
+# what compiles what is common: steps of feathers that touch each other and a body, the layout of a
+# bird
 _FRAMES = ("--quality", "draft", "--frames", "1-2", "-o")
 WORKS = (
     ("bake", _SAMPLES / "flapping_bird" / "shot.toml", *_FRAMES),
+    ("bake", _SAMPLES / "torn_feather" / "shot.toml", *_FRAMES),
     ("groom", _SAMPLES / "pigeon" / "groom.toml", "--quality", "draft", "-o"),
 )
 
