@@ -46,9 +46,9 @@ def simulate_and_write(
                 )
             sink = Background(writer.write, 1)  # frames of a plumage are large
 
-            def finish(finished: Callable[[], tuple[Frame, Checkpoint]]) -> None:
-                frame, checkpoint = finished()
-                sink(frame, checkpoint.save)
+            def finish(finished: Callable[[], list[tuple[Frame, Checkpoint]]]) -> None:
+                for frame, checkpoint in finished():
+                    sink(frame, checkpoint.save)
 
             with sink, Background(finish, 1) as finishing:
                 with phase("simulating", silent=True):
@@ -56,8 +56,9 @@ def simulate_and_write(
                         with phase("writing" if sink.is_full else "simulating", silent=True):
                             finishing.wait()
                         finishing(finished)
-                        done += 1
-                        notify(done, samples)
+                        if done < samples:
+                            done += 1
+                            notify(done, samples)
                     finishing.wait()
                 with phase("writing"):
                     sink.close()

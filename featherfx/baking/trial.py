@@ -188,7 +188,7 @@ def _measure(trial: Trial, name: str) -> float:
 def _trial(shot: Shot, feathers: int, frames: int, jobs: int) -> Trial:
     from featherfx.baking.loop import simulate_and_write
 
-    part = part_of(shot, _some(shot, feathers))
+    part = part_of(shot.uneased(), _some(shot, feathers))
     last = shot.first_frame + frames - 1
     names = unique_prim_names([each.id for each in part.groom.feathers])
     group = chosen_group(None, len(shot.groom.feathers))

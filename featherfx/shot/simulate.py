@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -59,12 +60,14 @@ FIRST_STEP = 1.0 / 32.0
 NOWHERE: Array = np.zeros((0, 3))
 
 
-class Shown(NamedTuple):
-    """A sample before it is laid: poses of the feathers that are computed, and (V, 3) m, the skin
-    beneath them."""
+class Reach(NamedTuple):
+    """A sample that is simulated, before it is laid: its number, poses of the feathers that are
+    computed, (V, 3) m, the skin beneath them, and a checkpoint without what layers keep."""
 
+    sample: int
     poses: list[FeatherPose]
     skin: Array
+    standing: Checkpoint
 
 
 class Simulation:
@@ -117,18 +120,28 @@ class Simulation:
         self._wets, self._renewed = last_fitting(shot.wets, shot.groom.feathers), list[Group]()
         self._estimate, self._reached = Estimate(shot, self._groups), Reached(shot)
         self._index = self._first - 1
+        # simulated and not yet laid for good; the checkpoint after what was yielded last; figures
+        # at the last frame that is wanted
+        self._waiting = deque[Reach]()
+        self._after: Checkpoint | None = None
+        self._figures: dict[str, Any] | None = None
         if start is not None:
             self.take_over(start)
-        self._samples = self._run(frames or (shot.first_frame, shot.last_frame))
+        wanted = frames or (shot.first_frame, shot.last_frame)
+        self._begin_at, self._end_at = ((f - shot.first_frame) * subframes for f in wanted)
+        self._samples = self._run()
 
     @property
     def report(self) -> dict[str, Any]:
-        """Counts over all feathers and frames so far."""
+        """Counts over all feathers and frames so far, of those that are wanted."""
+        found = dict(self._figures or self._counted())
         layers = {} if self._layers is None else self._layers.report()
-        contact = contact_report(self._islands) | layers
-        found = self._counts.summary() | self._estimate.report() | self._hooks.report()
-        found |= self._reached.report()
+        contact = found.pop("contact") | layers
         return found | ({"contact": contact} if contact else {})
+
+    def _counted(self) -> dict[str, Any]:
+        found = self._counts.summary() | self._estimate.report() | self._hooks.report()
+        return found | self._reached.report() | {"contact": contact_report(self._islands)}
 
     @property
     def laid(self) -> Laid | None:
@@ -136,23 +149,50 @@ class Simulation:
         return None if self._layers is None else self._layers.laid
 
     def __iter__(self) -> Iterator[Frame]:
-        for index in self._samples:
-            yield self._frame(index, self._laid(index, self._shown(index)))
+        for finish in self.ahead():
+            for frame, self._after in finish():
+                yield frame
 
-    def ahead(self) -> Iterator[Callable[[], tuple[Frame, Checkpoint]]]:
+    def ahead(self) -> Iterator[Callable[[], list[tuple[Frame, Checkpoint]]]]:
         """As iterating, with what is left to do for each frame: to be called once, in their order,
-        by any thread, while the next frame is simulated. Gives the frame, and the checkpoint after
-        it. Raises what iterating raises."""
+        by any thread, while the next frame is simulated. Gives frames that are finished, each with
+        the checkpoint after it. Raises what iterating raises."""
         for index in self._samples:
-            yield partial(self._finished, index, self._shown(index), self._standing())
+            reach = Reach(index, *self._shown(index), self._standing())
+            if index < self._begin_at:
+                self._finished(reach)
+            else:
+                yield partial(self._finished, reach)
+        if self._samples_ahead:
+            yield partial(self._finished, None)
 
-    def _finished(self, index: int, shown: Shown, standing: Checkpoint) -> tuple[Frame, Checkpoint]:
-        frame = self._frame(index, self._laid(index, shown))
-        return frame, self._with_layers(standing)
+    def _finished(self, reach: Reach | None) -> list[tuple[Frame, Checkpoint]]:
+        """The frames that are finished with a sample; None: there is none after the last."""
+        waits, waiting, found = self._samples_ahead if reach else 0, self._waiting, []
+        if reach is not None:
+            if self._layers is not None:
+                duration = self._time(1) if reach.sample else 0.0
+                self._layers.ask(reach.poses, reach.skin, duration)
+                reach = reach._replace(poses=[], skin=NOWHERE)
+            waiting.append(reach)
+        while len(waiting) > waits and waiting[0].sample <= self._end_at:
+            index, poses, _, standing = waiting.popleft()
+            if self._layers is not None:
+                number = self._number(index)
+                poses = self._layers.of(self._wanted, self._layers.lay(number))
+            if index >= self._begin_at:
+                found.append((self._frame(index, poses), self._with_layers(standing)))
+        return found
 
-    def _run(self, frames: tuple[int, int]) -> Iterator[int]:
-        """Reach the samples of some frames, one after the other; those before are laid."""
-        wanted, end = ((number - self.shot.first_frame) * self._subframes for number in frames)
+    @property
+    def _samples_ahead(self) -> int:
+        """Samples that are simulated before one is laid for good."""
+        return 0 if self._layers is None else self._layers.samples_ahead(self._time(1))
+
+    def _run(self) -> Iterator[int]:
+        """Reach the samples of the frames that are wanted, one after the other, those before, and
+        those after that the last of them depend on."""
+        end = self._end_at
         with ExitStack() as solvers:
             for group in self._groups:
                 solvers.enter_context(group.solver)
@@ -163,14 +203,19 @@ class Simulation:
                 self._reach(index)
             for index in range(self._index + 1, end + 1):
                 self._reach(index)
-                if index >= wanted:
+                if index >= self._begin_at:
                     self._counts.frame(*self._levels.counts())
-                    yield index
-                else:
-                    self._laid(index, self._shown(index))
+                yield index
             cycles = [group.cycle for group in self._groups]
             warn_if_never(cycles, self.shot.cycle, self._index // self._subframes)
             self._reached.warn()
+            last = (self.shot.last_frame - self.shot.first_frame) * self._subframes
+            self._figures = self._counted()
+            # what cannot be simulated is not among the frames that are wanted
+            with suppress(SimulationError):
+                for index in range(end + 1, min(end + self._samples_ahead, last) + 1):
+                    self._reach(index)
+                    yield index
 
     def _reach(self, index: int) -> None:
         """As _go_to; an error names the frame."""
@@ -210,13 +255,6 @@ class Simulation:
             nodes, number = group.state.points.nodes, self._number(index)
             self._reached.note(group.pulls, nodes, self._time(index), number)
 
-    def _laid(self, index: int, shown: Shown) -> list[FeatherPose]:
-        """What a sample shows of the feathers in its frames."""
-        if self._layers is None:
-            return shown.poses
-        duration, number = self._time(1) if index else 0.0, self._number(index)
-        return self._layers.of(self._wanted, self._layers.lay(*shown, number, duration))
-
     def _say_cuts(self, index: int) -> None:
         """Say what is somewhere else right after the sample with this index."""
         frame, between = divmod(index, self._subframes)
@@ -242,11 +280,12 @@ class Simulation:
             return False
         return index > 0 and self._time(index - 1) > group.free - 0.5 * self._time(1)
 
-    def _shown(self, index: int) -> Shown:
-        """What the simulation shows at a sample, before it is laid over each other."""
+    def _shown(self, index: int) -> tuple[list[FeatherPose], Array]:
+        """What the simulation shows at a sample, before it is laid over each other, and the skin
+        beneath."""
         poses, time = self._levels.shown(index), self._time(index)
         poses = self._through.of(poses, self._time(index - 1), time)
-        return Shown(poses, NOWHERE if self._layers is None else self._layers.skin(time))
+        return poses, NOWHERE if self._layers is None else self._layers.skin(time)
 
     def _begin(self) -> None:
         """Settle all feathers where the simulation begins, carried by their roots if these move."""
@@ -267,7 +306,7 @@ class Simulation:
 
     def checkpoint(self) -> Checkpoint:
         """The simulation after the frame that was yielded last."""
-        return self._with_layers(self._standing())
+        return self._after or self._with_layers(self._standing())
 
     def _with_layers(self, standing: Checkpoint) -> Checkpoint:
         layers = {} if self._layers is None else self._layers.memory()
@@ -346,7 +385,7 @@ class Simulation:
         if own != [state.points.nodes.shape for state in start.states]:
             message = "is of other feathers, or of another quality"
             raise InputError(Problem(str(self.shot.source), "start", message))
-        self._index = start.index
+        self._index, self._after = start.index, None
         for group, state, first in zip(self._groups, start.states, start.starts, strict=True):
             group.state, group.start = state, first
             if self._leaves(group, start.index):

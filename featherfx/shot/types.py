@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -332,6 +332,12 @@ class Layers:
     """
 
     contact: Contact
+    ease: Annotated[
+        float,
+        Number(0, 2, "s"),
+        "Time in which what is laid rises before it has to, and falls after; 0: at once. So much "
+        "of the shot after a frame is simulated before that frame is written.",
+    ] = 0.25
 
 
 @dataclass(frozen=True)
@@ -463,6 +469,10 @@ class Shot:
     channels: tuple[Channel, ...] = ()
     targets: tuple[Target, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
+
+    def uneased(self) -> Shot:
+        """The shot as it is laid without what comes after a frame."""
+        return replace(self, layers=self.layers and replace(self.layers, ease=0.0))
 
     def time_of(self, frame: float | None) -> float:
         """s since the first frame; None: the first."""

@@ -191,6 +191,11 @@ def test_a_feather_that_lies_far_beneath_what_it_should_lie_over_stays_there():
             np.testing.assert_array_equal(points, before)
 
 
+def lay(plumage, poses, skin, frame, duration):
+    plumage.ask(poses, skin, duration)
+    return plumage.lay(frame)
+
+
 def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
     """By less than its length. Both are slanted, the other is large: boxes along the axes meet."""
     shot = shingles(2)
@@ -203,10 +208,10 @@ def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
     upper, lower = (replace(each, points=turned(slant.T, each.points)) for each in poses)
     drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage = layers.Layers(shot, drawn, np.arange(2), 1)
-    plumage.lay([upper, lower], none, 0.0, 0.0)
+    lay(plumage, [upper, lower], none, 0.0, 0.0)
     way = -0.7 * small.kind.length * slant[:, 2]
     sunk = replace(upper, points=upper.points.shifted(way))
-    laid = plumage.lay([sunk, lower], none, 1.0, 1.0 / shot.frames_per_second)
+    laid = lay(plumage, [sunk, lower], none, 1.0, 1.0 / shot.frames_per_second)
     before, after = (
         least_gap(*(turned(slant, each.points).rows()[2:] for each in pair))
         for pair in ((sunk, lower), laid)
@@ -214,6 +219,66 @@ def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
     assert before < -0.65 * small.kind.length
     assert after > 0.85 * THICKNESS  # the quill stays where it grows
     assert plumage.report()["written_depth"]["worst"] < 0.5
+
+
+def sinking(ease: float) -> tuple[Shot, layers.Layers, list, list]:
+    """A shot, its layers, and poses of a feather and of what it lies over: it is beneath that, all
+    at once, from the tenth to the twelfth of 24 samples. Where it is before it is laid, too."""
+    shot = shingles(2)
+    shot = replace(shot, layers=replace(shot.layers, ease=ease))
+    upper, lower = next(iter(simulate(replace(shot, layers=None)))).poses
+    sunk = replace(upper, points=upper.points.shifted(np.array([0.0, 0.0, -0.02])))
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    poses = [[sunk if 10 <= k < 13 else upper, lower] for k in range(24)]
+    return shot, layers.Layers(shot, drawn, np.arange(2), 1), poses
+
+
+def lifted(shot: Shot, plumage: layers.Layers, poses: list, first: int = 0) -> tuple[list, dict]:
+    """Poses as they are laid, from a sample on, and the memory after the sixth sample."""
+    step, none = 1.0 / shot.frames_per_second, np.zeros((0, 3))
+    ahead, found, memory = plumage.samples_ahead(step), [], {}
+    for k in range(first, len(poses) + ahead):
+        if k < len(poses):
+            plumage.ask(poses[k], none, step if k else 0.0)
+        if k - first >= ahead:
+            found.append(plumage.lay(float(k - ahead)))
+        if k - ahead == 5:
+            memory = plumage.memory()
+    return found, memory
+
+
+def test_what_is_lifted_all_at_once_rises_before_and_falls_after():
+    """It stays clear, and goes on from a checkpoint on its way up as it went without one."""
+    most = {}
+    for ease in (0.0, 0.25):
+        shot, plumage, poses = sinking(ease)
+        laid, memory = lifted(shot, plumage, poses)
+        for pair in laid:
+            assert least_gap(*(each.points.rows()[2:] for each in pair)) > 0.85 * THICKNESS
+        lifts = np.array(
+            [
+                one[0].points.nodes - given[0].points.nodes
+                for one, given in zip(laid, poses, strict=True)
+            ]
+        )
+        ways = np.linalg.norm(np.diff(lifts, axis=0), axis=-1)
+        most[ease] = ways.max() / np.linalg.norm(lifts, axis=-1).max()
+        rates = [
+            one[0].velocities.nodes - given[0].velocities.nodes
+            for one, given in zip(laid, poses, strict=True)
+        ]
+        step = 1.0 / shot.frames_per_second
+        np.testing.assert_allclose(np.array(rates)[1:] * step, np.diff(lifts, axis=0), atol=1e-7)
+        again = sinking(ease)[1]
+        again.restore(memory)
+        for pair, other in zip(laid[6:], lifted(shot, again, poses, 6)[0], strict=True):
+            assert all(
+                one.points.nodes.tobytes() == two.points.nodes.tobytes()
+                for one, two in zip(pair, other, strict=True)
+            )
+    assert most[0.0] > 0.5
+    step = 1.0 / shot.frames_per_second
+    assert most[0.25] < 1.05 * step / (0.25 + step)
 
 
 class Sheet:
@@ -240,9 +305,9 @@ def test_a_feather_that_is_pushed_into_the_skin_is_laid_over_it():
     drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage = layers.Layers(shot, drawn, np.arange(1), 1)
     skin = plumage.skin(0.0)
-    plumage.lay([pose], skin, 0.0, 0.0)
+    lay(plumage, [pose], skin, 0.0, 0.0)
     sunk = replace(pose, points=pose.points.shifted(np.array([0.0, 0.0, -8e-3])))
-    laid = plumage.lay([sunk], skin, 1.0, 1.0 / shot.frames_per_second)[0]
+    laid = lay(plumage, [sunk], skin, 1.0, 1.0 / shot.frames_per_second)[0]
     before, after = (each.points.nodes[4:, :, 2] - skin[0, 2] for each in (sunk, laid))
     assert before.min() < -2e-3
     assert after.min() > 0.5 * THICKNESS + 0.9 * float(plumage.vanes.clear[0])
@@ -286,8 +351,9 @@ def test_the_same_bytes_by_threads_shares_and_from_a_checkpoint(bakes, tmp_path)
     threads = list(simulate(shot, jobs=3))
     share = list(simulate(shot, wanted=[1, 3]))
     begun = simulate(shot, frames=(0, 2))
-    for _ in begun:
-        pass
+    for frame, other in zip(begun, laid, strict=False):
+        for points, again in zip(frame.points, other.points, strict=True):
+            assert points.tobytes() == again.tobytes()
     begun.checkpoint().save(tmp_path / "state.npz")
     resumed = list(simulate(shot, start=Checkpoint.load(tmp_path / "state.npz")))
     for frame, other, part in zip(laid, threads, share, strict=True):
@@ -304,7 +370,7 @@ def test_laid_while_the_next_is_simulated_it_is_the_same(bakes, tmp_path):
     shot, laid, _ = bakes
     with ThreadPoolExecutor(1) as pool:
         found = [pool.submit(finish) for finish in simulate(shot, jobs=2).ahead()]
-    frames, checkpoints = zip(*(each.result() for each in found), strict=True)
+    frames, checkpoints = zip(*(pair for each in found for pair in each.result()), strict=True)
     checkpoints[2].save(tmp_path / "state.npz")
     resumed = list(simulate(shot, start=Checkpoint.load(tmp_path / "state.npz")))
     for frame, other in zip([*laid, *laid[3:]], [*frames, *resumed], strict=True):

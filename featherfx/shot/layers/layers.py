@@ -4,21 +4,31 @@ What is simulated does not change. Every sample starts from the lifts of the one
 first one from those that it comes to rest with. Feathers are taken from the lowest up: each is
 lifted as it was, its laps over what is laid already are searched (lap_kernels.py), and the lift
 that clears them is found (lift_kernels.py).
+
+Where feathers come over each other that were not before, these lifts jump. So a sample is laid
+twice: once as it has to be, and for good when so many samples after it have been laid once as the
+shot's `ease` says. Lifts then rise before they have to, and fall after, at a speed that is limited:
+
+    E(t) = max over s of  L(s) - speed |t - s|,
+
+which is nowhere below L, and what lies on others that rise early is laid on them anew.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.types import Feather, RowPoints, stacked
+from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.jit.team import new_team
+from featherfx.mechanics.model import Gaps
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.layers.depths import Depths
 from featherfx.shot.layers.ground import ground_beneath
@@ -51,6 +61,9 @@ from featherfx.shot.types import Shot
 # s, in which a lift that is no longer asked for falls to 1 / e
 FALL = 0.1
 MANNER = Manner(kept=0.0, turns=8, follow=4.0, off=2.0, seen=0.1, slope=0.3)
+# 1/s, lengths of its feather by which what is lifted less than that in the time of an ease rises or
+# falls; what is lifted more takes that time (docs/contact.md has figures)
+SPEED = 0.5
 # m, what a point may move and still count as resting where it was
 STILL = 1e-6
 # times that the first sample is laid at most, until nothing moves any more
@@ -85,6 +98,20 @@ def _touching(shot: Shot) -> NDArray[np.bool_]:
     return np.array(may_touch(shot, shot.layers.contact))
 
 
+class Asked(NamedTuple):
+    """A sample that is laid as it has to be: points of the feathers before they are lifted; their
+    velocities and accelerations in single precision, as they are written, which many samples are
+    held in; gaps; (V, 3) m, the skin; s since the sample before, 0 at the first; and what is kept
+    of that laying."""
+
+    points: RowPoints
+    rates: tuple[RowPoints, RowPoints]
+    gaps: list[Gaps | None]
+    skin: Array
+    duration: float
+    kept: dict[str, NDArray[Any]]
+
+
 class Layers:
     """The plumage of a shot in layers.
 
@@ -100,77 +127,109 @@ class Layers:
         self._names = [shot.groom.feathers[f].id for f in self.needed]
         self._depths, pairs = Depths(self.stack), len(self.stack.pairs)
         shape = self.vanes.present.shape
-        self.lifts = Lifts(
-            lift=np.zeros(shape),
-            before=np.zeros(shape),
-            **{name: np.zeros(shape[0], dtype=np.int8) for name in _OF_FEATHERS},
-            meets=np.zeros(pairs, dtype=np.int8),
-            depths=np.zeros(pairs),
-            touching=np.zeros(pairs, dtype=np.int8),
-        )
+        # as it has to be, and as it is shown
+        self.lifts, self._eased = _no_lifts(shape, pairs), _no_lifts(shape, pairs)
         self._start, self._pose = pose_like(rest, shape), pose_like(rest, shape)
         assert shot.layers is not None
+        self._ease, self._waiting = shot.layers.ease, deque[Asked]()
         skin = shot.skin if shot.layers.contact.skin else None
         self._skin = ground_beneath(skin, self.needed, self.vanes, _nodes(rest.nodes))
         self._skin.ground.triangle[~_touching(shot)[self.needed]] = -1
         self._marks = np.zeros(shape[0], dtype=np.uint64)
+        self._memory = self._kept()
         self._jobs, self._room, self._scratch = jobs, -1, list[Scratch]()
 
     def skin(self, time: float) -> Array:
         """(V, 3) m, the skin at a time in s since the first frame."""
         return self._skin.points(time)
 
-    def lay(
-        self, poses: Sequence[FeatherPose], skin: Array, frame: float, duration: float
-    ) -> list[FeatherPose]:
-        """Poses of the needed feathers at a sample, laid over each other and a skin (V, 3) m.
+    def samples_ahead(self, duration: float) -> int:
+        """Samples, a duration in s apart, that are asked for before one is laid for good."""
+        return round(self._ease / duration)
 
-        frame: its number. duration: s since the sample before; 0 at the first.
-        """
-        points, lifts, pose = stacked([pose.points for pose in poses]), self.lifts, self._pose
-        self._lay(points, skin, duration)
-        if not duration > 0.0:
-            for _ in range(PASSES):
-                self._lay(points, skin, duration)
-                if not lifts.moved.any():
-                    break
+    def ask(self, poses: Sequence[FeatherPose], skin: Array, duration: float) -> None:
+        """Lay the needed feathers at the next sample over each other and a skin (V, 3) m, as it
+        has to be. duration: s since the sample before; 0 at the first."""
+        points, lifts = stacked([pose.points for pose in poses]), self.lifts
+        marks = _marks(points, skin)
+        kept = float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0
+        for _ in range(1 if duration > 0.0 else 1 + PASSES):
+            lifts.same[:], self._marks = marks == self._marks, marks
+            self._begin(lifts, points, lifts.lift)
+            self._lay(lifts, points, skin, kept)
+            if not lifts.moved.any():
+                break
+        velocities = _single([pose.velocities for pose in poses])
+        rates = velocities, _single([pose.accelerations for pose in poses])
+        gaps = [pose.gaps for pose in poses]
+        self._waiting.append(Asked(points, rates, gaps, skin, duration, self._kept()))
+
+    def lay(self, frame: float) -> list[FeatherPose]:
+        """Poses of the needed feathers at the first sample that was asked for and is not yet laid
+        for good, with regard to those that were asked for since. frame: its number."""
+        (points, rates, gaps, skin, duration, kept), lifts = self._waiting.popleft(), self._eased
+        before, pose, self._memory = lifts.lift.copy(), self._pose, kept
+        eased = self._eased_lift(kept["lift"], before, duration)
+        # what is as it was asked for on others that are stays
+        lifts.same[:], lifts.settled[:] = (eased == kept["lift"]).all(axis=(1, 2)), 1
+        lifts.depths[:], lifts.touching[:] = kept["depths"], kept["touching"]
+        self._begin(lifts, points, eased)
+        if not lifts.same.all():
+            self._lay(lifts, points, skin, 1.0)
         self._depths.add(lifts.depths, lifts.touching != 0, frame)
-        nodes, rates = pose.points.copy(), np.stack([given.velocities.nodes for given in poses])
+        laid = RowPoints(pose.points.copy(), points.directors)
+        velocities, accelerations = (both(lambda part: part.astype("f8"), each) for each in rates)
         if duration > 0.0:
-            rates += _along_dorsal((lifts.lift - lifts.before) / duration, pose.dorsal)
+            way = _along_dorsal((lifts.lift - before) / duration, pose.dorsal)
+            velocities = RowPoints(velocities.nodes + way, velocities.directors)
         return [
-            FeatherPose(
-                RowPoints(own, given.points.directors),
-                RowPoints(rate, given.velocities.directors),
-                given.accelerations,
-                given.gaps,
-            )
-            for own, rate, given in zip(nodes, rates, poses, strict=True)
+            FeatherPose(laid.at(k), velocities.at(k), accelerations.at(k), own)
+            for k, own in enumerate(gaps)
         ]
 
-    def _lay(self, points: RowPoints, skin: Array, duration: float) -> None:
-        """Lifts and pose of the next sample. points: of all feathers; skin: (V, 3) m."""
-        lifts, marks, jobs = self.lifts, _marks(points, skin), self._jobs
-        lifts.same[:], self._marks = marks == self._marks, marks
-        lifts.before[:] = self._start.lift[:] = lifts.lift
-        manner = MANNER._replace(kept=float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0)
-        with ThreadPoolExecutor(jobs) as pool:
-            spans = pairwise(np.linspace(0, len(marks), jobs + 1).astype(int).tolist())
-            lift = partial(lift_points_of_all, self.vanes, points, self._start)
+    def _eased_lift(self, asked: Array, before: Array, duration: float) -> Array:
+        """(F, n, 2 m + 1) m, lifts no lower than asked for that come down slowly from those before
+        and rise slowly to those that are asked for later."""
+        eased, seconds = asked.copy(), 0.0
+        others = [(before, duration, duration)] if duration > 0.0 else []
+        for each in self._waiting:
+            seconds += each.duration
+            others.append((each.kept["lift"], seconds, each.duration))
+        least = SPEED * self.vanes.row.sum(axis=1)[:, None, None]
+        for lift, way, step in others:
+            speed = np.maximum(least, lift / (self._ease + step))
+            np.maximum(eased, lift - way * speed, out=eased)
+        seen = MANNER.seen * self.vanes.half[:, None, None]
+        alike = (eased - asked <= seen).all(axis=(1, 2))
+        eased[alike] = asked[alike]
+        return eased
+
+    def _begin(self, lifts: Lifts, points: RowPoints, begun: Array) -> None:
+        """Lift points of all feathers as a laying begins."""
+        lifts.before[:] = lifts.lift[:] = self._start.lift[:] = begun
+        spans = pairwise(np.linspace(0, len(begun), self._jobs + 1).astype(int).tolist())
+        lift = partial(lift_points_of_all, self.vanes, points, self._start)
+        with ThreadPoolExecutor(self._jobs) as pool:
             list(pool.map(lift, spans))
-            # where what keeps its lift is
-            for shown, begun in zip(self._pose, self._start, strict=True):
-                shown[:] = begun
-            bodies = self.vanes, self.stack, self._places(manner.follow)
-            team = new_team(1), np.zeros(len(marks), dtype=np.int64)
-            given, poses = (points, self._skin.ground, skin), (self._start, self._pose)
-            lay = partial(lay_feathers, team, bodies, given, lifts, poses, manner)
+        # where what keeps its lift is
+        for shown, start in zip(self._pose, self._start, strict=True):
+            shown[:] = start
+
+    def _lay(self, lifts: Lifts, points: RowPoints, skin: Array, kept: float) -> None:
+        """Lifts and pose of a sample that has begun. points: of all feathers; skin: (V, 3) m; kept:
+        share of a lift that stays in any case."""
+        manner = MANNER._replace(kept=kept)
+        bodies = self.vanes, self.stack, self._places(lifts, manner.follow)
+        team = new_team(1), np.zeros(len(lifts.lift), dtype=np.int64)
+        given, poses = (points, self._skin.ground, skin), (self._start, self._pose)
+        lay = partial(lay_feathers, team, bodies, given, lifts, poses, manner)
+        with ThreadPoolExecutor(self._jobs) as pool:
             list(pool.map(lay, self._scratch))
 
-    def _places(self, follow: float) -> Indices:
+    def _places(self, lifts: Lifts, follow: float) -> Indices:
         """(F,) places of the order of the stack, those first with the fewest beneath them; what may
         meet in the sample is noted, and scratch has room for it."""
-        stack, meets, vanes = self.stack, self.lifts.meets, self.vanes
+        stack, meets, vanes = self.stack, lifts.meets, self.vanes
         height = np.zeros(len(stack.order), dtype=np.int64)
         meeting_pairs(vanes, stack, self._start, follow, meets, height)
         most = int(np.diff(np.append(0, np.cumsum(meets, dtype=np.int64))[stack.first]).max())
@@ -193,15 +252,37 @@ class Layers:
         return Laid(self.needed, self.stack)
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """What is kept between samples, for checkpoints."""
+        """What is kept after a sample that is laid for good, for checkpoints."""
+        return self._memory | {"eased": self._eased.lift.copy()}
+
+    def _kept(self) -> dict[str, NDArray[Any]]:
+        """What is kept of a sample that is laid as it has to be."""
         kept = {name: getattr(self.lifts, name).copy() for name in _KEPT}
-        return kept | {"marks": self._marks.copy()}
+        return kept | {"marks": self._marks}
 
     def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `memory` gave."""
         for name in _KEPT:
             getattr(self.lifts, name)[:] = memory[name]
         self._marks = memory["marks"].astype(np.uint64)
+        self._eased.lift[:], self._memory = memory["eased"], self._kept()
+
+
+def _single(rates: Sequence[RowPoints]) -> RowPoints:
+    """Rates of feathers, stacked, in single precision."""
+    return both(lambda part: part.astype("f4"), stacked(rates))
+
+
+def _no_lifts(shape: tuple[int, ...], pairs: int) -> Lifts:
+    """Lifts of none. shape: (F, n, 2 m + 1)."""
+    return Lifts(
+        lift=np.zeros(shape),
+        before=np.zeros(shape),
+        **{name: np.zeros(shape[0], dtype=np.int8) for name in _OF_FEATHERS},
+        meets=np.zeros(pairs, dtype=np.int8),
+        depths=np.zeros(pairs),
+        touching=np.zeros(pairs, dtype=np.int8),
+    )
 
 
 def _marks(points: RowPoints, skin: Array) -> NDArray[np.uint64]:

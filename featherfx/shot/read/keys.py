@@ -21,6 +21,7 @@ from featherfx.shot.types import (
     Force,
     Free,
     Grip,
+    Layers,
     LevelOfDetail,
     Preen,
     Shelter,
@@ -119,7 +120,9 @@ CONTACT = {
         "feathers that touch.",
         None,
     ),
-} | keys_of(Contact)
+    **keys_of(Contact),
+    **keys_of(Layers),
+}
 
 LEVEL_OF_DETAIL = {
     "enabled": Key(Flag(), "Whether levels follow what is seen.", True),

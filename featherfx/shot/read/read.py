@@ -186,7 +186,7 @@ def _contact(
     laid = contact
     if values["layered"] is not None:
         laid = replace(contact, regions=values["layered"], kinds=("*",))
-    layers = Layers(laid) if values["layers"] else None
+    layers = Layers(laid, values["ease"]) if values["layers"] else None
     return (contact if values["forces"] else None), layers
 
 
