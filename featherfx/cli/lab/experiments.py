@@ -71,7 +71,7 @@ def _feather(test: FeatherTest, preset_folders: tuple[Path, ...]) -> Iterator[An
 def _ribbon(test: HangTest) -> Iterator[Any]:
     ribbon = replace(test.ribbon, finite_width=not test.sadowsky)
     hung = hang(ribbon, test.clamp, planar=test.planar)
-    rest, size = hung.rest, ribbon.elements + 1
+    rest, size = hung.rest, ribbon.nodes
     times, tips = blown(test, hung)
     moved = {"times": times, "tips": tips} if test.seconds else {}
     yield {

@@ -14,24 +14,26 @@ unknowns; links cost time, not conditioning.
 
 Or it is made of power series:
 
-    R' = R [w]x,  r' = R e_z,  w = (c, 0, t c),  c and t linear in the arc length
-    n R_n = R_n-1 [w_0]x + R_n-2 [w_1]x + R_n-3 [w_2]x,   r_n = R_n-1 e_z / n
+    R' = R [w]x,  r' = R e_z,  w = (c, 0, t c),  c and t of degree p in the arc length
+    n R_n = R_n-1 [w_0]x + R_n-2 [w_1]x + ... + R_n-1-2p [w_2p]x,   r_n = R_n-1 e_z / n
 
 on pieces of an element so short that no term of a series is larger than e^TURN: then nothing is
-lost where terms of both signs add up. With the derivatives of the same recurrence by the four
-values of a piece, gradient and Hessian are exact: a piece moves all beyond it as a rigid body, by
-its own derivatives. Source: Charrondiere et al. 2019, sections 3.2 and 3.3.
+lost where terms of both signs add up. With the derivatives of the same recurrence by the
+coefficients of a piece, gradient and Hessian are exact: a piece moves all beyond it as a rigid
+body, by its own derivatives. Source: Charrondiere et al. 2019, sections 3.2 and 3.3.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import accumulate
 
 import numpy as np
+from scipy.special import binom
 
-from featherfx.algebra.types import Array
-from featherfx.lab.ribbons.energy import Ribbon
+from featherfx.algebra.types import Array, Indices
+from featherfx.lab.ribbons.energy import Ribbon, monomials, values_at
 
 LINKS = 8
 
@@ -52,14 +54,12 @@ class Centreline:
 
 
 def interpolation(ribbon: Ribbon, links: int) -> Array:
-    """(N, elements + 1) weights of the stations' values in those of the joints."""
-    place = (np.arange(links * ribbon.elements) + 0.5) / links
-    low = place.astype(np.int64)
-    weights = np.zeros((len(place), ribbon.elements + 1))
-    rows = np.arange(len(place))
-    weights[rows, low] = 1.0 - (place - low)
-    weights[rows, low + 1] = place - low
-    return weights
+    """(links elements, N) weights of the nodes' values in those of the joints."""
+    shapes = values_at(ribbon.degree, (np.arange(links) + 0.5) / links)
+    weights = np.zeros((ribbon.elements, links, ribbon.nodes))
+    every, own = np.arange(ribbon.elements)[:, None, None], ribbon.own_nodes()
+    weights[every, np.arange(links)[:, None], own[:, None]] = shapes
+    return weights.reshape(-1, ribbon.nodes)
 
 
 def link_lengths(ribbon: Ribbon, links: int) -> Array:
@@ -82,7 +82,7 @@ def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int = LINKS
 
     frame: (3, 3) columns across, normal, along at the clamp.
     """
-    size = ribbon.elements + 1
+    size = ribbon.nodes
     weights = interpolation(ribbon, links)
     curvature, ruling = weights @ unknowns[:size], weights @ unknowns[size:]
     steps = link_lengths(ribbon, links)
@@ -155,7 +155,7 @@ def slopes_of_loads(
     own = jacobian.T @ (np.einsum("jk,jk->j", axes, second)[:, None] * jacobian)
     matrix = half + half.T - own
     # the twist is a product of two unknowns
-    size, step = ribbon.elements + 1, link_lengths(ribbon, links)[:, None]
+    size, step = ribbon.nodes, link_lengths(ribbon, links)[:, None]
     weights = interpolation(ribbon, links)
     mixed = weights.T @ (0.5 * step * (slope[:, :1] + slope[:, 2:]) * weights)
     matrix[:size, size:] += mixed
@@ -174,7 +174,7 @@ def slopes_of_points(curve: Centreline, points: Array) -> Array:
 
 def angle_slopes(ribbon: Ribbon, unknowns: Array, links: int) -> Array:
     """(3 N, U) of the hinges' angles (twist / 2, bend, twist / 2) by the unknowns."""
-    size = ribbon.elements + 1
+    size = ribbon.nodes
     weights = interpolation(ribbon, links)
     c, t = weights @ unknowns[:size], weights @ unknowns[size:]
     step = link_lengths(ribbon, links)[:, None]
@@ -184,21 +184,30 @@ def angle_slopes(ribbon: Ribbon, unknowns: Array, links: int) -> Array:
     return np.concatenate(lines, axis=1)
 
 
-# rad, of a piece at most; terms of its series, of which the next is below rounding
-TURN, TERMS = 1.0, 20
-# [e_a]x, and second derivatives of t c by (c, c', t, t') at the powers 0, 1, 2 of the place
+# rad, of a piece at most; terms of its series of degree 1, of which the next is below rounding, and
+# more for each degree above
+TURN, TERMS, MORE_TERMS = 1.0, 20, 15
+# [e_a]x
 CROSS = np.zeros((3, 3, 3))
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     CROSS[_a, _c, _b], CROSS[_a, _b, _c] = 1.0, -1.0
-TWIST = np.zeros((3, 4, 4))
-for _power, _i, _j in ((0, 0, 2), (1, 0, 3), (1, 1, 2), (2, 1, 3)):
-    TWIST[_power, _i, _j] = TWIST[_power, _j, _i] = 1.0
+
+
+@lru_cache
+def _twist(degree: int) -> Array:
+    """(2 degree + 1, V, V) second derivatives of t c, by the powers of the place, by the values of
+    a piece."""
+    found, each = np.zeros((2 * degree + 1, 2 * degree + 2, 2 * degree + 2)), degree + 1
+    for i in range(each):
+        for j in range(each):
+            found[i + j, i, each + j] = found[i + j, each + j, i] = 1.0
+    return found
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """length: (P,) m. values: (P, 4) c, c', t, t' at their begin, by the place from 0 to 1.
-    to_unknowns: (P, 4, U) of these values. width: (P, 2) m, at the begin and its growth."""
+    """length: (P,) m. values: (P, V) coefficients of c, then of t, by powers of the place from 0 to
+    1. to_unknowns: (P, V, U) of these values. width: (P, 2) m, at the begin and its growth."""
 
     length: Array
     values: Array
@@ -207,22 +216,38 @@ class Pieces:
 
 
 def pieces_of(ribbon: Ribbon, unknowns: Array, least: int = 1) -> Pieces:
-    """Pieces that turn by TURN at most; least: of an element."""
-    size, step = ribbon.elements + 1, np.diff(ribbon.stations)
-    c, t = unknowns[:size], unknowns[size:]
-    turn = np.abs(c) * np.sqrt(1.0 + t**2)
-    wanted = np.ceil(step * np.maximum(turn[:-1], turn[1:]) / TURN).astype(np.int64)
+    """Pieces that turn by TURN at most, whatever the signs of their coefficients; least: of an
+    element."""
+    shapes = values_at(ribbon.degree, np.linspace(0.0, 1.0, 4 * ribbon.degree - 2))
+    nodal = unknowns.reshape(2, -1)[:, ribbon.own_nodes()]
+    curvature, ruling = nodal @ shapes.T
+    turn = (np.abs(curvature) * np.sqrt(1.0 + ruling**2)).max(axis=1)
+    wanted = np.ceil(np.diff(ribbon.stations) * turn / TURN - 1e-9).astype(np.int64)
     counts = np.maximum(wanted, least)
+    while True:
+        pieces = _cut(ribbon, unknowns, counts)
+        c, t = np.abs(pieces.values).reshape(-1, 2, ribbon.degree + 1).sum(axis=2).T
+        turn = pieces.length * c * np.sqrt(1.0 + t**2)
+        many = np.maximum.reduceat(turn, np.cumsum(counts) - counts) > TURN + 1e-9
+        if not many.any():
+            return pieces
+        counts = np.where(many, 2 * counts, counts)
+
+
+def _cut(ribbon: Ribbon, unknowns: Array, counts: Indices) -> Pieces:
+    """So many equal pieces of each element."""
+    size, step, own = ribbon.nodes, np.diff(ribbon.stations), ribbon.own_nodes()
     element = np.repeat(np.arange(ribbon.elements), counts)
     fraction = 1.0 / counts[element]
     place = (np.arange(len(element)) - (np.cumsum(counts) - counts)[element]) * fraction
-    rows = np.arange(len(element))
-    to_unknowns = np.zeros((len(element), 4, 2 * size))
-    for first, column in ((0, element), (2, size + element)):
-        to_unknowns[rows, first, column] = 1.0 - place
-        to_unknowns[rows, first, column + 1] = place
-        to_unknowns[rows, first + 1, column] = -fraction
-        to_unknowns[rows, first + 1, column + 1] = fraction
+    rows, each = np.arange(len(element))[:, None, None], ribbon.degree + 1
+    # of (begin + fraction u)^m the coefficients by powers of u
+    power, k = np.arange(each), np.arange(each)[:, None]
+    moved_on = binom(power, k) * place[:, None, None] ** np.maximum(power - k, 0)
+    lines = moved_on * fraction[:, None, None] ** k @ monomials(ribbon.degree)
+    to_unknowns = np.zeros((len(element), 2 * each, 2 * size))
+    for first, column in ((0, own[element]), (each, size + own[element])):
+        to_unknowns[rows, first + k, column[:, None]] = lines
     length = step[element] * fraction
     begin = ribbon.stations[element] + place * step[element]
     width = ribbon.width_at(np.stack([begin, begin + length], axis=1))
@@ -232,7 +257,7 @@ def pieces_of(ribbon: Ribbon, unknowns: Array, least: int = 1) -> Pieces:
 
 @dataclass(frozen=True)
 class Moved:
-    """What pieces do, by the place of a derivative: none, by one of their four values, by two.
+    """What pieces do, by the place of a derivative: none, by one of their values, by two.
 
     turn: (P, ..., 3, 3) of their frame. end: (P, ..., 3) m, from begin to end, in the frame of the
     begin. moment: (P, ..., 3) kg m, of their mass about the begin, the same.
@@ -246,27 +271,28 @@ class Moved:
 def moved(ribbon: Ribbon, pieces: Pieces, orders: int = 2) -> list[Moved]:
     """Pieces, and their first and second derivatives by their values, up to an order."""
     count, h = len(pieces.length), pieces.length
-    c, slope, t, growth = pieces.values.T
-    spin = np.zeros((3, count, 3))
-    spin[0, :, 0], spin[1, :, 0] = c, slope
-    spin[:, :, 2] = t * c, t * slope + growth * c, growth * slope
-    by_one = np.zeros((3, count, 4, 3))
-    by_one[0, :, 0, 0] = by_one[1, :, 1, 0] = 1.0
-    by_one[:, :, :, 2] = np.einsum("kij,pj->kpi", TWIST, pieces.values)
-    by_two = np.zeros((3, 4, 4, 3))
-    by_two[..., 2] = TWIST
-    zero, one, two = (np.einsum("...a,aij->...ij", each, CROSS) for each in (spin, by_one, by_two))
+    twist, each = _twist(ribbon.degree), ribbon.degree + 1
+    by_one = np.zeros((len(twist), count, 2 * each, 3))
+    by_one[range(each), :, range(each), 0] = 1.0
+    by_one[..., 2] = np.einsum("kij,pj->kpi", twist, pieces.values)
+    spin = np.zeros((len(twist), count, 3))
+    spin[:each, :, 0] = pieces.values[:, :each].T
+    spin[..., 2] = 0.5 * np.einsum("kpi,pi->kp", by_one[..., 2], pieces.values)
+    by_two = np.zeros((*twist.shape, 3))
+    by_two[..., 2] = twist
+    terms_of = TERMS + MORE_TERMS * (ribbon.degree - 1)
+    zero, one, two = (np.einsum("...a,aij->...ij", w, CROSS) for w in (spin, by_one, by_two))
     zero, one = zero * h[:, None, None], one * h[:, None, None, None]
     two = two[:, None] * h[:, None, None, None, None]
     now = [
         [np.broadcast_to(np.eye(3), (count, 3, 3))],
-        [np.zeros((count, 4, 3, 3))],
-        [np.zeros((count, 4, 4, 3, 3))],
+        [np.zeros((count, 2 * each, 3, 3))],
+        [np.zeros((count, 2 * each, 2 * each, 3, 3))],
     ][: orders + 1]
-    for n in range(1, TERMS):
-        terms = [np.zeros_like(each[0]) for each in now]
-        for k in range(min(n, 3)):
-            r0, *more = (each[n - 1 - k] for each in now)
+    for n in range(1, terms_of):
+        terms = [np.zeros_like(known[0]) for known in now]
+        for k in range(min(n, len(twist))):
+            r0, *more = (known[n - 1 - k] for known in now)
             terms[0] += r0 @ zero[k]
             if more:
                 terms[1] += more[0] @ zero[k][:, None] + r0[:, None] @ one[k]
@@ -274,12 +300,12 @@ def moved(ribbon: Ribbon, pieces: Pieces, orders: int = 2) -> list[Moved]:
                 mixed = np.einsum("piab,pjbc->pijac", more[0], one[k])
                 terms[2] += more[1] @ zero[k][:, None, None] + r0[:, None, None] @ two[k]
                 terms[2] += mixed + np.swapaxes(mixed, 1, 2)
-        for each, term in zip(now, terms, strict=True):
-            each.append(term / n)
+        for known, term in zip(now, terms, strict=True):
+            known.append(term / n)
     found = []
     for terms in now:
         powers = np.array(terms)
-        power = np.arange(TERMS).reshape(-1, *(1,) * (powers.ndim - 2))
+        power = np.arange(terms_of).reshape(-1, *(1,) * (powers.ndim - 2))
         along = powers[..., 2] / (power + 1)
         wide = (slice(None), *(None,) * (powers.ndim - 3))
         width, wider = pieces.width[:, 0][wide], pieces.width[:, 1][wide]
@@ -346,8 +372,8 @@ def energy_of_loads(
     whole = np.where(before[:, None, :, None], whole, 0.0)
     whole = whole + whole.transpose(2, 3, 0, 1)
     whole[np.arange(count), :, np.arange(count)] += own
-    lines = pieces.to_unknowns.reshape(4 * count, -1)
-    hessian = lines.T @ whole.reshape(4 * count, 4 * count) @ lines
+    lines = pieces.to_unknowns.reshape(slope.size, -1)
+    hessian = lines.T @ whole.reshape(slope.size, slope.size) @ lines
     return energy, lines.T @ slope.ravel(), hessian
 
 

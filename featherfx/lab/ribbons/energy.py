@@ -7,7 +7,8 @@ D flexural rigidity of the plate (N m), w width, s arc length of the centreline,
 curvature (1/m), t the tangent of the angle of the straight lines that rule the strip from its
 width, k the rest curvature, nu Poisson's ratio. The strip is developable and its edges straight, so
 its geodesic curvature is 0 and its torsion t c: unknowns are c and t, which stay defined where the
-curvature changes sign; t alone is undetermined there, and weighs nothing.
+curvature changes sign; t alone is undetermined there, and weighs nothing. Both are continuous, and
+polynomials of the ribbon's degree on each element, by their values at evenly spaced nodes.
 
 Derivation: the only principal curvature is K = c (1 + t^2) on the centreline and K / (1 + v t')
 at distance v along a ruling, whose area element is (1 + v t') dv ds. Integrated over the width, the
@@ -20,16 +21,14 @@ the rest shape's energy 0.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import Problem, require
 from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, value
 
-# four points integrate c^2 (1 + t^2)^2 of linear c and t exactly
-POINTS, WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(4))
-POINTS = POINTS + 0.5
 SERIES, TERMS = 0.1, 9
 
 
@@ -37,10 +36,10 @@ SERIES, TERMS = 0.1, 9
 class Ribbon:
     """A strip of constant thickness, clamped at one end; its width may taper linearly.
 
-    rest_curvature: constant, or (elements + 1,) at the stations. elements: pieces with linear
-    curvature and ruling. grading: the stations are at length (i / elements)^grading; above 1 they
-    crowd at the clamp, where a strip bends that hangs under a large weight. finite_width: False
-    for the limit of Sadowsky.
+    rest_curvature: constant, or (N,) at the nodes, N = elements degree + 1. elements: pieces with
+    polynomials as curvature and ruling. grading: the stations are at length (i / elements)^grading;
+    above 1 they crowd at the clamp, where a strip bends that hangs under a large weight.
+    finite_width: False for the limit of Sadowsky.
     """
 
     length: float = value("m.", allowed=POSITIVE)
@@ -56,6 +55,7 @@ class Ribbon:
     grading: float = value("Above 1: finer at the clamp.", 1.0, Range(1.0, 5.0))
     finite_width: bool = True
     series: bool = value("Integrate by power series, not by rigid links.", False)
+    degree: int = value("Of curvature and ruling on an element.", 1, Range(1, 3))
 
     def __post_init__(self) -> None:
         problems = out_of_range(self, "ribbon")
@@ -63,21 +63,37 @@ class Ribbon:
         if not np.isfinite(self.rest_curvature).all():
             text = "not a finite number; allowed: any finite number"
             problems.append(Problem("ribbon", "rest_curvature", text))
-        if shape not in ((), (self.elements + 1,)):
-            text = f"shape {shape}; allowed: one number or {self.elements + 1}"
+        if shape not in ((), (self.nodes,)):
+            text = f"shape {shape}; allowed: one number or {self.nodes}"
             problems.append(Problem("ribbon", "rest_curvature", text))
         require(*problems)
 
     @property
     def stations(self) -> Array:
-        """(elements + 1,) m, arc lengths at which the unknowns are given."""
+        """(elements + 1,) m, arc lengths at which elements meet."""
         return self.length * np.linspace(0.0, 1.0, self.elements + 1) ** self.grading
 
     @property
+    def nodes(self) -> int:
+        """N, places at which the unknowns are given."""
+        return self.elements * self.degree + 1
+
+    @property
+    def node_stations(self) -> Array:
+        """(N,) m, arc lengths of the nodes."""
+        place = np.arange(self.nodes) / self.degree
+        return np.interp(place, np.arange(self.elements + 1), self.stations)
+
+    @property
     def rest(self) -> Array:
-        """(2 (elements + 1),) unknowns of the rest shape: its curvature, and rulings across."""
-        curvature = np.broadcast_to(self.rest_curvature, (self.elements + 1,))
-        return np.concatenate([curvature, np.zeros(self.elements + 1)])
+        """(2 N,) unknowns of the rest shape: its curvature, and rulings across."""
+        curvature = np.broadcast_to(self.rest_curvature, (self.nodes,))
+        return np.concatenate([curvature, np.zeros(self.nodes)])
+
+    def own_nodes(self) -> Indices:
+        """(elements, degree + 1) nodes of each element."""
+        first = self.degree * np.arange(self.elements)
+        return first[:, None] + np.arange(self.degree + 1)
 
     def width_at(self, station: Array) -> Array:
         """Width (m) at arc lengths (m)."""
@@ -107,49 +123,76 @@ def width_factor(x: Array) -> tuple[Array, Array, Array]:
     )
 
 
+@lru_cache
+def monomials(degree: int) -> Array:
+    """(D, D) coefficients, by powers of the place 0 to 1 on an element, of the polynomials that are
+    1 at one of its D = degree + 1 evenly spaced nodes; a column each."""
+    return np.linalg.inv(np.vander(np.linspace(0.0, 1.0, degree + 1), increasing=True))
+
+
+def values_at(degree: int, places: Array) -> Array:
+    """(K, D) of these polynomials at places (K,) of an element."""
+    return np.vander(places, degree + 1, increasing=True) @ monomials(degree)
+
+
+def slopes_at(degree: int, places: Array) -> Array:
+    """(K, D) of their derivatives by the place."""
+    powers = np.arange(1, degree + 1)
+    return np.vander(places, degree, increasing=True) @ (powers[:, None] * monomials(degree)[1:])
+
+
+@lru_cache
+def points_on(degree: int) -> tuple[Array, Array]:
+    """Places (K,) and weights of the elastic energy: they integrate c^2 (1 + t^2)^2 exactly."""
+    points, weights = np.polynomial.legendre.leggauss(3 * degree + 1)
+    return 0.5 + 0.5 * points, 0.5 * weights
+
+
+def _along(ribbon: Ribbon, places: Array) -> Array:
+    """(elements, K) m, arc lengths of places on all elements."""
+    return ribbon.stations[:-1, None] + np.diff(ribbon.stations)[:, None] * places
+
+
 def closeness(ribbon: Ribbon, unknowns: Array) -> Array:
-    """(elements,) x of the width factor: rulings meet at an edge where it reaches 1 or -1."""
-    ruling = unknowns[ribbon.elements + 1 :]
-    step = np.diff(ribbon.stations)
-    middle = 0.5 * (ribbon.stations[:-1] + ribbon.stations[1:])
-    return 0.5 * ribbon.width_at(middle) * np.diff(ruling) / step
+    """(elements, K) x of the width factor at points of elements and their ends: rulings meet at an
+    edge where it reaches 1 or -1."""
+    ends = np.concatenate([[0.0], points_on(ribbon.degree)[0], [1.0]])
+    ruling = unknowns[ribbon.nodes :][ribbon.own_nodes()]
+    half = 0.5 * ribbon.width_at(_along(ribbon, ends))
+    return half * (ruling @ slopes_at(ribbon.degree, ends).T) / np.diff(ribbon.stations)[:, None]
 
 
 def elastic(ribbon: Ribbon, unknowns: Array) -> tuple[float, Array, Array]:
-    """Energy (J), gradient (U,) and Hessian (U, U) at unknowns (U,): c, then t at all stations.
+    """Energy (J), gradient (U,) and Hessian (U, U) at unknowns (U,): c, then t at all nodes.
 
     The energy is infinite, with gradient and Hessian of zeros, where rulings meet at an edge.
     """
-    count, size = ribbon.elements, ribbon.elements + 1
+    count, size, own = ribbon.elements, ribbon.nodes, ribbon.own_nodes()
     gradient, matrix = np.zeros(2 * size), np.zeros((2 * size, 2 * size))
     x = closeness(ribbon, unknowns)
     if ribbon.finite_width and not (np.abs(x) < 1.0).all():
         return np.inf, gradient, matrix
-    step = np.diff(ribbon.stations)
-    middle = 0.5 * (ribbon.stations[:-1] + ribbon.stations[1:])
-    width = ribbon.width_at(middle)
-    factor = width_factor(x) if ribbon.finite_width else (np.ones(count), 0.0 * x, 0.0 * x)
-    # by element: (value, gradient, Hessian) in (c, t, x) at a point, then in the four unknowns
-    energy = 0.0
-    blocks, lines = np.zeros((count, 4, 4)), np.zeros((count, 4))
-    rest = np.asarray(ribbon.rest[:size])
-    for place, weight in zip(POINTS, WEIGHTS, strict=True):
-        shape = np.array([1.0 - place, place])
-        c, t, k = (
-            shape[0] * values[:-1] + shape[1] * values[1:]
-            for values in (unknowns[:size], unknowns[size:], rest)
-        )
-        value, slope, bend = _density(c, t, k, ribbon.poisson, factor)
-        scale = 0.5 * ribbon.rigidity * width * step * weight
-        to = np.zeros((count, 3, 4))
-        to[:, 0, :2] = shape
-        to[:, 1, 2:] = shape
-        to[:, 2, 2:] = 0.5 * (width / step)[:, None] * np.array([-1.0, 1.0])
+    step, (points, weights) = np.diff(ribbon.stations), points_on(ribbon.degree)
+    width = ribbon.width_at(_along(ribbon, points))
+    # by element: (value, gradient, Hessian) in (c, t, x) at a point, then in its unknowns
+    energy, each = 0.0, ribbon.degree + 1
+    blocks, lines = np.zeros((count, 2 * each, 2 * each)), np.zeros((count, 2 * each))
+    shapes, slopes = values_at(ribbon.degree, points), slopes_at(ribbon.degree, points)
+    rest = ribbon.rest[:size][own]
+    curvature, ruling = unknowns[:size][own], unknowns[size:][own]
+    for k, (shape, weight) in enumerate(zip(shapes, weights, strict=True)):
+        at = x[:, k + 1]
+        factor = width_factor(at) if ribbon.finite_width else (np.ones(count), 0.0 * at, 0.0 * at)
+        local = curvature @ shape, ruling @ shape, rest @ shape
+        value, slope, bend = _density(*local, ribbon.poisson, factor)
+        scale = 0.5 * ribbon.rigidity * width[:, k] * step * weight
+        to = np.zeros((count, 3, 2 * each))
+        to[:, 0, :each] = to[:, 1, each:] = shape
+        to[:, 2, each:] = 0.5 * (width[:, k] / step)[:, None] * slopes[k]
         energy += float(scale @ value)
         lines += scale[:, None] * np.einsum("ea,eab->eb", slope, to)
         blocks += scale[:, None, None] * np.einsum("eab,eac,ecd->ebd", to, bend, to)
-    i = np.arange(count)
-    places = np.stack([i, i + 1, size + i, size + i + 1], axis=1)
+    places = np.concatenate([own, size + own], axis=1)
     np.add.at(gradient, places, lines)
     np.add.at(matrix, (places[:, :, None], places[:, None, :]), blocks)
     return energy, gradient, matrix

@@ -66,9 +66,8 @@ def solved(ribbon: Ribbon, rest: RibbonRest, frame: Array, gravity: Array) -> Ar
     frame: at the clamp. Raises SimulationError where it finds no solution.
     """
     unknowns, points, frames = rest.unknowns, rest.curve.points, rest.curve.frames
-    size = ribbon.elements + 1
     place = np.linspace(0.0, ribbon.length, len(points))
-    t = np.interp(place, ribbon.stations, unknowns[size:])
+    t = np.interp(place, ribbon.node_stations, unknowns[ribbon.nodes :])
     guess = np.zeros((17, len(points)))
     guess[:3], guess[3:12], guess[15] = points.T, frames.reshape(-1, 9).T, t
     weight = ribbon.surface_density * ribbon.width * gravity

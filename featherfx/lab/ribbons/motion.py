@@ -99,7 +99,7 @@ class RibbonMotion:
         self._mass = np.concatenate([mass, np.zeros(2)])
         self._area = self._mass / ribbon.surface_density if ribbon.surface_density else 0.0 * mass
         self._weight = self._mass[:, None] * np.asarray(gravity, float)
-        size = ribbon.elements + 1
+        size = ribbon.nodes
         self._scale = np.concatenate([np.full(size, 1.0 / ribbon.length), np.ones(size)])
         self._unit = ribbon.rigidity * ribbon.width / ribbon.length
         self._spring = SPRING * self._unit / ribbon.length**2

@@ -44,7 +44,7 @@ ESCAPE = 0.05
 class RibbonRest:
     """A ribbon at rest.
 
-    unknowns: (U,) curvature (1/m), then ruling, at the stations. curve: its centreline. energy: J,
+    unknowns: (U,) curvature (1/m), then ruling, at the nodes. curve: its centreline. energy: J,
     elastic and of the loads. iterations: of Newton. residual: largest component of the gradient,
     as a share of rigidity times width over length. stability: lowest eigenvalue of the Hessian in
     the same unit, with curvature scaled by the length.
@@ -76,7 +76,7 @@ def settle_ribbon(
     minimum, as a planar one beyond its limit. Raises SimulationError where no minimum is found.
     """
     loads = _Loads(ribbon, frame, np.asarray(gravity, float), tip_force, links)
-    size = ribbon.elements + 1
+    size = ribbon.nodes
     scale = np.concatenate([np.full(size, 1.0 / ribbon.length), np.ones(size)])
     unit = ribbon.rigidity * ribbon.width / ribbon.length
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.special import ellipe, ellipk
 
+from featherfx.lab.ribbons.curve import LINKS
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.equations import shell_tip, solved
 from featherfx.lab.ribbons.experiments import (
@@ -271,42 +272,61 @@ def ends(folder: Path) -> StudyResult:
 
 # of the elliptic integrals of the strip that is held at both ends
 MODULUS = 0.5
-# links of an element
-WAYS = (("1 link an element", 1), ("8 links", 8), ("power series", 0))
-COUNTS = (5, 10, 20, 40)
-FINEST = 80
+
+
+class Way(NamedTuple):
+    """How a strip is discretised. degree: of curvature and ruling on an element. links: of an
+    element; 0: power series. counts: numbers of elements that are tried."""
+
+    degree: int
+    links: int
+    counts: tuple[int, ...]
+
+
+LINKED = "1 link an element"
+WAYS = {
+    LINKED: Way(1, 1, (5, 10, 20, 40)),
+    "8 links": Way(1, 8, (5, 10, 20, 40)),
+    "power series": Way(1, 0, (5, 10, 20, 40)),
+    "power series of degree 2": Way(2, 0, (5, 10, 20)),
+    "power series of degree 3": Way(3, 0, (3, 5)),
+}
 
 
 def degree(folder: Path) -> StudyResult:
     """Error of the tip against the number of unknowns, by links and by power series."""
     ribbon = replace(CURL, length=0.25)
-    best = _tip(replace(ribbon, elements=FINEST), 0)
-    errors = {
-        name: [
-            float(np.linalg.norm(_tip(replace(ribbon, elements=count), links) - best))
-            / ribbon.length
-            for count in COUNTS
-        ]
-        for name, links in WAYS
-    }
-    many = errors["1 link an element"][-1]
-    finer = ourselves(f"power series with {FINEST} elements, which share the elastic energy")
-    rows = Rows()
-    for name, found in errors.items():
-        for k, count in enumerate(COUNTS):
-            rows.report(f"error of the tip over length, {count} elements, {name}", found[k])
-    rows.report("5 elements by power series over 40 of one link", errors["power series"][0] / many)
-    text = "10 elements by power series over 40 of one link"
-    note = "22 unknowns against 82"
-    rows.bound(text, errors["power series"][1] / many, finer, at_most=1.0, note=note)
-    text = "20 elements by power series, error over length"
-    rows.bound(text, errors["power series"][2], finer, at_most=1e-3)
+    clamp, rows = clamp_frame("level"), Rows()
+    exact = solved(ribbon, settle_ribbon(ribbon, clamp, GRAVITY), clamp, GRAVITY)[-1]
+    errors: dict[tuple[str, int], float] = {}
+    for name, way in WAYS.items():
+        for count in way.counts:
+            far = np.linalg.norm(_tip(replace(ribbon, elements=count), way) - exact)
+            errors[name, count] = float(far) / ribbon.length
+            text = f"error of the tip over length, {count} elements, {name}"
+            rows.report(text, errors[name, count])
+    source = independent("Wunderlich's equations of equilibrium, by collocation")
+    many = errors[LINKED, 40]
+    for name, count in (
+        ("power series", 10),
+        ("power series of degree 2", 5),
+        ("power series of degree 3", 3),
+    ):
+        text = f"error of {count} elements by {name} over that of 40 of one link"
+        note = f"{2 * (WAYS[name].degree * count + 1)} unknowns against 82"
+        rows.bound(text, errors[name, count] / many, source, at_most=1.0, note=note)
+    text = "error of 5 elements by power series of degree 1 over that of 40 of one link"
+    note = "12 unknowns: its lines miss the curvature, links or not"
+    rows.report(text, errors["power series", 5] / many, note=note)
+    finest = errors["power series of degree 2", 20]
+    text = "error of the tip over length, 20 elements of degree 2"
+    rows.bound(text, finest, source, at_most=1e-5)
 
     def paint(canvas: Any) -> None:
         axes = canvas.add_subplot()
-        unknowns = [2 * (count + 1) for count in COUNTS]
-        for name, found in errors.items():
-            axes.loglog(unknowns, found, "o-", label=name)
+        for name, way in WAYS.items():
+            unknowns = [2 * (way.degree * count + 1) for count in way.counts]
+            axes.loglog(unknowns, [errors[name, k] for k in way.counts], "o-", label=name)
         axes.set(xlabel="unknowns", ylabel="error of the tip over length")
         axes.legend()
 
@@ -314,11 +334,10 @@ def degree(folder: Path) -> StudyResult:
     return StudyResult(rows, draw(folder / "ribbon_degree.png", caption, paint))
 
 
-def _tip(ribbon: Ribbon, links: int) -> np.ndarray:
-    frame = clamp_frame("level")
-    if not links:
-        return settle_ribbon(replace(ribbon, series=True), frame, GRAVITY).curve.points[-1]
-    return settle_ribbon(ribbon, frame, GRAVITY, links=links).curve.points[-1]
+def _tip(ribbon: Ribbon, way: Way) -> np.ndarray:
+    ribbon = replace(ribbon, degree=way.degree, series=not way.links)
+    rest = settle_ribbon(ribbon, clamp_frame("level"), GRAVITY, links=way.links or LINKS)
+    return rest.curve.points[-1]
 
 
 def against_rod(folder: Path) -> StudyResult:
