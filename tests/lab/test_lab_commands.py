@@ -130,7 +130,7 @@ OPTIONS = {
     " duration tolerance fixed-step presets",
     "strip": "scene dt kinematics columns refinement coefficients method stretch radius newton",
     "ribbon": "length width tip-width rigidity density rest-curvature poisson elements grading"
-    " series sadowsky clamp planar wind seconds step",
+    " series degree sadowsky clamp planar wind seconds step",
     "fullfeather": "scene material distance parts rows columns nodal guard",
     "unitcell": "preset angle spacing diameter young hooks save presets",
     "network": "lattice size dilution fibres density merge bend seed scatter",

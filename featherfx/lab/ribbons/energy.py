@@ -127,7 +127,8 @@ def width_factor(x: Array) -> tuple[Array, Array, Array]:
 def monomials(degree: int) -> Array:
     """(D, D) coefficients, by powers of the place 0 to 1 on an element, of the polynomials that are
     1 at one of its D = degree + 1 evenly spaced nodes; a column each."""
-    return np.linalg.inv(np.vander(np.linspace(0.0, 1.0, degree + 1), increasing=True))
+    powers = np.vander(np.linspace(0.0, 1.0, degree + 1), increasing=True)
+    return np.asarray(np.linalg.inv(powers), dtype=float)
 
 
 def values_at(degree: int, places: Array) -> Array:
@@ -159,7 +160,8 @@ def closeness(ribbon: Ribbon, unknowns: Array) -> Array:
     ends = np.concatenate([[0.0], points_on(ribbon.degree)[0], [1.0]])
     ruling = unknowns[ribbon.nodes :][ribbon.own_nodes()]
     half = 0.5 * ribbon.width_at(_along(ribbon, ends))
-    return half * (ruling @ slopes_at(ribbon.degree, ends).T) / np.diff(ribbon.stations)[:, None]
+    slope = ruling @ slopes_at(ribbon.degree, ends).T / np.diff(ribbon.stations)[:, None]
+    return np.asarray(half * slope)
 
 
 def elastic(ribbon: Ribbon, unknowns: Array) -> tuple[float, Array, Array]:
