@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from featherfx.baking.sink import compared, new_writer
+from featherfx.baking.sink import Sink, compared
 from featherfx.baking.task import Task
 from featherfx.errors import Problem
 from featherfx.files.background import Background
@@ -15,7 +15,6 @@ from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.frames import Frame
 from featherfx.shot.simulate import simulate
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.write import CacheWriter
 
 
 def simulate_and_write(
@@ -26,34 +25,34 @@ def simulate_and_write(
 
     notify: called with the samples done and their number.
     """
-    options, samples = task.options, task.samples
+    options, samples, sink = task.options, task.samples, Sink(task)
     TELLER.works = ("bake",) if task.shot.contact is None else ("bake", "contact")
     try:
-        with phase("building", silent=True):
-            writer = new_writer(task)
-    except KeyboardInterrupt as error:
-        message = "interrupted before the first frame: nothing new was written"
-        raise KeyboardInterrupt(message) from error
-    try:
-        with writer:
-            done = taken_over = writer.samples_done
+        with sink:
+            taken_over, start = 0, None
+            if options.resume:
+                with phase("building", silent=True):
+                    taken_over, state = sink.writer.samples_done, sink.writer.state
+                start = Checkpoint.load(state) if state else None
+            done = taken_over
             notify(done, samples)
-            start = Checkpoint.load(writer.state) if writer.state else None
-            wanted = _simulated(task, writer, start)
+            wanted = _simulated(task, sink, start)
             with phase("building"):
                 simulation = simulate(
                     task.whole, options.jobs, task.frames, options.subframes, start, wanted
                 )
-            sink = Background(writer.write, 1)  # frames of a plumage are large
+            # where nothing is gone on with, it is built while feathers settle
+            sink.begin()
+            writing = Background(sink.write, 1)  # frames of a plumage are large
 
             def finish(finished: Callable[[], list[tuple[Frame, Checkpoint]]]) -> None:
                 for frame, checkpoint in finished():
-                    sink(frame, checkpoint.save)
+                    writing(frame, checkpoint)
 
-            with sink, Background(finish, 1) as finishing:
+            with writing, Background(finish, 1) as finishing:
                 with phase("simulating", silent=True):
                     for finished in simulation.ahead() if done < samples else ():
-                        with phase("writing" if sink.is_full else "simulating", silent=True):
+                        with phase("writing" if writing.is_full else "simulating", silent=True):
                             finishing.wait()
                         finishing(finished)
                         if done < samples:
@@ -61,25 +60,25 @@ def simulate_and_write(
                             notify(done, samples)
                     finishing.wait()
                 with phase("writing"):
-                    sink.close()
-            writer.tell(compared(task, task.dependences(simulation.laid)))
+                    writing.close()
+            sink.writer.tell(compared(task, task.dependences(simulation.laid)))
     except KeyboardInterrupt as error:
-        raise KeyboardInterrupt(_state_of(writer, task)) from error
+        raise KeyboardInterrupt(sink.state) from error
     beside = {
-        "writing_beside": sink.seconds,
-        "writing_processor_seconds": sink.processor_seconds,
+        "writing_beside": writing.seconds,
+        "writing_processor_seconds": writing.processor_seconds,
     }
     return taken_over, simulation.report | beside | _told(task, wanted)
 
 
-def _simulated(task: Task, writer: CacheWriter, start: Checkpoint | None) -> Sequence[int]:
+def _simulated(task: Task, sink: Sink, start: Checkpoint | None) -> Sequence[int]:
     """Numbers, in the whole, of the feathers to simulate; the writer takes the others over.
 
     start: of the bake that goes on; it simulates what that has simulated.
     """
     everyone = range(len(task.whole.groom.feathers)) if task.wanted is None else task.wanted
     taken = set(task.taken.feathers) if task.taken else set()
-    if task.taken and task.taken.cache.chunk != writer.chunk:
+    if task.taken and task.taken.cache.chunk != sink.writer.chunk:
         taken = set()  # samples of a feather that hardly moves depend on where chunks begin
     wanted = [number for place, number in enumerate(everyone) if place not in taken]
     if start is not None and start.wanted.tolist() != wanted:
@@ -90,7 +89,7 @@ def _simulated(task: Task, writer: CacheWriter, start: Checkpoint | None) -> Seq
             message = "was begun with samples of a cache that is gone; --overwrite bakes it anew"
             raise OutputError(Problem(str(task.path), "", message))
     if task.taken and taken:
-        writer.take_over(task.taken.cache, sorted(taken))
+        sink.writer.take_over(task.taken.cache, sorted(taken))
     return wanted
 
 
@@ -101,12 +100,3 @@ def _told(task: Task, wanted: Sequence[int]) -> dict[str, Any]:
     kept = len(task.names) - len(wanted)
     counts = {"feathers_simulated": len(wanted), "feathers_taken_over": kept}
     return {"again": counts | {"changed": list(task.taken.changed)}}
-
-
-def _state_of(writer: CacheWriter, task: Task) -> str:
-    """What an interrupt has left, in words."""
-    if writer.published:
-        return f"interrupted, but {task.path} is complete"
-    if kept := writer.samples_kept:
-        return f"interrupted: {kept} of {task.samples} samples are kept for --resume"
-    return "interrupted: nothing was written"

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, Self
 
 from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
 from featherfx.baking.task import Task
+from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.frames import Frame
 from featherfx.usd.write.resume import table_text
 from featherfx.usd.write.write import CachePlace, CacheWriter, Continuation
 
@@ -30,6 +33,48 @@ def new_writer(task: Task) -> CacheWriter:
         ),
         continuation=Continuation(task.settings, task.shot.inputs, task.frames_each),
     )
+
+
+class Sink:
+    """A task's writer, built by a thread of its own while others go on; a context manager, which
+    ends as the writer's block."""
+
+    def __init__(self, task: Task) -> None:
+        self._task, self._pool = task, ThreadPoolExecutor(1, "featherfx sink")
+        self._made: Future[CacheWriter] | None = None
+
+    def begin(self) -> Future[CacheWriter]:
+        """Have the writer built, if it is not."""
+        self._made = self._made or self._pool.submit(new_writer, self._task)
+        return self._made
+
+    @property
+    def writer(self) -> CacheWriter:
+        """The writer; waits for it. Raises what new_writer raises."""
+        return self.begin().result()
+
+    def write(self, frame: Frame, checkpoint: Checkpoint) -> None:
+        """Write the next sample, and where a chunk ends what goes on after it."""
+        self.writer.write(frame, checkpoint.save)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._pool.shutdown()
+        if self._made and self._made.exception() is None:
+            self._made.result().__exit__(*error)
+
+    @property
+    def state(self) -> str:
+        """What an interrupt has left, in words."""
+        if not self._made or self._made.exception() is not None:
+            return "interrupted before the first frame: nothing new was written"
+        if self.writer.published:
+            return f"interrupted, but {self._task.path} is complete"
+        if kept := self.writer.samples_kept:
+            return f"interrupted: {kept} of {self._task.samples} samples are kept for --resume"
+        return "interrupted: nothing was written"
 
 
 def compared(task: Task, dependences: Sequence[str]) -> dict[str, Any]:

@@ -349,7 +349,7 @@ class Simulation:
         return True
 
     def energy(self) -> Energy:
-        """J, of all feathers that are solved, after the frame that was yielded last."""
+        """J, of all feathers that are solved, after the frame that was simulated last."""
         gravity = np.asarray(self.shot.gravity, dtype=float)
         of_all = [energy_of(each.solver.model, each.state, gravity) for each in self._groups]
         return Energy(*np.sum(of_all, axis=0).tolist())
@@ -361,7 +361,7 @@ class Simulation:
 
     def simulated(self) -> dict[int, tuple[Feather, RowPoints]]:
         """By number, of the feathers in the frames, what is simulated in full, and where it is
-        after the frame that was yielded last."""
+        after the frame that was simulated last."""
         wanted = set(self._wanted.tolist())
         return {
             int(f): (group.feathers[k], group.state.points.at(k))

@@ -16,8 +16,10 @@ from places import SAMPLES
 from pxr import Sdf, Usd, UsdGeom
 
 import featherfx
-from featherfx.errors import InputError
+from featherfx.baking import sink
+from featherfx.errors import InputError, Problem
 from featherfx.solver.solver import Solver
+from featherfx.usd.types import OutputError
 
 SHOT = SAMPLES / "feather_pull/shot.toml"
 OPTIONS = {"layout": "clips", "chunk": 2, "quality": "draft"}
@@ -221,3 +223,16 @@ def test_a_comment_changes_nothing_but_a_value_does(tmp_path):
     shot.write_text(text.replace("stiffness = 500", "stiffness = 501"))
     with pytest.raises(InputError, match=r"shot\.grip\[0\]\.stiffness: 500 -> 501"):
         featherfx.bake(shot, path, resume=True, **options)
+
+
+def test_a_writer_that_cannot_be_built_ends_the_bake(tmp_path, monkeypatch):
+    """It is built beside the simulation, where nothing is gone on with."""
+
+    def refused(task):
+        raise OutputError(Problem(str(task.path), "", "cannot be written"))
+
+    monkeypatch.setattr(sink, "new_writer", refused)
+    for resume in (False, True):
+        with pytest.raises(OutputError, match="cannot be written"):
+            featherfx.bake(SHOT, tmp_path / "pull.usdc", **OPTIONS, resume=resume)
+    assert not list(tmp_path.iterdir())
