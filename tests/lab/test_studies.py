@@ -96,6 +96,14 @@ def trial(folder):
     return StudyResult(rows, study.draw(folder / "trial.png", "A line & more.", paint))
 
 
+def alone(folder):
+    rows = Rows()
+    rows.report("length", 2.0, unit="m")
+    rows.report("seconds", 2.0, unit="s")
+    rows.report("none", math.nan)
+    return StudyResult(rows)
+
+
 def broken(folder):
     raise SimulationError("feather", 1.0, "it did not converge")
 
@@ -179,6 +187,17 @@ def test_a_number_that_moves_by_a_tenth_of_its_tolerance_is_named(tmp_path):
     assert report.moved(now, before) == ["trial, length <of> a | b: held against something else"]
     before["studies"]["trial"]["rows"].pop()
     assert report.moved(now, before) == ["trial: other numbers than before"]
+
+
+def test_a_number_alone_may_move_by_a_thousandth_and_a_time_as_it_likes(tmp_path):
+    now, before = entries(tmp_path, alone), report.record(entries(tmp_path, alone), "1")
+    values = before["studies"]["alone"]["rows"]
+    values[0]["value"], values[1]["value"] = 2.0019, 5.0
+    assert report.moved(now, before) == []
+    values[0]["value"] = 2.0021
+    assert report.moved(now, before) == ["alone, length: 2.0021 -> 2.0"]
+    values[0]["value"], values[2]["value"] = 2.0, 1.0
+    assert report.moved(now, before) == ["alone, none: 1.0 -> nan"]
 
 
 def test_the_page_is_of_today(tmp_path):

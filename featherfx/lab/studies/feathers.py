@@ -158,8 +158,8 @@ DAWSON = published("Dawson 2005 (Ibis 147), abstract: 2.41, s.d. 0.42, of 120 sp
 
 def _keratin() -> Rows:
     """What shafts of keratin_rachis are made of, beside what is measured of others."""
-    shaft = feather_kind("primary").rachis_material
-    inner = 1.0 - shaft.wall
+    shaft, one = feather_kind("primary").rachis_material, np.ones(1)
+    stretch, bend = (each[0] for each in shaft_stiffness(one, one, shaft))
     macleod = "MacLeod 1980 (J. exp. Biol. 87), abstract, distal shafts of contour feathers"
     deng = "Deng et al. 2023 (Applied Physics A 129), section 1"
     swans = "the preset serves all birds: 0.1, between these and the 0.07 to 0.54 of pigeons"
@@ -183,7 +183,7 @@ def _keratin() -> Rows:
         ),
         (
             "bending stiffness of its shaft over that of a solid rod's section, MPa",
-            1e-6 * shaft.young * (1.0 - inner**4),
+            1e-6 * bend[1] / (np.pi / 64.0),
             457.0,
             1850.0,
             macleod,
@@ -191,7 +191,7 @@ def _keratin() -> Rows:
         ),
         (
             "the same in extension, MPa",
-            1e-6 * shaft.young * (1.0 - inner**2),
+            1e-6 * stretch[0] / (0.25 * np.pi),
             210.0,
             682.0,
             macleod,

@@ -29,8 +29,9 @@ COLUMNS = (
     "held against",
     "note",
 )
-# of a row's tolerance, how far a number may be from the one on the page
-STILL = 0.1
+# how far a number may be from the one on the page: of a row's tolerance; of itself where it has
+# none; and what is rounding
+STILL, STILL_ALONE, ROUNDING = 0.1, 1e-3, 1e-9
 NUMBERS = "validation.json"
 COMMAND = "featherfx lab report"
 INTRODUCTION = (
@@ -217,7 +218,8 @@ def moved(entries: Sequence[Entry], before: dict[str, Any]) -> list[str]:
     """Numbers that are no longer those of an earlier record, in words.
 
     before: of `record`. One may move by a tenth of its tolerance, or of what is left to its bound;
-    one that nothing is compared with, as it likes. Raises KeyError of a study that is not in it.
+    one that nothing is compared with, by a thousandth, and times as they like. Raises KeyError of a
+    study that is not in it.
     """
     found = []
     for entry in entries:
@@ -228,11 +230,19 @@ def moved(entries: Sequence[Entry], before: dict[str, Any]) -> list[str]:
             continue
         for row, old in zip(entry.result.rows, rows, strict=True):
             text = f"{entry.study.name}, {row.quantity}"
-            if row.source is not None and abs(row.ours - old["value"]) > STILL * _room(row):
+            if _has_moved(row, math.nan if old["value"] is None else old["value"]):
                 found.append(f"{text}: {old['value']} -> {row.ours}")
             if (old["kind"], old["source"]) != (_row(row)["kind"], _row(row)["source"]):
                 found.append(f"{text}: held against something else")
     return found
+
+
+def _has_moved(row: Row, before: float) -> bool:
+    if row.source is not None:
+        return abs(row.ours - before) > STILL * _room(row)
+    if row.is_time or (math.isnan(row.ours) and math.isnan(before)):
+        return False
+    return not math.isclose(row.ours, before, rel_tol=STILL_ALONE, abs_tol=ROUNDING)
 
 
 def _room(row: Row) -> float:

@@ -89,7 +89,7 @@ def vane(folder: Path) -> StudyResult:
             f"iterations of {method.upper()} with {choice}, {text}", solved.iterations, note=note
         )
         ratio = solved.seconds / seconds
-        rows.report(f"its time over the banded solver's, {choice}, {text}", ratio)
+        rows.report(f"its time over the banded solver's, {choice}, {text}", ratio, unit="s/s")
     factors = solve(system, "direct", directions=3)
     apart = np.abs(factors.displacements - exact).max() / np.abs(exact).max()
     rows.bound(

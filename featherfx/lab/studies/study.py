@@ -77,6 +77,11 @@ class Row:
     note: str = ""
 
     @property
+    def is_time(self) -> bool:
+        """Whether ours is a time, or one over another."""
+        return self.unit in ("s", "s/s")
+
+    @property
     def verdict(self) -> Verdict:
         """Whether ours agrees with the reference; a number that is not finite never does."""
         if self.comparison == "none" or self.reference is None:
