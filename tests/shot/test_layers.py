@@ -14,12 +14,14 @@ from featherfx.algebra.rotation import frames_from
 from featherfx.errors import InputWarning
 from featherfx.feather.crossings import crossings_of, patches_of
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import RACHIS, turned
+from featherfx.feather.types import RACHIS, both, turned
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import Placement
 from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.frames import FeatherPose
 from featherfx.shot.layers import layers
 from featherfx.shot.motion.skin import SkinSurfaces
+from featherfx.shot.placement import place
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.share import share_count
 from featherfx.shot.simulate import simulate
@@ -311,6 +313,35 @@ def test_a_feather_that_is_pushed_into_the_skin_is_laid_over_it():
     before, after = (each.points.nodes[4:, :, 2] - skin[0, 2] for each in (sunk, laid))
     assert before.min() < -2e-3
     assert after.min() > 0.5 * THICKNESS + 0.9 * float(plumage.vanes.clear[0])
+
+
+class Ridge(Sheet):
+    """A level square with a ridge across it, from one height to another, so wide at its foot."""
+
+    def __init__(self, height: float, top: float, place: float, width: float) -> None:
+        along = [(-1.0, height), (place - width, height), (place, top)]
+        along += [(place + width, height), (1.0, height)]
+        self.rest = np.array([[x, y, z] for x, z in along for y in (-1.0, 1.0)])
+        pairs = [(2 * k, 2 * k + 1, 2 * k + 2, 2 * k + 3) for k in range(4)]
+        self.triangles = np.array([t for a, b, c, d in pairs for t in ((a, c, b), (c, d, b))])
+        self.face = np.arange(len(self.triangles))
+
+
+def test_skin_does_not_pass_between_the_nodes_of_a_feather_that_lies_on_it():
+    """A ridge between two rows at rest, where the shaft's nodes are above the skin."""
+    shot = shingles(1)
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    one = shot.groom.feathers[0]
+    rest = place(drawn[0].rest, one.position, one.rotation)
+    shaft = rest.nodes[:, 0]
+    middle, apart = 0.5 * (shaft[5] + shaft[6]), abs(shaft[6, 0] - shaft[5, 0])
+    low = float(shaft[5:7, 2].min()) - 1e-4
+    surface = Ridge(low, middle[2] + 5e-4, middle[0], 0.2 * apart)
+    shot = replace(shot, skin=SkinSurfaces((surface,), 0.0, 1.0, "", "").bind(shot.groom))
+    plumage, none = layers.Layers(shot, drawn, np.arange(1), 1), both(np.zeros_like, rest)
+    laid = lay(plumage, [FeatherPose(rest, none, none)], plumage.skin(0.0), 0.0, 0.0)[0]
+    after = 0.5 * (laid.points.nodes[5, 0] + laid.points.nodes[6, 0])
+    assert after[2] > middle[2] + 4.5e-4
 
 
 def test_feathers_that_do_not_touch_are_left_as_they_are(bakes):

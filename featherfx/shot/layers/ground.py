@@ -9,6 +9,7 @@ import numpy as np
 from featherfx.shot.contact.beneath import NEAR, SkinBeneath, surfaces_under
 from featherfx.shot.layers.types import Array, Ground, Indices, Vanes
 from featherfx.shot.motion.skin import BoundSkin
+from featherfx.shot.read.sources import TimedSurface
 
 
 class GroundBeneath(NamedTuple):
@@ -36,6 +37,10 @@ def ground_beneath(
         beneath, feather = SkinBeneath(surface, rest[own]), np.nonzero(own)[0]
         over = np.abs(beneath.height) < NEAR * vanes.row.sum(axis=1)[feather]
         clear[own] = np.minimum(beneath.height, (vanes.half + vanes.clear)[feather])
+        height = np.full(shape, -np.inf)
+        height[own] = beneath.height
+        lack = _between(surface, vanes, rest, height)
+        clear = np.where(lack > 0.0, np.maximum(clear, height + lack), clear)
         triangle[own] = np.where(over, beneath.triangle + faces, -1)
         skins.append(beneath)
         triangles.append(beneath.mesh.triangles + points)
@@ -43,3 +48,25 @@ def ground_beneath(
         faces, points = faces + len(beneath.mesh.triangles), points + len(surface.surface.rest)
     joined = np.concatenate(triangles), np.concatenate(beside)
     return GroundBeneath(skins, Ground(triangle, clear, *joined))
+
+
+def _between(surface: TimedSurface, vanes: Vanes, rest: Array, height: Array) -> Array:
+    """(F, n, 2 m + 1) m, by how much nodes that are above a skin at rest have to rise so that it
+    does not pass through the middles of their edges along the shaft and the barbs. height: m, of
+    nodes; -inf: not looked at."""
+    lack = np.zeros(height.shape)
+    size = np.broadcast_to(vanes.row.sum(axis=1)[:, None, None], height.shape)
+    for ends in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:, :, :-1], np.s_[:, :, 1:])):
+        one, other = ends
+        way = np.linalg.norm(rest[other] - rest[one], axis=-1)
+        low = np.minimum(height[one], height[other])
+        near = (low >= 0.0) & (low < 0.5 * way)
+        if not near.any():
+            continue
+        beneath = SkinBeneath(surface, 0.5 * (rest[one] + rest[other])[near]).height
+        through = (beneath < 0.0) & (beneath > -NEAR * size[one][near])
+        own = np.zeros(low.shape)
+        own[near] = np.where(through, -beneath, 0.0)
+        for end in ends:
+            lack[end] = np.maximum(lack[end], own)
+    return np.where(lack > 0.0, lack + vanes.half[:, None, None], 0.0)
