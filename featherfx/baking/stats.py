@@ -29,7 +29,7 @@ from featherfx.shot.share import part_of
 from featherfx.shot.simulate import Simulation, drawn_feathers, simulate
 from featherfx.shot.types import LEVELS, Detail, Quality, Shot
 from featherfx.usd.space import StageSpace
-from featherfx.usd.write.options import WriteOptions
+from featherfx.usd.write.options import CHUNK
 from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.write import chunk_bytes
 
@@ -161,7 +161,7 @@ def bake_cost(shot: Shot, jobs: int, read: Spent, budget: float = TRIAL_SECONDS)
 
     sample = of_a_frame("sample")
     memory = of_a_frame("resident") + _FRAMES_HELD * of_a_frame("posed")
-    chunk = min(sample * min(frames, WriteOptions.chunk), max(sample, chunk_bytes(total)))
+    chunk = min(sample * min(frames, CHUNK), max(sample, chunk_bytes(total)))
     memory += sample * _AUTHORED + chunk
     learnt = expected(shot, jobs, budget)
     phases = {"reading": read.seconds, **learnt.phases}

@@ -30,7 +30,13 @@ from featherfx.usd.read.stage import refuse_inputs, stage_space
 from featherfx.usd.space import origin_for
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.forms import chosen_group
-from featherfx.usd.write.options import StageOptions, WriteOptions, check_ranges
+from featherfx.usd.write.options import (
+    CHUNK,
+    PUSHING_CHUNK,
+    StageOptions,
+    WriteOptions,
+    check_ranges,
+)
 from featherfx.usd.write.output import (
     check_output,
     file_problems,
@@ -160,7 +166,11 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     frames = options.frames or (shot.first_frame, shot.last_frame)
     every = unique_prim_names([p.id for p in shot.groom.feathers])
     options = in_space(options, shot.groom, shot.skin)
-    options = replace(options, group=chosen_group(options.group, len(every)))
+    options = replace(
+        options,
+        group=chosen_group(options.group, len(every)),
+        chunk=options.chunk or (PUSHING_CHUNK if shot.contact else CHUNK),
+    )
     settings = _settings(shot, frames, options)
     part, whole, numbers = _part(shot, options.feathers)
     refuse_too_large(part.groom, shot.quality, options, str(shot_path))

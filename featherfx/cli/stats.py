@@ -101,28 +101,33 @@ def _lines(stats: dict[str, Any]) -> list[str]:
 def _bake_lines(bake: dict[str, Any]) -> list[str]:
     lines = [
         f"bake of {bake['frames']} frames: {bake['unknowns']} unknowns,"
-        f" {1e3 * bake['seconds_of_a_feather_and_frame']:.3g} ms a feather and frame"
+        f" {_short(1e3 * bake['seconds_of_a_feather_and_frame'])} ms a feather and frame"
         f" (by {bake['tried_feathers']} feathers and {bake['tried_frames']} frames)",
     ]
     if len(bake["levels"]) > 1:
         levels = ", ".join(f"{count:.0f} {level}" for level, count in bake["levels"].items())
         lines.append(f"  levels in the mean of the frames: {levels}")
     parts = ", ".join(
-        f"{name.replace('_', ' ')} {seconds:.2g}" for name, seconds in bake["seconds"].items()
+        f"{name.replace('_', ' ')} {_short(seconds)}" for name, seconds in bake["seconds"].items()
     )
     lines.append(
-        f"  about {bake['wall_seconds']:.3g} s with {bake['jobs']} jobs ({parts};"
-        f" learnt in {bake['trial_seconds']:.2g} s)"
+        f"  about {_short(bake['wall_seconds'])} s with {bake['jobs']} jobs ({parts};"
+        f" learnt in {_short(bake['trial_seconds'])} s)"
     )
     lines.append(
-        f"  about {bake['processor_seconds']:.3g} s of processor time, whatever else is running:"
-        f" meanwhile its threads had {bake['cores']:.2g} cores"
+        f"  about {_short(bake['processor_seconds'])} s of processor time, whatever else is"
+        f" running: meanwhile its threads had {bake['cores']:.2g} cores"
     )
     lines.append(
-        f"  about {bake['memory_bytes'] / 1e6:.3g} MB of memory,"
-        f" {bake['bytes_of_the_cache'] / 1e6:.4g} MB of samples"
+        f"  about {_short(bake['memory_bytes'] / 1e6)} MB of memory,"
+        f" {_short(bake['bytes_of_the_cache'] / 1e6)} MB of samples"
     )
     return lines
+
+
+def _short(number: float) -> str:
+    """Two figures, or as many as the number has before its point."""
+    return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
 
 @click.command(

@@ -17,6 +17,8 @@ from pxr import Sdf, Usd, UsdGeom
 
 import featherfx
 from featherfx.baking import sink
+from featherfx.baking.options import BakeOptions
+from featherfx.baking.task import prepare
 from featherfx.errors import InputError, Problem
 from featherfx.solver.solver import Solver
 from featherfx.usd.types import OutputError
@@ -46,6 +48,15 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("undisturbed") / "pull.usdc"
     featherfx.bake(SHOT, path, **OPTIONS)
     return path
+
+
+@pytest.mark.parametrize(
+    ("shot", "options", "chunk"),
+    [("feather_pull", {}, 24), ("flapping_bird", {}, 8), ("flapping_bird", {"chunk": 5}, 5)],
+)
+def test_feathers_that_push_each_other_lose_fewer_frames(tmp_path, shot, options, chunk):
+    task = prepare(SAMPLES / shot / "shot.toml", tmp_path / "o.usdc", BakeOptions(**options))
+    assert task.options.chunk == chunk
 
 
 def chunk_bytes(path: Path) -> dict[str, bytes]:

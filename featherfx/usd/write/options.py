@@ -18,6 +18,8 @@ FEATHER, KIND, REGION, ALL = "feather", "kind", "region", "all"
 GROUPS = (FEATHER, KIND, REGION, ALL)
 MESH, CONDENSED, CURVES, BOTH = "mesh", "condensed", "curves", "both"
 FORMS = (MESH, CONDENSED, CURVES, BOTH)
+# frames of a chunk; of a shot whose feathers push each other, where a frame may take minutes
+CHUNK, PUSHING_CHUNK = 24, 8
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,10 @@ class StageOptions:
 class WriteOptions(StageOptions):
     """How a cache is written, and which samples."""
 
-    chunk: int = option(
-        24,
-        "Frames that are written, and can be resumed after, at a time.",
+    chunk: int | None = option(
+        None,
+        "Frames that are written, and can be resumed after, at a time."
+        f"  [default: {CHUNK}, of feathers that push each other {PUSHING_CHUNK}]",
         least=1,
         most=MOST_FRAMES,
     )

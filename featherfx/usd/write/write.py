@@ -23,7 +23,7 @@ from featherfx.usd.write.chunk import ChunkWriter, WrittenChunk
 from featherfx.usd.write.define import define_prims
 from featherfx.usd.write.forms import Form, chosen_group, grouped
 from featherfx.usd.write.layout import StageInfo, new_layers
-from featherfx.usd.write.options import FEATHER, GROUPS, UP_AXES, WriteOptions
+from featherfx.usd.write.options import CHUNK, FEATHER, GROUPS, UP_AXES, WriteOptions
 from featherfx.usd.write.output import (
     check_output,
     chosen_layout,
@@ -50,7 +50,7 @@ def chunk_bytes(feathers: int) -> int:
 def chunk_frames(options: WriteOptions, posed: Sequence[PosedFeather]) -> int:
     """Frames of a chunk of these feathers: as asked for, or fewer where they would be too large."""
     frame = options.subframes * sum(each.bytes_per_sample for each in posed)
-    return max(1, min(options.chunk, chunk_bytes(len(posed)) // frame))
+    return max(1, min(options.chunk or CHUNK, chunk_bytes(len(posed)) // frame))
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ class CacheWriter:
                 message = "another bake has just written it; choose another name, or --overwrite"
                 raise OutputError(Problem(str(file), "", message))
 
-    def _settings_of_stage(self, chunk: int) -> dict[str, str]:
+    def _settings_of_stage(self, chunk: int | None) -> dict[str, str]:
         """What tells one cache without settings from another of the same name."""
         space, info = self._info.space, self._info
         values = (space, info.frames, info.frames_per_second, info.metadata, self._subframes, chunk)
