@@ -129,6 +129,21 @@ def test_times_for_people(seconds, told):
     assert about(seconds) == f"about {told}"
 
 
+def test_stats_write_large_numbers_out(monkeypatch):
+    groom = pipeline.plumage_stats(PULL.parent / "groom.toml")
+    large = dict.fromkeys(
+        ("seconds_of_a_feather_and_frame", "wall_seconds", "trial_seconds", "processor_seconds",
+         "memory_bytes", "bytes_of_the_cache"), 1234567890.0,
+    )  # fmt: skip
+    counts = dict.fromkeys(("frames", "unknowns", "tried_feathers", "tried_frames", "jobs"), 7)
+    bake = large | counts | {"levels": {"full": 1}, "cores": 0.5, "seconds": {"settling": 810.4}}
+    monkeypatch.setattr(pipeline, "plumage_stats", lambda *_, **__: groom | {"bake": bake})
+    told = invoke("stats", PULL).stdout
+    assert "settling 810;" in told
+    assert "about 1234567890 s with 7 jobs" in told
+    assert "e+" not in told
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("sample", ["breeze", "swan_wing", "flapping_bird"])
 def test_stats_tell_the_processor_time_of_a_bake_whatever_else_runs(sample, tmp_path):
