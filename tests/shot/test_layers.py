@@ -223,6 +223,26 @@ def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
     assert plumage.report()["written_depth"]["worst"] < 0.5
 
 
+def test_lifts_do_not_add_up_over_all_that_lie_beneath():
+    """Follicles turn by 27 degrees, so that each feather of 24 is in those beneath it."""
+    shot = shingles(24)
+    poses, none = next(iter(simulate(replace(shot, layers=None)))).poses, np.zeros((0, 3))
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    plumage = layers.Layers(shot, drawn, np.arange(len(poses)), 1)
+    lay(plumage, poses, none, 0.0, 0.0)
+    down, pressed = frames_from((1.0, 0.0, 0.5), (-0.5, 0.0, 1.0)), []
+    for one, pose in zip(shot.groom.feathers, poses, strict=True):
+        points = turned(down, pose.points.shifted(-one.position)).shifted(one.position)
+        pressed.append(replace(pose, points=points))
+    laid = lay(plumage, pressed, none, 1.0, 1.0 / shot.frames_per_second)
+    lifts = [
+        np.abs(now.points.nodes - before.points.nodes).max()
+        for now, before in zip(laid, pressed, strict=True)
+    ]
+    assert max(lifts[:8]) < 1.3 * max(lifts[8:16])
+    assert plumage.report()["written_depth"]["worst"] < 0.5
+
+
 def sinking(ease: float) -> tuple[Shot, layers.Layers, list, list]:
     """A shot, its layers, and poses of a feather and of what it lies over: it is beneath that, all
     at once, from the tenth to the twelfth of 24 samples. Where it is before it is laid, too."""

@@ -61,16 +61,21 @@ def _ask(vanes, lap, lifts, slope, wanted):
 
 @kernel
 def _spread(values, vanes, f, slope):
-    """Least field over values (n, 2 m + 1) that is nowhere steeper than a slope, in place."""
-    rows, columns = values.shape[0], vanes.exists.shape[3]
+    """Least field over values (n, 2 m + 1) that is nowhere steeper than a slope, in place; towards
+    the root it falls to 0 there, if that is steeper, as where a follicle turns. So what lies over
+    the base of a feather does not go up with its tip."""
+    rows, columns, reach = values.shape[0], vanes.exists.shape[3], 0.0
     for i in range(rows - 1):
         fall = slope * vanes.row[f, i]
+        reach += vanes.row[f, i]
         for c in range(values.shape[1]):
             values[i + 1, c] = max(values[i + 1, c], values[i, c] - fall)
     for i in range(rows - 2, -1, -1):
-        fall = slope * vanes.row[f, i]
+        fall, part = slope * vanes.row[f, i], vanes.row[f, i] / reach
+        reach -= vanes.row[f, i]
         for c in range(values.shape[1]):
-            values[i, c] = max(values[i, c], values[i + 1, c] - fall)
+            after = values[i + 1, c]
+            values[i, c] = max(values[i, c], after - max(fall, part * after))
     for i in range(rows):
         for c in range(2 * columns):
             fall = slope * vanes.barb[f, 1 if c < columns else 0, i]
