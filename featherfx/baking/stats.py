@@ -121,6 +121,8 @@ def _of_groom(groom: Groom, quality: Quality) -> dict[str, Any]:
 TRIED_FEATHERS, TRIED_FOLLOWERS = 8, 64
 # poses of a frame that are in memory at once: computed, waiting twice, being written
 _FRAMES_HELD = 4
+# of a pose that waits to be laid for good: its rates are in single precision
+_OF_POSED = 2.0 / 3.0
 # states of a simulated feather: before and after a step, at the first frame, for resuming
 _STATES_HELD = 4
 # a mesh as it is authored, over one sample of its points: topology, texture coordinates, rest pose
@@ -163,6 +165,9 @@ def bake_cost(shot: Shot, jobs: int, read: Spent, budget: float = TRIAL_SECONDS)
     memory = of_a_frame("resident") + _FRAMES_HELD * of_a_frame("posed")
     chunk = min(sample * min(frames, CHUNK), max(sample, chunk_bytes(total)))
     memory += sample * _AUTHORED + chunk
+    if shot.layers is not None:
+        waiting = shot.layers.samples_ahead(1.0 / shot.frames_per_second)
+        memory += waiting * _OF_POSED * of_a_frame("posed")
     learnt = expected(shot, jobs, budget)
     phases = {"reading": read.seconds, **learnt.phases}
     seconds = in_parts(phases)

@@ -187,7 +187,7 @@ class Simulation:
     @property
     def _samples_ahead(self) -> int:
         """Samples that are simulated before one is laid for good."""
-        return 0 if self._layers is None else self._layers.samples_ahead(self._time(1))
+        return self.shot.layers.samples_ahead(self._time(1)) if self.shot.layers else 0
 
     def _run(self) -> Iterator[int]:
         """Reach the samples of the frames that are wanted, one after the other, those before, and

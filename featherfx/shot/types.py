@@ -324,6 +324,10 @@ class Contact:
     ] = True
 
 
+# samples that may wait: each is 13 kB of a feather on 11 rows of 9 nodes
+MOST_AHEAD = 12
+
+
 @dataclass(frozen=True)
 class Layers:
     """How feathers as they are shown lie over each other (featherfx/shot/layers).
@@ -336,8 +340,12 @@ class Layers:
         float,
         Number(0, 2, "s"),
         "Time in which what is laid rises before it has to, and falls after; 0: at once. So much "
-        "of the shot after a frame is simulated before that frame is written.",
+        "of the shot after a sample, up to 12 samples, is simulated before that one is written.",
     ] = 0.25
+
+    def samples_ahead(self, step: float) -> int:
+        """Samples, step s apart, that are simulated before one is laid for good."""
+        return min(round(self.ease / step), MOST_AHEAD)
 
 
 @dataclass(frozen=True)

@@ -258,7 +258,7 @@ def sinking(ease: float) -> tuple[Shot, layers.Layers, list, list]:
 def lifted(shot: Shot, plumage: layers.Layers, poses: list, first: int = 0) -> tuple[list, dict]:
     """Poses as they are laid, from a sample on, and the memory after the sixth sample."""
     step, none = 1.0 / shot.frames_per_second, np.zeros((0, 3))
-    ahead, found, memory = plumage.samples_ahead(step), [], {}
+    ahead, found, memory = shot.layers.samples_ahead(step), [], {}
     for k in range(first, len(poses) + ahead):
         if k < len(poses):
             plumage.ask(poses[k], none, step if k else 0.0)

@@ -131,7 +131,7 @@ class Layers:
         self.lifts, self._eased = _no_lifts(shape, pairs), _no_lifts(shape, pairs)
         self._start, self._pose = pose_like(rest, shape), pose_like(rest, shape)
         assert shot.layers is not None
-        self._ease, self._waiting = shot.layers.ease, deque[Asked]()
+        self._samples_ahead, self._waiting = shot.layers.samples_ahead, deque[Asked]()
         skin = shot.skin if shot.layers.contact.skin else None
         self._skin = ground_beneath(skin, self.needed, self.vanes, _nodes(rest.nodes))
         self._skin.ground.triangle[~_touching(shot)[self.needed]] = -1
@@ -142,10 +142,6 @@ class Layers:
     def skin(self, time: float) -> Array:
         """(V, 3) m, the skin at a time in s since the first frame."""
         return self._skin.points(time)
-
-    def samples_ahead(self, duration: float) -> int:
-        """Samples, a duration in s apart, that are asked for before one is laid for good."""
-        return round(self._ease / duration)
 
     def ask(self, poses: Sequence[FeatherPose], skin: Array, duration: float) -> None:
         """Lay the needed feathers at the next sample over each other and a skin (V, 3) m, as it
@@ -197,7 +193,7 @@ class Layers:
             others.append((each.kept["lift"], seconds, each.duration))
         least = SPEED * self.vanes.row.sum(axis=1)[:, None, None]
         for lift, way, step in others:
-            speed = np.maximum(least, lift / (self._ease + step))
+            speed = np.maximum(least, lift / ((self._samples_ahead(step) + 1) * step))
             np.maximum(eased, lift - way * speed, out=eased)
         seen = MANNER.seen * self.vanes.half[:, None, None]
         alike = (eased - asked <= seen).all(axis=(1, 2))
