@@ -54,12 +54,31 @@ class Scenery:
 
 
 def scenery_of_shot(cache: Cache, path: Path) -> list[Scenery]:
-    """The skin and the colliders that a cache names; a warning tells what is not there."""
-    found = []
+    """The skin and the colliders that a cache names, and with a skin the meshes beside it under the
+    same prim, such as eyes; a warning tells what is not there."""
+    found: list[Scenery] = []
     for each in named_by(cache, path, ["skin", "collider"], "drawn"):
-        scene, is_skin = load_scene(each.cache, np.array(each.chosen)), each.role == "skin"
-        found.append(Scenery(each, scene, np.array(SKIN if is_skin else COLLIDER), is_skin))
+        is_skin = each.role == "skin"
+        drawn = {(known.beside.cache.path, f.path) for known in found for f in known.scene.feathers}
+        chosen = [*each.chosen, *(_beside(each) if is_skin else ())]
+        meshes = [(each.cache.path, each.cache.feathers[k].path) for k in chosen]
+        chosen = [k for k, mesh in zip(chosen, meshes, strict=True) if mesh not in drawn]
+        if chosen:
+            scene = load_scene(each.cache, np.array(chosen))
+            colour = np.array(SKIN if is_skin else COLLIDER)
+            found.append(Scenery(each._replace(chosen=chosen), scene, colour, is_skin))
     return found
+
+
+def _beside(scene: Scene) -> list[int]:
+    """Meshes of the file that are no feathers and stand under the same prim as one of a scene."""
+    meshes = scene.cache.feathers
+    parents = {meshes[k].path.rpartition("/")[0] for k in scene.chosen} - {""}
+    return [
+        k
+        for k, mesh in enumerate(meshes)
+        if not mesh.is_feather and k not in scene.chosen and mesh.path.rpartition("/")[0] in parents
+    ]
 
 
 def scenery_of_files(

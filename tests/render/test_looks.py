@@ -328,12 +328,14 @@ def test_turntable_cameras_see_everything_from_one_distance():
 
 @pytest.fixture
 def skinned(cache, tmp_path):
-    """A copy of the cache that names a skin and a collider, below the feathers."""
+    """A copy of the cache that names a skin, which has eyes, and a collider, below the feathers."""
     stage = Usd.Stage.CreateNew(str(tmp_path / "body.usda"))
     UsdGeom.SetStageUpAxis(stage, "Z")
     UsdGeom.SetStageMetersPerUnit(stage, 1)
     stage.SetTimeCodesPerSecond(24)
-    define_square(stage, "body", 0.2, -0.05)
+    define_square(stage, "bird/body", 0.2, -0.05)
+    define_square(stage, "bird/eyes", 0.01, -0.04)
+    define_square(stage, "perch", 0.1, -0.055)
     floor = define_square(stage, "floor", 5.0, -0.06)
     floor.CreateDisplayColorAttr([(0.6, 0.05, 0.05)])
     stage.Save()
@@ -343,7 +345,7 @@ def skinned(cache, tmp_path):
     told = dict(copy.customLayerData.get("featherfx", {}))
     told["scenery"] = {
         str(k): {"role": role, "file": "body.usda", "prim": prim, "start": 1.0, "first": 1.0}
-        for k, (role, prim) in enumerate((("skin", "/body"), ("collider", "/floor")))
+        for k, (role, prim) in enumerate((("skin", "/bird/body"), ("collider", "/floor")))
     }
     copy.customLayerData = {"featherfx": told}
     copy.Save()
@@ -360,6 +362,8 @@ def test_skin_and_colliders_of_the_shot_are_drawn(skinned, tmp_path):
     assert covered(bare).mean() < 0.9
     subject = open_subject(skinned, PictureOptions())
     assert [each.framed for each in subject.scenery] == [True, False]
+    drawn = [[mesh.path for mesh in each.scene.feathers] for each in subject.scenery]
+    assert drawn == [["/bird/body", "/bird/eyes"], ["/floor"]]
     assert np.abs(whole_reach(subject)[:, :2]).max() < 0.5
 
 

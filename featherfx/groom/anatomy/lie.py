@@ -15,19 +15,20 @@ import numpy as np
 from featherfx.algebra.types import Array
 from featherfx.files.store import kept
 from featherfx.groom.anatomy.pose import folded
-from featherfx.groom.anatomy.remiges import lying
+from featherfx.groom.anatomy.remiges import Flight, curvature_of, lying
 from featherfx.groom.keys.anatomy import WingType
 from featherfx.groom.skin.search import search_tree
 
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the body
-_WEIGHTS = np.array([1.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of these: wrist and tips lie on
+_WEIGHTS = np.array([3.0, 1.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of leading edge and these
 _CLEAR = 0.029  # of the wing's longest feather, at least to the body
 _NEAR = 0.06  # of it, up to which a wing leaves no room for feathers below
 _EDGE = 0.16  # of a feather's length, from its shaft to the edge of its inner vane
-# deg, allowed: roof, tuck, bow, beyond which vanes part, and shoulder
-_BOUNDS = ((25.0, 95.0), (-15.0, 30.0), (0.0, 31.0), (60.0, 100.0))
+# deg, allowed: roof, tuck, bow, beyond which vanes part, shoulder, and camber beyond the type's
+_BOUNDS = ((25.0, 95.0), (-15.0, 30.0), (0.0, 25.0), (60.0, 100.0), (0.0, 12.0))
 _STEPS, _STARTS = 250, 3
 _APART = 0.9  # tenths of the longest feather, from the middle of the back to either wing
+_ASIDE, _ABOVE = 0.7, 0.5  # tenths, from the plane of symmetry, and over the tail behind its root
 _MOVED = 0.3  # weight of ways from the landmark, against gaps
 
 
@@ -78,32 +79,36 @@ def lie_on(
 
 
 def _best(fit: _Fit) -> Array:
-    """(6,) values of `placed` that cost least."""
+    """(7,) values of `placed` that cost least."""
     from scipy.optimize import minimize
 
     kind = fit.kind
-    found = np.array([60.0, kind.tuck[1], 20.0, kind.shoulder[1], 0.0, 0.0])
+    found = np.array([60.0, kind.tuck[1], 20.0, kind.shoulder[1], 10.0, 0.0, 0.0])
     for _ in range(_STARTS):  # a simplex that has gone flat is put up again
-        steps = np.vstack([found, found + np.diag([-15.0, 6.0, -8.0, -5.0, 1.0, 0.7])])
+        steps = np.vstack([found, found + np.diag([-15.0, 6.0, -8.0, -5.0, 8.0, 1.0, 0.7])])
         options = {"initial_simplex": steps, "maxfev": _STEPS, "xatol": 0.1, "fatol": 1e-4}
         found = minimize(fit.cost, found, method="Nelder-Mead", options=options).x
     return np.asarray(found)
 
 
-def _shafts(kind: WingType, roots: Array, frames: Array, sizes: Array) -> Array:
-    """(N, K, 3) m, points along the shafts of a wing, each a shallow arc."""
-    way = sizes[:, None, None] * _ALONG[:, None]
-    down = 0.5 * np.radians(kind.camber) / sizes.max() * way**2
-    return roots[:, None] + way * frames[:, None, :, 0] - down * frames[:, None, :, 2]
+def _shafts(kind: WingType, scale: float, flight: Flight) -> Array:
+    """(N, K, 3) m, of each feather a point of the leading edge, then some along its shaft, all on
+    one arc."""
+    ways = np.column_stack([-flight.forward, np.outer(flight.lengths, _ALONG)])
+    turned = curvature_of(kind, scale) * ways
+    forward = ways * np.sinc(turned / np.pi)
+    down = 0.5 * ways * turned * np.sinc(0.5 * turned / np.pi) ** 2
+    points = forward[:, :, None] * flight.frames[:, None, :, 0]
+    return flight.roots[:, None] + points - down[:, :, None] * flight.frames[:, None, :, 2]
 
 
 def hidden(kind: WingType, shoulder: Array, scale: float, body: Body, left: bool) -> Array:
     """(K, 3) m, places of a folded wing well within its outline and near the body."""
     lengths = scale * np.array([kind.humerus, kind.forearm, kind.hand])
     bones = folded(kind, shoulder, lengths, body.axes, left, 1.0)
-    points = _shafts(kind, *lying(kind, bones, scale))
+    points = _shafts(kind, scale, lying(kind, bones, scale))
     some = slice(len(points) // 8, 5 * len(points) // 8, 3)
-    places = points[some, 1:4].reshape(-1, 3)
+    places = points[some, 2:5].reshape(-1, 3)
     return places[body.gaps(places) < _NEAR * scale * max(kind.primaries.lengths)]
 
 
@@ -122,12 +127,12 @@ class _Fit:
     def placed(self, values: Array) -> tuple[WingType, Array, Array, Array]:
         """Type, shoulder, points (N, 3) m of the wing's shafts and of its upper edge (K, 3) m.
 
-        values: (6,) roof, tuck, bow and shoulder, deg, and the ways down and back from the
-        landmark, in tenths of the longest feather.
+        values: (7,) roof, tuck, bow, shoulder and added camber, deg, and the ways down and back
+        from the landmark, in tenths of the longest feather.
         """
-        roof, tuck, bow, back = (
+        roof, tuck, bow, back, camber = (
             float(np.clip(value, *allowed))
-            for value, allowed in zip(values[:4], _BOUNDS, strict=True)
+            for value, allowed in zip(values[:5], _BOUNDS, strict=True)
         )
         kind = replace(
             self.kind,
@@ -135,23 +140,25 @@ class _Fit:
             tuck=(self.kind.tuck[0], tuck),
             shoulder=(self.kind.shoulder[0], back),
             bow=bow,
+            camber=self.kind.camber + camber,
         )
         lengths = self.scale * np.array([kind.humerus, kind.forearm, kind.hand])
         bones = folded(kind, self.shoulder, lengths, self.body.axes, False, 1.0)
-        roots, frames, sizes = lying(kind, bones, self.scale)
+        flight = lying(kind, bones, self.scale)
+        roots, frames, sizes = flight.roots, flight.frames, flight.lengths
         dorsal = bones.frames[1][:, 2]
         across = np.cross(dorsal, frames[0, :, 0])
         across = across if (roots[-1] - roots[0]) @ across > 0.0 else -across
         aft = frames[0, :, 0] - frames[0, :, 0] @ dorsal * dorsal
-        shift = 0.1 * self.longest * (values[4] * across + values[5] * aft)
-        points = _shafts(kind, roots, frames, sizes)
-        for _ in range(3):
+        shift = 0.1 * self.longest * (values[5] * across + values[6] * aft)
+        points = _shafts(kind, self.scale, flight)
+        for _ in range(8):
             gap = self.body.gaps((points + shift).reshape(-1, 3)).min()
             shift = shift + (self.below + _CLEAR * self.longest - gap) * dorsal
         outwards = frames[:, :, 1] * np.sign(frames[:, :, 1] @ across)[:, None]
         points = points + shift
         inner = points - _EDGE * (sizes[:, None] * outwards)[:, None]
-        upper = inner[: max(kind.tertials.count, 1), 1:5]  # of the feathers on the back
+        upper = inner[: max(kind.tertials.count, 1), 2:6]  # of the feathers on the back
         return kind, self.shoulder + shift, points.reshape(-1, 3), upper.reshape(-1, 3)
 
     def cost(self, values: Array) -> float:
@@ -160,11 +167,16 @@ class _Fit:
         gaps = self.body.gaps(points) / size
         # the back shows between both wings, of which this is the right one
         aside = ((upper - self.body.middle) @ self.body.axes[:, 1]).mean() / size + _APART
-        outside = values[:4] - [kind.roof[1], kind.tuck[1], kind.bow, kind.shoulder[1]]
+        put = [kind.roof[1], kind.tuck[1], kind.bow, kind.shoulder[1]]
+        outside = values[:5] - [*put, kind.camber - self.kind.camber]
+        ahead, inwards, up = ((points - self.body.middle) @ self.body.axes / size).T
+        astray = np.maximum(inwards + _ASIDE, 0.0)
+        sunk = np.clip(-ahead, 0.0, 1.0) * np.maximum(_ABOVE - up, 0.0)
         moved = np.linalg.norm(shoulder - self.shoulder) / size
         return float(
             np.average(gaps**2, weights=np.tile(_WEIGHTS, len(gaps) // len(_WEIGHTS)))
             + aside**2
+            + np.sum(astray**2 + sunk**2)
             + _MOVED * moved**2
             + 0.01 * outside @ outside
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -141,9 +142,18 @@ def shut(kind: WingType) -> WingType:
     )
 
 
-def lying(kind: WingType, bones: WingBones, scale: float) -> tuple[Array, Array, Array]:
-    """Roots (N, 3) m, frames (N, 3, 3) and lengths (N,) m of the flight feathers of a folded wing
-    of bones, from the innermost outwards, bent as its type says."""
+class Flight(NamedTuple):
+    """Flight feathers as they lie, from the innermost outwards. roots: (N, 3) m. frames: (N, 3, 3).
+    lengths, forward: (N,) m, as of `Remiges`."""
+
+    roots: Array
+    frames: Array
+    lengths: Array
+    forward: Array
+
+
+def lying(kind: WingType, bones: WingBones, scale: float) -> Flight:
+    """Those of a folded wing of bones, bent as its type says."""
     remiges = remiges_of(kind, bones, scale)
     frames, roots = frames_at(bones, remiges.angles), remiges.roots
     roots = roots - scale * kind.lift * depths(remiges)[:, None] * frames[:, :, 2]
@@ -152,7 +162,7 @@ def lying(kind: WingType, bones: WingBones, scale: float) -> tuple[Array, Array,
         ways = bow.ways(roots, frames, remiges.lengths)
         turns, shifts = bow.motions(ways, remiges.roots)
         frames, roots = turns @ frames, np.einsum("nij,nj->ni", turns, roots) + shifts
-    return roots, frames, remiges.lengths
+    return Flight(roots, frames, remiges.lengths, remiges.forward)
 
 
 def bow_folded(kind: WingType, bones: WingBones, remiges: Remiges, scale: float) -> Bow | None:
