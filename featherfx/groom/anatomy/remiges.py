@@ -17,6 +17,7 @@ from featherfx.groom.keys.anatomy import WingType
 ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
 # of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
 _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
+_SHUT_ROLL = 1.4  # deg, that vanes of a shut wing are lifted farther, so that fewer cross
 _HAND_ASIDE = 5.0  # deg, of the hand of a shut wing against its outermost primary; by eye
 
 
@@ -135,6 +136,7 @@ def shut(kind: WingType) -> WingType:
     turned = kind.outermost[1] - _HAND_ASIDE
     return replace(
         kind,
+        roll=kind.roll + _SHUT_ROLL,
         wrist=(kind.wrist[0], kind.wrist[1] - turned),
         outermost=(kind.outermost[0], _HAND_ASIDE),
         alula=replace(kind.alula, count=0),
