@@ -114,9 +114,9 @@ class TearTest:
     """Pull a sample of a hooked vane until it parts along a gap between two barbs.
 
     Keys: strength (Pa; null where it has not parted), energy_per_length (J/m of split), split_angle
-    (degrees away from the barbs), split_length (m), work, stored, dissipated, released, damped (J;
-    by the material), unaccounted (J; of the work, what the steps of the motion lose), strain,
-    stress (lists).
+    (degrees away from the barbs), split_length (m), work, stored, dissipated (J), of the last
+    slip_work, opening_work, released_energy (that gaps had stored), damping_work (J), unaccounted
+    (J; of the work, what the steps of the motion lose), strain, stress (lists).
     """
 
     direction: Direction = value("Of the pull, to the barbs; along: the gaps are sheared.")
@@ -296,9 +296,11 @@ class Torn:
             "split_length": self.opened_length,
             "work": self.work,
             "stored": last.stored + last.kinetic,
-            "dissipated": last.spent[SLIP] + opening,
-            "released": last.spent[RELEASED],
-            "damped": last.spent[DAMPED],
+            "dissipated": float(last.spent.sum()),
+            "slip_work": last.spent[SLIP],
+            "opening_work": opening,
+            "released_energy": last.spent[RELEASED],
+            "damping_work": last.spent[DAMPED],
             "unaccounted": self.work - last.stored - last.kinetic - float(last.spent.sum()),
             "strain": [point.pull for point in self.path],
             "stress": [point.stress for point in self.path],
