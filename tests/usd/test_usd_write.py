@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import feathers
 import numpy as np
 import pytest
+import writing_cost
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from featherfx.errors import InputError, SimulationError
@@ -16,9 +19,10 @@ from featherfx.feather.types import both
 from featherfx.usd.read.read import Cache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
-from featherfx.usd.write import write
+from featherfx.usd.write import assemble, write
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import unique_prim_names
+from featherfx.usd.write.parts import Parts
 from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.write import CacheWriter
 
@@ -212,6 +216,33 @@ def test_memory_holds_one_chunk_whatever_the_number_of_frames(tmp_path):
             most = max([most, *(len(layer.ListAllTimeSamples()) for layer in held)])
     assert most == 3  # the fourth completes the chunk, which is written and forgotten
     assert len(Cache(tmp_path / "a.usda").pose(0, 33.0).points)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells of a process's own memory")
+def test_a_flat_file_is_put_together_without_its_samples_in_memory(tmp_path, monkeypatch):
+    held = []
+
+    def noting(function):
+        def noted(*arguments, **more):
+            function(*arguments, **more)
+            told = Path("/proc/self/status").read_text()
+            held.append(1024 * int(re.search(r"RssAnon:\s+(\d+) kB", told)[1]))
+
+        return noted
+
+    entries, path = writing_cost.entries(8), tmp_path / "a.usdc"
+    rest = entries[0].feather.rest
+    with CacheWriter(path, entries, (1, 48), options=WriteOptions(layout="flat")) as writer:
+        for number in range(1, 49):
+            writer.write(writing_cost.frame(number, rest, len(entries)))
+        assert writer.samples_done == 48  # waits
+        noting(lambda: None)()
+        monkeypatch.setattr(assemble, "publish", noting(assemble.publish))
+        monkeypatch.setattr(Parts, "finish", noting(Parts.finish))
+    before, *later = held
+    assert len(later) == 2
+    assert max(later) - before < 0.3 * path.stat().st_size
+    assert path.stat().st_size > 5e7
 
 
 def test_subsets_cover_the_mesh_and_carry_materials(caches):

@@ -39,7 +39,7 @@ def assemble(
     of feathers that keeps one other pose throughout: it has that pose as its default and no
     samples. Raises OutputError where a chunk is not what was written, or a file cannot be.
     """
-    clips = None
+    clips, chunks = None, []
     records = parts.records if parts else []
     static = np.array([group.is_static for group in prims.groups], dtype=np.bool_)
     moving = _moving(records, static)
@@ -58,8 +58,10 @@ def assemble(
         if layers.layout == "clips":
             clips = _clips(path.stem, info, prims, moving, parts)
         else:
-            _copy_samples(layers.animation, prims, moving, parts)
+            chunks = _copy_samples(layers.animation, prims, moving, parts)
     publish(finish_layers(layers, info, path, (low, high), clips), before, pictures)
+    if chunks:
+        layers.animation.Clear()  # before the chunks are closed
 
 
 def _moving(records: Sequence[ChunkRecord], static: Flags) -> Flags:
@@ -81,17 +83,21 @@ def _still_poses(layer: Any, prims: AnimatedPrims, still: Any, parts: Parts) -> 
                     prims.create(layer, int(index), key).default = value
 
 
-def _copy_samples(layer: Any, prims: AnimatedPrims, moving: Any, parts: Parts) -> None:
+def _copy_samples(layer: Any, prims: AnimatedPrims, moving: Any, parts: Parts) -> list[Any]:
+    """Returns the chunks: while they are open their values are pages of their files, which the
+    system takes back when it needs them; closed, all values would be copied."""
+    chunks = []
     for index in np.flatnonzero(moving):
         for key in prims.paths[index]:
             prims.create(layer, int(index), key)
     for number, record in enumerate(parts.records):
-        chunk = _checked(parts, number)
+        chunks.append(chunk := _checked(parts, number))
         with Sdf.ChangeBlock():
             for index in np.flatnonzero(moving):
                 for path in prims.paths[index].values():
                     for code in record.codes:
                         layer.SetTimeSample(path, code, chunk.QueryTimeSample(path, code))
+    return chunks
 
 
 def _clips(
