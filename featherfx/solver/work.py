@@ -120,7 +120,9 @@ class Beam(NamedTuple):
 
 class Work(NamedTuple):
     """now, trial: poses. around: Surroundings. system, vane: sums. secants
-    (PAIRS, 3, N): steps since the matrix was made (secant_kernels). force (n, 1 + 2 m, 3), stiff
+    (PAIRS, 3, N): steps since the matrix was made (secant_kernels), and made (n, 4): the rows'
+    rotations then. spin (n, 3), coefficient_rate (2, n, 2 C): those of State in the step before the
+    last. force (n, 1 + 2 m, 3), stiff
     (n, 1 + 2 m, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints. jacobian
     (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element. gaps: at the
     step's end.
@@ -131,6 +133,9 @@ class Work(NamedTuple):
     around: Surroundings
     system: System
     secants: Array
+    made: Array
+    spin: Array
+    coefficient_rate: Array
     vane: Vane
     force: Array
     stiff: Array
@@ -208,6 +213,9 @@ def make_work(model: Model) -> Work:
         ),
         system=make_system(model.unknowns, 3 * (6 + 4 * c)),
         secants=np.zeros((PAIRS, 3, model.unknowns)),
+        made=np.zeros((n, 4)),
+        spin=np.zeros((n, 3)),
+        coefficient_rate=np.zeros((2, n, 2 * c)),
         vane=Vane(
             blocks=np.zeros((n, 2, 6, 3, 3 * padded)),
             nodes=np.zeros((n, 2, 3, padded + 4)),

@@ -29,6 +29,7 @@ from featherfx.solver.step.integrator_kernels import (
     motion_of,
     step_error,
 )
+from featherfx.solver.step.newton_kernels import UNKNOWN
 from featherfx.solver.step.pose_kernels import rotate_by
 from featherfx.solver.step.retry_kernels import (
     BACKWARD,
@@ -186,8 +187,8 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
             way = max(way, FOLLOW)
         radius = EULER if way == BACKWARD else settings.spectral_radius
         floor, limit = settings.shortest, settings.iterations
-        attempt = Attempt(step, floor, fraction, way, radius, limit, promise)
-        place = Attempt(step, floor, fraction, STAY, radius, limit, promise)
+        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, UNKNOWN, 0.0)
+        place = Attempt(step, floor, fraction, STAY, radius, limit, promise, UNKNOWN, 0.0)
         factors = _predict(
             model, nodal, loads, f, frame.path, place if textbook else attempt, state, work
         )
@@ -200,7 +201,7 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
             work.around.target.nodes,
         )
         outcome = Outcome(
-            solved.status, solved.iterations, solved.matrices, solved.move, error, 1.0, 0.0
+            solved.status, solved.iterations, solved.matrices, solved.move, error, 1.0, 0.0, UNKNOWN
         )
         verdict, h, way = judge(h, first, attempt, outcome, settings)
         count_try(report, f, verdict, attempt, outcome, settings)

@@ -1,5 +1,6 @@
 """One feather through one frame: error-controlled implicit steps, entirely compiled."""
 
+from featherfx.algebra.copy_kernels import copy_values
 from featherfx.algebra.rotation_kernels import (
     conjugate,
     logarithm,
@@ -8,7 +9,7 @@ from featherfx.algebra.rotation_kernels import (
     same_sign,
     store_rotation,
 )
-from featherfx.algebra.vec3_kernels import over, store
+from featherfx.algebra.vec3_kernels import add, over, scale, store, sub
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.row_kernels import points_of
@@ -40,7 +41,7 @@ from featherfx.solver.step.integrator_kernels import (
     motion_of,
     step_error,
 )
-from featherfx.solver.step.newton_kernels import UNKNOWN, Goal, Pace, minimise, nearly_solved
+from featherfx.solver.step.newton_kernels import UNKNOWN, Goal, minimise, nearly_solved
 from featherfx.solver.step.pose_kernels import (
     keep_pose,
     load_pose,
@@ -72,24 +73,32 @@ from featherfx.solver.step.strain_kernels import (
 
 # of where Newton ends for a held feather, where it ends for one that flies
 FREE = 0.1
+# of the last change of the rates, what a prediction adds to them: with all of it what iterations
+# leave would grow with the square of the steps
+BEND = 0.5
 
 
 @kernel
-def _go_on(model, f, h, state, pose):
-    """Predict the end of a step of h (s): the last step's rates go on, stretches stay.
+def _go_on(model, f, attempt, state, work):
+    """Predict the end of a step to work.now: the last step's rates go on, and so does a part of
+    their change; stretches stay.
 
     The root of a held feather is already in place.
     """
+    pose, h, bend = work.now, attempt.h, attempt.bend
     held, rates = model.held[f], state.coefficient_rate[f]
     for i in range(1 if held else 0, pose.rotation.shape[0]):
-        rotate_by(pose.rotation[i], state.spin[f, i], h, pose.rotation[i])
+        spin = state.spin[f, i]
+        ahead = add(spin, scale(bend, sub(spin, work.spin[i])))
+        rotate_by(pose.rotation[i], ahead, h, pose.rotation[i])
     if not held:
         for k in range(3):
             pose.centre[0, k] += h * state.velocity.nodes[f, 0, 0, k]
     for side in range(2):
         for i in range(pose.rotation.shape[0]):
             for c in range(rates.shape[2]):
-                pose.coefficient[side, i, c] += h * rates[side, i, c]
+                change = rates[side, i, c] - work.coefficient_rate[side, i, c]
+                pose.coefficient[side, i, c] += h * (rates[side, i, c] + bend * change)
     rebuild_centres(model.length[f], pose)
 
 
@@ -121,12 +130,9 @@ def _keep_rates(f, h, pose, state):
 
 
 @kernel
-def _place(model, f, path, attempt, state, now, expected):
-    """Coordinates of pose now where feather f is expected at the end of a step.
-
-    expected: (4,), scratch.
-    """
-    before, h = state.rotation[f, 0], attempt.h
+def _place(model, f, path, attempt, state, work):
+    """Coordinates of the pose work.now where feather f is expected at the end of a step."""
+    before, h, now, expected = state.rotation[f, 0], attempt.h, work.now, work.trial.rotation[0]
     load_pose(model, f, state, now)
     if model.held[f]:
         rotate_by(before, state.spin[f, 0], h, expected)
@@ -136,7 +142,7 @@ def _place(model, f, path, attempt, state, now, expected):
         same_sign(before, now.rotation[0])
         _follow_root(model.length[f], before, now)
     else:
-        _go_on(model, f, h, state, now)
+        _go_on(model, f, attempt, state, work)
 
 
 @kernel
@@ -155,7 +161,7 @@ def _predict(model, loads, f, path, attempt, state, work):
     last, before = strains_of(state.strains, f, 0), strains_of(state.strains, f, 1)
     set_reference_strains(weights, last, before, around.reference)
     copy_gaps(gaps_of(state.gaps, f), around.gaps)
-    _place(model, f, path, attempt, state, now, work.trial.rotation[0])
+    _place(model, f, path, attempt, state, work)
     if loads.air[0] > 0.0:
         place_points(model, f, now)
         time, velocity = state.time[f] + h, state.velocity.nodes[f]
@@ -186,14 +192,15 @@ def _try(model, loads, f, path, attempt, state, settings, work):
             growth = held_energy(model, f, h, attempt.promise.drift, state)
         keeps, energy = solved_energy(model, loads, f, attempt.promise, growth, factors.rate, work)
         status = GREW if keeps < 0.0 else status
-    pace = Pace(solved.shrink, solved.first) if status == CONVERGED else UNKNOWN
+    pace = solved.pace if status == CONVERGED else UNKNOWN
     numbers = solved.iterations, solved.matrices, solved.move
     return Outcome(status, *numbers, error, keeps, energy, pace)
 
 
 @kernel
 def _accept(model, f, attempt, state, work):
-    """The solved step becomes the state; gaps that it brought to their strength give way.
+    """The solved step becomes the state, whose rates go to work; gaps that it brought to their
+    strength give way.
 
     Returns what these release, J.
     """
@@ -206,6 +213,8 @@ def _accept(model, f, attempt, state, work):
         )
     copy_gaps(work.gaps, gaps_of(state.gaps, f))
     end_points(attempt.spectral_radius, h, state, f, now.points, around)
+    copy_values(state.spin[f], work.spin)
+    copy_values(state.coefficient_rate[f], work.coefficient_rate)
     _keep_rates(f, h, now, state)
     copy_strains(strains_of(state.strains, f, 0), strains_of(state.strains, f, 1))
     keep_pose(f, now, state)
@@ -224,7 +233,7 @@ def advance(model, loads, f, path, state, settings, work, report):
     """
     duration, left = settings.duration, settings.most_iterations
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
-    done, taken, way, pace = 0.0, 0, GO_ON, UNKNOWN
+    done, taken, way, pace, before = 0.0, 0, GO_ON, UNKNOWN, 0.0
     promise = promise_of(model, loads, f, path, duration, state)
     while done < duration * (1.0 - 1e-9):
         if left <= 0:
@@ -234,7 +243,9 @@ def advance(model, loads, f, path, state, settings, work, report):
             way = max(way, FOLLOW)  # there are no rates to go on with
         radius = EULER if way == BACKWARD else settings.spectral_radius
         floor, limit = shortest_now(settings, done, taken, left), min(settings.iterations, left)
-        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, pace)
+        last = state.step[f]
+        bend = BEND * (step + last) / (last + before) if before > 0.0 else 0.0
+        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, pace, bend)
         outcome = _try(model, loads, f, path, attempt, state, settings, work)
         verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
         count_try(report, f, verdict, attempt, outcome, settings)
@@ -243,7 +254,7 @@ def advance(model, loads, f, path, state, settings, work, report):
             released = _accept(model, f, attempt, state, work)
             slow_down(outcome.keeps, promise.drift, points_of(state.velocity, f))
             promise, done = with_energy(promise, outcome.energy - released), done + step
-            taken += 1
+            taken, before = taken + 1, last if pace.inertia > 0.0 else 0.0
             h, way = after_step(GO_ON, attempt, outcome, settings)
         elif h == 0.0:
             return stop(report, f, outcome.status)

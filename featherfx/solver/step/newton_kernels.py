@@ -7,16 +7,18 @@ inertia is added to the whole matrix instead, as if the step were shorter, as mu
 A new matrix costs four times what a gradient and a solution do. So it is kept, corrected by what
 the steps since have shown (secant_kernels), for as long as each full step is less than SLOW of the
 one before; after a step that had to be cut, or with a matrix that was not the whole one, the next
-is new.
+is new. The next steps of the frame begin with it as well while their inertia is within ALIKE of its
+own. It is kept in coordinates that turn with the rows, in which what moves or turns rigidly has the
+matrix of before.
 
 It stops where the distance to the minimum is below the tolerance. With moves d_1, d_2, ... of full
 steps that shrink by t = d_k / d_(k-1), that distance is at most d_k t / (1 - t) if they go on to
 shrink like that. Newton's shrink faster, so for a new matrix this is the estimate if t < 1/2, else
 d_k. With a kept one soft directions may shrink more slowly than what is seen, so there it is taken
 as no less than d_k. A first move has no t yet; it is taken to shrink as in the step before, worse
-by as much as it is longer, and a little worse each time that this was not seen again (Hairer and
-Wanner, Solving Ordinary Differential Equations II, section IV.8). What that misjudges counts as
-error of the step, which is then done again.
+by as much as it is longer, with a kept matrix by SOFT as well, and a little worse each time that
+this was not seen again (Hairer and Wanner, Solving Ordinary Differential Equations II, section
+IV.8). What that misjudges counts as error of the step, which is then done again.
 """
 
 from math import isfinite, sqrt
@@ -29,7 +31,7 @@ from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise
 from featherfx.solver.step.energy_kernels import step_energy
-from featherfx.solver.step.pose_kernels import add_increment, complete_pose
+from featherfx.solver.step.pose_kernels import add_increment, complete_pose, turn_rows
 from featherfx.solver.step.secant_kernels import (
     PAIRS,
     begin_step,
@@ -47,6 +49,11 @@ STABLE, NONE = -1.0, -2.0
 CREPT = 4
 # a kept matrix is given up when a step is longer than this part of the one before
 SLOW = 0.5
+# inertia of a step over that of a kept matrix, and the other way round, at most; iterations of a
+# step that leaves its matrix, at most: where there are more, the next pose is not like the last
+ALIKE, EASY = 1.2, 4
+# distance from the minimum after a first move with it over what the moves of the step before tell
+SOFT = 10.0
 # part of a step's own error that it may be away from its solution when its iterations are used up
 NEARLY = 0.01
 # power of a shrink that was not seen again
@@ -54,14 +61,20 @@ FORGET = 0.8
 
 
 class Pace(NamedTuple):
-    """How moves shrink: the second over the first (shrink, 1 where it is not known), and that first
-    one (m)."""
+    """How moves shrink: with a new matrix the second over the first (shrink, 1 where it is not
+    known), and that first one (m); with the matrix that is kept each over the one before (kept),
+    and the longer of the two (longest, m). Of that matrix, the inertia (1/s^2, 0 where there is
+    none), and its pairs of secants."""
 
     shrink: float
     first: float
+    kept: float
+    longest: float
+    inertia: float
+    pairs: int
 
 
-UNKNOWN = Pace(1.0, 0.0)
+UNKNOWN = Pace(1.0, 0.0, 1.0, 0.0, 0.0, 0)
 
 
 class Goal(NamedTuple):
@@ -75,14 +88,13 @@ class Goal(NamedTuple):
 
 class Solved(NamedTuple):
     """What minimise did: status, Newton iterations, those of them with a new matrix, distance from
-    the minimum as estimated (move, m); shrink and first of the Pace."""
+    the minimum as estimated (move, m), the Pace."""
 
     status: int
     iterations: int
     matrices: int
     move: float
-    shrink: float
-    first: float
+    pace: Pace
 
 
 @kernel
@@ -179,11 +191,20 @@ def _distance_left(move, before, fresh):
 
 
 @kernel
-def _first_left(move, pace):
-    """Distance to the minimum (m) after a first full step, by the Pace of the step before."""
-    if pace.shrink >= 1.0:
+def _first_left(move, reused, pace):
+    """Distance to the minimum (m) after a first full step, by the Pace of the step before. reused:
+    whether it is with the matrix of that."""
+    shrink, before = (SOFT * pace.kept, pace.longest) if reused else (pace.shrink, pace.first)
+    if shrink >= 1.0:
         return move
-    return move * pace.shrink * max(1.0, move / pace.first)
+    return move * shrink * max(1.0, move / before)
+
+
+@kernel
+def _serves(pace, inertia):
+    """Whether the matrix of a Pace serves a step of such inertia (1/s^2)."""
+    alike = inertia < ALIKE * pace.inertia and pace.inertia < ALIKE * inertia
+    return alike and (pace.kept < SLOW or pace.kept == 1.0)
 
 
 @shared_kernel(Solved)
@@ -193,34 +214,45 @@ def minimise(model, loads, f, fraction, factors, goal, work):
     fraction: of the frame. goal: Goal. Returns Solved.
     """
     now, right, band, secants = work.now, work.system.right, work.system.band, work.secants
-    tolerance, shrink, first = goal.tolerance, goal.pace.shrink**FORGET, goal.pace.first
+    pace, tolerance, reused = goal.pace, goal.tolerance, _serves(goal.pace, factors.inertia)
     energy = evaluate(model, loads, f, fraction, factors, now, work.around)
     if not isfinite(energy):
-        return Solved(NOT_FINITE, 0, 0, 0.0, shrink, first)
-    before, left, shift, stable, matrices, kept = 0.0, 0.0, 0.0, 0, 0, 0
-    crept, fresh = False, True
+        return Solved(NOT_FINITE, 0, 0, 0.0, UNKNOWN)
+    shrink, first, slowest, longest = pace.shrink**FORGET, pace.first, 1.0, 0.0
+    inertia, kept = pace.inertia, 0
+    if reused:
+        slowest, longest = pace.kept**FORGET, pace.longest
+        kept = pace.pairs if pace.pairs + 2 < PAIRS else 0
+    before, left, shift, stable, matrices = 0.0, 0.0, 0.0, 0, 0
+    crept, fresh = False, not reused
     for iteration in range(1, goal.limit + 1):
         if not fresh:
             assemble(model, loads, f, fraction, factors, FORCES_ONLY, 0.0, work)
-            fresh = not end_step(kept, right, secants)
-            kept += 1
+            turn_rows(work.made, now.rotation, right)
+            if iteration > 1:
+                fresh = not end_step(kept, right, secants)
+                kept += 1
         if fresh:
             shift = _factorised(
                 model, loads, f, fraction, factors, shift if crept else STABLE, work
             )
             if shift == NONE:
-                return Solved(NOT_DEFINITE, iteration, matrices, left, shrink, first)
-            kept, matrices = 0, matrices + 1
+                return Solved(NOT_DEFINITE, iteration, matrices, left, UNKNOWN)
+            kept, matrices, slowest, longest = 0, matrices + 1, 1.0, 0.0
+            inertia = factors.inertia if shift == 0.0 else 0.0
+            copy_values(now.rotation, work.made)
             stable += 1 if shift == STABLE else 0
             if stable == CREPT:
                 crept, shift = True, 0.0
         begin_step(kept, right, secants)
         solve_corrected(band, kept, secants, right)
         keep_step(kept, right, secants)
+        if not fresh:
+            turn_rows(now.rotation, work.made, right)
         new, move, scale = _search(model, loads, f, fraction, factors, energy, tolerance, work)
         if scale == 0.0:
             if fresh and shift == STABLE:
-                return Solved(NOT_CONVERGED, iteration, matrices, move, shrink, first)
+                return Solved(NOT_CONVERGED, iteration, matrices, move, UNKNOWN)
             shift, fresh = STABLE if fresh else shift, True
             continue
         if shift > 0.0 and scale < 0.5:
@@ -230,15 +262,19 @@ def minimise(model, loads, f, fraction, factors, goal, work):
         if scale == 1.0:
             left = _distance_left(move, before, fresh)
             if iteration == 1:
-                left = _first_left(move, goal.pace)
-            elif iteration == 2 and before > 0.0:
+                left = _first_left(move, reused, pace)
+            elif before > 0.0 and not fresh:
+                slowest, longest = move / before, before
+            if iteration == 2 and before > 0.0 and not reused:
                 shrink, first = move / before, before
             if left < tolerance:
-                return Solved(CONVERGED, iteration, matrices, left, shrink, first)
-        slow = not fresh and move > SLOW * before
+                inertia = inertia if iteration <= EASY else 0.0
+                found = Pace(shrink, first, slowest, longest, inertia, kept)
+                return Solved(CONVERGED, iteration, matrices, left, found)
+        slow = not fresh and before > 0.0 and move > SLOW * before
         fresh = slow or scale < 1.0 or shift != 0.0 or kept + 1 == PAIRS
         before = move if scale == 1.0 else 0.0
-    return Solved(NOT_CONVERGED, goal.limit, matrices, left, shrink, first)
+    return Solved(NOT_CONVERGED, goal.limit, matrices, left, UNKNOWN)
 
 
 @kernel

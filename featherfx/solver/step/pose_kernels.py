@@ -7,6 +7,7 @@ coefficients.
 
 from featherfx.algebra.copy_kernels import copy_values
 from featherfx.algebra.rotation_kernels import (
+    conjugate,
     exponential,
     halfway_between,
     multiply,
@@ -163,6 +164,17 @@ def add_increment(length, now, step, factor, trial, gradient):
 def rotate_by(rotation, vector, factor, out):
     """Quaternion (4,) followed by the world rotation vector (3,) times factor, to out."""
     store_rotation(out, normalised(multiply(exponential(scale(factor, vector)), rotation)))
+
+
+@kernel
+def turn_rows(rotations, before, x):
+    """Turn the vectors of all rows in x (N,), a gradient or an increment, as the rows have turned
+    from the rotations (n, 4) before."""
+    wide = x.shape[0] // rotations.shape[0]
+    for i in range(rotations.shape[0]):
+        turn = multiply(rotations[i], conjugate(before[i]))
+        for at in (i * wide, i * wide + 3):
+            store(x[at:], rotate(turn, (x[at], x[at + 1], x[at + 2])))
 
 
 @kernel

@@ -11,6 +11,7 @@ Euler is also taken where such a step misses the tolerance by far: the other met
 from motions that it does not resolve.
 """
 
+from math import ceil
 from typing import NamedTuple
 
 from featherfx.jit.compiled import kernel
@@ -30,6 +31,9 @@ SMALLEST, CUT = 1e6, 0.25
 # either costs more in steps that are done again than it saves, as a vibration that turns round has
 # no error for a moment (docs/log.md)
 SAFETY, GROWTH = 0.7, 1.5
+# a next step that would be within this range of the last one is as long, so that its matrix serves,
+# where a frame has more than two
+STEADY = 0.8, 1.25
 # a step for its error alone over a regular one, at least; Newton iterations set aside for a step
 FINEST, SET_ASIDE = 1e-4, 12.0
 
@@ -81,7 +85,8 @@ def settings_of(frame, length):
 class Attempt(NamedTuple):
     """A try of a step: its length h (s), the length below which none is tried for its error (floor,
     s), the fraction of the frame at its end, GO_ON, FOLLOW or BACKWARD (way), the spectral radius,
-    Newton iterations at most (limit), the Promise, the Pace of the try before."""
+    Newton iterations at most (limit), the Promise, the Pace of the try before, how much of the last
+    change of the rates the prediction adds to them (bend)."""
 
     h: float
     floor: float
@@ -91,6 +96,7 @@ class Attempt(NamedTuple):
     limit: int
     promise: Promise
     pace: Pace
+    bend: float
 
 
 class Outcome(NamedTuple):
@@ -144,12 +150,13 @@ def shortest_now(settings, done, taken, left):
 
 @kernel
 def next_step(h, done, duration):
-    """Length (s) of a step if h is wanted, and the fraction of the frame (duration, of which done
-    have passed, s) at its end: no step leaves a much shorter one behind."""
+    """Length (s) of a step if at most h is wanted, and the fraction of the frame (duration, of
+    which done have passed, s) at its end: what is left is divided evenly."""
     left = duration - done
-    if h > 0.999 * left:
+    count = ceil(0.999 * left / h)
+    if count <= 1:
         return left, 1.0
-    step = 0.5 * left if h > 0.6 * left else h
+    step = left / count
     return step, (done + step) / duration
 
 
@@ -196,6 +203,9 @@ def after_step(first, attempt, outcome, settings):
     costly = (outcome.iterations + 3 * outcome.matrices) // 4
     most = 1.0 if costly > settings.hard or error > LOST * tolerance else GROWTH
     wanted = _length_for(error, tolerance, attempt.h, 0.5, most)
+    several = attempt.h < 0.4 * settings.duration
+    if several and STEADY[0] * attempt.h < wanted < STEADY[1] * attempt.h:
+        wanted = attempt.h
     h = max(min(attempt.floor, most * attempt.h), wanted)
     cut = attempt.way == BACKWARD and attempt.h < 0.999 * settings.shortest
     way = BACKWARD if cut else first
