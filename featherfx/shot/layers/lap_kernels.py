@@ -29,8 +29,8 @@ YIELD = 0.05
 
 def most_laps(rows, nodes):
     """Of a pair of vanes with so many nodes in each row: from the nodes, the edges of three ways
-    and the rims of both."""
-    return 2 * (4 * rows * nodes + 2 * (rows - 1) * (RIM_PARTS - 1))
+    and the rims of both, and what leads from the base of either."""
+    return 2 * (4 * rows * nodes + (2 * (rows - 1) + nodes) * (RIM_PARTS - 1))
 
 
 @kernel
@@ -178,7 +178,7 @@ def _edge_from(exists, i, c, way):
 @kernel
 def _edges_of(vanes, pose, bodies, margin, laps, count, seen):
     """As _nodes_of, of points where an edge of a guest leaves the host's outline, and of some on
-    the guest's own rims."""
+    the guest's own rims and on the long edges that lead from its vane's base."""
     exists = vanes.exists[bodies[0]]
     for i in range(seen.shape[0]):
         for c in range(seen.shape[1]):
@@ -187,7 +187,8 @@ def _edges_of(vanes, pose, bodies, margin, laps, count, seen):
                 if not there or max(seen[i, c, 0], seen[row, column, 0]) == 0:
                     continue
                 one, other = seen[i, c, 0] == 1, seen[row, column, 0] == 1
-                rim = way == 0 and (c == 0 or c == seen.shape[1] - 1)
+                base = i <= vanes.first[bodies[0]]
+                rim = way == 0 and (base or c == 0 or c == seen.shape[1] - 1)
                 if one != other:
                     edge = (i, c), (row, column)
                     count = _at_outline(vanes, pose, bodies, edge, margin, laps, count, seen)
