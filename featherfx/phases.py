@@ -47,14 +47,16 @@ Listener = Callable[[Told], object]
 
 @dataclass
 class _Phase:
-    """An open phase. first: parts done when it began. silent: timed, not told. at_most: as of
-    phase."""
+    """An open phase. first: parts done when it began, and from its first news on those done then,
+    after so many seconds (begin): what comes first loads what all others need, and tells little of
+    them. silent: timed, not told. at_most: as of phase."""
 
     name: str
     total: float
     first: float
     done: float
     seconds: float = 0.0
+    begin: float | None = None
     silent: bool = False
     at_most: bool = False
 
@@ -139,6 +141,8 @@ class Account:
         with self._lock:
             self._spend()
             own.done = done
+            if own.begin is None and done > own.first:
+                own.first, own.begin = done, own.seconds
             if own.total:
                 # more parts have turned up than were known
                 own.total = max(own.total, done)
@@ -169,7 +173,9 @@ class Account:
         if self._listener is None or own.silent:
             return
         if left is None and not own.at_most:
-            left = time_left(own.first, own.done, own.total, own.seconds)
+            is_done = own.total > 0.0 and own.done >= own.total
+            spent = own.seconds - (own.begin or 0.0)
+            left = 0.0 if is_done else time_left(own.first, own.done, own.total, spent)
         self._listener(Told(own.name, own.done, own.total, own.seconds, left, ended))
 
 

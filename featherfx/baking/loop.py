@@ -35,12 +35,12 @@ def simulate_and_write(
                     taken_over, state = sink.writer.samples_done, sink.writer.state
                 start = Checkpoint.load(state) if state else None
             done = taken_over
-            notify(done, samples)
             wanted = _simulated(task, sink, start)
             with phase("building"):
                 simulation = simulate(
                     task.whole, options.jobs, task.frames, options.subframes, start, wanted
                 )
+            notify(done, samples)
             # where nothing is gone on with, it is built while feathers settle
             sink.begin()
             writing = Background(sink.write, 1)  # frames of a plumage are large
