@@ -20,6 +20,9 @@ from featherfx.groom.types import Placement
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.layers import layers
+from featherfx.shot.layers.lap_kernels import find_laps
+from featherfx.shot.layers.pose_kernels import lift_points_of_all
+from featherfx.shot.layers.stack import pose_like, scratch_of
 from featherfx.shot.motion.skin import SkinSurfaces
 from featherfx.shot.placement import place
 from featherfx.shot.read.read import read_shot
@@ -132,6 +135,23 @@ def depths(points) -> float:
     """m, how deep feathers are in those beneath them, the deepest."""
     count = len(points)
     return -min(least_gap(points[k], points[j]) for k in range(count) for j in range(k + 1, count))
+
+
+def test_edges_that_lead_from_the_base_of_a_vane_are_looked_up():
+    """Where a vane begins in a point its edges are long, and cross others between their nodes."""
+    shot = shingles(2)
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    stack, vanes, rest = layers.shot_stack(shot, drawn)
+    pose, scratch = pose_like(rest, vanes.present.shape), scratch_of(vanes, len(stack.pairs))
+    lift_points_of_all(vanes, rest, pose, (0, len(drawn)))
+    pairs = (0, len(stack.pairs)), np.ones(len(stack.pairs), dtype=np.int8)
+    laps = scratch.laps[: find_laps(vanes, stack, pose, 100.0, pairs, scratch.laps, scratch.seen)]
+    row, column = laps["node"].T
+    between = (laps["part"] > 0.3) & (laps["part"] < 0.7) & (laps["after"][:, 0] == row + 1)
+    inner = (column > 0) & (column < vanes.present.shape[2] - 1)
+    guest = np.where(laps["above"] == 1, laps["upper"], laps["lower"])
+    found = between & inner & (row == vanes.first[guest])
+    assert len(set(zip(column[found].tolist(), laps["part"][found].tolist(), strict=True))) >= 8
 
 
 def test_roots_stay_and_no_lift_is_more_than_what_was_lacking(bakes):
