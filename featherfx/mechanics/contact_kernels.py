@@ -38,6 +38,13 @@ def _slip(contacts, c, point, fraction):
 
 
 @kernel
+def press(contacts, c, fraction, points):
+    """L - r g of a contact (N), which presses where it is positive. points: (n, 1 + 2 m, 3)."""
+    point, strength = points[contacts.node[c, 0], contacts.node[c, 1]], contacts.strength[c]
+    return strength[FORCE] - strength[STIFFNESS] * _gap(contacts, c, point, fraction)
+
+
+@kernel
 def friction_potential(slip, smoothing):
     """f, f', f' / s and f'' at a slip s (m)."""
     if slip >= smoothing:
@@ -57,10 +64,9 @@ def contact_energy(contacts, f, fraction, points):
     total = 0.0
     for c in range(contacts.first[f], contacts.first[f + 1]):
         point, strength = points[contacts.node[c, 0], contacts.node[c, 1]], contacts.strength[c]
-        stiffness = strength[STIFFNESS]
-        push = strength[FORCE] - stiffness * _gap(contacts, c, point, fraction)
+        push = press(contacts, c, fraction, points)
         if push > 0.0:
-            total += 0.5 * push * push / stiffness
+            total += 0.5 * push * push / strength[STIFFNESS]
         if strength[FRICTION] > 0.0:
             slip = length(_slip(contacts, c, point, fraction))
             value, _, _, _ = friction_potential(slip, strength[SMOOTHING])
@@ -74,7 +80,7 @@ def add_contact_forces(contacts, f, fraction, points, force, stiff):
     for c in range(contacts.first[f], contacts.first[f + 1]):
         row, p = contacts.node[c, 0], contacts.node[c, 1]
         point, n, strength = points[row, p], contacts.normal[c], contacts.strength[c]
-        push = strength[FORCE] - strength[STIFFNESS] * _gap(contacts, c, point, fraction)
+        push = press(contacts, c, fraction, points)
         isotropic, along_normal, along_slip = 0.0, 0.0, 0.0
         u = (0.0, 0.0, 0.0)
         if push > 0.0:

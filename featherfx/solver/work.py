@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps, Model
 from featherfx.solver.step.banded_kernels import panel_shape
+from featherfx.solver.step.closing_kernels import FOLLOWED
 from featherfx.solver.step.secant_kernels import PAIRS
 from featherfx.solver.step.strain_kernels import Strains
 
@@ -118,6 +119,21 @@ class Beam(NamedTuple):
     matrix: Array
 
 
+class Closing(NamedTuple):
+    """Contacts that open or close within a Newton step (closing_kernels).
+
+    Of a feather's contacts: on, whether they are in the matrix, and push, N, which they press with
+    where they are. band (N, B + 1), right (N,): matrix, not factored, and right-hand side with what
+    is on. nodes: (n, 2, 3 S) m, how far those of barbs go in the step.
+    """
+
+    on: NDArray[np.int8]
+    push: Array
+    band: Array
+    right: Array
+    nodes: Array
+
+
 class Work(NamedTuple):
     """now, trial: poses. around: Surroundings. system, vane: sums. secants
     (PAIRS, 3, N): steps since the matrix was made (secant_kernels), and made (n, 4): the rows'
@@ -125,7 +141,7 @@ class Work(NamedTuple):
     last. force (n, 1 + 2 m, 3), stiff
     (n, 1 + 2 m, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints. jacobian
     (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element. gaps: at the
-    step's end.
+    step's end. closing: contacts.
     """
 
     now: Pose
@@ -143,6 +159,7 @@ class Work(NamedTuple):
     jacobian: Array
     beam: Beam
     gaps: Gaps
+    closing: Closing
 
 
 def no_strains(model: Model, *lead: int) -> Strains:
@@ -240,4 +257,11 @@ def make_work(model: Model) -> Work:
         jacobian=np.zeros((n, 2, wide, 3 * padded)),
         beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
         gaps=whole_gaps(model),
+        closing=Closing(
+            on=np.zeros(FOLLOWED, dtype=np.int8),
+            push=np.zeros(FOLLOWED),
+            band=np.zeros((model.unknowns, 3 * (6 + 4 * c))),
+            right=np.zeros(model.unknowns),
+            nodes=np.zeros((n, 2, 3 * padded)),
+        ),
     )

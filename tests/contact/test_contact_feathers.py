@@ -15,9 +15,12 @@ from contact_cases import (
     turned_up,
     vane_nodes,
 )
+from trial_batches import at_origin, preset_batch
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.contact.interval import Manner
+from featherfx.solver.contact.interval import ContactSettings, ContactSolver, Manner
+from featherfx.solver.contact.types import Candidates
+from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.step.integrator_kernels import integrator_of
 from featherfx.solver.step.root_path import RootPath, hold_roots
 
@@ -140,6 +143,30 @@ def test_feathers_apart_are_stepped_as_if_there_were_no_contact():
         assert all(map(np.array_equal, arrays_of(a), arrays_of(b)))
         assert first.solves == second.solves == 2
         assert second.contacts == 0
+
+
+def test_all_batches_keep_to_the_strictest_tolerance():
+    """Two feathers that swing, each a batch of its own."""
+    _, model = preset_batch("swan_primary", **GRID)
+    start = at_origin(model)
+    start.spin[:, 1:, 1] = 20.0
+    start.velocity.nodes[..., 2] = -20.0 * start.points.nodes[..., 0]
+    found = {}
+    for name, tolerances in (("one", (1e-3, 1e-5)), ("both", (1e-5, 1e-5)), ("none", (1e-3, 1e-3))):
+        solvers = [Solver(model, Settings(each, newton=1e-8)) for each in tolerances]
+        contact = ContactSolver(
+            solvers,
+            Candidates(np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)),
+            [0.5 * THICKNESS] * 2,
+            ContactSettings(),
+        )
+        states, loads, paths = [start] * 2, [no_loads(1)] * 2, [hold_roots(start)] * 2
+        (first, _), reports, _ = contact.interval(
+            states, loads, paths, 1.0 / 48.0, manner=Manner(substeps=1024)
+        )
+        found[name] = first.points.nodes, int(reports[0].steps[0])
+    assert found["one"][1] == found["both"][1] > 2 * found["none"][1]
+    assert np.array_equal(found["one"][0], found["both"][0])
 
 
 def test_a_feather_that_slipped_through_comes_back_at_the_recovery_speed():

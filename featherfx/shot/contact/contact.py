@@ -28,6 +28,7 @@ from featherfx.shot.contact.settle import settled_together
 from featherfx.shot.contact.steps import FrameSteps, StepRules
 from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.detail.sleep import asleep
+from featherfx.shot.groups import NEWTON_FRACTION
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
@@ -119,6 +120,7 @@ class ShotContact:
             friction=self.contact.friction,
             margin=MARGIN * float(thickness.max()),
             tolerance=self._tolerance(),
+            newton=NEWTON_FRACTION * common_tolerance(shot),
         )
         self.solver = ContactSolver(solvers, candidates, halves, settings)
         self._at_rest = len(candidates.pairs)

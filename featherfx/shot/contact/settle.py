@@ -115,7 +115,7 @@ def _step(
         paths = [hold_roots(state) for state in states]
         now = float(states[0].time[0])
         walls = bodies.walls(states, now, now, solver.settings.margin)
-        manner = Manner(resting=resting, yielding=yielding, led=led)
+        manner = Manner(resting=resting, yielding=yielding, led=led, settling=True)
         if CUT * h >= SHORTEST:
             # what is nearly at rest is not cut for one feather that takes long
             manner = manner._replace(iterations=EASY if h <= STEPS[0] else PATIENT * EASY)

@@ -75,7 +75,8 @@ class ContactSettings:
     others in proportion to their thickness, and of those that do not go where they were headed
     more. tolerance: m, what a gap that should be closed
     may be off. rounds: most rounds over all feathers in an interval. recovery: m/s, speed at which
-    what begins too deep comes apart.
+    what begins too deep comes apart. newton: m, distance from its step's solution to which a
+    feather is solved that nothing presses, where that may be more than for others.
     """
 
     friction: float = 0.3
@@ -84,6 +85,7 @@ class ContactSettings:
     tolerance: float = 1.2e-5
     rounds: int = 8
     recovery: float = 0.1
+    newton: float = 0.0
 
 
 class Led(NamedTuple):
@@ -104,7 +106,8 @@ class Manner(NamedTuple):
     because they cannot be solved otherwise; what goes too deep comes out later, at the recovery
     speed. led: bodies that the others meet as they meet walls; their states come out as zero.
     iterations: of Newton in one solve of a feather, at most. turns: whether points that come around
-    a rim stay on the side where they come, against an order.
+    a rim stay on the side where they come, against an order. settling: whether all feathers are
+    solved as closely as those that touch.
     """
 
     substeps: int = 1
@@ -113,6 +116,7 @@ class Manner(NamedTuple):
     led: Led | None = None
     iterations: int = MOST_ITERATIONS
     turns: bool = False
+    settling: bool = False
 
 
 PLAIN = Manner()
@@ -209,10 +213,12 @@ class ContactSolver:
         is not solved either.
         """
         self._tear(states)
-        substeps, resting, yielding, led, iterations, turns = manner
+        substeps, resting, yielding, led, iterations, turns, settling = manner
         free = np.ones(self.grids.bodies, dtype=np.bool_) if led is None else led.free
         shares = self._followed(duration)
         run = Run(self._team, states, loads, paths, duration, substeps, iterations, free, shares)
+        if not settling:
+            run.alone = run.step._replace(newton=max(run.step.newton, self.settings.newton))
         if led is not None:
             run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
         self._free, memory, rounds = free, self.memory, 0
@@ -380,6 +386,7 @@ class ContactSolver:
         sweep = Sweep(
             batches=batches,
             step=run.step,
+            alone=run.alone,
             touch=self.found.touch,
             contacts=self.found.number,
             listed=self._listed,

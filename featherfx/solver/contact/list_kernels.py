@@ -133,6 +133,16 @@ def residual(body, touch, listed, soft, thinnest):
 
 
 @kernel
+def is_pressed(body, touch, listed):
+    """Whether anything presses a body, or is in it."""
+    for at in range(listed.first[body], listed.first[body + 1]):
+        contact = touch[listed.items[at]]
+        if contact.guest_force > 0.0 or contact.host_force > 0.0 or contact.gap < 0.0:
+            return True
+    return False
+
+
+@kernel
 def closed_on_led(body, touch, listed, mine):
     """Whether a contact of a body with what is led (is_led) closed in the last solve: it had no
     friction yet, for that goes by the force of the solve before."""

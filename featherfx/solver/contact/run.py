@@ -93,7 +93,7 @@ class Run:
     solve of a feather, at most. free: (B,) feathers that are solved; the states of others are
     zero. shares: (B, n, 1 + 2 m), part of its root's way that a node goes along by itself. start,
     now: (B, n, 1 + 2 m, 3) m, nodes of all bodies on the widest grid, now at first where they are
-    headed. report: of all solves and bodies.
+    headed. report: of all solves and bodies. alone: settings of feathers that nothing presses.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class Run:
         self.now[free] = ahead + shares[free, ..., None] * (carried[free] - ahead)
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
         self.report = no_steps(grids.bodies)
-        self._step = self._step_settings(substeps, iterations)
+        self._step = self.alone = self._step_settings(substeps, iterations)
         self._old, self._new = views_of(self.old), views_of(self.new)
         self._rows = [views_of([_rows(each) for each in states]) for states in (self.old, self.new)]
         self._paths, self._reports = views_of(paths), views_of(self.reports())

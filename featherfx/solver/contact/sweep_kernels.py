@@ -21,6 +21,7 @@ from featherfx.solver.contact.colour_kernels import colour_island, colour_some
 from featherfx.solver.contact.list_kernels import (
     closed_on_led,
     hand_out,
+    is_pressed,
     measure,
     residual,
     update,
@@ -111,11 +112,13 @@ class RoundRules(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """What the team works on. start, now: (B, n, 1 + 2 m, 3) m, nodes. touching: bodies that each
-    touches, of those solved. contacts: how many there are in touch."""
+    """What the team works on. step, alone: settings of a body, and of one that nothing presses.
+    start, now: (B, n, 1 + 2 m, 3) m, nodes. touching: bodies that each touches, of those solved.
+    contacts: how many there are in touch."""
 
     batches: Batches
     step: StepSettings
+    alone: StepSettings
     touch: NDArray[np.void]
     contacts: int
     listed: ByBody
@@ -166,8 +169,9 @@ def _hand(body, f, planes, reach, beginning, sweep):
 
 
 @kernel
-def _solve(body, thread, reach, sweep):
-    """Solve one body from the interval's start, with the forces that it feels now."""
+def _advance(body, thread, reach, frame, sweep):
+    """Solve one body from the interval's start, with the forces that it feels now. frame:
+    StepSettings. Returns whether it could be solved."""
     batches, marks = sweep.batches, sweep.marks
     g, f = batches.batch[body], batches.place[body]
     own = thread * batches.model.words.shape[0] + g
@@ -178,7 +182,7 @@ def _solve(body, thread, reach, sweep):
     loads = viewed(batches.loads, own)
     work = viewed(batches.work, own)
     report = viewed(batches.report, g)
-    settings = settings_of(sweep.step, model.length[f])
+    settings = settings_of(frame, model.length[f])
     if old.step[f] == 0.0:
         _hand(body, f, loads.contacts, reach, True, sweep)
         start_acceleration(model, loads, f, path, settings, old, work)
@@ -194,16 +198,27 @@ def _solve(body, thread, reach, sweep):
     marks.solves[body] += 1
     if report.status[f] != 0.0:
         marks.mine[body] = 0
-        return
+        return False
     _put(new.points.nodes[f], model.joints.shape[3], sweep.now[body])
     # the next try starts from this pose: rates that lead there
     copy_values(new.spin[f], old.spin[f])
     copy_values(new.coefficient_rate[f], old.coefficient_rate[f])
-    length = sweep.step.duration / report.steps[f]
-    if length >= 0.999 * sweep.step.shortest and not 0.0 < old.proposal[f] <= length:
+    length = frame.duration / report.steps[f]
+    if length >= 0.999 * frame.shortest and not 0.0 < old.proposal[f] <= length:
         # in steps as long as were taken: longer ones would be rejected again
         old.proposal[f] = length
     update(body, sweep.touch, sweep.listed, sweep.now)
+    return True
+
+
+@kernel
+def _solve(body, thread, reach, sweep):
+    """Solve one body: as a feather alone if nothing presses it, before as after."""
+    alone = not is_pressed(body, sweep.touch, sweep.listed)
+    if alone and not _advance(body, thread, reach, sweep.alone, sweep):
+        return
+    if not alone or is_pressed(body, sweep.touch, sweep.listed):
+        _advance(body, thread, reach, sweep.step, sweep)
 
 
 @kernel

@@ -7,9 +7,10 @@ inertia is added to the whole matrix instead, as if the step were shorter, as mu
 A new matrix costs four times what a gradient and a solution do. So it is kept, corrected by what
 the steps since have shown (secant_kernels), for as long as each full step is less than SLOW of the
 one before; after a step that had to be cut, or with a matrix that was not the whole one, the next
-is new. The next steps of the frame begin with it as well while their inertia is within ALIKE of its
-own. It is kept in coordinates that turn with the rows, in which what moves or turns rigidly has the
-matrix of before.
+is new. Contacts that open or close on the way ask for no other matrix (closing_kernels). Of a
+feather that touches nothing the next steps of the frame begin with it as well while their inertia
+is within ALIKE of its own. It is kept in coordinates that turn with the rows, in which what moves
+or turns rigidly has the matrix of before.
 
 It stops where the distance to the minimum is below the tolerance. With moves d_1, d_2, ... of full
 steps that shrink by t = d_k / d_(k-1), that distance is at most d_k t / (1 - t) if they go on to
@@ -30,6 +31,12 @@ from featherfx.mechanics.row_kernels import copy_points
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise
+from featherfx.solver.step.closing_kernels import (
+    begin_contacts,
+    followed,
+    take_for_linear,
+    turn_contacts,
+)
 from featherfx.solver.step.energy_kernels import step_energy
 from featherfx.solver.step.pose_kernels import add_increment, complete_pose, turn_rows
 from featherfx.solver.step.secant_kernels import (
@@ -56,6 +63,8 @@ ALIKE, EASY = 1.2, 4
 SOFT = 10.0
 # part of a step's own error that it may be away from its solution when its iterations are used up
 NEARLY = 0.01
+# times that contacts are turned on and off in a step, at most
+TURNS = 4
 # power of a shrink that was not seen again
 FORGET = 0.8
 
@@ -140,17 +149,18 @@ def copy_pose(source, target):
 
 
 @kernel
-def _factorised(model, loads, f, fraction, factors, last, work):
+def _factorised(model, loads, f, fraction, factors, last, before, work):
     """Assemble at work.now and factorise; returns the shift that made the matrix definite.
 
-    last: shift of the iteration before. STABLE: only the stabilising part of the geometric
-    stiffness is in the matrix; NONE: not even that is definite.
+    last: shift of the iteration before. before: of begin_contacts. STABLE: only the stabilising
+    part of the geometric stiffness is in the matrix; NONE: not even that is definite.
     """
-    system = work.system
+    system, points = work.system, work.now.points.nodes
     shift = last / GROWTH if last > FIRST_SHIFT * GROWTH else 0.0
     while True:
         wanted = STABILISING if shift == STABLE else WHOLE
         assemble(model, loads, f, fraction, factors, wanted, max(shift, 0.0), work)
+        begin_contacts(model, loads.contacts, f, fraction, points, before, work)
         if factorise(system.band, system.panel):
             return shift
         if shift == STABLE:
@@ -207,14 +217,54 @@ def _serves(pace, inertia):
     return alike and (pace.kept < SLOW or pace.kept == 1.0)
 
 
+@kernel
+def _take_contacts(model, loads, f, fraction, work):
+    """Take contacts for as linear as the matrix has them, in the right-hand side."""
+    points, right = work.now.points.nodes, work.system.right
+    take_for_linear(model, loads.contacts, f, fraction, points, work.jacobian, work.closing, right)
+
+
+@kernel
+def _solve(model, loads, f, kept, turns, work):
+    """The step that the matrix, corrected by so many steps since, gives where contacts press as
+    they will, after so many turns; to the right-hand side. Returns of how many steps the matrix
+    still knows."""
+    system, secants, closing, right = work.system, work.secants, work.closing, work.system.right
+    copy_values(right, closing.right)
+    begin_step(kept, right, secants)
+    solve_corrected(system.band, kept, secants, right)
+    contacts, jacobian = loads.contacts, work.jacobian
+    for _ in range(turns):
+        if turn_contacts(model, contacts, f, right, False, jacobian, closing) == 0:
+            break
+        copy_values(closing.band, system.band)
+        definite = factorise(system.band, system.panel)
+        if not definite:
+            # what a contact held may not hold itself
+            turn_contacts(model, contacts, f, right, True, jacobian, closing)
+            copy_values(closing.band, system.band)
+            factorise(system.band, system.panel)
+        kept = 0
+        copy_values(closing.right, right)
+        begin_step(kept, right, secants)
+        solve_corrected(system.band, kept, secants, right)
+        if not definite:
+            break
+    keep_step(kept, right, secants)
+    return kept
+
+
 @shared_kernel(Solved)
 def minimise(model, loads, f, fraction, factors, goal, work):
     """Bring the pose work.now to the minimum of step_energy.
 
     fraction: of the frame. goal: Goal. Returns Solved.
     """
-    now, right, band, secants = work.now, work.system.right, work.system.band, work.secants
-    pace, tolerance, reused = goal.pace, goal.tolerance, _serves(goal.pace, factors.inertia)
+    now, right, secants = work.now, work.system.right, work.secants
+    begin, end = followed(model, loads.contacts, f)
+    touches = turning = end > begin
+    pace, tolerance = goal.pace, goal.tolerance
+    reused = not touches and _serves(pace, factors.inertia)
     energy = evaluate(model, loads, f, fraction, factors, now, work.around)
     if not isfinite(energy):
         return Solved(NOT_FINITE, 0, 0, 0.0, UNKNOWN)
@@ -228,28 +278,32 @@ def minimise(model, loads, f, fraction, factors, goal, work):
     for iteration in range(1, goal.limit + 1):
         if not fresh:
             assemble(model, loads, f, fraction, factors, FORCES_ONLY, 0.0, work)
-            turn_rows(work.made, now.rotation, right)
+            if touches:
+                _take_contacts(model, loads, f, fraction, work)
+            else:
+                turn_rows(work.made, now.rotation, right)
             if iteration > 1:
                 fresh = not end_step(kept, right, secants)
                 kept += 1
         if fresh:
-            shift = _factorised(
-                model, loads, f, fraction, factors, shift if crept else STABLE, work
-            )
+            last, begun = shift if crept else STABLE, turning and iteration == 1
+            shift = _factorised(model, loads, f, fraction, factors, last, begun, work)
             if shift == NONE:
                 return Solved(NOT_DEFINITE, iteration, matrices, left, UNKNOWN)
+            _take_contacts(model, loads, f, fraction, work)
             kept, matrices, slowest, longest = 0, matrices + 1, 1.0, 0.0
             inertia = factors.inertia if shift == 0.0 else 0.0
             copy_values(now.rotation, work.made)
             stable += 1 if shift == STABLE else 0
             if stable == CREPT:
                 crept, shift = True, 0.0
-        begin_step(kept, right, secants)
-        solve_corrected(band, kept, secants, right)
-        keep_step(kept, right, secants)
-        if not fresh:
+        kept = _solve(model, loads, f, kept, TURNS if turning else 0, work)
+        if not fresh and not touches:
             turn_rows(now.rotation, work.made, right)
         new, move, scale = _search(model, loads, f, fraction, factors, energy, tolerance, work)
+        if scale == 0.0 and turning:
+            turning, fresh = False, True
+            continue
         if scale == 0.0:
             if fresh and shift == STABLE:
                 return Solved(NOT_CONVERGED, iteration, matrices, move, UNKNOWN)
@@ -258,7 +312,7 @@ def minimise(model, loads, f, fraction, factors, goal, work):
         if shift > 0.0 and scale < 0.5:
             shift *= GROWTH * GROWTH
         copy_pose(work.trial, now)
-        energy, left = new, move
+        energy, left, turning = new, move, touches and scale == 1.0
         if scale == 1.0:
             left = _distance_left(move, before, fresh)
             if iteration == 1:
