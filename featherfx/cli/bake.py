@@ -181,7 +181,7 @@ def _bake(shot: Path, style: str, options: dict[str, Any]) -> None:
 
 def _over_tolerance(result: dict[str, Any]) -> Iterator[str]:
     """The warning of sub-steps above the tolerance: how many, what helps, and where."""
-    limit = "[contact] steps" if "contact" in result else "max_substeps"
+    limit = "[contact] most_steps" if "contact" in result else "max_substeps"
     yield (
         f"featherfx: warning: {result['substeps_over_tolerance']} sub-steps were accepted"
         f" above the tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"

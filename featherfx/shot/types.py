@@ -309,6 +309,12 @@ class Contact:
         Number(0, 10_000, whole=True),
         "Steps per frame that all feathers take together; 0: by the quality's tolerance.",
     ] = 0
+    most_steps: Annotated[
+        int,
+        Number(1, 4096, whole=True),
+        "Most regular steps per frame where `steps` is 0, and most that a feather divides one "
+        "of them into; more for what tears or is struck.",
+    ] = 32
     regions: Annotated[
         tuple[str, ...],
         _PATTERNS,

@@ -69,6 +69,18 @@ def test_feathers_that_meet_later_do_not_pass_and_a_checkpoint_knows_who_has_met
         assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
 
 
+def test_steps_are_as_short_as_a_shot_allows():
+    """For a tolerance that none keeps; what is hard to solve is halved once more."""
+    shot = replace(falling(), last_frame=3)
+    shot = replace(shot, quality=replace(shot.quality, tolerance=1e-8))
+    for most in (2, 6):
+        simulation, _ = baked(replace(shot, contact=replace(shot.contact, most_steps=most)), 3)
+        shortest = 1.0 / (shot.frames_per_second * most)
+        assert 0.5 * shortest * (1.0 - 1e-9) <= simulation.report["contact"]["shortest_step"]
+        assert simulation.report["contact"]["shortest_step"] <= shortest * (1.0 + 1e-9)
+        assert simulation.report["substeps_over_tolerance"] > 0
+
+
 def test_boxes_that_meet_are_found():
     rng = np.random.default_rng(8)
     low = rng.random((300, 3))

@@ -65,7 +65,8 @@ class Quality:
         int,
         Number(1, 4096, whole=True),
         "Most sub-steps per frame, a bound on work: half of them may be as short as their errors "
-        "ask, the others share what is left of the frame. Where feathers touch, 32 at most.",
+        "ask, the others share what is left of the frame. Where feathers touch, `most_steps` of "
+        "`[contact]` at most.",
     ] = 4096
     radius: Annotated[
         float,

@@ -48,8 +48,6 @@ PathsOf = Callable[[float, float], Sequence[RootPath]]
 OFF, LEAST_OFF, MOST_OFF = 0.05, 0.1, 0.4
 # smallest followed gap, in thicknesses
 MARGIN = 6.0
-# regular steps of a frame with contact, at most: contacts that are off in shorter ones yield
-MOST_STEPS = 32
 # pairs named in a report
 MOST_NAMED = 10
 
@@ -137,7 +135,7 @@ class ShotContact:
         quality = self.shot.quality
         return StepRules(
             steps=self.contact.steps,
-            substeps=min(quality.max_substeps, MOST_STEPS),
+            substeps=min(quality.max_substeps, self.contact.most_steps),
             tolerance=common_tolerance(self.shot),
             thickness=self._thickness,
             rounds=self.solver.settings.rounds,
