@@ -21,6 +21,7 @@ MOST_PIXELS = 200_000_000
 SIDE = 1600
 # of the picture, what a silhouette covers at least and at most
 _COVERS = (0.002, 0.9)
+_SECOND = 0.2  # of the largest piece, up to which others are dirt; chosen by eye
 # distance in colour that is none, and times the noise of the border that is; chosen by eye
 _LEAST_APART, _NOISE = 0.03, 2.0
 # times as long as wide
@@ -86,7 +87,7 @@ def silhouette(photo: Photo, threshold: float | None = None) -> Flags:
     """(H, W) which pixels are the feather.
 
     threshold: distance in colour from the border, 0 to 1; None: it is found. Raises InputError
-    where nothing, or nearly all, would be.
+    where nothing, or nearly all, would be, or two pieces.
     """
     found = photo.opaque
     if found is None:
@@ -103,6 +104,14 @@ def silhouette(photo: Photo, threshold: float | None = None) -> Flags:
         sizes = np.bincount(labels.ravel())
         sizes[0] = 0
         found = labels == sizes.argmax()
+        second, largest = np.sort(sizes)[-2:]  # of the ground 0
+        if second > _SECOND * largest:
+            message = (
+                f"two pieces differ from the border, one {100.0 * second / largest:.0f} % as"
+                " large as the other: where a shaft is as pale as the ground, a lower threshold"
+                " joins them; other feathers must be cut away"
+            )
+            raise InputError(Problem(str(photo.file), "", message))
     fraction = float(found.mean())
     if not count or not _COVERS[0] <= fraction <= _COVERS[1]:
         message = (

@@ -123,9 +123,18 @@ def disc():
     return Image.fromarray(pixels)
 
 
+def halves():
+    """Two vanes, and between them a shaft of the ground's colour."""
+    image = plain((300, 300))
+    pixels = np.array(image)
+    pixels[20:280, 120:145] = pixels[20:280, 155:200] = 0
+    return Image.fromarray(pixels)
+
+
 @pytest.mark.parametrize(
     ("image", "options", "code", "told"),
     [
+        (halves(), (), 1, "two pieces differ from the border, one 56 % as large"),
         (plain((200, 300)), (), 1, "no silhouette: 0 % of the picture"),
         (disc(), (), 1, "about as wide as long"),
         (stain(), ("--shaft", "45,110 500,110"), 1, "photo.png: what was found is no feather"),
