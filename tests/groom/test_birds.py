@@ -165,6 +165,11 @@ def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
             "no bird preset 'pigeons', did you mean 'pigeon'",
         ),
         (r"^bare", "fold = 1.5\nbare", "fold: 1.5 is out of range"),
+        (
+            r'^type = "pigeon"',
+            'type = { base = "pigeon", wing = { base = "pigeon", primaries = { count = 90 } } }',
+            "bird.type.wing.primaries.count: 90 feathers with quills",
+        ),
     ],
 )
 def test_faults_of_a_bird_are_told(tmp_path, old, new, message):

@@ -69,6 +69,12 @@ class _Wing:
     def joint(self, bone: int) -> str:
         return f"{self.entry['id']}_{_BONES[bone]}"
 
+    @property
+    def type_place(self) -> Place:
+        """Where its type is written; that of a bird's wing is part of the bird's."""
+        of_bird = isinstance(self.entry["type"], WingType)
+        return self.place.child("type.wing" if of_bird else "type")
+
 
 def wing(
     entry: dict[str, Any], place: Place, store: KindStore, library: Library, axes: Array
@@ -140,7 +146,7 @@ def _check(wing: _Wing, remiges: Remiges, axes: Array) -> None:
     rows += [wing.kind.alula] if wing.kind.alula.count else []
     rows += [row for row in wing.kind.coverts if row.side == "above" or wing.entry["below"]]
     kinds = all_of(*(partial(wing.store.kind, _choice(wing, row.kind)) for row in rows))
-    place = replace(wing.place, problems=problems)
+    place, type_place = (replace(p, problems=problems) for p in (wing.place, wing.type_place))
     for number, (name, row, kind) in enumerate(zip(ROWS, rows, kinds, strict=False)):
         own = remiges.bone == number
         if own.sum() < 2:
@@ -148,7 +154,7 @@ def _check(wing: _Wing, remiges: Remiges, axes: Array) -> None:
         apart = float(np.linalg.norm(np.diff(remiges.roots[own], axis=0), axis=1).min())
         quill = kind.rachis.diameter_base * float(remiges.lengths[own].max()) / kind.length
         if apart < _QUILL_ROOM * quill:
-            place.child(f"type.{name}.count").fail(
+            type_place.child(f"{name}.count").fail(
                 f"{row.count} feathers with quills of {1e3 * quill:.3g} mm stand {1e3 * apart:.3g} "
                 f"mm apart on a bone of {1e3 * wing.bones.lengths[number]:.3g} mm"
             )
@@ -161,7 +167,7 @@ def _check(wing: _Wing, remiges: Remiges, axes: Array) -> None:
 
 
 def _choice(wing: _Wing, name: str) -> KindChoice:
-    return KindChoice((name,), 0.0, (), wing.place.child("type"))
+    return KindChoice((name,), 0.0, (), wing.type_place)
 
 
 def about_y(angle: float) -> Array:
