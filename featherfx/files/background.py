@@ -14,15 +14,15 @@ class Background:
 
     room: calls that may wait; one more makes the caller wait, so that memory stays bounded. An
     exception of the function is raised by the caller's next call or at the end, and no later call
-    is made. Where a block of it raises itself, calls that wait are dropped. seconds: spent in the
-    function so far, and processor_seconds: of its thread.
+    is made. Where a block of it raises itself, calls that wait are made all the same: a bake that
+    is interrupted keeps what it has simulated. seconds: spent in the function so far, and
+    processor_seconds: of its thread.
     """
 
     def __init__(self, function: Callable[..., object], room: int = 2) -> None:
         self._function = function
         self._queue: Queue[tuple[Any, ...] | None] = Queue(room)
         self._error: BaseException | None = None
-        self._stopped = False
         self.seconds = self.processor_seconds = 0.0
         self._thread = Thread(target=self._run, name="featherfx writer", daemon=True)
         self._thread.start()
@@ -50,7 +50,6 @@ class Background:
         self._raise()
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._stopped = kind is not None
         if kind is None:
             self.close()
         else:
@@ -64,7 +63,7 @@ class Background:
     def _run(self) -> None:
         # After an error the queue is still emptied, so that no caller waits for room for ever.
         while (arguments := self._queue.get()) is not None:
-            if self._error is None and not self._stopped:
+            if self._error is None:
                 begin, worked = time.perf_counter(), time.thread_time()
                 try:
                     self._function(*arguments)

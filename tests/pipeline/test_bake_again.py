@@ -219,14 +219,14 @@ def test_an_interrupted_one_goes_on(earlier, tmp_path):
 
     def on_frame(done, total):
         seen.append(done)
-        if done == 5:
+        if done == 3:
             raise KeyboardInterrupt
 
     options = OPTIONS | {"layout": "flat", "resume": True}
-    with pytest.raises(KeyboardInterrupt, match="of 5 samples are kept"):
+    with pytest.raises(KeyboardInterrupt, match="2 of 5 samples are kept"):
         featherfx.bake(shot, path, on_frame=on_frame, **options)
     report = featherfx.bake(shot, path, **options)
-    assert report["samples_taken_over"] in (2, 4)
+    assert report["samples_taken_over"] == 2
     assert report["again"]["feathers_simulated"] == 2
     fresh = tmp_path / "fresh" / "gust.usdc"
     fresh.parent.mkdir()
