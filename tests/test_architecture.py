@@ -136,3 +136,49 @@ def test_files_of_tests_have_names_of_their_own():
     """Of two with one name in different folders only one can be imported."""
     count = Counter(each.name for each in Path(__file__).parent.rglob("test_*.py"))
     assert [name for name, times in count.items() if times > 1] == []
+
+
+def _takes(node: ast.stmt) -> tuple[int, int] | None:
+    """Fewest and most arguments of a function or of a NamedTuple."""
+    if isinstance(node, ast.FunctionDef) and not (node.args.vararg or node.args.kwarg):
+        most = len(node.args.posonlyargs + node.args.args + node.args.kwonlyargs)
+        free = len(node.args.defaults) + sum(k is not None for k in node.args.kw_defaults)
+        return most - free, most
+    if isinstance(node, ast.ClassDef) and [ast.unparse(b) for b in node.bases] == ["NamedTuple"]:
+        fields = [each for each in node.body if isinstance(each, ast.AnnAssign)]
+        return sum(each.value is None for each in fields), len(fields)
+    return None
+
+
+def miscalled(tree: ast.Module, known: dict[str, dict[str, tuple[int, int]]]) -> list[str]:
+    """Calls of a module with too many or too few arguments, of what it or others define."""
+    callees = {n.name: t for n in tree.body if (t := _takes(n)) and hasattr(n, "name")}
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom) and node.module in known:
+            own = known[node.module]
+            callees |= {a.asname or a.name: own[a.name] for a in node.names if a.name in own}
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            given = [*node.args, *node.keywords]
+            spread = any(isinstance(a, ast.Starred) for a in node.args)
+            if node.func.id in callees and not spread and all(k.arg for k in node.keywords):
+                fewest, most = callees[node.func.id]
+                if not fewest <= len(given) <= most:
+                    found.append(f"{node.func.id}, line {node.lineno}: {len(given)} arguments")
+    return found
+
+
+def test_kernels_call_each_other_with_what_is_taken():
+    """Nothing else sees it before they are compiled, which no quick test has all be."""
+    known = {}
+    for path in PACKAGE.rglob("*.py"):
+        name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        body = ast.parse(path.read_text()).body
+        known[name] = {n.name: t for n in body if (t := _takes(n)) and hasattr(n, "name")}
+    for path in PACKAGE.rglob("*_kernels.py"):
+        assert miscalled(ast.parse(path.read_text()), known) == [], path
+    planted = (
+        "from featherfx.solver.step.newton_kernels import Solved\nSolved(0, 1, 1, 0.0, 1.0, 0.0)"
+    )
+    assert miscalled(ast.parse(planted), known) == ["Solved, line 2: 6 arguments"]

@@ -27,7 +27,7 @@ from featherfx.mechanics.rachis_kernels import rachis_gradient
 from featherfx.mechanics.row_kernels import copy_points
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.newton_kernels import HALVINGS, Solved, largest_move
+from featherfx.solver.step.newton_kernels import HALVINGS, UNKNOWN, Solved, largest_move
 from featherfx.solver.step.pose_kernels import chain, rotate_by, store_directors
 
 
@@ -211,9 +211,9 @@ def nodal_minimise(model, nodal, loads, f, fraction, factors, method, work):
     move = 0.0
     for iteration in range(1, method.iterations + 1):
         if not isfinite(energy):
-            return Solved(NOT_FINITE, iteration, iteration, move, 1.0, 0.0)
+            return Solved(NOT_FINITE, iteration, iteration, move, UNKNOWN)
         if not _solve(model, nodal, loads, f, fraction, factors, textbook, work):
-            return Solved(NOT_DEFINITE, iteration, iteration, move, 1.0, 0.0)
+            return Solved(NOT_DEFINITE, iteration, iteration, move, UNKNOWN)
         factor = 1.0
         for _ in range(HALVINGS if textbook else 1):
             move_by(model, nodal, f, factor, textbook, work)
@@ -228,7 +228,7 @@ def nodal_minimise(model, nodal, loads, f, fraction, factors, method, work):
         energy = new
         if move < tolerance:
             if not nodal.inextensible:
-                return Solved(CONVERGED, iteration, iteration, move, 1.0, 0.0)
+                return Solved(CONVERGED, iteration, iteration, move, UNKNOWN)
             if _raise_multipliers(nodal, f, now.strains, work.multiplier) < INEXTENSIBLE:
-                return Solved(CONVERGED, iteration, iteration, move, 1.0, 0.0)
-    return Solved(NOT_CONVERGED, method.iterations, method.iterations, move, 1.0, 0.0)
+                return Solved(CONVERGED, iteration, iteration, move, UNKNOWN)
+    return Solved(NOT_CONVERGED, method.iterations, method.iterations, move, UNKNOWN)
