@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
+from featherfx.baking.again import GONE, replay_of
 from featherfx.baking.sink import Sink, compared
 from featherfx.baking.task import Task
 from featherfx.errors import Problem
@@ -13,6 +16,7 @@ from featherfx.jit.told import TELLER
 from featherfx.phases import phase
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.frames import Frame
+from featherfx.shot.replay import Replay
 from featherfx.shot.simulate import simulate
 from featherfx.usd.types import OutputError
 
@@ -35,10 +39,10 @@ def simulate_and_write(
                     taken_over, state = sink.writer.samples_done, sink.writer.state
                 start = Checkpoint.load(state) if state else None
             done = taken_over
-            wanted = _simulated(task, sink, start)
+            wanted, replay = _simulated(task, sink, start), replay_of(task, start)
             with phase("building"):
                 simulation = simulate(
-                    task.whole, options.jobs, task.frames, options.subframes, start, wanted
+                    task.whole, options.jobs, task.frames, options.subframes, start, wanted, replay
                 )
             notify(done, samples)
             # where nothing is gone on with, it is built while feathers settle
@@ -61,14 +65,14 @@ def simulate_and_write(
                     finishing.wait()
                 with phase("writing"):
                     writing.close()
-            sink.writer.tell(compared(task, task.dependences(simulation.laid)))
+            sink.writer.tell(compared(task, simulation.laid))
     except KeyboardInterrupt as error:
         raise KeyboardInterrupt(sink.state) from error
     beside = {
         "writing_beside": writing.seconds,
         "writing_processor_seconds": writing.processor_seconds,
     }
-    return taken_over, simulation.report | beside | _told(task, wanted)
+    return taken_over, simulation.report | beside | _told(task, wanted, replay)
 
 
 def _simulated(task: Task, sink: Sink, start: Checkpoint | None) -> Sequence[int]:
@@ -86,17 +90,19 @@ def _simulated(task: Task, sink: Sink, start: Checkpoint | None) -> Sequence[int
         known = set(wanted)
         taken = {place for place, number in enumerate(everyone) if number not in known}
         if taken and not (task.taken and taken <= set(task.taken.feathers)):
-            message = "was begun with samples of a cache that is gone; --overwrite bakes it anew"
-            raise OutputError(Problem(str(task.path), "", message))
+            raise OutputError(Problem(str(task.path), "", GONE))
     if task.taken and taken:
         sink.writer.take_over(task.taken.cache, sorted(taken))
     return wanted
 
 
-def _told(task: Task, wanted: Sequence[int]) -> dict[str, Any]:
+def _told(task: Task, wanted: Sequence[int], replay: Replay) -> dict[str, Any]:
     """Of a report: how much was simulated again, and why."""
     if task.taken is None:
         return {}
     kept = len(task.names) - len(wanted)
-    counts = {"feathers_simulated": len(wanted), "feathers_taken_over": kept}
+    again = len(np.intersect1d(wanted, task.taken.moving)) if len(replay.numbers) else 0
+    counts = {"feathers_simulated": len(wanted) - again, "feathers_taken_over": kept}
+    if again:
+        counts["feathers_laid_again"] = again
     return {"again": counts | {"changed": list(task.taken.changed)}}

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from featherfx.baking.sink import compared, new_writer
+from featherfx.baking.sink import new_writer, tables
 from featherfx.baking.task import Task
 from featherfx.errors import Problem
 from featherfx.phases import phase
@@ -45,7 +45,7 @@ def merge(
                 writer.adopt(piece)
             if not pieces:
                 _write(task, writer, range(task.samples), notify)
-        writer.tell(compared(task, [depend[name] for name in task.names]))
+        writer.tell(tables(task, [depend[name] for name in task.names]))
     notify(task.samples, task.samples)
 
 

@@ -10,6 +10,7 @@ from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
 from featherfx.baking.task import Task
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.frames import Frame
+from featherfx.shot.layers.types import Laid
 from featherfx.usd.write.resume import table_text
 from featherfx.usd.write.write import CachePlace, CacheWriter, Continuation
 
@@ -77,7 +78,16 @@ class Sink:
         return "interrupted: nothing was written"
 
 
-def compared(task: Task, dependences: Sequence[str]) -> dict[str, Any]:
-    """What a later bake compares itself with (see `task`). dependences: of the task's feathers."""
+def compared(task: Task, laid: Laid | None) -> dict[str, Any]:
+    """What a later bake compares itself with (see `again`). laid: who is laid over whom."""
+    return {} if task.dependences is None else tables(task, task.dependences.shown(laid))
+
+
+def tables(task: Task, dependences: Sequence[str]) -> dict[str, Any]:
+    """The same, by what is shown of the task's feathers."""
     depend = dict(zip(task.names, dependences, strict=True))
-    return {"inputs": table_text(task.shot.inputs), "dependences": table_text(depend)}
+    found = {"inputs": table_text(task.shot.inputs), "dependences": table_text(depend)}
+    if task.whole.layers is not None and task.dependences is not None:
+        ids = [each.id for each in task.whole.groom.feathers]
+        found["motions"] = table_text(dict(zip(ids, task.dependences.motion, strict=True)))
+    return found

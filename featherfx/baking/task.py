@@ -1,5 +1,4 @@
-"""What a bake is about to do: options, inputs, all that can be wrong with them, and what it takes
-over of an earlier one with other settings: feathers that nothing touched."""
+"""What a bake is about to do: options, inputs, and all that can be wrong with them."""
 
 from __future__ import annotations
 
@@ -7,11 +6,13 @@ import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
 from featherfx._version import __version__
 from featherfx.api import read_quality, read_shot
+from featherfx.baking.again import TakenOver, taken_over
 from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large, refuse_unfit_form
 from featherfx.baking.options import BakeOptions
 from featherfx.errors import InputError, Problem, all_of
@@ -24,7 +25,6 @@ from featherfx.shot.layers.types import Laid
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.types import Shot
-from featherfx.usd.read.earlier import EarlierCache
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import refuse_inputs, stage_space
 from featherfx.usd.space import origin_for
@@ -44,70 +44,34 @@ from featherfx.usd.write.output import (
     prim_name,
     unique_prim_names,
 )
-from featherfx.usd.write.resume import difference, is_finished, refuse_unfinished
-
-# settings that need not be equal: frames are looked at, the others are in what feathers depend on
-_FREE = ("frames", "feathers", "textures")
-
-
-@dataclass(frozen=True)
-class TakenOver:
-    """Of an earlier cache at a bake's output.
-
-    cache: the earlier one. feathers: numbers among the bake's of those whose samples are taken.
-    changed: what is different, in words.
-    """
-
-    cache: EarlierCache
-    feathers: tuple[int, ...]
-    changed: tuple[str, ...]
-
-
-def taken_over(
-    path: Path,
-    settings: Mapping[str, str],
-    inputs: Mapping[str, str],
-    names: Sequence[str],
-    dependences: Sequence[str],
-) -> TakenOver | None:
-    """What a bake may take of a finished cache at its output; None where that is nothing.
-
-    names: of its prims, and dependences: of its feathers.
-    """
-    if not path.is_file():
-        return None
-    earlier = EarlierCache(path)
-    if not _fits(earlier.settings, settings):
-        return None
-    same = tuple(
-        k
-        for k, (name, each) in enumerate(zip(names, dependences, strict=True))
-        if earlier.dependences.get(name) == each
-    )
-    if not same:
-        return None
-    told = difference(earlier.settings, earlier.inputs, settings, inputs)
-    return TakenOver(earlier, same, tuple(f"{key}: {change}" for key, change in told.items()))
-
-
-def _fits(earlier: Mapping[str, str], settings: Mapping[str, str]) -> bool:
-    """Whether samples are written alike, from the same first frame to a last that is there."""
-    alike = all(
-        earlier.get(key) == text
-        for key, text in settings.items()
-        if key not in _FREE and not key.startswith("shot.")
-    )
-    before, now = (_frames(each.get("frames", "")) for each in (earlier, settings))
-    return alike and before[0] == now[0] and now[1] <= before[1]
-
-
-def _frames(text: str) -> tuple[int, int]:
-    """First and last of "A-B"; none where it is not that."""
-    found = re.fullmatch(r"(-?\d+)-(-?\d+)", text)
-    return (int(found[1]), int(found[2])) if found else (1, 0)
-
+from featherfx.usd.write.resume import is_finished, refuse_unfinished
 
 Options = TypeVar("Options", bound=StageOptions)
+
+
+class Dependences:
+    """Texts of what some feathers of a shot depend on, by their numbers; found once."""
+
+    def __init__(self, shot: Shot, numbers: Sequence[int]) -> None:
+        self._shot, self._numbers = shot, numbers
+        self._shown: list[str] = []
+
+    @cached_property
+    def motion(self) -> list[str]:
+        """Of the motion of all feathers of the shot, before they are laid over each other."""
+        # loads compiled code, which a finished cache does without
+        from featherfx.shot.dependence import motion_dependences
+
+        return motion_dependences(self._shot)
+
+    def shown(self, laid: Laid | None = None) -> list[str]:
+        """Of what is shown, given who is laid over whom where that is known."""
+        from featherfx.shot.dependence import dependences
+
+        if not self._shown:
+            every = dependences(self._shot, laid, self.motion)
+            self._shown = [every[k] for k in self._numbers]
+        return self._shown
 
 
 @dataclass(frozen=True)
@@ -118,7 +82,7 @@ class Task:
     all). names: prim name per feather. root: name of the root prim. finished: whether the output is
     there already. taken: what is taken over of a cache of other settings at the output. origin:
     where the root prim stands. options: with units and axis as they will be. dependences: texts of
-    its feathers (featherfx/shot/dependence.py), given who is laid over whom where that is known.
+    its feathers (featherfx/shot/dependence.py), None: of a trial, which nothing is kept of.
     frames_each: of a chunk, where it must be another cache's; else the writer's choice.
     """
 
@@ -134,30 +98,13 @@ class Task:
     wanted: Sequence[int] | None
     taken: TakenOver | None
     origin: tuple[float, float, float]
-    dependences: Callable[[Laid | None], list[str]]
+    dependences: Dependences | None
     frames_each: int | None = None
 
     @property
     def samples(self) -> int:
         """Samples from the first frame to the last."""
         return (self.frames[1] - self.frames[0]) * self.options.subframes + 1
-
-
-class _Dependences:
-    """Texts of what some feathers of a shot depend on, by their numbers; found once."""
-
-    def __init__(self, shot: Shot, numbers: Sequence[int]) -> None:
-        self._shot, self._numbers = shot, numbers
-        self._found: list[str] = []
-
-    def __call__(self, laid: Laid | None = None) -> list[str]:
-        # loads compiled code, which a finished cache does without
-        from featherfx.shot.dependence import dependences
-
-        if not self._found:
-            every = dependences(self._shot, laid)
-            self._found = [every[k] for k in self._numbers]
-        return self._found
 
 
 def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptions) -> Task:
@@ -189,7 +136,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
         wanted=None if whole is part else numbers,
         taken=None,
         origin=_origin(shot),
-        dependences=_Dependences(shot, numbers),
+        dependences=Dependences(shot, numbers),
     )
     return _resumed(task, shot.inputs) if options.resume else task
 
@@ -236,8 +183,7 @@ def _resumed(task: Task, inputs: Mapping[str, str]) -> Task:
         return replace(task, finished=finished)
     except OutputError:
         if task.options.can_be_taken_over:
-            own = task.dependences(None)
-            taken = taken_over(task.path, task.settings, inputs, task.names, own)
+            taken = taken_over(task, inputs)
             if taken is not None:
                 return replace(task, taken=taken)
         raise

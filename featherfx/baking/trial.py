@@ -210,7 +210,7 @@ def _trial(shot: Shot, feathers: int, frames: int, jobs: int) -> Trial:
             wanted=None,
             taken=None,
             origin=(0.0, 0.0, 0.0),
-            dependences=lambda laid: names,
+            dependences=None,
         )
         marks: list[float] = []
         with Account() as timed:

@@ -167,9 +167,11 @@ def _bake(shot: Path, style: str, options: dict[str, Any]) -> None:
         f" in {result['wall_seconds']:.1f} s"
     )
     if again := result.get("again"):
+        laid = again.get("feathers_laid_again", 0)
         tell(
             f"{again['feathers_simulated']} feathers simulated again,"
-            f" {again['feathers_taken_over']} taken over from the cache that was there"
+            + (f" {laid} laid over these anew," if laid else "")
+            + f" {again['feathers_taken_over']} taken over from the cache that was there"
         )
         for change in again["changed"][:MOST_CHANGES]:
             tell(f"  {change}")

@@ -74,6 +74,29 @@ def kept(what: str, inputs: Sequence[Any], compute: Callable[[], Mapping[str, An
     return found
 
 
+def kept_before(what: str, inputs: Sequence[Any]) -> Arrays | None:
+    """The arrays that `keep` was given, or `kept` computed; None where they are not there."""
+    file = _file_of(what, inputs)
+    return None if file is None else _load(file)
+
+
+def is_kept(what: str, inputs: Sequence[Any]) -> bool:
+    """Whether there is such an entry; it then counts as used lately."""
+    file = _file_of(what, inputs)
+    if file is None or not file.is_file():
+        return False
+    with contextlib.suppress(OSError):
+        os.utime(file)
+    return True
+
+
+def keep(what: str, inputs: Sequence[Any], arrays: Mapping[str, Any]) -> None:
+    """Keep arrays, if the system lets us."""
+    file = _file_of(what, inputs)
+    if file is not None:
+        _save(file, _arrays(arrays))
+
+
 def _arrays(values: Mapping[str, Any]) -> Arrays:
     return {name: np.asarray(value, order="C") for name, value in values.items()}
 
@@ -82,7 +105,7 @@ def _file_of(what: str, inputs: Sequence[Any]) -> Path | None:
     """Where an entry stands; None where nothing is kept."""
     folder = wanted_folder() / _FOLDER
     try:
-        if not _keeps.get() or _limit() <= 0.0 or doubt(folder):
+        if not _keeps.get() or room() <= 0.0 or doubt(folder):
             return None
         with contextlib.suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -93,7 +116,7 @@ def _file_of(what: str, inputs: Sequence[Any]) -> Path | None:
     return folder / f"{what}.{digest(program_digest(), what, *inputs)}.arrays"
 
 
-def _limit() -> float:
+def room() -> float:
     """Bytes that all entries together may take. Raises InputError for what is no such number."""
     given = os.environ.get(SIZE_VARIABLE, "")
     if not given:
@@ -132,7 +155,7 @@ def _save(file: Path, arrays: Arrays) -> None:
     stream = io.BytesIO()
     np.savez(stream, **arrays)  # type: ignore[arg-type]
     content = stream.getbuffer()
-    if len(content) > 0.5 * _limit():
+    if len(content) > 0.5 * room():
         return
     temporary = file.with_name(f".{file.name}.{os.getpid()}.tmp")
     try:
@@ -175,7 +198,7 @@ def _remove_oldest(folder: Path) -> None:
             found = file.lstat()
             if _ENTRY.fullmatch(file.name.strip(".").partition(".arrays")[0] + ".arrays"):
                 entries.append((found.st_mtime_ns, found.st_size, file))
-    total, limit = sum(size for _, size, _ in entries), _limit()
+    total, limit = sum(size for _, size, _ in entries), room()
     if total <= limit:
         return
     for _, size, file in sorted(entries):

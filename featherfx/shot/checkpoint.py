@@ -25,7 +25,8 @@ class Checkpoint:
 
     index: number of the sample, 0 at the first frame, counted in frames times subframes.
     states: one per group of feathers. starts: per group (F, n, 1 + 2 m, 3) m, nodes at the
-    first frame, from which grips count. wanted: (W,) numbers of the feathers in its frames.
+    first frame, from which grips count. wanted: (W,) numbers of the feathers in its frames;
+    replayed: (R,) of those whose motion was taken from an earlier simulation.
     contact, levels, cycles, layers: arrays that contact, changes of level, repeated motion and
     layered plumage keep between frames.
     """
@@ -38,11 +39,12 @@ class Checkpoint:
     cycles: dict[str, NDArray[Any]] = field(default_factory=dict)
     layers: dict[str, NDArray[Any]] = field(default_factory=dict)
     wanted: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    replayed: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def save(self, path: Path) -> None:
         """Write it to an .npz file, whole or not at all."""
         arrays = {"index": np.array(self.index), "groups": np.array(len(self.states))}
-        arrays["wanted"] = self.wanted
+        arrays |= {"wanted": self.wanted, "replayed": self.replayed}
         for k, (state, start) in enumerate(zip(self.states, self.starts, strict=True)):
             arrays |= {f"{k}.{name}": value for name, value in state.arrays().items()}
             arrays[f"{k}.start"] = start
@@ -60,8 +62,8 @@ class Checkpoint:
                 states = tuple(State.of(_under(f"{k}.", file)) for k in groups)
                 starts = tuple(file[f"{k}.start"] for k in groups)
                 kept = {kind: _under(f"{kind}.", file) for kind in _KEPT}
-                index, wanted = int(file["index"]), file["wanted"]
-                return Checkpoint(index, states, starts, **kept, wanted=wanted)
+                index, wanted, replayed = int(file["index"]), file["wanted"], file["replayed"]
+                return Checkpoint(index, states, starts, **kept, wanted=wanted, replayed=replayed)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error
 

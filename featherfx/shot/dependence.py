@@ -42,13 +42,10 @@ _NOT_COMMON = {
 _NOT_MOVING = {"id", "region", "layer", "stack", "rank", "grown", "skin", "skin_uv"}
 
 
-def dependences(shot: Shot, laid: Laid | None = None) -> list[str]:
-    """Of every feather of a shot that is placed on its skin, in the groom's order.
-
-    laid: who lies over whom of some feathers, where that is known; texts of others that are laid
-    over any are then of no use. Raises InputError for shapes that cannot be built, and for levels
-    that cannot be.
-    """
+def motion_dependences(shot: Shot) -> list[str]:
+    """Of every feather of a shot that is placed on its skin, in the groom's order: what its motion
+    depends on before it is laid over others. Raises InputError for shapes that cannot be built,
+    and for levels that cannot be."""
     drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     motion = root_motion(shot)
     plan = level_plan(shot, drawn, motion)
@@ -56,11 +53,23 @@ def dependences(shot: Shot, laid: Laid | None = None) -> list[str]:
     texts = digests([common, *each] for each in _each(shot, plan))
     if shot.contact is not None:
         texts = _with_islands(shot, pushing_islands(shot, drawn, motion), texts)
-    texts = _with_guides(shot, plan, texts)
+    return _with_guides(shot, plan, texts)
+
+
+def dependences(shot: Shot, laid: Laid | None = None, own: Sequence[str] = ()) -> list[str]:
+    """The same of what is shown of each feather.
+
+    laid: who lies over whom of some feathers, where that is known; texts of others that are laid
+    over any are then of no use. own: what motion_dependences gives, where it is known. Raises what
+    that raises.
+    """
+    texts = own or motion_dependences(shot)
     if shot.layers is None:
-        return texts
-    everyone = np.arange(len(drawn))
-    return _with_those_beneath(shot, laid or Layers(shot, drawn, everyone, 1).laid, texts)
+        return list(texts)
+    if laid is None:
+        drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+        laid = Layers(shot, drawn, np.arange(len(drawn)), 1).laid
+    return _with_those_beneath(shot, laid, texts)
 
 
 def _with_islands(shot: Shot, islands: Indices, own: Sequence[str]) -> list[str]:

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import Feather
 from featherfx.shot.contact.pairs import REACH
+from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.roots import Roots
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.placement import place
@@ -61,6 +62,16 @@ def pushing_islands(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> Indi
     assert shot.contact is not None
     pushes = may_touch(shot, shot.contact)
     return np.where(pushes, islands_of(shot, drawn, motion), ALONE)
+
+
+def with_pushing(shot: Shot, drawn: Sequence[Feather], asked: Indices) -> tuple[Indices, Indices]:
+    """Numbers of some feathers and of all that may push them, and the island of each feather of
+    the shot."""
+    if shot.contact is None:
+        return asked, np.zeros(len(drawn), dtype=np.int64)
+    islands = pushing_islands(shot, drawn, root_motion(shot))
+    pushed = np.isin(islands, islands[asked]) & (islands != ALONE)
+    return np.union1d(asked, np.flatnonzero(pushed)), islands
 
 
 def _connected(count: int, pairs: Indices) -> Indices:

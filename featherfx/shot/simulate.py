@@ -33,7 +33,7 @@ from featherfx.shot.energy import Energy, energy_of
 from featherfx.shot.frames import Frame, sample_number
 from featherfx.shot.groups import Group, grips_of, loads_within, make_groups, pulled
 from featherfx.shot.hooks import Hooks
-from featherfx.shot.islands import ALONE, pushing_islands
+from featherfx.shot.islands import ALONE, with_pushing
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
 from featherfx.shot.loads.wet import clumping
@@ -42,6 +42,7 @@ from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.preroll import RunUp, moves_before
 from featherfx.shot.motion.roots import RootFrames, Roots, root_rates
 from featherfx.shot.patterns import last_fitting
+from featherfx.shot.replay import Replay
 from featherfx.shot.reshaped import reshaped
 from featherfx.shot.settled import moving_with_roots
 from featherfx.shot.together import (
@@ -91,6 +92,7 @@ class Simulation:
         subframes: int = 1,
         start: Checkpoint | None = None,
         wanted: Sequence[int] | None = None,
+        replay: Replay | None = None,
     ) -> None:
         self._subframes, self._counts = subframes, Counts()
         self.shot, motion, self._first = _from_preroll(shot, subframes)
@@ -103,17 +105,18 @@ class Simulation:
         computed = self._layers.needed if self._layers else self._wanted
         plan = level_plan(shot, drawn, motion)
         carried = Carried(shot, drawn, plan.of("guided"), plan.leading, computed)
-        solved, islands = _solved(shot, drawn, np.union1d(computed, carried.guides))
-        plan = plan.part(solved)
+        self._replay = replay = replay or Replay()
+        asked = np.setdiff1d(np.union1d(computed, carried.guides), replay.numbers)
+        solved, islands = with_pushing(shot, drawn, asked)
         self.resolutions: list[Resolution] = [plan.resolutions[f][0] for f in self._wanted]
+        plan = plan.part(solved, replay.numbers)
         self._groups = make_groups(
             shot, drawn, plan.resolutions, motion, jobs, islands, self._time(self._first)
         )
         if shot.cycle:
             _give_cycles(shot, self._groups, plan.changes, subframes)
-        self._levels = LevelRun(
-            shot, plan, drawn, self._groups, motion, carried, computed, subframes
-        )
+        groups = self._groups
+        self._levels = LevelRun(shot, plan, drawn, groups, motion, carried, replay, subframes)
         self._islands, self._alone = islands_together(shot, self._groups, motion, self._levels)
         self._through = FollowThrough(shot, drawn, motion, computed)
         self._hooks = Hooks(shot, self._groups)
@@ -322,6 +325,7 @@ class Simulation:
             self._levels.fades.memory(),
             memory_of([group.cycle for group in self._groups]),
             wanted=self._wanted,
+            replayed=self._replay.numbers,
         )
 
     def act(self, wind: Wind, pulls: Sequence[tuple[Grip, Array]] = ()) -> None:
@@ -459,16 +463,6 @@ def _from_preroll(shot: Shot, subframes: int) -> tuple[Shot, Roots, int]:
     return begun, RunUp(motion, preroll), -shot.preroll * subframes
 
 
-def _solved(shot: Shot, drawn: Sequence[Feather], asked: Indices) -> tuple[Indices, Indices]:
-    """Numbers of the feathers that are solved: those asked for and what may push them; and the
-    island of each feather of the shot."""
-    if shot.contact is None:
-        return asked, np.zeros(len(drawn), dtype=np.int64)
-    islands = pushing_islands(shot, drawn, root_motion(shot))
-    pushed = np.isin(islands, islands[asked]) & (islands != ALONE)
-    return np.union1d(asked, np.flatnonzero(pushed)), islands
-
-
 def _give_cycles(shot: Shot, groups: Sequence[Group], changing: bool, subframes: int) -> None:
     """Cycles for batches that may repeat: what slips, dries, is directed, leaves, or touches others
     at changing levels does not."""
@@ -486,6 +480,7 @@ def simulate(
     subframes: int = 1,
     start: Checkpoint | None = None,
     wanted: Sequence[int] | None = None,
+    replay: Replay | None = None,
 ) -> Simulation:
     """Simulate a shot.
 
@@ -494,7 +489,8 @@ def simulate(
     frame, at evenly spaced times from the first frame to the last. start: where a simulation of
     the same shot and subframes stood; goes on after it. wanted: numbers of the feathers in the
     frames, ascending, None: all; others are simulated only where they guide some of these, lie
-    beneath them or may touch them. Raises InputError where a feather cannot
+    beneath them or may touch them. replay: motion that is not simulated again, and what keeps that
+    which is. Raises InputError where a feather cannot
     be built and, while iterating, SimulationError.
     """
-    return Simulation(shot, jobs, frames, subframes, start, wanted)
+    return Simulation(shot, jobs, frames, subframes, start, wanted, replay)

@@ -50,6 +50,7 @@ class Carried:
         wanted: Indices,
     ) -> None:
         self.guided, self.guides = guided, np.zeros(0, dtype=np.int64)
+        self.wanted = wanted
         if not len(guided):
             return
         guides, weights = guide_weights(shot, guided, simulated)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from featherfx.algebra.types import Flags, Indices
+from featherfx.algebra.types import Flags
 from featherfx.feather.types import Feather
 from featherfx.shot.detail.carried import Carried, rigid_poses
 from featherfx.shot.detail.changes import Fades, LevelChange, take_level_up
@@ -14,6 +14,7 @@ from featherfx.shot.detail.levels import NUMBER, LevelPlan
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.groups import Group, loads_within, pose_of
 from featherfx.shot.motion.roots import RootFrames, Roots
+from featherfx.shot.replay import Replay
 from featherfx.shot.types import Shot
 from featherfx.solver.step.root_path import RootPath
 
@@ -27,8 +28,8 @@ class LevelRun:
     after.
 
     drawn: all feathers on the meshes' grid. groups: all batches; a feather is in one for each
-    level that it ever has. carried: those that follow guides. wanted: numbers of the feathers that
-    are shown. subframes: samples a frame. duration: s, between two samples.
+    level that it ever has. carried: those that follow guides. replay: those that were solved
+    before. subframes: samples a frame. duration: s, between two samples.
     """
 
     def __init__(
@@ -39,11 +40,12 @@ class LevelRun:
         groups: Sequence[Group],
         motion: Roots,
         carried: Carried,
-        wanted: Indices,
+        replay: Replay,
         subframes: int,
     ) -> None:
-        self._carried, self._wanted = carried, wanted
-        self._computing = np.union1d(wanted, carried.guides)
+        self._carried, self._wanted, self._replay = carried, carried.wanted, replay
+        self._computing = np.union1d(self._wanted, carried.guides)
+        self._steady = set(plan.steady.tolist())
         self._shot, self._drawn, self._motion = shot, drawn, motion
         self._groups = groups
         self.duration = 1.0 / (shot.frames_per_second * subframes)
@@ -115,6 +117,7 @@ class LevelRun:
     def shown(self, index: int) -> list[FeatherPose]:
         """The poses of the wanted feathers at a sample."""
         poses = self._poses(index)
+        self._replay.note(index, {f: pose for (f, _), pose in poses.items() if f in self._steady})
         return [self.fades.blended(f, poses) for f in self._wanted.tolist()]
 
     def counts(self) -> tuple[int, int]:
@@ -144,7 +147,7 @@ class LevelRun:
     def _computed(self, index: int) -> Poses:
         start, end = (index - 1) * self.duration, index * self.duration
         every = self._computing
-        found: Poses = {}
+        found = {(f, int(self.fades.now[f])): pose for f, pose in self._replay.poses(index).items()}
         for group in self._groups:
             level = NUMBER[group.level]
             for k in np.flatnonzero(self.active(group)):

@@ -59,13 +59,22 @@ class LevelPlan:
         solved = np.array([bool(simulated(each)) for each in self.resolutions])
         return np.setdiff1d(np.flatnonzero(solved & ~self.free), self.of("guided"))
 
-    def part(self, feathers: Indices) -> LevelPlan:
-        """The plan in which all others are rigid, and nothing is solved of them."""
+    def part(self, feathers: Indices, played: Indices) -> LevelPlan:
+        """The plan in which nothing is solved of all others, and these are rigid but for some whose
+        motion is known."""
         others = np.ones(self.table.shape[1], dtype=np.bool_)
         others[feathers] = False
-        table = np.where(others, np.int8(NUMBER["rigid"]), self.table)
+        rigid = others.copy()
+        rigid[played] = False
+        table = np.where(rigid, np.int8(NUMBER["rigid"]), self.table)
         kept = zip(self.resolutions, others, strict=True)
         return LevelPlan(table, tuple(() if other else each for each, other in kept), self.free)
+
+    @property
+    def steady(self) -> Indices:
+        """Numbers of the feathers that are solved, always at one level."""
+        solved = [bool(simulated(each)) for each in self.resolutions]
+        return np.flatnonzero(solved & (self.table == self.table[:1]).all(axis=0))
 
     def at(self, frame: int) -> Numbers:
         """(F,) at a frame, counted from the shot's first."""

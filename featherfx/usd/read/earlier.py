@@ -37,8 +37,9 @@ class _Part(NamedTuple):
 class EarlierCache:
     """A cache that a bake has finished; its layers are opened when they are first read.
 
-    dependences: what each feather depended on (featherfx/shot/dependence.py), by name; empty
-    where the file does not tell. inputs: what its files said (featherfx/groom/read/told.py).
+    dependences: what each feather depended on (featherfx/shot/dependence.py), by name; motions:
+    what its motion did, before it was laid over others, by id; empty where the file does not tell.
+    inputs: what its files said (featherfx/groom/read/told.py).
     settings: that it was baked with. chunk: samples of each chunk.
     """
 
@@ -47,6 +48,7 @@ class EarlierCache:
         self._path, self._layout = path, str(found.get("layout", "flat"))
         self.settings, self.inputs = baked_settings(path), baked_inputs(path)
         self.dependences = text_table(found.get("dependences"))
+        self.motions = text_table(found.get("motions"))
         chunk = found.get("chunk")
         self.chunk = chunk if isinstance(chunk, int) else 0
         self._layers: dict[Path, Any] = {}
