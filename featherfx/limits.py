@@ -29,6 +29,7 @@ MOST_SEARCHES = 100  # names for which the likeliest meant one is looked for
 MOST_COMPARED = 1000  # names that one is compared with
 MOST_JOBS = 1024
 MOST_ROWS, MOST_COLUMNS, MOST_BARBS = 5000, 500, 10_000  # of what is drawn of a feather
+MOST_CLUMPS = 1000  # of the barbs of a vane that is wet
 MOST_SUBFRAMES = 1000
 MOST_FRAMES = 1_000_000  # that are written at a time
 MOST_SHARES = 10_000  # of the feathers of a bake

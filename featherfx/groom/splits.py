@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.groom.types import FeatherKind, Splits, VaneShape
+from featherfx.groom.types import LEAST_DEPTH, FeatherKind, Splits, VaneShape
 
 JITTER = 0.3
 BESIDE = 0.5
@@ -69,6 +69,11 @@ def split_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
         )
         for index, (position, _) in enumerate(splits.places)
         if not first < position < last
+    ]
+    faults += [
+        (f"splits.places[{index}][1]", f"{depth:g} is out of range, allowed {LEAST_DEPTH:g} to 1")
+        for index, (_, depth) in enumerate(splits.places)
+        if depth < LEAST_DEPTH
     ]
     start, end = splits.where
     if end <= start:

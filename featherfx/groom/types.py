@@ -19,6 +19,9 @@ from featherfx.groom.keys.places import POINT
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Table, Text, keys_of
 from featherfx.groom.looks import BarbLook, Colour
 
+# least share of the barbs that a split is deep
+LEAST_DEPTH = 0.01
+
 _TURNING = Number(-360, 360, "deg")
 _HALF_TURNING = Number(-180, 180, "deg")
 _BENT = Number(-120, 120, "deg")
@@ -103,7 +106,9 @@ class Splits:
     ] = ()
     number: Annotated[int, Number(0, 50, whole=True), "Splits that are drawn at random."] = 0
     depth: Annotated[
-        float, Number(0.01, 1), "Share of the barbs that those split, from the vane's edge on."
+        float,
+        Number(LEAST_DEPTH, 1),
+        "Share of the barbs that those split, from the vane's edge on.",
     ] = 0.6
     where: Annotated[
         tuple[float, float],

@@ -259,6 +259,9 @@ def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
     if vane.hooks == "closed":
         limit[:] = NEVER
     loose = held <= LEAST_HOOKED
+    stiffness = volume * np.array([vane.across, vane.shear])
+    there = (stiffness > 0.0) & ~loose[..., None]
+    strains = np.divide(stiffness, limit, out=np.zeros_like(limit), where=there)
     limit[loose] = 0.0
     return Hooks(
         limit=limit,
@@ -266,6 +269,7 @@ def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
         release=release,
         strength=np.array(strength),
         opened=np.where(loose, 1.0, _opened(feather, cell_area)),
+        bounds=strains.max(axis=(0, 1, 2, 3)),
     )
 
 

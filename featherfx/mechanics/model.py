@@ -17,8 +17,10 @@ class Hooks(NamedTuple):
     limit: (F, 2, n-1, m, 2, 2) J, y_w and y_v. growth: (F, 2, n-1, m, 2) 1/J, c. release:
     (F, 2, n-1, m, 2) J, work of slip at level 1 from the strength to the open gap; infinite where
     gaps do not open. strength: (F,) level. opened: (F, 2, n-1, m, 2), n of gaps that are open from
-    the start, 0 of the others; those that nothing can close have the limit 0. Where all hooks hold
-    whatever happens m is 0, here and in Gaps, and kernels leave them out.
+    the start, 0 of the others; those that nothing can close have the limit 0. bounds: (F, 2), for
+    strains e_ww and 2 e_vw: a whole gap holds where the sum of their squares, each times its own,
+    is below 1. Where all hooks hold whatever happens m is 0, here and in Gaps, and kernels leave
+    them out.
     """
 
     limit: Array
@@ -26,6 +28,7 @@ class Hooks(NamedTuple):
     release: Array
     strength: Array
     opened: Array
+    bounds: Array
 
 
 class Gaps(NamedTuple):
@@ -149,7 +152,8 @@ class Model(NamedTuple):
 def no_hooks(feathers: int, rows: int) -> Hooks:
     """Those of vanes whose hooks hold whatever happens."""
     none = np.zeros((feathers, 2, rows - 1, 0, 2))
-    return Hooks(none[..., None].repeat(2, -1), none, none, np.zeros(feathers), none)
+    limit, each = none[..., None].repeat(2, -1), np.zeros(feathers)
+    return Hooks(limit, none, none, each, none, np.zeros((feathers, 2)))
 
 
 class Contacts(NamedTuple):

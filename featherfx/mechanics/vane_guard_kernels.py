@@ -22,7 +22,7 @@ Source: Kikuuwe et al. 2009 in the form of Jouve 2024, eq. 6.6; the derivatives 
 
 from math import sqrt
 
-from featherfx.jit.compiled import kernel
+from featherfx.jit.compiled import kernel, loop_kernel
 
 ROUNDING = 1e-3  # d
 SMALLEST = 0.5 * ROUNDING  # of J^2, below which J goes on linearly in it
@@ -77,6 +77,25 @@ def ratio_slopes(strain_across, strain_shear):
     return by_across, by_shear
 
 
+@loop_kernel
+def _pressed(guard, strains, count):
+    """Number of triangles that feel their guard; guard, strains: (2 count,) or more."""
+    found = 0
+    for k in range(count):
+        apart = is_apart((guard[2 * k], guard[2 * k + 1]), strains[2 * k], strains[2 * k + 1])
+        found += 0 if apart else 1
+    return found
+
+
+@kernel
+def is_pressed(guard, strains):
+    """Whether any triangle of a feather feels its guard; both as of guard_total."""
+    count = guard.size // 2
+    if count == 0:
+        return False
+    return _pressed(guard.reshape(guard.size), strains.reshape(strains.size), count) > 0
+
+
 @kernel
 def guard_total(guard, strains):
     """Energy of all triangles of a feather (J).
@@ -84,6 +103,8 @@ def guard_total(guard, strains):
     guard: (G, n) of every triangle, (2, n-1, m, 2, 2), or of size 0 for none. strains: e_ww and
     2 e_vw, triangle by triangle in that order.
     """
+    if not is_pressed(guard, strains):
+        return 0.0
     total, each, strain = 0.0, guard.flat, strains.flat
     for a in range(guard.size // 2):
         own = each[2 * a], each[2 * a + 1]

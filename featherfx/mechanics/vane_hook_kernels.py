@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.copy_kernels import copy_values
-from featherfx.jit.compiled import kernel
+from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.model import Gaps
 from featherfx.mechanics.vane_guard_kernels import area_ratio, ratio_slopes
 
@@ -44,6 +44,8 @@ Array = NDArray[np.float64]
 # Newton iterations of the return mapping; it converges from one side
 ITERATIONS = 12
 ENOUGH = 1e-12
+# e_ww below which barbs are so near to each other that they are looked at one by one
+CRUSHED = -0.3
 
 
 @kernel
@@ -181,9 +183,48 @@ def copy_gaps(source, target):
 
 
 @kernel
-def all_hold(gaps):
+def never_slip(gaps):
     """Whether no gap of a feather ever slips."""
     return gaps.level.shape[2] == 0
+
+
+@loop_kernel
+def _strained(cell, bounds, count):
+    """Number of triangles whose strains are beyond what all gaps hold at; cell: (2 count,), e_ww
+    and 2 e_vw in turns. bounds: of Hooks. Without branches, as the compiler wants it."""
+    found = 0
+    for k in range(count):
+        opened = cell[2 * k]
+        across = opened * bounds[0] if opened > 0.0 else 0.0
+        shear = cell[2 * k + 1] * bounds[1]
+        found += (across * across + shear * shear > 1.0) | (opened < CRUSHED)
+    return found
+
+
+@loop_kernel
+def _others(values, usual, count):
+    """How many of count values are not the usual one."""
+    found = 0
+    for k in range(count):
+        found += values[k] != usual
+    return found
+
+
+@kernel
+def all_hold(model, f, cell, gaps):
+    """Whether all gaps of feather f are whole, have not slipped and do not at strains cell
+    (2, n-1, m, 2, 2): to forces and energies the vane is then one whose hooks always hold.
+
+    By bounds for the whole feather, which cost next to nothing; of one that has slipped gap by gap
+    (`holds`). gaps: at the step's start.
+    """
+    if never_slip(gaps):
+        return True
+    hooked, slip = gaps.hooked.reshape(gaps.hooked.size), gaps.slip.reshape(gaps.slip.size)
+    if _others(hooked, 1.0, hooked.size) + _others(slip, 0.0, slip.size) > 0:
+        return False
+    bounds = model.hooks.bounds[f, 0], model.hooks.bounds[f, 1]
+    return _strained(cell.reshape(cell.size), bounds, hooked.size) == 0
 
 
 class GapRow(NamedTuple):

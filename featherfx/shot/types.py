@@ -11,6 +11,7 @@ from featherfx.algebra.types import Array
 from featherfx.groom.keys.preset import FAMILIES, STEADY, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
+from featherfx.limits import MOST_CLUMPS
 from featherfx.shot.detail.view import TimedCamera
 from featherfx.shot.motion.skin import BoundSkin, SkinSurfaces
 from featherfx.shot.read.sources import TimedSurface, TimedWind
@@ -106,7 +107,9 @@ class Wet(SomeFeathers):
         "distance; a look control.",
     ] = 0.8
     clumps: Annotated[
-        int, Number(1, 1000, whole=True), "Number of clumps along each vane; a look control."
+        int,
+        Number(1, MOST_CLUMPS, whole=True),
+        "Number of clumps along each vane; a look control.",
     ] = 24
 
 

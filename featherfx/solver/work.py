@@ -79,7 +79,7 @@ class Cells(NamedTuple):
 
     Lines of S numbers (vane/line_kernels). rest: (3, S). stress: (2, S). weight: (4, 2, S),
     stiffness and half of it. coupling: (S,), of shear in the strain across that the stiffness
-    belongs to, where gaps slip. held: (m,), stiffness of hinges where gaps may be open. gradient:
+    belongs to, where gaps slip. left: (m,), stiffness of hinges that open gaps leave. gradient:
     (4, 4, 3, S), strain, node, axis. geometric: (6, S), N/m. single: (3, 4, 3), of one cell.
     """
 
@@ -87,7 +87,7 @@ class Cells(NamedTuple):
     stress: Array
     weight: Array
     coupling: Array
-    held: Array
+    left: Array
     gradient: Array
     geometric: Array
     single: Array
@@ -245,7 +245,7 @@ def make_work(model: Model) -> Work:
                 stress=np.zeros((2, padded)),
                 weight=np.zeros((4, 2, padded)),
                 coupling=np.zeros(padded),
-                held=np.zeros(m),
+                left=np.zeros(m),
                 gradient=np.zeros((4, 4, 3, padded)),
                 geometric=np.zeros((6, padded)),
                 single=np.zeros((3, 4, 3)),

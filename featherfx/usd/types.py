@@ -19,8 +19,8 @@ ENERGY_DENSITY = "primvars:energyDensity"
 # of vanes whose hooks may slip, per face
 HOOKED, SLIP = "primvars:hooked", "primvars:slip"
 HOOKS = (HOOKED, SLIP)
-# of wet feathers, per face: how far the ends of drawn barbs come together, 0 to 1, and in how many
-# clumps a vane
+# of wet feathers, per face, or per shaft of condensed ones: how far the ends of drawn barbs come
+# together, 0 to 1, and in how many clumps a vane
 WET = ("primvars:wetClump", "primvars:wetClumps")
 DIAGNOSTICS = {"strain": (STRAIN_ACROSS, STRAIN_SHEAR), "energy": (ENERGY_DENSITY,)}
 
@@ -36,7 +36,7 @@ LOOK = "barbLook"
 BARB_COUNT = "barbCount"
 
 # The prims of a feather, or of several that share them, and what is written of these: what is a
-# rate, and what has a value for each face. All else has one for each point.
+# rate, and what has a value for each face or shaft. All else has one for each point.
 MESH, RACHIS, BARB = "mesh", "rachis", "barbs"
 RATES = ("velocities", ACCELERATIONS)
 # velocities in half precision, which USD's own attribute has no place for

@@ -202,6 +202,10 @@ VANE_FAULTS = [
         "trailing.hooked.shaft = [[0.2, 0], [0.2, 1]]",
         "trailing.hooked.shaft[1][0]: 0.2 is not above the point before it (0.2)",
     ),
+    (
+        "trailing.splits.places = [[0.5, 0]]",
+        "trailing.splits.places[0][1]: 0 is out of range, allowed 0.01 to 1",
+    ),
     ("trailing.splits.places = [[1.0, 0.5]]", "1 lies outside the vane, which reaches from 0 to 1"),
     (
         "trailing.splits = {places = [[0.5, 0.5], [0.51, 0.4]], width = 0.02}",

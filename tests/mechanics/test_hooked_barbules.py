@@ -13,8 +13,10 @@ from featherfx.groom.types import Hooked
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.mechanics.batch import LEAST_HOOKED, make_model
 from featherfx.mechanics.model import no_loads
+from featherfx.mechanics.vane_hook_kernels import all_hold
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
+from featherfx.solver.work import make_work
 
 WHOLE = feather_kind("swan_primary")
 
@@ -61,6 +63,27 @@ def test_strength_and_its_energy_go_with_the_share_and_strains_at_yield_do_not()
     for name, factor in (("limit", 0.5), ("release", 0.5), ("growth", 2.0)):
         ours, theirs = (getattr(m.hooks, name)[0, 1][there] for m in (half, whole))
         np.testing.assert_allclose(ours, factor * theirs, rtol=1e-12)
+
+
+@pytest.mark.parametrize("strain", [0, 1])
+def test_a_vane_is_taken_for_one_that_holds_only_while_each_gap_does(strain):
+    """The weakest gap beyond its yield, one that has slipped, one that is open, or one crushed."""
+    model = model_of(kind_with(hooks="open"))
+    work = make_work(model)
+    gaps, cell = work.around.gaps, work.now.strains.cell
+    stiffness, limit = model.cell_stiffness[0, ..., strain], model.hooks.limit[0, ..., strain]
+    yields = np.divide(limit, stiffness, out=np.full(limit.shape, np.inf), where=stiffness > 0.0)
+    weakest = (*np.unravel_index(yields.argmin(), yields.shape), strain)
+    for part, holds in ((0.999, True), (1.001, False)):
+        cell[weakest] = part * yields.min()
+        assert all_hold(model, 0, cell, gaps) == holds
+    cell[weakest] = 0.0
+    for array, value in ((gaps.slip, 1e-6), (gaps.hooked, 0.5), (cell, -0.4)):
+        place = weakest[: array.ndim]
+        array[place], usual = value, array[place]
+        assert not all_hold(model, 0, cell, gaps)
+        array[place] = usual
+    assert all_hold(model, 0, cell, gaps)
 
 
 def test_loose_barbs_bend_each_for_itself():

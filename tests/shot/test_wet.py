@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from places import SAMPLES
+from pxr import Sdf, Usd, UsdGeom
 
 from featherfx import bake
 from featherfx.errors import InputError
@@ -26,6 +27,7 @@ from featherfx.shot.patterns import last_fitting
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Wet
+from featherfx.usd.read.expand import expand
 from featherfx.usd.read.read import Cache
 
 SAMPLE = SAMPLES / "wet_feather"
@@ -136,11 +138,13 @@ def test_a_cache_tells_how_wet_its_feathers_are_and_pictures_draw_it(tmp_path):
     for before, after in changes:
         text = text.replace(before, after)
     (tmp_path / "shot.toml").write_text(text)
-    bake(tmp_path / "shot.toml", tmp_path / "wet.usda", overwrite=True)
-    cache = Cache(tmp_path / "wet.usda")
+    path = tmp_path / "wet.usda"
+    bake(tmp_path / "shot.toml", path, overwrite=True, form="both", barbs=30)
+    cache = Cache(path)
     for frame, wet in ((1.0, 1.0), (3.0, 1.0 - 0.7 / 0.1 * 2.0 / 24.0)):
         told = cache.clumped_of([1, 0], frame)
         np.testing.assert_allclose(told, [[0.8 * wet, 24.0], [0.0, 0.0]], rtol=1e-6)
+    _check_condensed(path, cache)
     subject = open_subject(tmp_path / "wet.usda", PictureOptions())
     right, up = axes_of("side", *subject.shape())
     reach = np.concatenate([hull for _, hull in subject.whole_reach])
@@ -157,6 +161,25 @@ def test_a_cache_tells_how_wet_its_feathers_are_and_pictures_draw_it(tmp_path):
     np.testing.assert_array_equal(
         drawn.points[drawn.points[:, 1] > 0.0], dry.points[dry.points[:, 1] > 0.0]
     )
+
+
+def _check_condensed(path, meshes):
+    """Without its meshes a cache tells of the same clumps, and the same barbs are made of it."""
+    stage = Usd.Stage.Open(Sdf.Layer.OpenAsAnonymous(str(path)))
+    curves = [each for each in stage.Traverse() if each.IsA(UsdGeom.BasisCurves)]
+    drawn = [UsdGeom.BasisCurves(each) for each in curves if "barbs" in each.GetName()]
+    expansion = expand(path, barbs=30)
+    for frame in (1.0, 3.0):
+        written = np.concatenate([each.GetPointsAttr().Get(frame) for each in drawn])
+        made = expansion.barbs(frame).reshape(-1, 3)
+        assert np.abs(made - written).max() < 1e-5
+    told = [meshes.clumped_of([1, 0], frame) for frame in (1.0, 3.0)]
+    for each in meshes.feathers:
+        stage.RemovePrim(each.path)
+    stage.Export(str(path.with_name("condensed.usda")))
+    condensed = Cache(path.with_name("condensed.usda"))
+    found = [condensed.clumped_of([1, 0], frame) for frame in (1.0, 3.0)]
+    np.testing.assert_array_equal(found, told)
 
 
 @pytest.mark.parametrize(

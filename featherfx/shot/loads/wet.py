@@ -49,7 +49,10 @@ class Water:
         left = 1.0 - (1.0 - rule.hooks) * wet
         hooks = dry.hooks
         weaker = hooks._replace(
-            limit=hooks.limit * left, growth=hooks.growth / left, release=hooks.release * left
+            limit=hooks.limit * left,
+            growth=hooks.growth / left,
+            release=hooks.release * left,
+            bounds=hooks.bounds / left,
         )
         return model._replace(hooks=weaker)
 

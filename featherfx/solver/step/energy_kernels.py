@@ -69,10 +69,10 @@ def _held_twists(twist, reference, gaps, stiffness, damping):
 
 
 @kernel
-def _bending_energy(model, f, strains, reference, gaps, damping):
+def _bending_energy(model, f, strains, reference, gaps, damping, held):
     """As _quadratic, of hinges and twist, which open gaps leave loose."""
     hinge, twist = model.hinge_stiffness[f], model.twist_stiffness[f]
-    if all_hold(gaps):
+    if held:
         return _hinge_energy(strains, reference, hinge, damping) + _quadratic(
             strains.twist, reference.twist, twist, damping
         )
@@ -82,9 +82,10 @@ def _bending_energy(model, f, strains, reference, gaps, damping):
 
 
 @kernel
-def _cell_energy(model, f, cell, before, gaps, damping):
-    """As _quadratic, of the membrane, whose gaps may slip. cell, before: (2, n-1, m, 2, 2)."""
-    if all_hold(gaps):
+def _cell_energy(model, f, cell, before, gaps, damping, held):
+    """As _quadratic, of the membrane, whose gaps may slip. cell, before: (2, n-1, m, 2, 2). held:
+    whether none does."""
+    if held:
         return _quadratic(cell, before, model.cell_stiffness[f], damping)
     return hooks_energy(model, f, cell, before, gaps, damping)
 
@@ -98,25 +99,53 @@ def elastic_energy(model, f, strains, reference, gaps, strain_rate):
     """
     shaft = model.retardation[f, 0] * strain_rate
     vane = model.retardation[f, 1] * strain_rate
+    held = all_hold(model, f, strains.cell, gaps)
     return (
         _quadratic(strains.rachis, reference.rachis, model.rachis_stiffness[f], shaft)
         + curl_total(model, f, strains.rachis)
         + _quadratic(strains.barb, reference.barb, model.barb_stiffness[f], vane)
-        + _cell_energy(model, f, strains.cell, reference.cell, gaps, vane)
+        + _cell_energy(model, f, strains.cell, reference.cell, gaps, vane, held)
         + guard_total(model.cell_guard[f], strains.cell)
-        + _bending_energy(model, f, strains, reference, gaps, vane)
+        + _bending_energy(model, f, strains, reference, gaps, vane, held)
     )
+
+
+@kernel
+def _lag(strain, reference, stiffness):
+    """sum k (s - s_r)^2 of all strains of one kind, arrays of one shape."""
+    s, before, k = strain.flat, reference.flat, stiffness.flat
+    total = 0.0
+    for a in range(stiffness.size):
+        rate = s[a] - before[a]
+        total += k[a] * rate * rate
+    return total
+
+
+@kernel
+def _cell_lag(cell, before, stiffness, hooked):
+    """As _lag, of a membrane of which a part is hooked: (2, n-1, m, 2)."""
+    s, reference, k, part = cell.flat, before.flat, stiffness.flat, hooked.flat
+    total = 0.0
+    for a in range(hooked.size):
+        across, shear = s[2 * a] - reference[2 * a], s[2 * a + 1] - reference[2 * a + 1]
+        total += part[a] * (k[2 * a] * across * across + k[2 * a + 1] * shear * shear)
+    return total
 
 
 @kernel
 def damped_energy(model, f, strains, reference, gaps, strain_rate, h):
     """What damping takes in a step of h (s) that ends at strains, J: h sum k tau (ds/dt)^2.
 
-    Others as elastic_energy, in which damping is 1/2 k tau (ds/dt)^2 / strain_rate.
+    strain_rate: of the integrator, ds/dt = strain_rate (s - s_r). Others as elastic_energy.
     """
-    with_damping = elastic_energy(model, f, strains, reference, gaps, strain_rate)
-    without = elastic_energy(model, f, strains, reference, gaps, 0.0)
-    return 2.0 * h * strain_rate * (with_damping - without)
+    held = all_hold(model, f, strains.cell, gaps)
+    bending = _bending_energy(model, f, strains, reference, gaps, 2.0, held)
+    bending -= _bending_energy(model, f, strains, reference, gaps, 0.0, held)
+    vane = _lag(strains.barb, reference.barb, model.barb_stiffness[f]) + bending
+    vane += _cell_lag(strains.cell, reference.cell, model.cell_stiffness[f], gaps.hooked)
+    shaft = _lag(strains.rachis, reference.rachis, model.rachis_stiffness[f])
+    times = model.retardation[f]
+    return h * strain_rate * strain_rate * (times[0] * shaft + times[1] * vane)
 
 
 @kernel

@@ -13,7 +13,7 @@ from featherfx.algebra.vec3_kernels import add, over, scale, store, sub
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.row_kernels import points_of
-from featherfx.mechanics.vane_hook_kernels import all_hold, copy_gaps, gaps_of
+from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, GREW, TOO_MUCH_WORK
 from featherfx.solver.step.energy_kernels import damped_energy
 from featherfx.solver.step.energy_promise_kernels import (
@@ -183,7 +183,8 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     error = step_error(radius, h, motion_of(state, f, NODES), now.points.nodes, around.target.nodes)
     slipped = slip_of_step(model, f, now.strains.cell, around.gaps, work.gaps)
     error = max(error, settings.tolerance * slipped / LARGEST_SLIP)
-    if barbs_pass(model, f, state.points.nodes[f], now.points.nodes, around.gaps):
+    before, after = state.points.nodes[f], now.points.nodes
+    if barbs_pass(model, f, before, after, now.strains.cell, around.gaps):
         error = max(error, PASSED * settings.tolerance)
     status, keeps, energy = nearly_solved(solved, attempt.limit, error), 1.0, attempt.promise.energy
     if attempt.promise.alone and status == CONVERGED:
@@ -206,7 +207,7 @@ def _accept(model, f, attempt, state, work):
     """
     now, around, h = work.now, work.around, attempt.h
     released = give_way(model, f, now.strains.cell, around.gaps, work.gaps)
-    if not all_hold(around.gaps):
+    if not never_slip(around.gaps):
         rate = _weights(h, attempt.spectral_radius, state.step[f])[2] / h
         work.gaps.spent[DAMPED] += damped_energy(
             model, f, now.strains, around.reference, around.gaps, rate, h

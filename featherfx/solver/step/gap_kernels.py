@@ -27,6 +27,7 @@ from featherfx.mechanics.vane_hook_kernels import (
     copy_gaps,
     gap_of,
     holds,
+    never_slip,
     row_of_gaps,
     slip_after,
 )
@@ -51,9 +52,11 @@ def slip_of_step(model, f, cell, before, after):
 
     cell: (2, n-1, m, 2, 2) strains at the step's end. before, after: Gaps at its start and end.
     """
-    if all_hold(before):
+    if never_slip(before):
         return 0.0
     copy_gaps(before, after)
+    if all_hold(model, f, cell, before):
+        return 0.0
     largest, stiffness = 0.0, model.cell_stiffness[f]
     for side in range(2):
         for i in range(cell.shape[1]):
@@ -82,7 +85,7 @@ def slip_of_step(model, f, cell, before, after):
 def _touching(model, f, gaps, place):
     """n of barbs that nothing joins at a triangle (side, i, j, half), else 0."""
     side, i, j, half = place
-    if not all_hold(gaps) and gaps.hooked[side, i, j, half] == 0.0:
+    if not never_slip(gaps) and gaps.hooked[side, i, j, half] == 0.0:
         return gaps.level[side, i, j, half]
     guard = model.cell_guard[f]
     loose = guard.shape[0] > 0 and guard[side, i, j, half, 1] < 1.0
@@ -109,12 +112,13 @@ def _passes(first, second, least):
 
 
 @kernel
-def barbs_pass(model, f, before, after, gaps):
+def barbs_pass(model, f, before, after, cell, gaps):
     """Whether barbs that nothing joins pass through each other on their way between two poses.
 
-    before, after: nodes (n, 1 + 2 m, 3). gaps: at the step's start.
+    before, after: nodes (n, 1 + 2 m, 3). cell: strains of the latter. gaps: at the step's start.
     """
-    if all_hold(gaps) and model.cell_guard.shape[1] == 0:
+    slips = not never_slip(gaps)
+    if (slips or model.cell_guard.shape[1] == 0) and all_hold(model, f, cell, gaps):
         return False
     rest = model.cell_rest[f]
     for side in range(rest.shape[0]):
@@ -267,7 +271,7 @@ def give_way(model, f, cell, before, after):
     cell: (2, n-1, m, 2, 2) strains at the step's end. before: Gaps at its start. after: those of
     slip_of_step, changed in place.
     """
-    if all_hold(before):
+    if never_slip(before) or all_hold(model, f, cell, before):
         return 0.0
     for side in range(after.slip.shape[0]):
         first, farthest = -1, 0.0

@@ -42,14 +42,17 @@ class Strip(NamedTuple):
     """The triangles between two rows of one side.
 
     rest: (m, 2, 3). stiffness, strains, reference: (m, 2, 2). guard: (2, n-1, m, 2, 2) of all rows,
-    or of size 0. gaps: of the triangles at the step's start.
+    or of size 0; pressed: whether any feels it. gaps: of the triangles at the step's start; held:
+    whether all of the vane hold.
     """
 
     rest: Array
     stiffness: Array
     guard: Array
+    pressed: bool
     strains: Array
     reference: Array
+    held: bool
     gaps: GapRow
 
 
@@ -228,10 +231,10 @@ def add_strip(i, side, half, strip, damping, wanted, vane):
     own, other = vane.nodes[i + half, side], vane.nodes[i + 1 - half, side]
     on_own, on_other = vane.pull[i + half, side], vane.pull[i + 1 - half, side]
     _load_cells(half, strip, damping, cells)
-    slips = _let_slip(half, strip.gaps, strip, damping, cells)
+    slips = False if strip.held else _let_slip(half, strip.gaps, strip, damping, cells)
     membrane_gradients(count, own, other, half, cells.rest, gradient)
     pressed = False
-    if guard.shape[0] > 0:
+    if strip.pressed:
         pressed = _add_guard(half, guard[side, i], strip.strains, cells)
     for strain in range(2):
         add_forces(count, stress[strain], gradient[strain, 0], 0, on_own)

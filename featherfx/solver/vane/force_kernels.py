@@ -6,6 +6,7 @@ few kinds of pairs in pairs_kernels are all that triangles, hinges and twist cou
 """
 
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.vane_guard_kernels import is_pressed
 from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, row_of_gaps, twist_hold
 from featherfx.solver.vane.cell_kernels import Strip, add_strip
 from featherfx.solver.vane.hinge_kernels import Hinges, Twists, add_hinges, add_twists
@@ -14,24 +15,24 @@ from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
 
 
 @kernel
-def _held(stiffness, gaps, side, i, held):
-    """(m,) stiffness of the hinges on row i's barb, which open gaps leave loose: to held, or as it
-    is."""
-    if all_hold(gaps):
+def _left(stiffness, gaps, side, i, held, left):
+    """(m,) stiffness of the hinges on row i's barb that open gaps leave: to left, or as it is where
+    all gaps hold (held)."""
+    if held:
         return stiffness
     for j in range(stiffness.shape[0]):
-        held[j] = stiffness[j] * hinge_hold(gaps, side, i, j)
-    return held
+        left[j] = stiffness[j] * hinge_hold(gaps, side, i, j)
+    return left
 
 
 @kernel
-def _held_twist(stiffness, gaps, side, i, held):
-    """As _held, of the cells between rows i and i + 1."""
-    if all_hold(gaps):
+def _left_twist(stiffness, gaps, side, i, held, left):
+    """As _left, of the cells between rows i and i + 1."""
+    if held:
         return stiffness
     for j in range(stiffness.shape[0]):
-        held[j] = stiffness[j] * twist_hold(gaps, side, i, j)
-    return held
+        left[j] = stiffness[j] * twist_hold(gaps, side, i, j)
+    return left
 
 
 @kernel
@@ -43,7 +44,9 @@ def add_vane_forces(model, f, damping, wanted, pose, around, vane, force):
     what of the geometric stiffness may be indefinite.
     """
     rows = pose.rotation.shape[0]
-    strains, reference = pose.strains, around.reference
+    strains, reference, gaps = pose.strains, around.reference, around.gaps
+    held = all_hold(model, f, strains.cell, gaps)
+    pressed = is_pressed(model.cell_guard[f], strains.cell)
     nodes_to_lines(pose.points.nodes, vane.nodes)
     vane.pull[:] = 0.0
     if wanted != FORCES_ONLY:
@@ -55,16 +58,18 @@ def add_vane_forces(model, f, damping, wanted, pose, around, vane, force):
                 rest=rest[i],
                 stiffness=model.cell_stiffness[f, side, i],
                 guard=model.cell_guard[f],
+                pressed=pressed,
                 strains=strains.cell[side, i],
                 reference=reference.cell[side, i],
-                gaps=row_of_gaps(model.hooks, f, side, i, around.gaps),
+                held=held,
+                gaps=row_of_gaps(model.hooks, f, side, i, gaps),
             )
             for half in range(2):
                 add_strip(i, side, half, strip, damping, wanted, vane)
             stiffness = model.twist_stiffness[f, side, i]
             twists = Twists(
                 rest=model.twist_rest[f, side, i],
-                stiffness=_held_twist(stiffness, around.gaps, side, i, vane.cells.held),
+                stiffness=_left_twist(stiffness, gaps, side, i, held, vane.cells.left),
                 twist=strains.twist[side, i],
                 reference=reference.twist[side, i],
             )
@@ -72,7 +77,7 @@ def add_vane_forces(model, f, damping, wanted, pose, around, vane, force):
         for i in range(1, rows - 1):
             hinges = Hinges(
                 rest=model.hinge_rest[f, side, i],
-                stiffness=_held(hinge[i], around.gaps, side, i, vane.cells.held),
+                stiffness=_left(hinge[i], gaps, side, i, held, vane.cells.left),
                 angle=strains.hinge[side, i],
                 openness=strains.openness[side, i],
                 reference=reference.hinge[side, i],

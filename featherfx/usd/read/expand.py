@@ -21,16 +21,16 @@ from scipy import sparse
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Flags
 from featherfx.errors import InputError, Problem, require
-from featherfx.feather.barb_looks import drawn_barbs
+from featherfx.feather.barb_looks import clumped, drawn_barbs
 from featherfx.feather.build import scaled
 from featherfx.feather.density import density_map, scaled_map, scaled_points
 from featherfx.feather.render import BARB_SEGMENTS
 from featherfx.feather.shape_text import shape_of
 from featherfx.feather.shapes import built_shapes
-from featherfx.feather.types import Array, Feather, Indices, RowMap, RowPoints
+from featherfx.feather.types import Array, BarbCurves, Feather, Indices, RowMap, RowPoints
 from featherfx.groom.looks import BarbLook
 from featherfx.groom.types import FeatherKind
-from featherfx.limits import MOST_BARBS, MOST_COLUMNS, MOST_ROWS
+from featherfx.limits import MOST_BARBS, MOST_CLUMPS, MOST_COLUMNS, MOST_ROWS
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.members import Member, members_of
 from featherfx.usd.read.opening import open_stage
@@ -49,7 +49,7 @@ from featherfx.usd.read.values import (
     texts_of,
     times_of,
 )
-from featherfx.usd.types import ORIENT, P_BARB, SHAPE, SHAPE_SIZE
+from featherfx.usd.types import ORIENT, P_BARB, SHAPE, SHAPE_SIZE, WET
 
 _ROTATIONS = Kind("f", (4,), "an array of rotations")
 
@@ -156,8 +156,18 @@ class Expansion:
         return np.concatenate([each.points(_code(time)) for each in self._prims])
 
     def barbs(self, time: float | Usd.TimeCode | None = None) -> Array:
-        """(B, K, 3) points of all barbs, root to end, as `points`."""
+        """(B, K, 3) points of all barbs, root to end, as `points`; of wet feathers in clumps."""
         return np.concatenate([each.barbs(_code(time)) for each in self._prims])
+
+    @cached_property
+    def is_wet(self) -> bool:
+        """Whether barbs of any of the feathers come together in clumps at times."""
+        return any(each.is_wet for each in self._prims)
+
+    def clumped(self, time: float | Usd.TimeCode | None = None) -> Array:
+        """(N, 2) how far water draws the ends of the feathers' barbs together, 0 to 1, and in how
+        many clumps a vane."""
+        return np.concatenate([each.clumped(_code(time)) for each in self._prims])
 
 
 def _code(time: float | Usd.TimeCode | None) -> Any:
@@ -209,8 +219,9 @@ class _Shafts:
             joined = [sparse.vstack([part.matrix for part in each]) for each in maps]
             self._map = sparse.block_diag(joined, format="csr")
         self._barb_sides, self._to_barbs = [np.zeros(0, dtype=np.int64)] * len(counts), None
+        self._drawn: list[BarbCurves] = []
         if barbs:
-            curves = [
+            self._drawn = curves = [
                 drawn_barbs(kind, (int(n), self._columns), barbs, mirrored, member.id)
                 for (kind, mirrored), n, member in zip(shapes, counts, members, strict=True)
             ]
@@ -257,7 +268,24 @@ class _Shafts:
         if self._to_barbs is None:
             return np.zeros((0, BARB_SEGMENTS + 1, 3))
         curves = self._to_barbs @ self._flat(*self._pose(code))
+        ends = np.cumsum([each.widths.size for each in self._drawn])
+        each = zip(self._drawn, np.split(curves, ends[:-1]), self.clumped(code), strict=True)
+        curves = np.concatenate([clumped(*own, float(a), int(n)) for *own, (a, n) in each])
         return self._placed(curves, code).reshape(-1, BARB_SEGMENTS + 1, 3)
+
+    @property
+    def is_wet(self) -> bool:
+        return all(self.prim.HasAttribute(name) for name in WET)
+
+    def clumped(self, code: Any) -> Array:
+        shape = (len(self._counts),)
+        if not self.is_wet:
+            return np.zeros((*shape, 2))
+        amount, clumps = (self._shaped(name, code, NUMBERS, shape).astype(float) for name in WET)
+        for values, name, most in ((amount, WET[0], 1.0), (clumps, WET[1], MOST_CLUMPS)):
+            if not ((values >= 0.0) & (values <= most)).all():
+                raise self._fault(name, f"holds values beyond 0 to {most:g} {at(code)}")
+        return np.stack([amount, clumps], axis=1)
 
     def _placed(self, points: Array, code: Any) -> Array:
         matrix = np.array(self._curves.ComputeLocalToWorldTransform(code))

@@ -104,6 +104,8 @@ class _Expanded:
         self._points = np.zeros((0, 3), np.float32)
 
     def read(self, name: str, code: Any, kind: Kind) -> Any:
+        if self.has(name):
+            return self._expansion.clumped(code)[:, WET.index(name)]
         if name != "points":
             return None
         if self._code != code:
@@ -111,7 +113,7 @@ class _Expanded:
         return self._points
 
     def has(self, name: str) -> bool:
-        return False
+        return name in WET and self._expansion.is_wet
 
     def matrix(self, code: Any) -> Array:
         return np.eye(4)
@@ -121,7 +123,8 @@ class _Expanded:
 
 
 class _Own(NamedTuple):
-    """Where the values of a feather stand: points and faces of a mesh."""
+    """Where the values of a feather stand: points and faces of a mesh, or the one shaft of a
+    condensed feather instead of these."""
 
     mesh: _Mesh | _Expanded
     points: slice
@@ -215,10 +218,12 @@ class Cache:
         and in how many clumps a vane."""
         found = np.zeros((len(chosen), 2))
         for place, index in enumerate(chosen) if self._is_wet else ():
-            code = _code_of(self._own[index], time)
+            own = self._own[index]
+            code = _code_of(own, time)
             for k, name in enumerate(WET):
-                own = self._of_faces(index, name.removeprefix("primvars:"), code, NUMBERS)
-                found[place, k] = 0.0 if own is None or not len(own) else own[0]
+                values = own.mesh.read(name, code, NUMBERS)
+                mine = () if values is None else values[own.faces]
+                found[place, k] = mine[0] if len(mine) else 0.0
         return found
 
     def _of_faces(self, index: int, name: str, code: Any, kind: Kind) -> Any:
@@ -370,8 +375,8 @@ def _expanded(stage: Any) -> Iterator[tuple[_Own, CachedFeather]]:
         return
     expansion = expand.expand(stage)
     mesh, rest = _Expanded(expansion), expansion.points()
-    for each in expansion.feathers:
-        own = _Own(mesh, each.points, slice(0, 0))
+    for number, each in enumerate(expansion.feathers):
+        own = _Own(mesh, each.points, slice(number, number + 1))
         yield (
             own,
             CachedFeather(

@@ -235,7 +235,7 @@ class PosedGroup:
     def starts(self, key: Key) -> Indices:
         """(M + 1,) where the elements of each feather begin in an attribute, and all."""
         if key[1] in PER_FACE:
-            return self.faces
+            return self.faces if key[0] == MESH else np.arange(len(self.members) + 1)
         if key[0] not in self.points:
             return np.zeros(len(self.members) + 1, dtype=np.int64)
         return self.points[key[0]] * (self.columns if key[1] in P_BARB else 1)

@@ -106,14 +106,17 @@ class PosedFeather:
         asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
         self._hooks = entry.hooked and self.faces > 0
         asked += HOOKS if self._hooks else ()
-        asked += WET if entry.wet and self.faces else ()
-        self.scalars: tuple[Key, ...] = tuple((MESH, name) for name in asked)
+        shown = (MESH, self.faces > 0), (RACHIS, form.condensed)
+        self._wet: tuple[Key, ...] = tuple(
+            (part, name) for part, is_shown in shown for name in WET if entry.wet and is_shown
+        )
+        self.scalars: tuple[Key, ...] = (*((MESH, name) for name in asked), *self._wet)
         self.turns: tuple[Key, ...] = ((RACHIS, ORIENT),) if form.condensed else ()
 
     def count(self, key: Key) -> int:
         """Elements of an attribute."""
         if key[1] in PER_FACE:
-            return self.faces
+            return self.faces if key[0] == MESH else 1
         return self.points[key[0]] * (self.columns if key[1] in P_BARB else 1)
 
     @property
@@ -178,9 +181,8 @@ class PosedFeather:
         if self._accelerations:
             rates[ACCELERATIONS] = given.accelerations
         self._note_hooks(out, self._hooked(given), given.gaps.slip if given.gaps else None)
-        if self._entry.wet:
-            for name, value in zip(WET, given.clumped, strict=True):
-                out[MESH, name][:] = value
+        for key in self._wet:
+            out[key][:] = given.clumped[WET.index(key[1])]
         self._surface.carry(points)
         finite = self._place(out, _mapped(own, points))
         for name, values in rates.items():
@@ -225,7 +227,7 @@ class PosedFeather:
         seconds: to the next sample. A velocity that until then carries no point farther than its
         rounding, at the greatest coordinate of a prim, does not count.
         """
-        own = [(MESH, name) for name in (*HOOKS, *WET)] + [(RACHIS, name) for name in P_BARB]
+        own = [*((MESH, name) for name in HOOKS), *((RACHIS, name) for name in P_BARB), *self._wet]
         if any((now[key] != before[key]).any() for key in own if key in now):
             return True
         return any(
@@ -247,7 +249,7 @@ class PosedFeather:
             out[RACHIS, "points"],
         )
         finite = surface_kernels.pose_surface(points, self._surface.drawn, self.to_stage, written)
-        if self.scalars:
+        if self.scalars and self.faces:
             self._diagnose(out)
         if self.form.condensed:
             numbers = [out[RACHIS, name] for name in (*P_BARB, ORIENT)]
