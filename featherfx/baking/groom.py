@@ -35,7 +35,7 @@ def export_groom(groom_path: str | Path, output: str | Path, **options: Any) -> 
 
     options: fields of featherfx.baking.options.GroomOptions. quality: name of the preset that gives
     rows and columns. instances: whether feathers of one shape are instances of a prototype, or each
-    a mesh and a curve of its own; None: instances where at least half of the feathers repeat and
+    a mesh and a curve of its own; None: instances where at least a third of the feathers repeat and
     neither barbs nor textures are written. The others are as in bake. Raises InputError with
     every problem.
     """
@@ -58,7 +58,7 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     metadata = metadata_of(groom, grid) | scenery_of_groom(groom, Path(path))
     first, chosen = repeated_shapes(groom.feathers)
     own = options.barbs or options.textures
-    repeat = not own and 2 * len(first) <= len(chosen)
+    repeat = not own and 3 * len(first) <= 2 * len(chosen)
     instanced = repeat if options.instances is None else options.instances
     refuse_too_large(groom, grid, options, str(groom_path), instanced)
     if instanced:

@@ -57,7 +57,7 @@ class GroomOptions(StageOptions, DrawnOptions):
     instances: bool | None = option(
         None,
         "Feathers of one shape as instances, or each a mesh of its own.  [default: instances where"
-        " at least half of them repeat and neither barbs nor textures are written]",
+        " at least a third of them repeat and neither barbs nor textures are written]",
     )
 
 

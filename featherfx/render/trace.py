@@ -34,8 +34,8 @@ _LAYERS = 4  # of vanes that light of the sun may pass; what lies under more is 
 _OFFSET = 2e-5  # of the size of all that is drawn: how far rays start off a surface
 _TOP, _BOTTOM = np.array([0.70, 0.73, 0.77]), np.array([0.50, 0.52, 0.55])
 # light of the sun and of the sky at zenith, horizon and ground; tangent of the sun's half angle
-_SUN, _SUN_RADIUS = (2.15, 1.95, 1.65), 0.10
-_SKY = (0.50, 0.62, 0.80), (0.78, 0.81, 0.85), (0.36, 0.31, 0.26)
+_SUN, _SUN_RADIUS = (1.75, 1.62, 1.42), 0.22
+_SKY = (0.66, 0.76, 0.90), (0.95, 0.97, 1.0), (0.60, 0.55, 0.50)
 
 
 def lights_of(eye: Eye) -> Lights:

@@ -20,17 +20,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Floats, Indices
+from featherfx.algebra.vectors import unit
 from featherfx.feather.density import hermite_weights
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import BarbLook
 from featherfx.render.barb_looks import BarbStrips, dressed, soaked
+from featherfx.render.coat import coat_fractions, coat_normals, drawn_towards, mixed
 from featherfx.render.geometry import Geometry, geometry_of, joined, vertex_normals
 from featherfx.render.light_kernels import SHAFT, SKIN, VANE
 from featherfx.usd.read.cached_feather import CachedFeather
@@ -180,7 +182,8 @@ class DrawnPlumage:
 
     feathers: as read. starts: (N + 1,) first point of each. groups: of those with barbs. plain: the
     others. colours: (N, 3) linear, of feathers without a colour of their own. shaft, skin: (3,)
-    linear, of shafts, and of others without a colour of their own.
+    linear, of shafts, and of others without a colour of their own. coated: (N,) how far feathers
+    are lit as the coat that they are of.
     """
 
     feathers: tuple[CachedFeather, ...]
@@ -190,6 +193,24 @@ class DrawnPlumage:
     colours: Array
     shaft: Array
     skin: Array
+    coated: Array
+
+    @cached_property
+    def _faces(self) -> tuple[Indices, Indices, Array]:
+        """Triangles (T, 3) of all vanes, their feathers (T,), and how high (T,) along these."""
+        barbed = np.sort(np.concatenate([group.members for group in self.groups]))
+        own = [(k, self.feathers[k], self.feathers[k].side != RACHIS) for k in barbed]
+        triangles = [each.triangles[vane] for _, each, vane in own]
+        heights = [
+            each.st[faces, 1].mean(axis=1)
+            for (_, each, _), faces in zip(own, triangles, strict=True)
+            if each.st is not None
+        ]
+        return (
+            np.concatenate([f + self.starts[k] for (k, *_), f in zip(own, triangles, strict=True)]),
+            np.repeat(barbed, [len(faces) for faces in triangles]),
+            np.concatenate(heights),
+        )
 
     def geometry(self, points: Array, wet: Array | None = None) -> Geometry:
         """All feathers of a pose, points (V, 3) m. wet: (N, 2) of Cache.clumped_of; None: dry."""
@@ -205,6 +226,9 @@ class DrawnPlumage:
             yield geometry_of(mine, triangles, SKIN, normals, colour)
 
     def _grouped(self, points: Array, wet: Array) -> Iterator[Geometry]:
+        if not self.groups:
+            return
+        coat = coat_normals(points, *self._faces)
         for group in self.groups:
             at = self.starts[group.members]
             for grid in group.topology.vanes:
@@ -213,7 +237,10 @@ class DrawnPlumage:
                 if grid.edges is not None:
                     parted = points[at[:, None, None] + grid.edges] - mine[:, 1:]
                 colours = self._colours(group.members, grid.rows)
-                posed = _PosedVane(mine, parted, colours, wet[group.members])
+                posed = _PosedVane(
+                    mine, parted, colours, wet[group.members],
+                    coat[group.members], self.coated[group.members],
+                )  # fmt: skip
                 yield _strips(posed, grid, group)
             if group.topology.shaft is not None:
                 rings, heights = group.topology.shaft
@@ -294,6 +321,7 @@ def plumage_of(
         colours=colours[0],
         shaft=colours[1],
         skin=colours[2],
+        coated=coat_fractions(pixels[:, 0]),
     )
 
 
@@ -309,17 +337,20 @@ def _detail(pixels: Array, real: float) -> tuple[int, int]:
 
 class _PosedVane(NamedTuple):
     """One vane of n feathers. grid, colours: (n, R, C, 3). parted: (n, R - 1, C, 3), how far the
-    strips' upper edges are from the rows above them. wet: (n, 2) as of Cache.clumped_of."""
+    strips' upper edges are from the rows above them. wet: (n, 2) as of Cache.clumped_of. coat:
+    (n, PLACES, 3) and coated: (n,) as of drawn_towards."""
 
     grid: Array
     parted: Array | None
     colours: Array
     wet: Array
+    coat: Array
+    coated: Array
 
 
 def _strips(posed: _PosedVane, vane: DrawnGrid, group: _Group) -> Geometry:
     """The barbs of one vane."""
-    grid, parted, colours, wet = posed
+    grid, parted, colours, wet, coat, coated = posed
     heights, places = vane.heights, vane.places
     count, barbs, stations = len(grid), group.barbs, group.stations
     edges = np.linspace(heights[0], heights[-1], barbs + 1)
@@ -347,8 +378,12 @@ def _strips(posed: _PosedVane, vane: DrawnGrid, group: _Group) -> Geometry:
     if group.look != BarbLook():
         strips = dressed(strips, group.look, group.draws, inner, middles)
     strips = soaked(strips, wet, inner, middles)
-    points, along, tangents, colour = (
-        each.reshape(-1, 3).astype(np.float32) for each in (*strips, of_strips(shades, tip_shades))
+    facing = np.cross(strips.along, strips.tangents)
+    facing = drawn_towards(facing, coat, middles, coated)
+    glossy = mixed(unit(strips.tangents), unit(strips.along), coated)
+    points, normals, tangents, colour = (
+        each.reshape(-1, 3).astype(np.float32)
+        for each in (strips.points, facing, glossy, of_strips(shades, tip_shades))
     )
     each = np.concatenate([np.repeat([-group.round, group.round], stations), [0.0]])
     triangles = _strip_triangles(stations)
@@ -357,7 +392,7 @@ def _strips(posed: _PosedVane, vane: DrawnGrid, group: _Group) -> Geometry:
         points=points,
         triangles=own.reshape(-1, 3).astype(np.int32),
         material=np.full(count * barbs * len(triangles), VANE, dtype=np.uint8),
-        normals=np.cross(along, tangents),
+        normals=normals,
         tangents=tangents,
         colours=colour,
         across=np.tile(each, count * barbs).astype(np.float32),

@@ -102,6 +102,36 @@ def test_a_folded_wing_lies_with_its_front_on_the_breast_and_its_tip_over_the_ta
         assert (sign * over[:, 1] > 0.0).all()
 
 
+def test_breast_feathers_stand_under_the_front_of_a_folded_wing(bird):
+    fronts = [f.position for f in bird.feathers if "wing_lesser_covert_4" in f.id]
+    centres = bird.skin.mean(axis=1)
+    coat = np.array([f.position for f in bird.feathers if f.region in PARTS or "breast" in f.id])
+    for front in fronts:
+        skin = centres[np.argmin(np.linalg.norm(centres - front, axis=1))]
+        # one before it on the skin, whose vane of 25 mm reaches beneath
+        ways = coat - skin
+        near = (np.linalg.norm(ways, axis=1) < 0.016) & (ways[:, 0] > -0.002)
+        assert near.any()
+
+
+def test_colours_pass_into_each_other_where_parts_do(bird):
+    colours = {f.id: f.kind.colour.base for f in bird.feathers if f.region in PARTS}
+    whole = {part: Counter(c for id, c in colours.items() if id.startswith(f"{part}_"))
+             for part in ("nape", "crown")}  # fmt: skip
+    (nape, _), (crown, _) = (whole[part].most_common(1)[0] for part in ("nape", "crown"))
+    assert (nape, crown) == ((0.22, 0.40, 0.36), (0.29, 0.33, 0.40))
+    between = pytest.approx(0.5 * (np.array(nape) + crown))
+    places = {f.id: f.position for f in bird.feathers}
+    mixed = [
+        id for part in whole for id in colours if id.startswith(part) and colours[id] == between
+    ]
+    assert len(mixed) > 4
+    for id in mixed:  # close to feathers of both
+        for part in whole:
+            own = [places[each] for each in colours if each.startswith(f"{part}_")]
+            assert np.linalg.norm(np.array(own) - places[id], axis=1).min() < 0.012
+
+
 def tip(feather):
     """(3,) m, the end of an arc."""
     turned = np.radians(feather.kind.rachis.camber)

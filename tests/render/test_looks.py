@@ -189,7 +189,8 @@ def test_a_body_is_seen_upright():
 
 def test_a_lens_blurs_what_is_out_of_focus(two_squares, tmp_path):
     stage = Usd.Stage.Open(str(two_squares))
-    define_square(stage, "high", 0.25, 3.0)
+    # dark before what is behind it
+    define_square(stage, "high", 0.25, 3.0).CreateDisplayColorAttr([(0.02, 0.02, 0.02)])
     stage.Save()
     sharp, blurred = (
         picture(two_squares, tmp_path / "a.png", f_stop=stop, samples=64, view="top")

@@ -37,7 +37,7 @@ _LAYERS = {
     "rim": 31,
     "disc": 32,
     "scapular": 20,
-    **dict.fromkeys(("back", "flank", "belly", "thigh", "rump", "vent"), -20),
+    **dict.fromkeys(("back", "flank", "belly", "thigh", "rump", "vent", "breast_side"), -20),
 }
 _TAIL_LAYER = -30
 # feathers are laid over each other where the groom does not say how (chosen on the pigeon)
@@ -50,6 +50,7 @@ _LAYOUT = {
 }
 _UNEVEN = 0.04  # of feathers of a disc
 _HIDES = 0.9  # fold, from which on a wing hides the flank
+_BORDER = 0.5  # of a feather's length, over which parts pass into each other
 _BEAK = 0.42  # of the way from beak to crown: bare
 
 
@@ -89,15 +90,18 @@ def hatch(
         parts["crest"].append((at, _crest(entry, kind["crest"], points, axes, scale)))
     sites = _sites(points, axes)
     if body is not None and entry["fold"] > _HIDES and not entry["opens"]:
-        sites["below_wing"] = np.concatenate([_hidden(each, body) for each in wings])
+        found = [_hidden(each, body) for each in wings]
+        sites["below_wing"] = np.concatenate([below for below, _ in found])
+        sites["breast_side"] = np.concatenate([front for _, front in found])
     bare = tuple({**rule, "invert": not rule["invert"]} for rule in entry["bare"])
     disc = _disc(kind["disc"], points, scale)
     parts["region"] += [
         (at.child("type.disc"), {**each, "where": each["where"] + bare}) for each in disc.regions
     ]
-    for name in PARTS:
-        if kind["parts"][name]["cover"] > 0.0 and name in sites:
-            region = _region(name, kind["parts"][name], sites, points, scale)
+    parts_of = kind["parts"] | {"breast_side": kind["parts"]["breast"]}
+    for name in (*PARTS, "breast_side"):
+        if parts_of[name]["cover"] > 0.0 and name in sites and len(sites[name]):
+            region = _region(name, parts_of[name], sites, points, scale)
             region["where"] += bare + disc.outside
             parts["region"].append((at.child(f"type.parts.{name}"), region))
     if parts["layout"] is None:
@@ -208,10 +212,11 @@ def _lying(wings: list[dict[str, Any]], body: Body) -> list[dict[str, Any]]:
     ]
 
 
-def _hidden(wing: dict[str, Any], body: Body) -> Array:
-    """(K, 3) m, sites of the skin beneath a folded wing, where nothing grows."""
+def _hidden(wing: dict[str, Any], body: Body) -> tuple[Array, Array]:
+    """(K, 3) m, sites of the skin beneath a folded wing, where nothing grows, and (M, 3) m of its
+    leading edge."""
     if wing["fold"] is None:
-        return np.zeros((0, 3))
+        return np.zeros((0, 3)), np.zeros((0, 3))
     left = wing["side"] == "left"
     return hidden(wing["type"], np.array(wing["shoulder"]), wing["scale"], body, left)
 
@@ -315,7 +320,7 @@ def _region(
     if name == "thigh":  # down the leg
         flow = {"direction": tuple((sites["foot"] - sites["thigh"]).mean(axis=0))}
     where = (
-        _filled(WHERE, nearest=near, soft=length),
+        _filled(WHERE, nearest=near, soft=_BORDER * length),
         _filled(WHERE, room=0.4 * length, soft=0.2 * length),
     )
     own = {key: kind[key] for key in ("kind", "cover", "width", "tilt", "curl")}

@@ -102,14 +102,18 @@ def _shafts(kind: WingType, scale: float, flight: Flight) -> Array:
     return flight.roots[:, None] + points - down[:, :, None] * flight.frames[:, None, :, 2]
 
 
-def hidden(kind: WingType, shoulder: Array, scale: float, body: Body, left: bool) -> Array:
-    """(K, 3) m, places of a folded wing well within its outline and near the body."""
+def hidden(
+    kind: WingType, shoulder: Array, scale: float, body: Body, left: bool
+) -> tuple[Array, Array]:
+    """(K, 3) m, places of a folded wing well within its outline and near the body, and (M, 3) m
+    of its leading edge."""
     lengths = scale * np.array([kind.humerus, kind.forearm, kind.hand])
     bones = folded(kind, shoulder, lengths, body.axes, left, 1.0)
     points = _shafts(kind, scale, lying(kind, bones, scale))
     some = slice(len(points) // 8, 5 * len(points) // 8, 3)
     places = points[some, 2:5].reshape(-1, 3)
-    return places[body.gaps(places) < _NEAR * scale * max(kind.primaries.lengths)]
+    near = body.gaps(places) < _NEAR * scale * max(kind.primaries.lengths)
+    return places[near], points[: -kind.primaries.count or None, 0]
 
 
 @dataclass(frozen=True)

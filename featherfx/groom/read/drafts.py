@@ -45,7 +45,8 @@ class Draft:
     position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
     scale, width, stiffness, weight: factors. place: where it was written, for problems. shape: of
     a drawn feather. skin, skin_uv, layer, stack, grown, turning: as in Placement. curl, hollow:
-    deg, added to the camber of the shaft and of the barbs. wrap: of barbs, as in Change.
+    deg, added to the camber of the shaft and of the barbs. wrap: of barbs, as in Change. mixture:
+    regions between which it stands, and how much there is of each; empty within one.
     """
 
     id: str
@@ -71,6 +72,7 @@ class Draft:
     stiffness: float = 1.0
     weight: float = 1.0
     turning: Turning | None = None
+    mixture: tuple[tuple[str, float], ...] = ()
 
 
 def other_side(name: str) -> str | None:

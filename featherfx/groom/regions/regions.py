@@ -30,6 +30,7 @@ from featherfx.groom.types import Layout
 
 _MOST_NAMED = 5
 _PLACES = "triangle", "barycentric", "position", "normal"
+_STEPS = 2  # between one region's colour and another's
 _LEAST_FIT = 0.25  # of a feather's length, left where there is no room
 
 
@@ -209,6 +210,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
         return []
     own = region.kinds.drawn(points, entry["seed"], found.number)
     blend = _blended(region, [r for r in regions if r.surface is region.surface], points, own)
+    mixtures = blend.pop("mixtures")
     blend["length"] = _fitted(blend["length"], points, entry["fit"])
     draws = {name: normal_draws(entry, name, found.number) for name in STREAMS}
     direction = _directions(region, blend["flow"], points, draws["turn"])
@@ -239,6 +241,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
             grown=True,
             stiffness=entry["stiffness"],
             weight=entry["weight"],
+            mixture=mixtures[k],
         )
         for k in range(len(points))
     ]
@@ -270,26 +273,42 @@ def _tilted(direction: Array, normal: Array, tilt: Array) -> Array:
 
 def _blended(
     region: _Region, others: Sequence[_Region], points: SurfacePoints, own: Indices
-) -> dict[str, Array]:
-    """Length (m), width, curl, tilt and flow at points, between those of overlapping regions.
+) -> dict[str, Any]:
+    """Length (m), width, curl, tilt, flow and mixtures at points, between those of overlapping
+    regions.
 
     own: (N,) kinds of the region's feathers, which keep their own length within it.
     """
     members = [r for r in others if r.entry["blend"]] if region.entry["blend"] else [region]
-    total = np.zeros(len(points))
+    weights = []
     result = {name: np.zeros(len(points)) for name in ("length", "width", "curl", "tilt")}
     along = np.zeros((len(points), 3))
     for each in members:
         weight = each.presence(points)
-        total += weight
+        weights.append(weight)
         for name, value in result.items():
             value += weight * (each.length(points) if name == "length" else each.entry[name])
         along += weight[:, None] * each.flow(points)
+    total = np.sum(weights, axis=0)
     result = {name: value / total for name, value in result.items()}
     if region.entry["length"] is None:
         # a mean over its kinds that each feather departs from by its own kind
         result["length"] *= region.kinds.lengths[own] / region.length(points)
-    return result | {"flow": along}
+    names = [each.entry["id"] for each in members]
+    return result | {"flow": along, "mixtures": _mixtures(names, np.stack(weights, axis=1))}
+
+
+def _mixtures(names: Sequence[str], weights: Array) -> list[tuple[tuple[str, float], ...]]:
+    """As of Draft, of the two of which there is most, in few steps, so that few shapes differ by
+    their colour alone. weights: (N, K) of regions by name."""
+    second = np.sort(weights, axis=1)[:, -2:][:, :1]
+    weights = np.where(weights >= second, weights, 0.0)
+    steps = np.round(_STEPS * weights / weights.sum(axis=1, keepdims=True))
+    parts = steps / np.maximum(steps.sum(axis=1, keepdims=True), 1.0)
+    return [
+        tuple((names[k], round(float(row[k]), 3)) for k in range(len(names)) if row[k] > 0.0)
+        for row in parts
+    ]
 
 
 def _above_ground(region: _Region, found: Scattered) -> Scattered:

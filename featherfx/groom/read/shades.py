@@ -1,0 +1,62 @@
+"""Colours of feathers between parts of a bird: where two pass into each other, so do their colours.
+
+A feather that stands where regions overlap has the mean of their base colours by how much of each
+there is, as it has their mean length; patterns stay those of its own region.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from featherfx.groom.keys.problems import Place
+from featherfx.groom.presets.kind_store import KindStore
+from featherfx.groom.presets.library import sourced
+from featherfx.groom.read.drafts import Draft
+
+
+def shaded(
+    colours: Mapping[str, dict[str, Any]], drafts: list[Draft], place: Place, store: KindStore
+) -> list[Draft]:
+    """The drafts, those between regions with the mean of their colours.
+
+    colours: overrides by patterns of ids, of which the colours of other regions are found as their
+    own feathers would have them.
+    """
+    numbers: dict[tuple[tuple[str, float], ...], int] = {}
+    result = []
+    for draft in drafts:
+        mixed = any(region != draft.region for region, _ in draft.mixture)
+        if mixed and draft.mixture not in numbers:
+            base = _mean(colours, draft.mixture)
+            change = {"colour": {"base": base}} if base else {}
+            numbers[draft.mixture] = store.change(sourced(change, place.source), place)
+        if mixed:
+            changes = (*draft.choice.changes, numbers[draft.mixture])
+            draft = replace(draft, choice=replace(draft.choice, changes=changes))
+        result.append(draft)
+    return result
+
+
+def _mean(
+    colours: Mapping[str, dict[str, Any]], mixture: tuple[tuple[str, float], ...]
+) -> tuple[float, ...]:
+    """sRGB; empty where a region has no colour."""
+    known = [(_base(colours, region), part) for region, part in mixture]
+    if any(base is None for base, _ in known):
+        return ()
+    mean = sum(part * np.array(base) for base, part in known)
+    return tuple(np.round(mean, 4).tolist())
+
+
+def _base(colours: Mapping[str, dict[str, Any]], region: str) -> tuple[float, ...] | None:
+    """Base colour of a region's feathers."""
+    found = None
+    for pattern, change in colours.items():
+        if fnmatch.fnmatchcase(f"{region}_000000", pattern):
+            found = change["colour"].get("base", found)
+    return found
