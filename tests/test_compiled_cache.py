@@ -14,7 +14,7 @@ from numba import types
 from numba.core import registry
 from packaging.specifiers import SpecifierSet
 
-from featherfx.algebra import copy_kernels
+from featherfx.algebra import array_kernels
 from featherfx.errors import InputError
 from featherfx.files.trust import distrust
 from featherfx.jit import cache, ship, shipped, stored
@@ -179,7 +179,7 @@ def test_fields_in_another_order_are_compiled_anew():
     def named(*fields):
         return types.NamedTuple((types.float64, types.float64), namedtuple("Pair", fields))
 
-    cache = stored.KernelCache(copy_kernels.copy_values.py_func)
+    cache = stored.KernelCache(array_kernels.copy_values.py_func)
 
     def key(kind):
         return cache._index_key((kind,), registry.cpu_target.target_context.codegen())

@@ -30,7 +30,9 @@ from featherfx.files.cache_folder import doubt, wanted_folder
 
 ROOT = Path(__file__).resolve().parents[1]
 # how kernels are compiled, and what is stored of them
-COMPILER = tuple(ROOT / "jit" / f"{name}.py" for name in ("plain", "inner", "parts", "stored"))
+COMPILER = tuple(
+    ROOT / "jit" / f"{name}.py" for name in ("plain", "inner", "lowering", "parts", "stored")
+)
 
 
 @cache

@@ -23,13 +23,14 @@ from typing import Any, NamedTuple, get_type_hints
 from llvmlite import binding
 from numba.core import sigutils, types, typing
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler import CompilerBase
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.funcdesc import ExternalFunctionDescriptor
 from numba.core.imputils import user_function
 from numba.core.registry import CPUDispatcher
 
 from featherfx.jit.crew import Need, crew, is_helper
+from featherfx.jit.lowering import pipeline_of
 
 Types = tuple[Any, ...]
 # untyped: dispatchers bind like methods, which their attributes in a class are not meant to
@@ -107,7 +108,7 @@ class EntryCompiler(CompilerBase):
         state = self.state
         state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
-        return [DefaultPassBuilder.define_nopython_pipeline(state)]
+        return [pipeline_of(state)]
 
 
 class PartCompiler(CompilerBase):
@@ -120,7 +121,7 @@ class PartCompiler(CompilerBase):
         state.flags.no_compile = True
         state.flags.noalias = state.flags.forceinline = self.apart
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        return [DefaultPassBuilder.define_nopython_pipeline(state)]
+        return [pipeline_of(state)]
 
 
 class ApartCompiler(PartCompiler):

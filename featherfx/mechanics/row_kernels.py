@@ -1,6 +1,6 @@
 """Nodes and directors of a feather's rows (featherfx/feather/types.py) in kernels."""
 
-from featherfx.algebra.copy_kernels import copy_values
+from featherfx.algebra.array_kernels import copy_values
 from featherfx.feather.types import RowPoints
 from featherfx.jit.compiled import kernel
 

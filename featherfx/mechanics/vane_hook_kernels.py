@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.copy_kernels import copy_values
+from featherfx.algebra.array_kernels import copy_values
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.model import Gaps
 from featherfx.mechanics.vane_guard_kernels import area_ratio, ratio_slopes

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.copy_kernels import copy_values
+from featherfx.algebra.array_kernels import copy_values
 from featherfx.algebra.vec3_kernels import dot, sub
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.jit.team import say_done, ticket, wait_for

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from featherfx.algebra.copy_kernels import copy_values
+from featherfx.algebra.array_kernels import copy_values
 from featherfx.algebra.rotation_kernels import (
     conjugate,
     logarithm,

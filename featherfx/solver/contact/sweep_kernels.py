@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.copy_kernels import copy_values
+from featherfx.algebra.array_kernels import copy_values
 from featherfx.jit.compiled import kernel
 from featherfx.jit.team import forget_tickets, meet, ticket
 from featherfx.jit.views import Views, viewed

@@ -15,8 +15,8 @@ The model is convex and has the true gradient, so d leads downwards. Where it is
 long step does, so that a part of d has to do, the next step is by a matrix with what presses then.
 """
 
-from featherfx.algebra.copy_kernels import copy_values
-from featherfx.jit.compiled import kernel, loop_kernel
+from featherfx.algebra.array_kernels import add_scaled, copy_values
+from featherfx.jit.compiled import kernel
 from featherfx.mechanics.contact_kernels import FORCE, STIFFNESS, press
 
 # contacts of a feather that are followed, at most; others are as they are where K is made
@@ -111,12 +111,6 @@ def take_for_linear(model, contacts, f, fraction, points, jacobian, closing, rig
                 _put(contacts, c, place, push if is_on else -push, jacobian, right)
 
 
-@loop_kernel
-def _add_line(factor, line, to):
-    for t in range(to.shape[0]):
-        to[t] += factor * line[t]
-
-
 @kernel
 def _go(step, jacobian, nodes):
     """How far a step (N,) moves the nodes of all barbs, m: nodes (n, 2, 3 S)."""
@@ -125,7 +119,7 @@ def _go(step, jacobian, nodes):
         for side in range(2):
             for a in range(jacobian.shape[2]):
                 factor = step[_unknown((i, side, 0), a, jacobian)]
-                _add_line(factor, jacobian[i, side, a], nodes[i, side])
+                add_scaled(factor, jacobian[i, side, a], nodes[i, side])
 
 
 @kernel

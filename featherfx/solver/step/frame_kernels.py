@@ -1,6 +1,6 @@
 """One feather through one frame: error-controlled implicit steps, entirely compiled."""
 
-from featherfx.algebra.copy_kernels import copy_values
+from featherfx.algebra.array_kernels import copy_values
 from featherfx.algebra.rotation_kernels import (
     conjugate,
     logarithm,

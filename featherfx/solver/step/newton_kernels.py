@@ -25,7 +25,7 @@ IV.8). What that misjudges counts as error of the step, which is then done again
 from math import isfinite, sqrt
 from typing import NamedTuple
 
-from featherfx.algebra.copy_kernels import copy_values
+from featherfx.algebra.array_kernels import copy_values
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.row_kernels import copy_points
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE

@@ -5,7 +5,7 @@ Increments of a row, w = 6 + 4 C of them: dr (3), world rotation vector u (3), l
 coefficients.
 """
 
-from featherfx.algebra.copy_kernels import copy_values
+from featherfx.algebra.array_kernels import copy_values
 from featherfx.algebra.rotation_kernels import (
     conjugate,
     exponential,

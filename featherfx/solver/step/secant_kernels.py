@@ -13,7 +13,7 @@ Source: Nocedal 1980. Every s.y must be positive; then the corrected matrix is d
 secants: (PAIRS, 3, N), of each pair s, y, and in the third row a and s.y.
 """
 
-from featherfx.algebra.copy_kernels import copy_values
+from featherfx.algebra.array_kernels import add_scaled, copy_values
 from featherfx.jit.compiled import kernel
 from featherfx.solver.step.banded_kernels import solve_factored
 
@@ -27,12 +27,6 @@ def _dot(a, b):
     for k in range(a.shape[0]):
         total += a[k] * b[k]
     return total
-
-
-@kernel
-def _add_scaled(scale, a, to):
-    for k in range(a.shape[0]):
-        to[k] += scale * a[k]
 
 
 @kernel
@@ -64,9 +58,9 @@ def solve_corrected(band, count, secants, x):
     for back in range(count):
         pair = secants[count - 1 - back]
         pair[SUMS, 0] = _dot(pair[STEP], x) / pair[SUMS, 1]
-        _add_scaled(-pair[SUMS, 0], pair[CHANGE], x)
+        add_scaled(-pair[SUMS, 0], pair[CHANGE], x)
     solve_factored(band, x)
     for i in range(count):
         pair = secants[i]
         factor = pair[SUMS, 0] - _dot(pair[CHANGE], x) / pair[SUMS, 1]
-        _add_scaled(factor, pair[STEP], x)
+        add_scaled(factor, pair[STEP], x)
