@@ -179,6 +179,8 @@ def _bake(shot: Path, style: str, options: dict[str, Any]) -> None:
             tell(f"  and {len(again['changed']) - MOST_CHANGES} more changes")
     if result.get("substeps_over_tolerance"):
         tell("\n".join(_over_tolerance(result)))
+    if result.get("contact", {}).get("feathers_lifted"):
+        tell("\n".join(_lifted(result["contact"])))
 
 
 def _over_tolerance(result: dict[str, Any]) -> Iterator[str]:
@@ -193,6 +195,22 @@ def _over_tolerance(result: dict[str, Any]) -> Iterator[str]:
         yield (
             f"  {each['feather']} at frame {each['frame']:g}: {1e3 * each['error']:.2g} mm"
             f" in {each['substeps']} sub-step{'' if each['substeps'] == 1 else 's'}"
+        )
+
+
+def _lifted(contact: dict[str, Any]) -> Iterator[str]:
+    """The warning of feathers that are shown far from where they were simulated."""
+    count, worst = contact["feathers_lifted"], contact["worst_lifted"]
+    yield (
+        f"featherfx: warning: {count} feather{'s are' if count > 1 else ' is'} lifted out of the"
+        " skin and of what is beneath by a quarter of the length or more; wind or motion presses them"
+        " in: shelter them from the wind ([[shelter]]), make them stiffer, or let them push"
+        " ([contact] forces, regions)"
+    )
+    for each in worst:
+        yield (
+            f"  {each['feather']} at frame {each['frame']:g}: {1e3 * each['lift']:.2g} mm,"
+            f" {100 * each['of_length']:.0f} % of its length"
         )
 
 

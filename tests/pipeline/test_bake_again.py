@@ -266,7 +266,7 @@ def test_what_lies_on_a_changed_row_is_laid_anew_and_not_simulated(tmp_path, mon
         if done == 5:
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt, match="[24] of 5 samples are kept"):
+    with pytest.raises(KeyboardInterrupt, match=r"[24] of 5 samples are kept"):
         featherfx.bake(shot, path, resume=True, on_frame=interrupt, **OPTIONS)
     report = featherfx.bake(shot, path, resume=True, **OPTIONS)
     assert report["samples_taken_over"] in (2, 4)

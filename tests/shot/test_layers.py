@@ -218,6 +218,10 @@ def lay(plumage, poses, skin, frame, duration):
     return plumage.lay(frame)
 
 
+def farthest(laid, before) -> float:
+    return float(np.linalg.norm(laid.points.nodes - before.points.nodes, axis=-1).max())
+
+
 def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
     """By less than its length. Both are slanted, the other is large: boxes along the axes meet."""
     shot = shingles(2)
@@ -240,7 +244,13 @@ def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
     )
     assert before < -0.65 * small.kind.length
     assert after > 0.85 * THICKNESS  # the quill stays where it grows
-    assert plumage.report()["written_depth"]["worst"] < 0.5
+    told = plumage.report()
+    assert told["written_depth"]["worst"] < 0.5
+    assert told["feathers_lifted"] == 1
+    (worst,) = told["worst_lifted"]
+    assert (worst["feather"], worst["frame"]) == (small.id, 1.0)
+    assert worst["lift"] == pytest.approx(farthest(laid[0], sunk))
+    assert worst["of_length"] == pytest.approx(worst["lift"] / plumage.vanes.row[0].sum())
 
 
 def test_lifts_do_not_add_up_over_all_that_lie_beneath():
@@ -400,6 +410,8 @@ def test_the_report_tells_how_deep_what_is_written_is(bakes):
     told = simulation.report["contact"]
     depth = told["written_depth"]
     assert 0.0 <= depth["median"] <= depth["p99"] <= depth["worst"] < 0.5
+    assert told["feathers_lifted"] == 0
+    assert told["worst_lifted"] == []
     assert told["pairs_touching"] >= len(range(shot.first_frame, shot.last_frame + 1)) * 4
     for each in told["pairs_deep"]:
         assert {each["feather"], each["other"]} <= {f"f{k}" for k in range(5)}

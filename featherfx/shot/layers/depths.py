@@ -1,4 +1,5 @@
-"""How deep feathers are in each other in what is written."""
+"""How deep feathers are in each other in what is written, and how far from where they were
+simulated."""
 
 from __future__ import annotations
 
@@ -13,8 +14,10 @@ from featherfx.shot.layers.types import Array, Indices, Stack
 # over the thickness: width and number of the bins that depths are counted in, deeper ones in the
 # last
 BIN, BINS = 1e-3, 100_000
-# pairs that are named
+# pairs and feathers that are named
 MOST_NAMED = 10
+# of its length, lift from which on a feather is told of
+LIFTED = 0.25
 
 
 class Depths:
@@ -63,3 +66,35 @@ class Depths:
             return 0.0
         place = np.searchsorted(np.cumsum(self._counts), fraction * total)
         return float(min(BIN * place, self._worst.max(initial=0.0)))
+
+
+class Lifted:
+    """The largest lift of every feather, over its length, sample after sample. lengths: (F,) m."""
+
+    def __init__(self, lengths: Array) -> None:
+        self._lengths = lengths
+        self._most, self._frame = np.zeros(len(lengths)), np.zeros(len(lengths))
+
+    def add(self, lift: Array, frame: float) -> None:
+        """lift: (F, n, 2 m + 1) m, of the nodes at one sample."""
+        most = lift.max(axis=(1, 2)) / self._lengths
+        higher = most > self._most
+        self._most[higher], self._frame[higher] = most[higher], frame
+
+    def report(self, names: Sequence[str]) -> dict[str, Any]:
+        """How many feathers were lifted by LIFTED or more, and those that were lifted most. names:
+        ids."""
+        order = np.argsort(-self._most, kind="stable")[:MOST_NAMED]
+        return {
+            "feathers_lifted": int((self._most >= LIFTED).sum()),
+            "worst_lifted": [
+                {
+                    "feather": names[k],
+                    "lift": float(self._most[k] * self._lengths[k]),
+                    "of_length": float(self._most[k]),
+                    "frame": float(self._frame[k]),
+                }
+                for k in order.tolist()
+                if self._most[k] >= LIFTED
+            ],
+        }

@@ -30,7 +30,7 @@ from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.jit.team import new_team
 from featherfx.mechanics.model import Gaps
 from featherfx.shot.detail.carried import FeatherPose
-from featherfx.shot.layers.depths import Depths
+from featherfx.shot.layers.depths import Depths, Lifted
 from featherfx.shot.layers.ground import ground_beneath
 from featherfx.shot.layers.lap_kernels import meeting_pairs
 from featherfx.shot.layers.lift_kernels import lay_feathers
@@ -126,6 +126,7 @@ class Layers:
         rest = rest.at(self.needed)
         self._names = [shot.groom.feathers[f].id for f in self.needed]
         self._depths, pairs = Depths(self.stack), len(self.stack.pairs)
+        self._lifted = Lifted(self.vanes.row.sum(axis=1))
         shape = self.vanes.present.shape
         # as it has to be, and as it is shown
         self.lifts, self._eased = _no_lifts(shape, pairs), _no_lifts(shape, pairs)
@@ -173,6 +174,7 @@ class Layers:
         if not lifts.same.all():
             self._lay(lifts, points, skin, 1.0)
         self._depths.add(lifts.depths, lifts.touching != 0, frame)
+        self._lifted.add(lifts.lift, frame)
         laid = RowPoints(pose.points.copy(), points.directors)
         velocities, accelerations = (both(lambda part: part.astype("f8"), each) for each in rates)
         if duration > 0.0:
@@ -240,7 +242,7 @@ class Layers:
 
     def report(self) -> dict[str, Any]:
         """Figures of what was laid so far."""
-        return self._depths.report(self._names)
+        return self._depths.report(self._names) | self._lifted.report(self._names)
 
     @property
     def laid(self) -> Laid:
