@@ -270,7 +270,9 @@ class _Shafts:
         curves = self._to_barbs @ self._flat(*self._pose(code))
         ends = np.cumsum([each.widths.size for each in self._drawn])
         each = zip(self._drawn, np.split(curves, ends[:-1]), self.clumped(code), strict=True)
-        curves = np.concatenate([clumped(*own, float(a), int(n)) for *own, (a, n) in each])
+        curves = np.concatenate(
+            [clumped(drawn, own, float(amount), int(n)) for drawn, own, (amount, n) in each]
+        )
         return self._placed(curves, code).reshape(-1, BARB_SEGMENTS + 1, 3)
 
     @property

@@ -222,8 +222,8 @@ class Cache:
             code = _code_of(own, time)
             for k, name in enumerate(WET):
                 values = own.mesh.read(name, code, NUMBERS)
-                mine = () if values is None else values[own.faces]
-                found[place, k] = mine[0] if len(mine) else 0.0
+                if values is not None and (mine := values[own.faces]).size:
+                    found[place, k] = mine[0]
         return found
 
     def _of_faces(self, index: int, name: str, code: Any, kind: Kind) -> Any:
