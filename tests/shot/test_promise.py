@@ -12,6 +12,7 @@ from featherfx.errors import InputError
 from featherfx.groom.keys.preset import Quality
 from featherfx.lab.bench.front import Setting, at, errors, fine, run
 from featherfx.lab.bench.scenes import scene
+from featherfx.shot.detail.detail import simulated_settings
 from featherfx.shot.detail.promise import chosen_for, common_tolerance, front, stepped_down
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.share import part_of
@@ -56,6 +57,26 @@ def test_more_rows_columns_and_coefficients_miss_less_and_cost_more():
 def test_tolerances_are_stepped_down_by_less_than_a_third():
     for tolerance in (1e-5, 3.3e-5, 1e-3):
         assert 0.7 * tolerance < stepped_down(tolerance) <= tolerance
+
+
+def test_one_tolerance_for_all_is_at_most_a_part_of_each_length():
+    shot = scene("gust")
+    draft = Quality(name="draft", tolerance=1e-3, coefficients=1)
+    lengths = np.array([placement.kind.length for placement in shot.groom.feathers])
+
+    def tolerances(shot):
+        settings = simulated_settings(replace(shot, quality=draft), [], None)
+        return np.array([each.tolerance for each in settings])
+
+    most = np.minimum(1e-3, 0.01 * lengths)
+    assert (most < 1e-3).any()
+    assert (most == 1e-3).any()
+    found = tolerances(shot)
+    assert (found <= most).all()
+    assert (found > 0.7 * most).all()
+    # who pushes each other takes common steps
+    pushing = replace(shot, contact=scene("contact").contact)
+    assert (tolerances(pushing) == 1e-3).all()
 
 
 def test_an_error_alone_is_a_quality_and_a_tolerance_alone_promises_none(tmp_path):

@@ -53,6 +53,13 @@ class Quality:
         "four times smaller about halves what a trajectory errs by. Default: by `error`, for each "
         "feather.",
     ] = None
+    relative_tolerance: Annotated[
+        float,
+        Number(1e-6, 1),
+        "What `tolerance` is at most, over the length of each feather, so that one for feathers of "
+        "all lengths does not let small ones err by much of theirs. Where feathers push each "
+        "other, `tolerance` holds for all as it is.",
+    ] = 0.01
     error: Annotated[
         float | None,
         Number(0.01, 20, "%"),

@@ -174,7 +174,7 @@ def simulated_settings(
         assert tolerance is not None
         rows = min(quality.simulated_rows or quality.rows, quality.rows)
         every = Chosen(rows, quality.own_columns, quality.coefficients, tolerance)
-        return [every] * len(feathers)
+        return [_bounded(every, shot, placement.kind) for placement in shot.groom.feathers]
     bent, pulled = deflections(shot, feathers, loads), _pulled(shot)
     free = last_fitting(shot.frees, shot.groom.feathers)
     found = []
@@ -186,8 +186,17 @@ def simulated_settings(
         if quality.coefficients == CHOSEN_BY_SOLVER and not kind.vane_material.ribbon:
             least = 2 if placement.id in pulled or free[f] >= 0 else 1
             own = own._replace(coefficients=max(own.coefficients, least))
-        found.append(own)
+        found.append(_bounded(own, shot, kind))
     return found
+
+
+def _bounded(own: Chosen, shot: Shot, kind: FeatherKind) -> Chosen:
+    """With a tolerance of no more than the quality's part of the feather's length. Feathers that
+    push each other take common steps, so theirs is as it is."""
+    if shot.quality.tolerance is None or shot.contact is not None:
+        return own
+    most = stepped_down(shot.quality.relative_tolerance * kind.length)
+    return own._replace(tolerance=min(own.tolerance, most))
 
 
 def settings_for(
