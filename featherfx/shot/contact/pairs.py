@@ -84,7 +84,8 @@ class Encounters:
 
     def know(self, pairs: Indices) -> None:
         """Take pairs (N, 2) for known."""
-        self._known = np.union1d(self._known, self._codes(pairs))
+        codes = np.sort(self._codes(pairs))
+        self._known = np.insert(self._known, np.searchsorted(self._known, codes), codes)
 
     def new(
         self, states: Sequence[State], paths: Sequence[RootPath], duration: float, margin: float

@@ -97,7 +97,7 @@ class Searcher:
     ) -> None:
         self._for_each, self._jobs = for_each or _one_by_one, jobs
         self._points = int(np.count_nonzero(surfaces.guests)) / len(surfaces.far)
-        self.looked_at, self._on_walls = 0, list[Touch]()
+        self.looked_at, self._on_walls, self._rooms = 0, list[Touch](), list[Touch]()
         self._left_out = np.zeros(0, dtype=np.bool_)
         self._clearance = _no_clearance(surfaces)
         self.take_on(candidates)
@@ -111,7 +111,11 @@ class Searcher:
         self.candidates = candidates
         self._spans = np.linspace(0, pairs, pieces + 1).astype(np.int64).tolist()
         self._bodies = np.linspace(0, bodies, pieces + 1).astype(np.int64).tolist()
-        self._rooms = [new_touch() for _ in range(pieces)]
+        # rooms that have grown are needed again
+        self._rooms = [
+            *self._rooms[:pieces],
+            *(new_touch() for _ in range(pieces - len(self._rooms))),
+        ]
         until, wait = np.full(pairs, -np.inf), np.zeros(pairs, dtype=np.int8)
         until[:known], wait[:known] = self._clearance.until, self._clearance.wait
         self._clearance = self._clearance._replace(until=until, wait=wait)
