@@ -203,8 +203,8 @@ def _lifted(contact: dict[str, Any]) -> Iterator[str]:
     count, worst = contact["feathers_lifted"], contact["worst_lifted"]
     yield (
         f"featherfx: warning: {count} feather{'s are' if count > 1 else ' is'} lifted out of the"
-        " skin and of what is beneath by a quarter of the length or more; wind or motion presses them"
-        " in: shelter them from the wind ([[shelter]]), make them stiffer, or let them push"
+        " skin and of what is beneath by a quarter of the length or more; wind or motion presses"
+        " them in: shelter them from the wind ([[shelter]]), make them stiffer, or let them push"
         " ([contact] forces, regions)"
     )
     for each in worst:
