@@ -11,6 +11,7 @@ from contact_cases import crossings
 from places import SAMPLES
 
 from featherfx.errors import InputError
+from featherfx.phases import Account
 from featherfx.shot.frames import Frame
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.read.sources import TimedSurface
@@ -65,7 +66,13 @@ def wing() -> Shot:
 @pytest.mark.verification
 def test_flapping_bird_keeps_its_feathers_apart():
     """In the first quarter of the beat, where air and inertia press the wing hardest."""
-    simulation, frames = baked(wing(), 10, 2)
+    told = []
+    with Account(told.append):
+        simulation, frames = baked(wing(), 10, 2)
+    settling = [each.left for each in told if each.name == "settling" and not each.ended]
+    left = [each for each in settling if each is not None]
+    assert len(left) > 8
+    assert 0.0 < left[-1] < 0.5 * left[0]
     contact = simulation.report["contact"]
     assert contact["steps"] == 9 * 12
     assert contact["most_contacts"] > 20

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,13 @@ CUT, SHORTEST = 0.25, 1e-5
 PATIENT = 4
 # misfit of contacts, over the thickness, beyond which a step is cut as well, down to this, s
 BAD, SHORTEST_OFF = 2.0, 5e-4
+# over the time of a stage's first step, what settling takes after each of its steps: between what
+# samples/flapping_bird and pigeon/contact.toml and the creature of docs/production_shot.md took
+LEFT = (
+    (4.5, 4.3, 3.9, 3.6, 3.2, 2.9, 2.5, 2.2),
+    (3.5, 2.8, 2.4, 2.2, 2.1, 2.1, 2.1, 2.1),
+    (2.0, 1.3, 1.0, 0.7, 0.4, 0.2, 0.1, 0.0),
+)
 # Newton iterations of a feather after which settling ends, in balance or not
 MOST_ITERATIONS = 4000
 
@@ -66,16 +74,18 @@ def settled_together(
     rest_depth, depth = None, 0.0
     spent, resting = np.zeros(len(names)), np.zeros(len(names), dtype=np.bool_)
     quiet = resting
+    left = _Left()
     with phase("settling", len(STEPS) * MOST_STEPS, at_most=True) as done:
         for stage, longest in enumerate(STEPS):
             h = longest
             resting[:] = False
             for number in range(MOST_STEPS):
-                done(stage * MOST_STEPS + number)
+                done(stage * MOST_STEPS + number, left.seconds)
                 if spent.max() > MOST_ITERATIONS:
                     break
                 some = resting, idle
                 new, contact, h = _step(solver, bodies, current, loads, names, h, some, spent)
+                left.step(stage, number)
                 put_back(new, current, idle, solver.grids.first)
                 moved = _moves(new, current)
                 current = [_stopped(state, time) for state in new]
@@ -91,6 +101,21 @@ def settled_together(
     if not quiet.all():
         _warn(names, quiet)
     return Settled(current, depth, rest_depth or 0.0)
+
+
+class _Left:
+    """How long settling still takes, by how long the first step of each stage took."""
+
+    def __init__(self) -> None:
+        self._begin, self._first = perf_counter(), 0.0
+        self.seconds: float | None = None
+
+    def step(self, stage: int, number: int) -> None:
+        """A step of a stage has been done, both counted from 0."""
+        now = perf_counter()
+        if number == 0:
+            self._first = now - self._begin
+        self._begin, self.seconds = now, LEFT[stage][number] * self._first
 
 
 def _step(
