@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from featherfx.baking.bake import bake
+from featherfx.feather.build import build_feather
+from featherfx.lab.feathers.feather import feather_kind
+from featherfx.mechanics.batch import make_model
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
+from featherfx.solver.contact.surfaces import carried_mass
 from featherfx.usd.read.read import Cache
 
 FEATHER = """
@@ -42,6 +46,15 @@ def test_wind_bends_a_ribbon_across_not_within_its_plane(shot):
         face, edge = (np.abs(frame.points[k][:, 0, 0]).max() for k in (0, 1))
         assert 0.01 < face < 0.1
         assert edge < 0.1 * face
+
+
+def test_what_strikes_it_moves_the_whole_strip(shot):
+    """Of a feather with soft barbs it moves a node alone."""
+    kinds = read_shot(shot).groom.feathers[0].kind, feather_kind("swan_primary")
+    ribbon, swan = (make_model([build_feather(each, 9, 2)], [each], 1) for each in kinds)
+    np.testing.assert_allclose(carried_mass(ribbon), ribbon.mass.sum(), rtol=1e-12)
+    assert (swan.segment[0, :, 5] > 0.0).all()
+    np.testing.assert_array_equal(carried_mass(swan)[0, 5], swan.mass[0, 5])
 
 
 def test_its_strip_is_written(shot, tmp_path):

@@ -220,11 +220,15 @@ def elastic_stiffness(model: Model) -> Array:
 
 def carried_mass(model: Model) -> Array:
     """(F, n, 1 + 2 m) kg, masses of the nodes; those of barbs without length, which are where the
-    shaft is, count as that."""
+    shaft is, count as that. A ribbon is rigid within its plane and across its width: what strikes
+    its edge moves the strip, a quarter of its mass at an end and all of it in the middle, as of a
+    rigid rod. It counts as all."""
     mass, m = model.mass.copy(), model.columns
     for side in range(2):
         part = mass[:, :, barb_slice(side, m)]
         part[...] = np.where(model.segment[:, side, :, None] == 0.0, mass[:, :, :1], part)
+    flat = model.rachis_rest[:, :, 7:].any(axis=(1, 2))
+    mass[flat] = model.mass[flat].sum(axis=(1, 2), keepdims=True)
     return mass
 
 
