@@ -114,6 +114,21 @@ def test_breast_feathers_stand_under_the_front_of_a_folded_wing(bird):
         assert near.any()
 
 
+def test_feathers_stand_below_the_lower_edge_of_a_folded_wing_and_scapulars_on_the_back(bird):
+    centres = bird.skin.mean(axis=1)
+    normals = np.cross(bird.skin[:, 1] - bird.skin[:, 0], bird.skin[:, 2] - bird.skin[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    coat = np.array([f.position for f in bird.feathers if f.region in PARTS])
+    for edge in (f for f in bird.feathers if f.id.endswith("wing_secondary_01")):
+        for part in (0.2, 0.4, 0.6):
+            place = edge.position + part * edge.kind.length * edge.rotation[:, 0]
+            skin = centres[np.argmin(np.linalg.norm(centres - place, axis=1))]
+            assert np.linalg.norm(coat - skin, axis=1).min() < 0.012
+    scapulars = [f.position for f in bird.feathers if f.region == "scapular"]
+    under = [np.argmin(np.linalg.norm(centres - place, axis=1)) for place in scapulars]
+    assert normals[under, 2].min() > 0.3
+
+
 def test_colours_pass_into_each_other_where_parts_do(bird):
     colours = {f.id: f.kind.colour.base for f in bird.feathers if f.region in PARTS}
     whole = {part: Counter(c for id, c in colours.items() if id.startswith(f"{part}_"))

@@ -17,7 +17,7 @@ from featherfx.algebra.rotation import frames_from, from_rotation_vector, parall
 from featherfx.algebra.types import Array
 from featherfx.errors import all_of
 from featherfx.groom.anatomy.fans import closed_fan
-from featherfx.groom.anatomy.lie import Body, hidden, lie_on
+from featherfx.groom.anatomy.lie import Beneath, Body, beneath, lie_on
 from featherfx.groom.anatomy.remiges import shut
 from featherfx.groom.anatomy.wing import wing_type
 from featherfx.groom.keys.anatomy import PARTS, WingType
@@ -51,6 +51,7 @@ _LAYOUT = {
 _UNEVEN = 0.04  # of feathers of a disc
 _HIDES = 0.9  # fold, from which on a wing hides the flank
 _BORDER = 0.5  # of a feather's length, over which parts pass into each other
+_SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
 _BEAK = 0.42  # of the way from beak to crown: bare
 
 
@@ -90,10 +91,12 @@ def hatch(
         parts["crest"].append((at, _crest(entry, kind["crest"], points, axes, scale)))
     sites = _sites(points, axes)
     if body is not None and entry["fold"] > _HIDES and not entry["opens"]:
-        found = [_hidden(each, body) for each in wings]
-        sites["below_wing"] = np.concatenate([below for below, _ in found])
-        sites["breast_side"] = np.concatenate([front for _, front in found])
+        found = [_beneath(each, body) for each in wings]
+        sites["below_wing"] = np.concatenate([each.well for each in found])
+        sites["breast_side"] = np.concatenate([each.front for each in found])
+        sites["flank"] = np.concatenate([sites["flank"], *(each.low for each in found)])
     bare = tuple({**rule, "invert": not rule["invert"]} for rule in entry["bare"])
+    above = (_filled(WHERE, facing=tuple(axes[:, 2]), angle=_SIDEWAYS, soft_angle=10.0),)
     disc = _disc(kind["disc"], points, scale)
     parts["region"] += [
         (at.child("type.disc"), {**each, "where": each["where"] + bare}) for each in disc.regions
@@ -102,7 +105,7 @@ def hatch(
     for name in (*PARTS, "breast_side"):
         if parts_of[name]["cover"] > 0.0 and name in sites and len(sites[name]):
             region = _region(name, parts_of[name], sites, points, scale)
-            region["where"] += bare + disc.outside
+            region["where"] += bare + disc.outside + (above if name == "scapular" else ())
             parts["region"].append((at.child(f"type.parts.{name}"), region))
     if parts["layout"] is None:
         parts["layout"] = _filled(LAYOUT, **_LAYOUT)
@@ -212,13 +215,12 @@ def _lying(wings: list[dict[str, Any]], body: Body) -> list[dict[str, Any]]:
     ]
 
 
-def _hidden(wing: dict[str, Any], body: Body) -> tuple[Array, Array]:
-    """(K, 3) m, sites of the skin beneath a folded wing, where nothing grows, and (M, 3) m of its
-    leading edge."""
+def _beneath(wing: dict[str, Any], body: Body) -> Beneath:
+    """Places of a folded wing, between which and below which parts of the body are told."""
     if wing["fold"] is None:
-        return np.zeros((0, 3)), np.zeros((0, 3))
+        return Beneath(*np.zeros((3, 0, 3)))
     left = wing["side"] == "left"
-    return hidden(wing["type"], np.array(wing["shoulder"]), wing["scale"], body, left)
+    return beneath(wing["type"], np.array(wing["shoulder"]), wing["scale"], body, left)
 
 
 def _tail(
@@ -321,7 +323,7 @@ def _region(
         flow = {"direction": tuple((sites["foot"] - sites["thigh"]).mean(axis=0))}
     where = (
         _filled(WHERE, nearest=near, soft=_BORDER * length),
-        _filled(WHERE, room=0.4 * length, soft=0.2 * length),
+        _filled(WHERE, room=0.25 * length, soft=0.15 * length),
     )
     own = {key: kind[key] for key in ("kind", "cover", "width", "tilt", "curl")}
     return _coat(name, where, flow, length, kind["uneven"], **own)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -102,18 +102,30 @@ def _shafts(kind: WingType, scale: float, flight: Flight) -> Array:
     return flight.roots[:, None] + points - down[:, :, None] * flight.frames[:, None, :, 2]
 
 
-def hidden(
-    kind: WingType, shoulder: Array, scale: float, body: Body, left: bool
-) -> tuple[Array, Array]:
-    """(K, 3) m, places of a folded wing well within its outline and near the body, and (M, 3) m
-    of its leading edge."""
+class Beneath(NamedTuple):
+    """Places of a folded wing, (K, 3) m each. well: within its outline, near the body. front: of
+    its leading edge. low: of its lower edge, near the body."""
+
+    well: Array
+    front: Array
+    low: Array
+
+
+def beneath(kind: WingType, shoulder: Array, scale: float, body: Body, left: bool) -> Beneath:
+    """What of a body a folded wing hides, by places of it."""
     lengths = scale * np.array([kind.humerus, kind.forearm, kind.hand])
     bones = folded(kind, shoulder, lengths, body.axes, left, 1.0)
     points = _shafts(kind, scale, lying(kind, bones, scale))
-    some = slice(len(points) // 8, 5 * len(points) // 8, 3)
-    places = points[some, 2:5].reshape(-1, 3)
-    near = body.gaps(places) < _NEAR * scale * max(kind.primaries.lengths)
-    return places[near], points[: -kind.primaries.count or None, 0]
+    arm = len(points) - kind.primaries.count
+    near = _NEAR * scale * max(kind.primaries.lengths)
+
+    def close(places: Array, gap: float) -> Array:
+        flat = places.reshape(-1, 3)
+        return np.asarray(flat[body.gaps(flat) < gap])
+
+    some = slice(len(points) // 8, len(points) // 2, 3)
+    low = points[[arm - 1, len(points) - 1], 1:6]
+    return Beneath(close(points[some, 2:5], near), points[:arm, 0], close(low, 2.0 * near))
 
 
 @dataclass(frozen=True)
