@@ -323,7 +323,7 @@ def _region(
         flow = {"direction": tuple((sites["foot"] - sites["thigh"]).mean(axis=0))}
     where = (
         _filled(WHERE, nearest=near, soft=_BORDER * length),
-        _filled(WHERE, room=0.25 * length, soft=0.15 * length),
+        _filled(WHERE, room=0.3 * length, soft=0.2 * length),
     )
     own = {key: kind[key] for key in ("kind", "cover", "width", "tilt", "curl")}
     return _coat(name, where, flow, length, kind["uneven"], **own)
