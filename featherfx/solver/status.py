@@ -28,5 +28,5 @@ REASONS = {
 def reason_of(status: int, most: int = MOST_ITERATIONS) -> str:
     """Why a feather stopped, in words. most: Newton iterations that it had for a frame."""
     if status == TOO_MUCH_WORK:
-        return f"more than {most} Newton iterations in one frame"
+        return f"more work than {most} Newton iterations in one frame"
     return REASONS[status]

@@ -28,8 +28,8 @@ def test_no_promise_is_broken(outcomes):
 
 def test_most_cases_are_solved(outcomes):
     """The share that reaches the end of its frames. These are small: up to MOST_ROWS rows. Of those
-    with up to 200 rows a tenth stop at the limit of Newton iterations, crumpled ones mostly; what
-    holds for all is the test above."""
+    with up to 200 rows a tenth stopped at the limit of work, crumpled ones mostly; what holds for
+    all is the test above."""
     assert sum(o.status == 0 for o in outcomes) >= 0.95 * len(outcomes)
 
 
@@ -94,13 +94,15 @@ def test_a_file_that_holds_something_else_is_named(tmp_path):
         stress.read_records(tmp_path)
 
 
-def test_a_case_may_not_take_more_iterations_than_its_limit():
+def test_a_case_may_not_take_more_work_than_its_limit():
     case = draw_case(3020, 40)
     state, report = Solver(case.model, Settings(newton=1e-9, max_iterations=30)).step(
         case.state, case.loads, case.paths[0], case.duration
     )
-    assert report.iterations[0] == 30
-    with pytest.raises(SimulationError, match="more than 30 Newton iterations in one frame"):
+    counted = (report.iterations[0] + 3 * report.matrices[0]) / 4
+    tries = report.steps[0] + report.failed[0] + report.rejected[0]
+    assert 30 - tries <= counted < 30 + tries < 60
+    with pytest.raises(SimulationError, match="more work than 30 Newton iterations in one frame"):
         raise_if_failed(report.status, state.time, ["crumpled"], 30)
 
 

@@ -277,7 +277,7 @@ def short(summed: Record) -> Record:
 
 def _reason(status: int) -> str:
     """Why a case stopped; cases of different sizes have different limits."""
-    return "the limit of Newton iterations" if status == TOO_MUCH_WORK else reason_of(status)
+    return "the limit of work" if status == TOO_MUCH_WORK else reason_of(status)
 
 
 def _seconds(seconds: list[float]) -> dict[str, float]:

@@ -27,7 +27,7 @@ from featherfx.mechanics.rachis_kernels import rachis_gradient
 from featherfx.mechanics.row_kernels import copy_points
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.newton_kernels import HALVINGS, UNKNOWN, Solved, largest_move
+from featherfx.solver.step.newton_kernels import TRIES, UNKNOWN, Solved, largest_move
 from featherfx.solver.step.pose_kernels import chain, rotate_by, store_directors
 
 
@@ -215,7 +215,7 @@ def nodal_minimise(model, nodal, loads, f, fraction, factors, method, work):
         if not _solve(model, nodal, loads, f, fraction, factors, textbook, work):
             return Solved(NOT_DEFINITE, iteration, iteration, move, UNKNOWN)
         factor = 1.0
-        for _ in range(HALVINGS if textbook else 1):
+        for _ in range(TRIES if textbook else 1):
             move_by(model, nodal, f, factor, textbook, work)
             new = evaluate(model, nodal, loads, f, fraction, factors, trial, work)
             move = largest_move(now.points, trial.points, model.length[f, 0]) / factor

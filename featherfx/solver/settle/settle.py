@@ -130,7 +130,7 @@ class Rest:
             self.f,
             self.fraction,
             factors,
-            Goal(self.tolerance, limit, UNKNOWN),
+            Goal(self.tolerance, limit, UNKNOWN, True),
             self.work,
         )
         self.iterations += solved.iterations

@@ -62,6 +62,7 @@ from featherfx.solver.step.retry_kernels import (
     next_step,
     shortest_now,
     stop,
+    work_of,
 )
 from featherfx.solver.step.root_kernels import root_at
 from featherfx.solver.step.strain_kernels import (
@@ -175,10 +176,11 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     """Solve a step to work.now and check it; returns its Outcome."""
     h, radius, now, around = attempt.h, attempt.spectral_radius, work.now, work.around
     factors = _predict(model, loads, f, path, attempt, state, work)
-    goal = Goal(settings.newton, attempt.limit, attempt.pace)
+    firm = attempt.way != GO_ON
+    goal = Goal(settings.newton, attempt.limit, attempt.pace, firm)
     if not model.held[f]:
         # what is left of a step would be momentum that a feather in flight keeps for ever
-        goal = Goal(FREE * settings.newton, attempt.limit, UNKNOWN)
+        goal = Goal(FREE * settings.newton, attempt.limit, UNKNOWN, firm)
     solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
     error = step_error(radius, h, motion_of(state, f, NODES), now.points.nodes, around.target.nodes)
     slipped = slip_of_step(model, f, now.strains.cell, around.gaps, work.gaps)
@@ -186,7 +188,8 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     before, after = state.points.nodes[f], now.points.nodes
     if barbs_pass(model, f, before, after, now.strains.cell, around.gaps):
         error = max(error, PASSED * settings.tolerance)
-    status, keeps, energy = nearly_solved(solved, attempt.limit, error), 1.0, attempt.promise.energy
+    status = nearly_solved(solved, settings.tolerance, error)
+    keeps, energy = 1.0, attempt.promise.energy
     if attempt.promise.alone and status == CONVERGED:
         growth = 0.0
         if radius != EULER and error <= min(settings.tolerance, settings.coarse):
@@ -250,7 +253,7 @@ def advance(model, loads, f, path, state, settings, work, report):
         outcome = _try(model, loads, f, path, attempt, state, settings, work)
         verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
         count_try(report, f, verdict, attempt, outcome, settings)
-        left, pace = left - outcome.iterations, outcome.pace
+        left, pace = left - work_of(outcome), outcome.pace
         if verdict == TAKEN:
             released = _accept(model, f, attempt, state, work)
             slow_down(outcome.keeps, promise.drift, points_of(state.velocity, f))

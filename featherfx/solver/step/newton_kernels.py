@@ -2,7 +2,11 @@
 
 Where the matrix is indefinite, only the stabilising part of the geometric stiffness is taken. That
 is definite, but may be so much stiffer that the feather creeps: after CREPT such iterations,
-inertia is added to the whole matrix instead, as if the step were shorter, as much as it takes.
+inertia is added to the whole matrix instead, as if the step were shorter, as much as it takes. The
+same is done where a definite matrix is too far from the energy: where less than SHORT of its step
+can be gone. Of a step that leads upwards so much is tried next as a parabola through both energies
+and the slope has its minimum at. Whether that gets anywhere is chance where a feather is crumpled,
+so a step that is tried again goes half as far each time instead, by the stabilising part first.
 
 A new matrix costs four times what a gradient and a solution do. So it is kept, corrected by what
 the steps since have shown (secant_kernels), for as long as each full step is less than SLOW of the
@@ -22,7 +26,7 @@ this was not seen again (Hairer and Wanner, Solving Ordinary Differential Equati
 IV.8). What that misjudges counts as error of the step, which is then done again.
 """
 
-from math import isfinite, sqrt
+from math import inf, isfinite, sqrt
 from typing import NamedTuple
 
 from featherfx.algebra.array_kernels import copy_values
@@ -49,11 +53,14 @@ from featherfx.solver.step.secant_kernels import (
 from featherfx.solver.step.strain_kernels import copy_strains
 from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, STABILISING, WHOLE
 
-HALVINGS = 8
+# places along an increment at most; the next one over the last, at least and at most
+TRIES, CUT = 8, (0.1, 0.5)
 # shares of the inertia that are added to an indefinite matrix; what is done beyond the last
 FIRST_SHIFT, GROWTH, LAST_SHIFT = 0.25, 4.0, 100.0
-STABLE, NONE = -1.0, -2.0
+STABLE, NONE, ALONE = -1.0, -2.0, -3.0
 CREPT = 4
+# part of a step below which its matrix was too far from the energy
+SHORT = 0.2
 # a kept matrix is given up when a step is longer than this part of the one before
 SLOW = 0.5
 # inertia of a step over that of a kept matrix, and the other way round, at most; iterations of a
@@ -61,8 +68,9 @@ SLOW = 0.5
 ALIKE, EASY = 1.2, 4
 # distance from the minimum after a first move with it over what the moves of the step before tell
 SOFT = 10.0
-# part of a step's own error that it may be away from its solution when its iterations are used up
-NEARLY = 0.01
+# where Newton cannot go on, parts of a step's own error and of its tolerance within which of its
+# solution it is taken
+NEARLY, NEAR = 0.01, 0.1
 # times that contacts are turned on and off in a step, at most
 TURNS = 4
 # power of a shrink that was not seen again
@@ -88,11 +96,13 @@ UNKNOWN = Pace(1.0, 0.0, 1.0, 0.0, 0.0, 0)
 
 class Goal(NamedTuple):
     """How far minimise goes: the distance from the minimum that counts as converged (tolerance, m),
-    most iterations (limit), the Pace of the step before."""
+    most iterations (limit), the Pace of the step before; and whether a matrix that is too far from
+    the energy is made stiffer before inertia is added, and increments are halved (firm)."""
 
     tolerance: float
     limit: int
     pace: Pace
+    firm: bool
 
 
 class Solved(NamedTuple):
@@ -152,11 +162,14 @@ def copy_pose(source, target):
 def _factorised(model, loads, f, fraction, factors, last, before, work):
     """Assemble at work.now and factorise; returns the shift that made the matrix definite.
 
-    last: shift of the iteration before. before: of begin_contacts. STABLE: only the stabilising
-    part of the geometric stiffness is in the matrix; NONE: not even that is definite.
+    last: shift of the iteration before, or ALONE. before: of begin_contacts. STABLE: only the
+    stabilising part of the geometric stiffness is in the matrix, as is asked for by ALONE; NONE:
+    not even that is definite.
     """
     system, points = work.system, work.now.points.nodes
     shift = last / GROWTH if last > FIRST_SHIFT * GROWTH else 0.0
+    if last == ALONE:
+        shift = STABLE
     while True:
         wanted = STABILISING if shift == STABLE else WHOLE
         assemble(model, loads, f, fraction, factors, wanted, max(shift, 0.0), work)
@@ -171,15 +184,45 @@ def _factorised(model, loads, f, fraction, factors, last, before, work):
 
 
 @kernel
-def _search(model, loads, f, fraction, factors, energy, tolerance, work):
+def _stiffer(shift, firm):
+    """What to ask for after a matrix with a shift that was too far from the energy: inertia, then
+    more of it; if firm, after the whole one its stabilising part first."""
+    if shift == 0.0 and firm:
+        return ALONE
+    return GROWTH * GROWTH * max(shift, FIRST_SHIFT)
+
+
+@kernel
+def _slope(gradient, step):
+    """Of the energy along a step (N,), J, by minus the gradient (N,)."""
+    slope = 0.0
+    for k in range(step.shape[0]):
+        slope -= gradient[k] * step[k]
+    return slope
+
+
+@kernel
+def _nearer(scale, gain, slope):
+    """Part of an increment to try after one at which the energy was more by gain (J): where a
+    parabola with this slope (J) at the beginning has its minimum."""
+    bend = gain - slope * scale
+    if not (isfinite(bend) and slope < 0.0 < bend):
+        return CUT[1] * scale
+    part = -0.5 * slope * scale / bend
+    return scale * min(max(part, CUT[0]), CUT[1])
+
+
+@kernel
+def _search(model, loads, f, fraction, factors, level, tolerance, work):
     """Go along the increment in work.system.right to work.trial, less far until the energy falls.
 
+    level: energy at the beginning and slope along the increment, J, 0 to go half as far each time.
     Returns the energy there, the move of the whole increment (m), and the part of it that was
     taken, 0 if none was good.
     """
-    now, trial = work.now, work.trial
+    now, trial, energy, slope = work.now, work.trial, level[0], level[1]
     scale, new, move = 1.0, energy, 0.0
-    for _ in range(HALVINGS):
+    for _ in range(TRIES):
         step, gradient = work.system.right, work.beam.gradient
         add_increment(model.length[f], now, step, scale, trial, gradient)
         new = evaluate(model, loads, f, fraction, factors, trial, work.around)
@@ -187,7 +230,7 @@ def _search(model, loads, f, fraction, factors, energy, tolerance, work):
         slack = 1e-9 * (abs(energy) + abs(new))
         if isfinite(new) and (new <= energy + slack or move < tolerance):
             return new, move, scale
-        scale *= 0.5
+        scale = _nearer(scale, new - energy, slope)
     return new, move, 0.0
 
 
@@ -273,7 +316,7 @@ def minimise(model, loads, f, fraction, factors, goal, work):
     if reused:
         slowest, longest = pace.kept**FORGET, pace.longest
         kept = pace.pairs if pace.pairs + 2 < PAIRS else 0
-    before, left, shift, stable, matrices = 0.0, 0.0, 0.0, 0, 0
+    before, left, shift, stable, matrices = 0.0, inf, 0.0, 0, 0
     crept, fresh = False, not reused
     for iteration in range(1, goal.limit + 1):
         if not fresh:
@@ -286,7 +329,7 @@ def minimise(model, loads, f, fraction, factors, goal, work):
                 fresh = not end_step(kept, right, secants)
                 kept += 1
         if fresh:
-            last, begun = shift if crept else STABLE, turning and iteration == 1
+            last, begun = shift if crept or shift == ALONE else STABLE, turning and iteration == 1
             shift = _factorised(model, loads, f, fraction, factors, last, begun, work)
             if shift == NONE:
                 return Solved(NOT_DEFINITE, iteration, matrices, left, UNKNOWN)
@@ -298,21 +341,29 @@ def minimise(model, loads, f, fraction, factors, goal, work):
             if stable == CREPT:
                 crept, shift = True, 0.0
         kept = _solve(model, loads, f, kept, TURNS if turning else 0, work)
+        level = energy, 0.0 if goal.firm else _slope(work.closing.right, right)
         if not fresh and not touches:
             turn_rows(now.rotation, work.made, right)
-        new, move, scale = _search(model, loads, f, fraction, factors, energy, tolerance, work)
+        new, move, scale = _search(model, loads, f, fraction, factors, level, tolerance, work)
         if scale == 0.0 and turning:
             turning, fresh = False, True
             continue
         if scale == 0.0:
-            if fresh and shift == STABLE:
+            if fresh and ((crept and shift == STABLE) or shift > LAST_SHIFT):
+                move *= 1.0 + max(shift, 0.0)
                 return Solved(NOT_CONVERGED, iteration, matrices, move, UNKNOWN)
-            shift, fresh = STABLE if fresh else shift, True
+            if fresh:
+                crept, shift = crept or shift == STABLE, _stiffer(shift, goal.firm)
+            fresh = True
             continue
-        if shift > 0.0 and scale < 0.5:
-            shift *= GROWTH * GROWTH
         copy_pose(work.trial, now)
-        energy, left, turning = new, move, touches and scale == 1.0
+        # what rounding lets it rise by does not add up
+        energy = min(energy, new)
+        # inertia that was added makes moves shorter
+        move *= 1.0 + max(shift, 0.0)
+        left, turning = move, touches and scale == 1.0
+        if fresh and scale < (0.5 if shift > 0.0 else SHORT):
+            crept, shift = crept or shift == STABLE, _stiffer(shift, goal.firm)
         if scale == 1.0:
             left = _distance_left(move, before, fresh)
             if iteration == 1:
@@ -332,12 +383,11 @@ def minimise(model, loads, f, fraction, factors, goal, work):
 
 
 @kernel
-def nearly_solved(solved, limit, error):
-    """Its status, or CONVERGED where the limit of iterations was used up close to the minimum.
+def nearly_solved(solved, tolerance, error):
+    """Its status, or CONVERGED where Newton ended close to the minimum.
 
-    error: m, of the step, far above its distance from the solution.
+    tolerance: m, of a step's error. error: m, of the step.
     """
-    used_up = solved.iterations == limit
-    if solved.status == NOT_CONVERGED and used_up and solved.move <= NEARLY * error:
+    if solved.status == NOT_CONVERGED and solved.move <= max(NEARLY * error, NEAR * tolerance):
         return CONVERGED
     return solved.status

@@ -34,8 +34,9 @@ SAFETY, GROWTH = 0.7, 1.5
 # a next step that would be within this range of the last one is as long, so that its matrix serves,
 # where a frame has more than two
 STEADY = 0.8, 1.25
-# a step for its error alone over a regular one, at least; Newton iterations set aside for a step
-FINEST, SET_ASIDE = 1e-4, 12.0
+# a step for its error alone over a regular one, at least; work set aside for a step, and over what
+# those of the frame have taken in the mean
+FINEST, SET_ASIDE, RESERVE = 1e-4, 12.0, 2.0
 
 
 class StepSettings(NamedTuple):
@@ -45,8 +46,8 @@ class StepSettings(NamedTuple):
     spectral_radius: of the integrator.
     tolerance: m, error of a step. coarse: m, error that no step may have where it can be shorter.
     newton: m, distance from a step's solution that counts as converged. iterations: Newton's of a
-    try at most. hard: those beyond which the next step is not made longer. most_iterations: of the
-    whole frame.
+    try at most. hard: work beyond which the next step is not made longer. most_iterations: work of
+    the whole frame (work_of).
     """
 
     duration: float
@@ -132,6 +133,13 @@ def count_try(report, f, verdict, attempt, outcome, settings):
 
 
 @kernel
+def work_of(outcome):
+    """What a try has cost, in Newton iterations with a new matrix each; one with a matrix at hand
+    costs a quarter of that."""
+    return max(1, (outcome.iterations + 3 * outcome.matrices) // 4)
+
+
+@kernel
 def stop(report, f, status):
     """Note why the frame was not finished."""
     report.status[f] = status
@@ -141,11 +149,13 @@ def stop(report, f, status):
 @kernel
 def shortest_now(settings, done, taken, left):
     """Length (s) below which no step is tried for its error, once so many steps have brought the
-    frame to done (s) and so many Newton iterations are left."""
+    frame to done (s) and so much work is left."""
     most = settings.duration / settings.shortest
     if 2.0 * (taken + 1) <= most and 2 * left >= settings.most_iterations:
         return FINEST * settings.shortest
-    return (settings.duration - done) / max(1.0, min(most - taken, left / SET_ASIDE))
+    spent = (settings.most_iterations - left) / max(taken, 1)
+    count = min(most - taken, left / max(SET_ASIDE, RESERVE * spent))
+    return (settings.duration - done) / max(1.0, count)
 
 
 @kernel
@@ -199,9 +209,7 @@ def judge(h, first, attempt, outcome, settings):
 def after_step(first, attempt, outcome, settings):
     """The next (h, way) where a step was taken; arguments as in judge."""
     tolerance, error = settings.tolerance, outcome.error
-    # an iteration with a matrix at hand costs a quarter of one with a new one
-    costly = (outcome.iterations + 3 * outcome.matrices) // 4
-    most = 1.0 if costly > settings.hard or error > LOST * tolerance else GROWTH
+    most = 1.0 if work_of(outcome) > settings.hard or error > LOST * tolerance else GROWTH
     wanted = _length_for(error, tolerance, attempt.h, 0.5, most)
     several = attempt.h < 0.4 * settings.duration
     if several and STEADY[0] * attempt.h < wanted < STEADY[1] * attempt.h:

@@ -99,7 +99,7 @@ def _accelerate(model, loads, f, path, span, state, work, to):
         copy_points(points, now.points)
         time = state.time[f] + h
         blow(now.points.nodes, time, loads, f, velocity.nodes, model.cell_stiffness[f], around)
-    goal = Goal(0.0, span.limit, UNKNOWN)
+    goal = Goal(0.0, span.limit, UNKNOWN, True)
     minimise(model, loads, f, 0.0, _factors(h), goal, work)
     _rates_of(now.points, around.target, h * h, to)
 

@@ -1,0 +1,72 @@
+"""What Newton does where its step is too long, and what a try counts for."""
+
+from __future__ import annotations
+
+from math import inf, nan
+
+import pytest
+
+from featherfx.solver.status import CONVERGED, NOT_CONVERGED
+from featherfx.solver.step.newton_kernels import (
+    ALONE,
+    LAST_SHIFT,
+    STABLE,
+    UNKNOWN,
+    Solved,
+    _nearer,
+    _stiffer,
+    nearly_solved,
+)
+from featherfx.solver.step.retry_kernels import Outcome, StepSettings, shortest_now, work_of
+
+nearer, stiffer = _nearer.py_func, _stiffer.py_func
+
+
+def test_after_a_step_that_leads_upwards_the_minimum_of_the_parabola_is_tried():
+    """E = -2 x + c x^2 has its minimum at 1 / c; half to a tenth of x = 1 is tried."""
+    for bend, expected in ((4.0, 0.25), (2.5, 0.4), (100.0, 0.1), (1.2, 0.5)):
+        assert nearer(1.0, -2.0 + bend, -2.0) == pytest.approx(expected)
+    # from half of the way the same minimum
+    assert nearer(0.5, -2.0 * 0.5 + 6.0 * 0.25, -2.0) == pytest.approx(1.0 / 6.0)
+
+
+def test_what_is_not_finite_and_a_slope_that_is_not_known_halve():
+    assert nearer(1.0, nan, -2.0) == nearer(1.0, inf, -2.0) == nearer(1.0, 3.0, 0.0) == 0.5
+
+
+def test_what_is_asked_for_gets_stiffer_until_it_is_given_up():
+    assert stiffer(0.0, True) == ALONE
+    shift, asked = stiffer(0.0, False), 0
+    assert shift == stiffer(STABLE, True) > 0.0
+    while shift <= LAST_SHIFT:
+        shift, asked = stiffer(shift, False), asked + 1
+    assert asked < 5
+
+
+def test_a_try_without_a_full_step_is_not_near_its_solution():
+    near = nearly_solved.py_func
+
+    def after(move):
+        return near(Solved(NOT_CONVERGED, 32, 20, move, UNKNOWN), 1e-4, 1e-6)
+
+    assert after(inf) == NOT_CONVERGED
+    assert after(2e-5) == NOT_CONVERGED
+    assert after(0.9e-5) == CONVERGED
+
+
+def outcome(iterations, matrices):
+    return Outcome(CONVERGED, iterations, matrices, 0.0, 0.0, 1.0, 0.0, UNKNOWN)
+
+
+def test_an_iteration_with_a_matrix_at_hand_counts_as_a_quarter():
+    assert work_of.py_func(outcome(32, 32)) == 32
+    assert work_of.py_func(outcome(32, 8)) == 14
+    assert work_of.py_func(outcome(1, 0)) == 1
+
+
+def test_steps_that_are_dear_get_fewer():
+    settings = StepSettings(1.0, 1.0 / 4096.0, 0.0, 1e-4, 1e-2, 1e-6, 32, 12, 20_000)
+    cheap = shortest_now.py_func(settings, 0.5, 2000, 8_000)
+    dear = shortest_now.py_func(settings, 0.5, 400, 8_000)
+    assert cheap == pytest.approx(0.5 * 12.0 / 8_000)
+    assert dear == pytest.approx(0.5 * 60.0 / 8_000)
