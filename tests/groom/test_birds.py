@@ -39,6 +39,14 @@ def bird():
     return read_groom(BIRD / "groom.toml")
 
 
+@pytest.fixture
+def wings_as_typed(monkeypatch):
+    """Folded wings stay where their type has them: to find how they lie takes 5 s and more."""
+    monkeypatch.setattr(
+        "featherfx.groom.anatomy.bird.lie_on", lambda kind, shoulder, *_: (kind, shoulder)
+    )
+
+
 def test_a_skin_and_landmarks_are_a_whole_bird(bird):
     count = Counter(feather.region for feather in bird.feathers)
     assert set(PARTS) <= set(count)
@@ -155,6 +163,7 @@ def tip(feather):
     return feather.position + feather.kind.length * way
 
 
+@pytest.mark.usefixtures("wings_as_typed")
 def test_sizes_follow_the_body(bird, tmp_path):
     thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)
     kind = f'type = {{ base = "pigeon", {thin} }}\nscale = 2.0'
@@ -169,6 +178,7 @@ def test_sizes_follow_the_body(bird, tmp_path):
     assert max(ratio) == pytest.approx(2.0 * 0.26 / distance)
 
 
+@pytest.mark.usefixtures("wings_as_typed")
 def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
     thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)
     kind = f'type = {{ base = "owl", disc.radius = 0.014, disc.length = 0.005, {thin} }}'
@@ -217,6 +227,7 @@ def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
         ),
     ],
 )
+@pytest.mark.usefixtures("wings_as_typed")
 def test_faults_of_a_bird_are_told(tmp_path, old, new, message):
     with pytest.raises(InputError) as caught:
         read_groom(changed(tmp_path, old, new))

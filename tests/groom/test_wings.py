@@ -68,6 +68,14 @@ def test_one_short_table_is_a_whole_wing(tmp_path: Path) -> None:
     assert (longest.id, longest.kind.length) == ("right_wing_primary_09", pytest.approx(0.17))
 
 
+def test_a_row_of_no_feathers_is_left_out(tmp_path: Path) -> None:
+    kind = 'type = { base = "pigeon", tertials = { count = 0 } }'
+    groom = groom_of(tmp_path, WING.replace('type = "pigeon"', kind) + "fold = 0.5\n")
+    regions = {feather.region for feather in groom.feathers}
+    assert "tertials" not in regions
+    assert {"primaries", "secondaries"} <= regions
+
+
 @pytest.mark.parametrize("fold", [0.0, 0.3, 0.7, 1.0])
 def test_no_shaft_crosses_its_neighbour_in_the_plan_of_the_wing(
     tmp_path: Path, fold: float

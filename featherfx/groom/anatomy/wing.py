@@ -286,6 +286,8 @@ def _thumb(wing: _Wing) -> Remiges:
 
 
 def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
+    if not len(row.own):
+        return
     entry, closed = wing.entry, wing.closed
     choice = _choice(wing, row.kind)
     kind = wing.store.kind(choice)

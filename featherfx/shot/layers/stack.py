@@ -21,7 +21,7 @@ from featherfx.shot.layers.types import (
     Array,
     Bytes,
     Indices,
-    Pose,
+    PosedVanes,
     Scratch,
     Stack,
     Vanes,
@@ -136,10 +136,10 @@ def scratch_of(vanes: Vanes, pairs: int) -> Scratch:
     return Scratch(laps, np.zeros(shape), np.zeros(shape), seen)
 
 
-def pose_like(points: RowPoints, shape: tuple[int, ...]) -> Pose:
+def pose_like(points: RowPoints, shape: tuple[int, ...]) -> PosedVanes:
     """Room for a pose of points. shape: (F, n, 2 m + 1)."""
     count, rows = shape[:2]
-    return Pose(
+    return PosedVanes(
         points=np.zeros_like(points.nodes),
         dorsal=np.zeros((count, rows, 3)),
         lift=np.zeros(shape),

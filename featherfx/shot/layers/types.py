@@ -127,7 +127,7 @@ class Scratch(NamedTuple):
     seen: Indices
 
 
-class Pose(NamedTuple):
+class PosedVanes(NamedTuple):
     """F feathers at one time. points: (F, n, 1 + 2 m, 3) m, nodes, lifted by lift,
     (F, n, 2 m + 1) m, along dorsal, (F, n, 3), the rows' dorsal directors. boxes: (F, n, 6) around
     rows and bounds: (F, 6) around vanes. frames: (F, 4, 3) origin and axes of each feather, along
