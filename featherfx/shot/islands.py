@@ -31,18 +31,29 @@ ALONE = -1
 SMALL, MOST_OF_SMALL = 8, 16
 
 
-def islands_of(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> Indices:
-    """(F,) number of every feather's island, from 0, in the order of their first feathers.
+def pushing_islands(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> Indices:
+    """(F,) number of every feather's island in a shot with contact, from 0, in the order of their
+    first feathers; ALONE for feathers that its contact leaves out, which join no islands either.
 
     drawn: all feathers of the shot on one grid. motion: of their roots.
     """
-    placements = shot.groom.feathers
+    assert shot.contact is not None
+    found = np.full(len(drawn), ALONE)
+    some = np.flatnonzero(may_touch(shot, shot.contact))
+    if len(some):
+        found[some] = _islands_of(shot, drawn, motion, some)
+    return found
+
+
+def _islands_of(shot: Shot, drawn: Sequence[Feather], motion: Roots, some: Indices) -> Indices:
+    """The same of some feathers, by their numbers, as if the others were not there."""
+    chosen = [(drawn[f], shot.groom.feathers[f]) for f in some.tolist()]
     nodes = [
         place(feather.rest, own.position, own.rotation).nodes.reshape(-1, 3)
-        for feather, own in zip(drawn, placements, strict=True)
+        for feather, own in chosen
     ]
-    roots = np.array([each.position for each in placements])
-    margin = REACH * np.array([feather.station[-1] for feather in drawn])[:, None]
+    roots = np.array([own.position for _, own in chosen])
+    margin = REACH * np.array([feather.station[-1] for feather, _ in chosen])[:, None]
     low = np.stack([each.min(axis=0) for each in nodes]) - margin
     high = np.stack([each.max(axis=0) for each in nodes]) + margin
     island = _connected(len(nodes), meeting(low, high))
@@ -52,16 +63,9 @@ def islands_of(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> Indices:
     for frame in range(shot.last_frame - shot.first_frame + 1):
         if island.max() == 0:
             break
-        now = motion.frames(frame / shot.frames_per_second)[0]
+        now = motion.frames(frame / shot.frames_per_second)[0][some]
         island = _joined(island, now - radius, now + radius)
     return _few(island)
-
-
-def pushing_islands(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> Indices:
-    """The same of a shot with contact, but ALONE for feathers that its contact leaves out."""
-    assert shot.contact is not None
-    pushes = may_touch(shot, shot.contact)
-    return np.where(pushes, islands_of(shot, drawn, motion), ALONE)
 
 
 def with_pushing(shot: Shot, drawn: Sequence[Feather], asked: Indices) -> tuple[Indices, Indices]:

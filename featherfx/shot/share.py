@@ -6,7 +6,8 @@ work across the longest side of their box, and these again. Only guides near a c
 more than one share.
 
 Where feathers push each other, islands of those that may touch (islands.py) are dealt out, the
-largest first, each to the share that has the fewest feathers. An island stays whole.
+largest first, each to the share that has the fewest feathers. An island stays whole. Feathers that
+push nothing are dealt out beside them as above.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.types import Feather
 from featherfx.shot.detail.guides import guide_weights, uses_guides
@@ -37,7 +38,7 @@ def share_numbers(shot: Shot, index: int, count: int) -> Indices:
     most, islands = len(shot.groom.feathers), None
     if shot.contact is not None and count > 1:
         islands = shot_islands(shot)
-        most = int(islands.max()) + 1
+        most = _most(islands)
     if not 1 <= index <= count <= most:
         message = f"{index}/{count} is out of range; allowed 1/1 to {most}/{most}"
         if islands is not None:
@@ -48,11 +49,15 @@ def share_numbers(shot: Shot, index: int, count: int) -> Indices:
 
 def _share_of_each(shot: Shot, count: int, islands: Indices | None) -> Indices:
     """(F,) share of every feather, from 0. islands: (F,), where feathers push each other."""
-    if islands is not None:
-        return _dealt(islands, count)
+    total = len(shot.groom.feathers)
+    free = np.ones(total, dtype=np.bool_) if islands is None else islands < 0
     if not uses_guides(shot) or count == 1:
-        return np.arange(len(shot.groom.feathers)) % count
-    return _shares(shot, count)
+        share = (np.cumsum(free) - 1) % count
+    else:
+        share = _shares(shot, count)
+    if islands is not None:
+        share[~free] = _dealt(islands[~free], count)
+    return _none_empty(share, count, free)
 
 
 def share_count(shot: Shot, wanted: int) -> int:
@@ -63,13 +68,14 @@ def share_count(shot: Shot, wanted: int) -> int:
     count = min(wanted, total)
     if shot.contact is not None:
         islands = shot_islands(shot)
-        count = min(wanted, int(islands.max()) + 1)
-    share = _share_of_each(shot, count, islands)
-    largest, told = int(np.bincount(share).max()), ""
-    if islands is not None and largest > _UNEVEN * total / wanted:
+        count = min(wanted, _most(islands))
+    share, told = _share_of_each(shot, count, islands), ""
+    pushing = share[islands >= 0] if islands is not None else share[:0]
+    largest = int(np.bincount(pushing).max(initial=0))
+    if largest > _UNEVEN * len(pushing) / wanted:
         told = (
             f"feathers that may touch stay in one share: {count} instead of {wanted}, the largest"
-            f" with {largest} of {total} feathers"
+            f" with {largest} of {len(pushing)} feathers that push others"
         )
     elif shot.layers and (computed := _most_computed(shot, share)) > _UNEVEN * total / count:
         told = (
@@ -95,7 +101,12 @@ def most_shares(shot: Shot) -> int:
     """Into how many shares a shot can be cut."""
     if shot.contact is None:
         return len(shot.groom.feathers)
-    return int(shot_islands(shot).max()) + 1
+    return _most(shot_islands(shot))
+
+
+def _most(islands: Indices) -> int:
+    """Into how many shares a shot with islands (F,) can be cut."""
+    return max(int(islands.max()) + 1, int((islands < 0).sum()))
 
 
 def _dealt(islands: Indices, count: int) -> Indices:
@@ -109,12 +120,13 @@ def _dealt(islands: Indices, count: int) -> Indices:
 
 
 def shot_islands(shot: Shot) -> Indices:
-    """(F,) island of every feather of a shot whose feathers push each other."""
+    """(F,) island of every feather of a shot whose feathers push each other, below 0 for those that
+    push nothing."""
     # compiled code, which shares without contact do without
-    from featherfx.shot.islands import islands_of
+    from featherfx.shot.islands import pushing_islands
     from featherfx.shot.motion.motion import root_motion
 
-    return islands_of(shot, _drawn(shot), root_motion(shot))
+    return pushing_islands(shot, _drawn(shot), root_motion(shot))
 
 
 def _drawn(shot: Shot) -> list[Feather]:
@@ -148,7 +160,7 @@ def _shares(shot: Shot, count: int) -> Indices:
     for f in np.setdiff1d(np.arange(len(placements)), together):
         share[f] = int(np.argmin(load))
         load[share[f]] += 1.0
-    return _none_empty(share, count)
+    return share
 
 
 def _cut(roots: Array, work: Array, count: int) -> Indices:
@@ -167,11 +179,13 @@ def _cut(roots: Array, work: Array, count: int) -> Indices:
     return part
 
 
-def _none_empty(share: Indices, count: int) -> Indices:
-    """With one feather of the largest share for each that has none."""
+def _none_empty(share: Indices, count: int, free: Flags) -> Indices:
+    """With one of the free feathers (F,) of the share that has most of them for each that has no
+    feather."""
     for k in range(count):
         if not (share == k).any():
-            share[np.flatnonzero(share == np.argmax(np.bincount(share)))[-1]] = k
+            most = np.argmax(np.bincount(share[free]))
+            share[np.flatnonzero((share == most) & free)[-1]] = k
     return share
 
 

@@ -119,3 +119,19 @@ def test_what_lies_over_a_changed_feather_is_laid_anew(tmp_path):
     again = again_and_fresh(shot, change)
     assert again["feathers_simulated"] == 1
     assert 1 <= again["feathers_laid_again"] < 9
+
+
+def test_what_pushes_nothing_joins_no_islands_and_is_dealt_out(tmp_path):
+    """Of two birds whose primaries would meet, and whose secondaries alone do not."""
+    some = 'kinds = ["swan_secondary"]\n'
+    read = featherfx.read_shot(flock(tmp_path, 2, 0.7, some, row=4))
+    islands = shot_islands(read)
+    pushing = np.array([p.kind.name == "swan_secondary" for p in read.groom.feathers])
+    assert (islands[~pushing] == -1).all()
+    assert np.bincount(islands[pushing]).tolist() == [8, 8]
+    shares = [share_numbers(read, k, 2) for k in (1, 2)]
+    assert sorted(np.concatenate(shares).tolist()) == list(range(32))
+    for each in shares:
+        assert [int(pushing[each].sum()), len(set(islands[each][pushing[each]]))] == [8, 1]
+        assert len(each) == 16
+    assert {len(share_numbers(read, k, 16)) for k in range(1, 17)} == {1, 9}
