@@ -75,30 +75,42 @@ def contact_energy(contacts, f, fraction, points):
 
 
 @kernel
-def add_contact_forces(contacts, f, fraction, points, force, stiff):
-    """Gradient and Hessian of contact_energy, added to force and stiff."""
+def _friction(contacts, c, fraction, point):
+    """Slip u of a contact, and friction's b f' / |u| and b f'': its force over u and its stiffness
+    along u; (0, 0, 0) and 0 where there is none."""
+    bound, u = contacts.strength[c, FRICTION], (0.0, 0.0, 0.0)
+    if bound == 0.0:
+        return u, 0.0, 0.0
+    u = _slip(contacts, c, point, fraction)
+    _, _, ratio, second = friction_potential(length(u), contacts.strength[c, SMOOTHING])
+    return u, bound * ratio, bound * second
+
+
+@kernel
+def add_contact_forces(contacts, f, fraction, points, force):
+    """Gradient of contact_energy, added to force (n, 1 + 2 m, 3)."""
     for c in range(contacts.first[f], contacts.first[f + 1]):
         row, p = contacts.node[c, 0], contacts.node[c, 1]
-        point, n, strength = points[row, p], contacts.normal[c], contacts.strength[c]
         push = press(contacts, c, fraction, points)
-        isotropic, along_normal, along_slip = 0.0, 0.0, 0.0
-        u = (0.0, 0.0, 0.0)
         if push > 0.0:
-            accumulate(force[row, p], -push, n)
-            along_normal = strength[STIFFNESS]
-        bound = strength[FRICTION]
-        if bound > 0.0:
-            u = _slip(contacts, c, point, fraction)
-            slip = length(u)
-            _, _, ratio, second = friction_potential(slip, strength[SMOOTHING])
-            isotropic = bound * ratio
-            accumulate(force[row, p], isotropic, u)
-            along_normal -= isotropic
-            if slip > 0.0:
-                along_slip = bound * (second - ratio) / (slip * slip)
-        out = stiff[row, p]
-        for k in range(3):
-            out[k] += isotropic + along_normal * n[k] * n[k] + along_slip * u[k] * u[k]
-        out[3] += along_normal * n[0] * n[1] + along_slip * u[0] * u[1]
-        out[4] += along_normal * n[0] * n[2] + along_slip * u[0] * u[2]
-        out[5] += along_normal * n[1] * n[2] + along_slip * u[1] * u[2]
+            accumulate(force[row, p], -push, contacts.normal[c])
+        u, ratio, _ = _friction(contacts, c, fraction, points[row, p])
+        if ratio > 0.0:
+            accumulate(force[row, p], ratio, u)
+
+
+@kernel
+def add_contact_stiffness(contacts, c, presses, fraction, points, stiff):
+    """Hessian of one contact's energy, as if it pressed or not, added to stiff (n, 1 + 2 m, 6)."""
+    row, p, n = contacts.node[c, 0], contacts.node[c, 1], contacts.normal[c]
+    u, ratio, second = _friction(contacts, c, fraction, points[row, p])
+    square, along_slip = dot(u, u), 0.0
+    if square > 0.0:
+        along_slip = (second - ratio) / square
+    along_normal = (contacts.strength[c, STIFFNESS] if presses else 0.0) - ratio
+    out = stiff[row, p]
+    for k in range(3):
+        out[k] += ratio + along_normal * n[k] * n[k] + along_slip * u[k] * u[k]
+    out[3] += along_normal * n[0] * n[1] + along_slip * u[0] * u[1]
+    out[4] += along_normal * n[0] * n[2] + along_slip * u[0] * u[2]
+    out[5] += along_normal * n[1] * n[2] + along_slip * u[1] * u[2]

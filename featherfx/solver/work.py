@@ -21,6 +21,10 @@ from featherfx.solver.step.strain_kernels import Strains
 Array = NDArray[np.float64]
 
 
+# numbers of a Pace
+PACE = 6
+
+
 class Pose(NamedTuple):
     """Coordinates of one feather and what follows from them.
 
@@ -124,24 +128,48 @@ class Closing(NamedTuple):
 
     Of a feather's contacts: on, whether they are in the matrix, and push, N, which they press with
     where they are. band (N, B + 1), right (N,): matrix, not factored, and right-hand side with what
-    is on. nodes: (n, 2, 3 S) m, how far those of barbs go in the step.
+    is on. turns: (n, 4) quaternions, from the rows where the Jacobian is to where the matrix was
+    made. stiff: (n, 1 + 2 m, 6) N/m, of contacts at their nodes. nodes: (n, 2, 3 S) m, how far
+    those of barbs go in the step. slopes, pulled: (3, 6 + 2 C), of one node.
     """
 
     on: NDArray[np.int8]
     push: Array
     band: Array
     right: Array
+    turns: Array
+    stiff: Array
     nodes: Array
+    slopes: Array
+    pulled: Array
+
+
+class Kept(NamedTuple):
+    """The matrix that a feather's steps may begin with. made: (n, 4) rotations of the rows where it
+    was made. plain: (N, B + 1), without contacts that are followed, or (0, 0) where no later solve
+    asks for it. pace: (6,), the Pace with which it was left (newton_kernels); zeros for none.
+    """
+
+    made: Array
+    plain: Array
+    pace: Array
+
+
+class KeptOfAll(NamedTuple):
+    """matrices: of all feathers of a batch, (F, ...) each. hard: (F,) whether the first solve of
+    the last interval took many iterations; then the next one begins with a new matrix."""
+
+    matrices: Kept
+    hard: NDArray[np.int8]
 
 
 class Work(NamedTuple):
     """now, trial: poses. around: Surroundings. system, vane: sums. secants
-    (PAIRS, 3, N): steps since the matrix was made (secant_kernels), and made (n, 4): the rows'
-    rotations then. spin (n, 3), coefficient_rate (2, n, 2 C): those of State in the step before the
-    last. force (n, 1 + 2 m, 3), stiff
-    (n, 1 + 2 m, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints. jacobian
-    (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element. gaps: at the
-    step's end. closing: contacts.
+    (PAIRS, 3, N): steps since the matrix was made (secant_kernels). kept: that matrix. spin (n, 3),
+    coefficient_rate (2, n, 2 C): those of State in the step before the last. force
+    (n, 1 + 2 m, 3), stiff (n, 1 + 2 m, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints.
+    jacobian (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element.
+    gaps: at the step's end. closing: contacts.
     """
 
     now: Pose
@@ -149,7 +177,7 @@ class Work(NamedTuple):
     around: Surroundings
     system: System
     secants: Array
-    made: Array
+    kept: Kept
     spin: Array
     coefficient_rate: Array
     vane: Vane
@@ -160,6 +188,22 @@ class Work(NamedTuple):
     beam: Beam
     gaps: Gaps
     closing: Closing
+
+
+def kept_matrices(model: Model) -> KeptOfAll:
+    """Room for a matrix of every feather of a batch; none is kept yet."""
+    count = model.feathers
+    matrices = Kept(
+        made=np.zeros((count, model.rows, 4)),
+        plain=np.zeros((count, model.unknowns, _width(model))),
+        pace=np.zeros((count, PACE)),
+    )
+    return KeptOfAll(matrices, np.zeros(count, dtype=np.int8))
+
+
+def _width(model: Model) -> int:
+    """B + 1 of a batch's matrices."""
+    return 3 * (6 + 4 * model.coefficients)
 
 
 def no_strains(model: Model, *lead: int) -> Strains:
@@ -228,9 +272,9 @@ def make_work(model: Model) -> Work:
             area=np.zeros((n, size, 3)),
             speed=np.zeros((n, size)),
         ),
-        system=make_system(model.unknowns, 3 * (6 + 4 * c)),
+        system=make_system(model.unknowns, _width(model)),
         secants=np.zeros((PAIRS, 3, model.unknowns)),
-        made=np.zeros((n, 4)),
+        kept=Kept(np.zeros((n, 4)), np.zeros((0, 0)), np.zeros(PACE)),
         spin=np.zeros((n, 3)),
         coefficient_rate=np.zeros((2, n, 2 * c)),
         vane=Vane(
@@ -260,8 +304,12 @@ def make_work(model: Model) -> Work:
         closing=Closing(
             on=np.zeros(FOLLOWED, dtype=np.int8),
             push=np.zeros(FOLLOWED),
-            band=np.zeros((model.unknowns, 3 * (6 + 4 * c))),
+            band=np.zeros((model.unknowns, _width(model))),
             right=np.zeros(model.unknowns),
+            turns=np.zeros((n, 4)),
+            stiff=np.zeros((n, size, 6)),
             nodes=np.zeros((n, 2, 3 * padded)),
+            slopes=np.zeros((3, wide)),
+            pulled=np.zeros((3, wide)),
         ),
     )

@@ -8,8 +8,10 @@ from derivatives import derivative_fault, unnoticed_signs
 
 from featherfx.mechanics.contact_kernels import (
     add_contact_forces,
+    add_contact_stiffness,
     contact_energy,
     friction_potential,
+    press,
 )
 from featherfx.mechanics.model import Contacts
 
@@ -36,7 +38,10 @@ def random_contacts(rng, count=8):
 
 def derivatives(contacts, points):
     force, stiff = np.zeros((ROWS, POINTS, 3)), np.zeros((ROWS, POINTS, 6))
-    add_contact_forces(contacts, 1, SHARE, points, force, stiff)
+    add_contact_forces(contacts, 1, SHARE, points, force)
+    for c in range(contacts.first[1], contacts.first[2]):
+        presses = press(contacts, c, SHARE, points) > 0.0
+        add_contact_stiffness(contacts, c, presses, SHARE, points, stiff)
     return force, stiff
 
 
@@ -92,8 +97,8 @@ def test_a_point_on_the_plane_is_pushed_by_the_force_it_was_given():
         )
         points = np.zeros((1, 3, 3))
         points[0, 0] = 5.0, -3.0, 0.3  # the plane stands at 0.3 halfway
-        force, stiff = np.zeros((1, 3, 3)), np.zeros((1, 3, 6))
-        add_contact_forces(contacts, 0, 0.5, points, force, stiff)
+        force = np.zeros((1, 3, 3))
+        add_contact_forces(contacts, 0, 0.5, points, force)
         assert force[0, 0] == pytest.approx([0.0, 0.0, -7.0], abs=1e-9 * stiffness)
 
 

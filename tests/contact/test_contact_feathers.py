@@ -21,6 +21,7 @@ from featherfx.mechanics.model import no_loads
 from featherfx.solver.contact.interval import ContactSettings, ContactSolver, Manner
 from featherfx.solver.contact.types import Candidates
 from featherfx.solver.solver import Settings, Solver
+from featherfx.solver.state import rest_state
 from featherfx.solver.step.integrator_kernels import integrator_of
 from featherfx.solver.step.root_path import RootPath, hold_roots
 
@@ -167,6 +168,38 @@ def test_all_batches_keep_to_the_strictest_tolerance():
         found[name] = first.points.nodes, int(reports[0].steps[0])
     assert found["one"][1] == found["both"][1] > 2 * found["none"][1]
     assert np.array_equal(found["one"][0], found["both"][0])
+
+
+def test_matrices_are_kept_over_rounds_and_steps_of_a_frame():
+    """A feather that swings onto another, both by their roots, beside the same with every step a
+    frame of its own."""
+    _, model = preset_batch("swan_primary", count=2, **GRID)
+    start = rest_state(model, np.array([[0.0] * 3, [0.0, 0.0, 3e-4]]), np.stack([np.eye(3)] * 2))
+    start.spin[1, 1:, 1] = 2.0
+    start.velocity.nodes[1, ..., 2] = -2.0 * start.points.nodes[1, ..., 0]
+    spent, found, halves = [], [], [0.5 * THICKNESS] * 2
+    for anew in (False, True):
+        solver = Solver(model, Settings(max_substeps=1, newton=2e-7))
+        contact = ContactSolver(
+            [solver], Candidates(np.array(PAIR), np.array(ORDERED)), halves, ContactSettings()
+        )
+        state, sums, most = start, np.zeros(2), 0
+        for _ in range(12):
+            if anew:
+                contact.begin_frame()
+            loads, paths = [no_loads(2)], [hold_roots(state)]
+            (state,), (report,), touched = contact.interval([state], loads, paths, 3e-4)
+            assert not report.status.any()
+            contact.accept()
+            sums += report.matrices.sum(), touched.solves
+            most = max(most, touched.contacts)
+        assert most > 5
+        spent.append(sums)
+        found.append(state.points.nodes)
+    (matrices, solves), (matrices_anew, solves_anew) = spent
+    assert matrices < 0.6 * matrices_anew
+    assert solves <= 1.2 * solves_anew
+    assert np.abs(found[0] - found[1]).max() < 0.2 * THICKNESS
 
 
 def test_a_feather_that_slipped_through_comes_back_at_the_recovery_speed():

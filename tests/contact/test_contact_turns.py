@@ -68,19 +68,18 @@ def test_a_step_ends_where_contacts_press_as_they_will(count):
     )
     on = push > 0.0
     band, right = work.system.band, work.system.right
-    whole = matrix + (slopes[on].T * stiffness[on]) @ slopes[on]
     for j in range(size):
-        band[j, : min(width, size - j)] = whole[j : j + width, j]
+        band[j, : min(width, size - j)] = matrix[j : j + width, j]
     right[:] = slopes[on].T @ push[on] - gradient
     where = 0, 1.0, points
     begin_contacts(model, contacts, *where, True, work)
-    take_for_linear(model, contacts, *where, work.jacobian, work.closing, right)
+    take_for_linear(model, contacts, *where, work)
     work.closing.right[:] = right
     turned = []
     for _ in range(8):
         assert factorise(band, work.system.panel)
         solve_factored(band, right)
-        turned.append(turn_contacts(model, contacts, 0, right, False, work.jacobian, work.closing))
+        turned.append(turn_contacts(model, contacts, 0, right, False, work))
         if turned[-1] == 0:
             break
         step = right.copy()

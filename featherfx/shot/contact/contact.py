@@ -166,6 +166,7 @@ class ShotContact:
         """
         steps = FrameSteps(self._rules, start, end, self._proposal)
         around = Surroundings(loads_of, paths_of, self.bodies)
+        self.solver.begin_frame()
         stepper = Stepper(self.solver, self._rules, around, steps.spend, steps.tired)
         current, parts, resting = list(states), [], resting.copy()
         while steps.left():

@@ -193,6 +193,10 @@ class ContactSolver:
         )
         self._searcher.take_on(self.candidates)
 
+    def begin_frame(self) -> None:
+        """Keep no matrix of the intervals before, so that what is stored goes on the same way."""
+        self._team.forget()
+
     def leave_out(self, pairs: Flags) -> None:
         """From now on some of the candidates' pairs (N,) pass through each other."""
         self._searcher.leave_out(pairs)

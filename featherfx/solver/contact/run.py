@@ -28,7 +28,7 @@ from featherfx.solver.solver import COARSE, HARD, NEWTON_ITERATIONS, Solver
 from featherfx.solver.state import State, StepReport, no_steps
 from featherfx.solver.step.retry_kernels import StepSettings
 from featherfx.solver.step.root_path import RootPath
-from featherfx.solver.work import make_work
+from featherfx.solver.work import kept_matrices, make_work
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -51,10 +51,16 @@ class Team:
         models = [solver.model for solver in solvers]
         self.models = views_of(models)
         self.works = views_of([make_work(model) for _ in range(jobs) for model in models])
+        self.kept = views_of([kept_matrices(model) for model in models])
         counts = np.diff(grids.first)
         self.batch = np.repeat(np.arange(len(models)), counts)
         self.place = np.concatenate([np.arange(count) for count in counts])
         self._entries: dict[tuple[Kind, ...], Callable[..., None]] = {}
+
+    def forget(self) -> None:
+        """Begin anew with all matrices, as a bake does that goes on from here."""
+        for kept in self.kept.tuples:
+            kept.matrices.pace[:], kept.hard[:] = 0.0, 0
 
     def solve(self, sweep: Sweep) -> None:
         """All rounds of a sweep, by all threads."""
@@ -172,6 +178,7 @@ class Run:
             rows_new=self._rows[1].views,
             path=self._paths.views,
             report=self._reports.views,
+            kept=team.kept.views,
             loads=loads.views,
             work=team.works.views,
         )

@@ -28,8 +28,10 @@ from featherfx.solver.contact.list_kernels import (
 )
 from featherfx.solver.contact.types import Array, ByBody, Bytes, Handing, Indices
 from featherfx.solver.step.frame_kernels import advance
+from featherfx.solver.step.newton_kernels import EASY
 from featherfx.solver.step.retry_kernels import StepSettings, settings_of
 from featherfx.solver.step.start_kernels import start_acceleration
+from featherfx.solver.work import Kept, Work
 
 # length of the last step of a feather that has none, but its first acceleration
 BEGUN = -1.0
@@ -41,8 +43,9 @@ KINDS = 2
 
 class Batches(NamedTuple):
     """Batches of feathers as the sweep takes them. batch, place: (B,) of each body. Views: model,
-    old and new states, rows_old and rows_new (theirs, by feather), path and report by batch; loads
-    and work by thread and batch, loads with room for the contacts of one feather."""
+    old and new states, rows_old and rows_new (theirs, by feather), path, report and kept (matrices)
+    by batch; loads and work by thread and batch, loads with room for the contacts of one
+    feather."""
 
     batch: Indices
     place: Indices
@@ -53,6 +56,7 @@ class Batches(NamedTuple):
     rows_new: Views
     path: Views
     report: Views
+    kept: Views
     loads: Views
     work: Views
 
@@ -169,6 +173,30 @@ def _hand(body, f, planes, reach, beginning, sweep):
 
 
 @kernel
+def _with_matrix(work, kept, f):
+    """Work with the matrix that is kept of feather f."""
+    own = Kept(kept.made[f], kept.plain[f], kept.pace[f])
+    return Work(
+        work.now,
+        work.trial,
+        work.around,
+        work.system,
+        work.secants,
+        own,
+        work.spin,
+        work.coefficient_rate,
+        work.vane,
+        work.force,
+        work.stiff,
+        work.axes,
+        work.jacobian,
+        work.beam,
+        work.gaps,
+        work.closing,
+    )
+
+
+@kernel
 def _advance(body, thread, reach, frame, sweep):
     """Solve one body from the interval's start, with the forces that it feels now. frame:
     StepSettings. Returns whether it could be solved."""
@@ -180,10 +208,12 @@ def _advance(body, thread, reach, frame, sweep):
     new = viewed(batches.new, g)
     path = viewed(batches.path, g)
     loads = viewed(batches.loads, own)
-    work = viewed(batches.work, own)
+    kept = viewed(batches.kept, g)
+    work = _with_matrix(viewed(batches.work, own), kept.matrices, f)
     report = viewed(batches.report, g)
     settings = settings_of(frame, model.length[f])
     if old.step[f] == 0.0:
+        kept.matrices.pace[f] = 0.0
         _hand(body, f, loads.contacts, reach, True, sweep)
         start_acceleration(model, loads, f, path, settings, old, work)
         old.step[f] = BEGUN
@@ -194,7 +224,13 @@ def _advance(body, thread, reach, frame, sweep):
         f,
     )
     report.steps[f] = report.forced[f] = report.error[f] = report.move[f] = 0.0
+    before, begins = report.iterations[f], marks.solves[body] == 0
+    if begins and kept.hard[f] != 0:
+        kept.matrices.pace[f] = 0.0
     advance(model, loads, f, path, new, settings, work, report)
+    if begins:
+        hard = report.iterations[f] - before > EASY * max(1.0, report.steps[f])
+        kept.hard[f] = 1 if hard else 0
     marks.solves[body] += 1
     if report.status[f] != 0.0:
         marks.mine[body] = 0

@@ -2,7 +2,11 @@
 
 from featherfx.algebra.vec3_kernels import accumulate
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.contact_kernels import add_contact_forces
+from featherfx.mechanics.contact_kernels import (
+    add_contact_forces,
+    add_contact_stiffness,
+    press,
+)
 from featherfx.mechanics.director_kernels import (
     add_director_stiffness,
     subtract_couple_moments,
@@ -15,6 +19,7 @@ from featherfx.mechanics.rachis_kernels import (
     rachis_stabilising_stiffness,
 )
 from featherfx.mechanics.ribbon_kernels import add_curl_stiffness, add_curl_stress
+from featherfx.solver.step.closing_kernels import followed
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes
 from featherfx.solver.vane.assembly_kernels import add_rows, subtract_barb_forces
 from featherfx.solver.vane.force_kernels import add_vane_forces
@@ -100,6 +105,17 @@ def _hold_root(wanted, system):
 
 
 @kernel
+def _add_contacts(model, contacts, f, fraction, work):
+    """Forces of contacts, and the stiffnesses of those that are not followed."""
+    points = work.now.points.nodes
+    add_contact_forces(contacts, f, fraction, points, work.force)
+    _, last = followed(model, contacts, f)
+    for c in range(last, contacts.first[f + 1]):
+        presses = press(contacts, c, fraction, points) > 0.0
+        add_contact_stiffness(contacts, c, presses, fraction, points, work.stiff)
+
+
+@kernel
 def _add_nodes(model, loads, f, fraction, factors, shift, work):
     """Forces and stiffnesses of single nodes to work.force and work.stiff."""
     points, around = work.now.points.nodes, work.around
@@ -108,7 +124,7 @@ def _add_nodes(model, loads, f, fraction, factors, shift, work):
         _add_inertia(shift * factors.inertia, model.mass[f], work.stiff)
     add_grip_forces(loads, f, fraction, points, work.force, work.stiff)
     add_dead_forces(loads, f, fraction, work.force)
-    add_contact_forces(loads.contacts, f, fraction, points, work.force, work.stiff)
+    _add_contacts(model, loads.contacts, f, fraction, work)
 
 
 @kernel
@@ -132,7 +148,7 @@ def assemble(model, loads, f, fraction, factors, wanted, shift, work):
     wanted: WHOLE, with the geometric stiffness of compression: then the Hessian may be indefinite,
     but Newton converges where a vane wrinkles; STABILISING, without; FORCES_ONLY: right alone, the
     band stays as it is. shift: inertia that is added to the Hessian alone, as a part of the
-    integrator's.
+    integrator's. Contacts that are followed (closing_kernels) are not in it.
     """
     pose, system, strains = work.now, work.system, work.around.reference
     rows, row_size = pose.rotation.shape[0], system.band.shape[1] // 3

@@ -16,8 +16,10 @@ long step does, so that a part of d has to do, the next step is by a matrix with
 """
 
 from featherfx.algebra.array_kernels import add_scaled, copy_values
+from featherfx.algebra.rotation_kernels import conjugate, multiply, rotate, store_rotation
+from featherfx.algebra.vec3_kernels import store
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.contact_kernels import FORCE, STIFFNESS, press
+from featherfx.mechanics.contact_kernels import FORCE, STIFFNESS, add_contact_stiffness, press
 
 # contacts of a feather that are followed, at most; others are as they are where K is made
 FOLLOWED = 16384
@@ -35,11 +37,15 @@ def followed(model, contacts, f):
 
 
 @kernel
-def _place(contacts, c, columns):
-    """Row, side and place on the barb of a contact's node."""
-    i, p = contacts.node[c, 0], contacts.node[c, 1]
+def _place(row, p, columns):
+    """Row, side and place on the barb of a node p of a row."""
     side = 1 if p > columns else 0
-    return i, side, p - side * columns
+    return row, side, p - side * columns
+
+
+@kernel
+def _place_of(contacts, c, model):
+    return _place(contacts.node[c, 0], contacts.node[c, 1], model.joints.shape[3])
 
 
 @kernel
@@ -58,82 +64,127 @@ def _along(normal, place, line):
 
 
 @kernel
-def _put(contacts, c, place, factor, jacobian, right):
-    """Add a force of a contact's node along its normal, N, to forces (N,)."""
-    for a in range(jacobian.shape[2]):
-        slope = _along(contacts.normal[c], place, jacobian[place[0], place[1], a])
-        right[_unknown(place, a, jacobian)] += factor * slope
+def _slopes(direction, place, held, work, slopes):
+    """How far a node goes in a direction with each increment of its row and side, in the matrix's
+    coordinates (w,); not with those of a root that is held."""
+    lines = work.jacobian[place[0], place[1]]
+    for a in range(lines.shape[0]):
+        slopes[a] = _along(direction, place, lines[a])
+    turn = work.closing.turns[place[0]]
+    for a in (0, 3):
+        store(slopes[a:], rotate(turn, (slopes[a], slopes[a + 1], slopes[a + 2])))
+    if held and place[0] == 0:
+        for a in range(6):
+            slopes[a] = 0.0
 
 
 @kernel
-def _put_stiffness(contacts, c, place, factor, jacobian, band):
-    """Add a stiffness of a contact's node along its normal, N/m, to a band."""
-    for a in range(jacobian.shape[2]):
-        slope = _along(contacts.normal[c], place, jacobian[place[0], place[1], a])
+def _put(slopes, place, factor, jacobian, right):
+    """Add a force along a direction with such slopes (w,), N, to forces (N,)."""
+    for a in range(slopes.shape[0]):
+        right[_unknown(place, a, jacobian)] += factor * slopes[a]
+
+
+@kernel
+def _put_product(slopes, others, place, factor, jacobian, band):
+    """Add to a band the symmetric matrix factor * slopes others^T, (w,) each."""
+    for a in range(slopes.shape[0]):
         at = _unknown(place, a, jacobian)
-        for b in range(a, jacobian.shape[2]):
-            other = _along(contacts.normal[c], place, jacobian[place[0], place[1], b])
-            band[at, _unknown(place, b, jacobian) - at] += factor * slope * other
+        for b in range(a, slopes.shape[0]):
+            band[at, _unknown(place, b, jacobian) - at] += factor * slopes[a] * others[b]
+
+
+@kernel
+def _put_node(stiff, place, held, work):
+    """Add the stiffness (6,), N/m, of a node to the band."""
+    closing, band, axes = work.closing, work.system.band, work.closing.slopes
+    for k in range(3):
+        unit = 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
+        _slopes(unit, place, held, work, axes[k])
+    x, y, z, pulled = axes[0], axes[1], axes[2], closing.pulled
+    for a in range(x.shape[0]):
+        pulled[0, a] = stiff[0] * x[a] + stiff[3] * y[a] + stiff[4] * z[a]
+        pulled[1, a] = stiff[3] * x[a] + stiff[1] * y[a] + stiff[5] * z[a]
+        pulled[2, a] = stiff[4] * x[a] + stiff[5] * y[a] + stiff[2] * z[a]
+    for k in range(3):
+        _put_product(axes[k], pulled[k], place, 1.0, work.jacobian, band)
+
+
+@kernel
+def turn_closing(made, rotations, closing):
+    """Have contacts in the coordinates of a matrix that was made where the rows had other
+    rotations (n, 4) than where the Jacobian is."""
+    for i in range(made.shape[0]):
+        turn = multiply(made[i], conjugate(rotations[i]))
+        store_rotation(closing.turns[i], turn)
 
 
 @kernel
 def begin_contacts(model, contacts, f, fraction, points, before, work):
-    """Note which contacts of feather f are on in the matrix that was made at points
-    (n, 1 + 2 m, 3), or put them into it as they were in the step before; and keep it."""
-    jacobian, band, closing = work.jacobian, work.system.band, work.closing
+    """Put the contacts of feather f at points (n, 1 + 2 m, 3) into a matrix without them, those on
+    that press, or did in the step before; note which, and keep the matrix."""
+    closing, held = work.closing, model.held[f]
     first, last = followed(model, contacts, f)
-    columns = points.shape[1] // 2
+    if last == first:
+        return
+    closing.stiff[:] = 0.0
     for c in range(first, last):
-        is_on = presses = press(contacts, c, fraction, points) > 0.0
-        place = _place(contacts, c, columns)
-        if before and not (model.held[f] and place[0] == 0):
+        if before:
             is_on = contacts.strength[c, FORCE] > 0.0
+        else:
+            is_on = press(contacts, c, fraction, points) > 0.0
         closing.on[c - first] = 1 if is_on else 0
-        if presses != is_on:
-            stiffness = contacts.strength[c, STIFFNESS] * (1.0 if is_on else -1.0)
-            _put_stiffness(contacts, c, place, stiffness, jacobian, band)
-    if last > first:
-        copy_values(band, closing.band)
+        add_contact_stiffness(contacts, c, is_on, fraction, points, closing.stiff)
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            stiff = closing.stiff[i, p]
+            if stiff[0] + stiff[1] + stiff[2] > 0.0:
+                _put_node(stiff, _place(i, p, model.joints.shape[3]), held, work)
+    copy_values(work.system.band, closing.band)
 
 
 @kernel
-def take_for_linear(model, contacts, f, fraction, points, jacobian, closing, right):
-    """Note what the contacts of feather f press, and have minus the gradient, right (N,), with the
-    forces that they have as the matrix has them."""
+def take_for_linear(model, contacts, f, fraction, points, work):
+    """Note what the contacts of feather f press, and have minus the gradient, work.system.right,
+    with the forces that they have as the matrix has them."""
+    closing, right, slopes = work.closing, work.system.right, work.closing.slopes[0]
     first, last = followed(model, contacts, f)
-    columns = points.shape[1] // 2
     for c in range(first, last):
         push, is_on = press(contacts, c, fraction, points), closing.on[c - first] != 0
         closing.push[c - first] = push
         if (push > 0.0) != is_on:
-            place = _place(contacts, c, columns)
-            if not (model.held[f] and place[0] == 0):
-                _put(contacts, c, place, push if is_on else -push, jacobian, right)
+            place = _place_of(contacts, c, model)
+            _slopes(contacts.normal[c], place, model.held[f], work, slopes)
+            _put(slopes, place, push if is_on else -push, work.jacobian, right)
 
 
 @kernel
-def _go(step, jacobian, nodes):
-    """How far a step (N,) moves the nodes of all barbs, m: nodes (n, 2, 3 S)."""
+def _go(step, jacobian, closing):
+    """How far a step (N,) moves the nodes of all barbs, m: to closing.nodes (n, 2, 3 S)."""
+    nodes, own = closing.nodes, closing.slopes[0]
     nodes[:] = 0.0
     for i in range(jacobian.shape[0]):
+        turn = conjugate(closing.turns[i])
         for side in range(2):
             for a in range(jacobian.shape[2]):
-                factor = step[_unknown((i, side, 0), a, jacobian)]
-                add_scaled(factor, jacobian[i, side, a], nodes[i, side])
+                own[a] = step[_unknown((i, side, 0), a, jacobian)]
+            for a in (0, 3):
+                store(own[a:], rotate(turn, (own[a], own[a + 1], own[a + 2])))
+            for a in range(jacobian.shape[2]):
+                add_scaled(own[a], jacobian[i, side, a], nodes[i, side])
 
 
 @kernel
-def turn_contacts(model, contacts, f, step, back, jacobian, closing):
+def turn_contacts(model, contacts, f, step, back, work):
     """Have on what presses after a step (N,), or, to go back, what did in the step before, in the
     matrix and the right-hand side that were kept; returns how many have changed."""
+    closing, jacobian, slopes = work.closing, work.jacobian, work.closing.slopes[0]
     first, last = followed(model, contacts, f)
-    changed, columns = 0, model.joints.shape[3]
+    changed = 0
     if last > first:
-        _go(step, jacobian, closing.nodes)
+        _go(step, jacobian, closing)
     for c in range(first, last):
-        k, place = c - first, _place(contacts, c, columns)
-        if model.held[f] and place[0] == 0:
-            continue
+        k, place = c - first, _place_of(contacts, c, model)
         stiffness, sign = contacts.strength[c, STIFFNESS], -1.0 if closing.on[k] != 0 else 1.0
         opened = _along(contacts.normal[c], place, closing.nodes[place[0], place[1]])
         depth = closing.push[k] / stiffness - opened
@@ -141,7 +192,8 @@ def turn_contacts(model, contacts, f, step, back, jacobian, closing):
             depth = 1.0 if contacts.strength[c, FORCE] > 0.0 else -1.0
         if sign * depth > CLEAR:
             closing.on[k] = 1 - closing.on[k]
-            _put_stiffness(contacts, c, place, sign * stiffness, jacobian, closing.band)
-            _put(contacts, c, place, sign * closing.push[k], jacobian, closing.right)
+            _slopes(contacts.normal[c], place, model.held[f], work, slopes)
+            _put_product(slopes, slopes, place, sign * stiffness, jacobian, closing.band)
+            _put(slopes, place, sign * closing.push[k], jacobian, closing.right)
             changed += 1
     return changed

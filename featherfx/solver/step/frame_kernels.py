@@ -41,7 +41,15 @@ from featherfx.solver.step.integrator_kernels import (
     motion_of,
     step_error,
 )
-from featherfx.solver.step.newton_kernels import UNKNOWN, Goal, minimise, nearly_solved
+from featherfx.solver.step.newton_kernels import (
+    UNKNOWN,
+    Goal,
+    keep_pace,
+    minimise,
+    nearly_solved,
+    pace_after,
+    pace_of,
+)
 from featherfx.solver.step.pose_kernels import (
     keep_pose,
     load_pose,
@@ -237,7 +245,9 @@ def advance(model, loads, f, path, state, settings, work, report):
     """
     duration, left = settings.duration, settings.most_iterations
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
-    done, taken, way, pace, before = 0.0, 0, GO_ON, UNKNOWN, 0.0
+    done, taken, way, pace, before = 0.0, 0, GO_ON, pace_of(work.kept.pace), 0.0
+    keep_pace(UNKNOWN, work.kept.pace)
+    found = UNKNOWN
     promise = promise_of(model, loads, f, path, duration, state)
     while done < duration * (1.0 - 1e-9):
         if left <= 0:
@@ -253,7 +263,8 @@ def advance(model, loads, f, path, state, settings, work, report):
         outcome = _try(model, loads, f, path, attempt, state, settings, work)
         verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
         count_try(report, f, verdict, attempt, outcome, settings)
-        left, pace = left - work_of(outcome), outcome.pace
+        left, found = left - work_of(outcome), outcome.pace
+        pace = pace_after(outcome.iterations, found)
         if verdict == TAKEN:
             released = _accept(model, f, attempt, state, work)
             slow_down(outcome.keeps, promise.drift, points_of(state.velocity, f))
@@ -263,4 +274,6 @@ def advance(model, loads, f, path, state, settings, work, report):
         elif h == 0.0:
             return stop(report, f, outcome.status)
     state.proposal[f] = h
+    if work.kept.plain.shape[0] > 0:
+        keep_pace(found, work.kept.pace)
     return CONVERGED

@@ -11,10 +11,11 @@ so a step that is tried again goes half as far each time instead, by the stabili
 A new matrix costs four times what a gradient and a solution do. So it is kept, corrected by what
 the steps since have shown (secant_kernels), for as long as each full step is less than SLOW of the
 one before; after a step that had to be cut, or with a matrix that was not the whole one, the next
-is new. Contacts that open or close on the way ask for no other matrix (closing_kernels). Of a
-feather that touches nothing the next steps of the frame begin with it as well while their inertia
-is within ALIKE of its own. It is kept in coordinates that turn with the rows, in which what moves
-or turns rigidly has the matrix of before.
+is new. Contacts that open or close on the way ask for no other matrix (closing_kernels). The next
+steps of the frame begin with it as well while their inertia is within ALIKE of its own, and so do
+the next solves of a feather among others that touch: there it is kept without contacts, which are
+put in anew before it is factored. It is kept in coordinates that turn with the rows, in which what
+moves or turns rigidly has the matrix of before.
 
 It stops where the distance to the minimum is below the tolerance. With moves d_1, d_2, ... of full
 steps that shrink by t = d_k / d_(k-1), that distance is at most d_k t / (1 - t) if they go on to
@@ -39,10 +40,16 @@ from featherfx.solver.step.closing_kernels import (
     begin_contacts,
     followed,
     take_for_linear,
+    turn_closing,
     turn_contacts,
 )
 from featherfx.solver.step.energy_kernels import step_energy
-from featherfx.solver.step.pose_kernels import add_increment, complete_pose, turn_rows
+from featherfx.solver.step.pose_kernels import (
+    add_increment,
+    barb_jacobians,
+    complete_pose,
+    turn_rows,
+)
 from featherfx.solver.step.secant_kernels import (
     PAIRS,
     begin_step,
@@ -64,7 +71,7 @@ SHORT = 0.2
 # a kept matrix is given up when a step is longer than this part of the one before
 SLOW = 0.5
 # inertia of a step over that of a kept matrix, and the other way round, at most; iterations of a
-# step that leaves its matrix, at most: where there are more, the next pose is not like the last
+# step that leaves its matrix to the next, at most: where there are more, poses are not alike
 ALIKE, EASY = 1.2, 4
 # distance from the minimum after a first move with it over what the moves of the step before tell
 SOFT = 10.0
@@ -92,6 +99,31 @@ class Pace(NamedTuple):
 
 
 UNKNOWN = Pace(1.0, 0.0, 1.0, 0.0, 0.0, 0)
+# pairs where there is the matrix without contacts, and no factor of it
+UNFACTORED = -1
+
+
+@kernel
+def pace_after(iterations, pace):
+    """The Pace for the next step after one of so many iterations."""
+    if iterations <= EASY:
+        return pace
+    return Pace(pace.shrink, pace.first, pace.kept, pace.longest, 0.0, pace.pairs)
+
+
+@kernel
+def pace_of(numbers):
+    """The Pace that was kept as six numbers, for a factor that is no longer there."""
+    if numbers[4] == 0.0:
+        return UNKNOWN
+    return Pace(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], UNFACTORED)
+
+
+@kernel
+def keep_pace(pace, numbers):
+    """Keep a Pace as six numbers."""
+    numbers[0], numbers[1], numbers[2] = pace.shrink, pace.first, pace.kept
+    numbers[3], numbers[4], numbers[5] = pace.longest, pace.inertia, pace.pairs
 
 
 class Goal(NamedTuple):
@@ -173,6 +205,7 @@ def _factorised(model, loads, f, fraction, factors, last, before, work):
     while True:
         wanted = STABILISING if shift == STABLE else WHOLE
         assemble(model, loads, f, fraction, factors, wanted, max(shift, 0.0), work)
+        copy_values(system.band[: work.kept.plain.shape[0]], work.kept.plain)
         begin_contacts(model, loads.contacts, f, fraction, points, before, work)
         if factorise(system.band, system.panel):
             return shift
@@ -263,8 +296,7 @@ def _serves(pace, inertia):
 @kernel
 def _take_contacts(model, loads, f, fraction, work):
     """Take contacts for as linear as the matrix has them, in the right-hand side."""
-    points, right = work.now.points.nodes, work.system.right
-    take_for_linear(model, loads.contacts, f, fraction, points, work.jacobian, work.closing, right)
+    take_for_linear(model, loads.contacts, f, fraction, work.now.points.nodes, work)
 
 
 @kernel
@@ -276,15 +308,15 @@ def _solve(model, loads, f, kept, turns, work):
     copy_values(right, closing.right)
     begin_step(kept, right, secants)
     solve_corrected(system.band, kept, secants, right)
-    contacts, jacobian = loads.contacts, work.jacobian
+    contacts = loads.contacts
     for _ in range(turns):
-        if turn_contacts(model, contacts, f, right, False, jacobian, closing) == 0:
+        if turn_contacts(model, contacts, f, right, False, work) == 0:
             break
         copy_values(closing.band, system.band)
         definite = factorise(system.band, system.panel)
         if not definite:
             # what a contact held may not hold itself
-            turn_contacts(model, contacts, f, right, True, jacobian, closing)
+            turn_contacts(model, contacts, f, right, True, work)
             copy_values(closing.band, system.band)
             factorise(system.band, system.panel)
         kept = 0
@@ -297,17 +329,31 @@ def _solve(model, loads, f, kept, turns, work):
     return kept
 
 
+@kernel
+def _taken_up(model, loads, f, fraction, work):
+    """Have contacts in a matrix that was kept without them, and factorise; returns whether it is
+    definite."""
+    now, system, kept = work.now, work.system, work.kept
+    if kept.plain.shape[0] == 0:
+        return False
+    barb_jacobians(model.shapes, now, work.axes, work.jacobian)
+    turn_closing(kept.made, now.rotation, work.closing)
+    copy_values(kept.plain, system.band)
+    begin_contacts(model, loads.contacts, f, fraction, now.points.nodes, True, work)
+    return factorise(system.band, system.panel)
+
+
 @shared_kernel(Solved)
 def minimise(model, loads, f, fraction, factors, goal, work):
     """Bring the pose work.now to the minimum of step_energy.
 
     fraction: of the frame. goal: Goal. Returns Solved.
     """
-    now, right, secants = work.now, work.system.right, work.secants
+    now, right, secants, made = work.now, work.system.right, work.secants, work.kept.made
     begin, end = followed(model, loads.contacts, f)
     touches = turning = end > begin
     pace, tolerance = goal.pace, goal.tolerance
-    reused = not touches and _serves(pace, factors.inertia)
+    reused, unfactored = _serves(pace, factors.inertia), pace.pairs == UNFACTORED
     energy = evaluate(model, loads, f, fraction, factors, now, work.around)
     if not isfinite(energy):
         return Solved(NOT_FINITE, 0, 0, 0.0, UNKNOWN)
@@ -315,16 +361,16 @@ def minimise(model, loads, f, fraction, factors, goal, work):
     inertia, kept = pace.inertia, 0
     if reused:
         slowest, longest = pace.kept**FORGET, pace.longest
-        kept = pace.pairs if pace.pairs + 2 < PAIRS else 0
+        kept = pace.pairs if 0 <= pace.pairs < PAIRS - 2 else 0
     before, left, shift, stable, matrices = 0.0, inf, 0.0, 0, 0
     crept, fresh = False, not reused
     for iteration in range(1, goal.limit + 1):
         if not fresh:
             assemble(model, loads, f, fraction, factors, FORCES_ONLY, 0.0, work)
-            if touches:
-                _take_contacts(model, loads, f, fraction, work)
-            else:
-                turn_rows(work.made, now.rotation, right)
+            turn_rows(made, now.rotation, right)
+            if iteration == 1 and unfactored:
+                fresh = not _taken_up(model, loads, f, fraction, work)
+            _take_contacts(model, loads, f, fraction, work)
             if iteration > 1:
                 fresh = not end_step(kept, right, secants)
                 kept += 1
@@ -333,17 +379,18 @@ def minimise(model, loads, f, fraction, factors, goal, work):
             shift = _factorised(model, loads, f, fraction, factors, last, begun, work)
             if shift == NONE:
                 return Solved(NOT_DEFINITE, iteration, matrices, left, UNKNOWN)
+            copy_values(now.rotation, made)
+            turn_closing(made, made, work.closing)
             _take_contacts(model, loads, f, fraction, work)
             kept, matrices, slowest, longest = 0, matrices + 1, 1.0, 0.0
             inertia = factors.inertia if shift == 0.0 else 0.0
-            copy_values(now.rotation, work.made)
             stable += 1 if shift == STABLE else 0
             if stable == CREPT:
                 crept, shift = True, 0.0
         kept = _solve(model, loads, f, kept, TURNS if turning else 0, work)
         level = energy, 0.0 if goal.firm else _slope(work.closing.right, right)
-        if not fresh and not touches:
-            turn_rows(now.rotation, work.made, right)
+        if not fresh:
+            turn_rows(now.rotation, made, right)
         new, move, scale = _search(model, loads, f, fraction, factors, level, tolerance, work)
         if scale == 0.0 and turning:
             turning, fresh = False, True
@@ -367,14 +414,14 @@ def minimise(model, loads, f, fraction, factors, goal, work):
         if scale == 1.0:
             left = _distance_left(move, before, fresh)
             if iteration == 1:
-                left = _first_left(move, reused, pace)
+                left = _first_left(move, reused, pace) if not touches else move
             elif before > 0.0 and not fresh:
                 slowest, longest = move / before, before
             if iteration == 2 and before > 0.0 and not reused:
                 shrink, first = move / before, before
             if left < tolerance:
-                inertia = inertia if iteration <= EASY else 0.0
-                found = Pace(shrink, first, slowest, longest, inertia, kept)
+                pairs = UNFACTORED if touches else kept
+                found = Pace(shrink, first, slowest, longest, inertia, pairs)
                 return Solved(CONVERGED, iteration, matrices, left, found)
         slow = not fresh and before > 0.0 and move > SLOW * before
         fresh = slow or scale < 1.0 or shift != 0.0 or kept + 1 == PAIRS
