@@ -170,36 +170,50 @@ def test_all_batches_keep_to_the_strictest_tolerance():
     assert np.array_equal(found["one"][0], found["both"][0])
 
 
-def test_matrices_are_kept_over_rounds_and_steps_of_a_frame():
-    """A feather that swings onto another, both by their roots, beside the same with every step a
-    frame of its own."""
+def one_swings_onto_another():
+    """Two held feathers and their solver, and the state in which one comes down on the other."""
     _, model = preset_batch("swan_primary", count=2, **GRID)
     start = rest_state(model, np.array([[0.0] * 3, [0.0, 0.0, 3e-4]]), np.stack([np.eye(3)] * 2))
     start.spin[1, 1:, 1] = 2.0
     start.velocity.nodes[1, ..., 2] = -2.0 * start.points.nodes[1, ..., 0]
-    spent, found, halves = [], [], [0.5 * THICKNESS] * 2
-    for anew in (False, True):
-        solver = Solver(model, Settings(max_substeps=1, newton=2e-7))
-        contact = ContactSolver(
-            [solver], Candidates(np.array(PAIR), np.array(ORDERED)), halves, ContactSettings()
-        )
-        state, sums, most = start, np.zeros(2), 0
-        for _ in range(12):
-            if anew:
-                contact.begin_frame()
-            loads, paths = [no_loads(2)], [hold_roots(state)]
-            (state,), (report,), touched = contact.interval([state], loads, paths, 3e-4)
-            assert not report.status.any()
-            contact.accept()
-            sums += report.matrices.sum(), touched.solves
-            most = max(most, touched.contacts)
-        assert most > 5
-        spent.append(sums)
-        found.append(state.points.nodes)
-    (matrices, solves), (matrices_anew, solves_anew) = spent
+    solver = Solver(model, Settings(max_substeps=1, newton=2e-7))
+    touching = Candidates(np.array(PAIR), np.array(ORDERED))
+    return ContactSolver([solver], touching, [0.5 * THICKNESS] * 2, ContactSettings()), start
+
+
+def swung(prepare, count=12):
+    """Nodes after so many steps, matrices and solves that they took, and most contacts; prepare: is
+    called with the solver before each step."""
+    contact, state = one_swings_onto_another()
+    sums, most = np.zeros(2), 0
+    for _ in range(count):
+        prepare(contact)
+        loads, paths = [no_loads(2)], [hold_roots(state)]
+        (state,), (report,), touched = contact.interval([state], loads, paths, 3e-4)
+        assert not report.status.any()
+        contact.accept()
+        sums += report.matrices.sum(), touched.solves
+        most = max(most, touched.contacts)
+    return state.points.nodes, *sums, most
+
+
+def test_matrices_are_kept_over_rounds_and_steps_of_a_frame():
+    """Beside the same with every step a frame of its own."""
+    nodes, matrices, solves, most = swung(lambda contact: None)
+    nodes_anew, matrices_anew, solves_anew, _ = swung(ContactSolver.begin_frame)
+    assert most > 5
     assert matrices < 0.6 * matrices_anew
     assert solves <= 1.2 * solves_anew
-    assert np.abs(found[0] - found[1]).max() < 0.2 * THICKNESS
+    assert np.abs(nodes - nodes_anew).max() < 0.2 * THICKNESS
+
+
+def test_what_a_thread_has_solved_before_changes_nothing():
+    def used(contact):
+        for work in contact._team.works.tuples:
+            work.closing.turns[:] = 0.5
+            work.closing.stiff[:], work.closing.nodes[:] = 1.0, 1.0
+
+    assert np.array_equal(swung(lambda contact: None)[0], swung(used)[0])
 
 
 def test_a_feather_that_slipped_through_comes_back_at_the_recovery_speed():

@@ -376,11 +376,11 @@ def minimise(model, loads, f, fraction, factors, goal, work):
                 kept += 1
         if fresh:
             last, begun = shift if crept or shift == ALONE else STABLE, turning and iteration == 1
+            copy_values(now.rotation, made)
+            turn_closing(made, made, work.closing)
             shift = _factorised(model, loads, f, fraction, factors, last, begun, work)
             if shift == NONE:
                 return Solved(NOT_DEFINITE, iteration, matrices, left, UNKNOWN)
-            copy_values(now.rotation, made)
-            turn_closing(made, made, work.closing)
             _take_contacts(model, loads, f, fraction, work)
             kept, matrices, slowest, longest = 0, matrices + 1, 1.0, 0.0
             inertia = factors.inertia if shift == 0.0 else 0.0
