@@ -196,7 +196,7 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     before, after = state.points.nodes[f], now.points.nodes
     if barbs_pass(model, f, before, after, now.strains.cell, around.gaps):
         error = max(error, PASSED * settings.tolerance)
-    status = nearly_solved(solved, settings.tolerance, error)
+    status = nearly_solved(solved, error)
     keeps, energy = 1.0, attempt.promise.energy
     if attempt.promise.alone and status == CONVERGED:
         growth = 0.0

@@ -75,9 +75,8 @@ SLOW = 0.5
 ALIKE, EASY = 1.2, 4
 # distance from the minimum after a first move with it over what the moves of the step before tell
 SOFT = 10.0
-# where Newton cannot go on, parts of a step's own error and of its tolerance within which of its
-# solution it is taken
-NEARLY, NEAR = 0.01, 0.1
+# part of a step's own error that it may be away from its solution where Newton cannot go on
+NEARLY = 0.01
 # times that contacts are turned on and off in a step, at most
 TURNS = 4
 # power of a shrink that was not seen again
@@ -430,11 +429,12 @@ def minimise(model, loads, f, fraction, factors, goal, work):
 
 
 @kernel
-def nearly_solved(solved, tolerance, error):
+def nearly_solved(solved, error):
     """Its status, or CONVERGED where Newton ended close to the minimum.
 
-    tolerance: m, of a step's error. error: m, of the step.
+    error: m, of the step, far above its distance from the solution; within a part of the tolerance
+    alone, short steps would end with accelerations, and energy in them, that are not there.
     """
-    if solved.status == NOT_CONVERGED and solved.move <= max(NEARLY * error, NEAR * tolerance):
+    if solved.status == NOT_CONVERGED and solved.move <= NEARLY * error:
         return CONVERGED
     return solved.status
