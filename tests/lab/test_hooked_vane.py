@@ -113,6 +113,7 @@ def test_the_commands_print_what_programs_read():
 
 
 def test_a_picture_shows_the_path_of_a_tear(tmp_path):
+    pytest.importorskip("matplotlib")
     file = tmp_path / "tear.png"
     size = ["--rows", "6", "--columns", "2"]
     invoke("lab", "tear", "--direction", "across", *size, "-o", str(file))
