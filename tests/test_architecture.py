@@ -171,13 +171,14 @@ def miscalled(tree: ast.Module, known: dict[str, dict[str, tuple[int, int]]]) ->
 
 def test_kernels_call_each_other_with_what_is_taken():
     """Nothing else sees it before they are compiled, which no quick test has all be."""
+    trees = {path: ast.parse(path.read_text()) for path in PACKAGE.rglob("*.py")}
     known = {}
-    for path in PACKAGE.rglob("*.py"):
+    for path, tree in trees.items():
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-        body = ast.parse(path.read_text()).body
-        known[name] = {n.name: t for n in body if (t := _takes(n)) and hasattr(n, "name")}
-    for path in PACKAGE.rglob("*_kernels.py"):
-        assert miscalled(ast.parse(path.read_text()), known) == [], path
+        known[name] = {n.name: t for n in tree.body if (t := _takes(n)) and hasattr(n, "name")}
+    for path, tree in trees.items():
+        if path.stem.endswith("_kernels"):
+            assert miscalled(tree, known) == [], path
     planted = (
         "from featherfx.solver.step.newton_kernels import Solved\nSolved(0, 1, 1, 0.0, 1.0, 0.0)"
     )

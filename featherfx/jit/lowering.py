@@ -8,7 +8,7 @@ after, is a value here: arguments above all.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from typing import Any
 
 from numba.core import ir
@@ -30,18 +30,15 @@ class KernelLower(Lower):
 def values_of(blocks: Any) -> set[str]:
     """Variables that are assigned once, in a block that every other block that uses them comes
     after."""
-    order = sorted(blocks)
-    times = Counter(
-        each.target.name for label in order for each in blocks[label].find_insts(ir.Assign)
-    )
-    defined = {
-        each.target.name: label for label in order for each in blocks[label].find_insts(ir.Assign)
-    }
-    found = {name for name, count in times.items() if count == 1} - must_use_alloca(blocks)
+    defined = defaultdict(list)
+    for label, block in blocks.items():
+        for each in block.find_insts(ir.Assign):
+            defined[each.target.name].append(label)
+    found = {name for name, at in defined.items() if len(at) == 1} - must_use_alloca(blocks)
     before = compute_cfg_from_blocks(blocks).dominators()
     for label, used in compute_use_defs(blocks).usemap.items():
         for name in found & set(used):
-            at = defined[name]
+            (at,) = defined[name]
             if at >= label or at not in before.get(label, ()):
                 found.discard(name)
     return found

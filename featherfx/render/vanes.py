@@ -176,6 +176,12 @@ class _Group:
         return _ROUND_FAR + (_ROUND - _ROUND_FAR) * self.fraction
 
 
+def _heights(feather: CachedFeather) -> Floats:
+    """(V,) of a feather with barbs, along it."""
+    assert feather.st is not None
+    return feather.st[:, 1]
+
+
 @dataclass(frozen=True)
 class DrawnPlumage:
     """The feathers of a scene, grouped once for all poses of one camera's pictures.
@@ -202,9 +208,8 @@ class DrawnPlumage:
         own = [(k, self.feathers[k], self.feathers[k].side != RACHIS) for k in barbed]
         triangles = [each.triangles[vane] for _, each, vane in own]
         heights = [
-            each.st[faces, 1].mean(axis=1)
+            _heights(each)[faces].mean(axis=1)
             for (_, each, _), faces in zip(own, triangles, strict=True)
-            if each.st is not None
         ]
         return (
             np.concatenate([f + self.starts[k] for (k, *_), f in zip(own, triangles, strict=True)]),
@@ -237,11 +242,8 @@ class DrawnPlumage:
                 if grid.edges is not None:
                     parted = points[at[:, None, None] + grid.edges] - mine[:, 1:]
                 colours = self._colours(group.members, grid.rows)
-                posed = _PosedVane(
-                    mine, parted, colours, wet[group.members],
-                    coat[group.members], self.coated[group.members],
-                )  # fmt: skip
-                yield _strips(posed, grid, group)
+                about = (each[group.members] for each in (wet, coat, self.coated))
+                yield _strips(_PosedVane(mine, parted, colours, *about), grid, group)
             if group.topology.shaft is not None:
                 rings, heights = group.topology.shaft
                 shafts = self._shafts(group.members, rings)

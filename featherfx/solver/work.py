@@ -21,8 +21,8 @@ from featherfx.solver.step.strain_kernels import Strains
 Array = NDArray[np.float64]
 
 
-# numbers of a Pace
-PACE = 6
+# numbers that are kept of a Pace (newton_kernels)
+PACE = 5
 
 
 class Pose(NamedTuple):
@@ -147,7 +147,7 @@ class Closing(NamedTuple):
 class Kept(NamedTuple):
     """The matrix that a feather's steps may begin with. made: (n, 4) rotations of the rows where it
     was made. plain: (N, B + 1), without contacts that are followed, or (0, 0) where no later solve
-    asks for it. pace: (6,), the Pace with which it was left (newton_kernels); zeros for none.
+    asks for it. pace: (PACE,), what it was left with; zeros for none.
     """
 
     made: Array

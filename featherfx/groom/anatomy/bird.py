@@ -51,6 +51,7 @@ _LAYOUT = {
 _UNEVEN = 0.04  # of feathers of a disc
 _HIDES = 0.9  # fold, from which on a wing hides the flank
 _BORDER = 0.5  # of a feather's length, over which parts pass into each other
+_ROOM = {"thigh": 0.4}  # of a length, free beneath; where legs move, more than the 0.3 elsewhere
 _SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
 _BEAK = 0.42  # of the way from beak to crown: bare
 
@@ -323,7 +324,7 @@ def _region(
         flow = {"direction": tuple((sites["foot"] - sites["thigh"]).mean(axis=0))}
     where = (
         _filled(WHERE, nearest=near, soft=_BORDER * length),
-        _filled(WHERE, room=0.3 * length, soft=0.2 * length),
+        _filled(WHERE, room=_ROOM.get(name, 0.3) * length, soft=0.2 * length),
     )
     own = {key: kind[key] for key in ("kind", "cover", "width", "tilt", "curl")}
     return _coat(name, where, flow, length, kind["uneven"], **own)

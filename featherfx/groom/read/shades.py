@@ -28,11 +28,12 @@ def shaded(
     own feathers would have them.
     """
     numbers: dict[tuple[tuple[str, float], ...], int] = {}
+    bases = {draft.region: _base(colours, draft.id) for draft in drafts}
     result = []
     for draft in drafts:
         mixed = any(region != draft.region for region, _ in draft.mixture)
         if mixed and draft.mixture not in numbers:
-            base = _mean(colours, draft.mixture)
+            base = _mean(bases, draft.mixture)
             change = {"colour": {"base": base}} if base else {}
             numbers[draft.mixture] = store.change(sourced(change, place.source), place)
         if mixed:
@@ -43,20 +44,20 @@ def shaded(
 
 
 def _mean(
-    colours: Mapping[str, dict[str, Any]], mixture: tuple[tuple[str, float], ...]
+    bases: Mapping[str, tuple[float, ...] | None], mixture: tuple[tuple[str, float], ...]
 ) -> tuple[float, ...]:
     """sRGB; empty where a region has no colour."""
-    known = [(_base(colours, region), part) for region, part in mixture]
+    known = [(bases.get(region), part) for region, part in mixture]
     if any(base is None for base, _ in known):
         return ()
     mean = sum(part * np.array(base) for base, part in known)
     return tuple(np.round(mean, 4).tolist())
 
 
-def _base(colours: Mapping[str, dict[str, Any]], region: str) -> tuple[float, ...] | None:
-    """Base colour of a region's feathers."""
+def _base(colours: Mapping[str, dict[str, Any]], name: str) -> tuple[float, ...] | None:
+    """Base colour of a feather by its id."""
     found = None
     for pattern, change in colours.items():
-        if fnmatch.fnmatchcase(f"{region}_000000", pattern):
+        if fnmatch.fnmatchcase(name, pattern):
             found = change["colour"].get("base", found)
     return found

@@ -177,22 +177,22 @@ def _with_matrix(work, kept, f):
     """Work with the matrix that is kept of feather f."""
     own = Kept(kept.made[f], kept.plain[f], kept.pace[f])
     return Work(
-        work.now,
-        work.trial,
-        work.around,
-        work.system,
-        work.secants,
-        own,
-        work.spin,
-        work.coefficient_rate,
-        work.vane,
-        work.force,
-        work.stiff,
-        work.axes,
-        work.jacobian,
-        work.beam,
-        work.gaps,
-        work.closing,
+        now=work.now,
+        trial=work.trial,
+        around=work.around,
+        system=work.system,
+        secants=work.secants,
+        kept=own,
+        spin=work.spin,
+        coefficient_rate=work.coefficient_rate,
+        vane=work.vane,
+        force=work.force,
+        stiff=work.stiff,
+        axes=work.axes,
+        jacobian=work.jacobian,
+        beam=work.beam,
+        gaps=work.gaps,
+        closing=work.closing,
     )
 
 

@@ -112,17 +112,19 @@ def pace_after(iterations, pace):
 
 @kernel
 def pace_of(numbers):
-    """The Pace that was kept as six numbers, for a factor that is no longer there."""
-    if numbers[4] == 0.0:
+    """The Pace that was kept in Kept.pace, of a factor that is no longer there."""
+    shrink, first, kept = numbers[0], numbers[1], numbers[2]
+    longest, inertia = numbers[3], numbers[4]
+    if inertia == 0.0:
         return UNKNOWN
-    return Pace(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], UNFACTORED)
+    return Pace(shrink, first, kept, longest, inertia, UNFACTORED)
 
 
 @kernel
 def keep_pace(pace, numbers):
-    """Keep a Pace as six numbers."""
+    """Keep a Pace in Kept.pace, without its pairs."""
     numbers[0], numbers[1], numbers[2] = pace.shrink, pace.first, pace.kept
-    numbers[3], numbers[4], numbers[5] = pace.longest, pace.inertia, pace.pairs
+    numbers[3], numbers[4] = pace.longest, pace.inertia
 
 
 class Goal(NamedTuple):
@@ -342,6 +344,31 @@ def _taken_up(model, loads, f, fraction, work):
     return factorise(system.band, system.panel)
 
 
+@kernel
+def _forces_with_kept(model, loads, f, fraction, factors, first, work):
+    """Minus the gradient at work.now for the matrix that is kept, in its coordinates, and, at the
+    first solve with one that knows no contacts (first), these in it; returns whether it serves."""
+    now, right = work.now, work.system.right
+    assemble(model, loads, f, fraction, factors, FORCES_ONLY, 0.0, work)
+    turn_rows(work.kept.made, now.rotation, right)
+    serves = not first or _taken_up(model, loads, f, fraction, work)
+    _take_contacts(model, loads, f, fraction, work)
+    return serves
+
+
+@kernel
+def _new_matrix(model, loads, f, fraction, factors, last, before, work):
+    """A matrix made and kept at work.now, and minus the gradient for it; arguments and what is
+    returned as of _factorised."""
+    made = work.kept.made
+    copy_values(work.now.rotation, made)
+    turn_closing(made, made, work.closing)
+    shift = _factorised(model, loads, f, fraction, factors, last, before, work)
+    if shift != NONE:
+        _take_contacts(model, loads, f, fraction, work)
+    return shift
+
+
 @shared_kernel(Solved)
 def minimise(model, loads, f, fraction, factors, goal, work):
     """Bring the pose work.now to the minimum of step_energy.
@@ -365,22 +392,16 @@ def minimise(model, loads, f, fraction, factors, goal, work):
     crept, fresh = False, not reused
     for iteration in range(1, goal.limit + 1):
         if not fresh:
-            assemble(model, loads, f, fraction, factors, FORCES_ONLY, 0.0, work)
-            turn_rows(made, now.rotation, right)
-            if iteration == 1 and unfactored:
-                fresh = not _taken_up(model, loads, f, fraction, work)
-            _take_contacts(model, loads, f, fraction, work)
+            first_of_it = iteration == 1 and unfactored
+            fresh = not _forces_with_kept(model, loads, f, fraction, factors, first_of_it, work)
             if iteration > 1:
                 fresh = not end_step(kept, right, secants)
                 kept += 1
         if fresh:
             last, begun = shift if crept or shift == ALONE else STABLE, turning and iteration == 1
-            copy_values(now.rotation, made)
-            turn_closing(made, made, work.closing)
-            shift = _factorised(model, loads, f, fraction, factors, last, begun, work)
+            shift = _new_matrix(model, loads, f, fraction, factors, last, begun, work)
             if shift == NONE:
                 return Solved(NOT_DEFINITE, iteration, matrices, left, UNKNOWN)
-            _take_contacts(model, loads, f, fraction, work)
             kept, matrices, slowest, longest = 0, matrices + 1, 1.0, 0.0
             inertia = factors.inertia if shift == 0.0 else 0.0
             stable += 1 if shift == STABLE else 0

@@ -268,12 +268,17 @@ class _Shafts:
         if self._to_barbs is None:
             return np.zeros((0, BARB_SEGMENTS + 1, 3))
         curves = self._to_barbs @ self._flat(*self._pose(code))
+        if self.is_wet:
+            curves = self._soaked(curves, code)
+        return self._placed(curves, code).reshape(-1, BARB_SEGMENTS + 1, 3)
+
+    def _soaked(self, curves: Array, code: Any) -> Array:
+        """Points of all barbs in the clumps that water draws them into."""
         ends = np.cumsum([each.widths.size for each in self._drawn])
         each = zip(self._drawn, np.split(curves, ends[:-1]), self.clumped(code), strict=True)
-        curves = np.concatenate(
+        return np.concatenate(
             [clumped(drawn, own, float(amount), int(n)) for drawn, own, (amount, n) in each]
         )
-        return self._placed(curves, code).reshape(-1, BARB_SEGMENTS + 1, 3)
 
     @property
     def is_wet(self) -> bool:
