@@ -12,10 +12,10 @@ stored.py.
 
 from __future__ import annotations
 
-import ast
 import atexit
 import hashlib
 import os
+import re
 import shutil
 import tempfile
 import warnings
@@ -35,17 +35,19 @@ COMPILER = tuple(
 )
 
 
+# of a file of this program, at the top of another; parsing 60 files takes 0.4 s of every run
+_IMPORT = re.compile(rb"^from featherfx\.(\S+) import ", re.MULTILINE)
+
+
 @cache
 def _imported(source: Path) -> frozenset[Path]:
     """Files of this program that a kernel file imports, itself included: constants and the fields
     of named tuples are in its code, too."""
     found = {source}
-    for node in ast.parse(source.read_bytes()).body:
-        module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
+    for name in _IMPORT.findall(source.read_bytes()):
         # COMPILER stands for how kernels are compiled
-        if module.startswith("featherfx.") and not module.startswith("featherfx.jit."):
-            name = module.removeprefix("featherfx.").replace(".", "/")
-            found |= _imported(ROOT / f"{name}.py")
+        if not name.startswith(b"jit."):
+            found |= _imported(ROOT / f"{name.decode().replace('.', '/')}.py")
     return frozenset(found)
 
 

@@ -9,6 +9,8 @@ from pxr import Sdf, UsdGeom, Vt
 from regions_skin import RADIUS, grown, problems, region, roots, skin_folder, write_skin
 
 from featherfx.errors import InputWarning
+from featherfx.groom.regions import regions
+from featherfx.groom.regions.scatter import expected_count
 
 __all__ = ["skin_folder"]
 
@@ -67,6 +69,22 @@ def test_a_higher_density_keeps_roots_and_ids(folder):
     assert len(sparse.feathers) == pytest.approx(4 * np.pi * RADIUS**2 * 1000, rel=0.02)
     kept = {f.id: tuple(f.position) for f in dense.feathers}
     assert all(kept[f.id] == tuple(f.position) for f in sparse.feathers)
+
+
+def test_feathers_of_a_density_are_counted_once(folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("FEATHERFX_CACHE", str(tmp_path / "kept"))
+    counts = []
+
+    def counted(*given):
+        counts.append(expected_count(*given))
+        return counts[-1]
+
+    monkeypatch.setattr(regions, "expected_count", counted)
+    half = "\nwhere = [{ y = [0, 1] }]"
+    wanted = "density = 1000", "density = 1000", "density = 500", "density = 1000" + half
+    found = [len(grown(folder, region(keys=keys)).feathers) for keys in wanted]
+    assert len(counts) == 3
+    assert found == [round(counts[0]), round(counts[0]), *map(round, counts[1:])]
 
 
 @pytest.mark.parametrize(

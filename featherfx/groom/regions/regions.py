@@ -175,9 +175,16 @@ def _check_number(entry: dict[str, Any], place: Place) -> None:
 
 
 def _count(region: _Region) -> int:
-    if region.entry["count"] is not None:
-        return int(region.entry["count"])
-    return round(expected_count(region.surface, region.density))
+    """Feathers that a region asks for; of a density kept between runs."""
+    entry, source = region.entry, region.surface.source
+    if entry["count"] is not None:
+        return int(entry["count"])
+    inputs = [source.points, source.triangles, region.presence.inputs, entry["density"]]
+
+    def compute() -> dict[str, Any]:
+        return {"count": round(expected_count(region.surface, region.density))}
+
+    return int(kept("count", inputs, compute)["count"])
 
 
 def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, at: Place) -> None:
