@@ -1,16 +1,22 @@
-"""Frames a second of the pages, in headless Chromium with its software renderer.
+"""Frames a second of the pages, in headless Chromium without a graphics card.
 
-Run as a program: `page_rate.py view CACHE [MEGABYTES]` or `page_rate.py tune SHOT [PATTERN]`.
-Prints, for ten seconds each, frames a second, and processor seconds of this process a frame.
+Run as a program: `page_rate.py view CACHE [MEGABYTES]`, `page_rate.py upload CACHE [MEGABYTES]` or
+`page_rate.py tune SHOT [PATTERN]`. `upload` decodes frames and hands all of their points to WebGL,
+which draws nothing. Prints, for ten seconds each, frames a second, and processor time a frame of
+this process and of the browser. Where other work keeps the machine busy, `chrt -r 1` before
+it gives what free cores would (Linux, root).
 """
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,8 +29,13 @@ from featherfx.view.page import fitting_second
 from featherfx.view.serve import Server
 
 SECONDS = 10.0
+TICKS = os.sysconf("SC_CLK_TCK")
+# as of who has no card: a compositor of its own, which software WebGL would take the time of
+PLAIN = tuple(each for each in BROWSER_OPTIONS if "swiftshader" not in each)
 # a loop that goes on drawing, a count of frames, and what is done meanwhile
 PLAY = ("document.getElementById('play').click();", "f.drawn", "")
+UPLOAD = ("f.spare = 1e9;" + PLAY[0], *PLAY[1:])
+NOTHING_DRAWN = "WebGL2RenderingContext.prototype.drawElements = () => {};"
 LIVE = ("", "f.updates", "")
 DRAG = (
     "const ways = (name) => [...document.querySelectorAll(`label[data-key$=':${name}'] input`)];"
@@ -51,49 +62,77 @@ def steps(begin: str, count: str, doing: str) -> str:
     }})();"""
 
 
-def measure(make: Callable[[], Server], what: tuple[str, str, str], title: str) -> None:
+def measure(
+    make: Callable[[], Server],
+    what: tuple[str, str, str],
+    title: str,
+    options: tuple[str, ...] = BROWSER_OPTIONS,
+    before: str = "",
+) -> None:
     kind = type(make())
-    said: list[tuple[Any, float]] = []
+    said: list[tuple[Any, float, Counter[str]]] = []
     done = threading.Event()
 
     class Watched(kind):  # type: ignore[misc, valid-type]
         def content(self, name):
             found = super().content(name)
-            return (
-                (found[0], scripted(found[1].decode(), steps(*what)).encode())
-                if not name
-                else found
-            )
+            if name:
+                return found
+            text = scripted(found[1].decode(), steps(*what))
+            nonce = re.search(r'<script nonce="[^"]+">', text)[0]
+            return found[0], text.replace(nonce, f"{nonce}{before}</script>{nonce}", 1).encode()
 
         def posted(self, name, content):
             if name != "said":
                 return super().posted(name, content)
-            said.append((content, time.process_time()))
+            said.append((content, time.process_time(), of_browser(profile)))
             if len(said) == 2:
                 done.set()
             return {}
 
     server = make()
     server.__class__ = Watched
+    card = "#webgl" if before else ""
     with tempfile.TemporaryDirectory() as profile, served(server):
-        command = [*BROWSER_OPTIONS, f"--user-data-dir={profile}", server.address]
+        command = [*options, f"--user-data-dir={profile}", server.address + card]
         with subprocess.Popen(command, stdout=-3, stderr=-3) as browser:
             if not done.wait(180.0):
                 print(f"{title}: no answer")
             browser.terminate()
-    (_, begun), ((rate, triangles, drawing), ended) = said
-    each = (ended - begun) / SECONDS / rate * 1e3
+    (_, begun, theirs), ((rate, triangles, drawing), ended, by_end) = said
+    each = 1e3 / SECONDS / rate
+    by_end.subtract(theirs)
+    browser_told = ", ".join(f"{name} {each * by_end[name]:.1f}" for name in sorted(by_end))
     print(
-        f"{title}: {rate:.1f} a second, {each:.1f} ms each here;"
-        f" {triangles} triangles, drawn in {drawing:.0f} ms"
+        f"{title}: {rate:.1f} a second, {each * (ended - begun):.1f} ms each here;"
+        f" {triangles} triangles, drawn in {drawing:.0f} ms; browser, ms each: {browser_told}"
     )
 
 
+def of_browser(profile: str) -> Counter[str]:
+    """Processor seconds so far of a browser's processes by kind, where the system has /proc."""
+    found: Counter[str] = Counter()
+    for each in Path("/proc").glob("[0-9]*"):
+        try:
+            command, told = (each / "cmdline").read_bytes(), (each / "stat").read_text()
+        except OSError:  # it has ended
+            continue
+        if profile.encode() in command:
+            kind = re.search(rb"--type=([\w-]+)", command)
+            ticks = told.rpartition(")")[2].split()[11:13]
+            found[kind[1].decode() if kind else "browser"] += sum(map(int, ticks)) / TICKS
+    return found
+
+
 def main(what: str, file: str, more: str = "") -> None:
-    if what == "view":
+    if what in ("view", "upload"):
         played = fitting_second(Path(file), int(1e6 * float(more or 64)))
         print("; ".join(played.told()) or "whole", f"{played.points} points")
-        measure(lambda: Server(played), PLAY, "playing")
+        make = lambda: Server(played)  # noqa: E731
+        if what == "view":
+            measure(make, PLAY, "playing", PLAIN)
+        else:
+            measure(make, UPLOAD, "decoding and uploading", before=NOTHING_DRAWN)
         return
     with tempfile.TemporaryDirectory() as folder:
         source = LiveSource(Path(file), Path(folder), [more] if more else (), jobs=2)
