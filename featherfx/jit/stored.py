@@ -120,6 +120,15 @@ class KernelCache(FunctionCache):
         self._cache_file: Any = Entries(own, name)
         self._shipped = Entries(shipped.FOLDER / own.name, name)
 
+    def load_overload(self, sig: Any, target: Any) -> Any:
+        """What is stored for some types; None where it has to be compiled."""
+        with self._guard_against_spurious_io_errors():
+            found = self._load_overload(sig, target)
+        if found is None:
+            # numba's compiler: machine code that is there needs nothing of it
+            target.refresh()
+        return found
+
     def _load_overload(self, sig: Any, target: Any) -> Any:
         if (found := super()._load_overload(sig, target)) is not None:
             return found

@@ -12,8 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import Feather
@@ -80,6 +78,9 @@ def with_pushing(shot: Shot, drawn: Sequence[Feather], asked: Indices) -> tuple[
 
 def _connected(count: int, pairs: Indices) -> Indices:
     """(N,) part of each of so many things, in the order of their first, by pairs (K, 2)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     entries = np.ones(len(pairs), dtype=np.bool_), (pairs[:, 0], pairs[:, 1])
     _, part = connected_components(coo_array(entries, shape=(count, count)), directed=False)
     _, first, place = np.unique(part, return_index=True, return_inverse=True)

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from featherfx.algebra.raster import nodes_within
 from featherfx.algebra.types import Array, Flags, Indices
@@ -19,6 +18,7 @@ from featherfx.feather.layout.move_kernels import all_gaps, count_cover
 from featherfx.feather.layout.overlap import Strips
 from featherfx.feather.shapes import built_shapes
 from featherfx.feather.types import RACHIS, Feather
+from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Placement
 
 # the rest shape is built with so many rows and columns, of which every second row gives samples,
@@ -198,7 +198,7 @@ class SkinPlanes:
         centres = corners.mean(axis=1)
         offsets = np.einsum("tc,tc->t", centres, normals)
         self._planes = np.concatenate([normals, offsets[:, None]], axis=1)
-        self._tree = cKDTree(centres)
+        self._tree = search_tree(centres)
         self._points, self._found = np.zeros((0, 0, 3)), np.zeros((0, 0, 4))
 
     def planes(self, points: Array) -> Array:

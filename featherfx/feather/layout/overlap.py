@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.linalg import cg
-from scipy.spatial import cKDTree
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather.rachis import shaft, turn
+from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Placement, RachisShape
 
 # cosine of the angle between two dorsal sides from which on feathers do not count as layered
@@ -120,6 +118,9 @@ def flow_potential(strips: Strips, pairs: Indices) -> Array:
     Between two neighbours it grows as their roots lie apart along their shafts; so it is an order
     without rings wherever the shafts flow. Rows that are stacked count by their stack instead.
     """
+    from scipy.sparse import csr_array
+    from scipy.sparse.linalg import cg  # heavy, and only for this
+
     first, second = pairs[strips.layer[pairs[:, 0]] == strips.layer[pairs[:, 1]]].T
     shaft = strips.shaft / np.linalg.norm(strips.shaft, axis=1, keepdims=True)
     count = len(shaft)
@@ -154,7 +155,7 @@ def _near(strips: Strips) -> Indices:
     radius = 0.5 * np.linalg.norm(strips.shaft, axis=1) + strips.reach
     sizes = np.floor(2.0 * np.log2(radius))
     members = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
-    trees = [cKDTree(middle[each]) for each in members]
+    trees = [search_tree(middle[each]) for each in members]
     found = [np.zeros((0, 2), dtype=np.int64)]
     for i, larger in enumerate(members):
         for j, smaller in enumerate(members[: i + 1]):

@@ -26,13 +26,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.store import kept
+from featherfx.groom.skin.search import search_tree
 from featherfx.groom.skin.skin import closest
 from featherfx.shot.types import Shot
 
@@ -135,7 +133,7 @@ def _weights(shot: Shot, followers: Indices, guides: Indices) -> tuple[Indices, 
     """Follower, guide and weight of every pair within one region."""
     own, other = _roots(shot, followers), _roots(shot, guides)
     few = min(MOST_GUIDES + 1, len(guides))
-    straight, near = cKDTree(other).query(own, k=few)
+    straight, near = search_tree(other).query(own, k=few)
     straight, near = straight.reshape(-1, few), near.reshape(-1, few)
     reach = _DETOUR * float(straight.max()) + _SAME_PLACE
     sources = len(own) + np.arange(len(guides))
@@ -223,10 +221,14 @@ def root_distances(
 
 
 def _straight(roots: Array, sources: Indices) -> Array:
+    from scipy.spatial.distance import cdist
+
     return np.asarray(cdist(roots[sources], roots))
 
 
 def _along(graph: Any, first: int, sources: Indices, reach: float) -> Array:
+    from scipy.sparse.csgraph import dijkstra
+
     ways = dijkstra(graph, directed=False, indices=first + sources, limit=reach)
     return np.asarray(ways[:, first:])
 
@@ -242,7 +244,7 @@ def _graph(roots: Array, corners: Array) -> tuple[Any, int]:
     every, own = first + np.arange(len(roots)), triangles[on]
     ends = [triangles[:, (k, (k + 1) % 3)] for k in range(3)]
     ends += [np.column_stack([every, own[:, k]]) for k in range(3)]
-    _, near = cKDTree(roots).query(roots, k=min(_NEAR_ROOTS + 1, len(roots)))
+    _, near = search_tree(roots).query(roots, k=min(_NEAR_ROOTS + 1, len(roots)))
     near = near.reshape(len(roots), -1)
     pairs = np.column_stack([np.repeat(np.arange(len(roots)), near.shape[1]), near.ravel()])
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]

@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from featherfx.algebra.types import Array, Flags
 from featherfx.groom.types import Placement
@@ -54,6 +53,8 @@ class Directed:
         turn = sum(
             value[:, None] * each.axes for value, each in zip(values, self.pulls, strict=True)
         )
+        from scipy.spatial.transform import Rotation  # heavy, and only for this
+
         own = Rotation.from_euler("ZYX", np.asarray(turn)[:, ::-1]).as_matrix()
         positions = positions + np.asarray(lift)[:, None] * rotations[:, :, 2]
         return RootFrames(positions, rotations @ own)

@@ -13,9 +13,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from featherfx.algebra.rotation import rotation_spline
+from featherfx.algebra.rotation import from_angles, quats_to_frames, rotation_spline
 from featherfx.algebra.types import Array
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 
@@ -60,8 +59,8 @@ def _rotation_track(times: Array, values: list[Any]) -> Track:
 
 def _matrix(value: Sequence[float]) -> Array:
     if len(value) == 4:
-        return np.asarray(Rotation.from_quat(value, scalar_first=True).as_matrix())
-    return np.asarray(Rotation.from_euler("xyz", value, degrees=True).as_matrix())
+        return quats_to_frames(np.asarray(value, dtype=float))
+    return from_angles(value)
 
 
 # what a keyframe may set, in the order of JointPoses

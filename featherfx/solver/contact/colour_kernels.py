@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.types import ByBody, Indices
@@ -20,6 +18,9 @@ def neighbours(pairs: Indices, bodies: int) -> ByBody:
 def islands_of(touching: ByBody) -> tuple[int, Indices]:
     """How many islands there are of bodies that touch, directly or through others, and (B,) in
     which each body is."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
     bodies = len(touching.first) - 1
     parts = np.ones(len(touching.items)), touching.items, touching.first
     graph = csr_array(parts, shape=(bodies, bodies))

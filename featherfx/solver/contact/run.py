@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.jit.team import new_team
 from featherfx.jit.views import Held, Kind, Views, views_of
 from featherfx.mechanics.model import Contacts, Loads, wind_of_each
@@ -244,7 +244,7 @@ def _carried(state: State, path: RootPath, free: Flags) -> Array:
     """(F, n, 1 + 2 m, 3) m, nodes of some feathers (F,) carried rigidly to where their roots' paths
     end, as if every feather had one; zero of the others."""
     nodes, samples = state.points.nodes[free], path.samples[free]
-    turns = Rotation.from_rotvec(samples[:, -1, 3:]).as_matrix()
+    turns = vectors_to_frames(samples[:, -1, 3:])
     away = (nodes - samples[:, :1, None, :3]) @ turns.swapaxes(1, 2)[:, None]
     found = np.zeros(state.points.nodes.shape)
     found[free] = away + samples[:, -1:, None, :3]

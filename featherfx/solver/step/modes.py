@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded, eigh
 from scipy.linalg.blas import dsbmv
 from scipy.linalg.lapack import dpbtrs
-from scipy.sparse import diags_array
-from scipy.sparse.linalg import eigsh
 
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model, no_loads
@@ -83,6 +81,8 @@ def frequencies(model: Model, feather: int, count: int) -> Array:
             mass.toarray(), stiffness.toarray(), eigvals_only=True, subset_by_index=last
         )
         return 1.0 / (2.0 * np.pi * np.sqrt(flexible[::-1]))
+    from scipy.sparse.linalg import eigsh  # heavy, and only for this
+
     values = eigsh(
         stiffness, count, mass, sigma=0.0, return_eigenvectors=False, v0=np.ones(mass.shape[0])
     )
@@ -90,6 +90,8 @@ def frequencies(model: Model, feather: int, count: int) -> Array:
 
 
 def _sparse(band: Array):
+    from scipy.sparse import diags_array
+
     size, width = band.shape
     lower = [band[: size - d, d] for d in range(min(width, size))]
     offsets = [-d for d in range(len(lower))]

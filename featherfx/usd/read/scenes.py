@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
-from scipy.spatial import cKDTree
 
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.skin.search import search_tree
 from featherfx.shot.detail.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
 from featherfx.usd.read.read import Cache
@@ -155,7 +155,7 @@ class SampledWind(ScenePrim):
         time = Usd.TimeCode(code)
         matrix = self._scene.matrix(self._prim, time)
         points, velocities = _field_values(self._base, time)
-        return cKDTree(transformed(points, matrix)), velocities @ matrix[:3, :3]
+        return search_tree(transformed(points, matrix)), velocities @ matrix[:3, :3]
 
 
 def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | SampledWind:
