@@ -1,12 +1,13 @@
 """Vane bending across barbs: the dihedral angle at every edge that lies along a barb.
 
-    W = 1/2 k (t - t0)^2,        k = D s^2 / (A_1 + A_2)
+    W = 1/2 k g(t - t0)^2,        k = D s^2 / (A_1 + A_2)
 
               x_2
             /  |            t   dihedral angle, 0 when flat, rad;  t0 at rest
         x_0 - x_1           s   rest length of the barb edge x_0 x_1, m
             \\  |            A   rest areas of the two triangles, m^2
               x_3           D   bending modulus across the barbs, N m
+                            g   the fold: the angle itself up to 2 rad
 
 With heights h_1, h_2 of the triangles, k = 2 D s / (h_1 + h_2): a strip of barbs h apart that is
 bent to a cylinder turns t = h / radius at each, and W per area is D / (2 radius^2).
@@ -18,6 +19,14 @@ if the vane had a twist modulus of D (s / h)^2 / 4, which depends on the grid; i
 vane_twist_kernels alone. A hinge measures the curvature at its outer node and stands for the strip
 around it, the innermost one also for what is next to the rachis.
 
+Nothing keeps the two wings of a hinge from passing through each other, as triangles of one vane do
+not touch. Were g the angle for good, a crumpled vane would wind up its hinges, turn by turn, and
+store energy that no feather has. So it ends at pi: with u = (|t| - 2) / (pi - 2)
+
+    g = +-(2 + (pi - 2) (u - u^3 / 3)),      g' = 1 - u^2,      of period 2 pi
+
+(derived here), whose square is smooth where the wings meet. Damping resists every turn.
+
 Where a triangle is crushed to a line its normal turns over and the angle jumps by pi, which would
 make the energy jump, too. t - t0 is therefore multiplied by w(y) of either triangle,
 
@@ -26,7 +35,7 @@ make the energy jump, too. t - t0 is therefore multiplied by w(y) of either tria
 (derived here): nothing changes until a triangle has lost four fifths of its area.
 """
 
-from math import atan2, sqrt
+from math import atan2, ceil, copysign, pi, sqrt
 
 from featherfx.algebra.vec3_kernels import (
     accumulate,
@@ -43,6 +52,28 @@ from featherfx.algebra.vec3_kernels import (
 from featherfx.jit.compiled import kernel
 
 TINY = 1e-300
+# rad: up to it the fold is the angle
+_PLAIN = 2.0
+_BENT = pi - _PLAIN
+
+
+@kernel
+def wrapped(angle):
+    """Angle brought to (-pi, pi]."""
+    return angle - 2.0 * pi * ceil(angle / (2.0 * pi) - 0.5)
+
+
+@kernel
+def folded(angle):
+    """The fold g of a hinge and its derivative, of its angle from rest, whatever its turns."""
+    if abs(angle) <= _PLAIN:
+        return angle, 1.0
+    turned = wrapped(angle)
+    u = (abs(turned) - _PLAIN) / _BENT
+    if u <= 0.0:
+        return turned, 1.0
+    fold = _PLAIN + _BENT * u * (1.0 - u * u / 3.0)
+    return copysign(fold, turned), 1.0 - u * u
 
 
 @kernel

@@ -18,6 +18,7 @@ from trial_batches import (
 
 from featherfx.algebra.rotation import quats_to_frames, rotation_vectors
 from featherfx.feather.types import RowPoints
+from featherfx.lab.bench.cases import crumple
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import copy_pose, evaluate
@@ -56,12 +57,17 @@ class Trial:
         return assembled(self.model, self.loads, SHARE, self.factors, self.work, signed)
 
 
-def loaded(name, seed, **sizes):
-    """A preset's feather, flying free, far from rest, with damping, drag, gravity and grips."""
+def loaded(name, seed, crumpled=0.0, **sizes):
+    """A preset's feather, flying free, far from rest, with damping, drag, gravity and grips;
+    crumpled (rad): with rows that are turned against each other by up to as much."""
     rng = np.random.default_rng(seed)
     _, model = preset_batch(name, **sizes)
     model = model._replace(held=np.array([False]), retardation=np.array([[0.01, 0.02]]))
     state = random_pose(model, rng)
+    if crumpled > 0.0:
+        crumple(model, state, rng, crumpled)
+        # the same frames, but come to the other way about
+        state.rotation[0, 3:] *= -1.0
     size = (model.rows, model.mass.shape[2])
     last = 1 + model.columns
     loads = no_loads(1, (1.0, 2.0, -9.8))._replace(
@@ -105,6 +111,17 @@ def test_the_assembled_gradient_is_the_derivative_along_the_retraction(name, col
         wrong = with_a_wrong_sign(gradient, int(place))
         if abs(gradient[place] * scale[place]) > 1e-6 * np.abs(gradient * scale).max():
             assert derivative_fault(trial.energy, wrong, np.random.default_rng(4), scale) != ""
+
+
+@pytest.mark.parametrize("seed", [8, 10])
+def test_so_it_is_where_hinges_fold_over_and_rows_turn_round(seed):
+    trial = loaded("swan_primary", seed, crumpled=4.0, rows=7, columns=3, coefficients=1)
+    strains = trial.work.now.strains
+    turns = strains.rachis[:, 3:] + trial.model.rachis_rest[0, :, 3:6]
+    assert np.linalg.norm(turns, axis=1).max() > 4.0
+    assert np.sum(np.abs(strains.hinge) > 2.0) > 2
+    gradient, scale = trial.assembled(), scales(trial.model)
+    assert derivative_fault(trial.energy, gradient, np.random.default_rng(4), scale) == ""
 
 
 def test_the_gradient_does_not_depend_on_how_the_hessian_is_made():

@@ -19,6 +19,10 @@ from featherfx.mechanics.rachis_kernels import (
     rachis_stabilising_stiffness,
 )
 from featherfx.mechanics.ribbon_kernels import add_curl_stiffness, add_curl_stress
+from featherfx.mechanics.turn_guard_kernels import (
+    add_turn_guard_stiffness,
+    add_turn_guard_stress,
+)
 from featherfx.solver.step.closing_kernels import followed
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes
 from featherfx.solver.vane.assembly_kernels import add_rows, subtract_barb_forces
@@ -50,6 +54,7 @@ def _subtract_rachis_forces(model, f, i, damping, pose, reference, beam, right):
         stiffness = model.rachis_stiffness[f, i, k]
         stress[k] = damped_stress(stiffness, strain[k], reference[k], damping)
     add_curl_stress(model, f, i, strain, stress)
+    add_turn_guard_stress(model, f, i, strain, stress)
     for k in range(6):
         for a in range(6):
             right[at + a] -= stress[k] * gradient[k, a]
@@ -70,7 +75,9 @@ def _add_rachis_stiffness(model, f, i, damping, wanted, pose, beam, band):
             scaled = weight * gradient[k, a]
             for b in range(a + 1):
                 matrix[a, b] += scaled * gradient[k, b]
-    add_curl_stiffness(model, f, i, pose.strains.rachis[i], wanted == WHOLE, gradient, matrix)
+    strain = pose.strains.rachis[i]
+    add_curl_stiffness(model, f, i, strain, wanted == WHOLE, gradient, matrix)
+    add_turn_guard_stiffness(model, f, i, strain, gradient, matrix)
     if wanted == WHOLE:
         rachis_geometric_stiffness(start, end, length, halfway, pose.rachis[i], stress, matrix)
     else:

@@ -4,9 +4,9 @@ Every strain s has a stiffness k and, where the material is damped, a reference 
 
     W = sum 1/2 k s^2 + 1/2 k q (s - s_r)^2,      q = retardation time * rate of the integrator
 
-(Kelvin-Voigt; s measured from rest). Those of a hinge are angles, and their energy is multiplied by
-the square of its openness (vane_bending_kernels). The rest is in node_kernels, contact_kernels and
-director_kernels.
+(Kelvin-Voigt; s measured from rest). Those of a hinge are angles, of which the elastic part knows
+the fold alone, and their energy is multiplied by the square of its openness (vane_bending_kernels).
+The rest is in node_kernels, contact_kernels and director_kernels.
 """
 
 from featherfx.jit.compiled import kernel
@@ -14,6 +14,8 @@ from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.director_kernels import couple_energy, director_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.ribbon_kernels import curl_total
+from featherfx.mechanics.turn_guard_kernels import turn_guard_total
+from featherfx.mechanics.vane_bending_kernels import folded
 from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, hooks_energy, twist_hold
 
@@ -35,9 +37,9 @@ def _hinge_energy(strains, reference, stiffness, damping):
     angle, before, k = strains.hinge.flat, reference.hinge.flat, stiffness.flat
     openness, total = strains.openness.flat, 0.0
     for a in range(stiffness.size):
-        rate = angle[a] - before[a]
+        rate, (fold, _) = angle[a] - before[a], folded(angle[a])
         weight = 0.5 * k[a] * openness[a] * openness[a]
-        total += weight * (angle[a] * angle[a] + damping * rate * rate)
+        total += weight * (fold * fold + damping * rate * rate)
     return total
 
 
@@ -49,9 +51,9 @@ def _held_hinges(strains, reference, gaps, stiffness, damping):
         for i in range(1, stiffness.shape[1] - 1):
             for j in range(stiffness.shape[2]):
                 angle, openness = strains.hinge[side, i, j], strains.openness[side, i, j]
-                rate = angle - reference.hinge[side, i, j]
+                rate, (fold, _) = angle - reference.hinge[side, i, j], folded(angle)
                 weight = 0.5 * stiffness[side, i, j] * hinge_hold(gaps, side, i, j)
-                total += weight * openness * openness * (angle * angle + damping * rate * rate)
+                total += weight * openness * openness * (fold * fold + damping * rate * rate)
     return total
 
 
@@ -103,6 +105,7 @@ def elastic_energy(model, f, strains, reference, gaps, strain_rate):
     return (
         _quadratic(strains.rachis, reference.rachis, model.rachis_stiffness[f], shaft)
         + curl_total(model, f, strains.rachis)
+        + turn_guard_total(model, f, strains.rachis)
         + _quadratic(strains.barb, reference.barb, model.barb_stiffness[f], vane)
         + _cell_energy(model, f, strains.cell, reference.cell, gaps, vane, held)
         + guard_total(model.cell_guard[f], strains.cell)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.array_kernels import copy_values
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
-from featherfx.mechanics.vane_bending_kernels import angle_and_openness
+from featherfx.mechanics.vane_bending_kernels import angle_and_openness, wrapped
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 from featherfx.mechanics.vane_twist_kernels import cell_twist
 
@@ -40,12 +39,6 @@ class Strains(NamedTuple):
         """Set all, in place."""
         for array, value in zip(self, other, strict=True):
             array[...] = value
-
-
-@kernel
-def wrapped(angle):
-    """Angle brought to (-pi, pi]."""
-    return angle - 6.283185307179586 * ceil(angle / 6.283185307179586 - 0.5)
 
 
 @kernel

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.vane_bending_kernels import openness_gradient
+from featherfx.mechanics.vane_bending_kernels import folded, openness_gradient
 from featherfx.solver.vane.line_kernels import (
     add_forces,
     add_outer,
@@ -46,25 +46,28 @@ class Hinges(NamedTuple):
 def _load_hinges(hinges, damping, cells):
     """Stresses and stiffnesses of a row of hinges, to lines."""
     for j in range(hinges.stiffness.shape[0]):
-        value = hinges.stiffness[j]
-        cells.weight[0, 0, j] = value * (1.0 + damping)
-        cells.weight[0, 1, j] = 0.5 * value * (1.0 + damping)
-        cells.stress[0, j] = damped_stress(value, hinges.angle[j], hinges.reference[j], damping)
+        value, angle = hinges.stiffness[j], hinges.angle[j]
+        fold, slope = folded(angle)
+        cells.weight[0, 0, j] = value * (slope * slope + damping)
+        cells.weight[0, 1, j] = 0.5 * value * (slope * slope + damping)
+        lag = angle - hinges.reference[j]
+        cells.stress[0, j] = value * (fold * slope + damping * lag)
 
 
 @kernel
 def _crush(j, strain, gradient, shrink, pull, above, below):
-    """Hinge j, of which a triangle is crushed: its strain is the angle times its openness.
+    """Hinge j, of which a triangle is crushed: its strain is the fold times its openness.
 
-    strain: (angle, openness, derivatives of the energy by both). gradient: (4, 3, .) of the angle,
+    strain: (fold, openness times the fold's derivative by the angle, derivatives of the energy by
+    angle and openness). gradient: (4, 3, .) of the angle,
     in, and of the strain, out. shrink: (4, 3) gradient of the openness. pull, above, below: (3, .)
     forces on the nodes of its barb and of those around it, to which its own are added.
     """
-    angle, openness, by_angle, by_openness = strain
+    fold, openness, by_angle, by_openness = strain
     for k in range(3):
         for node in range(4):
             force = by_angle * gradient[node, k, j] + by_openness * shrink[node, k]
-            gradient[node, k, j] = openness * gradient[node, k, j] + angle * shrink[node, k]
+            gradient[node, k, j] = openness * gradient[node, k, j] + fold * shrink[node, k]
             if node < 2:
                 pull[k, j + node] += force
             elif node == 2:
@@ -85,10 +88,10 @@ def _crush_hinges(i, side, hinges, damping, vane):
             continue
         corners = own[:, j], own[:, j + 1], up[:, j + 1], down[:, j + 1]
         openness_gradient(*corners, hinges.rest[j, 1], hinges.rest[j, 2], shrink)
-        angle, lag = hinges.angle[j], hinges.angle[j] - hinges.reference[j]
-        by_angle = stiffness * openness * openness * (angle + damping * lag)
-        by_openness = stiffness * openness * (angle * angle + damping * lag * lag)
-        strain = angle, openness, by_angle, by_openness
+        (fold, slope), lag = folded(hinges.angle[j]), hinges.angle[j] - hinges.reference[j]
+        by_angle = stiffness * openness * openness * (fold * slope + damping * lag)
+        by_openness = stiffness * openness * (fold * fold + damping * lag * lag)
+        strain = fold, slope * openness, by_angle, by_openness
         _crush(j, strain, cells.gradient[0], shrink, on_own, on_up, on_down)
         cells.stress[0, j] = 0.0
 
