@@ -1,5 +1,7 @@
 """Traction of vane samples: closed forms, meshes, limits, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
@@ -175,6 +177,15 @@ def test_all_problems_are_told():
         *("strain", "steps", "elements", "mesh"),
     }
     assert "micrometres" in str(error.value)
+
+
+def test_a_corner_that_closes_is_named_with_the_strain_that_it_bears():
+    """A moved clamp turned triangles over, and no step may begin with any that are: so none was
+    taken, until the limit of iterations, and only that was told."""
+    test = Traction(Sample(75.0, 0.01, 0.03), SWAN, 0.08, 4, 600)
+    with pytest.raises(InputError, match=r"turned over, the most at x 0.1\d+, y 3.\d+ mm; .* 0.06"):
+        run_traction(test)
+    assert len(run_traction(replace(test, strain=0.06, steps=3)).strain) == 3
 
 
 def test_crushed_samples_are_refused():

@@ -113,18 +113,18 @@ class MembraneSystem:
         """J."""
         return self.assembled(positions, np.zeros((*self.membrane.volume.shape, 3)))[0]
 
-    def upright(self, positions: Array) -> bool:
-        """Whether no element is turned over at positions (N, 2), or may be."""
-        return self.folding or self.turned(positions) == 0
-
     def turned(self, positions: Array) -> int:
         """How many strain points are turned over at positions (N, 2)."""
+        return int((self.areas(positions) <= 0.0).sum())
+
+    def areas(self, positions: Array) -> Array:
+        """(M, Q) areas at positions (N, 2) over those at rest."""
         images = [
             np.einsum("mqk,mkx->mqx", each, positions[self.membrane.nodes])
             for each in (self.membrane.along, self.membrane.across)
         ]
         area = images[0][..., 0] * images[1][..., 1] - images[0][..., 1] * images[1][..., 0]
-        return int((area <= 0.0).sum())
+        return np.asarray(area)
 
     def assembled(self, positions: Array, stresses: Array) -> tuple[float, Array, Array]:
         """Energy (J), forces (N, 2) N and the values of the pattern's pairs.
@@ -252,9 +252,12 @@ def _length(system: MembraneSystem, positions: Array, step: Array, gain: float) 
     energy, length = system.energy(positions), 1.0
     if gain < 1e-13 * abs(energy):
         return length
+    # a moved clamp may have turned some over, which the way down has to mend
+    most = np.inf if system.folding else system.turned(positions)
     while length > SHORTEST:
         trial = positions + length * step
-        if system.upright(trial) and system.energy(trial) <= energy - ARMIJO * length * gain:
+        falls = system.energy(trial) <= energy - ARMIJO * length * gain
+        if falls and system.turned(trial) <= most:
             break
         length *= 0.5
     return length
@@ -449,5 +452,9 @@ class Statics:
         return matrix if whole else matrix[self.system.free][:, self.system.free]
 
     def _check(self, positions: Array) -> None:
-        if not self.system.upright(positions):
-            raise NoEquilibrium("elements are turned over")
+        areas = self.system.areas(positions).min(axis=1)
+        if areas.min() > 0.0 or self.system.folding:
+            return
+        worst = self.membrane.nodes[areas.argmin()]
+        x, y = 1e3 * self.membrane.points[worst].mean(axis=0)
+        raise NoEquilibrium(f"elements are turned over, the most at x {x:.3g}, y {y:.3g} mm")

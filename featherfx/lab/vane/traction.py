@@ -196,6 +196,8 @@ def pull(
             pose = move(statics, pose, rest + np.outer(top, [0.0, moved]))
         except NoEquilibrium as error:
             message = f"no equilibrium at {each:g}: {error}"
+            if stresses:
+                message += f"; there is one up to {strain[len(stresses) - 1]:g}"
             raise InputError(Problem(of, "strain", message)) from error
         force = float(statics.forces(pose)[top, 1].sum())
         stresses.append(stress(force, moved, sample))
