@@ -8,6 +8,7 @@ import tempfile
 import tomllib
 from collections import namedtuple
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 from numba import types
@@ -320,7 +321,27 @@ def test_all_that_was_compiled_is_put_into_the_wheels_folder(
     ship.main()
     assert capsys.readouterr().out.count(": 3 kernels, 0.") == len(shipped.of_this_machine())
     found = {each.name: each.read_bytes() for each in (tmp_path / "code").glob("*/*")}
-    assert found == {each.name: each.read_bytes() for each in compiled_once[1].glob("*/*.code")}
+    compiled = {each.name: each.read_bytes() for each in compiled_once[1].glob("*/*.code")}
+    assert found == compiled
+
+
+def test_a_checkout_takes_the_machine_code_of_a_wheel(tmp_path, monkeypatch, compiled_once):
+    monkeypatch.setattr(ship, "FOLDER", tmp_path / "new" / "code")
+    wheel = tmp_path / "a.whl"
+    with pytest.raises(SystemExit, match=r"a\.whl: .*No such file"):
+        ship.main(str(wheel))
+    entries = list(compiled_once[1].glob("*/*.code"))
+    with ZipFile(wheel, "w") as file:
+        for name in ("featherfx/errors.py", "featherfx/_machine_code/../away.code"):
+            file.writestr(name, "")
+    with pytest.raises(SystemExit, match=r"a\.whl: holds no machine code"):
+        ship.main(str(wheel))
+    with ZipFile(wheel, "a") as file:
+        for each in entries:
+            file.write(each, f"featherfx/_machine_code/{each.parent.name}/{each.name}")
+    ship.main(str(wheel))
+    taken = {each.name: each.read_bytes() for each in (tmp_path / "new").rglob("*.code")}
+    assert taken == {each.name: each.read_bytes() for each in entries}
 
 
 def test_a_numba_of_unknown_inner_classes_compiles_as_it_does(run_kernels, tmp_path):

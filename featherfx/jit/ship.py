@@ -5,6 +5,11 @@ python -m featherfx.jit.ship
 compiles what samples of the common works need, for what most processors of this machine's family
 have in common; shipped.py says when it is used. A wheel may hold the folders that several machines
 and Pythons have filled.
+
+python -m featherfx.jit.ship WHEEL
+
+takes the machine code out of a wheel instead. A checkout of another version has use of all kernels
+whose sources are those of the wheel, and compiles the others.
 """
 
 from __future__ import annotations
@@ -14,7 +19,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from zipfile import BadZipFile, ZipFile
 
 from featherfx.jit.cache import ROOT
 from featherfx.jit.shipped import FOLDER, Processor, of_this_machine
@@ -52,8 +58,32 @@ def fill(folder: Path, processor: Processor) -> None:
                     raise subprocess.CalledProcessError(ended, command)
 
 
-def main() -> None:
-    """Fill the folder anew."""
+def take(wheel: Path) -> int:
+    """Put the machine code of a wheel beside what is there; how many kernels came. Raises OSError
+    and BadZipFile."""
+    count = 0
+    with ZipFile(wheel) as file:
+        for name in map(PurePosixPath, file.namelist()):
+            inside = name.parts[:2] == (ROOT.name, "_machine_code") and ".." not in name.parts
+            if inside and name.suffix == ".code":
+                target = FOLDER / name.parent.name / name.name
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_bytes(file.read(str(name)))
+                count += 1
+    return count
+
+
+def main(wheel: str = "") -> None:
+    """Fill the folder anew, or take what a wheel holds."""
+    if wheel:
+        try:
+            count = take(Path(wheel))
+        except (OSError, BadZipFile) as error:
+            raise SystemExit(f"{wheel}: {error}") from error
+        if not count:
+            raise SystemExit(f"{wheel}: holds no machine code")
+        print(f"{count} kernels taken from {wheel}")
+        return
     shutil.rmtree(FOLDER, ignore_errors=True)
     for processor in of_this_machine():
         with tempfile.TemporaryDirectory() as place:
@@ -68,4 +98,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:2])
