@@ -189,7 +189,7 @@ def pull(
     pose = pose or statics.rest()
     rest = statics.membrane.points
     top = rest[:, 1] >= sample.height
-    stresses = []
+    stresses: list[float] = []
     for each in strain:
         moved = displacement(float(each), sample.height)
         try:
