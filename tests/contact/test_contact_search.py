@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from contact_cases import THICKNESS, free_feathers
+from scipy.spatial.transform import Rotation
 
 from featherfx.solver.contact.colour_kernels import colour_island, colour_some, neighbours
 from featherfx.solver.contact.run import islands_before, no_colours
@@ -91,7 +92,23 @@ def test_what_is_left_out_is_no_contact(seed):
     # the scene is one: contacts come and go, and some pairs were not looked at
     assert most > 20
     assert len(pairs) > 3
-    assert left_out > 10
+    assert left_out > 0
+
+
+def test_feathers_that_go_together_stay_left_out():
+    """A bird that walks: what cannot touch moves far, but not past each other."""
+    scene = Scene(4)
+    kept = Searcher(scene.candidates, scene.surfaces)
+    for search in scene.searches(12, drift=0.0, turn=0.0):
+        kept.find(search)
+    assert kept.looked_at < 0.9 * len(scene.candidates.pairs)
+    for _ in range(3):
+        scene.points = scene.points @ Rotation.random(rng=scene.rng).as_matrix() + 0.05
+        bodies = moving_bodies(scene.points, scene.points, np.ones(scene.points.shape[:3]))
+        before, search = kept.looked_at, search._replace(bodies=bodies)
+        found = kept.find(search)
+        assert kept.looked_at <= before
+        assert_same(found, Searcher(scene.candidates, scene.surfaces).find(search))
 
 
 def test_a_jump_is_seen():

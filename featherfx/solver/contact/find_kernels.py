@@ -2,17 +2,19 @@
 
 from typing import NamedTuple
 
-from featherfx.algebra.vec3_kernels import cross, dot, length, store, sub
+from featherfx.algebra.vec3_kernels import add, cross, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.clearance_kernels import (
     BESIDE,
     CREASE,
     OVER,
+    ROUNDED,
     SLANT,
     clear,
     follow,
     is_clear,
+    way_between,
 )
 from featherfx.solver.contact.list_kernels import host_place, triangle_normal
 from featherfx.solver.contact.search_kernels import (
@@ -20,11 +22,13 @@ from featherfx.solver.contact.search_kernels import (
     boxes_apart,
     closest_point,
     corner_node,
+    corner_place,
     fit_slab,
     guest_place,
     guest_point,
     nearest_node,
     row_boxes,
+    side_normal,
     strip_point,
     swing_of,
 )
@@ -50,6 +54,18 @@ class Node(NamedTuple):
     known: int
 
 
+class Room(NamedTuple):
+    """How near to a host the points of a guest meet it. up: (3,), and top: m, along it, beyond
+    which none does. margin: m, gap below which they are followed. way: m, what they go past the
+    host in the interval, at most; thickness: m, sum of both half thicknesses, at most."""
+
+    up: tuple[float, float, float]
+    top: float
+    margin: float
+    way: float
+    thickness: float
+
+
 @kernel
 def margin_of(search, guest, host):
     """m, gap below which the nodes of a guest are followed over a host."""
@@ -72,9 +88,10 @@ def _closing(bodies, x, ahead, contact):
 
 
 @kernel
-def _remembered(key, memory, at):
-    """Place of a contact in the memory, or where it would be; at: of one before it."""
-    while at < memory.key.shape[0] and memory.key[at] < key:
+def _remembered(key, known, at):
+    """Place of a key among ascending ones that are known, or where it would be; at: of one before
+    it."""
+    while at < known.shape[0] and known[at] < key:
         at += 1
     return at
 
@@ -101,32 +118,60 @@ def set_gaps(contact, thickness, along, recovery):
 
 
 @kernel
-def _find_node(node, guess, ceiling, search, touch, count):
-    """Add the contact of one guest's node with one host, if there is one.
+def _on(points, corners, weight):
+    """The point with weights of corners, rows and nodes, in a pose (n, 1 + 2 m, 3)."""
+    a, b, c = corners
+    first = add(scale(weight[0], points[a[0], a[1]]), scale(weight[1], points[b[0], b[1]]))
+    return add(first, scale(weight[2], points[c[0], c[1]]))
 
-    guess: row and column of a node of the host that may be near, or -1. ceiling: as _ceiling gives.
-    Returns the count, and the node that is.
+
+@kernel
+def _is_off(x, begin, closest, host, columns, side, room):
+    """Whether a point at x that nothing is known of is beside its closest place on a host, or so
+    far above it that they do not meet in the interval. begin: where the point is at the start.
+    host: (n, 1 + 2 m, 3) m, nodes at the start, and where x was looked for. side: where the point
+    belongs, or 0."""
+    (start, now), (place, weight) = host, closest
+    a, b = corner_place(place, 0, columns), corner_place(place, 1, columns)
+    c = corner_place(place, 2, columns)
+    normal = side_normal(place[0], now[a[0], a[1]], now[b[0], b[1]], now[c[0], c[1]])
+    away = sub(x, _on(now, (a, b, c), weight))
+    along = dot(normal, away)
+    beside, most = sub(away, scale(along, normal)), OVER * room.thickness + ROUNDED
+    if dot(beside, beside) > most * most:
+        return True
+    gap = side * along - room.thickness - room.margin - ROUNDED
+    if side == 0 or gap <= 0.0:
+        return False
+    if gap > room.way:
+        return True
+    # as _closing
+    normal = side_normal(place[0], start[a[0], a[1]], start[b[0], b[1]], start[c[0], c[1]])
+    led = sub(_on(now, (a, b, c), weight), _on(start, (a, b, c), weight))
+    return gap > abs(dot(normal, sub(sub(x, begin), led)))
+
+
+@kernel
+def _is_near(x, is_known, bounds, room):
+    """Whether a point may meet a host with such bounds (6,)."""
+    if not is_known and dot(room.up, x) > room.top:
+        return False
+    return box_distance(x, bounds) <= room.margin * room.margin
+
+
+@kernel
+def _find_node(x, node, near, closest, search, touch, count):
+    """Add the contact of one guest's node, at x, with one host, if there is one.
+
+    near: row and column of the node of the host that is nearest; closest: place and weights of the
+    point of it that is. Returns the count.
     """
     surfaces, bodies, guest, host = search.surfaces, search.bodies, node.guest, node.host
     columns, side = surfaces.exists.shape[3], node.side
     p, fraction = guest_point(node.column, columns, surfaces.columns[guest])
     if node.known >= 0:
         side = search.memory.side[node.known]
-    # once the side is known the pose ahead can be searched, however deep
-    now = bodies.ahead if side != 0 else bodies.start
-    x = guest_place(now[guest], node.row, p, fraction)
-    if node.known < 0 and dot(ceiling[0], x) > ceiling[1]:
-        return count, guess
-    margin = margin_of(search, guest, host)
-    if box_distance(x, bodies.bounds[host]) > margin * margin:
-        return count, guess
-    limit = surfaces.far[host] + margin + bodies.way[guest] + bodies.way[host]
-    near = nearest_node(x, now[host], surfaces.present[host], bodies.boxes[host], guess, limit)
-    if near[0] < 0:
-        return count, guess
-    place, weight = closest_point(x, now[host], surfaces.exists[host], near)
-    if place[0] < 0:
-        return count, near
+    now, (place, weight) = bodies.ahead if side != 0 else bodies.start, closest
     contact = slot(touch, count)
     start_contact(contact, node, p, fraction)
     contact.side = side
@@ -136,14 +181,14 @@ def _find_node(node, guess, ceiling, search, touch, count):
         _of_corners(surfaces.half[host], contact) + surfaces.half[guest, node.row, p]
     )
     if not _is_over(along, beside, contact.thickness):
-        return count, near
+        return count
     if side == 0:
         contact.side = 1 if along >= 0.0 else -1
     elif node.side != 0 and search.turns:
         _choose_side(contact, along, node, near, search)
         _put_on(contact, place, weight, columns)
     if not _meets(contact, along, node, search):
-        return count, near
+        return count
     if node.known < 0 and search.turns and contact.spared > AROUND * contact.thickness:
         # of planes that it only now is over it may have been on either side
         begin = guest_place(bodies.start[guest], node.row, p, fraction)
@@ -152,7 +197,7 @@ def _find_node(node, guess, ceiling, search, touch, count):
         was = height if found else contact.thickness
         set_gaps(contact, contact.thickness, was, search.recovery)
     _press(contact, node.known, search)
-    return count + 1, near
+    return count + 1
 
 
 @kernel
@@ -314,67 +359,79 @@ def _press(contact, known, search):
 
 
 @kernel
-def _ceiling(guest, host, side, search, half):
-    """A direction and a height, m, along it beyond which no point of a guest meets its host. half:
-    (B,) m, largest half thickness.
+def _room(guest, host, side, margin, way, search, half):
+    """The Room of a pair. half: (B,) m, largest half thickness.
 
     What meets the host (clearance_kernels) is along a normal of it no farther on its own side than
     margin, thickness and way, and beside that by OVER thicknesses: so far above the slab at most.
     """
-    bodies = search.bodies
-    slab = bodies.slab[host]
-    led = sub(bodies.ahead[guest, 0, 0], bodies.start[guest, 0, 0])
-    other = sub(bodies.ahead[host, 0, 0], bodies.start[host, 0, 0])
-    way = bodies.swing[guest] + bodies.swing[host] + length(sub(led, other))
-    room = margin_of(search, guest, host) + way + (1.0 + OVER) * (half[guest] + half[host])
+    slab, thickness = search.bodies.slab[host], half[guest] + half[host]
     if side == 0:
-        return (0.0, 0.0, 0.0), 1e300
-    top = slab[4] if side > 0 else -slab[3]
-    return (side * slab[0], side * slab[1], side * slab[2]), top + room
+        return Room((0.0, 0.0, 0.0), 1e300, margin, way, thickness)
+    top = (slab[4] if side > 0 else -slab[3]) + margin + way + (1.0 + OVER) * thickness
+    return Room((side * slab[0], side * slab[1], side * slab[2]), top, margin, way, thickness)
 
 
 @kernel
-def _is_above(box, ceiling):
-    """Whether all of a box (6,) is beyond a ceiling."""
+def _is_above(box, room):
+    """Whether all of a box (6,) is beyond the top of a Room."""
     lowest = 0.0
     for k in range(3):
-        lowest += min(ceiling[0][k] * box[k], ceiling[0][k] * box[3 + k])
-    return lowest > ceiling[1]
+        lowest += min(room.up[k] * box[k], room.up[k] * box[3 + k])
+    return lowest > room.top
 
 
 @kernel
-def _find_pair(pair, side, bodies, search, half, touch, state):
-    """Contacts of all nodes of a pair. bodies: guest and host. half: as in _ceiling. state: how
-    many contacts there are, and the place in the memory that was reached; returns both as they are
+def _find_pair(pair, side, pressing, room, search, touch, state):
+    """Contacts of all nodes of a pair. pressing: guest and host. room: Room. state: how many
+    contacts there are, and the place in the memory that was reached; returns both as they are
     then."""
-    guest, host = bodies
-    ceiling = _ceiling(guest, host, side, search, half)
-    count, at = state
-    surfaces, boxes, bounds = search.surfaces, search.bodies.boxes, search.bodies.bounds[host]
-    _, rows, width = surfaces.guests.shape
-    margin = margin_of(search, guest, host)
+    (guest, host), (count, at) = pressing, state
+    surfaces, bodies, known = search.surfaces, search.bodies, search.memory.key
+    guests, boxes, bounds = surfaces.guests[guest], bodies.boxes[guest], bodies.bounds[host]
+    rows, width = guests.shape
+    margin, columns, own = room.margin, surfaces.exists.shape[3], surfaces.columns[guest]
+    present, exists, host_boxes = surfaces.present[host], surfaces.exists[host], bodies.boxes[host]
+    limit = surfaces.far[host] + margin + room.way
+    begin, host_begin = bodies.start[guest], bodies.start[host]
+    end, host_end = bodies.ahead[guest], bodies.ahead[host]
     # neighbours on the guest are near neighbours on the host
     near = -1, -1
     for i in range(rows):
         after = min(i + 1, rows - 1)
-        if boxes_apart(boxes[guest, i], bounds, margin) and boxes_apart(
-            boxes[guest, after], bounds, margin
-        ):
+        if boxes_apart(boxes[i], bounds, margin) and boxes_apart(boxes[after], bounds, margin):
             continue
         key = (pair * rows + i) * width
-        at = _remembered(key, search.memory, at)
-        is_known = at < search.memory.key.shape[0] and search.memory.key[at] < key + width
-        above = _is_above(boxes[guest, i], ceiling) and _is_above(boxes[guest, after], ceiling)
+        at = _remembered(key, known, at)
+        is_known = at < known.shape[0] and known[at] < key + width
+        above = _is_above(boxes[i], room) and _is_above(boxes[after], room)
         if above and not is_known:
             continue
         for c in range(width):
-            if surfaces.guests[guest, i, c] == 0:
+            if guests[i, c] == 0:
                 continue
             key = (pair * rows + i) * width + c
-            at = _remembered(key, search.memory, at)
-            is_known = at < search.memory.key.shape[0] and search.memory.key[at] == key
+            at = _remembered(key, known, at)
+            is_known = at < known.shape[0] and known[at] == key
+            # once the side is known the pose ahead can be searched, however deep
+            is_ahead = (search.memory.side[at] if is_known else side) != 0
+            now, host_now = (end, host_end) if is_ahead else (begin, host_begin)
+            p, fraction = guest_point(c, columns, own)
+            x = guest_place(now, i, p, fraction)
+            if not _is_near(x, is_known, bounds, room):
+                continue
+            found = nearest_node(x, host_now, present, host_boxes, near, limit)
+            if found[0] < 0:
+                continue
+            near, closest = found, closest_point(x, host_now, exists, found)
+            if closest[0][0] < 0:
+                continue
+            if not is_known:
+                y = guest_place(begin, i, p, fraction)
+                if _is_off(x, y, closest, (host_begin, host_now), columns, side, room):
+                    continue
             node = Node(pair, guest, host, i, c, side, at if is_known else -1)
-            count, near = _find_node(node, near, ceiling, search, touch, count)
+            count = _find_node(x, node, near, closest, search, touch, count)
     return count, at
 
 
@@ -448,14 +505,15 @@ def find_contacts(candidates, search, earlier, clearance, low, high, touch):
                 count, old = count + 1, old + 1
             continue
         margin = margin_of(search, guest, host)
-        if boxes_apart(bodies.bounds[guest], bodies.bounds[host], margin) or is_clear(
-            pair, guest, host, bodies, clearance
-        ):
+        if boxes_apart(bodies.bounds[guest], bodies.bounds[host], margin):
+            continue
+        way = way_between(bodies, guest, host)
+        if is_clear(pair, guest, host, margin + way, clearance):
             continue
         side, already = candidates.order[pair], count
         looked_at += 1
-        half, state = clearance.half, (count, at)
-        count, at = _find_pair(pair, side, (guest, host), search, half, touch, state)
+        room = _room(guest, host, side, margin, way, search, clearance.half)
+        count, at = _find_pair(pair, side, (guest, host), room, search, touch, (count, at))
         if count == already and side != 0:
-            clear(pair, guest, host, side, search, clearance)
+            clear(pair, (guest, host), side, (margin, way), search, clearance)
     return count, looked_at

@@ -117,8 +117,10 @@ class Searcher:
             *(new_touch() for _ in range(pieces - len(self._rooms))),
         ]
         until, wait = np.full(pairs, -np.inf), np.zeros(pairs, dtype=np.int8)
+        pose = np.zeros((pairs, 12))
         until[:known], wait[:known] = self._clearance.until, self._clearance.wait
-        self._clearance = self._clearance._replace(until=until, wait=wait)
+        pose[:known] = self._clearance.pose
+        self._clearance = self._clearance._replace(until=until, pose=pose, wait=wait)
         self._left_out = np.resize(self._left_out, pairs) & (np.arange(pairs) < known)
 
     def leave_out(self, pairs: NDArray[np.bool_]) -> None:
@@ -236,13 +238,16 @@ def _no_clearance(surfaces: VaneSurfaces) -> Clearance:
     """Nothing looked at yet, and no pairs."""
     bodies, _, rows, columns, _ = surfaces.exists.shape
     return Clearance(
+        frame=np.zeros((bodies, 4, 3)),
         nodes=np.zeros((*surfaces.half.shape, 3)),
         half=surfaces.half.max(axis=(1, 2), initial=0.0),
-        facets=np.zeros((bodies, 8, 4 * rows * columns)),
+        facets=np.zeros((bodies, 17, 4 * rows * columns)),
         facet_count=np.zeros(bodies, dtype=np.int64),
         size=np.zeros(bodies),
+        extent=np.zeros(bodies),
         as_guest=np.zeros(bodies),
         as_host=np.zeros(bodies),
         until=np.zeros(0),
+        pose=np.zeros((0, 12)),
         wait=np.zeros(0, dtype=np.int8),
     )

@@ -124,8 +124,8 @@ def fit_slab(points, present, exists, slab):
 @kernel
 def _facing(points, place, columns):
     """Unit normal of a triangle, zero of one without area."""
-    a, b = _corner(points, place, 0, columns), _corner(points, place, 1, columns)
-    return side_normal(place[0], a, b, _corner(points, place, 2, columns))
+    a, b = corner_of(points, place, 0, columns), corner_of(points, place, 1, columns)
+    return side_normal(place[0], a, b, corner_of(points, place, 2, columns))
 
 
 @kernel
@@ -233,9 +233,17 @@ def corner_node(place, k):
 
 
 @kernel
-def _corner(points, place, k, columns):
+def corner_place(place, k, columns):
+    """Row and node in it of corner k of a triangle."""
     row, node = corner_node(place, k)
-    x = points[row, node_index(place[0], node, columns)]
+    return row, node_index(place[0], node, columns)
+
+
+@kernel
+def corner_of(points, place, k, columns):
+    """Where corner k of a triangle is in a pose (n, 1 + 2 m, 3)."""
+    row, node = corner_place(place, k, columns)
+    x = points[row, node]
     return x[0], x[1], x[2]
 
 
@@ -258,8 +266,8 @@ def _around_node(x, points, exists, near, best):
                 if exists[side, i, j, half] == 0:
                     continue
                 place = side, i, j, half
-                a, b = _corner(points, place, 0, columns), _corner(points, place, 1, columns)
-                d = _corner(points, place, 2, columns)
+                a, b = corner_of(points, place, 0, columns), corner_of(points, place, 1, columns)
+                d = corner_of(points, place, 2, columns)
                 weight = closest_weights(x, a, b, d)
                 y = add(add(scale(weight[0], a), scale(weight[1], b)), scale(weight[2], d))
                 square = _square(y, x)

@@ -111,21 +111,27 @@ class Earlier(NamedTuple):
 
 
 class Clearance(NamedTuple):
-    """What tells which of N pairs of B bodies cannot touch yet (clearance_kernels). nodes:
-    (B, n, 1 + 2 m, 3) m, where they were to be in the search before. half: (B,) m, largest half
-    thickness. facets: (B, 8, T) triangles, the first facet_count (B,) of them: their middle, m,
-    normal, size and width, m. size: (B,) m, the largest. as_guest, as_host: (B,) m, what each body
-    has gone, as it counts for pairs in that role. until: (N,) m, sum of those of guest and host
-    until which they do not touch. wait: (N,) looks until that is asked for again."""
+    """What tells which of N pairs of B bodies cannot touch yet (clearance_kernels). frame:
+    (B, 4, 3), where each body was to be in the search before: its origin, m, and three axes; nodes:
+    (B, n, 1 + 2 m, 3) m, in that. half: (B,) m, largest half thickness. facets: (B, 17, T)
+    triangles in the frame, the first facet_count (B,) of them: their middle, m, normal, size and
+    width, m, and corners, m. size: (B,) m, the largest; extent: (B,) m, of a node from the origin.
+    as_guest, as_host: (B,) m, what each body has changed, as it counts for pairs in that role.
+    until: (N,) m, what both may change, and go past each other, until they may touch; pose:
+    (N, 12), the guest's frame in the host's when that was asked for. wait: (N,) looks until it is
+    asked for again."""
 
+    frame: Array
     nodes: Array
     half: Array
     facets: Array
     facet_count: Indices
     size: Array
+    extent: Array
     as_guest: Array
     as_host: Array
     until: Array
+    pose: Array
     wait: Bytes
 
 
