@@ -103,8 +103,8 @@ def install(name: str, into: str | Path | None = None, overwrite: bool = False) 
     """Install the plugin of a host; returns its folder and what is left to do.
 
     into: the folder that the host searches, default: the one that it has. Raises InputError for a
-    host that there is none of, a folder that is not found or not ours to replace, and OSError,
-    named, where something cannot be written; then nothing is left behind.
+    host that there is none of, a folder that is not found or not ours to replace, and where
+    something cannot be written; then nothing is left behind.
     """
     if name not in HOSTS:
         raise InputError(Problem("plugins", "", f"'{name}' is not one of {', '.join(HOSTS)}"))
@@ -116,18 +116,34 @@ def install(name: str, into: str | Path | None = None, overwrite: bool = False) 
     target = folder / f"featherfx_{name}"
     finder = folder / host.finder if host.finder else None
     _refuse(target, finder, overwrite)
+    try:
+        _put(host, folder, target, finder)
+    except OSError as error:
+        # of a folder that is copied: source, target and reason of each file
+        reason = error.args[0][0][2] if isinstance(error, shutil.Error) else error.strerror
+        told = f"cannot be written ({reason or error}); nothing was installed"
+        raise InputError(Problem(str(folder), "", told)) from error
+    return target, host.then.replace("FOLDER", str(target))
+
+
+def _put(host: Host, folder: Path, target: Path, finder: Path | None) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     beside = Path(tempfile.mkdtemp(dir=folder, prefix=".featherfx_"))
     try:
-        made = _made(host, beside / "new", target)
+        made, before = _made(host, beside / "new", target), beside / "old"
         if target.exists():
-            os.rename(target, beside / "old")
-        os.rename(made, target)
-        if finder is not None:
-            _point(host, finder, target, beside / "old")
+            os.rename(target, before)
+        try:
+            os.rename(made, target)
+            if finder is not None:
+                write_text(finder, _pointer(host, target))
+        except BaseException:  # what was is put back
+            shutil.rmtree(target, ignore_errors=True)
+            if before.exists():
+                os.rename(before, target)
+            raise
     finally:
         shutil.rmtree(beside, ignore_errors=True)
-    return target, host.then.replace("FOLDER", str(target))
 
 
 def _refuse(target: Path, finder: Path | None, overwrite: bool) -> None:
@@ -157,17 +173,10 @@ def _made(host: Host, folder: Path, target: Path) -> Path:
     return folder
 
 
-def _point(host: Host, finder: Path, target: Path, before: Path) -> None:
-    """Write the file by which the host finds the plugin; where it cannot be, put back what was."""
+def _pointer(host: Host, target: Path) -> str:
+    """The file by which the host finds the plugin."""
     text = (_SHIPPED / host.name / host.finder).read_text(encoding="utf-8")
-    text = text.replace("@VERSION@", __version__).replace("@FOLDER@", target.as_posix())
-    try:
-        write_text(finder, text)
-    except BaseException:
-        shutil.rmtree(target, ignore_errors=True)
-        if before.exists():
-            os.rename(before, target)
-        raise
+    return text.replace("@VERSION@", __version__).replace("@FOLDER@", target.as_posix())
 
 
 def _version(folder: Path) -> str | None:

@@ -242,5 +242,5 @@ def progress_option(command: Decorated) -> Decorated:
         type=click.Choice(["auto", "json", "openjd"]),
         default="auto",
         show_default=True,
-        help="json: one JSON object a line on stderr; openjd: lines of Open Job Description.",
+        help="json: one JSON object a line on stderr; openjd: Open Job Description, on stdout.",
     )(command)

@@ -1,4 +1,7 @@
-"""Progress of long work on stderr: a bar on a terminal, plain lines elsewhere, JSON if asked."""
+"""Progress of long work on stderr: a bar on a terminal, plain lines elsewhere, JSON if asked.
+
+Lines of Open Job Description go to stdout, where its sessions look for them.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +65,7 @@ class Progress:
         self._close_bar()
         self.account.__exit__()
         if self.style == "openjd" and isinstance(error, Exception):
-            click.echo(f"openjd_fail: {'; '.join(str(error).splitlines())}", err=True)
+            click.echo(f"openjd_fail: {'; '.join(str(error).splitlines())}")
         if isinstance(error, KeyboardInterrupt) and not str(error) and self.account.failed:
             raise KeyboardInterrupt(f"interrupted during {self.account.failed}") from error
 
@@ -144,10 +147,10 @@ class Progress:
     ) -> None:
         if self.style == "openjd":
             if label == self.label:
-                click.echo(f"openjd_progress: {100.0 * done / max(total, 1):.1f}", err=True)
+                click.echo(f"openjd_progress: {100.0 * done / max(total, 1):.1f}")
             elif phase != self.status:
                 self.status = phase
-                click.echo(f"openjd_status: {phase}", err=True)
+                click.echo(f"openjd_status: {phase}")
             return
         line = {
             "progress": label,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import logging
 import re
 import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -235,15 +237,33 @@ def test_followers_are_cut_so_that_few_guides_are_simulated_twice(tmp_path):
 def test_progress_lines_are_those_of_open_job_description(tmp_path):
     shot = SAMPLES / "feather_pull/shot.toml"
     given = ("bake", shot, "-o", tmp_path / "a.usdc", "--frames", "1-2", "--progress", "openjd")
-    lines = invoke(*given).stderr.splitlines()
-    told = [line.split(": ") for line in lines if line.startswith("openjd_")]
+    lines = invoke(*given).stdout.splitlines()
+    told = [line.split(": ") for line in lines]
     assert [value for name, value in told if name == "openjd_progress"] == ["0.0", "50.0", "100.0"]
     phases = [value for name, value in told if name == "openjd_status"]
     assert [each for each in phases if each in ("reading", "finishing")] == ["reading", "finishing"]
     result = invoke(*given)
     assert result.exit_code == 1
-    (fail,) = (line for line in result.stderr.splitlines() if line.startswith("openjd_fail: "))
+    *others, fail = result.stdout.splitlines()
+    assert fail.startswith("openjd_fail: ")
     assert fail.endswith("exists already; choose another name or --overwrite")
+    parsed = as_a_session_reads_it([*lines, *others, fail])
+    whole = [f"openjd_{name.lower()}: {value}" for name, value in parsed]
+    assert whole == [*lines, *others, fail]
+
+
+def as_a_session_reads_it(lines: list[str]) -> list[tuple[str, Any]]:
+    """Kinds and values of lines, by the package that runs such jobs."""
+    name = "openjd.sessions._action_filter"
+    sessions = pytest.importorskip(name, reason="no openjd-sessions")
+    found: list[tuple[str, Any]] = []
+    listener = sessions.ActionMonitoringFilter(
+        session_id="one", callback=lambda kind, value, _: found.append((kind.name, value))
+    )
+    for line in lines:
+        record = logging.makeLogRecord({"msg": line, "session_id": "one"})
+        listener.filter(record)
+    return found
 
 
 def test_a_template_may_have_a_task_bake_several_shares(tmp_path):

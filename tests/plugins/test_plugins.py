@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import types
@@ -108,7 +109,8 @@ def test_nothing_is_half_installed(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     refused = invoke("plugins", "install", "maya", "--into", tmp_path / "file")
     assert refused.exit_code == 1
-    assert len(refused.stderr.splitlines()) == 1
+    told = f"{tmp_path / 'file'}: cannot be written (File exists); nothing was installed"
+    assert refused.stderr == f"featherfx: {told}\n"
     # what others have stays
     (tmp_path / "others/featherfx_maya").mkdir(parents=True)
     assert (
@@ -130,7 +132,15 @@ def test_nothing_is_half_installed(tmp_path, monkeypatch):
     monkeypatch.setattr(plugins, "write_text", full)
     result = invoke("plugins", "install", "maya", "--into", tmp_path / "new")
     assert result.exit_code == 1
-    assert "No space left on device" in result.stderr
+    assert f"{tmp_path / 'new'}: cannot be written (No space left on device)" in result.stderr
+    assert below(tmp_path / "new") == []
+
+    def full_disk(*_, **__):
+        raise shutil.Error([("here", "there", "[Errno 28] No space left on device")])
+
+    monkeypatch.setattr(plugins.shutil, "copytree", full_disk)
+    result = invoke("plugins", "install", "usdview", "--into", tmp_path / "new")
+    assert "cannot be written ([Errno 28] No space left on device)" in result.stderr
     assert below(tmp_path / "new") == []
 
 
