@@ -25,6 +25,7 @@ from featherfx.shot.layers.types import Laid
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.types import Shot
+from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import refuse_inputs, stage_space
 from featherfx.usd.space import origin_for
@@ -109,6 +110,7 @@ class Task:
 
 def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptions) -> Task:
     """The bake to do, after all that can be known to be wrong."""
+    refuse_unfit_usd()
     shot, target, path = _checked(shot_path, output, options)
     frames = options.frames or (shot.first_frame, shot.last_frame)
     every = unique_prim_names([p.id for p in shot.groom.feathers])

@@ -14,6 +14,7 @@ import pxr
 import pytest
 from places import ROOT, SAMPLES
 
+import featherfx
 from featherfx.errors import InputError
 from featherfx.usd import installed
 from featherfx.usd.read.opening import open_stage
@@ -87,8 +88,12 @@ def test_an_old_usd_is_told(monkeypatch, caches):
     from pxr import Usd
 
     monkeypatch.setattr(Usd, "GetVersion", lambda: (0, 23, 11))
-    with pytest.raises(InputError, match=r"is USD 23\.11, but 24\.3 is the oldest"):
+    told = r"is USD 23\.11, but 24\.3 is the oldest"
+    with pytest.raises(InputError, match=told):
         open_stage(caches["usda"])
+    # before anything of a shot is read, which takes none of USD
+    with pytest.raises(InputError, match=told):
+        featherfx.bake("none.toml")
 
 
 def test_a_missing_usd_is_one_message():
