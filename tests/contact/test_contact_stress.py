@@ -9,10 +9,13 @@ import pytest
 from test_contact_shots import SAMPLE, THICKNESS, Board, baked, bird, half_wing
 
 from featherfx.errors import InputWarning, SimulationError
+from featherfx.shot.contact.steps import Span, StepRules
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Detail, Force, Motion
+from featherfx.solver.contact.interval import ContactReport
+from featherfx.solver.state import no_steps
 
 HELD = Motion("hold", {})
 
@@ -156,3 +159,17 @@ def test_feathers_that_nothing_reaches_sleep_while_others_move():
     assert 0 < woken < still
     # with all of them awake from the pull on, these would be those of the first second
     assert simulation.report["newton_iterations"]["mean"] < 40.0
+
+
+def test_what_a_step_cannot_be_cut_for_is_searched_for_to_the_end():
+    """A feather that waits for shorter steps would stay off where there are none."""
+    rules = StepRules(0, 8, 1e-4, THICKNESS, 8, 1000, ["one", "two"])
+    shortest = 1.0 / 24 / 8
+    for parts, most in ((8.0, 0.5), (1.0, 2.0), (0.5, 2.0), (0.125, np.inf), (0.0625, np.inf)):
+        span = Span(0.0, parts * shortest, shortest, True)
+        lost = rules.lost(span) / THICKNESS
+        assert lost == np.inf if most == np.inf else most <= lost < np.inf
+        # and it is off by so much that the step is cut, or nothing would be done for it
+        off = np.array([1.01 * lost, 0.0]) * THICKNESS
+        report = ContactReport(1, 1, 1, 0.0, 0.0, 0.0, off, np.zeros(2))
+        assert rules.off([no_steps(2)], report, span).tolist() == [most < np.inf, False]

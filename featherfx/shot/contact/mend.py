@@ -107,6 +107,7 @@ class Stepper:
                 led,
                 EASY if span.can_be_cut() else MOST_ITERATIONS,
                 around.bodies.begun,
+                lost=self._rules.lost(span),
             ),
         )
         self._spend(reports, span.start)

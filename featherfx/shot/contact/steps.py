@@ -26,6 +26,9 @@ SMALLEST = 1.0 / 16.0
 # misfit of a step's contacts, over the thickness, beyond which it is cut to the shortest regular
 # one, and beyond which it is cut further
 WRONG, BAD = 0.5, 2.0
+# over the first of these, misfit after the rounds of one search beyond which a feather is searched
+# for no more in a step that is cut: one in nine ends within bounds
+LOST = 2.0
 # part of the feathers that should need no more than one step of their own in a common one
 FEW_STEPS = 0.8
 # Newton iterations of a feather in a frame, over MOST_ITERATIONS, until its contacts yield:
@@ -89,12 +92,17 @@ class StepRules:
         """(B,) bodies that are to be stepped over a span again, in shorter steps: not solved, or
         with contacts that are off by more than a step of its length may have."""
         status = np.concatenate([report.status for report in reports])
-        far = np.zeros(len(status), dtype=np.bool_)
+        return np.asarray((contact.off > self._most_off(span)) | (status != 0.0))
+
+    def _most_off(self, span: Span) -> float:
+        """m, misfit of contacts beyond which a step over a span is cut."""
         if span.length > 1.001 * span.shortest:
-            far = contact.off > WRONG * self.thickness
-        elif span.length > 2.0 * SMALLEST * span.shortest:
-            far = contact.off > BAD * self.thickness
-        return far | (status != 0.0)
+            return WRONG * self.thickness
+        return BAD * self.thickness if span.length > 2.0 * SMALLEST * span.shortest else np.inf
+
+    def lost(self, span: Span) -> float:
+        """m, misfit of contacts with which a feather waits for shorter steps than a span."""
+        return max(LOST * WRONG * self.thickness, self._most_off(span))
 
     def give_up(self, reports: Sequence[StepReport], time: float) -> None:
         """SimulationError for a feather that cannot be solved at a time (s)."""

@@ -107,7 +107,8 @@ class Manner(NamedTuple):
     speed. led: bodies that the others meet as they meet walls; their states come out as zero.
     iterations: of Newton in one solve of a feather, at most. turns: whether points that come around
     a rim stay on the side where they come, against an order. settling: whether all feathers are
-    solved as closely as those that touch.
+    solved as closely as those that touch. lost: m, misfit of a feather's contacts with which rounds
+    end beyond which it stays where it is: no other search is likely to bring it where it should be.
     """
 
     substeps: int = 1
@@ -117,6 +118,7 @@ class Manner(NamedTuple):
     iterations: int = MOST_ITERATIONS
     turns: bool = False
     settling: bool = False
+    lost: float = np.inf
 
 
 PLAIN = Manner()
@@ -217,7 +219,7 @@ class ContactSolver:
         is not solved either.
         """
         self._tear(states)
-        substeps, resting, yielding, led, iterations, turns, settling = manner
+        substeps, resting, yielding, led, iterations, turns, settling, lost = manner
         free = np.ones(self.grids.bodies, dtype=np.bool_) if led is None else led.free
         shares = self._followed(duration)
         run = Run(self._team, states, loads, paths, duration, substeps, iterations, free, shares)
@@ -231,7 +233,7 @@ class ContactSolver:
         if yielding is not None:
             soft[yielding] = 1
         before, forces = Found(new_touch(1), 0), np.zeros(self.grids.bodies)
-        margin = self._margin.copy()
+        margin, off = self._margin.copy(), np.zeros(self.grids.bodies)
         for number in range(SEARCHES):
             searched = run.now.copy()
             looked = stale if number else free
@@ -240,10 +242,12 @@ class ContactSolver:
                 soften(*self.found, soft, SOFT)
             if number:
                 stale = self._changed(stale, forces, soft) & free
-            solved = self._solve(run, stale, soft)
+            solved = self._solve(run, stale & (off == 0.0), soft, off > 0.0)
             rounds += int(solved.islands.rounds.max(initial=0))
             moved = _largest_moves(run.now, searched, free)
-            stale, before = (moved >= margin) & ~run.failed(), self.found
+            worst = solved.marks.worst
+            off = np.where(worst > lost, worst, off)
+            stale, before = (moved >= margin) & ~run.failed() & (off == 0.0), self.found
             if not stale.any():
                 break
             # the bodies did not go where they were headed: look again where they went, and wider
@@ -252,9 +256,7 @@ class ContactSolver:
             order = self.candidates.order
             memory = self.found.remembered(order, self._found_in, self.memory)
         # what is not where contacts were searched may have missed some, unless they yield anyway
-        off = np.where(
-            stale & (soft == 0), np.maximum(moved, solved.marks.worst), solved.marks.worst
-        )
+        off = np.maximum(np.maximum(off, worst), np.where(stale & (soft == 0), moved, 0.0))
         contacts = self.found.contacts
         report = ContactReport(
             contacts=int(np.count_nonzero(contacts["guest_force"] > 0.0)),
@@ -373,16 +375,16 @@ class ContactSolver:
         pressed = (found > 0.0) | (forces > 0.0) | (soft != 0)
         return np.asarray((np.abs(found - forces) > 1e-9 * forces) | (stale & pressed))
 
-    def _solve(self, run: Run, stale: Flags, soft: Bytes) -> Sweep:
+    def _solve(self, run: Run, stale: Flags, soft: Bytes, lost: Flags) -> Sweep:
         """Rounds of solves with the contacts found; what they ended with.
 
         stale: (B,) bodies that are solved in the first round, whatever their contacts. soft: (B,)
-        those whose contacts yield.
+        those whose contacts yield; lost: (B,) those that stay where they are.
         """
         settings = self.settings
         touching = self._neighbours()
         count, island = islands_of(touching)
-        island[~self._free | run.failed()] = -1
+        island[~self._free | run.failed() | lost] = -1
         marks = run.marks(island, stale, soft)
         islands = islands_before(count, island, self._team.jobs)
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
