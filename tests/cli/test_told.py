@@ -93,6 +93,21 @@ def test_a_warning_of_steps_names_feathers_and_frames(monkeypatch):
     ]
 
 
+@pytest.mark.parametrize(("promised", "told"), [(1.0, True), (1.5, False), (None, False)])
+def test_an_error_that_is_not_kept_is_told(monkeypatch, promised, told):
+    def bake(shot, **options):
+        figures = {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
+        asked = {} if promised is None else {"error_promised": promised}
+        return figures | asked | {"error_estimated": 1.45}
+
+    monkeypatch.setattr(pipeline, "bake", bake)
+    lines = invoke("bake", "s.toml").stderr.splitlines()
+    assert len(lines) == 1 + told
+    if told:
+        assert "an error of 1 % was asked for, 1.4 % is estimated" in lines[1]
+        assert lines[1].endswith("ask for 0.55 %")
+
+
 def test_a_bake_names_the_feathers_whose_steps_were_too_long(tmp_path):
     shot = tmp_path / "shot.toml"
     groom = (SAMPLES / "feather_pull/groom.toml").as_posix()
