@@ -83,7 +83,7 @@ class ContactSettings:
     smoothing: float = 0.02
     margin: float = 1e-3
     tolerance: float = 1.2e-5
-    rounds: int = 8
+    rounds: int = 12
     recovery: float = 0.1
     newton: float = 0.0
 
