@@ -406,7 +406,7 @@ class Placement:
     rank: place in the order in which the layout laid all feathers, a higher one over a lower; -1
         where there was none.
     stack: within a region's layer, a higher stack lies over a lower one; 0: where roots lie tells.
-    grown: whether a region made it; a layout may shorten or drop such a feather.
+    grown: whether a layout may shorten or drop it, as what regions make.
     turning: how the root turns where it does not go with its joint alone.
     """
 

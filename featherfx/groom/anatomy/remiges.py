@@ -12,12 +12,14 @@ from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.anatomy.bow import Bow, bow_of
 from featherfx.groom.anatomy.pose import WingBones, spread_plan
-from featherfx.groom.keys.anatomy import WingType
+from featherfx.groom.keys.anatomy import CovertRow, WingType
 
 ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
 # of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
 _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
 _SHUT_ROLL = 1.4  # deg, that vanes of a shut wing are lifted farther, so that fewer cross
+# of a shut wing, by eye: place from which on coverts lie like a coat, and their gap against open
+_LOOSE, _SHUT_GAP = 0.4, 0.65
 _HAND_ASIDE = 5.0  # deg, of the hand of a shut wing against its outermost primary; by eye
 
 
@@ -140,8 +142,16 @@ def shut(kind: WingType) -> WingType:
         wrist=(kind.wrist[0], kind.wrist[1] - turned),
         outermost=(kind.outermost[0], _HAND_ASIDE),
         alula=replace(kind.alula, count=0),
-        coverts=tuple(replace(row, hand=0.0) for row in kind.coverts if row.side == "above"),
+        coverts=tuple(_lying_close(row) for row in kind.coverts if row.side == "above"),
     )
+
+
+def _lying_close(row: CovertRow) -> CovertRow:
+    """As a shut wing has it: the small ones nearer to each other than where they have to slide, for
+    a layout to part."""
+    if row.place < _LOOSE:
+        return replace(row, hand=0.0)
+    return replace(row, hand=0.0, loose=True, gap=_SHUT_GAP * row.gap)
 
 
 class Flight(NamedTuple):

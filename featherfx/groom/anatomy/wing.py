@@ -180,6 +180,7 @@ class _Row:
     """Feathers of a wing that are of one sort; arrays are over all of the row.
 
     own: which remiges they belong to. height: m, of roots above the bones. forward: (n,) m.
+    loose: whether a layout may move them.
     """
 
     kind: str
@@ -192,6 +193,7 @@ class _Row:
     lengths: Array
     forward: Array
     numbers: tuple[int, ...]
+    loose: bool = False
 
 
 def _flight(wing: _Wing, remiges: Remiges) -> Iterator[Draft]:
@@ -233,6 +235,7 @@ def _coverts(wing: _Wing, remiges: Remiges, number: int) -> Iterator[Draft]:
         * remiges.lengths[:count],
         forward=row.place * remiges.forward[:count],
         numbers=tuple(range(1, count + 1)),
+        loose=row.loose,
     )
     yield from _feathers(wing, remiges, part)
 
@@ -324,6 +327,7 @@ def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
             curl=math.degrees(curvature_of(wing.kind, wing.scale) * length) - kind.rachis.camber,
             wrap=(float(wraps[k, 0]), float(wraps[k, 1])),
             layer=entry["layer"] + row.layer,
+            grown=row.loose,
             stack=len(remiges.rows) - int(remex),
             turning=Turning(
                 joints=(wing.joint(1), wing.joint(2)),

@@ -6,7 +6,17 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from featherfx.groom.keys.family import Preset
-from featherfx.groom.keys.values import ArrayOf, Default, Key, Named, Number, Table, Text, keys_of
+from featherfx.groom.keys.values import (
+    ArrayOf,
+    Default,
+    Flag,
+    Key,
+    Named,
+    Number,
+    Table,
+    Text,
+    keys_of,
+)
 from featherfx.groom.looks import Colour
 
 _LENGTH = Number(1e-3, 5, "m")
@@ -49,6 +59,11 @@ class CovertRow:
         "Factor of the length over the outer half of the hand, reached evenly from the wrist; 0: "
         "the row ends at the wrist.",
     ] = 1.0
+    loose: Annotated[
+        bool,
+        Flag(),
+        "Whether a layout may move, shorten and leave out its feathers, as those of regions.",
+    ] = False
 
 
 _FLIGHT = Table(keys_of(FlightRow), "table of flight feathers")
