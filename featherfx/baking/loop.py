@@ -59,6 +59,7 @@ def simulate_and_write(
                         with phase("writing" if writing.is_full else "simulating", silent=True):
                             finishing.wait()
                         finishing(finished)
+                        del finished  # holds a sample
                         if done < samples:
                             done += 1
                             notify(done, samples)

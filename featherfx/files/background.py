@@ -71,6 +71,8 @@ class Background:
                     self._error = error
                 self.seconds += time.perf_counter() - begin
                 self.processor_seconds += time.thread_time() - worked
+            # a frame of a plumage is large, and the next call may be far
+            del arguments
             self._queue.task_done()
 
     def _raise(self) -> None:

@@ -161,11 +161,13 @@ class Simulation:
         by any thread, while the next frame is simulated. Gives frames that are finished, each with
         the checkpoint after it. Raises what iterating raises."""
         for index in self._samples:
-            reach = Reach(index, *self._shown(index), self._standing())
+            finish = partial(self._finished, Reach(index, *self._shown(index), self._standing()))
             if index < self._begin_at:
-                self._finished(reach)
+                finish()
             else:
-                yield partial(self._finished, reach)
+                yield finish
+            # what it holds is large, and the caller's alone from here on
+            del finish
         if self._samples_ahead:
             yield partial(self._finished, None)
 

@@ -31,12 +31,14 @@ MOST_NAMED = 10
 
 
 class Case(NamedTuple):
-    """What became of a scene. depth: m, the deepest in motion; seconds: of processor time."""
+    """What became of a scene. depth: m, the deepest in motion; written: thicknesses, the deepest of
+    what is laid over each other; seconds: of processor time."""
 
     number: int
     feathers: int
     outcome: str
     depth: float
+    written: float
     seconds: float
     said: str
 
@@ -55,13 +57,15 @@ def run(cases: Sequence[int], seed: int) -> Found:
                 result.fail(number, seed, found[-1].said)
             elif found[-1].said:
                 print(f"case {number} of seed {seed}: {found[-1].said}")
-    for what, key in (("deepest", Case.depth), ("slowest", Case.seconds)):
+    worst = ("deepest", Case.depth), ("deepest as written", Case.written), ("slowest", Case.seconds)
+    for what, key in worst:
         order = sorted(found, key=key.__get__, reverse=True)[:MOST_NAMED]
         print(f"{what}:")
         for each in order:
             print(
                 f"  case {each.number}: {each.feathers} feathers, {1e3 * each.depth:.2f} mm,"
-                f" {each.seconds:.1f} s, {each.outcome} {each.said}"
+                f" {each.written:.2f} thicknesses as written, {each.seconds:.1f} s,"
+                f" {each.outcome} {each.said}"
             )
     result.outcomes.update(each.outcome for each in found)
     result.scenes.extend(each._asdict() for each in found)
@@ -111,7 +115,7 @@ def _scene(chance: random.Random, folder: Path) -> tuple[Path, int]:
 def _ended(scene: tuple[Path, int], number: int) -> Case:
     path, count = scene
     start = time.process_time()
-    depth, outcome, said = 0.0, "done", ""
+    depth, written, outcome, said = 0.0, 0.0, "done", ""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -119,10 +123,11 @@ def _ended(scene: tuple[Path, int], number: int) -> Case:
             for frame in simulation:
                 if not all(np.isfinite(points).all() for points in frame.points):
                     outcome, said = "broken", f"frame {frame.number:g} is not finite"
-        depth = simulation.report["contact"]["worst_depth"]
+        told = simulation.report["contact"]
+        depth, written = told["worst_depth"], told["written_depth"]["worst"]
     except SimulationError as error:
         named = error.feather and error.frame is not None and error.reason
         outcome, said = "named" if named else "broken", str(error)
     except InputError as error:
         outcome, said = "broken", str(error)
-    return Case(number, count, outcome, depth, time.process_time() - start, said)
+    return Case(number, count, outcome, depth, written, time.process_time() - start, said)

@@ -2,6 +2,7 @@
 
 import threading
 import time
+import weakref
 
 import pytest
 
@@ -41,6 +42,19 @@ def test_the_caller_waits_when_too_much_waits_already():
         release.set()
         producer.join(5.0)
     assert ahead == list(range(6))
+
+
+def test_what_a_call_was_given_is_let_go_when_it_is_done():
+    class Sample:
+        pass
+
+    sample = Sample()
+    there = weakref.ref(sample)
+    with Background(lambda _: None) as call:
+        call(sample)
+        del sample
+        call.wait()
+        assert there() is None
 
 
 def test_an_error_reaches_the_caller_and_stops_the_work():
