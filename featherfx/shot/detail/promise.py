@@ -26,8 +26,8 @@ from featherfx.algebra.types import Array
 from featherfx.shot.types import Shot
 
 FRONT = Path(__file__).with_name("front.json")
-# of an error that is asked for, what is planned with: samples then keep to it (docs/benchmarks.md)
-MARGIN = 0.7
+# of an error that is asked for, what is planned with: samples then keep to it (docs/detail.md)
+MARGIN = 0.5
 # steps of tolerances, so that feathers of about one length stay together
 TOLERANCES_AN_OCTAVE = 2
 
