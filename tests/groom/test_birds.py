@@ -227,6 +227,7 @@ def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
             'type = { base = "pigeon", wing = { base = "pigeon", primaries = { count = 90 } } }',
             "bird.type.wing.primaries.count: 90 feathers with quills",
         ),
+        ('^prim = "/pigeon/body"', 'prim = "/pigeon/bdy"', "skin.prim: no prim /pigeon/bdy in "),
     ],
 )
 @pytest.mark.usefixtures("wings_as_typed")

@@ -133,7 +133,8 @@ def _region_drafts(
     for path, source in sources.items():
         if source.is_ribbon:
             place.child("prim").fail(f"{path} is no Mesh, on which alone regions grow")
-    if len(place.problems) > count:
+    # what was told before, of a bird's skin, is no further problem
+    if len(place.problems) > count or len(sources) < len(paths):
         return (), None
     skins = {path: GroomSkin(SkinSurface(each), space, folder) for path, each in sources.items()}
     regions = []
