@@ -44,6 +44,8 @@ class DaskEngine:
         self._client, self._topic = client, f"featherfx-{uuid.uuid4().hex}"
         self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
         self._futures: dict[int, Future] = {}
+        # orders that some workers alone may take, with these
+        self._bound: dict[int, tuple[Order, set[str]]] = {}
         self.workers = len(self._addresses())
         client.subscribe_topic(self._topic, self._heard)
 
@@ -56,17 +58,32 @@ class DaskEngine:
 
     def submit(self, number: int, order: Order, avoid: str = "") -> None:
         others = [each for each in self._addresses() if not avoid.startswith(f"{each} ")]
-        elsewhere = {"workers": others, "allow_other_workers": True} if avoid and others else {}
+        self._bound.pop(number, None)
+        if avoid and others:
+            # strictly, since what others may take as well is stolen by whoever is idle
+            self._bound[number] = order, set(others)
         future = self._client.submit(
             on_worker,
             number,
             order,
             self._topic,
             key=f"{self._topic}-{number}-{uuid.uuid4().hex}",
-            **elsewhere,
+            workers=others if number in self._bound else None,
         )
         self._futures[number] = future
-        future.add_done_callback(lambda done: self._news.put(self._outcome(number, done)))
+        future.add_done_callback(lambda done: self._ended(number, done))
+
+    def _ended(self, number: int, future: Future) -> None:
+        if self._futures.get(number) is future:
+            self._bound.pop(number, None)
+            self._news.put(self._outcome(number, future))
+
+    def _free_those_whose_workers_are_gone(self) -> None:
+        there = set(self._addresses()) if self._bound else set()
+        for number, (order, others) in list(self._bound.items()):
+            if not others & there and not self._futures[number].done():
+                self.cancel(number)
+                self.submit(number, order)
 
     def _outcome(self, number: int, future: Future) -> News:
         if future.status == "finished":
@@ -80,10 +97,12 @@ class DaskEngine:
         return News(FAILED, number, "", InputError(Problem("scheduler", "", message)))
 
     def cancel(self, number: int) -> None:
+        self._bound.pop(number, None)
         with contextlib.suppress(Exception):
             self._futures.pop(number).cancel()
 
     def hear(self) -> News:
+        self._free_those_whose_workers_are_gone()
         try:
             return self._news.get(timeout=_QUIET)
         except queue.Empty:

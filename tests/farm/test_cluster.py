@@ -107,6 +107,51 @@ def test_a_worker_that_is_killed_twice_costs_its_unfinished_chunks(tmp_path, win
     assert first["samples_taken_over"] >= 4
 
 
+class FewWorkers:
+    """A client whose workers a test takes away; what it is asked to do stays undone."""
+
+    def __init__(self, *workers):
+        self.workers, self.asked, self.cancelled = list(workers), [], []
+
+    def subscribe_topic(self, topic, heard):
+        pass
+
+    def scheduler_info(self, n_workers):
+        return {"workers": dict.fromkeys(self.workers)}
+
+    def submit(self, *order, key, workers):
+        self.asked.append(workers)
+        return Undone(lambda: self.cancelled.append(key))
+
+
+class Undone:
+    def __init__(self, cancel):
+        self.cancel = cancel
+
+    def done(self):
+        return False
+
+    def add_done_callback(self, told):
+        pass
+
+
+def test_an_order_is_bound_to_others_while_one_of_them_is_there(monkeypatch):
+    monkeypatch.setattr(room, "_QUIET", 0.01)
+    client = FewWorkers("full", "one", "other")
+    engine = room.DaskEngine(client)
+    engine.submit(0, None)
+    engine.submit(1, None, avoid="full (process 7)")
+    assert client.asked == [None, ["one", "other"]]
+    client.workers.remove("one")
+    engine.hear()
+    assert len(client.asked) == 2
+    client.workers.remove("other")
+    engine.hear()
+    engine.hear()
+    assert client.asked[2:] == [None]
+    assert len(client.cancelled) == 1
+
+
 def _small_files() -> None:
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, most))
