@@ -127,7 +127,8 @@ def overwrite_option(
 
 
 def json_option(told: str = "One JSON object.") -> Callable[[Decorated], Decorated]:
-    return click.option("--json", "as_json", is_flag=True, help=told)
+    # eager: known where --progress is looked at
+    return click.option("--json", "as_json", is_flag=True, is_eager=True, help=told)
 
 
 def jobs_option(meaning: str = "Threads.") -> Callable[[Decorated], Decorated]:
@@ -235,6 +236,12 @@ def presets_option(command: Decorated) -> Decorated:
     )(command)
 
 
+def _one_on_stdout(ctx: click.Context, param: click.Parameter, style: str) -> str:
+    if style == "openjd" and ctx.params.get("as_json"):
+        raise click.UsageError("--json and --progress openjd both write to stdout; ask for one")
+    return style
+
+
 def progress_option(command: Decorated) -> Decorated:
     return click.option(
         "--progress",
@@ -242,5 +249,6 @@ def progress_option(command: Decorated) -> Decorated:
         type=click.Choice(["auto", "json", "openjd"]),
         default="auto",
         show_default=True,
+        callback=_one_on_stdout,
         help="json: one JSON object a line on stderr; openjd: Open Job Description, on stdout.",
     )(command)

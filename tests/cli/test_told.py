@@ -159,6 +159,14 @@ def test_stats_write_large_numbers_out(monkeypatch):
     assert "e+" not in told
 
 
+@pytest.mark.parametrize("command", ["check", "stats"])
+def test_one_thing_is_written_to_stdout(command):
+    result = invoke(command, PULL, "--progress", "openjd", "--json")
+    assert result.exit_code == 2
+    assert "--json and --progress openjd" in result.stderr
+    assert result.stdout == ""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("sample", ["breeze", "swan_wing", "flapping_bird"])
 def test_stats_tell_the_processor_time_of_a_bake_whatever_else_runs(sample, tmp_path):
