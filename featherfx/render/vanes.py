@@ -251,14 +251,9 @@ class DrawnPlumage:
 
     def _colours(self, members: Indices, grid: Indices) -> Array:
         """(n, R, C, 3) linear colours of a vane's vertices."""
-        own = [self.feathers[k].colour for k in members]
+        each, shape = ((k, self.feathers[k].colour) for k in members), (*grid.shape, 3)
         return np.stack(
-            [
-                np.broadcast_to(self.colours[k], (*grid.shape, 3))
-                if colour is None
-                else colour[grid]
-                for k, colour in zip(members, own, strict=True)
-            ]
+            [np.broadcast_to(self.colours[k] if c is None else c[grid], shape) for k, c in each]
         )
 
     def _shafts(self, members: Indices, rings: Indices) -> Array:

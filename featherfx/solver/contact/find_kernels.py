@@ -2,14 +2,12 @@
 
 from typing import NamedTuple
 
-from featherfx.algebra.vec3_kernels import add, cross, dot, length, scale, store, sub
+from featherfx.algebra.vec3_kernels import cross, dot, length, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.clearance_kernels import (
     BESIDE,
     CREASE,
-    OVER,
-    ROUNDED,
     SLANT,
     clear,
     follow,
@@ -17,18 +15,16 @@ from featherfx.solver.contact.clearance_kernels import (
     way_between,
 )
 from featherfx.solver.contact.list_kernels import host_place, triangle_normal
+from featherfx.solver.contact.room_kernels import is_above, is_near, is_off, room_of
 from featherfx.solver.contact.search_kernels import (
-    box_distance,
     boxes_apart,
     closest_point,
     corner_node,
-    corner_place,
     fit_slab,
     guest_place,
     guest_point,
     nearest_node,
     row_boxes,
-    side_normal,
     strip_point,
     swing_of,
 )
@@ -52,18 +48,6 @@ class Node(NamedTuple):
     column: int
     side: int
     known: int
-
-
-class Room(NamedTuple):
-    """How near to a host the points of a guest meet it. up: (3,), and top: m, along it, beyond
-    which none does. margin: m, gap below which they are followed. way: m, what they go past the
-    host in the interval, at most; thickness: m, sum of both half thicknesses, at most."""
-
-    up: tuple[float, float, float]
-    top: float
-    margin: float
-    way: float
-    thickness: float
 
 
 @kernel
@@ -115,48 +99,6 @@ def set_gaps(contact, thickness, along, recovery):
     depth = max(0.0, thickness - along)
     contact.thickness, contact.start_gap = thickness, along - thickness + depth
     contact.spared = max(KEPT * min(depth, SMALL * thickness), depth - recovery)
-
-
-@kernel
-def _on(points, corners, weight):
-    """The point with weights of corners, rows and nodes, in a pose (n, 1 + 2 m, 3)."""
-    a, b, c = corners
-    first = add(scale(weight[0], points[a[0], a[1]]), scale(weight[1], points[b[0], b[1]]))
-    return add(first, scale(weight[2], points[c[0], c[1]]))
-
-
-@kernel
-def _is_off(x, begin, closest, host, columns, side, room):
-    """Whether a point at x that nothing is known of is beside its closest place on a host, or so
-    far above it that they do not meet in the interval. begin: where the point is at the start.
-    host: (n, 1 + 2 m, 3) m, nodes at the start, and where x was looked for. side: where the point
-    belongs, or 0."""
-    (start, now), (place, weight) = host, closest
-    a, b = corner_place(place, 0, columns), corner_place(place, 1, columns)
-    c = corner_place(place, 2, columns)
-    normal = side_normal(place[0], now[a[0], a[1]], now[b[0], b[1]], now[c[0], c[1]])
-    away = sub(x, _on(now, (a, b, c), weight))
-    along = dot(normal, away)
-    beside, most = sub(away, scale(along, normal)), OVER * room.thickness + ROUNDED
-    if dot(beside, beside) > most * most:
-        return True
-    gap = side * along - room.thickness - room.margin - ROUNDED
-    if side == 0 or gap <= 0.0:
-        return False
-    if gap > room.way:
-        return True
-    # as _closing
-    normal = side_normal(place[0], start[a[0], a[1]], start[b[0], b[1]], start[c[0], c[1]])
-    led = sub(_on(now, (a, b, c), weight), _on(start, (a, b, c), weight))
-    return gap > abs(dot(normal, sub(sub(x, begin), led)))
-
-
-@kernel
-def _is_near(x, is_known, bounds, room):
-    """Whether a point may meet a host with such bounds (6,)."""
-    if not is_known and dot(room.up, x) > room.top:
-        return False
-    return box_distance(x, bounds) <= room.margin * room.margin
 
 
 @kernel
@@ -359,29 +301,6 @@ def _press(contact, known, search):
 
 
 @kernel
-def _room(guest, host, side, margin, way, search, half):
-    """The Room of a pair. half: (B,) m, largest half thickness.
-
-    What meets the host (clearance_kernels) is along a normal of it no farther on its own side than
-    margin, thickness and way, and beside that by OVER thicknesses: so far above the slab at most.
-    """
-    slab, thickness = search.bodies.slab[host], half[guest] + half[host]
-    if side == 0:
-        return Room((0.0, 0.0, 0.0), 1e300, margin, way, thickness)
-    top = (slab[4] if side > 0 else -slab[3]) + margin + way + (1.0 + OVER) * thickness
-    return Room((side * slab[0], side * slab[1], side * slab[2]), top, margin, way, thickness)
-
-
-@kernel
-def _is_above(box, room):
-    """Whether all of a box (6,) is beyond the top of a Room."""
-    lowest = 0.0
-    for k in range(3):
-        lowest += min(room.up[k] * box[k], room.up[k] * box[3 + k])
-    return lowest > room.top
-
-
-@kernel
 def _find_pair(pair, side, pressing, room, search, touch, state):
     """Contacts of all nodes of a pair. pressing: guest and host. room: Room. state: how many
     contacts there are, and the place in the memory that was reached; returns both as they are
@@ -404,7 +323,7 @@ def _find_pair(pair, side, pressing, room, search, touch, state):
         key = (pair * rows + i) * width
         at = _remembered(key, known, at)
         is_known = at < known.shape[0] and known[at] < key + width
-        above = _is_above(boxes[i], room) and _is_above(boxes[after], room)
+        above = is_above(boxes[i], room) and is_above(boxes[after], room)
         if above and not is_known:
             continue
         for c in range(width):
@@ -418,7 +337,7 @@ def _find_pair(pair, side, pressing, room, search, touch, state):
             now, host_now = (end, host_end) if is_ahead else (begin, host_begin)
             p, fraction = guest_point(c, columns, own)
             x = guest_place(now, i, p, fraction)
-            if not _is_near(x, is_known, bounds, room):
+            if not is_near(x, is_known, bounds, room):
                 continue
             found = nearest_node(x, host_now, present, host_boxes, near, limit)
             if found[0] < 0:
@@ -428,7 +347,7 @@ def _find_pair(pair, side, pressing, room, search, touch, state):
                 continue
             if not is_known:
                 y = guest_place(begin, i, p, fraction)
-                if _is_off(x, y, closest, (host_begin, host_now), columns, side, room):
+                if is_off(x, y, closest, (host_begin, host_now), columns, side, room):
                     continue
             node = Node(pair, guest, host, i, c, side, at if is_known else -1)
             count = _find_node(x, node, near, closest, search, touch, count)
@@ -512,7 +431,7 @@ def find_contacts(candidates, search, earlier, clearance, low, high, touch):
             continue
         side, already = candidates.order[pair], count
         looked_at += 1
-        room = _room(guest, host, side, margin, way, search, clearance.half)
+        room = room_of(guest, host, side, margin, way, search, clearance.half)
         count, at = _find_pair(pair, side, (guest, host), room, search, touch, (count, at))
         if count == already and side != 0:
             clear(pair, (guest, host), side, (margin, way), search, clearance)
