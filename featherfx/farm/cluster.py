@@ -6,6 +6,7 @@ Workers take one order at a time, whatever their threads: a bake has threads of 
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import os
 import queue
@@ -191,13 +192,20 @@ def _local(distributed: Any, workers: int, folder: str) -> Iterator[Client]:
         yield client
 
 
-@contextlib.contextmanager
-def _client(distributed: Any, address: str, workers: int) -> Iterator[Client]:
+def _connected(distributed: Any, address: str) -> Client:
     try:
-        client = distributed.Client(address, timeout=_CALL)
+        return distributed.Client(address, timeout=_CALL)
     except (OSError, ValueError, TimeoutError) as error:
         message = f"no scheduler answers there within {_CALL:g} s ({error})"
-        raise InputError(Problem("scheduler", "", f"'{address}': {message}")) from error
+    # What is left of the client closes its loop when Python finds it: where that is while another
+    # client opens one, both wait for ever.
+    gc.collect()
+    raise InputError(Problem("scheduler", "", f"'{address}': {message}"))
+
+
+@contextlib.contextmanager
+def _client(distributed: Any, address: str, workers: int) -> Iterator[Client]:
+    client = _connected(distributed, address)
     with client:
         try:
             client.wait_for_workers(workers, timeout=_MEET)
