@@ -6,6 +6,7 @@ arrays that are handed to it.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from featherfx.solver.step.banded_kernels import panel_shape
 from featherfx.solver.step.closing_kernels import FOLLOWED
 from featherfx.solver.step.secant_kernels import PAIRS
 from featherfx.solver.step.strain_kernels import Strains
+from featherfx.solver.vane.line_kernels import LANES
 
 Array = NDArray[np.float64]
 
@@ -256,6 +258,12 @@ def make_pose(model: Model) -> Pose:
     )
 
 
+def _lines(*shape: int) -> Array:
+    """Zeros, with room behind them: a loop over the last line may end beyond it (line_kernels)."""
+    count = math.prod(shape)
+    return np.zeros(count + LANES)[:count].reshape(shape)
+
+
 def make_work(model: Model) -> Work:
     """Scratch for one thread working on feathers of this batch."""
     n, m, c = model.rows, model.columns, model.coefficients
@@ -278,7 +286,7 @@ def make_work(model: Model) -> Work:
         spin=np.zeros((n, 3)),
         coefficient_rate=np.zeros((2, n, 2 * c)),
         vane=Vane(
-            blocks=np.zeros((n, 2, 6, 3, 3 * padded)),
+            blocks=_lines(n, 2, 6, 3, 3 * padded),
             nodes=np.zeros((n, 2, 3, padded + 4)),
             pull=np.zeros((n, 2, 3, padded + 4)),
             product=np.zeros((wide, 3 * padded)),
