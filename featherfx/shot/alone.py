@@ -11,12 +11,13 @@ from featherfx.mechanics.model import Loads
 from featherfx.shot.counts import Advanced
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
+from featherfx.shot.detail.twins import Twins, twins_of
 from featherfx.shot.groups import Group
 from featherfx.shot.motion.motion import root_path
 from featherfx.shot.motion.roots import Roots
 from featherfx.shot.settled import settled
 from featherfx.shot.types import Shot
-from featherfx.solver.solver import RootPath, raise_if_failed
+from featherfx.solver.solver import RootPath, State, hold_roots, raise_if_failed
 
 
 class Alone:
@@ -25,6 +26,8 @@ class Alone:
 
     def __init__(self, shot: Shot, group: Group, motion: Roots, levels: LevelRun) -> None:
         self._shot, self._group, self._motion, self._levels = shot, group, motion, levels
+        # the state that was reached last, and its images of others
+        self._reached: tuple[State, Twins] | None = None
 
     @property
     def groups(self) -> Sequence[Group]:
@@ -34,8 +37,11 @@ class Alone:
     def settle(self, loads: Sequence[Loads]) -> None:
         """Bring the feathers to rest. loads: on the batch."""
         group, (acting,) = self._group, loads
-        chosen = np.flatnonzero(self._levels.active(group)).tolist()
-        group.state = settled(group.solver, group.state, acting, group.names, chosen)
+        active = self._levels.active(group)
+        twins = self._twins(hold_roots(group.state), acting, active)
+        chosen = twins.stepped(active).tolist()
+        state = settled(group.solver, group.state, acting, group.names, chosen)
+        group.state = twins.written(state)
 
     def advance(
         self,
@@ -57,18 +63,32 @@ class Alone:
         repeating = np.zeros_like(active)
         if cycle is not None:
             repeating = cycle.repeating(path, acting) & active & ~sleeping
-        awake = np.flatnonzero(active & ~sleeping & ~repeating).tolist()
-        group.state, report = group.solver.step(group.state, acting, path, duration, awake)
+        awake = active & ~sleeping & ~repeating
+        twins = self._twins(path, acting, awake)
+        stepped = twins.stepped(awake).tolist()
+        state, report = group.solver.step(group.state, acting, path, duration, stepped)
+        group.state = twins.written(state, report)
         if sleeping.any():
             group.state = asleep(group.state, sleeping, path, duration)
         if cycle is not None:
             if repeating.any():
                 group.state = cycle.replayed(group.state, repeating, path, duration)
             cycle.keep(group.state, path, acting, active & ~self._levels.fresh(group))
-        group.loads = acting
+        self._reached, group.loads = (group.state, twins), acting
         raise_if_failed(report.status, group.state.time, group.names)
         resting, coasting = int((sleeping & ~moving).sum()), int((sleeping & moving).sum())
-        return Advanced([report], resting, coasting, int(repeating.sum()))
+        return Advanced([report], resting, coasting, int(repeating.sum()), len(twins.own))
+
+    def _twins(self, path: RootPath, loads: Loads, awake: Flags) -> Twins:
+        """Feathers that become images of others over a frame, of those that are awake."""
+        group = self._group
+        if group.alike is None or group.flying or group.changes or group.pulls is not None:
+            return Twins.none()
+        written = None
+        # gaps are preened in place
+        if self._reached and self._reached[0] is group.state and not group.solver.model.hooked:
+            written = self._reached[1]
+        return twins_of(group.alike, group.state, path, loads, awake, written)
 
     def _sleeping(self, path: RootPath, loads: Loads, duration: float) -> Flags:
         """(F,) feathers that sleep or coast through a frame."""

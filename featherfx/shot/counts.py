@@ -19,13 +19,15 @@ class Advanced(NamedTuple):
     """What a sample took of batches that are stepped together.
 
     reports: of the batches, none where nothing was solved. resting, coasting: feathers that nothing
-    stirs, where they are and with their roots. repeated: those that were replayed.
+    stirs, where they are and with their roots. repeated: those that were replayed. twins: those
+    that became images of others.
     """
 
     reports: Sequence[StepReport]
     resting: int = 0
     coasting: int = 0
     repeated: int = 0
+    twins: int = 0
 
 
 @dataclass
@@ -34,8 +36,8 @@ class Counts:
 
     reports: one per batch and frame. forced: by feather, its frame with the greatest error of a
     sub-step above the tolerance, that error (m) and the number of such sub-steps. slept, coasted,
-    repeated: feather frames that were not stepped; rigid, guided: those of feathers that follow
-    their roots or guides only.
+    repeated, twins: feather frames that were not stepped; rigid, guided: those of feathers that
+    follow their roots or guides only.
     """
 
     reports: list[StepReport] = field(default_factory=list)
@@ -43,6 +45,7 @@ class Counts:
     slept: int = 0
     coasted: int = 0
     repeated: int = 0
+    twins: int = 0
     rigid: int = 0
     guided: int = 0
 
@@ -59,6 +62,7 @@ class Counts:
         self.slept += done.resting
         self.coasted += done.coasting
         self.repeated += done.repeated
+        self.twins += done.twins
 
     def frame(self, rigid: int, guided: int) -> None:
         """Count a frame that is handed out."""
@@ -80,6 +84,7 @@ class Counts:
                 "sleeping feather frames": self.slept,
                 "coasting feather frames": self.coasted,
                 "repeated feather frames": self.repeated,
+                "twin feather frames": self.twins,
                 "rigid feather frames": self.rigid,
                 "guided feather frames": self.guided,
             },

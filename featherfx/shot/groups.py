@@ -21,6 +21,7 @@ from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
 from featherfx.shot.detail.cycle import Cycle
 from featherfx.shot.detail.detail import CARRIED, Resolution
+from featherfx.shot.detail.twins import Alike, alike
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.direction.matter import NAMES, Blown, Matter, matter_of
 from featherfx.shot.direction.targets import Pulls, pulls_of
@@ -54,7 +55,7 @@ class Group:
     one. own: model of dry feathers that nothing directs. cycle: of a shot that repeats. water: of
     feathers that are wet at times. free: s, time at which they leave their roots, None: never.
     matter: as channels have it. blown: channels of wind, and felt: how much of each acts
-    (direction/matter.py). pulls: towards shapes (direction/targets.py).
+    (direction/matter.py). pulls: towards shapes (direction/targets.py). alike: what may be twins.
     """
 
     resolution: Resolution
@@ -78,6 +79,7 @@ class Group:
     blown: Blown | None = None
     felt: tuple[float, ...] = ()
     pulls: Pulls | None = None
+    alike: Alike | None = None
 
     @property
     def level(self) -> str:
@@ -222,6 +224,7 @@ def _group(
         free=None if key.free < 0 else shot.time_of(shot.frees[key.free].frame),
         felt=key.felt,
         pulls=pulls_of(shot, drawn, feathers, members, motion, model),
+        alike=alike(placements, shot.twins),
     )
 
 

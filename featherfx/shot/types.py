@@ -16,6 +16,8 @@ from featherfx.shot.detail.view import TimedCamera
 from featherfx.shot.motion.skin import BoundSkin, SkinSurfaces
 from featherfx.shot.read.sources import TimedSurface, TimedWind
 
+# which feathers are solved once
+TWINS = ("none", "mirrored", "all")
 LEVELS = ("full", "coarse", "rachis", "guided", "rigid")
 
 _COLUMN = "Place along the barb: 0 the rachis, 1 the barb's end."
@@ -454,6 +456,12 @@ class Shot:
         "Whether feathers at rest against a root that moves evenly on a straight line are carried "
         "along unstepped; needs `sleep`.",
     ] = True
+    twins: Annotated[
+        str,
+        Text(TWINS),
+        "Feathers of one shape to which the same happens are solved once: mirror images in the "
+        "plane y = 0, where that changes no bit, or all, wherever they stand, to within rounding.",
+    ] = "mirrored"
     cycle: Annotated[
         int,
         Number(0, 1_000_000, "frames", whole=True),

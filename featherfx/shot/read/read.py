@@ -132,7 +132,16 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     if len(problems) or motion is None:
         return None
     first, last = parts["frames"]
-    as_they_are = ("name", "frames_per_second", "settle", "preroll", "sleep", "coast", "cycle")
+    as_they_are = (
+        "name",
+        "frames_per_second",
+        "settle",
+        "preroll",
+        "sleep",
+        "coast",
+        "cycle",
+        "twins",
+    )
     return Shot(
         **{name: parts[name] for name in as_they_are},
         source=path,
