@@ -2,7 +2,7 @@
 
 Barbs run across the shaft, so a blur along the feather leaves little of them and all of the shaft.
 The path along which the second derivative across is greatest is found by dynamic programming, and
-smoothed by a polynomial.
+smoothed by a polynomial from which single stretches may be off (Huber 1964).
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ _ALONG, _SCALES = 0.02, (1.0, 0.7, 0.45, 0.3)
 _LEAST_CONTRAST = 2.5
 # times as wide as at its base, up to where a feather is calamus
 _STILL_BARE = 1.4
-# of the polynomial that the path is smoothed by: up to four inflections
-_DEGREE = 6
+# of the polynomial that the path is smoothed by: up to six inflections; pixels from it beyond which
+# a place of the path counts less, and how often it is fitted
+_DEGREE, _OFF, _FITS = 8, 2.0, 5
 _FINE = 2001
 
 
@@ -69,8 +70,16 @@ def shaft_of(laid: Laid, source: str) -> ShaftLine:
         message = "the shaft does not show in the picture; give its line from base to tip (--shaft)"
         raise InputError(Problem(source, "", message))
     along = columns.astype(np.float64)
-    smooth = Chebyshev.fit(along, path, _DEGREE, w=shown)
-    return _even(np.stack([along, smooth(along)], axis=1))
+    return _even(np.stack([along, _smooth(along, path.astype(np.float64), shown)], axis=1))
+
+
+def _smooth(along: Array, path: Array, shown: Array) -> Array:
+    """(U,) a polynomial through the path (U,), which counts by how much it shows (U,)."""
+    weight = shown
+    for _ in range(_FITS):
+        smooth = np.asarray(Chebyshev.fit(along, path, _DEGREE, w=weight)(along))
+        weight = shown / np.maximum(1.0, np.abs(smooth - path) / _OFF)
+    return smooth
 
 
 def _bare(mask: Flags) -> tuple[Flags, float]:
@@ -93,7 +102,7 @@ def _ridges(grey: Array, width: float) -> list[Array]:
 
 
 def _path(ridge: Array, mask: Flags, bare: Flags) -> tuple[float, Indices, Array]:
-    """How far the best line stands out, the line (U,), and how much it shows along it."""
+    """How far the best line stands out, the line (U,), and how much it shows along it, 0.1 to 1."""
     inner = ndimage.binary_erosion(mask, iterations=3) & ~bare[:, None]
     usual = float(np.median(np.abs(ridge[inner]))) if inner.any() else 0.0
     value = np.where(mask, ridge / (usual or np.inf), -10.0)
@@ -101,7 +110,8 @@ def _path(ridge: Array, mask: Flags, bare: Flags) -> tuple[float, Indices, Array
     path = _best_path(value)
     along = value[np.arange(len(path)), path]
     contrast = 0.0 if bare.all() else float(np.median(along[~bare]))
-    return contrast, path, np.clip(along, 0.1, 2.0 * max(contrast, 0.1))
+    shown = np.clip(along / (contrast or np.inf), 0.1, 1.0)
+    return contrast, path, np.where(bare, 1.0, shown)
 
 
 def _near_the_middle(mask: Flags) -> Array:

@@ -1,7 +1,8 @@
 """A feather's silhouette in a picture, laid out from base to tip.
 
-The silhouette is what differs from the border of the picture (or is opaque): the largest connected
-piece, holes filled, beyond the border's own noise, and Otsu's threshold (1979) at most.
+The silhouette is what differs from the ground (or is opaque): the largest connected piece, holes
+filled, beyond the border's own noise, and Otsu's threshold (1979) at most. The ground is the border
+of the picture, carried on inwards as light falls off on paper: a polynomial of degree 2.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ _COVERS = (0.002, 0.9)
 _SECOND = 0.2  # of the largest piece, up to which others are dirt; chosen by eye
 # distance in colour that is none, and times the noise of the border that is; chosen by eye
 _LEAST_APART, _NOISE = 0.03, 2.0
+# of the border's distances from the ground's fit, times the middle one that still belong to it
+_OUTLYING, _FITS = 3.0, 4
 # times as long as wide
 _LEAST_SLENDER = 1.5
 
@@ -86,17 +89,13 @@ def read_photo(path: Path) -> Photo:
 def silhouette(photo: Photo, threshold: float | None = None) -> Flags:
     """(H, W) which pixels are the feather.
 
-    threshold: distance in colour from the border, 0 to 1; None: it is found. Raises InputError
+    threshold: distance in colour from the ground, 0 to 1; None: it is found. Raises InputError
     where nothing, or nearly all, would be, or two pieces.
     """
     found = photo.opaque
     if found is None:
-        edge = np.concatenate([photo.colours[[0, -1]].reshape(-1, 3), photo.colours[:, 0],
-                               photo.colours[:, -1]])  # fmt: skip
-        ground = np.median(edge, axis=0)
-        apart, noise = (
-            np.linalg.norm(each - ground, axis=-1) / np.sqrt(3.0) for each in (photo.colours, edge)
-        )
+        apart = np.linalg.norm(photo.colours - _ground(photo.colours), axis=-1) / np.sqrt(3.0)
+        noise = apart[_border(apart.shape)]
         found = apart > (_least_apart(apart, noise) if threshold is None else threshold)
     found = ndimage.binary_fill_holes(ndimage.binary_opening(found, iterations=1))
     labels, count = ndimage.label(found)
@@ -123,9 +122,36 @@ def silhouette(photo: Photo, threshold: float | None = None) -> Flags:
     return found
 
 
+def _border(shape: tuple[int, ...]) -> Flags:
+    """(H, W) which pixels are the picture's outermost."""
+    border = np.ones(shape, dtype=np.bool_)
+    border[1:-1, 1:-1] = False
+    return border
+
+
+def _ground(colours: Array) -> Array:
+    """(H, W, 3) what colours (H, W, 3) were without a feather, from their border.
+
+    A quarter of the border may be something else, such as a feather that is cut: what is further
+    off than three times the middle one is left out, and the rest is fitted again.
+    """
+    rows, columns = (np.linspace(-1.0, 1.0, count) for count in colours.shape[:2])
+    y, x = np.meshgrid(rows, columns, indexing="ij")
+    terms = np.stack([np.ones_like(x), x, y, x * y, x**2, y**2], axis=-1)
+    border = _border(x.shape)
+    known, wanted = terms[border], colours[border]
+    off = np.linalg.norm(wanted - np.median(wanted, axis=0), axis=-1)
+    for _ in range(_FITS):
+        kept = off <= max(_OUTLYING * float(np.median(off)), _LEAST_APART)
+        fit = np.linalg.lstsq(known[kept], wanted[kept], rcond=None)[0]
+        off = np.linalg.norm(wanted - known @ fit, axis=-1)
+    return np.asarray(terms @ fit)
+
+
 def _least_apart(apart: Array, noise: Array) -> float:
     """Threshold of distances in colour; a pale calamus may be nearer to the ground than vanes."""
-    return min(_otsu(apart), max(_LEAST_APART, _NOISE * float(np.quantile(noise, 0.995))))
+    # what is left of a plain ground is round-off
+    return min(_otsu(apart.round(6)), max(_LEAST_APART, _NOISE * float(np.quantile(noise, 0.995))))
 
 
 def _otsu(values: Array) -> float:

@@ -7,7 +7,7 @@ of a base preset, and so are barb angles where no barbs show.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,7 +28,15 @@ from featherfx.groom.presets.presets import toml_of
 from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.trace.shaft import ShaftLine, drawn_shaft, shaft_of
 from featherfx.trace.silhouette import Laid, Photo, laid_out, read_photo, silhouette
-from featherfx.trace.vanes import LEFT, RIGHT, barb_angles, calamus_of, simplified, widths
+from featherfx.trace.vanes import (
+    LEFT,
+    RIGHT,
+    barb_angles,
+    calamus_of,
+    simplified,
+    straightened,
+    widths,
+)
 
 Guides = list[tuple[float, float, float]]
 
@@ -39,6 +47,8 @@ _BASES = (0.0, 0.05, 0.1, 0.2)
 _ROWS, _COLUMNS = 101, 16
 # times that outlines are moved by what is left between the feather and its silhouette
 _ROUNDS = 2
+# shares of the length: a fit that is good, and by how much one with simpler guides must be better
+_GOOD, _WORTH = 0.01, 0.005
 # hairs and notches narrower than this share of the length are no silhouette
 _HAIR = 0.006
 
@@ -83,7 +93,7 @@ class _Try(NamedTuple):
 
 class _Outlines:
     """What was measured of both vanes, leading first. edges: shares and widths, widened by what
-    the feather that was built lacks."""
+    the feather that was built lacks. straight: whether guides follow a line."""
 
     def __init__(self, laid: Laid, line: ShaftLine, leading: str | None) -> None:
         self.laid, self.line = laid, line
@@ -95,10 +105,20 @@ class _Outlines:
         self.heading, self.sweep, self.course = _turnings(line, self.first)
         self.fractions, self.wanted = fractions, (left, right) if is_left else (right, left)
         self.edges = [each.copy() for each in self.wanted]
-        self.guides = [
+        self.straight = False
+        self.guides: list[Guides] = [
             barb_angles(laid, line, side, (self.calamus, self.bare), (fractions, width))
             for side, width in zip((self.first, -self.first), self.wanted, strict=True)
         ]
+
+    def simpler_guides(self) -> bool:
+        """Take angles that follow a line for those that were seen, then, called again, none, so
+        that they are the base's; False where there are none any more."""
+        seen, self.guides = self.guides, [[], []]
+        if not self.straight:
+            self.straight = True
+            self.guides = [straightened(each) if len(each) > 1 else [] for each in seen]
+        return any(seen)
 
     def outline(self, k: int) -> list[tuple[float, float]]:
         """Points of a vane's outline as a preset has them."""
@@ -200,15 +220,55 @@ def trace(photo_path: str | Path, options: TraceOptions = TraceOptions()) -> tup
             ) from error
         return _Try(_deviation(found, feather), rounded, text, feather)
 
-    best = min((built(rounded) for rounded in _BASES), key=lambda each: each.off)
-    now = best
+    best, seen = _best_fit(found, built)
+    off, _, text, feather = best
+    return Traced(text, 100.0 * off, seen), _drawn_over(photo, found, feather)
+
+
+def _best_fit(found: _Outlines, built: Callable[[float], _Try]) -> tuple[_Try, tuple[int, int]]:
+    """The feather that fits best, and the guides it has of the picture: those that were seen where
+    they do within _GOOD, else simpler ones, which have to be better by _WORTH each time.
+
+    Raises InputError where none can be built.
+    """
+    tries: list[tuple[float, _Try, tuple[int, int]]] = []
+    worth, told = 0.0, InputError()
+    while not tries or tries[-1][1].off > _GOOD:
+        try:
+            best = _grown_to_fit(found, built)
+            tries.append((best.off + worth, best, (len(found.guides[0]), len(found.guides[1]))))
+        except InputError as error:
+            told = error
+        worth += _WORTH
+        if not found.simpler_guides():
+            break
+    if not tries:
+        raise told
+    _, best, seen = min(tries, key=lambda each: each[0])
+    return best, seen
+
+
+def _grown_to_fit(found: _Outlines, built: Callable[[float], _Try]) -> _Try:
+    """The best of all bases, outlines widened by what it lacks. Raises InputError of the last base
+    where none can be built."""
+    found.edges = [each.copy() for each in found.wanted]
+    tries, told = list[_Try](), InputError()
+    for rounded in _BASES:
+        try:
+            tries.append(built(rounded))
+        except InputError as error:
+            told = error
+    if not tries:
+        raise told
+    best = now = min(tries, key=lambda each: each.off)
     for _ in range(_ROUNDS):
         _grow(found, now.feather)
-        now = built(best.rounded)
+        try:
+            now = built(best.rounded)
+        except InputError:
+            break
         best = min(best, now, key=lambda each: each.off)
-    off, _, text, feather = best
-    seen = len(found.guides[0]), len(found.guides[1])
-    return Traced(text, 100.0 * off, seen), _drawn_over(photo, found, feather)
+    return best
 
 
 def _text(table: dict[str, Any], base: str, photo: str) -> str:

@@ -53,10 +53,15 @@ def widths(laid: Laid, line: ShaftLine, side: float) -> tuple[Array, Array]:
 def calamus_of(fractions: Array, left: Array, right: Array) -> tuple[float, float]:
     """Where the first vane begins, a share of the length, and half the width of the calamus."""
     bare = 0.5 * float(np.median((left + right)[(fractions > 0.005) & (fractions < 0.04)]))
-    wide = np.maximum(left, right) > bare + _BEGINS
-    lasting = ndimage.minimum_filter1d(wide, 13, origin=-6)
-    begins = np.flatnonzero(lasting & (fractions < 0.9))
-    return (float(fractions[begins[0]]) if len(begins) else 0.0), bare
+    beyond = np.maximum(left, right) - bare
+
+    def lasting(least: float) -> float:
+        wide = ndimage.minimum_filter1d(beyond > least, 13, origin=-6) & (fractions < 0.9)
+        return float(fractions[np.argmax(wide)]) if wide.any() else 0.0
+
+    # where it has grown to that, back along the line on which it grows to twice of it
+    first = lasting(_BEGINS)
+    return max(2.0 * first - max(lasting(2.0 * _BEGINS), first), 0.0), bare
 
 
 def simplified(points: Array, tolerance: float) -> Array:
@@ -107,6 +112,19 @@ def barb_angles(
         if angles:
             found.append((float(position), *_root_and_curl(angles)))
     return [each for each in found if _ALLOWED[0] < each[1] < _ALLOWED[1]]
+
+
+def straightened(guides: list[tuple[float, float, float]]) -> list[tuple[float, float, float]]:
+    """Guides whose angles are a line over their positions, through the middle of the slopes between
+    any two (Theil 1950, Sen 1968), all with the middle curl; at least two guides."""
+    places, angles, curls = np.array(guides).T
+    first, second = np.triu_indices(len(places), 1)
+    slope = np.median((angles[second] - angles[first]) / (places[second] - places[first]))
+    line = np.median(angles - slope * places) + slope * places
+    within = np.clip(line, *_ALLOWED)
+    return [
+        (float(p), float(a), float(np.median(curls))) for p, a in zip(places, within, strict=True)
+    ]
 
 
 def _root_and_curl(angles: list[tuple[float, float]]) -> tuple[float, float]:

@@ -11,8 +11,9 @@ GROUND, SHAFT, VANE = (235, 238, 240), (225, 215, 190), (120, 105, 95)
 COLUMNS = 12
 
 
-def picture(kind, angle=0.0, mirrored=False, textured=True, size=600, noise=0.0):
-    """An image, and (n, 2) pixels of its shaft. angle: rad, of the shaft's base, anticlockwise."""
+def picture(kind, angle=0.0, mirrored=False, textured=True, size=600, noise=0.0, dusk=0.0):
+    """An image, and (n, 2) pixels of its shaft. angle: rad, of the shaft's base, anticlockwise.
+    dusk: by how much one corner is darker than the middle, of it, and the opposite one brighter."""
     feather = build_feather(kind, 81, COLUMNS)
     scale = size / feather.station[-1]
     c, s = np.cos(angle), np.sin(angle)
@@ -43,8 +44,10 @@ def picture(kind, angle=0.0, mirrored=False, textured=True, size=600, noise=0.0)
     for k in range(len(shaft) - 1):
         ends = [tuple(each) for each in shaft[k : k + 2].tolist()]
         draw.line(ends, fill=SHAFT if textured else VANE, width=width[k])
-    if noise:
+    if noise or dusk:
         pixels = np.asarray(image, dtype=np.float64)
+        rows, columns = (np.linspace(-0.5, 0.5, size) for size in pixels.shape[:2])
+        pixels = pixels * (1.0 + dusk * (rows[:, None] + columns))[..., None]
         pixels = pixels + rng.normal(scale=noise, size=pixels.shape)
         image = Image.fromarray(np.clip(pixels, 0, 255).astype(np.uint8))
     return image, shaft

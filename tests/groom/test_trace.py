@@ -39,17 +39,17 @@ def angles_at(vane, places):
 
 
 @pytest.mark.parametrize(
-    ("text", "turn", "mirrored"),
+    ("text", "turn", "mirrored", "dusk"),
     [
-        ('base = "swan_primary"\n', 37.0, False),
-        ('base = "tail_feather"\nlength = 0.35\n', 200.0, True),
+        ('base = "swan_primary"\n', 37.0, False, 0.0),
+        ('base = "tail_feather"\nlength = 0.35\n', 200.0, True, 0.25),
         ('base = "swan_primary"\nrachis.sweep = 0\nrachis.course = [[0, 0, 0, 0], '
-         "[0.4, 0, 14, 0], [0.8, 0, -6, 0], [1, 0, -8, 0]]\n", -80.0, False),
+         "[0.4, 0, 14, 0], [0.8, 0, -6, 0], [1, 0, -8, 0]]\n", -80.0, False, 0.0),
     ],
 )  # fmt: skip
-def test_a_feather_is_found_again(tmp_path, text, turn, mirrored):
+def test_a_feather_is_found_again(tmp_path, text, turn, mirrored, dusk):
     true = kind(text)
-    image, _ = photos.picture(true, np.radians(turn), mirrored, noise=3.0)
+    image, _ = photos.picture(true, np.radians(turn), mirrored, noise=3.0, dusk=dusk)
     result, out = traced(tmp_path, image, "--overlay", str(tmp_path / "over.png"))
     assert result.exit_code == 0, result.output
     assert float(result.output.split("within ")[1].split(" %")[0]) < 1.0
