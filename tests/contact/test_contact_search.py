@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from featherfx.solver.contact.colour_kernels import colour_island, colour_some, neighbours
 from featherfx.solver.contact.run import islands_before, no_colours
 from featherfx.solver.contact.search import Searcher
+from featherfx.solver.contact.search_kernels import guest_place
 from featherfx.solver.contact.surfaces import (
     WALL_FIT,
     grids_of,
@@ -149,6 +150,45 @@ def test_what_pressed_in_a_search_of_a_step_is_found_in_the_next(seed):
     assert again.number > 0.5 * found.number
     pairs = (len(np.unique(each.contacts["pair"])) for each in (again, found))
     assert next(pairs) > 0.9 * next(pairs)
+
+
+def test_where_vanes_cross_no_depth_has_to_be_taken_back():
+    """A vane through another: points on either side of where they cross are nearer to it than both
+    are thick, and what would bring one out presses its neighbour in."""
+    model, state = free_feathers("body_contour", np.zeros((2, 3)), rows=7, columns=3)
+    grids = grids_of([model])
+    surfaces = surfaces_of([model], grids, [0.5 * THICKNESS] * 2)
+    candidates = Candidates(np.array([(0, 1)]), np.ones(1, dtype=np.int64))
+    flat = grids.together([state.points.nodes])
+    within = flat.copy()
+    within[0, ..., 2] += 0.6 * THICKNESS
+    middle, tilt = flat[0].mean(axis=(0, 1)), Rotation.from_euler("x", 2.0, degrees=True)
+    across = flat.copy()
+    across[0] = middle + (flat[0] - middle) @ tilt.as_matrix()
+    found = {}
+    for name, points in (("within", within), ("across", across)):
+        bodies = moving_bodies(points, points, np.ones(points.shape[:3]))
+        memory, margins = no_memory(surfaces), np.full(2, MARGIN)
+        search = Search(surfaces, bodies, memory, margins, MARGIN, 1.0, WALL_FIT, True)
+        contacts = Searcher(candidates, surfaces).find(search).contacts
+        x = np.stack(
+            [guest_place(points[0], c["row"], c["point"], c["fraction"]) for c in contacts]
+        )
+        away = x - contacts["place_start"]
+        height = np.sign(away[:, 2]) * np.linalg.norm(away, axis=1)
+        found[name] = contacts, contacts["thickness"] - contacts["side"] * height
+    contacts, depth = found["within"]
+    assert set(contacts["side"]) == {1}
+    # the vanes are curved
+    assert np.all(np.abs(depth / THICKNESS - 0.45) < 0.1)
+    # of what is in another all but a twentieth of the thickness, as ever
+    assert contacts["spared"].max() < 0.06 * THICKNESS
+    contacts, depth = found["across"]
+    assert set(contacts["side"]) == {-1, 1}
+    # nearest to the middle of a triangle, so that the way there is the height
+    deep = (depth > 0.1 * THICKNESS) & (contacts["weight"].min(axis=1) > 1e-3)
+    assert deep.sum() > 4
+    assert np.allclose(contacts["spared"][deep], depth[deep], rtol=0.02)
 
 
 def test_threads_change_no_contact(monkeypatch):

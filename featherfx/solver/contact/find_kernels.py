@@ -301,6 +301,29 @@ def _press(contact, known, search):
 
 
 @kernel
+def _spare_crossed(touch, low, high, search):
+    """Of a guest that is on both sides of its host, as where their rims cross, have all contacts,
+    from low to high - 1, keep the depth that they begin with.
+
+    Points on either side of where vanes cross are nearer to the host than it is thick, however it
+    lies: what would bring one out presses the other in.
+    """
+    both = False
+    for k in range(low + 1, high):
+        both = both or touch[k].side != touch[low].side
+    if not both:
+        return
+    for k in range(low, high):
+        contact = touch[k]
+        begin = guest_place(
+            search.bodies.start[contact.guest], contact.row, contact.point, contact.fraction
+        )
+        along, _ = _along(search.bodies.start[contact.host], begin, contact)
+        depth = contact.thickness - contact.side * along
+        contact.spared = max(contact.spared, depth)
+
+
+@kernel
 def _find_pair(pair, side, pressing, room, search, touch, state):
     """Contacts of all nodes of a pair. pressing: guest and host. room: Room. state: how many
     contacts there are, and the place in the memory that was reached; returns both as they are
@@ -315,7 +338,7 @@ def _find_pair(pair, side, pressing, room, search, touch, state):
     begin, host_begin = bodies.start[guest], bodies.start[host]
     end, host_end = bodies.ahead[guest], bodies.ahead[host]
     # neighbours on the guest are near neighbours on the host
-    near = -1, -1
+    near, already = (-1, -1), count
     for i in range(rows):
         after = min(i + 1, rows - 1)
         if boxes_apart(boxes[i], bounds, margin) and boxes_apart(boxes[after], bounds, margin):
@@ -351,6 +374,8 @@ def _find_pair(pair, side, pressing, room, search, touch, state):
                     continue
             node = Node(pair, guest, host, i, c, side, at if is_known else -1)
             count = _find_node(x, node, near, closest, search, touch, count)
+    if search.turns:
+        _spare_crossed(touch, already, min(count, touch.shape[0]), search)
     return count, at
 
 
