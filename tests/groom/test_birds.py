@@ -227,6 +227,11 @@ def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
             'type = { base = "pigeon", wing = { base = "pigeon", primaries = { count = 90 } } }',
             "bird.type.wing.primaries.count: 90 feathers with quills",
         ),
+        (
+            "^nape = .*",
+            "nape = [0.094, 0, 2.9]",
+            "nape: is 2.63 m from beak and tail, which are 0.3",
+        ),
         ('^prim = "/pigeon/body"', 'prim = "/pigeon/bdy"', "skin.prim: no prim /pigeon/bdy in "),
     ],
 )
@@ -244,6 +249,7 @@ def test_faults_of_a_bird_are_told(tmp_path, old, new, message):
         ("right_shoulder", "left_shoulder", "is to the right of right_shoulder: are the two"),
         ("breast", "vent", "is behind vent: are the two exchanged?"),
         ("beak", "nape", "is behind nape"),
+        ("beak", "tail", "beak: is behind tail"),
     ],
 )
 def test_exchanged_landmarks_are_told(tmp_path, first, second, message):

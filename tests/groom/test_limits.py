@@ -13,10 +13,7 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError, Problem
-from featherfx.groom.keys.problems import Problems
-from featherfx.groom.presets.library import Library
-from featherfx.groom.read import read
-from featherfx.groom.read.read import collect_groom, read_groom
+from featherfx.groom.read.read import read_groom
 from featherfx.limits import memory_limit, refuse_beyond_memory
 from featherfx.shot.read.read import check_file
 
@@ -131,18 +128,6 @@ def test_pipes_and_devices_are_not_read(tmp_path: Path) -> None:
     for path in (tmp_path / "pipe.toml", Path("/dev/zero")):
         (problem,) = check_file(path)
         assert problem.message == "is not a regular file, expects a TOML file"
-
-
-def test_of_a_large_groom_with_faults_some_feathers_are_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(read, "MOST_TRIED", 10)
-    for fault, count in (("", 100), ('[[feather]]\nid = "a"\n', 10)):
-        library = Library((), Problems())
-        text = ROW.format("").replace("100000", "100") + fault
-        groom = collect_groom(write(tmp_path, text), library)
-        assert groom is not None
-        assert len(groom.feathers) == count
 
 
 def test_names_are_one_line(tmp_path: Path) -> None:

@@ -53,6 +53,9 @@ _HIDES = 0.9  # fold, from which on a wing hides the flank
 _BORDER = 0.5  # of a feather's length, over which parts pass into each other
 _ROOM = {"thigh": 0.4}  # of a length, free beneath; where legs move, more than the 0.3 elsewhere
 _SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
+_FARTHEST = 1.5  # ways from beak to tail, that a landmark may be away from the nearer of them
+# axes (forward, left) along which a landmark has to be ahead of another
+_AHEAD = (1, "left_shoulder", "right_shoulder"), (0, "breast", "vent"), (0, "beak", "nape")
 _BEAK = 0.42  # of the way from beak to crown: bare
 
 
@@ -142,14 +145,22 @@ def _axes(points: Points, up: tuple[float, ...], place: Place) -> Array:
     if parallel(forward, up):
         place.child("tail").refuse("is right below or above the shoulders; set `up`")
     axes = frames_from(forward, up)
-    for axis, name, back in (
-        (1, "left_shoulder", "right_shoulder"),
-        (0, "breast", "vent"),
-        (0, "beak", "nape"),
-    ):
-        if float((points[name] - points[back]) @ axes[:, axis]) <= 0.0:
-            side = ("behind", "to the right of")[axis]
-            place.child(name).refuse(f"is {side} {back}: are the two exchanged?")
+    for name, point in flat:
+        away = min(float(np.linalg.norm(point - points[end])) for end in ("beak", "tail"))
+        if away > _FARTHEST * size:
+            told = f"is {away:.3g} m from beak and tail, which are {size:.3g} m apart"
+            place.child(name).refuse(f"{told}; allowed {_FARTHEST:g} times that")
+    wrong = [
+        (axis, name, back)
+        for axis, name, back in _AHEAD
+        if float((points[name] - points[back]) @ axes[:, axis]) <= 0.0
+    ]
+    if {"left_shoulder", "breast"} <= {name for _, name, _ in wrong}:
+        # forward is from the tail to the shoulders
+        place.child("beak").refuse("is behind tail: are the two exchanged?")
+    for axis, name, back in wrong:
+        side = ("behind", "to the right of")[axis]
+        place.child(name).refuse(f"is {side} {back}: are the two exchanged?")
     return axes
 
 

@@ -32,8 +32,7 @@ from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.regions.regions import GroomReaders, plumage_of
 from featherfx.groom.types import FeatherKind, Groom, Joint, Placement
-from featherfx.limits import MOST_COMPARED, MOST_FEATHERS, MOST_TRIED
-from featherfx.phases import counted
+from featherfx.limits import MOST_COMPARED, MOST_FEATHERS
 
 _SHOT_KEYS = {"groom", "frames"}  # that every shot has, and no groom
 _FEATHER_KEYS = {
@@ -105,7 +104,6 @@ def groom_of(
 ) -> Groom | None:
     """The groom of tables as they stand in a file at path; see collect_groom."""
     place = Place(str(path), "", library.problems)
-    before = len(library.problems)
     parts = GROOM_FILE.parts(raw, place)
     if readers is not None:
         readers = replace(readers, skin=kept_skins(readers.skin))
@@ -136,9 +134,6 @@ def groom_of(
     name = raw.get("name")
     if not isinstance(name, str):
         return None
-    if len(library.problems) > before:
-        # nobody takes such a groom; some tell what else is wrong
-        drafts = drafts[:: 1 + len(drafts) // MOST_TRIED]
     placements = _placements(parts["variation"], drafts, store)
     inputs = library.said | told(raw, path.parent)
     return Groom(name, path, placements, joints, plumage.layout, plumage.skin, inputs)
@@ -334,8 +329,7 @@ def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Pla
     roll = sign * (np.array([draft.roll for draft in drafts]) + changes[:, 3])
     rotations = np.stack([draft.rotation for draft in drafts]) @ about_x(roll)
     placements = []
-    each = zip(drafts, rotations, changes.tolist(), strict=True)
-    for draft, rotation, change in counted("reading", each, len(drafts)):
+    for draft, rotation, change in zip(drafts, rotations, changes.tolist(), strict=True):
         with draft.place.problems.collecting():
             placements.append(_placement(draft, rotation, change, store))
     return tuple(placements)
