@@ -11,7 +11,8 @@ shot's `ease` says. Lifts then rise before they have to, and fall after, at a sp
 
     E(t) = max over s of  L(s) - speed |t - s|,
 
-which is nowhere below L, and what lies on others that rise early is laid on them anew.
+which is nowhere below L, and what lies on others that rise early is laid on them anew. What one
+of these samples asks for again falls much slower than that: it would only come up again.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from featherfx.shot.layers.depths import Depths, Lifted
 from featherfx.shot.layers.ground import ground_beneath
 from featherfx.shot.layers.lap_kernels import meeting_pairs
 from featherfx.shot.layers.lift_kernels import lay_feathers
-from featherfx.shot.layers.pose_kernels import lift_points_of_all, lift_ways
+from featherfx.shot.layers.pose_kernels import lift_points_of_all
 from featherfx.shot.layers.stack import (
     among,
     beneath,
@@ -64,6 +65,8 @@ MANNER = Manner(kept=0.0, turns=8, follow=4.0, off=2.0, seen=0.1, slope=0.3)
 # 1/s, lengths of its feather by which what is lifted less than that in the time of an ease rises or
 # falls; what is lifted more takes that time (docs/contact.md has figures)
 SPEED = 0.5
+# of that speed, at which falls what will be asked for again: what is beneath it may sink so fast
+SINKS = 0.125
 # m, what a point may move and still count as resting where it was
 STILL = 1e-6
 # times that the first sample is laid at most, until nothing moves any more
@@ -178,7 +181,7 @@ class Layers:
         laid = RowPoints(pose.points.copy(), points.directors)
         velocities, accelerations = (both(lambda part: part.astype("f8"), each) for each in rates)
         if duration > 0.0:
-            way = _along((lifts.lift - before) / duration, pose.way)
+            way = _along_dorsal((lifts.lift - before) / duration, pose.dorsal)
             velocities = RowPoints(velocities.nodes + way, velocities.directors)
         return [
             FeatherPose(laid.at(k), velocities.at(k), accelerations.at(k), own)
@@ -186,14 +189,15 @@ class Layers:
         ]
 
     def _eased_lift(self, asked: Array, before: Array, duration: float) -> Array:
-        """(F, n, 2 m + 1) m, lifts no lower than asked for that come down slowly from those before
-        and rise slowly to those that are asked for later."""
-        eased, seconds = asked.copy(), 0.0
+        """(F, n, 2 m + 1) m, lifts no lower than asked for that come down slowly from those before,
+        much slower where they will be asked for again, and rise slowly to those asked for later."""
+        least = SPEED * self.vanes.row.sum(axis=1)[:, None, None]
+        eased, seconds, sinks = asked.copy(), 0.0, SINKS * least * duration
         others = [(before, duration, duration)] if duration > 0.0 else []
         for each in self._waiting:
+            np.maximum(eased, np.minimum(before, each.kept["lift"]) - sinks, out=eased)
             seconds += each.duration
             others.append((each.kept["lift"], seconds, each.duration))
-        least = SPEED * self.vanes.row.sum(axis=1)[:, None, None]
         for lift, way, step in others:
             speed = np.maximum(least, lift / ((self._samples_ahead(step) + 1) * step))
             np.maximum(eased, lift - way * speed, out=eased)
@@ -204,8 +208,6 @@ class Layers:
 
     def _begin(self, lifts: Lifts, points: RowPoints, begun: Array) -> None:
         """Lift points of all feathers as a laying begins."""
-        heading = np.zeros((len(begun), 3))
-        lift_ways(self.stack, points.directors, heading, self._start.way)
         lifts.before[:] = lifts.lift[:] = self._start.lift[:] = begun
         spans = pairwise(np.linspace(0, len(begun), self._jobs + 1).astype(int).tolist())
         lift = partial(lift_points_of_all, self.vanes, points, self._start)
@@ -303,8 +305,8 @@ def _nodes(points: Array) -> Array:
     return np.concatenate([points[:, :, :m:-1], points[:, :, : 1 + m]], axis=2)
 
 
-def _along(values: Array, way: Array) -> Array:
-    """(F, n, 1 + 2 m, 3) values (F, n, 2 m + 1) of strips times those (F, n, 3) of rows."""
+def _along_dorsal(values: Array, dorsal: Array) -> Array:
+    """(F, n, 1 + 2 m, 3) values (F, n, 2 m + 1) of strips times the directors (F, n, 3) of rows."""
     m = values.shape[2] // 2
-    ways = values[..., None] * way[:, :, None]
+    ways = values[..., None] * dorsal[:, :, None]
     return np.concatenate([ways[:, :, m:], ways[:, :, :m][:, :, ::-1]], axis=2)
