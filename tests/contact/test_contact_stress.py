@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_contact_shots import SAMPLE, THICKNESS, Board, baked, bird, half_wing
 
 from featherfx.errors import InputWarning, SimulationError
-from featherfx.shot.contact.steps import Span, StepRules
+from featherfx.shot.contact.steps import FrameSteps, Span, StepRules
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.simulate import simulate
@@ -161,9 +162,29 @@ def test_feathers_that_nothing_reaches_sleep_while_others_move():
     assert simulation.report["newton_iterations"]["mean"] < 40.0
 
 
+@pytest.mark.parametrize(("least", "most"), [(1.0, 1.5), (0.6, 0.9)])
+def test_a_common_step_is_one_that_most_feathers_take_at_once(least, most):
+    """Feathers' own steps grow by a half at most: a common one that doubled would be divided by all
+    of them, be halved for that, and double again."""
+    rules = StepRules(0, 8, THICKNESS, 8, 1000, [str(f) for f in range(10)])
+    frame = 1.0 / 24
+    steps = FrameSteps(rules, 0.0, frame, 0.25 * frame)
+    assert steps.left()
+    length = steps.span.length
+    state = SimpleNamespace(proposal=np.append(length * np.linspace(least, most, 9), 0.0))
+    report = no_steps(10)
+    report.steps[:9] = 1.0
+    none = ContactReport(0, 1, 9, 0.0, 0.0, 0.0, np.zeros(10), np.zeros(10))
+    steps.accepted([state], [report], none, False)
+    divided = np.count_nonzero(state.proposal[:9] < steps.proposal)
+    assert divided <= 0.25 * 9
+    assert divided > 0
+    assert steps.time == length
+
+
 def test_what_a_step_cannot_be_cut_for_is_searched_for_to_the_end():
     """A feather that waits for shorter steps would stay off where there are none."""
-    rules = StepRules(0, 8, 1e-4, THICKNESS, 8, 1000, ["one", "two"])
+    rules = StepRules(0, 8, THICKNESS, 8, 1000, ["one", "two"])
     shortest = 1.0 / 24 / 8
     for parts, most in ((8.0, 0.5), (1.0, 2.0), (0.5, 2.0), (0.125, np.inf), (0.0625, np.inf)):
         span = Span(0.0, parts * shortest, shortest, True)

@@ -136,7 +136,6 @@ class ShotContact:
         return StepRules(
             steps=self.contact.steps,
             substeps=min(quality.max_substeps, self.contact.most_steps),
-            tolerance=common_tolerance(self.shot),
             thickness=self._thickness,
             rounds=self.solver.settings.rounds,
             iterations=MOST_ITERATIONS,
@@ -180,7 +179,7 @@ class ShotContact:
                 self.solver.memory = forgotten(self.solver.memory, self.solver.candidates, idle)
             done = stepper.step(current, span, resting & ~idle, led)
             put_back(done.states, current, idle, self.solver.grids.first)
-            steps.accepted(done.reports, done.contact[0][1], done.tries > 0)
+            steps.accepted(done.states, done.reports, done.contact[0][1], done.tries > 0)
             current = _slept(done.states, done.reports, paths_of(span.start, span.end), span.length)
             resting &= np.concatenate([report.steps for report in done.reports]) == 0.0
             self.bodies.begun = True

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from featherfx.solver.contact.interval import ContactReport
 from featherfx.solver.solver import StepReport, raise_if_failed
+from featherfx.solver.state import State
 from featherfx.solver.status import TOO_MUCH_WORK
 
 Array = NDArray[np.float64]
@@ -29,8 +30,9 @@ WRONG, BAD = 0.5, 2.0
 # over the first of these, misfit after the rounds of one search beyond which a feather is searched
 # for no more in a step that is cut: one in nine ends within bounds
 LOST = 2.0
-# part of the feathers that should need no more than one step of their own in a common one
-FEW_STEPS = 0.8
+# part of the feathers that should need no more than one step of their own in a common one; the next
+# common step over the last, at least
+FEW_STEPS, SHRINK = 0.8, 0.25
 # Newton iterations of a feather in a frame, over MOST_ITERATIONS, until its contacts yield:
 # it is solved in rounds; and, over those, until the bake ends
 MORE_ITERATIONS, MOST_WORK = 8, 4
@@ -72,13 +74,12 @@ class StepRules:
     """What does not change over a shot.
 
     steps: common steps of a frame, 0: as many as are needed. substeps: most regular steps of a
-    feather in a frame. tolerance: m, local error of a step. thickness: m, the least of any vane.
+    feather in a frame. thickness: m, the least of any vane.
     rounds: of a step that was easy, at most. iterations: MOST_ITERATIONS. names: ids.
     """
 
     steps: int
     substeps: int
-    tolerance: float
     thickness: float
     rounds: int
     iterations: int
@@ -134,15 +135,21 @@ class FrameSteps:
         self.span = Span(self.time, stop, self.shortest, not self.rules.steps)
         return True
 
-    def accepted(self, reports: Sequence[StepReport], contact: ContactReport, tried: bool) -> None:
-        """Go on to the step's end, and propose the next one's length.
+    def accepted(
+        self,
+        states: Sequence[State],
+        reports: Sequence[StepReport],
+        contact: ContactReport,
+        tried: bool,
+    ) -> None:
+        """Go on to the step's end, where these states are, and propose the next one's length.
 
         tried: whether all feathers had to be stepped again, in shorter steps.
         """
         length, easy = self.span.length, contact.rounds <= self.rules.rounds and not tried
         self.proposal = min(self.shortest, (2.0 if easy else 1.0) * length)
         if not self.rules.steps:
-            self.proposal = max(self.proposal, length * self._change(reports))
+            self.proposal = max(self.proposal, self._wanted(states, reports))
         self.time = self.span.end
 
     def spend(self, reports: Sequence[StepReport], time: float) -> None:
@@ -158,16 +165,15 @@ class FrameSteps:
         the rest of it."""
         return self._spent > MORE_ITERATIONS * self.rules.iterations
 
-    def _change(self, reports: Sequence[StepReport]) -> float:
-        """Factor from this common step to the next: most feathers should need one of their own."""
-        steps = np.concatenate([report.steps for report in reports])
-        error = np.concatenate([report.error for report in reports])
-        awake = steps > 0.0
+    def _wanted(self, states: Sequence[State], reports: Sequence[StepReport]) -> float:
+        """s, the length of which most feathers that were solved would make one step of their own.
+
+        Their errors alone would not tell: their own steps grow no faster than they may, and a
+        common step that grows faster is divided by all of them.
+        """
+        awake = np.concatenate([report.steps for report in reports]) > 0.0
+        length = self.span.length
         if not awake.any():
-            return 2.0
-        need = float(np.quantile(steps[awake], FEW_STEPS))
-        if need > 1.0:
-            return max(0.25, 1.0 / need)
-        off = max(float(np.quantile(error[awake], FEW_STEPS)), 1e-30)
-        change = 0.9 * (self.rules.tolerance / off) ** (1.0 / 3.0)
-        return float(min(2.0, max(0.5, change)))
+            return 2.0 * length
+        own = np.concatenate([state.proposal for state in states])[awake]
+        return max(SHRINK * length, float(np.quantile(own, 1.0 - FEW_STEPS)))
