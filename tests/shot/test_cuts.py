@@ -69,6 +69,23 @@ def test_what_is_slow_or_within_a_feathers_length_is_no_cut(away, lengths):
     assert np.array_equal(cut.frames(time).positions, cut.motion.frames(time).positions)
 
 
+class Beat:
+    """Roots that beat up and down by a metre in four frames, in which they stand twice at either of
+    two heights."""
+
+    def frames(self, time: float) -> RootFrames:
+        height = np.cos((0.5 * time / FRAME + 0.25) * np.pi)
+        return RootFrames(np.tile([0.0, 0.0, height], (2, 1)), np.tile(np.eye(3), (2, 1, 1)))
+
+
+def test_a_fast_beat_is_no_cut():
+    beat = CutRoots(Beat(), np.full(2, 0.2), FRAME, 40)
+    moved = [beat.moved(k)[0] for k in range(4)]
+    assert max(moved) > 1.4
+    assert min(moved) < 1e-9
+    assert not any(beat.finder.cut(k).any() for k in range(40))
+
+
 def flight(away):
     """Two feathers that touch each other, on roots that fly."""
     shot = read_shot(SAMPLE)

@@ -1,10 +1,11 @@
 """Roots and bodies that are somewhere else in no time: a cut in the animation, not a motion.
 
 Within one frame a root goes farther than its feather is long, and ten times as far as in the frames
-before and after: no feather can be led along that way. So it is carried rigidly to where it arrives
-and goes on from there with the motion that follows. Smooth curves through the frames on both sides
-(featherfx/algebra/between.py) would swing about the cut; near one, places between frames come from
-the frames of its own side.
+before and after: no feather can be led along that way (a wing that beats within a few frames stands
+twice at one height, so what counts there is how far it has come halfway, too). So it is carried
+rigidly to where it arrives and goes on from there with the motion that follows. Smooth curves
+through the frames on both sides (featherfx/algebra/between.py) would swing about the cut; near one,
+places between frames come from the frames of its own side.
 """
 
 from __future__ import annotations
@@ -39,12 +40,13 @@ class CutFinder:
     """Tells in which frames of a shot things are cut.
 
     moved: (N,) m, how far each goes from frame k to k + 1. least: (N,) m, of a cut. last: number
-    of the last frame, from 0.
+    of the last frame, from 0. halfway: (N,) m, how far each goes to or from halfway, the farther.
     """
 
     moved: Callable[[int], Array]
     least: Array
     last: int
+    halfway: Callable[[int], Array] | None = None
     _known: dict[int, Flags] = field(default_factory=dict)
 
     def cut(self, k: int) -> Flags:
@@ -52,10 +54,12 @@ class CutFinder:
         if not 0 <= k < self.last:
             return np.zeros(len(self.least), dtype=np.bool_)
         if k not in self._known:
-            beside = [self.moved(j) for j in (k - 1, k + 1) if 0 <= j < self.last]
-            own, never = self.moved(k), np.full(len(self.least), np.inf)
-            most = np.max(beside, axis=0) if beside else never
-            self._known[k] = (own > self.least) & (own > FARTHER * most)
+            own, beside = self.moved(k), [j for j in (k - 1, k + 1) if 0 <= j < self.last]
+            found = (own > self.least) & bool(beside)
+            for moved in (self.moved, self.halfway):
+                if moved is not None and found.any():
+                    found &= own > FARTHER * np.max([moved(j) for j in beside], axis=0)
+            self._known[k] = found
         return self._known[k]
 
     def near(self, k: int) -> Flags:
@@ -87,16 +91,25 @@ class CutRoots:
 
     @cached_property
     def finder(self) -> CutFinder:
-        return CutFinder(self.moved, self.lengths, self.last)
+        return CutFinder(self.moved, self.lengths, self.last, self.halfway)
 
     def moved(self, k: int) -> Array:
         """(F,) m, how far roots, or where feathers of their lengths would end, go from frame k to
         k + 1; 0 where frames that are yet to come cannot be read."""
         try:
-            (before, turned), (after, turned_after) = self._at(k), self._at(k + 1)
+            return self._way(self._at(k), self._at(k + 1))
         except InputError:
             return np.zeros(len(self.lengths))
-        way, turn = after - before, turned_after[:, :, 0] - turned[:, :, 0]
+
+    def halfway(self, k: int) -> Array:
+        """(F,) m, the same from frame k to halfway, or from there to k + 1, the farther."""
+        middle = self.motion.frames((k + 0.5) * self.frame)
+        return np.maximum(self._way(self._at(k), middle), self._way(middle, self._at(k + 1)))
+
+    def _way(self, before: RootFrames, after: RootFrames) -> Array:
+        """(F,) m, how far roots or ends go."""
+        way = after.positions - before.positions
+        turn = after.rotations[:, :, 0] - before.rotations[:, :, 0]
         tip = way + self.lengths[:, None] * turn
         return np.asarray(np.sqrt(np.maximum((way**2).sum(axis=1), (tip**2).sum(axis=1))))
 
