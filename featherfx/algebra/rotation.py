@@ -17,9 +17,16 @@ Array = NDArray[np.float64]
 _SMALL_ANGLE = 1e-6
 
 
+# by which a rotation's product with its transpose may be off the identity
+_ORTHOGONAL = 1e-12
+# rad: up to it scipy's rotations take power series
+_SERIES_ANGLE = 1e-3
+
+
 @cache
 def _scipy() -> Any:
-    """scipy's rotations, which take longer to load than most commands to end."""
+    """scipy's rotations, which take 14 MiB and longer to load than most commands to end. What is
+    computed here has their bits; they are asked where a matrix is no rotation."""
     from scipy.spatial.transform import Rotation
 
     return Rotation
@@ -27,26 +34,90 @@ def _scipy() -> Any:
 
 def frames_to_quats(frames: Array) -> Array:
     """(..., 3, 3) rotation matrices to (..., 4) unit quaternions."""
-    flat = _scipy().from_matrix(frames.reshape(-1, 3, 3)).as_quat()
-    return np.roll(flat, 1, axis=-1).reshape(*frames.shape[:-2], 4)
+    flat = np.asarray(frames, dtype=float).reshape(-1, 3, 3)
+    if _are_rotations(flat):
+        quats = _quats(flat)
+    else:
+        quats = np.roll(_scipy().from_matrix(flat).as_quat(), 1, axis=-1)
+    return quats.reshape(*frames.shape[:-2], 4)
+
+
+def _are_rotations(flat: Array) -> bool:
+    apart = np.abs(flat @ np.swapaxes(flat, 1, 2) - np.eye(3))
+    right = np.einsum("ni,ni->n", np.cross(flat[:, 0], flat[:, 1]), flat[:, 2]) > 0.0
+    return bool((apart < _ORTHOGONAL).all() and right.all())
+
+
+def _quats(flat: Array) -> Array:
+    """Unit quaternions (N, 4) by the largest of the diagonal's elements and their sum."""
+    diagonal = np.diagonal(flat, axis1=1, axis2=2)
+    trace = diagonal[:, 0] + diagonal[:, 1] + diagonal[:, 2]
+    largest = np.argmax(np.concatenate([diagonal, trace[:, None]], axis=1), axis=1)
+    quats = np.empty((len(flat), 4))
+    for i in range(3):
+        j, k, some = (i + 1) % 3, (i + 2) % 3, largest == i
+        own = flat[some]
+        quats[some, 0] = own[:, k, j] - own[:, j, k]
+        quats[some, 1 + i] = 1.0 - trace[some] + 2.0 * own[:, i, i]
+        quats[some, 1 + j] = own[:, j, i] + own[:, i, j]
+        quats[some, 1 + k] = own[:, k, i] + own[:, i, k]
+        rest = flat[largest == 3]
+        quats[largest == 3, 1 + i] = rest[:, k, j] - rest[:, j, k]
+    quats[largest == 3, 0] = 1.0 + trace[largest == 3]
+    return quats / _length(quats)[:, None]
+
+
+def _length(quats: Array) -> Array:
+    """(N,) summed in scipy's order, the real part last."""
+    w, x, y, z = (quats * quats).T
+    return np.sqrt(x + y + z + w)
 
 
 def quats_to_frames(quats: Array) -> Array:
-    """(..., 4) unit quaternions to (..., 3, 3) rotation matrices."""
-    flat = np.roll(quats.reshape(-1, 4), -1, axis=-1)
-    return np.asarray(_scipy().from_quat(flat).as_matrix().reshape(*quats.shape[:-1], 3, 3))
+    """(..., 4) unit quaternions to (..., 3, 3) rotation matrices. Raises ValueError for 0."""
+    flat = quats.reshape(-1, 4)
+    length = _length(flat)
+    if (length == 0.0).any():
+        raise ValueError("a quaternion of length 0 is no rotation")
+    return _frames(flat / length[:, None]).reshape(*quats.shape[:-1], 3, 3)
+
+
+def _frames(unit: Array) -> Array:
+    w, x, y, z = unit.T
+    ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    rows = (
+        (xx - yy - zz + ww, 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
+        (2.0 * (x * y + z * w), -xx + yy - zz + ww, 2.0 * (y * z - x * w)),
+        (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), -xx - yy + zz + ww),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def rotation_vectors(frames: Array) -> Array:
     """(..., 3, 3) rotation matrices to (..., 3) rotation vectors, rad."""
-    flat = _scipy().from_matrix(frames.reshape(-1, 3, 3)).as_rotvec()
-    return np.asarray(flat.reshape(*frames.shape[:-2], 3))
+    quats = frames_to_quats(frames).reshape(-1, 4)
+    quats = np.where(quats[:, :1] < 0.0, -quats, quats)
+    x, y, z = (quats[:, 1:] * quats[:, 1:]).T
+    halves = map(math.atan2, np.sqrt(x + y + z).tolist(), quats[:, 0].tolist())
+    angle = 2.0 * np.array(list(halves))
+    square = angle * angle
+    small = 2.0 + square / 12.0 + 7.0 * square * square / 2880.0
+    near = angle <= _SERIES_ANGLE
+    factor = np.divide(angle, np.sin(0.5 * angle), out=small, where=~near)
+    return (factor[:, None] * quats[:, 1:]).reshape(*frames.shape[:-2], 3)
 
 
 def vectors_to_frames(vectors: Array) -> Array:
     """(..., 3) rotation vectors, rad, to (..., 3, 3) rotation matrices."""
-    flat = _scipy().from_rotvec(vectors.reshape(-1, 3)).as_matrix()
-    return np.asarray(flat.reshape(*vectors.shape, 3))
+    flat = np.asarray(vectors, dtype=float).reshape(-1, 3)
+    x, y, z = (flat * flat).T
+    angle = np.sqrt(x + y + z)
+    square = angle * angle
+    half = 0.5 - square / 48.0 + square * square / 3840.0
+    np.divide(np.sin(0.5 * angle), angle, out=half, where=angle > _SERIES_ANGLE)
+    real = np.cos(0.5 * angle)[:, None]
+    unit = np.concatenate([real, half[:, None] * flat], axis=1)
+    return _frames(unit).reshape(*vectors.shape, 3)
 
 
 def along_rows(quats: Array) -> Array:

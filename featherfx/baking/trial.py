@@ -2,7 +2,9 @@
 
 A trial is a bake like any other, written to a folder that is removed. The first loads what every
 process has to. The same again and one of more feathers tell what each phase costs by itself and
-with the work of its feathers; a phase of the whole bake is what follows for its work. What a frame
+with the work of its feathers; a phase of the whole bake is what follows for its work. Feathers that
+push each other cost many times what others do, so their work counts apart: where there are both,
+one trial has more of those and one more of the others. What a frame
 costs is taken from the frames after the first. All that is done with processor times, which other
 programs on the machine change less; how long they take on the clock, with its threads, the writer
 beside them and whatever else is running, all trials tell together. Feathers of one grid share a
@@ -17,12 +19,13 @@ import time
 import warnings
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import nnls
 
 from featherfx.baking.options import TRIAL_SECONDS, BakeOptions
 from featherfx.baking.task import Task
@@ -42,8 +45,12 @@ from featherfx.usd.write.output import unique_prim_names
 
 # feathers and frames of the first trial
 FEW, FIRST_FRAMES = 12, 3
-# times as many feathers in the last, at least, and its most frames while there are more feathers
-MORE, MOST_FRAMES = 6, 12
+# times as many feathers in a larger one, at least, and of those that push each other, and its most
+# frames while there are more feathers
+MORE, MORE_PUSHING, MOST_FRAMES = 6, 4, 12
+# neighbours that are tried together, of feathers that push each other, and for how many frames at
+# least, since their first ones are easier than the rest
+TOGETHER, PUSHING_FRAMES = 8, 8
 # phases that a frame costs, and those that come once; WRITER is the writer's own time, which passes
 # while the next frames are simulated, and FIRST what simulating takes until the first is handed on
 WRITER, FIRST = "writer", "first"
@@ -51,17 +58,22 @@ _OF_FRAMES = ("simulating", WRITER)
 _ONCE = ("building", "settling", "preroll", FIRST, "finishing")
 # those in which threads share the work
 _SHARED = ("settling", "preroll", "simulating", "writing")
+# those that go with the work of feathers
+_OF_WORK = ("simulating", "settling", "preroll")
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A bake of some feathers. frames: that it wrote. work: unknowns of a frame, and rounds: those
-    that threads go through one after another. shapes: different ones. phases: s of each on the
-    clock. processor: s of each, and of WRITER and FIRST, which are left out of the others."""
+    """A bake of some feathers. pushing: how many of them push each other. frames: that it wrote.
+    work: unknowns of a frame, of_pushing: those of pushing feathers, and rounds: those that threads
+    go through one after another. shapes: different ones. phases: s of each on the clock. processor:
+    s of each, and of WRITER and FIRST, which are left out of the others."""
 
     feathers: int
+    pushing: int
     frames: int
     work: float
+    of_pushing: float
     rounds: float
     shapes: int
     phases: dict[str, float]
@@ -108,16 +120,19 @@ def expected(shot: Shot, jobs: int, budget: float = TRIAL_SECONDS) -> Expected:
     # the solver takes its time to load, here as in a bake
     import_module("featherfx.baking.loop")
     loading, loaded = time.perf_counter() - begin, time.process_time() - worked
-    with phase("measuring", 3.0) as done:
-        size = min(total, FEW), min(frames, FIRST_FRAMES)
-        trials = [_trial(shot, *size, jobs)]
+    whole = _measured(shot, frames, jobs)
+    with phase("measuring", 4.0) as done:
+        pushing, first = _few(whole), min(frames, FIRST_FRAMES)
+        few = pushing, min(total, FEW) - pushing
+        trials = [_trial(shot, *few, first, jobs)]
         done(1)
-        if size != (total, frames):
-            trials.append(_trial(shot, *size, jobs))
+        if (sum(few), first) != (total, frames):
+            trials.append(_trial(shot, *few, first, jobs))
             done(2)
             left = budget - sum(each.worked for each in trials)
-            trials.append(_trial(shot, *_larger(trials[1], left, total, frames), jobs))
-    whole = Trial(total, frames, work_of(shot, 1), work_of(shot, jobs), _shapes(shot), {}, {})
+            for number, size in enumerate(_larger(trials[1], left, whole), 3):
+                trials.append(_trial(shot, *size, jobs))
+                done(number)
     each = {name: _extrapolated(trials, whole, name) for name in (*_ONCE, *_OF_FRAMES)}
     processor = {
         name: _at_first(trials, name) + seconds * whole.frames_of(name)
@@ -148,27 +163,53 @@ def _clock(trials: Sequence[Trial], whole: Trial) -> tuple[float, float]:
     return of_all(("building", "finishing")), uneven * of_all((*_SHARED, WRITER))
 
 
-def _larger(few: Trial, left: float, total: int, frames: int) -> tuple[int, int]:
-    """Feathers and frames of a trial that takes the processor time left, or of the least that tells
-    what is fixed from what goes with the feathers. few: of those of the first trial."""
-    loop = sum(few.of(name) for name in _OF_FRAMES) / few.feathers
-    once = max(few.worked / few.feathers - loop * (few.frames - 1), 1e-9)
-    least = min(total, MORE * few.feathers)
-    most = frames if least == total else min(frames, MOST_FRAMES)
-    count = int(np.clip((left / least - once) / max(loop, 1e-9), min(few.frames, most), most))
-    return int(np.clip(left / (once + loop * count), least, total)), count
+def _few(whole: Trial) -> int:
+    """How many of the feathers of the first trial push each other: as many as of all, at least two
+    of these and of the others where there are."""
+    total, pushing = whole.feathers, whole.pushing
+    count, others = min(total, FEW), total - pushing
+    share = max(round(count * pushing / total), min(2, pushing), count - others)
+    return min(share, max(count - min(2, others), count - others))
+
+
+def _larger(few: Trial, left: float, whole: Trial) -> list[tuple[int, int, int]]:
+    """Pushing feathers, others and frames of the trials that take the processor time left, or of
+    the least that tell what is fixed from what goes with the feathers: one of more pushing feathers
+    and one of more others, where there are both. few: of those of the first trial."""
+    own = few.pushing, few.feathers - few.pushing
+    most = whole.pushing, whole.feathers - whole.pushing
+    grown = [k for k in (1, 0) if most[k] > own[k]]
+    if not grown:
+        return [(*own, whole.frames)]
+    loop = sum(few.of(name) for name in _OF_FRAMES)
+    once = max(few.worked - loop * (few.frames - 1), 1e-9)
+    sizes = []
+    for k in grown:
+        least = min(most[k], (MORE, MORE_PUSHING)[k == 0] * own[k])
+        # as if all that the few took were due to these
+        each_loop, each_once = (max(seconds / own[k], 1e-9) for seconds in (loop, once))
+        budget = left / len(grown)
+        ends = whole.frames if least == sum(most) else min(whole.frames, MOST_FRAMES)
+        first = min(PUSHING_FRAMES if k == 0 else few.frames, ends)
+        frames = int(np.clip((budget / least - each_once) / each_loop, first, ends))
+        count = int(np.clip(budget / (each_once + each_loop * frames), least, most[k]))
+        sizes.append((count, own[1], frames) if k == 0 else (own[0], count, frames))
+    return sizes
 
 
 def _extrapolated(trials: list[Trial], whole: Trial, name: str) -> float:
-    """s of processor time of a phase, or of one frame of it, for the whole: a fixed part, and one
-    that goes with the work."""
-    works = [_measure(each, name) for each in (*trials, whole)][-3:]
-    seconds = [each.of(name) for each in trials][-2:]
-    if len(trials) == 1 or works[1] <= works[0]:
-        return seconds[-1] * works[-1] / works[-2]
-    fixed = (seconds[0] * works[1] - seconds[1] * works[0]) / (works[1] - works[0])
-    fixed = float(np.clip(fixed, 0.0, seconds[1]))
-    return fixed + (seconds[1] - fixed) * works[2] / works[1]
+    """s of processor time of a phase, or of one frame of it, for the whole: a fixed part, and parts
+    that go with the work, none below 0, by least squares over the frames of all trials but the
+    first."""
+    if len(trials) == 1:
+        return trials[0].of(name)
+    learnt = trials[1:]
+    weights = np.sqrt([float(each.frames_of(name)) for each in learnt])
+    measures = np.array([_measures(each, name) for each in learnt])
+    most = np.maximum(measures.max(axis=0), 1e-9)
+    seconds = np.array([each.of(name) for each in learnt])
+    parts, _ = nnls(weights[:, None] * measures / most, weights * seconds)
+    return float(parts @ (np.array(_measures(whole, name)) / most))
 
 
 def _at_first(trials: list[Trial], name: str) -> float:
@@ -178,17 +219,33 @@ def _at_first(trials: list[Trial], name: str) -> float:
     return max(trials[0].of(name) - trials[1].of(name), 0.0) * trials[0].frames_of(name)
 
 
-def _measure(trial: Trial, name: str) -> float:
-    if name == "building":
-        return float(trial.shapes)
-    of_work = name in ("simulating", "settling", "preroll")
-    return trial.work if of_work else float(trial.feathers)
+def _measures(trial: Trial, name: str) -> tuple[float, ...]:
+    """What a phase costs: 1 for its fixed part, and the work that it goes with."""
+    if name in _OF_WORK:
+        return 1.0, trial.work - trial.of_pushing, trial.of_pushing
+    return 1.0, float(trial.shapes if name == "building" else trial.feathers)
 
 
-def _trial(shot: Shot, feathers: int, frames: int, jobs: int) -> Trial:
+def _measured(shot: Shot, frames: int, jobs: int) -> Trial:
+    """A trial of a shot of which no time has been taken."""
+    push = _pushing(shot)
+    return Trial(
+        feathers=len(push),
+        pushing=int(push.sum()),
+        frames=frames,
+        work=work_of(shot, 1),
+        of_pushing=work_of(part_of(shot, np.flatnonzero(push)), 1) if push.any() else 0.0,
+        rounds=work_of(shot, jobs),
+        shapes=len(repeated_shapes(shot.groom.feathers)[0]),
+        phases={},
+        processor={},
+    )
+
+
+def _trial(shot: Shot, pushing: int, others: int, frames: int, jobs: int) -> Trial:
     from featherfx.baking.loop import simulate_and_write
 
-    part = part_of(shot.uneased(), _some(shot, feathers))
+    part = part_of(shot.uneased(), _some(shot, pushing, others))
     last = shot.first_frame + frames - 1
     names = unique_prim_names([each.id for each in part.groom.feathers])
     group = chosen_group(None, len(shot.groom.feathers))
@@ -216,15 +273,8 @@ def _trial(shot: Shot, feathers: int, frames: int, jobs: int) -> Trial:
         with Account() as timed:
             _, figures = simulate_and_write(task, lambda *_: marks.append(time.process_time()))
             phases, processor = timed.seconds(), timed.processor_seconds()
-    return Trial(
-        feathers=feathers,
-        frames=frames,
-        work=work_of(part, 1),
-        rounds=work_of(part, jobs),
-        shapes=_shapes(part),
-        phases=phases,
-        processor=_apart(processor, figures["writing_processor_seconds"], marks),
-    )
+    told = _apart(processor, figures["writing_processor_seconds"], marks)
+    return replace(_measured(part, frames, jobs), phases=phases, processor=told)
 
 
 def _apart(phases: dict[str, float], writer: float, marks: Sequence[float]) -> dict[str, float]:
@@ -242,25 +292,25 @@ def _apart(phases: dict[str, float], writer: float, marks: Sequence[float]) -> d
     return phases | {"simulating": own, FIRST: first, "writing": 0.0, WRITER: writer}
 
 
-def _some(shot: Shot, count: int) -> Any:
-    """So many feathers: spread evenly, or, where they touch, neighbours, of those that push each
-    other and of the others as many as there are of them in the whole."""
+def _pushing(shot: Shot) -> Any:
+    """(F,) whether each feather pushes others."""
+    if shot.contact is None:
+        return np.zeros(len(shot.groom.feathers), dtype=np.bool_)
+    return np.array(may_touch(shot, shot.contact))
+
+
+def _some(shot: Shot, pushing: int, others: int) -> Any:
+    """Numbers of so many feathers that push each other, and of so many others: spread evenly where
+    nothing touches, else neighbours, of those that push each other several groups."""
     total = len(shot.groom.feathers)
-    if shot.contact is None or count == total:
-        return np.unique(np.linspace(0, total - 1, count).astype(np.int64))
-    push = np.array(may_touch(shot, shot.contact))
-    own = [np.flatnonzero(push), np.flatnonzero(~push)]
-    pushing = round(count * len(own[0]) / total)
-    pushing = max(pushing, min(2, len(own[0])), count - len(own[1]))
+    if shot.contact is None or pushing + others == total:
+        return np.unique(np.linspace(0, total - 1, pushing + others).astype(np.int64))
     roots = np.array([each.position for each in shot.groom.feathers])
-    return np.sort(
-        np.concatenate(
-            [
-                _around(roots, numbers, size)
-                for numbers, size in zip(own, (pushing, count - pushing), strict=True)
-            ]
-        )
-    )
+    push = _pushing(shot)
+    groups = np.array_split(np.flatnonzero(push), max(pushing // TOGETHER, 1))
+    sizes = [len(each) for each in np.array_split(np.arange(pushing), len(groups))]
+    chosen = [_around(roots, *each) for each in zip(groups, sizes, strict=True)]
+    return np.sort(np.concatenate([*chosen, _around(roots, np.flatnonzero(~push), others)]))
 
 
 def _around(roots: Any, numbers: Any, count: int) -> Any:
@@ -269,11 +319,6 @@ def _around(roots: Any, numbers: Any, count: int) -> Any:
         return numbers[:0]
     way = np.linalg.norm(roots[numbers] - roots[numbers[len(numbers) // 2]], axis=1)
     return numbers[np.argsort(way, kind="stable")[:count]]
-
-
-def _shapes(shot: Shot) -> int:
-    """How many different shapes and models are built."""
-    return len(repeated_shapes(shot.groom.feathers)[0])
 
 
 def work_of(shot: Shot, jobs: int) -> float:

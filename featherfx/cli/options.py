@@ -221,7 +221,13 @@ class PresetFolder(click.Path):
         super().__init__(path_type=Path, file_okay=False, exists=True)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return value if value == SHIPPED else super().convert(value, param, ctx)
+        if value == SHIPPED:
+            return value
+        folder = Path(str(super().convert(value, param, ctx)))
+        # click takes a pipe or device for a folder
+        if not folder.is_dir():
+            self.fail(f"'{folder}' is not a folder.", param, ctx)
+        return folder
 
 
 def presets_option(command: Decorated) -> Decorated:

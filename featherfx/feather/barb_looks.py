@@ -24,7 +24,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import linear_weights
@@ -70,8 +70,8 @@ def _dressed(
     across, out = (look.frizz * along * np.sin(angles)).reshape(2, -1)
     points = barbs.points.reshape(-1, 3)
     beside = _beside(barbs, smooth @ points)
-    within = sparse.diags_array(across) @ beside @ smooth + smooth
-    dorsal = sparse.diags_array(out) @ _dorsal(barbs, feather)
+    within = scipy.sparse.diags_array(across) @ beside @ smooth + smooth
+    dorsal = scipy.sparse.diags_array(out) @ _dorsal(barbs, feather)
     matrix = within @ barbs.points_map.matrix + dorsal
     rest = np.concatenate([part.reshape(-1, 3) for part in feather.rest])
     return replace(
@@ -109,7 +109,7 @@ def clump_fraction(look: BarbLook, along: Array) -> Array:
 def _shortened(along: Array, lengths: Array) -> Matrix:
     """(B K, B K) points of barbs of which only the first part is left. along: (K,) places of the
     points. lengths: (B,) parts."""
-    return sparse.block_diag([linear_weights(along, part * along) for part in lengths], "csr")
+    return scipy.sparse.block_diag([linear_weights(along, part * along) for part in lengths], "csr")
 
 
 def _clumped(barbs: BarbCurves, look: BarbLook) -> Matrix:
@@ -119,8 +119,8 @@ def _clumped(barbs: BarbCurves, look: BarbLook) -> Matrix:
     middle = middle_barbs(barbs.side, barbs.st[:, 0, 1], look.clumps)
     own = np.arange(count * each)
     at = (middle[:, None] * each + np.arange(each)).ravel()
-    moved = sparse.csr_array((fraction, (own, at)), shape=(own.size, own.size))
-    return sparse.diags_array(1.0 - fraction) + moved
+    moved = scipy.sparse.csr_array((fraction, (own, at)), shape=(own.size, own.size))
+    return scipy.sparse.diags_array(1.0 - fraction) + moved
 
 
 def _beside(barbs: BarbCurves, points: Array) -> Matrix:
@@ -135,7 +135,7 @@ def _beside(barbs: BarbCurves, points: Array) -> Matrix:
     scale = np.divide(1.0, apart, out=np.zeros_like(apart), where=apart > 0.0)
     rows = np.arange(count * each)
     entries = np.concatenate([scale, -scale]), (np.tile(rows, 2), np.concatenate(ends))
-    return sparse.csr_array(entries, shape=(rows.size, rows.size))
+    return scipy.sparse.csr_array(entries, shape=(rows.size, rows.size))
 
 
 def _dorsal(barbs: BarbCurves, feather: Feather) -> Matrix:
@@ -146,7 +146,7 @@ def _dorsal(barbs: BarbCurves, feather: Feather) -> Matrix:
     place, row = np.nonzero(weights)
     column = rows * nodes + 2 * row + _DORSAL
     shape = len(weights), rows * (nodes + 2)
-    return sparse.csr_array((weights[place, row], (place, column)), shape=shape)
+    return scipy.sparse.csr_array((weights[place, row], (place, column)), shape=shape)
 
 
 def clumped(barbs: BarbCurves, points: Array, amount: float, clumps: int) -> Array:

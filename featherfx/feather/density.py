@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from featherfx.feather.types import (
     LEADING,
@@ -42,7 +42,9 @@ def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:
     """
     along = _Along(coarse, fine)
     nodes = [_barb_nodes(coarse, fine, side, along.rachis, parts) for side in (LEADING, TRAILING)]
-    interpolated = RowPoints(sparse.vstack([along.rachis, *nodes]), sparse.vstack(along.directors))
+    interpolated = RowPoints(
+        scipy.sparse.vstack([along.rachis, *nodes]), scipy.sparse.vstack(along.directors)
+    )
     return RowMap(*map(along.completed, interpolated, fine.rest))
 
 
@@ -92,7 +94,7 @@ class _Along:
     feather, and directors: the same for d2 and d3."""
 
     def __init__(self, coarse: Feather, fine: Feather) -> None:
-        weights, slopes = map(sparse.csr_array, hermite_weights(coarse.station, fine.station))
+        weights, slopes = map(scipy.sparse.csr_array, hermite_weights(coarse.station, fine.station))
         self.rachis = weights @ _node(coarse, 0)
         self.directors = [weights @ _director(coarse, k) for k in range(2)]
         self._frame = [slopes @ _node(coarse, 0), *self.directors]
@@ -109,8 +111,8 @@ class _Along:
         missing = by_point - (interpolation @ self._rest).reshape(by_point.shape)
         parts = np.linalg.solve(self._rest_frame, missing[..., None])[..., 0].reshape(-1, 3)
         for axis, part in zip(self._frame, parts.T, strict=True):
-            repeated = sparse.vstack([axis] * len(by_point))
-            interpolation = interpolation + sparse.diags_array(part) @ repeated
+            repeated = scipy.sparse.vstack([axis] * len(by_point))
+            interpolation = interpolation + scipy.sparse.diags_array(part) @ repeated
         by_row = np.arange(len(parts)).reshape(by_point.shape[:2]).T.ravel()
         matrix = interpolation.tocsr()[by_row]
         matrix.eliminate_zeros()
@@ -171,7 +173,7 @@ def _barb_nodes(coarse: Feather, fine: Feather, side: int, rachis: Any, parts: b
 
     parts: as in density_map.
     """
-    roots = sparse.vstack([rachis] * fine.columns).tocsr()
+    roots = scipy.sparse.vstack([rachis] * fine.columns).tocsr()
     grown = np.flatnonzero(coarse.barb_length[side] > 0.0)
     if len(grown) == 0:
         return roots
@@ -183,8 +185,8 @@ def _barb_nodes(coarse: Feather, fine: Feather, side: int, rachis: Any, parts: b
     along, _ = hermite_weights(*(np.linspace(0.0, 1.0, f.columns + 1) for f in (coarse, fine)))
     root, barb = _node(coarse, 0)[grown], barb_slice(side, coarse.columns)
     offsets = [_node(coarse, node)[grown] - root for node in range(barb.start, barb.stop)]
-    spread = sparse.kron(along[1:, 1:], sparse.csr_array(weights), format="csr")
-    return (roots + spread @ sparse.vstack(offsets)).tocsr()
+    spread = scipy.sparse.kron(along[1:, 1:], scipy.sparse.csr_array(weights), format="csr")
+    return (roots + spread @ scipy.sparse.vstack(offsets)).tocsr()
 
 
 def _reach(feather: Feather, side: int) -> Array:
@@ -209,4 +211,4 @@ def _director(feather: Feather, k: int) -> Any:
 def _picked(feather: Feather, places: Any) -> Any:
     rows = feather.rows
     shape = rows, rows * (3 + 2 * feather.columns)
-    return sparse.csr_array((np.ones(rows), (np.arange(rows), places)), shape=shape)
+    return scipy.sparse.csr_array((np.ones(rows), (np.arange(rows), places)), shape=shape)

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
 from featherfx.feather.lips import Strands
@@ -54,7 +55,13 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
     """
     rows = max(3, round(count / (1.0 - kind.calamus)) + 2)
     feather, whole = build_feather(kind, *grid, mirrored), _without_splits(kind)
-    dense = build_feather(whole, rows, BARB_SEGMENTS, mirrored)
+    try:
+        dense = build_feather(whole, rows, BARB_SEGMENTS, mirrored)
+    except InputError as error:
+        told = f"with {count} along a vane, as asked for, "
+        raise InputError(
+            *(replace(each, key="barbs", message=told + each.message) for each in error.problems)
+        ) from error
     grown = [np.flatnonzero(dense.barb_length[side] > 0.0) for side in (LEADING, TRAILING)]
     nodes = np.arange(1 + 2 * BARB_SEGMENTS)
     barbs = [np.append(0, nodes[barb_slice(side, BARB_SEGMENTS)]) for side in (LEADING, TRAILING)]

@@ -90,6 +90,7 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
         (["bake", "s.toml", "--layout", "clip"], "is not one of"),
         (["bake", "s.toml", "--diagnostics", "stress"], "'stress' is not one of strain, energy"),
         (["bake", "s.toml", "--presets", "no/such/folder"], "does not exist"),
+        (["bake", "s.toml", "--presets", "/dev/null"], "is not a folder"),
         (["groom", "g.toml"], "Missing option '-o'"),
         (["check"], "Missing argument 'FILE...'"),
         (["preview", "f.usd", "-o", "p.png", "--size", "big"], "such as 1280x720"),

@@ -6,9 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from places import SAMPLES
 from scipy.spatial.transform import Rotation
 from trial_batches import preset_kind
 
+from featherfx import read_groom
+from featherfx.errors import InputError
 from featherfx.feather.barb_looks import drawn_barbs
 from featherfx.feather.build import build_feather
 from featherfx.feather.render import barb_curves
@@ -17,6 +20,7 @@ from featherfx.groom.looks import BarbLook
 
 KIND = preset_kind("swan_primary")
 GRID, COUNT = (11, 4), 60
+GROOM = "swan_wing/groom.toml"
 
 
 def drawn(id="one", mirrored=False, **look):
@@ -83,3 +87,12 @@ def test_feathers_of_other_ids_have_other_draws_that_stay():
     assert len(draws) == 8
     same = {drawn(f"f{k}", variants=1, **LOOK).points.tobytes() for k in range(5)}
     assert len(same) == 1
+
+
+def test_as_many_barbs_as_fold_are_refused_by_their_number():
+    kinds = {each.kind.name: each.kind for each in read_groom(SAMPLES / GROOM).feathers}
+    with pytest.raises(InputError) as caught:
+        barb_curves(kinds["swan_secondary"], GRID, 10_000, False)
+    (problem,) = caught.value.problems
+    assert problem.key == "barbs"
+    assert problem.message.startswith("with 10000 along a vane, as asked for, neighbouring barbs")

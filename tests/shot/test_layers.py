@@ -113,9 +113,9 @@ def crossings(shot: Shot, frame) -> int:
     return int(crossings_of(np.concatenate(offset), patches_of(meshes)).vanes.sum())
 
 
-def askew(one: Placement, k: int) -> Placement:
-    """Rolled by 6 degrees, one way or the other."""
-    roll = np.radians(6.0) * (-1) ** k
+def askew(one: Placement, k: int, angle: float = 6.0) -> Placement:
+    """Rolled by an angle in degrees, one way or the other."""
+    roll = np.radians(angle) * (-1) ** k
     c, s = np.cos(roll), np.sin(roll)
     turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     return replace(one, rotation=one.rotation @ turn)
@@ -270,6 +270,25 @@ def test_lifts_do_not_add_up_over_all_that_lie_beneath():
         for now, before in zip(laid, pressed, strict=True)
     ]
     assert max(lifts[:8]) < 1.3 * max(lifts[8:16])
+    assert plumage.report()["written_depth"]["worst"] < 0.5
+
+
+def test_what_lies_askew_on_another_goes_up_with_it():
+    """Of 12 feathers rolled by 35 degrees to either side in turn the lowest goes up by a twentieth
+    of the length; lifted along their own dorsal sides the highest went up by twice the length."""
+    shot, step, none = shingles(12), 0.01, np.zeros((0, 3))
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    plumage, poses, given = layers.Layers(shot, drawn, np.arange(len(drawn)), 1), [], []
+    for k, (one, feather) in enumerate(zip(shot.groom.feathers, drawn, strict=True)):
+        for way, some in ((one, poses), (askew(one, k, 35.0), given)):
+            points = place(feather.rest, way.position, way.rotation)
+            rates = both(np.zeros_like, points)
+            some.append(FeatherPose(points, rates, rates))
+    lay(plumage, poses, none, 0.0, 0.0)
+    given[-1] = replace(given[-1], points=given[-1].points.shifted(np.array([0.0, 0.0, step])))
+    laid = lay(plumage, given, none, 1.0, 1.0 / shot.frames_per_second)
+    most = max(farthest(*each) for each in zip(laid, given, strict=True))
+    assert step < most < 1.3 * shot.groom.feathers[0].kind.length
     assert plumage.report()["written_depth"]["worst"] < 0.5
 
 

@@ -1,6 +1,7 @@
 """`featherfx inspect`: what a stage holds for grooms and shots to name, and what it tells."""
 
 import json
+import os
 
 import creature
 import pytest
@@ -163,3 +164,10 @@ def test_wrong_paths_of_colliders_and_cameras_list_what_is_there(tmp_path):
     groom.write_text('name = "drawn"\n[[usd]]\nfile = "set.usda"\nkind = "covert"\n')
     with pytest.raises(InputError, match="the stage has no curves; the stage has no instancer"):
         read_groom(groom)
+
+
+@pytest.mark.parametrize("path", ["/dev/zero", "pipe.usda"])
+def test_what_is_no_regular_file_is_not_opened(tmp_path, path):
+    os.mkfifo(tmp_path / "pipe.usda")
+    code, _, told = inspected(tmp_path / path)
+    assert (code, told) == (1, f"featherfx: {tmp_path / path}: is not a regular file\n")

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from featherfx.algebra.rotation import rotation_vectors
 from featherfx.algebra.types import Array, Flags, Indices
@@ -160,14 +160,14 @@ def _blends(shapes: Shapes, guides: Shapes, weights: Any) -> tuple[Any, list[Any
             values[some, None] for values in (weights.row, weights.col, weights.data)
         )
         for part, own_map, size in zip(parts, maps, (rows - 1, rows, rows), strict=True):
-            each = sparse.coo_array(own_map)
+            each = scipy.sparse.coo_array(own_map)
             row, column = followers * size + each.row, leaders * size + each.col
             part.append((row.ravel(), column.ravel(), (fractions * each.data).ravel()))
     found = []
     for part, size in zip(parts, (rows - 1, rows, rows), strict=True):
         row, column, data = (np.concatenate(column) for column in zip(*part, strict=True))
         shape = len(shapes.stations) * size, len(guides.stations) * size
-        found.append(sparse.coo_array((data, (row, column)), shape=shape).tocsr())
+        found.append(scipy.sparse.coo_array((data, (row, column)), shape=shape).tocsr())
     return found[0], found[1:]
 
 

@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
@@ -108,7 +108,9 @@ def guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> tuple[I
     inputs = [roots, regions, followers, simulated, skin_corners(shot)]
     found = kept("guide-weights", inputs, lambda: _guide_weights(shot, followers, simulated))
     parts = found["value"], found["column"], found["start"]
-    return found["guides"], sparse.csr_array(parts, shape=(len(followers), len(found["guides"])))
+    return found["guides"], scipy.sparse.csr_array(
+        parts, shape=(len(followers), len(found["guides"]))
+    )
 
 
 def _guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> dict[str, Any]:
@@ -124,7 +126,7 @@ def _guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> dict[s
         values.append(value)
     used, place = np.unique(np.concatenate(columns), return_inverse=True)
     entries = np.concatenate(values), (np.concatenate(rows), place)
-    weights = sparse.coo_array(entries, shape=(len(followers), len(used))).tocsr()
+    weights = scipy.sparse.coo_array(entries, shape=(len(followers), len(used))).tocsr()
     parts = {"value": weights.data, "column": weights.indices, "start": weights.indptr}
     return {"guides": used, **parts}
 
@@ -255,5 +257,5 @@ def _graph(roots: Array, corners: Array) -> tuple[Any, int]:
     lengths = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
     # an edge without length would be no edge to the graph's routines
     lengths = np.maximum(lengths, 1e-12)
-    graph = sparse.coo_array((lengths, (edges[:, 0], edges[:, 1])), shape=(count, count))
+    graph = scipy.sparse.coo_array((lengths, (edges[:, 0], edges[:, 1])), shape=(count, count))
     return graph.tocsr(), first

@@ -2,8 +2,8 @@
 
 A point x of one feather and the point y beneath or above it on a triangle of the other, with the
 triangle's dorsal normal N, lack  t - s N . (x - y),  s = 1 if x is of the upper feather, else -1,
-t the sum of both half thicknesses. Every row is lifted along its dorsal director d, so a lift w of
-a node moves it by (d . N) w along the normal. Points are the nodes, and some on the rims between
+t the sum of both half thicknesses. Every row is lifted along its way d, so a lift w of a node
+moves it by (d . N) w along the normal. Points are the nodes, and some on the rims between
 them, because rims cross between nodes.
 """
 
@@ -72,7 +72,7 @@ def _lap(vanes, pose, bodies, point, place, margin, lap):
     size = length(normal)
     if size <= 0.0:
         return place, inside, False
-    dorsal = dot(normal, pose.dorsal[host, place[1]]) >= 0.0
+    dorsal = dot(normal, pose.way[host, place[1]]) >= 0.0
     normal, away = scale(1.0 / size if dorsal else -1.0 / size, normal), sub(x, y)
     along, thickness = dot(normal, away), vanes.half[guest] + vanes.half[host]
     lap.clear = min(vanes.clear[guest], vanes.clear[host])
@@ -83,15 +83,15 @@ def _lap(vanes, pose, bodies, point, place, margin, lap):
     lap.beside = length(cross(normal, away))
     fade = min(1.0, (FADE - lap.beside / thickness) / (FADE - BESIDE))
     side = 1.0 if above else -1.0
-    own = dot(normal, pose.dorsal[guest, node[0]])
-    lap.own = (1.0 - part) * own + part * dot(normal, pose.dorsal[guest, after[0]])
+    own = dot(normal, pose.way[guest, node[0]])
+    lap.own = (1.0 - part) * own + part * dot(normal, pose.way[guest, after[0]])
     lifted = (1.0 - part) * lift[guest, node[0], node[1]] + part * lift[guest, after[0], after[1]]
     base, total = lap.clear - gap + side * lap.own * lifted, 0.0
     for q in range(3):
         row, barb_node = corner_node(place, q)
         column = columns + barb_node if place[0] == 0 else columns - barb_node
         lap.corner[q, 0], lap.corner[q, 1] = row, column
-        lap.weight[q] = weight[q] * dot(normal, pose.dorsal[host, row])
+        lap.weight[q] = weight[q] * dot(normal, pose.way[host, row])
         total += lap.weight[q]
         base -= side * lap.weight[q] * lift[host, row, column]
     lap.upper, lap.lower = (guest, host) if above else (host, guest)
@@ -217,7 +217,7 @@ def _leads_away(vanes, pose, bodies, edge, place, margin):
     size = length(normal)
     if size <= 0.0:
         return True
-    up = (dot(normal, pose.dorsal[host, place[1]]) >= 0.0) == above
+    up = (dot(normal, pose.way[host, place[1]]) >= 0.0) == above
     normal = scale(1.0 / size if up else -1.0 / size, normal)
     first = dot(normal, sub(points[node[0], strip_point(node[1], columns)], a))
     second = dot(normal, sub(points[after[0], strip_point(after[1], columns)], a))
@@ -319,7 +319,7 @@ def ground_lacks(vanes, pose, ground, skin, f, asked):
                 continue
             x = points[f, i, strip_point(c, vanes.exists.shape[3])]
             height, normal, _ = skin_under(x, skin, ground, triangle)
-            own = dot(normal, pose.dorsal[f, i])
+            own = dot(normal, pose.way[f, i])
             lack = ground.clear[f, i, c] - height + own * lift[f, i, c]
             if own >= LEAST_COSINE and lack < 2.0 * vanes.deepest[f]:
                 asked[i, c] = max(lack / own, 0.0)

@@ -35,7 +35,7 @@ from featherfx.shot.layers.depths import Depths, Lifted
 from featherfx.shot.layers.ground import ground_beneath
 from featherfx.shot.layers.lap_kernels import meeting_pairs
 from featherfx.shot.layers.lift_kernels import lay_feathers
-from featherfx.shot.layers.pose_kernels import lift_points_of_all
+from featherfx.shot.layers.pose_kernels import lift_points_of_all, lift_ways
 from featherfx.shot.layers.stack import (
     among,
     beneath,
@@ -181,7 +181,7 @@ class Layers:
         laid = RowPoints(pose.points.copy(), points.directors)
         velocities, accelerations = (both(lambda part: part.astype("f8"), each) for each in rates)
         if duration > 0.0:
-            way = _along_dorsal((lifts.lift - before) / duration, pose.dorsal)
+            way = _along((lifts.lift - before) / duration, pose.way)
             velocities = RowPoints(velocities.nodes + way, velocities.directors)
         return [
             FeatherPose(laid.at(k), velocities.at(k), accelerations.at(k), own)
@@ -208,6 +208,8 @@ class Layers:
 
     def _begin(self, lifts: Lifts, points: RowPoints, begun: Array) -> None:
         """Lift points of all feathers as a laying begins."""
+        heading = np.zeros((len(begun), 3))
+        lift_ways(self.stack, points.directors, heading, self._start.way)
         lifts.before[:] = lifts.lift[:] = self._start.lift[:] = begun
         spans = pairwise(np.linspace(0, len(begun), self._jobs + 1).astype(int).tolist())
         lift = partial(lift_points_of_all, self.vanes, points, self._start)
@@ -305,8 +307,8 @@ def _nodes(points: Array) -> Array:
     return np.concatenate([points[:, :, :m:-1], points[:, :, : 1 + m]], axis=2)
 
 
-def _along_dorsal(values: Array, dorsal: Array) -> Array:
-    """(F, n, 1 + 2 m, 3) values (F, n, 2 m + 1) of strips times the directors (F, n, 3) of rows."""
+def _along(values: Array, way: Array) -> Array:
+    """(F, n, 1 + 2 m, 3) values (F, n, 2 m + 1) of strips times those (F, n, 3) of rows."""
     m = values.shape[2] // 2
-    ways = values[..., None] * dorsal[:, :, None]
+    ways = values[..., None] * way[:, :, None]
     return np.concatenate([ways[:, :, m:], ways[:, :, :m][:, :, ::-1]], axis=2)

@@ -1,29 +1,62 @@
-"""Feathers as they are lifted, with boxes around them and heights of their vanes."""
+"""Feathers as they are lifted, with boxes around them and heights of their vanes.
 
-from featherfx.algebra.vec3_kernels import cross, dot, length, scale, store, sub
+Each is lifted along its own dorsal side m, but for being turned towards the mean h of the headings
+of those beneath it,
+
+    way = m + WITH_LOWER (h - m),
+
+of unit length, which is its heading; rows are turned as the whole is. Were all lifted along their
+own dorsal sides, what lies askew on a lifted feather would rise more than that one, and go past
+it to where it meets others: over many rows, without bound.
+"""
+
+from featherfx.algebra.vec3_kernels import add, cross, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.shot.layers.walk_kernels import corners_of
 from featherfx.solver.contact.search_kernels import row_boxes, strip_point
 
 # fields along and across a vane of which the heights are known
 FIELDS = 12, 8
+# how far a feather's way of being lifted is turned towards that of those beneath it, of all the way
+WITH_LOWER = 0.7
+
+
+@kernel
+def lift_ways(stack, directors, heading, ways):
+    """Unit vectors along which rows are lifted, ways (F, n, 3): their dorsal directors, of
+    (F, n, 2, 3), turned towards where those go that lie beneath. heading: scratch (F, 3)."""
+    rows = ways.shape[1]
+    for k in range(stack.order.shape[0]):
+        f, own, others = stack.order[k], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        for i in range(rows):
+            own = add(own, directors[f, i, 1])
+        own = scale(1.0 / max(length(own), 1e-300), own)
+        for pair in range(stack.first[k], stack.first[k + 1]):
+            other = heading[stack.pairs[pair, 1]]
+            others = add(others, scale(max(0.0, dot(own, other)), other))
+        size, turn = length(others), (0.0, 0.0, 0.0)
+        if size > 0.0:
+            turn = scale(WITH_LOWER, sub(scale(1.0 / size, others), own))
+        way = add(own, turn)
+        store(heading[f], scale(1.0 / length(way), way))
+        for i in range(rows):
+            way = add(directors[f, i, 1], turn)
+            store(ways[f, i], scale(1.0 / length(way), way))
 
 
 @kernel
 def lift_points(vanes, points, lift, pose, f):
-    """Lift RowPoints of a feather by (n, 2 m + 1) m along its rows' dorsal directors, to a pose,
-    and fit its boxes and heights."""
+    """Lift RowPoints of a feather by (n, 2 m + 1) m along its ways, to a pose that has these, and
+    fit its boxes and heights."""
     columns, out = vanes.exists.shape[3], pose.points[f]
     for i in range(out.shape[0]):
-        for k in range(3):
-            pose.dorsal[f, i, k] = points.directors[f, i, 1, k]
         for c in range(2 * columns + 1):
             p, pose.lift[f, i, c] = strip_point(c, columns), lift[i, c]
             for k in range(3):
-                risen = lift[i, c] * pose.dorsal[f, i, k]
+                risen = lift[i, c] * pose.way[f, i, k]
                 out[i, p, k] = points.nodes[f, i, p, k] + risen
     row_boxes(out, out, vanes.present[f], pose.boxes[f], pose.bounds[f])
-    _fit_own(vanes.present[f], out, pose.dorsal[f], pose.frames[f], pose.own[f])
+    _fit_own(vanes.present[f], out, pose.way[f], pose.frames[f], pose.own[f])
     own = pose.frames[f], pose.own[f]
     _fit_heights(vanes.exists[f], out, own, vanes.reach[f], pose.heights[f])
 
@@ -36,13 +69,13 @@ def lift_points_of_all(vanes, points, pose, span):
 
 
 @kernel
-def _fit_own(present, points, dorsal, frame, own):
-    """Origin and axes (4, 3) of a feather's own frame, along the shaft, across and dorsal, and the
+def _fit_own(present, points, way, frame, own):
+    """Origin and axes (4, 3) of a feather's own frame, along the shaft, across and up, and the
     box (6,) around its vane in that."""
     rows, columns = points.shape[0], (present.shape[1] - 1) // 2
     along = sub(points[rows - 1, 0], points[0, 0])
     along = scale(1.0 / length(along), along)
-    across = cross(dorsal[rows // 2], along)
+    across = cross(way[rows // 2], along)
     across = scale(1.0 / length(across), across)
     store(frame[0], points[0, 0])
     store(frame[1], along)

@@ -137,11 +137,11 @@ def scratch_of(vanes: Vanes, pairs: int) -> Scratch:
 
 
 def pose_like(points: RowPoints, shape: tuple[int, ...]) -> PosedVanes:
-    """Room for a pose of points. shape: (F, n, 2 m + 1)."""
+    """Room for a pose of points, lifted along their dorsal directors. shape: (F, n, 2 m + 1)."""
     count, rows = shape[:2]
     return PosedVanes(
         points=np.zeros_like(points.nodes),
-        dorsal=np.zeros((count, rows, 3)),
+        way=np.ascontiguousarray(points.directors[:, :, 1]),
         lift=np.zeros(shape),
         boxes=np.zeros((count, rows, 6)),
         bounds=np.zeros((count, 6)),

@@ -129,13 +129,13 @@ class Scratch(NamedTuple):
 
 class PosedVanes(NamedTuple):
     """F feathers at one time. points: (F, n, 1 + 2 m, 3) m, nodes, lifted by lift,
-    (F, n, 2 m + 1) m, along dorsal, (F, n, 3), the rows' dorsal directors. boxes: (F, n, 6) around
+    (F, n, 2 m + 1) m, along way, (F, n, 3), unit vectors of rows. boxes: (F, n, 6) around
     rows and bounds: (F, 6) around vanes. frames: (F, 4, 3) origin and axes of each feather, along
-    its shaft, across and dorsal; own: (F, 6) box around the vane in that, and heights:
+    its shaft, across and up; own: (F, 6) box around the vane in that, and heights:
     (F, 12, 8, 2) m, least and greatest height of the vane in it, over fields along and across."""
 
     points: Array
-    dorsal: Array
+    way: Array
     lift: Array
     boxes: Array
     bounds: Array

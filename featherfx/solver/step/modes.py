@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky_banded, eigh
-from scipy.linalg.blas import dsbmv
-from scipy.linalg.lapack import dpbtrs
 
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model, no_loads
@@ -56,6 +53,9 @@ def _band(model: Model, inertia: float, state: State, work: Work) -> Array:
 
 def first_frequency(model: Model, feather: int) -> float:
     """Lowest natural angular frequency (rad/s) of one held feather, by inverse iteration."""
+    from scipy.linalg import cholesky_banded  # heavy, and models are kept
+    from scipy.linalg.lapack import dpbtrs
+
     stiffness, mass = rest_bands(model, feather)
     factor = cholesky_banded(stiffness.T, lower=True)
     x = np.ones(len(stiffness))
@@ -75,6 +75,8 @@ def frequencies(model: Model, feather: int, count: int) -> Array:
     stiffness, mass = (_sparse(band) for band in rest_bands(model, feather))
     size = mass.shape[0]
     if size <= SMALL:
+        from scipy.linalg import eigh
+
         # compliance rather than stiffness, so that rounding is a part of the lowest mode's
         last = (size - count, size - 1)
         flexible = eigh(
@@ -101,6 +103,8 @@ def _sparse(band: Array):
 
 def _times(band: Array, x: Array) -> Array:
     """Symmetric band times vector."""
+    from scipy.linalg.blas import dsbmv
+
     width = min(band.shape[1], len(x))
     return np.asarray(dsbmv(width - 1, 1.0, band[:, :width].T, x, lower=1))
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from pxr import Usd, UsdGeom
-from scipy import sparse
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Flags
@@ -216,8 +216,8 @@ class _Shafts:
                 scaled_map(each.to_fine or density_map(each.fine, each.fine), float(s), int(n))
                 for each, s, n in zip(grown, scales, counts, strict=True)
             ]
-            joined = [sparse.vstack([part.matrix for part in each]) for each in maps]
-            self._map = sparse.block_diag(joined, format="csr")
+            joined = [scipy.sparse.vstack([part.matrix for part in each]) for each in maps]
+            self._map = scipy.sparse.block_diag(joined, format="csr")
         self._barb_sides, self._to_barbs = [np.zeros(0, dtype=np.int64)] * len(counts), None
         self._drawn: list[BarbCurves] = []
         if barbs:
@@ -230,7 +230,7 @@ class _Shafts:
                 scaled_points(each.points_map, float(s), int(n)).matrix
                 for each, s, n in zip(curves, scales, counts, strict=True)
             ]
-            self._to_barbs = sparse.block_diag(parts, format="csr")
+            self._to_barbs = scipy.sparse.block_diag(parts, format="csr")
         self.feathers = list(self._told(members))
         self.point_count = sum(len(each.row) for each in self._surfaces)
         self.barb_count = sum(map(len, self._barb_sides))

@@ -11,6 +11,7 @@ from typing import Any
 from pxr import Ar, Sdf, Usd, UsdGeom
 
 from featherfx.errors import InputError, Problem, require
+from featherfx.limits import irregular
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.values import USD_ERRORS, described, reason_of
 from featherfx.usd.write.options import UP_AXES
@@ -54,8 +55,7 @@ def open_stage(path: str | Path) -> Any:
     """
     path = located(Path(), str(path))
     if not path.is_file():
-        fault = "is a folder" if path.is_dir() else "file does not exist"
-        raise InputError(Problem(str(path), "", fault))
+        raise InputError(Problem(str(path), "", irregular(path) or "file does not exist"))
     if not os.access(path, os.R_OK):
         raise InputError(Problem(str(path), "", "no permission to read it"))
     if Sdf.FileFormat.FindByExtension(str(path)) is None:
