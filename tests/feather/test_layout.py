@@ -153,6 +153,26 @@ def test_threads_change_nothing(kind, monkeypatch):
         assert one.tobytes() == several.tobytes()
 
 
+def test_a_change_moves_only_what_it_reaches(kind):
+    """One that is rolled, in a corner of 120 that all hang together, moves another at most nearby,
+    and leaves the rest of them to the last digit."""
+    feathers = field(kind, 12, 10)
+    turned = frames_from((-1, 0, 0), (0, 0.2, 1))
+    changed = [replace(feathers[0], rotation=turned), *feathers[1:]]
+    with nothing_kept():
+        before, after = (laid_out(groom_of(*each))[0].feathers for each in (feathers, changed))
+    same = np.array(
+        [
+            one.position.tobytes() == other.position.tobytes()
+            and one.rotation.tobytes() == other.rotation.tobytes()
+            for one, other in zip(before, after, strict=True)
+        ]
+    ).reshape(12, 10)
+    assert not same[0, 0]
+    assert same[4:].all()
+    assert same[:, 5:].all()
+
+
 def test_the_skin_is_cleared(kind):
     sphere = trimesh.creation.icosphere(4, radius=0.1)
     corners = np.array(sphere.vertices)[np.array(sphere.faces)]

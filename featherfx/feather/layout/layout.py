@@ -25,7 +25,13 @@ from featherfx.feather.layout.arrangement import (
     SkinPlanes,
     arrangement_of,
 )
-from featherfx.feather.layout.move_kernels import Limits, Neighbours, Travel, sweep
+from featherfx.feather.layout.move_kernels import (
+    ANY_TRAVEL,
+    Limits,
+    Neighbours,
+    Travel,
+    sweep,
+)
 from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.files.store import kept
 from featherfx.groom.presets.kinds import Change, adjusted
@@ -35,7 +41,9 @@ from featherfx.phases import Done, phase
 
 _MOST_SWEEPS = 30
 _SWEEPS_PER_SEARCH = 10  # after which the skin's tangent planes are looked up again
-_SETTLED = 0.05  # share of the clearance that may be lacking
+# shares of the clearance: what may lack, and what moves are multiples of
+_SLACK, _GRAIN = 0.1, 0.04
+_LEAST_GRAIN = 1e-7  # m, where no clearance is asked for
 # shortening: by how much in one round, rounds, and sweeps after each
 _SHORTER, _MOST_ROUNDS, _SWEEPS_PER_ROUND = 0.9, 12, 5
 # sweeps until all are shortened that are to be
@@ -182,7 +190,8 @@ def _laid(groom: Groom, layout: Layout) -> Laid:
     skin = None if groom.skin is None else SkinPlanes(groom.skin)
     feathers, meshes = arrangement_of(groom.feathers)
     with phase("layout", _Solving.most_sweeps(layout), at_most=True) as done:
-        solving = _Solving(feathers, meshes, skin, layout, done)
+        restless = np.ones(len(feathers.size), dtype=np.bool_)
+        solving = _Solving(feathers, meshes, skin, layout, done, restless)
         pairs, order = solving.solve(strips_of(groom.feathers))
     return _result(feathers, np.argsort(order), pairs, skin)
 
@@ -232,9 +241,14 @@ def _turns(pairs: Indices, order: Indices) -> Indices:
 class _Solving:
     """Moves, shortens and at last drops feathers until none pass through each other.
 
+    What becomes of a feather depends on those that it meets, they on theirs, and each on nothing
+    else: not on when others are done. So a change of one row moves those that it reaches, and
+    leaves others as they are to the last digit.
+
     done: is told of sweeps, those that were not needed counted as done. crossed: pairs as keys, one
     for every time that their meshes were found to pass through each other: so many clearances more
-    are between them, since samples and maps miss what a corner pierces.
+    are between them, since samples and maps miss what a corner pierces. met: the pairs of the last
+    settling, as keys; restless: (F,) what has not come to rest, or is wanted otherwise since.
     """
 
     feathers: Arrangement
@@ -242,7 +256,9 @@ class _Solving:
     skin: SkinPlanes | None
     layout: Layout
     done: Done
+    restless: Flags
     crossed: list[Indices] = field(default_factory=list)
+    met: list[Indices] = field(default_factory=list)
 
     @staticmethod
     def most_sweeps(layout: Layout) -> int:
@@ -267,17 +283,20 @@ class _Solving:
         if self.layout.drop is None:
             return pairs, order
         for number in range(_DROPS):
-            if not self._give_way(pairs, self.layout.drop, number == _DROPS - 1):
-                break
-            if number == 0:
+            some = self._give_way(pairs, self.layout.drop, number == _DROPS - 1)
+            if number == 0 and some:
                 self.feathers.put_back()  # what was in the way of others is gone
+                self.restless[:] = True
+            elif not (some or self.restless.any()):
+                break
             self._settle(pairs, order, _MOST_SWEEPS)
             self.done(_SHORTENED + (number + 1) * _MOST_SWEEPS)
             pairs = self._search(strips)
         for number in range(_DROPS_OF_MESHES):
             self._part_meshes(pairs, order)
             last = number == _DROPS_OF_MESHES - 1
-            if not self._give_way(pairs, self.layout.drop, last, crossed=True):
+            some = self._give_way(pairs, self.layout.drop, last, crossed=True)
+            if not (some or self.restless.any()):
                 break
         return pairs, order
 
@@ -287,29 +306,57 @@ class _Solving:
         return pairs
 
     def _settle(self, pairs: Indices, order: Indices, sweeps: int) -> None:
-        """Sweep until what clearance is lacking is small."""
-        feathers, layout = self.feathers, self.layout
+        """Sweep until nothing moves, from what is restless and pairs that are new; others move when
+        they are met."""
+        feathers = self.feathers
         order, pairs = order[feathers.kept[order]], pairs[feathers.kept[pairs].all(axis=1)]
         starts = np.searchsorted(pairs[:, 0], np.arange(len(feathers.size) + 1))
         neighbours = Neighbours(order, starts, pairs, _turns(pairs, order))
-        tilt = np.radians(np.where(feathers.grown, layout.most_tilt, layout.most_tilt_placed))
-        lift = np.where(tilt > 0.0, layout.most_lift, 0.0)
-        least = np.stack([-0.5 * tilt, -tilt, np.zeros(len(tilt))], axis=1)
-        most = np.stack([tilt, tilt, lift], axis=1)
-        wide = layout.clearance * (1.0 + self._times_crossed(pairs).astype(float))
-        limits = Limits(wide, layout.clearance, least, most)
-        travel = Travel(np.zeros(len(tilt)), np.full(len(pairs), -1.0), np.zeros(len(pairs)))
+        limits, travel = self._limits(pairs), self._travel(pairs)
         planes, threads = np.zeros((0, 1, 4)), min(os.cpu_count() or 1, _MOST_THREADS)
         each = [feathers.with_scratch() for _ in range(threads)]
+        still, known = False, np.zeros_like(travel.gone)
         with ThreadPoolExecutor(threads) as pool:
             for number in range(sweeps):
-                if self.skin is not None and number % _SWEEPS_PER_SEARCH == 0:
+                if self.skin is not None and (still or number % _SWEEPS_PER_SEARCH == 0):
                     planes = self.skin.planes(feathers.world())
-                team = new_team(1), np.zeros(len(tilt), dtype=np.int64)
-                how = neighbours, planes, limits, travel
-                lacks = pool.map(lambda own, team=team, how=how: sweep(team, own, *how), each)
-                if max(lacks) < _SETTLED * layout.clearance:
+                    travel.landed[travel.gone > known] = -1.0
+                    known = travel.gone.copy()
+                team = new_team(1), np.zeros(len(known), dtype=np.int64)
+                how, before = (neighbours, planes, limits, travel), travel.gone.copy()
+                list(pool.map(lambda own, team=team, how=how: sweep(team, own, *how), each))
+                still = bool((travel.gone == before).all())
+                # at rest on planes that are those of where it is
+                self.restless[:] = travel.gone > (before if self.skin is None else known)
+                if not self.restless.any():
                     break
+
+    def _limits(self, pairs: Indices) -> Limits:
+        feathers, layout = self.feathers, self.layout
+        tilt = np.radians(np.where(feathers.grown, layout.most_tilt, layout.most_tilt_placed))
+        lift = np.where(tilt > 0.0, layout.most_lift, 0.0)
+        grain = max(_GRAIN * layout.clearance, _LEAST_GRAIN)
+        turn = grain / feathers.placed_size
+        return Limits(
+            clearance=layout.clearance * (1.0 + self._times_crossed(pairs).astype(float)),
+            ground=layout.clearance,
+            slack=_SLACK * layout.clearance,
+            least=np.stack([-0.5 * tilt, -tilt, np.zeros(len(tilt))], axis=1),
+            most=np.stack([tilt, tilt, lift], axis=1),
+            grain=np.stack([turn, turn, np.full(len(turn), grain)], axis=1),
+        )
+
+    def _travel(self, pairs: Indices) -> Travel:
+        keys, none = self._keys(pairs), np.zeros(len(self.restless))
+        new = ~_among(keys, np.concatenate([*self.met, keys[:0]]))
+        look = self.restless[pairs].any(axis=1) | new
+        self.met[:] = [keys]
+        return Travel(
+            gone=none,
+            landed=np.where(self.restless, -1.0, 0.0),
+            room=np.where(look, -1.0, ANY_TRAVEL),
+            seen=np.zeros(len(pairs)),
+        )
 
     def _keys(self, pairs: Indices) -> Indices:
         """(K,) one number for each pair, whichever comes first."""
@@ -322,12 +369,13 @@ class _Solving:
 
     def _part_meshes(self, pairs: Indices, order: Indices) -> None:
         """Ask for more clearance where meshes pass through each other although samples do not."""
-        known = np.sort(self._keys(pairs))
         for _ in range(_MOST_PARTED):
             keys = self._keys(self.meshes.crossed(self.feathers))
-            if not (np.searchsorted(known, keys, "right") > np.searchsorted(known, keys)).any():
+            wider = _among(self._keys(pairs), keys)
+            if not (wider.any() or self.restless.any()):
                 return
             self.crossed.append(keys)
+            self.restless[pairs[wider]] = True
             self._settle(pairs, order, _SWEEPS_PER_ROUND)
 
     def _shorten(self, pairs: Indices, order: Indices) -> None:
@@ -347,9 +395,10 @@ class _Solving:
             chosen = pairs[through, along.argmax(axis=1)][may.any(axis=1)]
             low = (self.feathers.heights(self.skin) < 0.0) & self.feathers.grown & (size > least)
             chosen = np.union1d(chosen, np.flatnonzero(low))
-            if len(chosen) == 0:
+            if not (len(chosen) or self.restless.any()):
                 return
             size[chosen] = np.maximum(_SHORTER * size[chosen], least[chosen])
+            self.restless[chosen] = True
             self._settle(pairs, order, _SWEEPS_PER_ROUND)
 
     def _give_way(self, pairs: Indices, depth: float, last: bool, crossed: bool = False) -> bool:
@@ -371,7 +420,15 @@ class _Solving:
         shorter = chosen & (feathers.size > least) & (not last)
         feathers.size[shorter] = np.maximum(_SHORTER_STILL * feathers.size, least)[shorter]
         feathers.kept[chosen & ~shorter] = False
+        self.restless[shorter] = True
+        self.restless[~feathers.kept] = False
         return bool(chosen.any())
+
+
+def _among(keys: Indices, known: Indices) -> Flags:
+    """(K,) which keys are among those that are known."""
+    known = np.sort(known)
+    return np.searchsorted(known, keys, "right") > np.searchsorted(known, keys)
 
 
 def _covering(pairs: Indices, depths: Array, must: Flags, grown: Flags) -> Flags:

@@ -33,6 +33,8 @@ LOWER_EASE = 0.1
 BESIDE = 0.02
 # how often a feather is raised off the skin in a sweep
 SKIN_TRIES = 4
+# m, travel after which feathers that could not be parted are looked at again: any
+ANY_TRAVEL = 1e-300
 
 
 class Neighbours(NamedTuple):
@@ -47,21 +49,26 @@ class Neighbours(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """clearance: (K,) m, wanted between the feathers of each pair; ground: m, over the skin. least,
-    most: (F, 3) bounds of raise (rad), roll (rad) and lift (m)."""
+    """clearance: (K,) m, wanted between the feathers of each pair; ground: m, over the skin. slack:
+    m, what may lack of either. least, most: (F, 3) bounds of raise (rad), roll (rad) and lift (m),
+    and grain: (F, 3), of which moves are multiples. So what a feather is moved by others, far away,
+    dies out, instead of fading over all that hang together."""
 
     clearance: NDArray[np.float64]
     ground: float
+    slack: float
     least: NDArray[np.float64]
     most: NDArray[np.float64]
+    grain: NDArray[np.float64]
 
 
 class Travel(NamedTuple):
-    """gone: (F,) m, the way that any point of a feather may have gone. room, seen: (K,) m, how far
-    the two feathers of a pair may travel before they can lack clearance, and how far they had when
-    that was found."""
+    """gone: (F,) m, the way that any point of a feather may have gone; landed: (F,) m, how far it
+    had when the skin beneath was last looked at. room, seen: (K,) m, how far the two feathers of a
+    pair may travel before they can lack clearance, and how far they had when that was found."""
 
     gone: NDArray[np.float64]
+    landed: NDArray[np.float64]
     room: NDArray[np.float64]
     seen: NDArray[np.float64]
 
@@ -159,8 +166,9 @@ def shift(feathers, f, at, effort, limits, travel):
     inverse = 1.0 / (size * size)
     changes = RAISE_EASE * inverse * at[0], ROLL_EASE * inverse * at[1], LIFT_EASE
     for k in range(3):
-        before = feathers.moves[f, k]
-        value = min(max(before + effort * changes[k], limits.least[f, k]), limits.most[f, k])
+        before, grain = feathers.moves[f, k], limits.grain[f, k]
+        value = grain * math.floor((before + effort * changes[k]) / grain + 0.5)
+        value = min(max(value, limits.least[f, k]), limits.most[f, k])
         arm = 1.0 if k == 2 else size
         travel.gone[f] += arm * abs(value - before)
         feathers.moves[f, k] = value
@@ -169,29 +177,28 @@ def shift(feathers, f, at, effort, limits, travel):
 
 @loop_kernel
 def part(feathers, neighbours, pair, limits, travel):
-    """Move two feathers apart where they are closest; returns the clearance they lacked (m).
+    """Move two feathers apart where they are closest.
 
-    Feathers beside each other count as apart by a share of their size.
+    Feathers beside each other count as apart by a share of their size. Those that could not be
+    moved are left until one of them has.
     """
     upper, lower = neighbours.pairs[pair, 0], neighbours.pairs[pair, 1]
     gone = travel.gone[upper] + travel.gone[lower]
     if gone - travel.seen[pair] < travel.room[pair]:
-        return 0.0
+        return
     gap, above, below = least_gap(feathers, upper, lower), feathers.nearest[0], feathers.nearest[1]
-    clearance = limits.clearance[pair]
+    lack = limits.clearance[pair] - gap
     travel.seen[pair] = gone
     beside = math.isnan(gap)
-    travel.room[pair] = BESIDE * feathers.size[upper] if beside else gap - clearance
-    if beside or gap >= clearance:
-        return 0.0
-    travel.room[pair] = 0.0
-    lack = clearance - gap
+    room = BESIDE * feathers.size[upper] if beside else limits.slack - lack
+    travel.room[pair] = max(room, ANY_TRAVEL)
+    if beside or lack <= limits.slack:
+        return
     total = ease(above, feathers.size[upper])
     total += LOWER_EASE * ease(below, feathers.size[lower])
     down = LOWER_EASE * lack / total
     shift(feathers, upper, above, lack / total, limits, travel)
     shift(feathers, lower, below, -down, limits, travel)
-    return lack
 
 
 @kernel
@@ -214,40 +221,42 @@ def skin_gap(feathers, f, planes):
 
 @loop_kernel
 def clear_skin(feathers, f, planes, limits, travel):
-    """Raise a feather off the skin where it lacks clearance; returns how much it lacked (m)."""
-    first, at = 0.0, feathers.nearest[0]
-    for number in range(SKIN_TRIES):
+    """Raise a feather off the skin where it lacks clearance, if it has moved since it was looked
+    at."""
+    if travel.gone[f] <= travel.landed[f]:
+        return
+    travel.landed[f] = travel.gone[f]
+    at = feathers.nearest[0]
+    for _ in range(SKIN_TRIES):
         lack = limits.ground - skin_gap(feathers, f, planes)
-        if number == 0:
-            first = max(lack, 0.0)
-        if lack <= 0.0:
+        if lack <= limits.slack:
             break
         shift(feathers, f, at, lack / ease(at, feathers.size[f]), limits, travel)
-    return first
 
 
 @kernel
 def sweep(team, feathers, neighbours, planes, limits, travel):
     """One pass over all feathers, those beneath first, by a team of threads that all call this:
     each takes the next one, and moves it off another when that has had all its turns before, so
-    that their number changes nothing. Returns the greatest lack of clearance (m) that this found.
+    that their number changes nothing.
 
     team: counters, and (F,) zeros, the turns that feathers have had. feathers: with scratch of this
-    thread. planes: of size 0 without a skin. travel: gone and seen 0 and room -1 at first.
+    thread. planes: of size 0 without a skin. travel: gone and seen 0 at first; room and landed -1
+    for what is to be looked at, 0 for what only is if it moves.
     """
-    (counters, turns), greatest = team, 0.0
+    counters, turns = team
     while True:
         place = ticket(counters, 0)
         if place >= neighbours.order.shape[0]:
-            return greatest
+            return
         upper = neighbours.order[place]
         for pair in range(neighbours.starts[upper], neighbours.starts[upper + 1]):
             lower = neighbours.pairs[pair, 1]
             wait_for(turns, lower, neighbours.turn[pair])
-            greatest = max(greatest, part(feathers, neighbours, pair, limits, travel))
+            part(feathers, neighbours, pair, limits, travel)
             say_done(turns, lower)
         if planes.shape[0] > 0:
-            greatest = max(greatest, clear_skin(feathers, upper, planes, limits, travel))
+            clear_skin(feathers, upper, planes, limits, travel)
         say_done(turns, upper)
 
 

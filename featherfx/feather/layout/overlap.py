@@ -119,6 +119,7 @@ def flow_potential(strips: Strips, pairs: Indices) -> Array:
     without rings wherever the shafts flow. Rows that are stacked count by their stack instead.
     """
     from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
     from scipy.sparse.linalg import cg  # heavy, and only for this
 
     first, second = pairs[strips.layer[pairs[:, 0]] == strips.layer[pairs[:, 1]]].T
@@ -145,8 +146,12 @@ def flow_potential(strips: Strips, pairs: Indices) -> Array:
     right = np.zeros(count)
     np.add.at(right, second, weight * ahead)
     np.add.at(right, first, -weight * ahead)
-    potential, _ = cg(matrix, right, rtol=1e-6, maxiter=2000)
-    return np.asarray(potential)
+    # what does not hang together is solved apart, so that it has nothing of the others' round-off
+    _, part = connected_components(matrix, directed=False)
+    potential = np.empty(count)
+    for own in np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1]):
+        potential[own], _ = cg(matrix[own][:, own], right[own], rtol=1e-6, maxiter=2000)
+    return potential
 
 
 def _near(strips: Strips) -> Indices:
