@@ -222,6 +222,11 @@ def _lifted(contact: dict[str, Any]) -> Iterator[str]:
         " them in: shelter them from the wind ([[shelter]]), make them stiffer, or let them push"
         " ([contact] forces, regions)"
     )
+    if contact["feathers_at_limit"]:
+        yield (
+            f"  {contact['feathers_at_limit']} of them by twice their length, the most; what would"
+            " have to be lifted more stays deep (contact.written_depth of the report)"
+        )
     for each in worst:
         yield (
             f"  {each['feather']} at frame {each['frame']:g}: {1e3 * each['lift']:.2g} mm,"

@@ -400,6 +400,26 @@ def test_a_feather_that_is_pushed_into_the_skin_is_laid_over_it():
     assert after.min() > 0.5 * THICKNESS + 0.9 * float(plumage.vanes.clear[0])
 
 
+def test_no_feather_is_lifted_by_more_than_twice_its_length():
+    """The report says how many were lifted as far as that. Rolled by 50 degrees a feather has to be
+    lifted by 1 / cos 50 of how deep it is in the skin."""
+    shot = shingles(1)
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    one, length = shot.groom.feathers[0], float(np.diff(drawn[0].station).sum())
+    rest = place(drawn[0].rest, one.position, one.rotation)
+    rolled = place(drawn[0].rest, one.position, askew(one, 0, 50.0).rotation)
+    low, none = float(rest.nodes[..., 2].min()) - 4e-3, both(np.zeros_like, rest)
+    shot = replace(shot, skin=SkinSurfaces((Sheet(low),), 0.0, 1.0, "", "").bind(shot.groom))
+    plumage = layers.Layers(shot, drawn, np.arange(1), 1)
+    for k, (depth, own) in enumerate(((0.0, 1.0), (0.9, np.cos(np.radians(50.0))), (1.8, None))):
+        points = (rolled if k else rest).shifted(np.array([0.0, 0.0, -depth * length]))
+        pose = FeatherPose(points, none, none)
+        laid = lay(plumage, [pose], plumage.skin(0.0), float(k), k / shot.frames_per_second)
+        lift = farthest(laid[0], pose) / length
+        assert lift == pytest.approx(depth / own, rel=0.1) if own else lift == pytest.approx(2.0)
+        assert plumage.report()["feathers_at_limit"] == (0 if own else 1)
+
+
 class Ridge(Sheet):
     """A level square with a ridge across it, from one height to another, so wide at its foot."""
 
@@ -445,7 +465,7 @@ def test_the_report_tells_how_deep_what_is_written_is(bakes):
     told = simulation.report["contact"]
     depth = told["written_depth"]
     assert 0.0 <= depth["median"] <= depth["p99"] <= depth["worst"] < 0.5
-    assert told["feathers_lifted"] == 0
+    assert told["feathers_lifted"] == told["feathers_at_limit"] == 0
     assert told["worst_lifted"] == []
     # lifts that are asked for again sink more slowly than what is beneath
     assert told["pairs_touching"] >= len(range(shot.first_frame, shot.last_frame + 1)) * 3

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.shot.layers.lift_kernels import MOST
 from featherfx.shot.layers.types import Array, Indices, Stack
 
 # over the thickness: width and number of the bins that depths are counted in, deeper ones in the
@@ -18,6 +19,8 @@ BIN, BINS = 1e-3, 100_000
 MOST_NAMED = 10
 # of its length, lift from which on a feather is told of
 LIFTED = 0.25
+# what sums of rows may differ by
+ROUNDING = 1e-9
 
 
 class Depths:
@@ -82,11 +85,12 @@ class Lifted:
         self._most[higher], self._frame[higher] = most[higher], frame
 
     def report(self, names: Sequence[str]) -> dict[str, Any]:
-        """How many feathers were lifted by LIFTED or more, and those that were lifted most. names:
-        ids."""
+        """How many feathers were lifted by LIFTED or more, how many as far as any may be, and
+        those that were lifted most. names: ids."""
         order = np.argsort(-self._most, kind="stable")[:MOST_NAMED]
         return {
             "feathers_lifted": int((self._most >= LIFTED).sum()),
+            "feathers_at_limit": int((self._most > MOST - ROUNDING).sum()),
             "worst_lifted": [
                 {
                     "feather": names[k],

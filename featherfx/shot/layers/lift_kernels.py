@@ -7,8 +7,9 @@ and barbs:
 
     w(a) = max over nodes b of  r(b) - slope |a - b|,   |a - b| along shaft plus along barb,
 
-which changes nowhere by more than r does anywhere. What is asked for less than at the sample before
-goes back slowly. Below the vane the lift falls off to the root, which stays.
+which changes nowhere by more than r does anywhere, and is at most twice the feather's length.
+What is asked for less than at the sample before goes back slowly. Below the vane the lift falls off
+to the root, which stays.
 """
 
 from featherfx.jit.compiled import kernel
@@ -18,6 +19,8 @@ from featherfx.shot.layers.pose_kernels import lift_points
 
 # of a point, that a node has at least where it is asked for all that is lacking there
 SHARE = 0.1
+# over the depth that is undone, the length of a feather: the largest lift
+MOST = 2.0
 # thicknesses beyond what is to be between them, up to which feathers touch
 TOUCH = 0.1
 
@@ -214,6 +217,9 @@ def _raise_lift(vanes, place, manner, scratch, count, begun):
                 if wanted[i, c] - lift[i, c] > manner.off * vanes.half[f]:
                     wanted[i, c] = max(wanted[i, c], before[i, c])
     _spread(wanted, vanes, f, manner.slope)
+    for i in range(wanted.shape[0]):
+        for c in range(wanted.shape[1]):
+            wanted[i, c] = min(wanted[i, c], MOST * vanes.deepest[f])
     _to_root(wanted, vanes, f)
     _copy(wanted, lift)
 
