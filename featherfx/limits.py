@@ -33,6 +33,7 @@ MOST_CLUMPS = 1000  # of the barbs of a vane that is wet
 MOST_SUBFRAMES = 1000
 MOST_FRAMES = 1_000_000  # that are written at a time
 MOST_SHARES = 10_000  # of the feathers of a bake
+TASK_HOURS = 24.0  # after which a scheduler stops a task of a plan, where none are given
 MOST_SHEET = 400  # pictures on a contact sheet
 MOST_SIDE = 8192  # pixels of a side of a picture
 MOST_KEPT_BYTES = 2e9  # of layouts, models and the like in the cache folder (files/store.py)

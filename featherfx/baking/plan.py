@@ -18,11 +18,28 @@ from featherfx.baking.task import default_output
 from featherfx.errors import InputError, Problem, require
 from featherfx.files.whole import write_text
 from featherfx.groom.presets.folders import SHIPPED, own_folders
+from featherfx.limits import TASK_HOURS
 from featherfx.shot.share import most_shares, share_count
 from featherfx.usd.write.output import check_output, file_problems
 
 # Characters that a job's name may have at most.
 _NAME_LENGTH = 64
+# of joining, which names files; seconds
+_JOIN_SECONDS = 3600
+# of the environment that installs packages; seconds
+_INSTALL_SECONDS = 1800
+# Installs the packages of the job, if it names any, into the session's folder, and puts them first
+# on the path of its tasks; `openjd_env` is how a session hears of a variable.
+_INSTALL = """\
+import os, pathlib, shlex, subprocess, sys, venv
+
+packages, folder = shlex.split(sys.argv[1]), pathlib.Path(sys.argv[2], "packages")
+if packages:
+    venv.create(folder, with_pip=True)
+    commands = folder / ("Scripts" if os.name == "nt" else "bin")
+    subprocess.run([commands / "python", "-m", "pip", "install", *packages], check=True)
+    print(f"openjd_env: PATH={commands}{os.pathsep}{os.environ['PATH']}", flush=True)
+"""
 
 
 def plan(
@@ -33,6 +50,7 @@ def plan(
     preset_folders: Folders = (),
     overwrite: bool = False,
     task_shares: int | None = None,
+    task_hours: float = TASK_HOURS,
 ) -> list[Path]:
     """Write the items and the job template beside the output, and return both paths.
 
@@ -43,8 +61,9 @@ def plan(
 
     shares: items that bake, at least 1 and at most the number of feathers; fewer where feathers may
     touch, which is said (InputWarning). task_shares: that a task of the template bakes, by task
-    chunking, which a scheduler has to know; None: one, without that. options: of `featherfx
-    bake`, passed on to every item. overwrite: whether a plan that exists is replaced. Raises
+    chunking, which a scheduler has to know; None: one, without that. task_hours: after which a
+    scheduler gives up a task of the template. options: of `featherfx bake`, passed on to every
+    item. overwrite: whether a plan that exists is replaced. Raises
     InputError where the shot or the number is wrong, or a file stands there.
     """
     shot = read_shot(shot_path, preset_folders)
@@ -63,9 +82,8 @@ def plan(
     ]
     paths = _paths(shot_path, output, folders)
     named = [f"{{{{Param.{each['name']}}}}}" for each in paths if each["name"] in _named(folders)]
-    template = job_template(
-        shot.name, (shares, most), task_shares, paths, [*_searched(named), *options]
-    )
+    tasks = (task_shares, round(3600 * task_hours))
+    template = job_template(shot.name, (shares, most), tasks, paths, [*_searched(named), *options])
     texts = {
         output.with_suffix(".plan.json"): work_items(commands, join_command(output, str(shares))),
         output.with_suffix(".openjd.json"): template,
@@ -140,16 +158,20 @@ def _paths(shot: Path, output: Path, folders: Sequence[Path]) -> list[dict[str, 
 def job_template(
     name: str,
     shares: tuple[int, int],
-    task_shares: int | None,
+    tasks: tuple[int | None, int],
     paths: Sequence[dict[str, Any]],
     options: Sequence[str],
 ) -> dict[str, Any]:
     """An Open Job Description template: a step with a task per share, and one that joins.
 
-    shares: the default of the job's parameter Shares, and its greatest value. task_shares: as of
-    plan. paths: its parameters that are paths. options: of every bake; with --jobs, a worker has to
-    have as many processors.
+    shares: the default of the job's parameter Shares, and its greatest value. tasks: the shares of
+    one, as task_shares of plan, and its seconds at most. paths: its parameters that are paths.
+    options: of every bake; with --jobs, a worker has to have as many processors.
+
+    Its parameter Packages is what pip installs for the job; where it is empty, as at first, workers
+    have featherfx already.
     """
+    task_shares, seconds = tasks
     define: dict[str, Any] = {"name": "Share", "type": "INT", "range": "1-{{Param.Shares}}"}
     chunked: dict[str, Any] = {}
     if task_shares:
@@ -172,30 +194,42 @@ def job_template(
                 "minValue": 1,
                 "maxValue": shares[1],
             },
+            {"name": "Packages", "type": "STRING", "default": ""},
         ],
+        "jobEnvironments": [_installed_packages()],
         "steps": [
             {
                 "name": "bake",
                 "parameterSpace": {"taskParameterDefinitions": [define]},
-                **_required(options),
-                "script": {"actions": {"onRun": _action(bake)}},
+                "hostRequirements": _required(options),
+                "script": {"actions": {"onRun": _action(bake, seconds)}},
             },
             {
                 "name": "join",
                 "dependencies": [{"dependsOn": "bake"}],
-                "script": {"actions": {"onRun": _action(join)}},
+                "script": {"actions": {"onRun": _action(join, _JOIN_SECONDS)}},
             },
         ],
     }
 
 
+def _installed_packages() -> dict[str, Any]:
+    """The environment of the job: packages that pip installs when a worker begins with it."""
+    given = ["{{Env.File.Install}}", "{{Param.Packages}}", "{{Session.WorkingDirectory}}"]
+    install = {"name": "Install", "type": "TEXT", "filename": "install.py", "data": _INSTALL}
+    action = _action(["python3", *given], _INSTALL_SECONDS)
+    return {
+        "name": "packages",
+        "script": {"actions": {"onEnter": action}, "embeddedFiles": [install]},
+    }
+
+
 def _required(options: Sequence[str]) -> dict[str, Any]:
-    """What a worker has to have for a bake with these options."""
-    given = dict(pairwise(options)).get("--jobs")
-    if given is None:
-        return {}
-    return {"hostRequirements": {"amounts": [{"name": "amount.worker.vcpu", "min": int(given)}]}}
+    """What a worker has to have for a bake with these options: processors."""
+    count = int(dict(pairwise(options)).get("--jobs", 1))
+    return {"amounts": [{"name": "amount.worker.vcpu", "min": count}]}
 
 
-def _action(command: Sequence[str]) -> dict[str, Any]:
-    return {"command": command[0], "args": list(command[1:])}
+def _action(command: Sequence[str], seconds: int) -> dict[str, Any]:
+    """A command that is ended after so many seconds."""
+    return {"command": command[0], "args": list(command[1:]), "timeout": seconds}

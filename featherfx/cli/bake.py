@@ -28,7 +28,7 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
-from featherfx.limits import MOST_JOBS, MOST_SHARES
+from featherfx.limits import MOST_JOBS, MOST_SHARES, TASK_HOURS
 from featherfx.usd.write.options import StageOptions
 
 STAGE = tuple(each.name for each in fields(StageOptions))
@@ -37,9 +37,10 @@ MOST_CHANGES = 12  # told of a bake that took over what they do not touch
 # Options of a bake that a plan sets itself, or that belong to one worker.
 PER_WORKER = (
     "--output", "--plan", "--feathers", "--resume", "--progress", "--report", "--presets",
-    "--log", "--verbose", "--task-shares",
+    "--log", "--verbose", "--task-shares", "--task-hours",
 )  # fmt: skip
 OF_DASK = ("scheduler", "workers", "shares")
+OF_TASKS = ("task_shares", "task_hours")
 
 
 @click.command(
@@ -70,14 +71,21 @@ OF_DASK = ("scheduler", "workers", "shares")
     "--plan",
     type=click.IntRange(1, MOST_SHARES),
     metavar="N",
-    help="Do not bake: write N work items with their commands, and a job template.",
+    help="Do not bake: write N work items for a farm, with their commands, and a job template of"
+    " Open Job Description.",
 )
 @click.option(
     "--task-shares",
     type=click.IntRange(1, MOST_SHARES),
     metavar="M",
-    help="Of a plan: shares that a task of the template bakes, where the scheduler knows Open Job"
+    help="With --plan: a task of the job template bakes M shares; the scheduler must know Open Job"
     " Description's task chunking.",
+)
+@click.option(
+    "--task-hours",
+    type=click.FloatRange(0.01, 10_000.0),
+    metavar="HOURS",
+    help=f"With --plan: a task that takes longer is stopped.  [default: {TASK_HOURS:g}]",
 )
 @click.option(
     "--engine",
@@ -114,9 +122,11 @@ def bake(
     stopped has finished stays beside it for --resume.
     """
     farm = {name: options.pop(name) for name in OF_DASK}
-    task_shares, each_share = options.pop("task_shares"), options.pop("feathers") or [None]
-    if task_shares and not plan:
-        raise click.UsageError("--task-shares goes with --plan")
+    tasks = {name: options.pop(name) for name in OF_TASKS}
+    tasks = {name: value for name, value in tasks.items() if value is not None}
+    if tasks and not plan:
+        raise click.UsageError("--task-shares and --task-hours go with --plan")
+    each_share = options.pop("feathers") or [None]
     if len(each_share) > 1 and (options["report"] or engine == "dask"):
         raise click.UsageError("several --feathers write no --report, and are not for dask")
     options["feathers"] = each_share[0]
@@ -130,7 +140,7 @@ def bake(
             "several shots, --scheduler, --workers and --shares are for --engine dask"
         )
     if plan:
-        _plan(ctx, shots[0], style, (plan, task_shares), options)
+        _plan(ctx, shots[0], style, {"shares": plan, **tasks}, options)
         return
     for share in each_share:
         _bake(shots[0], style, {**options, "feathers": share})
@@ -140,20 +150,19 @@ def _plan(
     ctx: click.Context,
     shot: Path,
     style: str,
-    shares: tuple[int, int | None],
+    cut: dict[str, Any],
     options: dict[str, Any],
 ) -> None:
-    """Write a plan. shares: all, and those of a task of the template."""
+    """Write a plan. cut: into how many shares, and what is said of tasks."""
     given, folders = _given(ctx, PER_WORKER), options["preset_folders"]
     with Progress("shares", style):
         written = pipeline.plan(
             shot,
             options["output"],
-            shares[0],
-            given,
-            folders,
-            options["overwrite"],
-            task_shares=shares[1],
+            options=given,
+            preset_folders=folders,
+            overwrite=options["overwrite"],
+            **cut,
         )
     for path in written:
         click.echo(str(path), err=True)

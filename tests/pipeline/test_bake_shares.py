@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import logging
 import re
+import shutil
 import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -148,7 +150,7 @@ def test_a_plan_takes_presets_along(tmp_path, monkeypatch):
     result = invoke("bake", shot, "-o", path, "--presets", given, "--frames", "1-1", "--plan", 1)
     assert result.exit_code == 0, result.stderr
     template = json.loads((tmp_path / "pull.openjd.json").read_text())
-    folders = template["parameterDefinitions"][2:-1]
+    folders = template["parameterDefinitions"][2:-2]
     assert [each["default"] for each in folders] == ["given", "own", "home/featherfx/presets"]
     assert {(each["type"], each["objectType"]) for each in folders} == {("PATH", "DIRECTORY")}
     arguments = template["steps"][0]["script"]["actions"]["onRun"]["args"]
@@ -173,11 +175,13 @@ def test_the_template_is_an_open_job_description(tmp_path):
     with pytest.raises(InputError, match="exists already"):
         pipeline.plan(WING, path, 4)
     template = json.loads((tmp_path / "wing.openjd.json").read_text())
-    assert template.keys() == {"specificationVersion", "name", "parameterDefinitions", "steps"}
+    names = {"specificationVersion", "name", "parameterDefinitions", "jobEnvironments", "steps"}
+    assert template.keys() == names
     assert template["specificationVersion"] == "jobtemplate-2023-09"
     assert 0 < len(template["name"]) <= 128
     defined = {"Param." + each["name"] for each in template["parameterDefinitions"]}
-    shot, output, shares = template["parameterDefinitions"]
+    shot, output, shares, packages = template["parameterDefinitions"]
+    assert packages == {"name": "Packages", "type": "STRING", "default": ""}
     assert {shot["type"], output["type"]} == {"PATH"}
     # a default has to lie below the template's folder
     assert output["default"] == "wing.usda"
@@ -194,7 +198,42 @@ def test_the_template_is_an_open_job_description(tmp_path):
         used = [name for text in texts for name in re.findall(r"{{(.*?)}}", text)]
         assert set(used) <= known
         assert all(isinstance(text, str) and text for text in texts)
+        assert action["timeout"] == (86_400, 3_600)[number]
     assert template["steps"][0]["script"]["actions"]["onRun"]["args"][-2:] == ["--subframes", "2"]
+
+
+def test_a_job_installs_the_packages_that_it_names_and_none_where_it_names_none(tmp_path):
+    """The script of the template's environment, with a wheel that has nothing but a command."""
+    pipeline.plan(WING, tmp_path / "wing.usda", 2)
+    template = json.loads((tmp_path / "wing.openjd.json").read_text())
+    (environment,) = template["jobEnvironments"]
+    (file,) = environment["script"]["embeddedFiles"]
+    action = environment["script"]["actions"]["onEnter"]
+    arguments = ["{{Env.File.Install}}", "{{Param.Packages}}", "{{Session.WorkingDirectory}}"]
+    assert action["args"] == arguments
+    assert action["timeout"] > 0
+    script, wheel = tmp_path / file["filename"], tmp_path / "told-1.0-py3-none-any.whl"
+    script.write_text(file["data"])
+    with ZipFile(wheel, "w") as archive:
+        archive.writestr("told.py", "def main():\n    print('told')\n")
+        about = "told-1.0.dist-info"
+        archive.writestr(f"{about}/METADATA", "Metadata-Version: 2.1\nName: told\nVersion: 1.0\n")
+        archive.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nTag: py3-none-any\n")
+        archive.writestr(f"{about}/entry_points.txt", "[console_scripts]\ntold = told:main\n")
+        archive.writestr(f"{about}/RECORD", "")
+
+    def run(packages: str) -> str:
+        command = [sys.executable, script, packages, tmp_path / "session"]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        return done.stdout
+
+    assert run("") == ""
+    assert not (tmp_path / "session").exists()
+    path = run(f"--no-index '{wheel}'").splitlines()[-1].removeprefix("openjd_env: PATH=")
+    found = shutil.which("told", path=path)
+    assert found is not None
+    assert Path(found).is_relative_to(tmp_path / "session")
+    assert subprocess.run([found], capture_output=True, text=True).stdout == "told\n"
 
 
 def test_progress_lines_are_json(tmp_path):
@@ -269,7 +308,8 @@ def as_a_session_reads_it(lines: list[str]) -> list[tuple[str, Any]]:
 def test_a_template_may_have_a_task_bake_several_shares(tmp_path):
     path = tmp_path / "wing.usda"
     given = ("--frames", "1-1", "--quality", "draft", "--jobs", 2)
-    planned = invoke("bake", WING, "-o", path, *given, "--plan", 5, "--task-shares", 2)
+    tasks = ("--task-shares", 2, "--task-hours", 1.5)
+    planned = invoke("bake", WING, "-o", path, *given, "--plan", 5, *tasks)
     assert planned.exit_code == 0, planned.stderr
     template = json.loads((tmp_path / "wing.openjd.json").read_text())
     assert template["extensions"] == ["TASK_CHUNKING"]
@@ -277,6 +317,7 @@ def test_a_template_may_have_a_task_bake_several_shares(tmp_path):
     assert step["hostRequirements"]["amounts"] == [{"name": "amount.worker.vcpu", "min": 2}]
     (share,) = step["parameterSpace"]["taskParameterDefinitions"]
     assert share["type"] == "CHUNK[INT]"
+    assert step["script"]["actions"]["onRun"]["timeout"] == 5_400
     assert share["chunks"] == {"defaultTaskCount": 2, "rangeConstraint": "CONTIGUOUS"}
     # what a session makes of the last chunk but one
     names = {
@@ -313,7 +354,8 @@ def test_the_reference_implementation_takes_both_templates(tmp_path):
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        (("--task-shares", "2"), "--task-shares goes with --plan"),
+        (("--task-shares", "2"), "--task-shares and --task-hours go with --plan"),
+        (("--task-hours", "2"), "--task-shares and --task-hours go with --plan"),
         (("--feathers", "1-2/4", "--report", "r.json"), "several --feathers write no --report"),
         (("--feathers", "3-2/4"), "is not a share such as"),
         (("--feathers", "1-5/4"), "is not a share such as"),
