@@ -81,7 +81,7 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
         sound = whole / "sound"
         sound.mkdir()
         # in a process of its own, so that this one never has the threads of USD
-        _child(whole / "log", lambda _: kind.prepare(sound))
+        child(whole / "log", lambda _: kind.prepare(sound))
         if (whole / "log").read_text():
             raise RuntimeError((whole / "log").read_text())
         for number in cases:
@@ -98,7 +98,7 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
                     os.write(log, f"start {' '.join(command.arguments)}\n".encode())
                     _execute(command, folder, log)
 
-            end = _child(log, one)
+            end = child(log, one)
             ended, said = _outcomes(log.read_text(errors="replace"), end)
             result.outcomes.update(ended)
             if set(ended) - set(FINE):
@@ -113,8 +113,11 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
     return result
 
 
-def _child(log: Path, work: Callable[[int], None]) -> int:
-    """Wait status of a process that does the work, with bounds on its time and memory."""
+def child(log: Path, work: Callable[[int], None]) -> int:
+    """Wait status of a process that does the work, with bounds on its time and memory.
+
+    work: is given the log, open for writing.
+    """
     process = os.fork()
     if process:
         return os.waitpid(process, 0)[1]
@@ -183,7 +186,13 @@ def _outcomes(log: str, end: int) -> tuple[list[str], str]:
         elif told:
             told.append(part)
     if os.WIFSIGNALED(end):
-        name = signal.Signals(os.WTERMSIG(end)).name
-        found.append("hang" if name in ("SIGALRM", "SIGPROF") else "crash")
+        outcome, name = ended_by(end)
+        found.append(outcome)
         told.append(f"{command}: {name}")
     return found, "\n".join(told).strip()
+
+
+def ended_by(end: int) -> tuple[str, str]:
+    """Outcome of a process that a signal ended, and the signal's name. end: its wait status."""
+    name = signal.Signals(os.WTERMSIG(end)).name
+    return ("hang" if name in ("SIGALRM", "SIGPROF") else "crash"), name
