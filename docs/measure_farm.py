@@ -4,11 +4,13 @@ many workers from what its orders took.
     python docs/measure_farm.py FOLDER [--frames 24] [--chunk 6] [--row 5] [--workers 1 2]
 
 Shares are islands of feathers that touch: one for each bird. The job is run with each number of
-workers on this machine; times of the schedule are of the processor, so that other work on the
-machine counts less. For many workers, orders of the run with most workers are given out as a job
-gives them, each to whoever is free: looking at a shot, its shares, chunks that are merged, and what
-completes it. A flock of more birds has as many shares of the mean, and looking, merging and
-completing take as much more as it has birds: an upper bound, since part of each is always the same.
+workers on this machine, and of its time by the clock is told what baking takes, which more workers
+share, and what is the same for any number of them: starting and ending them, looking, merging.
+Times of the schedule are of the processor, so that other work on the machine counts less. For many
+workers, orders of the run with most workers are given out as a job gives them, each to whoever is
+free: looking at a shot, its shares, chunks that are merged, and what completes it. A flock of more
+birds has as many shares of the mean, and looking, merging and completing take as much more as it
+has birds: an upper bound, since part of each is always the same.
 """
 
 from __future__ import annotations
@@ -84,6 +86,17 @@ def orders_of(report: dict[str, Any]) -> Orders:
     return Orders(shot["looking"][name], shares, pieces, merging[name])
 
 
+def told(seconds: dict[str, float]) -> str:
+    """Seconds of a job by the clock, in one line."""
+    parts = ", ".join(f"{name} {each:.1f}" for name, each in seconds.items())
+    return f"{sum(seconds.values()):.1f} s ({parts})"
+
+
+def times_as_fast(first: dict[str, float], other: dict[str, float], parts: list[str]) -> float:
+    """How much faster some parts of another job were."""
+    return sum(first[each] for each in parts) / sum(other[each] for each in parts)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
@@ -92,11 +105,15 @@ def main() -> None:
     parser.add_argument("--row", type=int, default=5)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     given = parser.parse_args()
-    orders = None
+    orders, first = None, {}
     for workers in given.workers:
         report = measured(given.folder, given.frames, given.chunk, given.row, workers)
         orders = orders_of(report)
-        print(f"{workers} workers: {report['wall_seconds']:.1f} s; processor s", orders)
+        print(f"{workers} workers: {told(report['seconds'])}; processor s", orders)
+        first = first or report["seconds"]
+        gains = {"job": times_as_fast(first, report["seconds"], list(first))}
+        gains["baking"] = times_as_fast(first, report["seconds"], ["baking"])
+        print(", ".join(f"{name} {each:.2f} times as fast" for name, each in gains.items()))
     assert orders is not None
     print("birds shots workers speed-up")
     for birds, shots in ((BIRDS, 1), (BIRDS, 25), (100, 1)):

@@ -63,10 +63,14 @@ def bake_many(
     folders = [*(str(each) for each in own_folders(chosen.preset_folders)), SHIPPED]
     given = asdict(replace(chosen, preset_folders=folders, report=None))
     with opened(scheduler, workers) as engine, _made(None if outputs == [where] else where):
-        told = Job(paths, outputs, given, engine, shares, on_frame or _unheard).run()
-        count = engine.workers
+        starting = time.perf_counter() - begin
+        job = Job(paths, outputs, given, engine, shares, on_frame or _unheard)
+        told, count = job.run(), engine.workers
+        parts = {"starting": starting, **job.seconds()}
     seconds = time.perf_counter() - begin
-    result = {"version": __version__, "workers": count, "wall_seconds": seconds, "shots": told}
+    parts["ending"] = seconds - sum(parts.values())
+    result = {"version": __version__, "workers": count, "wall_seconds": seconds, "seconds": parts}
+    result["shots"] = told
     if report is not None:
         store_report(result, report, before)
     return result

@@ -1,6 +1,7 @@
 """Orders to the workers of a Dask cluster: one that is there, or processes of this machine.
 
-Workers take one order at a time, whatever their threads: a bake has threads of its own.
+Workers take one order at a time, whatever their threads: a bake has threads of its own. While those
+of this machine start, the first shot is looked at here.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm.engine import BEGUN, DONE, FAILED, LOST, PROGRESS, QUIET, News
-from featherfx.farm.work import Order, work
+from featherfx.farm.work import PLAN, Order, work
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -27,6 +30,9 @@ if TYPE_CHECKING:
 # s to wait for a scheduler, and for its workers; between two pieces of news before it is QUIET;
 # between two of one order's progress
 _CALL, _MEET, _QUIET, _OFTEN = 10.0, 60.0, 30.0, 0.2
+
+# what workers of this machine load before their first order, while others are looked at
+_LOADED = ["featherfx.farm.work", "featherfx.baking.loop"]
 
 _ONE_AT_A_TIME = threading.Lock()
 LOG = logging.getLogger("featherfx.farm")
@@ -39,16 +45,26 @@ class Withdrawn(Exception):
 
 
 class DaskEngine:
-    """An Engine of the workers that a client knows."""
+    """An Engine of the workers that a client knows.
 
-    def __init__(self, client: Client) -> None:
-        self._client, self._topic = client, f"featherfx-{uuid.uuid4().hex}"
+    connect: gives the client when workers are there. workers: their number. starting: whether they
+    still start, so that the first look is taken here.
+    """
+
+    def __init__(self, connect: Callable[[], Client], workers: int, starting: bool = False) -> None:
+        self._connect, self.workers, self._is_free = connect, workers, starting
+        self._topic = f"featherfx-{uuid.uuid4().hex}"
+        self._looks: list[tuple[int, Order]] = []
         self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
         self._futures: dict[int, Future] = {}
         # orders that some workers alone may take, with these
         self._bound: dict[int, tuple[Order, set[str]]] = {}
-        self.workers = len(self._addresses())
+
+    @cached_property
+    def _client(self) -> Client:
+        client = self._connect()
         client.subscribe_topic(self._topic, self._heard)
+        return client
 
     def _heard(self, event: tuple[float, dict[str, Any]]) -> None:
         told = {each: event[1][each] for each in News.__dataclass_fields__}
@@ -58,6 +74,10 @@ class DaskEngine:
         return list(self._client.scheduler_info(n_workers=-1)["workers"])
 
     def submit(self, number: int, order: Order, avoid: str = "") -> None:
+        if self._is_free and order.what == PLAN:
+            self._is_free = False
+            self._looks.append((number, order))
+            return
         others = [each for each in self._addresses() if not avoid.startswith(f"{each} ")]
         self._bound.pop(number, None)
         if avoid and others:
@@ -103,6 +123,11 @@ class DaskEngine:
             self._futures.pop(number).cancel()
 
     def hear(self) -> News:
+        if self._looks:
+            number, order = self._looks.pop()
+            with _ONE_AT_A_TIME:
+                what, value = _carried_out(order, lambda done, total: None)
+            return News(what, number, value=value)
         self._free_those_whose_workers_are_gone()
         try:
             return self._news.get(timeout=_QUIET)
@@ -166,17 +191,21 @@ def opened(scheduler: str | None, workers: int | None) -> Iterator[DaskEngine]:
         if scheduler is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="featherfx-dask-"))
             count = workers or os.cpu_count() or 1
-            client = stack.enter_context(_local(distributed, count, folder))
+            connect = stack.enter_context(_local(distributed, count, folder))
+            yield DaskEngine(connect, count, starting=True)
         else:
             client = stack.enter_context(_client(distributed, scheduler, workers or 1))
-        yield DaskEngine(client)
+            there = client.scheduler_info(n_workers=-1)["workers"]
+            yield DaskEngine(lambda: client, len(there))
 
 
 @contextlib.contextmanager
-def _local(distributed: Any, workers: int, folder: str) -> Iterator[Client]:
-    """Processes of this machine that nobody else can give work to (TLS, keys in memory)."""
-    with (
-        distributed.LocalCluster(
+def _local(distributed: Any, workers: int, folder: str) -> Iterator[Callable[[], Client]]:
+    """Processes of this machine that nobody else can give work to (TLS, keys in memory); what is
+    given waits until they are there."""
+    with ThreadPoolExecutor(1) as beside, contextlib.ExitStack() as stack:
+        starting = beside.submit(
+            distributed.LocalCluster,
             n_workers=workers,
             threads_per_worker=1,
             memory_limit=None,
@@ -185,11 +214,14 @@ def _local(distributed: Any, workers: int, folder: str) -> Iterator[Client]:
             local_directory=folder,
             security=distributed.Security.temporary(),
             silence_logs=logging.CRITICAL,
+            preload=_LOADED,
             env={"MALLOC_TRIM_THRESHOLD_": str(1 << 30)},
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        yield client
+        )
+        cluster = cache(lambda: stack.enter_context(starting.result()))
+        try:
+            yield lambda: stack.enter_context(distributed.Client(cluster()))
+        finally:
+            cluster()  # closed with what is open, even where nobody has waited for it
 
 
 def _connected(distributed: Any, address: str) -> Client:

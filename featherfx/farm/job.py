@@ -10,6 +10,7 @@ fail again, and ends its shot. Other shots go on.
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -113,11 +114,14 @@ class Job:
         self._out: dict[int, _Given] = {}
         self._finished: list[_Given] = []
         self._number, self._told = 0, 0.0
+        self._begin_at = self._looked_at = self._baked_at = 0.0
 
     def run(self) -> list[dict[str, Any]]:
         """A report of each shot. Raises InputError with all that is wrong with any shot."""
+        self._begin_at = time.perf_counter()
         try:
             self._look_at_all()
+            self._looked_at = self._baked_at = time.perf_counter()
             for each in self._shots:
                 self._begin(each)
             self._until_all_are_heard()
@@ -128,6 +132,13 @@ class Job:
                 each.release()
         self._raise_problems()
         return [self._report(each) for each in self._shots]
+
+    def seconds(self) -> dict[str, float]:
+        """Of a job that has just ended, s: until all shots were looked at, until the last share
+        was baked, and what merging took from there on."""
+        looking, baking = self._looked_at - self._begin_at, self._baked_at - self._looked_at
+        merging = time.perf_counter() - self._baked_at
+        return {"looking": looking, "baking": baking, "merging": merging}
 
     def _look_at_all(self) -> None:
         for each in self._shots:
@@ -233,6 +244,7 @@ class Job:
         else:
             each.baked.append({"share": order.share, **told, **done.report, **done.times})
             each.left -= 1
+            self._baked_at = time.perf_counter()
             if each.left == 0 and order.shares > 1:
                 self._merge(each)
             elif each.left == 0:

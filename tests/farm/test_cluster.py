@@ -11,11 +11,12 @@ import threading
 from pathlib import Path
 
 import pytest
-from farm.farm_cases import shot_file
+from farm.farm_cases import options_of, shot_file
 
 import featherfx
 from featherfx.errors import InputError
 from featherfx.farm import cluster as room
+from featherfx.farm.job import Job
 
 distributed = pytest.importorskip("distributed")
 OPTIONS = {"frames": (1, 3), "chunk": 2}
@@ -48,6 +49,23 @@ def test_two_shots_on_a_cluster_have_the_bytes_of_single_bakes(tmp_path, caplog)
     assert [len(each["shares"]) for each in result["shots"]] == [1, 2]
     assert told[-1] == (6, 6)
     assert any("b 2/2: on inproc://" in line for line in caplog.messages)
+    seconds = result["seconds"]
+    assert list(seconds) == ["starting", "looking", "baking", "merging", "ending"]
+    assert sum(seconds.values()) == pytest.approx(result["wall_seconds"])
+    assert min(seconds.values()) >= 0.0
+    shares = [share["wall_seconds"] for shot in result["shots"] for share in shot["shares"]]
+    assert seconds["baking"] >= max(shares)
+
+
+def test_a_wrong_shot_is_told_before_any_worker_is_there(tmp_path):
+    def never():
+        raise AssertionError("has waited for workers")
+
+    shot = shot_file(tmp_path, "a", "feather_pull", "colour = 3\n")
+    engine = room.DaskEngine(never, 2, starting=True)
+    job = Job([shot], [tmp_path / "a.usdc"], options_of(), engine, None, lambda done, total: None)
+    with pytest.raises(InputError, match="colour"):
+        job.run()
 
 
 def test_a_scheduler_that_is_not_there_is_named(tmp_path, monkeypatch):
@@ -141,7 +159,7 @@ class Undone:
 def test_an_order_is_bound_to_others_while_one_of_them_is_there(monkeypatch):
     monkeypatch.setattr(room, "_QUIET", 0.01)
     client = FewWorkers("full", "one", "other")
-    engine = room.DaskEngine(client)
+    engine = room.DaskEngine(lambda: client, 3)
     engine.submit(0, None)
     engine.submit(1, None, avoid="full (process 7)")
     assert client.asked == [None, ["one", "other"]]
