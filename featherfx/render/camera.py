@@ -17,7 +17,8 @@ from featherfx.shot.detail.view import View
 
 _ANGLE = math.radians(24)
 _FOCAL_LENGTH = 0.056  # m: sees this angle over the height of a frame of 24 mm
-_MARGIN = 1.04
+_MARGIN = 1.13  # a picture over what is in it, so that 6 % are left on either side
+_TILE, _LEAST, _MOST = 480 * 320, 0.5, 2.0  # pixels of a tile, and its width over its height
 # by eye: vanes with less of their area along one axis are around a body (birds with folded wings
 # have 0.48 to 0.66, wings 0.89 to 0.93), which is seen from so far aside of its broad side and so
 # high
@@ -153,17 +154,32 @@ def _upright(points: Array) -> tuple[Array, Array]:
 
 
 def framing(right: Array, up: Array, points: Array, size: tuple[int, int]) -> Eye:
-    """The nearest camera of given axes from which all points (N, 3) are in the picture."""
+    """The nearest camera of given axes that has all points (N, 3) in the picture, and in its
+    middle."""
     back = np.cross(right, up)
     tangent, aspect = math.tan(_ANGLE / 2), size[0] / size[1]
     local = points @ np.stack([right, up, back], axis=1)
     centre = 0.5 * (local.min(axis=0) + local.max(axis=0))
+    for _ in range(4):
+        x, y, z = (local - centre).T
+        needed = np.maximum(np.abs(y) / tangent, np.abs(x) / (tangent * aspect))
+        distance = max(float((z + _MARGIN * needed).max()), 1e-9)
+        seen = np.stack([x, y]) / (distance - z)
+        centre[:2] += 0.5 * distance * (seen.min(axis=1) + seen.max(axis=1))
     x, y, z = (local - centre).T
     needed = np.maximum(np.abs(y) / tangent, np.abs(x) / (tangent * aspect))
     distance = max(float((z + _MARGIN * needed).max()), 1e-9)
     eye = centre[0] * right + centre[1] * up + (centre[2] + distance) * back
     height = 2 * tangent
     return Eye(View(eye, right, up, back, height * aspect, height, (0.0, 0.0), False), size)
+
+
+def tile_size(right: Array, up: Array, points: Array) -> tuple[int, int]:
+    """(width, height) pixels of a tile that points (N, 3) fill as cameras of these axes see
+    them."""
+    width, height = (max(float(np.ptp(points @ axis)), 1e-9) for axis in (right, up))
+    aspect = min(max(width / height, _LEAST), _MOST)
+    return 2 * round(0.5 * math.sqrt(_TILE * aspect)), 2 * round(0.5 * math.sqrt(_TILE / aspect))
 
 
 @dataclass(frozen=True)

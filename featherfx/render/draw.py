@@ -20,6 +20,7 @@ from featherfx.render.camera import (
     carried,
     framing,
     standing_still,
+    tile_size,
     travels,
     turntable,
     way_of,
@@ -97,7 +98,7 @@ def _pictures(
 ) -> Iterator[list[Picture]]:
     """The pictures of every shot, one of each subject; the next is prepared while one is drawn."""
     work = [(subject, shot) for shot in shots for subject in subjects]
-    strips = len(range(0, options.pixels[1], ROWS_AT_ONCE))
+    strips = len(range(0, shots[0].eye.size[1], ROWS_AT_ONCE))
 
     def prepared(subject: Subject, shot: Exposure) -> Tracer:
         geometry = subject.geometry(shot.time)
@@ -126,11 +127,13 @@ def _drawn(tracer: Tracer, drawers: ThreadPoolExecutor, done: Done) -> Picture:
     """One picture, by threads that share its rows; done: called with the strips that are."""
     lens = tracer.lens
     picture = np.zeros((lens.rows, lens.columns, 3), np.uint8)
-    strips = {drawers.submit(tracer.rows, top): top for top in range(0, lens.rows, ROWS_AT_ONCE)}
-    for number, strip in enumerate(as_completed(strips), 1):
-        top = strips[strip]
-        picture[top : top + ROWS_AT_ONCE] = strip.result()
+    tops = range(0, lens.rows, ROWS_AT_ONCE)
+    traced = [drawers.submit(tracer.trace, top) for top in tops]
+    for number, strip in enumerate(as_completed(traced), 1):
+        strip.result()
         done(number)
+    for top, rows in zip(tops, drawers.map(tracer.rows, tops), strict=True):
+        picture[top : top + ROWS_AT_ONCE] = rows
     return picture
 
 
@@ -154,15 +157,17 @@ def _shots(
         way = standing_still()
     points = np.concatenate([hull - way(code) for code, hull in reach])
     right, up = axes_of(options.view, *subjects[0].shape(kept), options.floor)
+    is_shaped = options.sheet and options.size is None
+    pixels = tile_size(right, up, points) if is_shaped else options.pixels
     if options.turntable:
         count = options.turntable
         angles = [2 * math.pi * k / count for k in range(count)]
-        eyes = turntable(right, up, points, options.pixels, angles)
+        eyes = turntable(right, up, points, pixels, angles)
         named = [named[k * len(named) // count] for k in range(count)]
         turns = [(f"{360 * k / count:g} degrees", f"{k + 1:04d}") for k in range(count)]
         named = [(time, *turn) for (time, _, _), turn in zip(named, turns, strict=True)]
     else:
-        eyes = [framing(right, up, points, options.pixels)] * len(named)
+        eyes = [framing(right, up, points, pixels)] * len(named)
     if options.f_stop:
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         eyes = [eye.focused(options.f_stop, middle) for eye in eyes]

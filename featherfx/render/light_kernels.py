@@ -1,16 +1,18 @@
 """Light on thin feathers: what rays carry back to the camera, one sample at a time.
 
-    L = a [ (1 - s) (S max(n.l, 0) + E(n)) + s (S max(-n.l, 0) + E(-n)) ] + k sin(t, h)^p S
+    L = V S [ a d(n.l) + k g(t, h) + a k' g'(t', h) ] + O (a + c) E,    g = sin(t, h)^p
 
-a colour, s the share of light that goes through the vane, S the light of the sun as it arrives
-through the vanes before it, n normal towards the camera, l direction of the sun. The last term is
-the gloss of a fibre of tangent t (a barb, or the shaft), h halfway between light and camera (Kajiya
-& Kay 1989). Barbs are strips with round cross-sections: their normal is turned outwards by the
-place across them, and furrows between them are darker.
+a colour, S the sun's light and V the share of it that arrives through the vanes before it, d what
+is sent back, a share of it through the vane, n normal towards the camera, l direction of the sun.
+Gloss is that of fibres in two lobes (Kajiya & Kay 1989, with the tangents of Marschner et al.
+2003): a narrow one as white as the light, of t bent towards the fibre's root, and a broad one,
+mostly of the feather's colour, bent to its end; h is halfway between light and camera. c is the
+sheen where a surface is seen at a low angle. Barbs have round cross-sections where each is wider
+than pixels: their normal is turned outwards by the place across them, and furrows are darker.
 
-E, the sky's light, is that of an open sky by its first three zonal harmonics (Ramamoorthi &
-Hanrahan 2001, equation 10), corrected by one ray a sample for what stands before it: nothing that
-stands free is grainy.
+E is the light of an open sky by its first three zonal harmonics (Ramamoorthi & Hanrahan 2001,
+equation 10) and of a soft lamp from behind, O what one ray a sample finds of it: nothing that
+stands free is grainy. V and O are smoothed over neighbouring pixels (smooth_kernels.py).
 
 All arrays are of N samples; vectors are (N, 3) in single precision.
 """
@@ -34,6 +36,7 @@ from featherfx.algebra.vec3_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel
+from featherfx.render.barb_kernels import barb_there, chance, half_width, is_gap, mixed_bits
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -41,12 +44,21 @@ Integers = NDArray[np.int32]
 
 # what a triangle is of; rows of MATERIALS. A floor only takes shadow: its colour is that behind it
 VANE, SHAFT, SKIN, FLOOR = 0, 1, 2, 3
-# share of light that goes through, gloss k, its sharpness p, light that a shadow lets through
+# all by eye
 EXPOSURE = 0.46
 FINE = 4.0  # pixels: what stands nearer before a vane than these casts no shadow on it
 FURROW = 0.8  # darkness of furrows between barbs of full roundness
+THIN = 0.25  # more light goes through the free ends of barbs
+BENT, WIDER = 0.12, 0.2  # tangents of the lobes of gloss: to the root, to the end of the fibre
+# share of light that goes through, light that a shadow lets through, sheen, and of both lobes of
+# gloss k and p
 MATERIALS = np.array(
-    [[0.34, 0.10, 18.0, 0.30], [0.0, 0.22, 40.0, 0.0], [0.0, 0.03, 12.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+    [
+        [0.34, 0.30, 0.35, 0.10, 24.0, 0.24, 5.0],
+        [0.0, 0.0, 0.10, 0.20, 40.0, 0.10, 8.0],
+        [0.0, 0.0, 0.10, 0.05, 20.0, 0.0, 1.0],
+        [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0],
+    ]
 )
 
 
@@ -84,24 +96,27 @@ class Tile(NamedTuple):
 
 class Surface(NamedTuple):
     """What is hit. triangles: (T, 3). material: (T,). normals, tangents, colours: (V, 3), of
-    vertices; colours are linear. across: (V,) place across a barb times its roundness."""
+    vertices; colours are linear. barbs: (V, 4) as of Geometry."""
 
     triangles: Integers
     material: NDArray[np.uint8]
     normals: Floats
     tangents: Floats
     colours: Floats
-    across: Floats
+    barbs: Floats
 
 
 class Lights(NamedTuple):
-    """sun: (3,) unit, towards it. sun_light: (3,). sun_radius: tangent of half its angle. up: (3,)
-    unit. zenith, horizon, ground: (3,) light of the sky there. harmonics: (3, 3) of the light
-    that a surface receives, by order and colour."""
+    """sun: (3,) unit, towards it. sun_light: (3,). sun_radius: tangent of half its angle. rim,
+    rim_light: as of the sun, of the lamp behind. up: (3,) unit. zenith, horizon, ground: (3,) light
+    of the sky there. harmonics: (3, 3) of the light that a surface receives, by order and
+    colour."""
 
     sun: Array
     sun_light: Array
     sun_radius: float
+    rim: Array
+    rim_light: Array
     up: Array
     zenith: Array
     horizon: Array
@@ -112,7 +127,7 @@ class Lights(NamedTuple):
 class Points(NamedTuple):
     """Where N rays hit. places: (N, 3) a little off the surface, on the sun's side. beyond: (N, 3)
     on the sky ray's side. normals, tangents, colours: (N, 3). to_sun, to_sky: (N, 3) rays on from
-    there. material: (N,)."""
+    there. material: (N,). through: (N,) share of light that goes through."""
 
     places: Floats
     beyond: Floats
@@ -122,24 +137,17 @@ class Points(NamedTuple):
     to_sun: Floats
     to_sky: Floats
     material: NDArray[np.uint8]
-
-
-@kernel
-def _mixed(value):
-    """A hash of an integer (Wellons' lowbias32)."""
-    value = (value ^ (value >> 16)) * 0x7FEB352D & 0xFFFFFFFF
-    value = (value ^ (value >> 15)) * 0x846CA68B & 0xFFFFFFFF
-    return value ^ (value >> 16)
+    through: Floats
 
 
 @kernel
 def _pair(x, y, sample, samples, use):
     """Two numbers in 0..1 for a sample of the pixel (x, y): points of the R2 sequence (Roberts
     2018), shifted at random and in another order for each pixel and use. samples: a power of 2."""
-    seed = _mixed(8 * (x + 8192 * y) + use)
+    seed = mixed_bits(8 * (x + 8192 * y) + use)
     order = sample ^ (seed & (samples - 1))
     first = order * 0.7548776662466927 + (seed >> 8) * 5.9604644775390625e-08
-    second = order * 0.5698402910980532 + _mixed(seed) * 2.3283064365386963e-10
+    second = order * 0.5698402910980532 + mixed_bits(seed) * 2.3283064365386963e-10
     return first - int(first), second - int(second)
 
 
@@ -224,9 +232,13 @@ def surface_points(surface, lights, tile, hits, which, points):
         face = scale(-1.0, face) if dot(face, ray) > 0.0 else face
         tangent = _unit(_interpolated(surface.tangents, corners, u, v), (0.0, 0.0, 0.0))
         smooth = _unit(_interpolated(surface.normals, corners, u, v), face)
-        across = surface.across
-        rounded = (1.0 - u - v) * across[corners[0]] + u * across[corners[1]]
-        rounded += v * across[corners[2]]
+        through, rounded = MATERIALS[material, 0], 0.0
+        if material == VANE:
+            number, barb, strong, free = barb_there(surface.barbs, corners, u, v)
+            half = max(half_width(number, barb, free), 0.05)
+            rounded = strong * (number - int(number) - 0.5) / half
+            rounded += min(free, 1.0) * (chance(int(number) + 104729) - 0.5)
+            through += THIN * (1.0 - 2.0 * half)
         furrow = 1.0 - FURROW * rounded * rounded
         side = _unit(cross(tangent, smooth), (0.0, 0.0, 0.0))
         smooth = scale(-1.0, smooth) if dot(smooth, face) < 0.0 else smooth
@@ -235,7 +247,6 @@ def surface_points(surface, lights, tile, hits, which, points):
         sun = _around(lights.sun, lights.sun_radius * sqrt(first), 1.0, 2.0 * pi * second)
         sun = scale(1.0 / length(sun), sun)
         first, second = _pair(column, row, sample, samples, 3)
-        through = MATERIALS[material, 0]
         axis, fraction = normal, first / (1.0 - through)
         if first >= 1.0 - through:
             axis, fraction = scale(-1.0, normal), (first - 1.0 + through) / through
@@ -250,7 +261,7 @@ def surface_points(surface, lights, tile, hits, which, points):
         store(points.colours[index], scale(furrow, colour))
         store(points.to_sun[index], sun)
         store(points.to_sky[index], sky)
-        points.material[index] = material
+        points.material[index], points.through[index] = material, through
 
 
 @kernel
@@ -266,14 +277,34 @@ def _off(place, face, direction, offset):
 
 
 @kernel
+def _passes(surface, prim, u, v):
+    """Whether a ray that has hit something goes on between barbs."""
+    if prim < 0 or surface.material[prim] != VANE:
+        return False
+    number, place, _, free = barb_there(surface.barbs, surface.triangles[prim], u, v)
+    return is_gap(number, place, free)
+
+
+@kernel
+def find_gaps(surface, hits, which, gaps):
+    """Fill `gaps` (N,) with whether rays `which` go on between barbs. hits: as of
+    surface_points."""
+    prims, us, vs = hits[:3]
+    for index in range(len(which)):
+        at = which[index]
+        gaps[index] = _passes(surface, prims[at], us[at], vs[at])
+
+
+@kernel
 def pass_vanes(surface, hits, which, offset, places, rays, light):
     """Weaken `light` (N,) of the rays `which` by what each has hit and go on behind it."""
-    prims, far = hits
+    prims, us, vs, far = hits
     for index in range(len(which)):
         at, prim = which[index], prims[index]
         if prim < 0:
             continue
-        light[at] *= MATERIALS[surface.material[prim], 3]
+        if not _passes(surface, prim, us[index], vs[index]):
+            light[at] *= MATERIALS[surface.material[prim], 1]
         store(places[at], combined(1.0, places[at], far[index] + offset, rays[at]))
 
 
@@ -297,7 +328,7 @@ def _received(lights, height):
 
 
 @kernel
-def _displayed(light):
+def displayed(light):
     """Light as displays show it, 0 to 1: bright and dark parts compressed (Narkowicz 2015, a fit of
     the ACES curve), then sRGB."""
     light = EXPOSURE * max(light, 0.0)
@@ -307,52 +338,68 @@ def _displayed(light):
 
 
 @kernel
-def _take_shadow(lights, toward, light, sky_prim, shown):
-    """Fill `shown` (3,) with the share of the colour behind it that a floor shows, by the light
-    that is left there. Values of displays go with the root of light."""
-    seen = 0.0 if sky_prim >= 0 else 1.0
-    for k in range(3):
-        sun = toward * lights.sun_light[k]
-        sky = lights.harmonics[0, k] + lights.harmonics[1, k] + lights.harmonics[2, k]
-        shown[k] = sqrt((light * sun + seen * sky) / (sun + sky))
+def _lobe(tangent, bent, normal, halfway, power):
+    """Gloss of a fibre whose tangent is bent towards the normal."""
+    along = dot(_unit(combined(1.0, tangent, bent, normal), normal), halfway)
+    return max(1.0 - along * along, 0.0) ** (0.5 * power)
 
 
 @kernel
-def shade(surface, lights, points, rays, which, light, sky_prims, shown):
-    """Colours (N, 3) as displays show them, of light back to the camera; of a floor the share of
-    what is behind it.
+def _shining(points, index, sun, ray):
+    """Both lobes of gloss."""
+    row = MATERIALS[points.material[index]]
+    normal, tangent = scale(1.0, points.normals[index]), scale(1.0, points.tangents[index])
+    halfway = _unit(sub(sun, ray), normal)
+    if points.material[index] == SKIN:
+        return row[3] * max(dot(normal, halfway), 0.0) ** row[4], 0.0
+    narrow = row[3] * _lobe(tangent, -BENT, normal, halfway, row[4])
+    return narrow, row[5] * _lobe(tangent, WIDER, normal, halfway, row[6])
 
-    light: (N,) share of the sun. sky_prims: hit by the rays to the sky, -1 for none; what is hit
-    there is taken to be lit by half of the sky's mean.
+
+@kernel
+def shade(surface, lights, points, rays, which, sky_prims, light):
+    """Fill `light` (3 times (N, 3)) that goes back to the camera: of the sun were nothing before
+    it, of the sky so, and how much of this is there.
+
+    sky_prims: hit by the rays to the sky, -1 for none; what is hit there is taken to be lit by half
+    of the sky's mean.
     """
+    lit, open_sky, seen = light
     for index in range(len(which)):
-        at, material = which[index], points.material[index]
-        normal, sun = scale(1.0, points.normals[index]), scale(1.0, lights.sun)
-        colour = points.colours[index]
-        through, gloss = MATERIALS[material, 0], MATERIALS[material, 1]
-        toward = dot(normal, sun)
-        lit = (1.0 - through) * toward if toward > 0.0 else -through * toward
-        height = dot(normal, lights.up)
+        material, through = points.material[index], points.through[index]
+        ray, sun = scale(1.0, rays[which[index]]), scale(1.0, lights.sun)
+        normal, colour = scale(1.0, points.normals[index]), points.colours[index]
+        toward, height = dot(normal, sun), dot(normal, lights.up)
+        back = (1.0 - through) * toward if toward > 0.0 else -through * toward
         sky = combined(
             1.0 - through, _received(lights, height), through, _received(lights, -height)
         )
         if material == FLOOR:
-            _take_shadow(lights, toward, light[index], sky_prims[index], shown[index])
+            # its colour is that behind it, so that all of its light is of one unit
+            for k in range(3):
+                whole = toward * lights.sun_light[k] + sky[k]
+                lit[index, k] = toward * lights.sun_light[k] / whole
+                open_sky[index, k] = sky[k] / whole
+                seen[index, k] = 0.0 if sky_prims[index] >= 0 else 1.0
             continue
-        prim = sky_prims[index]
+        behind = max(dot(normal, lights.rim), 0.0)
+        rest, prim = sky, sky_prims[index]
         if prim >= 0:
             met = surface.colours[surface.triangles[prim, 0]]
             hidden, mean = _sky(lights, points.to_sky[index]), lights.harmonics[0]
             met = (0.5 * met[0] * mean[0], 0.5 * met[1] * mean[1], 0.5 * met[2] * mean[2])
-            sky = combined(1.0, sky, 1.0, sub(met, hidden))
-        halfway = _unit(sub(sun, rays[at]), normal)
-        along = dot(points.tangents[index], halfway)
-        fibre = sqrt(max(1.0 - along * along, 0.0)) if material != SKIN else dot(normal, halfway)
-        shine = gloss * max(fibre, 0.0) ** MATERIALS[material, 2] if toward > 0.0 else 0.0
+            rest = combined(1.0, sky, 1.0, sub(met, hidden))
+        narrow, broad = _shining(points, index, sun, ray)
+        shown = min(max(4.0 * toward, 0.0), 1.0)
+        sheen = MATERIALS[material, 2] * (1.0 - min(abs(dot(normal, ray)), 1.0)) ** 4
         for k in range(3):
-            sunlight = light[index] * lights.sun_light[k]
-            back = colour[k] * (lit * sunlight + sky[k]) + shine * sunlight
-            shown[index, k] = _displayed(back)
+            lit[index, k] = lights.sun_light[k] * (
+                colour[k] * back + shown * (narrow + broad * (0.15 + 0.85 * colour[k]))
+            )
+            rim = behind * lights.rim_light[k]
+            whole = max(sky[k] + rim, 1e-6)
+            open_sky[index, k] = (colour[k] + sheen * (0.3 + 0.7 * colour[k])) * whole
+            seen[index, k] = max(rest[k] + (rim if prim < 0 else 0.0), 0.0) / whole
 
 
 @kernel

@@ -173,8 +173,9 @@ class Subject:
             colours = self.values[time]
             own = apart(pose.points, self.scene.triangles, pose.normals, colours)
         else:
-            wet = self.cache.clumped_of(self.scene.chosen.tolist(), time)
-            own = self.plumage.geometry(load_points(self.cache, self.scene, time), wet)
+            chosen = self.scene.chosen.tolist()
+            about = (get(chosen, time) for get in (self.cache.clumped_of, self.cache.hooked_of))
+            own = self.plumage.geometry(load_points(self.cache, self.scene, time), *about)
         return joined([own, *others])
 
     def _pixels(self, eye: Eye, points: Array) -> Array:

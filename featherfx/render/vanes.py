@@ -1,4 +1,4 @@
-r"""Feathers as they look: every barb a thin strip with a round face, shafts as smooth tubes.
+r"""Feathers as they look: barbs in thin strips, shafts as smooth tubes.
 
 The vertices of a vane are a grid of R rows along the shaft times C columns along a barb (`st` tells
 which is which). Between them
@@ -7,9 +7,9 @@ which is which). Between them
 
 with the cubic weights of featherfx/feather/density.py, t the height of the barb's root, s the place
 on the barb: linear in the vertices, so feathers of one topology are one product of matrices. A
-strip lies between the lines of half a spacing before and behind its barb and runs to a point at the
-barb's end, which is what makes the vane's outline. As many barbs are drawn as a picture can show,
-at most as many as a feather has.
+strip lies between two lines of one t and ends where barbs do. There are as many as a picture can
+show, at most as many as a feather has barbs; each carries the numbers of the barbs in it, by which
+rays find these one by one, with their ends (barb_kernels.py).
 
 A vane that may part has two points where the upper edge of a strip of the mesh meets the next row
 (featherfx/feather/lips.py). Barbs between the two rows are those of P, and where the edge is d_j
@@ -25,16 +25,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from featherfx.algebra.ease import faded
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.feather.density import hermite_weights
-from featherfx.feather.types import LEADING, RACHIS, TRAILING
+from featherfx.feather.types import RACHIS
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import BarbLook
 from featherfx.render.barb_looks import BarbStrips, dressed, soaked
 from featherfx.render.coat import coat_fractions, coat_normals, drawn_towards, mixed
 from featherfx.render.geometry import Geometry, geometry_of, joined, vertex_normals
+from featherfx.render.grids import DrawnGrid, Topology, topology_of
 from featherfx.render.light_kernels import SHAFT, SKIN, VANE
+from featherfx.render.pattern_kernels import colour_vanes
 from featherfx.usd.read.cached_feather import CachedFeather
 
 _SPACING = 4.5  # pixels from one barb to the next, at least
@@ -42,138 +45,35 @@ _REAL_SPACING = 5e-4  # m, where a mesh does not tell: between contour and fligh
 _STATION = 6.0  # pixels between two points of a barb
 _MOST_BARBS = 1200.0
 _STEP = 1.3  # between numbers of barbs, so that feathers of about one size share their weights
-_ROUND, _ROUND_FAR = 0.90, 0.12  # how round barbs are shaded where each is drawn, and where not
-
-
-class DrawnGrid(NamedTuple):
-    """A vane's vertices from the shaft outwards. rows: (R, C). edges: (R - 1, C), upper edges of
-    the strips between them; None where these are the rows. heights: (R,). places: (C,), on the
-    barb."""
-
-    rows: Indices
-    edges: Indices | None
-    heights: Array
-    places: Array
-
-
-@dataclass(frozen=True)
-class Topology:
-    """How the vertices of a mesh make up a feather.
-
-    vanes: of each side. shaft: (R, M) vertices around the shaft and heights (R,); None where it has
-    none.
-    """
-
-    vanes: tuple[DrawnGrid, ...]
-    shaft: tuple[Indices, Array] | None
-
-
-def topology_of(feather: CachedFeather) -> Topology | None:
-    """None where the mesh is no feather with rows of barbs, such as one of another program."""
-    if feather.st is None:
-        return None
-    vanes = []
-    for side in (LEADING, TRAILING):
-        if (feather.side == side).any():
-            triangles = feather.triangles[feather.side == side]
-            grid = _vane_grid(feather.st, triangles) or _parting_grid(feather.st, triangles)
-            if grid is None:
-                return None
-            vanes.append(grid)
-    shaft = None
-    if (feather.side == RACHIS).any():
-        shaft = _shaft_rings(feather.st, feather.triangles[feather.side == RACHIS])
-        if shaft is None:
-            return None
-    return Topology(tuple(vanes), shaft) if vanes and shaft else None
-
-
-def _vane_grid(st: Floats, triangles: Indices) -> DrawnGrid | None:
-    """None where rows are no barbs of one number of vertices, one for each place."""
-    rows = _rows(st, np.unique(triangles))
-    grid = _ordered(st, rows)
-    if grid is None:
-        return None
-    widest = int(np.argmax([len(row) for row in rows]))
-    places = np.abs(st[grid[widest], 0] - 0.5).astype(float)
-    places = (places - places[0]) / max(places[-1] - places[0], 1e-12)
-    heights = st[grid[:, 0], 1].astype(float)
-    return DrawnGrid(grid, None, heights, places) if (np.diff(places) > 0).all() else None
-
-
-def _parting_grid(st: Floats, triangles: Indices) -> DrawnGrid | None:
-    """As _vane_grid, of a vane that may part: each strip has edges of its own."""
-    heights = st[triangles, 1]
-    low, high = heights.min(axis=1), heights.max(axis=1)
-    lower, upper = [], []
-    for height in np.unique(low):
-        strip = low == height
-        vertices = np.unique(triangles[strip])
-        own = st[vertices, 1]
-        if len(np.unique(high[strip])) != 1 or len(np.unique(own)) != 2:
-            return None
-        lower.append(vertices[own == height])
-        upper.append(vertices[own != height])
-    rows = _ordered(st, [*lower, upper[-1]])
-    edges = _ordered(st, upper)
-    if rows is None or edges is None or rows.shape[1] != edges.shape[1]:
-        return None
-    whole = _vane_grid(st, rows)
-    return None if whole is None else whole._replace(edges=edges)
-
-
-def _ordered(st: Floats, rows: Sequence[Indices]) -> Indices | None:
-    """(R, C) vertices of rows from the shaft outwards, or None."""
-    count = max((len(row) for row in rows), default=0)
-    if count < 2 or len(rows) < 2:
-        return None
-    ordered = []
-    for row in rows:
-        if len(row) == 1:
-            # base or tip, where barbs have no length
-            row = np.repeat(row, count)
-        if len(row) != count:
-            return None
-        ordered.append(row[np.argsort(np.abs(st[row, 0] - 0.5), kind="stable")])
-    return np.array(ordered)
-
-
-def _shaft_rings(st: Floats, triangles: Indices) -> tuple[Indices, Array] | None:
-    rows = _rows(st, np.unique(triangles))
-    sizes = [len(row) for row in rows]
-    count = max(set(sizes), key=sizes.count)
-    # a cap's middle stands behind the ring that it closes
-    rings = [row[:count] for row in rows if len(row) in (count, count + 1)]
-    if count < 3 or len(rings) != len(rows) or len(rings) < 2:
-        return None
-    grid = np.array(rings)
-    return grid, st[grid[:, 0], 1].astype(float)
-
-
-def _rows(st: Floats, vertices: Indices) -> list[Indices]:
-    """Vertices of one height each, from the base on, in their own order."""
-    _, inverse = np.unique(st[vertices, 1], return_inverse=True)
-    return [vertices[inverse == k] for k in range(int(inverse.max()) + 1)]
+# by eye: how round barbs are shaded where each is as wide as so many pixels; barbs' distances over
+# which ends are free where they hook, parts of a barb that this may be, and where they do not
+_ROUND, _ROUND_FROM, _ROUND_AT = 0.85, 1.2, 5.0
+_FREE, _LEAST_FREE, _MOST_FREE, _UNHOOKED = 8.0, 0.02, 0.4, 1.3
+_TAPER = 1e-3  # part of a strip's length that is its blunt end
+_SLIM, _STOUT = 0.6, 2.5  # pixels: shafts are not drawn below, and have their own colour above
+_DRAWS = 61  # of numbers of barbs, by which feathers' ends differ
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Feathers of one topology, one number of barbs and one look. members: (n,) of the scene.
-    barbs: of a vane. stations: points along a barb. fraction: of the feather's barbs that are
-    drawn, at most 1. draws: (n,) by which each feather draws what is random of the look."""
+    """Feathers of one topology, one number of strips and one look. members: (n,) of the scene.
+    barbs: strips of a vane. stations: points along a barb. real: barbs of a vane. wide: pixels of
+    each. draws: (n,) by which each feather draws what is random of the look."""
 
     members: Indices
     topology: Topology
     barbs: int
     stations: int
-    fraction: float
+    real: int
+    wide: float
     look: BarbLook
     draws: Sequence[int]
+    numbers: Sequence[int]
 
     @property
     def round(self) -> float:
-        """The fewer of the barbs are drawn, the less each stands out."""
-        return _ROUND_FAR + (_ROUND - _ROUND_FAR) * self.fraction
+        """The finer barbs are, the less each stands out."""
+        return _ROUND * float(faded((self.wide - _ROUND_FROM) / (_ROUND_AT - _ROUND_FROM)))
 
 
 def _heights(feather: CachedFeather) -> Floats:
@@ -189,7 +89,7 @@ class DrawnPlumage:
     feathers: as read. starts: (N + 1,) first point of each. groups: of those with barbs. plain: the
     others. colours: (N, 3) linear, of feathers without a colour of their own. shaft, skin: (3,)
     linear, of shafts, and of others without a colour of their own. coated: (N,) how far feathers
-    are lit as the coat that they are of.
+    are lit as the coat that they are of. scales: (N,) pixels a metre.
     """
 
     feathers: tuple[CachedFeather, ...]
@@ -200,6 +100,7 @@ class DrawnPlumage:
     shaft: Array
     skin: Array
     coated: Array
+    scales: Array
 
     @cached_property
     def _faces(self) -> tuple[Indices, Indices, Array]:
@@ -217,10 +118,29 @@ class DrawnPlumage:
             np.concatenate(heights),
         )
 
-    def geometry(self, points: Array, wet: Array | None = None) -> Geometry:
-        """All feathers of a pose, points (V, 3) m. wet: (N, 2) of Cache.clumped_of; None: dry."""
+    @cached_property
+    def _shades(self) -> list[list[Floats]]:
+        """(n, B, 2 S + 1, 3) linear colours of the strips of each group's vanes."""
+        return [
+            [_shades_of(*self._coloured(group.members, grid), grid, group) for grid in vanes]
+            for group in self.groups
+            for vanes in (group.topology.vanes,)
+        ]
+
+    def geometry(
+        self, points: Array, wet: Array | None = None, hooked: Array | None = None
+    ) -> Geometry:
+        """All feathers of a pose, points (V, 3) m. wet: (N, 2) of Cache.clumped_of; None: dry.
+        hooked: of all triangles, of Cache.hooked_of; None: all are."""
         wet = np.zeros((len(self.feathers), 2)) if wet is None else wet
-        return joined([*self._plain(points), *self._grouped(points, wet)])
+        loose = np.zeros(len(points))
+        if hooked is not None:
+            corners = np.concatenate(
+                [f.triangles + k for f, k in zip(self.feathers, self.starts[:-1], strict=True)]
+            ).ravel()
+            around = np.maximum(np.bincount(corners, minlength=len(points)), 1)
+            loose = np.bincount(corners, np.repeat(1.0 - hooked, 3), len(points)) / around
+        return joined([*self._plain(points), *self._grouped(points, wet, loose)])
 
     def _plain(self, points: Array) -> Iterator[Geometry]:
         for member in self.plain:
@@ -230,24 +150,22 @@ class DrawnPlumage:
             normals = vertex_normals(mine, triangles)
             yield geometry_of(mine, triangles, SKIN, normals, colour)
 
-    def _grouped(self, points: Array, wet: Array) -> Iterator[Geometry]:
+    def _grouped(self, points: Array, wet: Array, loose: Array) -> Iterator[Geometry]:
         if not self.groups:
             return
         coat = coat_normals(points, *self._faces)
-        for group in self.groups:
+        for group, shades in zip(self.groups, self._shades, strict=True):
             at = self.starts[group.members]
-            for grid in group.topology.vanes:
+            for grid, shade in zip(group.topology.vanes, shades, strict=True):
                 mine = points[at[:, None, None] + grid.rows]
                 parted = None
                 if grid.edges is not None:
                     parted = points[at[:, None, None] + grid.edges] - mine[:, 1:]
-                colours = self._colours(group.members, grid.rows)
                 about = (each[group.members] for each in (wet, coat, self.coated))
-                yield _strips(_PosedVane(mine, parted, colours, *about), grid, group)
+                free = loose[at[:, None, None] + grid.rows]
+                yield _strips(_PosedVane(mine, parted, shade, free, *about), grid, group)
             if group.topology.shaft is not None:
-                rings, heights = group.topology.shaft
-                shafts = self._shafts(group.members, rings)
-                yield _tubes(points[at[:, None, None] + rings], heights, group.barbs, shafts)
+                yield from self._shafts(group, points)
 
     def _colours(self, members: Indices, grid: Indices) -> Array:
         """(n, R, C, 3) linear colours of a vane's vertices."""
@@ -256,15 +174,42 @@ class DrawnPlumage:
             [np.broadcast_to(self.colours[k] if c is None else c[grid], shape) for k, c in each]
         )
 
-    def _shafts(self, members: Indices, rings: Indices) -> Array:
-        """(n, 3) linear colours of shafts: the feather's, where it is not of one colour."""
-        own = [self.feathers[k].colour for k in members]
-        return np.stack(
+    def _coloured(self, members: Indices, grid: DrawnGrid) -> tuple[Array, Array | None]:
+        """Colours of a vane's vertices, and (n, R, C) how far along the shaft these are at rest, as
+        a share of its length; None where a mesh does not tell, or all is of one colour."""
+        colours, rests = self._colours(members, grid.rows), [self.feathers[k].rest for k in members]
+        if (colours == colours[:, :1, :1]).all() or any(each is None for each in rests):
+            return colours, None
+        rest = np.stack([np.asarray(each, dtype=float)[grid.rows] for each in rests])
+        roots = rest[:, :, 0]
+        along = np.gradient(roots, axis=1)
+        length = np.linalg.norm(along, axis=2).sum(axis=1) / np.ptp(grid.heights)
+        ahead = np.einsum("nrcx,nrx->nrc", rest - roots[:, :, None], unit(along))
+        ahead = grid.heights[:, None] + ahead / np.maximum(length, 1e-12)[:, None, None]
+        return colours, np.maximum.accumulate(ahead, axis=1)
+
+    def _shafts(self, group: _Group, points: Array) -> Iterator[Geometry]:
+        """Those that are as wide as pixels; slim ones in the colour of the vane beside them."""
+        assert group.topology.shaft is not None
+        (rings, heights), vane = group.topology.shaft, group.topology.vanes[0]
+        mine = points[self.starts[group.members][:, None, None] + rings]
+        radius = np.linalg.norm(mine - mine.mean(axis=2, keepdims=True), axis=3).mean(axis=(1, 2))
+        wide = 2.0 * radius * self.scales[group.members]
+        if not (drawn := wide > _SLIM).any():
+            return
+        members, part = group.members[drawn], (wide[drawn] - _SLIM) / (_STOUT - _SLIM)
+        along = np.clip(heights, vane.heights[0], vane.heights[-1])
+        beside = _weights(vane.heights, along)[0] @ self._colours(members, vane.rows)[:, :, 1]
+        own = np.stack(
             [
-                self.shaft if c is None or (c == c[0]).all() else c[rings].mean(axis=(0, 1))
-                for c in own
+                np.broadcast_to(self.shaft, (len(heights), 3))
+                if c is None or (c == c[0]).all()
+                else c[rings].mean(axis=1)
+                for c in (self.feathers[k].colour for k in members)
             ]
         )
+        colours = beside + faded(part)[:, None, None] * (own - beside)
+        yield _tubes(mine[drawn], heights, group.barbs, colours.clip(0.0, 1.0))
 
 
 def plumage_of(
@@ -308,9 +253,11 @@ def plumage_of(
                 topology=found[key],
                 barbs=barbs,
                 stations=stations,
-                fraction=min(1.0, barbs / float(np.median(real[members]))),
+                real=max(round(float(np.median(real[members]))), 1),
+                wide=float(np.median(pixels[members, 0] / real[members])),
                 look=look,
                 draws=[stable_number(feathers[k].id) % look.variants for k in members],
+                numbers=[stable_number(feathers[k].id) for k in members],
             )
             for (key, (barbs, stations), look), members in groups.items()
         ),
@@ -319,6 +266,7 @@ def plumage_of(
         shaft=colours[1],
         skin=colours[2],
         coated=coat_fractions(pixels[:, 0]),
+        scales=pixels[:, 0] / np.maximum(pixels[:, 1], 1e-12),
     )
 
 
@@ -332,14 +280,47 @@ def _detail(pixels: Array, real: float) -> tuple[int, int]:
     return round(_STEP**steps), int(stations) + 1
 
 
+def _shades_of(colours: Array, ahead: Array | None, vane: DrawnGrid, group: _Group) -> Floats:
+    """(n, B, 2 S + 1, 3) colours of strips. colours, ahead: of _coloured."""
+    edges, middles, inner = _places(vane, group)
+    parts = []
+    for along, across in ((edges, inner), (middles, np.ones(1))):
+        rows, columns = _weights(vane.heights, along)[0], _weights(vane.places, across)[0]
+        if ahead is None:
+            parts.append(_blend(colours, rows, columns).clip(0.0, 1.0))
+            continue
+        distances = np.ascontiguousarray(_blend(ahead[..., None], rows, columns)[..., 0])
+        place = np.interp(across, vane.places, np.arange(len(vane.places)))
+        found = np.zeros((*distances.shape, 3))
+        colour_vanes(ahead, np.ascontiguousarray(colours, dtype=float), distances, place, found)
+        parts.append(found)
+    return _of_strips(*parts).astype(np.float32)
+
+
+def _places(vane: DrawnGrid, group: _Group) -> tuple[Array, Array, Array]:
+    """Heights (B + 1,) between strips and (B,) of their middles, places (S,) on a barb."""
+    edges = np.linspace(vane.heights[0], vane.heights[-1], group.barbs + 1)
+    return edges, 0.5 * (edges[1:] + edges[:-1]), np.linspace(0.0, 1.0 - _TAPER, group.stations)
+
+
+def _of_strips(between: Array, ends: Array, away: Array | float = 0.0) -> Array:
+    """(n, B, 2 S + 1, K) of strips, of values between them (n, B + 1, S, K) and at their ends (n,
+    B, 1, K)."""
+    both = np.stack([between[:, :-1], between[:, 1:]], axis=2)
+    whole = both.reshape(len(between), ends.shape[1], 2 * between.shape[2], -1)
+    return np.asarray(np.concatenate([whole, ends], axis=2) + away)
+
+
 class _PosedVane(NamedTuple):
-    """One vane of n feathers. grid, colours: (n, R, C, 3). parted: (n, R - 1, C, 3), how far the
-    strips' upper edges are from the rows above them. wet: (n, 2) as of Cache.clumped_of. coat:
+    """One vane of n feathers. grid: (n, R, C, 3). shades: of _shades_of. parted: (n, R - 1, C, 3),
+    how far the strips' upper edges are from the rows above them. loose: (n, R, C) share of hooks
+    that are open. wet: (n, 2) as of Cache.clumped_of. coat:
     (n, PLACES, 3) and coated: (n,) as of drawn_towards."""
 
     grid: Array
     parted: Array | None
-    colours: Array
+    shades: Floats
+    loose: Array
     wet: Array
     coat: Array
     coated: Array
@@ -347,53 +328,58 @@ class _PosedVane(NamedTuple):
 
 def _strips(posed: _PosedVane, vane: DrawnGrid, group: _Group) -> Geometry:
     """The barbs of one vane."""
-    grid, parted, colours, wet, coat, coated = posed
-    heights, places = vane.heights, vane.places
-    count, barbs, stations = len(grid), group.barbs, group.stations
-    edges = np.linspace(heights[0], heights[-1], barbs + 1)
-    middles = 0.5 * (edges[1:] + edges[:-1])
-    reach = np.linalg.norm(grid[:, :, -1] - grid[:, :, 0], axis=2).max()
-    spine = np.linalg.norm(grid[:, -1, 0] - grid[:, 0, 0], axis=1).max()
-    taper = float(np.clip(1.5 * group.fraction * spine / barbs / max(reach, 1e-12), 1e-3, 0.25))
-    inner = np.linspace(0.0, 1.0 - taper, stations)
+    grid, parted, shades, loose, wet, coat, coated = posed
+    heights, places, stations = vane.heights, vane.places, group.stations
+    edges, middles, inner = _places(vane, group)
     sheet = _patch(grid, (heights, edges), (places, inner))
     tips = _patch(grid, (heights, middles), (places, np.ones(1)))
-    shades, tip_shades = (
-        _blend(colours, _weights(heights, along)[0], _weights(places, across)[0]).clip(0.0, 1.0)
-        for along, across in ((edges, inner), (middles, np.ones(1)))
-    )
-
-    def of_strips(between: Array, ends: Array, away: Array | float = 0.0) -> Array:
-        both = np.stack([between[:, :-1], between[:, 1:]], axis=2)
-        whole = both.reshape(count, barbs, 2 * stations, 3)
-        return np.asarray(np.concatenate([whole, ends], axis=2) + away)
-
     away: Sequence[Array | float] = (0.0, 0.0, 0.0)
     if parted is not None:
         away = _away(parted, vane, edges, inner)
-    strips = BarbStrips(*(of_strips(*each) for each in zip(sheet, tips, away, strict=True)))
+    strips = BarbStrips(*(_of_strips(*each) for each in zip(sheet, tips, away, strict=True)))
     if group.look != BarbLook():
         strips = dressed(strips, group.look, group.draws, inner, middles)
     strips = soaked(strips, wet, inner, middles)
     facing = np.cross(strips.along, strips.tangents)
     facing = drawn_towards(facing, coat, middles, coated)
     glossy = mixed(unit(strips.tangents), unit(strips.along), coated)
-    points, normals, tangents, colour = (
-        each.reshape(-1, 3).astype(np.float32)
-        for each in (strips.points, facing, glossy, of_strips(shades, tip_shades))
+    points, normals, tangents, colours = (
+        each.reshape(-1, 3).astype(np.float32) for each in (strips.points, facing, glossy, shades)
     )
-    each = np.concatenate([np.repeat([-group.round, group.round], stations), [0.0]])
-    triangles = _strip_triangles(stations)
-    own = np.arange(count * barbs)[:, None, None] * (2 * stations + 1) + triangles
+    triangles, strip = _strip_triangles(stations), 2 * stations + 1
+    own = np.arange(len(points) // strip)[:, None, None] * strip + triangles
+    open_share = np.zeros((len(grid), group.barbs, strip))
+    if loose.any():
+        rows, columns = _weights(heights, middles)[0], _weights(places, inner)[0]
+        there = _blend(loose[..., None], rows, columns)[..., 0].clip(0.0, 1.0)
+        open_share = np.concatenate([there, there, there[:, :, -1:]], axis=2)
+    reach = float(np.linalg.norm(grid[:, :, -1] - grid[:, :, 0], axis=2).max())
+    spine = float(np.linalg.norm(grid[:, -1, 0] - grid[:, 0, 0], axis=1).max())
     return Geometry(
         points=points,
         triangles=own.reshape(-1, 3).astype(np.int32),
-        material=np.full(count * barbs * len(triangles), VANE, dtype=np.uint8),
+        material=np.full(own.size // 3, VANE, dtype=np.uint8),
         normals=normals,
         tangents=tangents,
-        colours=colour,
-        across=np.tile(each, count * barbs).astype(np.float32),
+        colours=colours,
+        barbs=_numbered(group, inner, open_share, _FREE * spine / max(group.real * reach, 1e-9)),
     )
+
+
+def _numbered(group: _Group, inner: Array, loose: Array, free: float) -> Floats:
+    """(n B (2 S + 1), 4) barbs of Geometry. inner: (S,) places on a barb. loose: (n, B, 2 S + 1)
+    share of hooks that are open. free: part of a hooked barb whose end is free."""
+    stations, step = len(inner), group.real / group.barbs
+    strip = step * np.arange(group.barbs)[:, None]
+    found = np.empty((*loose.shape, 4), np.float32)
+    offset = (group.real + 2) * (np.array(group.numbers) % _DRAWS)
+    up = np.concatenate([np.zeros(stations), np.full(stations, step), [0.5 * step]])
+    found[..., 0] = offset[:, None, None] + strip + up
+    found[..., 1] = np.concatenate([inner, inner, [1.0]])
+    found[..., 2] = group.round
+    least = min(max(free, _LEAST_FREE), _MOST_FREE)
+    found[..., 3] = least + (_UNHOOKED - least) * loose
+    return found.reshape(-1, 4)
 
 
 def _away(parted: Array, vane: DrawnGrid, edges: Array, inner: Array) -> tuple[Array, Array, Array]:
@@ -439,11 +425,11 @@ def _patch(
 
 
 def _blend(grid: Array, along: Array, across: Array) -> Array:
-    """(n, T, S, 3) of grids (n, R, C, 3) with weights along rows (T, R) and columns (S, C)."""
-    count, rows, columns, _ = grid.shape
+    """(n, T, S, K) of grids (n, R, C, K) with weights along rows (T, R) and columns (S, C)."""
+    count, rows, columns, each = grid.shape
     # few large products of matrices
-    by_row = grid.swapaxes(2, 3).reshape(count, rows, 3 * columns)
-    between = (along @ by_row).reshape(count, len(along), 3, columns)
+    by_row = grid.swapaxes(2, 3).reshape(count, rows, each * columns)
+    between = (along @ by_row).reshape(count, len(along), each, columns)
     return np.asarray((between @ across.T).swapaxes(2, 3))
 
 
@@ -460,7 +446,7 @@ def _kept_weights(knots: bytes, places: bytes) -> tuple[Array, Array]:
 def _tubes(rings: Array, heights: Array, barbs: int, colours: Array) -> Geometry:
     """Shafts of n feathers, from rings (n, R, M, 3) of vertices, as fine as the barbs are many.
 
-    colours: (n, 3) linear.
+    colours: (n, R, 3) linear.
     """
     count, rows, sides = rings.shape[:3]
     around = int(np.clip(barbs // 4, 4, 16))
@@ -485,7 +471,7 @@ def _tubes(rings: Array, heights: Array, barbs: int, colours: Array) -> Geometry
     shape = geometry_of(
         product(along, circle), triangles, SHAFT,
         np.cross(tangents, product(along, circle_slopes)),
-        np.repeat(colours, len(places) * around, axis=0),
+        np.repeat((along @ colours).clip(0.0, 1.0).reshape(-1, 3), around, axis=0),
     )  # fmt: skip
     return replace(shape, tangents=tangents)
 

@@ -71,6 +71,9 @@ def test_a_vane_close_above_another_casts_no_shadow_finer_than_pixels(pixels, se
         sheets.append(geometry_of(points, triangles, VANE, up, np.full(3, 0.3)))
     eye = framing(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), sheets[0].points, size)
     drawer = Tracer(joined(sheets), eye, 16, False)
-    shown = np.concatenate([drawer.rows(top) for top in range(0, size[1], 16)])
+    tops = range(0, size[1], 16)
+    for top in tops:
+        drawer.trace(top)
+    shown = np.concatenate([drawer.rows(top) for top in tops])
     inside = shown[12:-12, 32:-32].sum(axis=2).astype(float)
     assert (inside.min() < 0.85 * np.median(inside)) == seen

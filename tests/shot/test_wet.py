@@ -151,8 +151,8 @@ def test_a_cache_tells_how_wet_its_feathers_are_and_pictures_draw_it(tmp_path):
     subject.colour(framing(right, up, reach, (600, 400)), [1.0], "shaded")
     drawn = subject.geometry(1.0)
     dry = subject.plumage.geometry(load_points(cache, subject.scene, 1.0))
-    tip = drawn.across == 0.0
-    tip[np.unique(drawn.triangles[drawn.material != VANE])] = False
+    tip = drawn.barbs[:, 1] == 1.0
+    assert not tip[np.unique(drawn.triangles[drawn.material != VANE])].any()
     apart = [np.linalg.norm(np.diff(each.points[tip], axis=0), axis=1) for each in (dry, drawn)]
     nearer = np.divide(apart[1], apart[0], out=np.ones_like(apart[0]), where=apart[0] > 0.0)
     # the feathers stand side by side along y; within a clump a fifth of the way is left

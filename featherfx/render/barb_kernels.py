@@ -1,0 +1,64 @@
+"""Barbs within a vane, in its own coordinates: strips of any width carry all the real ones.
+
+A place is (b, s), b counts barbs along the shaft and s is the place on the barb. Barb k covers
+
+    |b - k - 1/2| <= w((e_k - s) / f) / 2,    w(r) = r (3 - r) / 2 up to r = 1, then 1
+
+where f is the part of the barb over which its end is free, and e_k its uneven end. At some
+boundaries, drawn at random, the vane has come apart from its edge inwards. What is between barbs
+is open, so that an edge is as soft as its barbs are fine. How uneven, how often and how deep is
+chosen by eye.
+"""
+
+from __future__ import annotations
+
+from featherfx.jit.compiled import kernel
+
+UNEVEN = 0.6  # of the free end, by which barbs differ at most
+SPLITS, DEEP, WIDE = 0.012, 0.55, 0.9  # share of boundaries, of the barb, half width in barbs
+
+
+@kernel
+def mixed_bits(value):
+    """A hash of an integer (Wellons' lowbias32)."""
+    value = (value ^ (value >> 16)) * 0x7FEB352D & 0xFFFFFFFF
+    value = (value ^ (value >> 15)) * 0x846CA68B & 0xFFFFFFFF
+    return value ^ (value >> 16)
+
+
+@kernel
+def chance(number):
+    """A number in 0..1 of an integer's own."""
+    return mixed_bits(number) * 2.3283064365386963e-10
+
+
+@kernel
+def barb_there(barbs, corners, u, v):
+    """(b, s, roundness, f) of a place in a triangle. barbs: (V, 4)."""
+    first, second, third = barbs[corners[0]], barbs[corners[1]], barbs[corners[2]]
+    number = first[0] + u * (second[0] - first[0]) + v * (third[0] - first[0])
+    place = first[1] + u * (second[1] - first[1]) + v * (third[1] - first[1])
+    free = first[3] + u * (second[3] - first[3]) + v * (third[3] - first[3])
+    return number, place, first[2], free
+
+
+@kernel
+def half_width(number, place, free):
+    """Of the barb at (b, s), in barbs; negative beyond its end."""
+    left = (1.0 - UNEVEN * free * chance(int(number)) - place) / free
+    return 0.5 if left >= 1.0 else 0.25 * left * (3.0 - left)
+
+
+@kernel
+def is_gap(number, place, free):
+    """Whether light passes at (b, s) between barbs."""
+    own = int(number)
+    if abs(number - own - 0.5) > half_width(number, place, free):
+        return True
+    for boundary in range(own, own + 2):
+        drawn = chance(boundary + 7919) / SPLITS
+        if drawn < 1.0:
+            deep = 0.1 + DEEP * drawn
+            if abs(number - boundary) < WIDE * (place + deep - 1.0) / deep:
+                return True
+    return False
