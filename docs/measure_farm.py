@@ -5,19 +5,22 @@ many workers from what its orders took.
 
 Shares are islands of feathers that touch: one for each bird. The job is run with each number of
 workers on this machine, and of its time by the clock is told what baking takes, which more workers
-share, and what is the same for any number of them: starting and ending them, looking, merging.
-Times of the schedule are of the processor, so that other work on the machine counts less. For many
-workers, orders of the run with most workers are given out as a job gives them, each to whoever is
-free: looking at a shot, its shares, chunks that are merged, and what completes it. A flock of more
-birds has as many shares of the mean, and looking, merging and completing take as much more as it
-has birds: an upper bound, since part of each is always the same.
+share, and what is the same for any number of them: loading, starting and ending them, looking,
+merging. Times of the schedule are of the processor, so that other work on the machine counts less.
+For many workers, orders of the run with most workers are given out as a job gives them, each to
+whoever is free: looking at a shot, its shares, chunks that are merged, and what completes it. A
+flock of more birds has as many shares of the mean, and looking, merging and completing take as much
+more as it has birds: an upper bound, since part of each is always the same.
 """
 
 from __future__ import annotations
 
 import argparse
 import heapq
+import json
+import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -60,16 +63,20 @@ def span(orders: Orders, workers: int, shots: int) -> float:
 
 
 def measured(folder: Path, frames: int, chunk: int, row: int, workers: int) -> dict[str, Any]:
-    """The report of a job."""
+    """The report of a job by a command of its own; its seconds have loading the program as well."""
     from farm.flock import flock
-
-    import featherfx
 
     out = folder / str(workers)
     out.mkdir(parents=True, exist_ok=True)
-    shot = flock(folder, BIRDS, 1.5, frames=frames, row=row)
-    given = {"workers": workers, "shares": BIRDS, "chunk": chunk, "overwrite": True}
-    return featherfx.bake_many([shot], out, **given)
+    shot, report = flock(folder, BIRDS, 1.5, frames=frames, row=row), out / "report.json"
+    command = f"-m featherfx bake {shot} -o {out} --report {report} --overwrite --engine dask"
+    options = f"--workers {workers} --shares {BIRDS} --chunk {chunk}"
+    begin = time.perf_counter()
+    subprocess.run([sys.executable, *command.split(), *options.split()], check=True)
+    seconds = time.perf_counter() - begin
+    found: dict[str, Any] = json.loads(report.read_text())
+    loading = {"loading": seconds - found["wall_seconds"]}
+    return found | {"seconds": loading | found["seconds"]}
 
 
 def orders_of(report: dict[str, Any]) -> Orders:

@@ -66,6 +66,9 @@ class DaskEngine:
         client.subscribe_topic(self._topic, self._heard)
         return client
 
+    def meet(self) -> None:
+        _ = self._client
+
     def _heard(self, event: tuple[float, dict[str, Any]]) -> None:
         told = {each: event[1][each] for each in News.__dataclass_fields__}
         self._news.put(News(**told))

@@ -31,6 +31,9 @@ class Engine(Protocol):
 
     workers: int
 
+    def meet(self) -> None:
+        """Wait until they are there."""
+
     def submit(self, number: int, order: Order, avoid: str = "") -> None:
         """Give an order to a worker, not to the one to avoid if there are others. One that is lost
         is replaced."""

@@ -121,6 +121,7 @@ class Job:
         self._begin_at = time.perf_counter()
         try:
             self._look_at_all()
+            self._engine.meet()
             self._looked_at = self._baked_at = time.perf_counter()
             for each in self._shots:
                 self._begin(each)
@@ -134,8 +135,8 @@ class Job:
         return [self._report(each) for each in self._shots]
 
     def seconds(self) -> dict[str, float]:
-        """Of a job that has just ended, s: until all shots were looked at, until the last share
-        was baked, and what merging took from there on."""
+        """Of a job that has just ended, s: until all shots were looked at and workers were there,
+        until the last share was baked, and what merging took from there on."""
         looking, baking = self._looked_at - self._begin_at, self._baked_at - self._looked_at
         merging = time.perf_counter() - self._baked_at
         return {"looking": looking, "baking": baking, "merging": merging}

@@ -34,6 +34,9 @@ class SerialEngine:
         self.given: list[tuple[Order, str]] = []
         self.cancelled: list[int] = []
 
+    def meet(self) -> None:
+        pass
+
     def submit(self, number: int, order: Order, avoid: str = "") -> None:
         self._orders.append((number, order, avoid))
 
