@@ -6,8 +6,9 @@ A place is (b, s), b counts barbs along the shaft and s is the place on the barb
 
 where f is the part of the barb over which its end is free, and e_k its uneven end. At some
 boundaries, drawn at random, the vane has come apart from its edge inwards. What is between barbs
-is open, so that an edge is as soft as its barbs are fine. How uneven, how often and how deep is
-chosen by eye.
+is open, so that an edge is as soft as its barbs are fine; barbs that hook nowhere (f above LOOSE)
+have barbules there, lines across that grow thin away from their barb. How uneven, how often and how
+deep is chosen by eye.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from featherfx.jit.compiled import kernel
 
 UNEVEN = 0.6  # of the free end, by which barbs differ at most
 SPLITS, DEEP, WIDE = 0.012, 0.55, 0.9  # share of boundaries, of the barb, half width in barbs
+LOOSE, BARBULES, DENSE = 0.5, 90.0, 0.8  # number on a barb, share of its length that they cover
 
 
 @kernel
@@ -50,11 +52,22 @@ def half_width(number, place, free):
 
 
 @kernel
+def _is_barbule(number, place, half):
+    """Whether (b, s), beside a loose barb of a half width, is on one of its barbules."""
+    own = int(number)
+    off = number - own - 0.5
+    across = BARBULES * place + chance(2 * own + (1 if off > 0.0 else 0))
+    far = (abs(off) - max(half, 0.0)) / (0.5 - max(half, 0.0))
+    ending = 1.0 - place * place
+    return abs(across - int(across) - 0.5) < 0.5 * DENSE * ending * (1.0 - 0.7 * far)
+
+
+@kernel
 def is_gap(number, place, free):
     """Whether light passes at (b, s) between barbs."""
-    own = int(number)
-    if abs(number - own - 0.5) > half_width(number, place, free):
-        return True
+    own, half = int(number), half_width(number, place, free)
+    if abs(number - own - 0.5) > half:
+        return free < LOOSE or not _is_barbule(number, place, half)
     for boundary in range(own, own + 2):
         drawn = chance(boundary + 7919) / SPLITS
         if drawn < 1.0:

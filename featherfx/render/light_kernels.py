@@ -235,10 +235,10 @@ def surface_points(surface, lights, tile, hits, which, points):
         through, rounded = MATERIALS[material, 0], 0.0
         if material == VANE:
             number, barb, strong, free = barb_there(surface.barbs, corners, u, v)
-            half = max(half_width(number, barb, free), 0.05)
-            rounded = strong * (number - int(number) - 0.5) / half
-            rounded += min(free, 1.0) * (chance(int(number) + 104729) - 0.5)
-            through += THIN * (1.0 - 2.0 * half)
+            half, off = half_width(number, barb, free), number - int(number) - 0.5
+            rounded = strong * off / half if abs(off) < half else 0.0
+            rounded += 0.8 * min(free, 1.0) * (chance(int(number) + 104729) - 0.5)
+            through += THIN * (1.0 - 2.0 * max(half, 0.0))
         furrow = 1.0 - FURROW * rounded * rounded
         side = _unit(cross(tangent, smooth), (0.0, 0.0, 0.0))
         smooth = scale(-1.0, smooth) if dot(smooth, face) < 0.0 else smooth

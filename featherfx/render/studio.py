@@ -11,7 +11,7 @@ from featherfx.render.light_kernels import EXPOSURE, FLOOR, Lights
 
 _FLOOR = 40.0  # half of a floor's side, over the size of all that stands on it
 # all by eye: of displays, behind all, in the middle, at the corners, and below
-_BEHIND = np.array([[0.83, 0.84, 0.84], [0.55, 0.59, 0.64], [0.68, 0.67, 0.66]])
+_BEHIND = np.array([[0.68, 0.71, 0.735], [0.36, 0.41, 0.47], [0.54, 0.535, 0.53]])
 # light of the sun, of the lamp behind, and of the sky at zenith, horizon and ground; tangent of the
 # sun's half angle
 _SUN, _SUN_RADIUS, _RIM = (1.95, 1.80, 1.58), 0.16, (0.55, 0.62, 0.75)
@@ -23,8 +23,8 @@ def lights_of(eye: Eye) -> Lights:
     behind on the left."""
     up = np.array([0.0, 0.0, 1.0])
     zenith, horizon, ground = (np.array(colour) for colour in _SKY)
-    sun = 0.62 * eye.back + 0.75 * up + 0.40 * eye.up + 0.45 * eye.right
-    rim = -0.75 * eye.back + 0.45 * up - 0.60 * eye.right
+    sun = 0.60 * eye.back + 0.15 * up + 0.85 * eye.up + 0.55 * eye.right
+    rim = -0.75 * eye.back + 0.45 * eye.up - 0.60 * eye.right
     return Lights(
         sun=sun / np.linalg.norm(sun),
         sun_light=np.array(_SUN),

@@ -48,7 +48,7 @@ _STEP = 1.3  # between numbers of barbs, so that feathers of about one size shar
 # by eye: how round barbs are shaded where each is as wide as so many pixels; barbs' distances over
 # which ends are free where they hook, parts of a barb that this may be, and where they do not
 _ROUND, _ROUND_FROM, _ROUND_AT = 0.85, 1.2, 5.0
-_FREE, _LEAST_FREE, _MOST_FREE, _UNHOOKED = 8.0, 0.02, 0.4, 1.3
+_FREE, _LEAST_FREE, _MOST_FREE, _UNHOOKED = 4.5, 0.02, 0.24, 1.2
 _TAPER = 1e-3  # part of a strip's length that is its blunt end
 _SLIM, _STOUT = 0.6, 2.5  # pixels: shafts are not drawn below, and have their own colour above
 _DRAWS = 61  # of numbers of barbs, by which feathers' ends differ
@@ -195,7 +195,8 @@ class DrawnPlumage:
         mine = points[self.starts[group.members][:, None, None] + rings]
         radius = np.linalg.norm(mine - mine.mean(axis=2, keepdims=True), axis=3).mean(axis=(1, 2))
         wide = 2.0 * radius * self.scales[group.members]
-        if not (drawn := wide > _SLIM).any():
+        # slim ones are seen where no vane is
+        if not (drawn := (wide > _SLIM) | (vane.heights[0] > 0.5)).any():
             return
         members, part = group.members[drawn], (wide[drawn] - _SLIM) / (_STOUT - _SLIM)
         along = np.clip(heights, vane.heights[0], vane.heights[-1])
