@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ WRONG, BAD = 0.5, 2.0
 LOST = 2.0
 # part of the feathers that should need no more than one step of their own in a common one; the next
 # common step over the last, at least
-FEW_STEPS, SHRINK = 0.8, 0.25
+FEW_STEPS, SHRINK = 0.6, 0.25
 # Newton iterations of a feather in a frame, over MOST_ITERATIONS, until its contacts yield:
 # it is solved in rounds; and, over those, until the bake ends
 MORE_ITERATIONS, MOST_WORK = 8, 4
@@ -130,8 +131,9 @@ class FrameSteps:
         left, h = self.end - self.time, self.proposal
         if left <= self._done:
             return False
-        length = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
-        stop = self.end if length == left else self.time + length
+        # even steps: feathers keep their matrices from one to the next
+        count = max(1, ceil(0.999 * left / h))
+        stop = self.end if count == 1 else self.time + left / count
         self.span = Span(self.time, stop, self.shortest, not self.rules.steps)
         return True
 
