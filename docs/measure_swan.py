@@ -70,6 +70,8 @@ wind = {{ base = "breeze", direction = [-1, 0.3, 0] }}
 usd = "body.usdc"
 prim = "/swan"
 [[shelter]]
+share = 0
+[[shelter]]
 kind = "body_contour"
 share = 0.7
 [contact]

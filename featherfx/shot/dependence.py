@@ -34,9 +34,9 @@ from featherfx.shot.types import Shot
 
 # of a shot, what does not count, and what counts for each feather by itself
 _NOT_COMMON = {
-    "name", "groom", "last_frame", "grips", "forces", "details", "shelters", "level_of_detail",
-    "skin", "surfaces", "inputs", "colliders", "contact", "wets", "frees", "channels",
-    "targets",
+    "name", "groom", "last_frame", "grips", "forces", "details", "shelters", "exposure",
+    "level_of_detail", "skin", "surfaces", "inputs", "colliders", "contact", "wets", "frees",
+    "channels", "targets",
 }  # fmt: skip
 # of a feather, what only the output has, or contact asks for
 _NOT_MOVING = {"id", "region", "layer", "stack", "rank", "grown", "skin", "skin_uv"}

@@ -9,6 +9,7 @@ from featherfx.errors import Problem, require
 from featherfx.feather.types import RowPoints, turned
 from featherfx.groom.types import Groom
 from featherfx.phases import phase
+from featherfx.shot.loads.shelter import lying_exposures
 from featherfx.shot.types import Shot
 
 
@@ -48,4 +49,5 @@ def place_feathers(shot: Shot) -> Shot:
     ]
     require(*lost)
     skin = shot.surfaces.bind(groom) if shot.surfaces is not None else shot.skin
-    return replace(shot, groom=groom, skin=skin, surfaces=None)
+    exposure = None if skin is None else lying_exposures(groom.feathers, skin)
+    return replace(shot, groom=groom, skin=skin, surfaces=None, exposure=exposure)

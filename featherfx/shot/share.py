@@ -193,7 +193,8 @@ def part_of(shot: Shot, chosen: Indices) -> Shot:
     """The shot with some of its feathers, by their numbers (K,) in ascending order."""
     groom = replace(shot.groom, feathers=tuple(shot.groom.feathers[k] for k in chosen))
     skin = None if shot.skin is None else _skin(shot.skin, chosen)
-    return replace(shot, groom=groom, skin=skin)
+    exposure = None if shot.exposure is None else shot.exposure[chosen]
+    return replace(shot, groom=groom, skin=skin, exposure=exposure)
 
 
 def _skin(skin: BoundSkin, chosen: Indices) -> BoundSkin:

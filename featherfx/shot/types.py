@@ -410,7 +410,8 @@ class Shot:
     """All that a bake needs. first_frame, last_frame: both baked. gravity: (3,).
 
     skin: the groom's roots on their skin, where the motion is of kind "skin"; surfaces: what they
-    are to be bound to, until featherfx.shot.placement has done so. wind_source: added to wind.
+    are to be bound to, until featherfx.shot.placement has done so. exposure: (F,) to the wind, of
+    feathers on a skin (loads/shelter.py). wind_source: added to wind.
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
     through each other and through colliders. layers: None: they are shown as they were simulated.
     run_up: s, before 0, in which what moves is brought up from rest.
@@ -482,6 +483,7 @@ class Shot:
     run_up: float = 0.0
     skin: BoundSkin | None = None
     surfaces: SkinSurfaces | None = None
+    exposure: Array | None = None
     wind_source: TimedWind | None = None
     colliders: tuple[TimedSurface, ...] = ()
     contact: Contact | None = None

@@ -28,6 +28,11 @@ def test_files_of_the_page_fit_the_creature(tmp_path):
     counts = {name: regions.count(name) for name in set(regions)}
     assert counts == {"primaries": 20, "secondaries": 30, "coverts": 64, "coat": 40}
     assert (found.first_frame, found.last_frame) == (creature.FIRST, creature.LAST)
+    # as it lies the coat is in the lee of itself, and a primary in the wind
+    reached = dict(zip((each.id for each in found.groom.feathers), found.exposure, strict=True))
+    coat = [share for name, share in reached.items() if name.startswith("coat")]
+    assert np.median(coat) < 0.35
+    assert reached["right_primary_09"] > 0.7
     # left and right mirror each other, and all fly as the body does
     positions = {each.id: each.position for each in found.groom.feathers}
     for name, place in positions.items():

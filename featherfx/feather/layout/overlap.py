@@ -91,16 +91,7 @@ def shingle_pairs(strips: Strips, facing: float = LEAST_FACING) -> tuple[Indices
     Neighbours come from search trees by classes of length, so that the work grows with the number
     of pairs.
     """
-    pairs = _near(strips)
-    first, second = pairs.T
-    cosine = np.einsum("kc,kc->k", strips.dorsal[first], strips.dorsal[second])
-    pairs = pairs[cosine > facing]
-    first, second = pairs.T
-    shaft = strips.shaft
-    distance = segment_distance(
-        strips.root[first], shaft[first], strips.root[second], shaft[second]
-    )
-    pairs = pairs[distance <= strips.reach[first] + strips.reach[second]]
+    pairs = near_pairs(strips, facing)
     if len(strips.rank) and strips.rank.min() >= 0:
         beneath = np.argsort(strips.rank, kind="stable")
     else:
@@ -110,6 +101,20 @@ def shingle_pairs(strips: Strips, facing: float = LEAST_FACING) -> tuple[Indices
     over = rank[pairs[:, 0]] > rank[pairs[:, 1]]
     ordered = np.where(over[:, None], pairs, pairs[:, ::-1])
     return ordered[np.lexsort((ordered[:, 1], ordered[:, 0]))], beneath
+
+
+def near_pairs(strips: Strips, facing: float = LEAST_FACING) -> Indices:
+    """(K, 2) feathers that may meet, in no order of theirs; facing as of shingle_pairs."""
+    pairs = _near(strips)
+    first, second = pairs.T
+    cosine = np.einsum("kc,kc->k", strips.dorsal[first], strips.dorsal[second])
+    pairs = pairs[cosine > facing]
+    first, second = pairs.T
+    shaft = strips.shaft
+    distance = segment_distance(
+        strips.root[first], shaft[first], strips.root[second], shaft[second]
+    )
+    return np.asarray(pairs[distance <= strips.reach[first] + strips.reach[second]])
 
 
 def flow_potential(strips: Strips, pairs: Indices) -> Array:

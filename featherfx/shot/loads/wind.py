@@ -14,7 +14,8 @@ u: velocity of the air, v: velocity of the feather's root over the interval, e: 
 much of the air's motion against the root reaches the feather (1: all of it). A vane alone in the
 wind is pressed on from one side; one that lies on others and on the skin has nearly the same
 pressure on both, and the air between them moves with the body. e stands for both. It is no measured
-property; a bird's back needs less of it than the tips of its crest.
+property; a bird's back needs less of it than the tips of its crest. Where a shot does not say it,
+how the feathers lie on its skin does (shelter.py).
 """
 
 from __future__ import annotations
@@ -104,8 +105,8 @@ def _perpendicular(random: np.random.Generator, directions: Array) -> Array:
 
 
 def exposures(shot: Shot) -> Array:
-    """(F,) e of every feather of a shot: by the last shelter that fits it, else 1."""
-    found = np.ones(len(shot.groom.feathers))
+    """(F,) e of every feather of a shot: by the last shelter that fits it, else as it lies."""
+    found = np.ones(len(shot.groom.feathers)) if shot.exposure is None else shot.exposure.copy()
     for shelter in shot.shelters:
         for f, placement in enumerate(shot.groom.feathers):
             if fits(shelter, placement):

@@ -156,7 +156,8 @@ SHOT = {
     "shelter": tables(
         SHELTER,
         "Which feathers the wind reaches less, because they lie within plumage; the last one that "
-        "fits holds.",
+        "fits holds. On a skin the others are sheltered by how they lie on it and on each other; "
+        "`share = 0` of all feathers switches that off.",
     ),
     "level_of_detail": Key(
         Table(LEVEL_OF_DETAIL), "Levels of detail by frame, from what is seen.", None
