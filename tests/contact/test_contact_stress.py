@@ -7,7 +7,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_contact_shots import SAMPLE, THICKNESS, Board, baked, bird, half_wing
+import trimesh
+from test_contact_shots import (
+    SAMPLE,
+    THICKNESS,
+    Board,
+    all_crossings,
+    baked,
+    bird,
+    half_wing,
+    meshes,
+)
 
 from featherfx.errors import InputWarning, SimulationError
 from featherfx.shot.contact.steps import FrameSteps, Span, StepRules
@@ -19,6 +29,7 @@ from featherfx.solver.contact.interval import ContactReport
 from featherfx.solver.state import no_steps
 
 HELD = Motion("hold", {})
+BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 
 
 def timed(board) -> tuple[TimedSurface]:
@@ -95,6 +106,46 @@ def test_a_collider_that_is_inside_from_the_start_does_not_stop_the_shot():
     assert simulation.report["contact"]["nodes_grown_into_bodies"] > 0
     assert len(frames) == 3
     assert all(np.isfinite(points).all() for points in frames[-1].points)
+
+
+@dataclass(frozen=True)
+class Mouth(Board):
+    """A closed box of a metre above the wing that is around all of it two frames later."""
+
+    triangles = np.asarray(BOX.faces)
+    face = np.zeros(len(BOX.faces), dtype=np.int64)
+    rest = np.asarray(BOX.vertices) + np.array([0.0, -0.4, 1.0])
+
+    def points(self, code: float) -> np.ndarray:
+        return self.rest - np.array([0.0, 0.0, np.clip(15.0 * code - 0.5, 0.0, 1.0)])
+
+
+@pytest.mark.slow
+def test_a_body_that_swallows_a_wing_ends_with_names_and_not_the_shot():
+    shot = replace(half_wing(coarse_bird()), motion=HELD, colliders=timed(Mouth()))
+    with pytest.warns(InputWarning, match=r"'right_primary_\d+' .*contacts yielded"):
+        frames, failed = outcome(shot, 4)
+    assert len(frames) == 4
+    assert failed is None
+
+
+def test_feathers_that_start_crossed_by_a_centimetre_come_apart():
+    """The middle one of five dives: its root a centimetre up, its tip a centimetre down."""
+    shot = half_wing(coarse_bird())
+    feathers = list(shot.groom.feathers)
+    way, one = 0.01, feathers[2]
+    sine = 2.0 * way / one.kind.length
+    cosine = np.sqrt(1.0 - sine**2)
+    dive = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+    up = one.position + np.array([0.0, 0.0, way])
+    feathers[2] = replace(one, position=up, rotation=one.rotation @ dive)
+    crossed = replace(shot, groom=replace(shot.groom, feathers=tuple(feathers)))
+    free = replace(crossed, contact=None, layers=None)
+    simulation, frames = baked(free, 2)
+    assert all_crossings(meshes(simulation, frames[0])) > 10
+    simulation, frames = baked(crossed, 3)
+    assert [all_crossings(meshes(simulation, frame)) for frame in frames] == [0, 0, 0]
+    assert simulation.report["contact"]["written_depth"]["worst"] < 0.5
 
 
 @pytest.mark.slow
