@@ -36,7 +36,7 @@ def chance(number):
 
 @kernel
 def barb_there(barbs, corners, u, v):
-    """(b, s, roundness, f) of a place in a triangle. barbs: (V, 4)."""
+    """(b, s, roundness, f) of a place in a triangle. barbs: (V, 5)."""
     first, second, third = barbs[corners[0]], barbs[corners[1]], barbs[corners[2]]
     number = first[0] + u * (second[0] - first[0]) + v * (third[0] - first[0])
     place = first[1] + u * (second[1] - first[1]) + v * (third[1] - first[1])

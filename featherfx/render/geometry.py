@@ -12,17 +12,17 @@ from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 
 # barbs where there are none: no place is between them
-_WHOLE = np.array([0.5, 0.0, 0.0, 1.0], dtype=np.float32)
+_WHOLE = np.array([0.5, 0.0, 0.0, 1.0, 0.0], dtype=np.float32)
 
 
 @dataclass(frozen=True)
 class Geometry:
     """V vertices and T triangles; metres, z up.
 
-    points: (V, 3). triangles: (T, 3). material: (T,) VANE, SHAFT or SKIN of light_kernels. normals,
-    tangents: (V, 3), zero where there is none. colours: (V, 3), as a kernel takes them. barbs: (V,
-    4) of vanes: number of the barb and place on it, how round it is shaded, and the part of it over
-    which its end is free (barb_kernels.py).
+    points: (V, 3). triangles: (T, 3). material: (T,) VANE, SHAFT, SKIN or EYE of light_kernels.
+    normals, tangents: (V, 3), zero where there is none. colours: (V, 3), as a kernel takes them.
+    barbs: (V, 5) of vanes: number of the barb and place on it, how round it is shaded, the part of
+    it over which its end is free (barb_kernels.py), and nm of a film that shines by interference.
     """
 
     points: Floats
@@ -50,7 +50,7 @@ def geometry_of(
         normals=normals.astype(np.float32),
         tangents=flat,
         colours=np.broadcast_to(colours, points.shape).astype(np.float32),
-        barbs=np.broadcast_to(_WHOLE, (len(points), 4)),
+        barbs=np.broadcast_to(_WHOLE, (len(points), 5)),
     )
 
 

@@ -7,8 +7,9 @@ is sent back, a share of it through the vane, n normal towards the camera, l dir
 Gloss is that of fibres in two lobes (Kajiya & Kay 1989, with the tangents of Marschner et al.
 2003): a narrow one as white as the light, of t bent towards the fibre's root, and a broad one,
 mostly of the feather's colour, bent to its end; h is halfway between light and camera. c is the
-sheen where a surface is seen at a low angle. Barbs have round cross-sections where each is wider
-than pixels: their normal is turned outwards by the place across them, and furrows are darker.
+sheen where a surface is seen at a low angle. Films add their colours to both. Barbs have round
+cross-sections where each is wider than pixels: their normal is turned outwards by the place across
+them, and furrows are darker.
 
 E is the light of an open sky by its first three zonal harmonics (Ramamoorthi & Hanrahan 2001,
 equation 10) and of a soft lamp from behind, O what one ray a sample finds of it: nothing that
@@ -43,12 +44,14 @@ Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
 
 # what a triangle is of; rows of MATERIALS. A floor only takes shadow: its colour is that behind it
-VANE, SHAFT, SKIN, FLOOR = 0, 1, 2, 3
+VANE, SHAFT, SKIN, FLOOR, EYE = 0, 1, 2, 3, 4
 # all by eye
 EXPOSURE = 0.46
 FINE = 4.0  # pixels: what stands nearer before a vane than these casts no shadow on it
 FURROW = 0.8  # darkness of furrows between barbs of full roundness
 THIN = 0.25  # more light goes through the free ends of barbs
+FILM_SUN, FILM_SKY = 0.13, 0.14  # shares of light that films send back where colours agree
+INDEX, WAVES = 1.56, (6.1e2, 5.4e2, 4.5e2)  # of keratin; nm, of red, green and blue
 BENT, WIDER = 0.12, 0.2  # tangents of the lobes of gloss: to the root, to the end of the fibre
 # share of light that goes through, light that a shadow lets through, sheen, and of both lobes of
 # gloss k and p
@@ -58,6 +61,7 @@ MATERIALS = np.array(
         [0.0, 0.0, 0.10, 0.20, 40.0, 0.10, 8.0],
         [0.0, 0.0, 0.10, 0.05, 20.0, 0.0, 1.0],
         [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0],
+        [0.0, 0.0, 0.30, 3.0, 600.0, 0.15, 20.0],
     ]
 )
 
@@ -96,7 +100,7 @@ class Tile(NamedTuple):
 
 class Surface(NamedTuple):
     """What is hit. triangles: (T, 3). material: (T,). normals, tangents, colours: (V, 3), of
-    vertices; colours are linear. barbs: (V, 4) as of Geometry."""
+    vertices; colours are linear. barbs: (V, 5) as of Geometry."""
 
     triangles: Integers
     material: NDArray[np.uint8]
@@ -127,7 +131,7 @@ class Lights(NamedTuple):
 class Points(NamedTuple):
     """Where N rays hit. places: (N, 3) a little off the surface, on the sun's side. beyond: (N, 3)
     on the sky ray's side. normals, tangents, colours: (N, 3). to_sun, to_sky: (N, 3) rays on from
-    there. material: (N,). through: (N,) share of light that goes through."""
+    there. material: (N,). through: (N,) share of light that goes through. film: (N,) nm."""
 
     places: Floats
     beyond: Floats
@@ -138,6 +142,7 @@ class Points(NamedTuple):
     to_sky: Floats
     material: NDArray[np.uint8]
     through: Floats
+    film: Floats
 
 
 @kernel
@@ -262,6 +267,7 @@ def surface_points(surface, lights, tile, hits, which, points):
         store(points.to_sun[index], sun)
         store(points.to_sky[index], sky)
         points.material[index], points.through[index] = material, through
+        points.film[index] = surface.barbs[corners[0], 4] if material == VANE else 0.0
 
 
 @kernel
@@ -350,10 +356,39 @@ def _shining(points, index, sun, ray):
     row = MATERIALS[points.material[index]]
     normal, tangent = scale(1.0, points.normals[index]), scale(1.0, points.tangents[index])
     halfway = _unit(sub(sun, ray), normal)
-    if points.material[index] == SKIN:
-        return row[3] * max(dot(normal, halfway), 0.0) ** row[4], 0.0
+    if points.material[index] in (SKIN, EYE):
+        facing = max(dot(normal, halfway), 0.0)
+        return row[3] * facing ** row[4], row[5] * facing ** row[6]
     narrow = row[3] * _lobe(tangent, -BENT, normal, halfway, row[4])
     return narrow, row[5] * _lobe(tangent, WIDER, normal, halfway, row[6])
+
+
+@kernel
+def of_film(film, cosine):
+    """(3,) shares 0..1 by which a film of keratin on melanin agrees with red, green and blue that
+    come at an angle: both of its faces turn the phase, so 2 n d cos(b) of a whole wave is full."""
+    path = 2.0 * INDEX * film * sqrt(1.0 - (1.0 - cosine * cosine) / (INDEX * INDEX))
+    red, green, blue = WAVES
+    return (
+        0.5 + 0.5 * cos(2.0 * pi * path / red),
+        0.5 + 0.5 * cos(2.0 * pi * path / green),
+        0.5 + 0.5 * cos(2.0 * pi * path / blue),
+    )
+
+
+@kernel
+def _add_film(lights, points, index, sun, ray, light):
+    """Add to light of the sun and of the sky, (2 times (N, 3)), what a film sends back."""
+    film, normal = points.film[index], scale(1.0, points.normals[index])
+    halfway = _unit(sub(sun, ray), normal)
+    gloss = _lobe(scale(1.0, points.tangents[index]), 0.0, normal, halfway, 4.0)
+    gloss *= min(max(4.0 * dot(normal, sun), 0.0), 1.0)
+    near = of_film(film, min(abs(dot(halfway, sun)), 1.0))
+    far = of_film(film, min(abs(dot(normal, ray)), 1.0))
+    sky = _received(lights, dot(normal, lights.up))
+    for k in range(3):
+        light[0][index, k] += FILM_SUN * gloss * near[k] * lights.sun_light[k]
+        light[1][index, k] += FILM_SKY * far[k] * sky[k]
 
 
 @kernel
@@ -400,6 +435,8 @@ def shade(surface, lights, points, rays, which, sky_prims, light):
             whole = max(sky[k] + rim, 1e-6)
             open_sky[index, k] = (colour[k] + sheen * (0.3 + 0.7 * colour[k])) * whole
             seen[index, k] = max(rest[k] + (rim if prim < 0 else 0.0), 0.0) / whole
+        if points.film[index] > 0.0:
+            _add_film(lights, points, index, sun, ray, (lit, open_sky))
 
 
 @kernel

@@ -14,6 +14,7 @@ from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.render.camera import Eye
 from featherfx.render.colour import COLLIDER, SHAFT, SKIN, Bar, Legend, look_colours, value_colours
 from featherfx.render.geometry import Geometry, apart, geometry_of, joined, vertex_normals
+from featherfx.render.light_kernels import EYE
 from featherfx.render.light_kernels import SKIN as SKIN_MATERIAL
 from featherfx.render.options import PictureOptions
 from featherfx.render.scene import (
@@ -31,7 +32,8 @@ from featherfx.usd.read.scenery import Scene, named_by
 @dataclass(frozen=True)
 class Scenery:
     """Meshes of one file. beside: those, in the time of the cache. scene: as they are drawn.
-    colour: (3,) of those without one. framed: whether cameras are to see all of it."""
+    colour: (3,) of those without one. framed: whether cameras are to see all of it. Eyes, told by
+    their names, shine."""
 
     beside: Scene
     scene: DrawnScene
@@ -50,7 +52,9 @@ class Scenery:
             for each, start, end in zip(self.scene.feathers, starts[:-1], starts[1:], strict=True)
         ]
         normals = vertex_normals(points, triangles)
-        return geometry_of(points, triangles, SKIN_MATERIAL, normals, np.concatenate(colours))
+        is_eye = np.array(["eye" in f.path.rpartition("/")[2].lower() for f in self.scene.feathers])
+        material = np.where(is_eye[self.scene.owner], EYE, SKIN_MATERIAL)
+        return geometry_of(points, triangles, material, normals, np.concatenate(colours))
 
 
 def scenery_of_shot(cache: Cache, path: Path) -> list[Scenery]:

@@ -39,8 +39,10 @@ _GAPS = 6  # between barbs that a ray goes through
 def _points(count: int) -> Points:
     """Room for what `count` rays hit."""
     places, beyond, normals, tangents, colours, to_sun, to_sky = np.zeros((7, count, 3), np.float32)
-    material, through = np.zeros(count, np.uint8), np.zeros(count, np.float32)
-    return Points(places, beyond, normals, tangents, colours, to_sun, to_sky, material, through)
+    material, (through, film) = np.zeros(count, np.uint8), np.zeros((2, count), np.float32)
+    return Points(
+        places, beyond, normals, tangents, colours, to_sun, to_sky, material, through, film
+    )
 
 
 def _hit(found: dict[str, Any]) -> tuple[Any, ...]:

@@ -163,9 +163,17 @@ class DrawnPlumage:
                     parted = points[at[:, None, None] + grid.edges] - mine[:, 1:]
                 about = (each[group.members] for each in (wet, coat, self.coated))
                 free = loose[at[:, None, None] + grid.rows]
-                yield _strips(_PosedVane(mine, parted, shade, free, *about), grid, group)
+                film = self._film(group.members, grid.rows)
+                yield _strips(_PosedVane(mine, parted, shade, free, film, *about), grid, group)
             if group.topology.shaft is not None:
                 yield from self._shafts(group, points)
+
+    def _film(self, members: Indices, grid: Indices) -> Floats | None:
+        """(n, R, C) nm, of a vane's vertices; None where none of the feathers has a film."""
+        each = [self.feathers[k].film for k in members]
+        if all(film is None for film in each):
+            return None
+        return np.stack([np.zeros(grid.shape) if f is None else f[grid] for f in each])
 
     def _colours(self, members: Indices, grid: Indices) -> Array:
         """(n, R, C, 3) linear colours of a vane's vertices."""
@@ -315,13 +323,14 @@ def _of_strips(between: Array, ends: Array, away: Array | float = 0.0) -> Array:
 class _PosedVane(NamedTuple):
     """One vane of n feathers. grid: (n, R, C, 3). shades: of _shades_of. parted: (n, R - 1, C, 3),
     how far the strips' upper edges are from the rows above them. loose: (n, R, C) share of hooks
-    that are open. wet: (n, 2) as of Cache.clumped_of. coat:
+    that are open. film: (n, R, C) nm. wet: (n, 2) as of Cache.clumped_of. coat:
     (n, PLACES, 3) and coated: (n,) as of drawn_towards."""
 
     grid: Array
     parted: Array | None
     shades: Floats
     loose: Array
+    film: Floats | None
     wet: Array
     coat: Array
     coated: Array
@@ -329,7 +338,7 @@ class _PosedVane(NamedTuple):
 
 def _strips(posed: _PosedVane, vane: DrawnGrid, group: _Group) -> Geometry:
     """The barbs of one vane."""
-    grid, parted, shades, loose, wet, coat, coated = posed
+    grid, parted, shades, loose, film, wet, coat, coated = posed
     heights, places, stations = vane.heights, vane.places, group.stations
     edges, middles, inner = _places(vane, group)
     sheet = _patch(grid, (heights, edges), (places, inner))
@@ -354,8 +363,8 @@ def _strips(posed: _PosedVane, vane: DrawnGrid, group: _Group) -> Geometry:
         rows, columns = _weights(heights, middles)[0], _weights(places, inner)[0]
         there = _blend(loose[..., None], rows, columns)[..., 0].clip(0.0, 1.0)
         open_share = np.concatenate([there, there, there[:, :, -1:]], axis=2)
-    reach = float(np.linalg.norm(grid[:, :, -1] - grid[:, :, 0], axis=2).max())
-    spine = float(np.linalg.norm(grid[:, -1, 0] - grid[:, 0, 0], axis=1).max())
+    reach = np.linalg.norm(grid[:, :, -1] - grid[:, :, 0], axis=2).max()
+    spine = np.linalg.norm(grid[:, -1, 0] - grid[:, 0, 0], axis=1).max()
     return Geometry(
         points=points,
         triangles=own.reshape(-1, 3).astype(np.int32),
@@ -363,24 +372,31 @@ def _strips(posed: _PosedVane, vane: DrawnGrid, group: _Group) -> Geometry:
         normals=normals,
         tangents=tangents,
         colours=colours,
-        barbs=_numbered(group, inner, open_share, _FREE * spine / max(group.real * reach, 1e-9)),
+        barbs=_numbered(group, inner, open_share, float(spine / max(reach, 1e-9)), film),
     )
 
 
-def _numbered(group: _Group, inner: Array, loose: Array, free: float) -> Floats:
-    """(n B (2 S + 1), 4) barbs of Geometry. inner: (S,) places on a barb. loose: (n, B, 2 S + 1)
-    share of hooks that are open. free: part of a hooked barb whose end is free."""
+def _numbered(
+    group: _Group, inner: Array, loose: Array, slender: float, film: Floats | None
+) -> Floats:
+    """(n B (2 S + 1), 5) barbs of Geometry. inner: (S,) places on a barb. loose: (n, B, 2 S + 1)
+    and film: (n, R, C) as of _PosedVane. slender: length of a vane over that of its barbs."""
     stations, step = len(inner), group.real / group.barbs
     strip = step * np.arange(group.barbs)[:, None]
-    found = np.empty((*loose.shape, 4), np.float32)
+    found = np.zeros((*loose.shape, 5), np.float32)
     offset = (group.real + 2) * (np.array(group.numbers) % _DRAWS)
     up = np.concatenate([np.zeros(stations), np.full(stations, step), [0.5 * step]])
     found[..., 0] = offset[:, None, None] + strip + up
     found[..., 1] = np.concatenate([inner, inner, [1.0]])
     found[..., 2] = group.round
-    least = min(max(free, _LEAST_FREE), _MOST_FREE)
+    least = min(max(_FREE * slender / group.real, _LEAST_FREE), _MOST_FREE)
     found[..., 3] = least + (_UNHOOKED - least) * loose
-    return found.reshape(-1, 4)
+    if film is not None:
+        # none between two, which would have other colours
+        row = np.linspace(0, film.shape[1] - 1, group.barbs).round().astype(int)
+        column = (found[0, 0, :, 1] * (film.shape[2] - 1)).round().astype(int)
+        found[..., 4] = film[:, row[:, None], column]
+    return found.reshape(-1, 5)
 
 
 def _away(parted: Array, vane: DrawnGrid, edges: Array, inner: Array) -> tuple[Array, Array, Array]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from featherfx.render.barb_kernels import half_width, is_gap
-from featherfx.render.light_kernels import displayed
+from featherfx.render.light_kernels import displayed, of_film
 from featherfx.render.pattern_kernels import colour_vanes
 from featherfx.render.smooth_kernels import NUMBERS, REACH, finish, gather_light
 from featherfx.render.studio import light_of
@@ -117,3 +117,14 @@ def test_what_is_finer_than_shadow_is_kept_and_empty_pixels_show_what_is_behind(
 def test_light_of_a_display_is_that_which_it_shows():
     shown = np.linspace(0.01, 0.95, 20)
     assert [displayed(each) for each in light_of(shown)] == pytest.approx(shown, abs=1e-9)
+
+
+def test_a_pigeons_films_turn_from_green_to_purple_and_from_purple_to_green():
+    """As those of barbules do when they are seen from aside (Yin et al. 2006)."""
+    green, purple = 510.0, 425.0
+    for film, other in ((green, False), (purple, True)):
+        for cosine, turned in ((1.0, False), (0.45, True)):
+            red, middle, blue = of_film(film, cosine)
+            is_green = middle > max(red, blue)
+            assert is_green == (turned == other), (film, cosine)
+            assert is_green or middle < min(red, blue)

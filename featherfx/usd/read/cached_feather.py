@@ -18,6 +18,7 @@ from featherfx.usd.read.members import Member, barb_count_of, members_of
 from featherfx.usd.read.values import (
     EARLIEST,
     INTEGERS,
+    NUMBERS,
     PAIRS,
     VECTORS,
     Kind,
@@ -42,7 +43,8 @@ class CachedFeather:
     triangles: (T, 3) point indices; faces with more sides are cut into fans. side: (T,) 0 leading,
     1 trailing, 2 rachis (0 where unknown). face: (T,) face that the triangle was cut from.
     subsets: name to face indices. rest: (V, 3), st: (V, 2) and colour: (V, 3), displayColor (the
-    mean of a point's faces where it is of faces), None where not authored. look: of its barbs.
+    mean of a point's faces where it is of faces), None where not authored. film: (V,) nm, of what
+    shines by interference; None: nothing does. look: of its barbs.
     barb_count: real ones along each vane, 0: not known.
     """
 
@@ -61,6 +63,7 @@ class CachedFeather:
     is_feather: bool
     look: BarbLook = BarbLook()
     barb_count: int = 0
+    film: Floats | None = None
 
 
 def constant_parts(mesh: Any) -> list[tuple[Member, CachedFeather]]:
@@ -99,8 +102,9 @@ def _cut(whole: CachedFeather, member: Member, triangles: slice) -> CachedFeathe
         name: each[slice(*np.searchsorted(each, [first, first + count]))] - first
         for name, each in whole.subsets.items()
     }
-    rest, st, colour = (
-        None if each is None else each[points] for each in (whole.rest, whole.st, whole.colour)
+    rest, st, colour, film = (
+        None if each is None else each[points]
+        for each in (whole.rest, whole.st, whole.colour, whole.film)
     )
     return CachedFeather(
         path=whole.path,
@@ -116,6 +120,7 @@ def _cut(whole: CachedFeather, member: Member, triangles: slice) -> CachedFeathe
         st=st,
         colour=colour,
         is_feather=True,
+        film=film,
     )
 
 
@@ -163,6 +168,7 @@ def _constant_part(mesh: Any) -> CachedFeather:
         is_feather=bool(authored),
         look=_look(prim, label(LOOK, "")),
         barb_count=barb_count_of(prim),
+        film=own("filmThickness", NUMBERS, total),
     )
 
 
