@@ -98,6 +98,45 @@ def crossings_of(
 ) -> Crossings:
     """Crossings of all meshes. points: (V, 3) m or any unit, of all of them. asked: (F,) feathers
     with which others' crossings are looked for; None: all."""
+    pairs, counts, _ = _crossed_patches(points, patches, jobs, asked)
+    owners = np.sort(patches.owner[pairs], axis=1)
+    each, place = np.unique(owners, axis=0, return_inverse=True)
+    vanes, shafts = (
+        np.bincount(place.ravel(), counts[:, k], len(each)).astype(np.int64) for k in (0, 1)
+    )
+    return Crossings(each.reshape(-1, 2), vanes, shafts)
+
+
+def crossed_triangles(points: Array, patches: Patches, jobs: int = 1) -> Flags:
+    """(T,) whether each triangle of the patches, in their order, passes through one of another
+    mesh, neither of them of a shaft. points: as of crossings_of."""
+    near, counts, boxes = _crossed_patches(points, patches, jobs, None)
+    count = len(patches.triangles)
+    single = Patches(
+        patches.triangles,
+        patches.shaft,
+        np.arange(count + 1),
+        np.repeat(patches.owner, np.diff(patches.first)),
+    )
+    crossed = np.zeros(count, dtype=bool)
+    for p, q in near[counts[:, 0] > 0].tolist():
+        mine, others = (np.arange(*patches.first[[k, k + 1]]) for k in (p, q))
+        one, other = boxes[mine, None], boxes[None, others]
+        meet = (one[..., :3] <= other[..., 3:]) & (other[..., :3] <= one[..., 3:])
+        first, second = np.nonzero(meet.all(axis=-1))
+        pairs = np.stack([mine[first], others[second]], axis=1)
+        found = np.zeros((len(pairs), 2), dtype=np.int64)
+        span = (0, len(pairs))
+        crossings_between(points, single, boxes, boxes, pairs, span, np.empty((2, 3)), found)
+        crossed[pairs[found[:, 0] > 0]] = True
+    return crossed
+
+
+def _crossed_patches(
+    points: Array, patches: Patches, jobs: int, asked: Flags | None
+) -> tuple[Indices, Indices, Array]:
+    """(K, 2) patches of different owners that cross, (K, 2) how often, as of crossings_between, and
+    boxes (T, 6) of all triangles."""
     count = len(patches.owner)
     boxes, bounds = np.empty((len(patches.triangles), 6)), np.empty((count, 6))
     with ThreadPoolExecutor(jobs) as pool:
@@ -110,16 +149,11 @@ def crossings_of(
             counts, span = np.zeros((len(pairs), 2), dtype=np.int64), (0, len(pairs))
             crossings_between(points, patches, boxes, bounds, pairs, span, corners, counts)
             crossed = np.flatnonzero(counts.any(axis=1))
-            return patches.owner[pairs[crossed]], counts[crossed]
+            return pairs[crossed], counts[crossed]
 
         found = _in_pieces(pool, len(clusters.owner), jobs, look)
-    owners = np.sort(np.concatenate([each for each, _ in found]), axis=1)
-    counts = np.concatenate([each for _, each in found])
-    each, place = np.unique(owners, axis=0, return_inverse=True)
-    vanes, shafts = (
-        np.bincount(place.ravel(), counts[:, k], len(each)).astype(np.int64) for k in (0, 1)
-    )
-    return Crossings(each.reshape(-1, 2), vanes, shafts)
+    pairs, counts = (np.concatenate(each) for each in zip(*found, strict=True))
+    return pairs, counts, boxes
 
 
 def _clusters(owner: Indices, bounds: Array, asked: Flags | None) -> Clusters:

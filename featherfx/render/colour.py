@@ -25,6 +25,8 @@ DIVERGING = np.array(
 ) / 255  # fmt: skip
 # open, weak, whole
 HOOKS = np.array([[178, 24, 43], [244, 165, 130], [203, 194, 176]]) / 255
+# free, passing through another
+CROSSED = np.array([[203, 194, 176], [214, 39, 40]]) / 255
 _CATEGORIES = np.array(
     [[68, 119, 170], [238, 102, 119], [34, 136, 51], [204, 187, 68], [102, 204, 238],
      [170, 51, 119], [187, 187, 187], [238, 153, 51]]

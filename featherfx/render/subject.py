@@ -44,17 +44,22 @@ class Scenery:
         """(V, 3) m at a time code of the cache; None: at rest."""
         return load_points(self.beside.cache, self.scene, self.beside.code(time))
 
-    def geometry(self, time: float | None) -> Geometry:
-        """At a time code of the cache."""
-        points, triangles, starts = self.points(time), self.scene.triangles, self.scene.starts
+    def colours(self) -> Array:
+        """(V, 3) of its points."""
+        starts = self.scene.starts
         colours: list[Floats] = [
             np.broadcast_to(self.colour, (end - start, 3)) if each.colour is None else each.colour
             for each, start, end in zip(self.scene.feathers, starts[:-1], starts[1:], strict=True)
         ]
+        return np.concatenate(colours)
+
+    def geometry(self, time: float | None) -> Geometry:
+        """At a time code of the cache."""
+        points, triangles = self.points(time), self.scene.triangles
         normals = vertex_normals(points, triangles)
         is_eye = np.array(["eye" in f.path.rpartition("/")[2].lower() for f in self.scene.feathers])
         material = np.where(is_eye[self.scene.owner], EYE, SKIN_MATERIAL)
-        return geometry_of(points, triangles, material, normals, np.concatenate(colours))
+        return geometry_of(points, triangles, material, normals, self.colours())
 
 
 def scenery_of_shot(cache: Cache, path: Path) -> list[Scenery]:

@@ -25,12 +25,13 @@
   const load = header.embedded ? embedded : served;
 
   // A cache as it is shown: its frames, of which those that were played last stay in memory, and
-  // its mesh. prefix: of its names at the server.
-  function shownCache(header, prefix) {
+  // its mesh. prefix: of its names at the server. isBody: whether it is the body of another.
+  function shownCache(header, prefix, isBody = false) {
+    const bases = isBody ? BASES.slice(0, 1) : BASES;
     const kept = new Map();
     // level: whose points alone come, where a server gives them.
     async function frameOf(number, level = 0) {
-      const name = `${prefix}frame${level || ""}-${number}`, points = own.levels[level].points;
+      const name = `${prefix}${isBody ? "body" : "frame"}${level || ""}-${number}`, points = own.levels[level].points;
       if (!kept.has(name)) {
         kept.set(name, load(name).then((buffer) => ({ ...unpacked(points, buffer, 0), level })));
         const most = Math.max(8, Math.floor(header.keptBytes / (6 * header.points)));
@@ -48,19 +49,21 @@
     }
     const mesh = new THREE.Mesh(new THREE.BufferGeometry(), material);
     mesh.frustumCulled = false;
-    const own = { header, mesh, frameOf, base: {}, levels: [], level: 0, painted: "" };
+    const own = { header, mesh, frameOf, base: {}, levels: [], level: 0, painted: "", body: null };
+    if (header.body) own.body = shownCache({ ...header.body, keptBytes: 0.2 * header.keptBytes }, prefix, true);
     own.refresh = async () => {
-      const constant = await load(`${prefix}constant`);
+      const constant = await load(`${prefix}${isBody ? "body" : ""}constant`);
       let begin = 0;
       const taken = (count) => new Uint32Array(constant, (begin += 4 * count) - 4 * count, count);
       own.levels = [[header.points, header.triangles], ...header.levels].map(([points, triangles], k) =>
         levelOf(k ? taken(points) : null, points, taken(3 * triangles)));
-      BASES.forEach((name, k) => {
+      bases.forEach((name, k) => {
         own.base[name] = new Uint8Array(constant, begin + 3 * k * header.points, 3 * header.points);
       });
       kept.clear();
       own.whole = { box: new Float32Array(6), places: new Uint16Array(3 * header.points) };
       own.draws(0);
+      await own.body?.refresh();
     };
     // Points and triangles of which later levels have fewer.
     own.draws = (level) => {
@@ -152,6 +155,7 @@
   if (second && header.alike) modes.push("difference");
   const ramps = Object.fromEntries(header.values.map((v) => [v.name, table(v.ramp)]));
   ramps.velocity = ramps.difference = table(header.ramp);
+  if (header.angles) ramps[BASES[2]] = ramps.velocity;
 
   // The address may say what draws: page.html#webgl, page.html#software.
   function hasCard() {
@@ -173,7 +177,8 @@
   camera.add(sun);
   sun.position.set(1, 1.5, 2);
   scene.add(camera);
-  shown.forEach((each) => scene.add(each.mesh));
+  const bodies = shown.map((each) => each.body).filter(Boolean);
+  [...shown, ...bodies].forEach((each) => scene.add(each.mesh));
   const controls = new THREE.OrbitControls(camera, renderer.domElement);
   controls.addEventListener("change", draw);
 
@@ -183,11 +188,18 @@
   // Two caches stand side by side in one camera, but for their difference, which the first shows.
   const halves = () => (second && mode !== "difference" ? [first, second] : [first]);
 
+  let drawnStep = 0; // of those below
+  // A body of many triangles waits until what is drawn slowly stands.
+  const showsBody = (body) => byId("body").checked && !(drawnStep && body.header.triangles > state.few);
+
   function draw() {
     const drawn = halves(), wide = width() / drawn.length;
     renderer.setScissorTest(drawn.length > 1);
     drawn.forEach((each, k) => {
-      shown.forEach((other) => { other.mesh.visible = other === each; });
+      shown.forEach((other) => {
+        other.mesh.visible = other === each;
+        if (other.body) other.body.mesh.visible = other === each && showsBody(other.body);
+      });
       renderer.setViewport(k * wide, 0, wide, innerHeight);
       renderer.setScissor(k * wide, 0, wide, innerHeight);
       renderer.render(scene, camera);
@@ -235,7 +247,6 @@
   const trianglesDrawn = (level) => halves().reduce((sum, each) => sum + each.levels[Math.min(level, each.levels.length - 1)].triangles, 0);
 
   // The step that is drawn next, before its points are put.
-  let drawnStep = 0;
   function settle() {
     const now = state.playing || header.live ? step : 0;
     aimed = Math.min(now, most());
@@ -257,19 +268,26 @@
     draw();
   }
 
-  // A box around some points, seen from the front, left and above.
-  function look(begin, count) {
+  // All of what is looked at: feathers, and of the body what the camera is to see.
+  function lookAtAll() {
+    const body = byId("body").checked && first.body;
+    look([first, 0, header.points], ...(body ? [[body, 0, body.header.framed]] : []));
+  }
+
+  // A box around runs of points, each of a cache or a body, seen from where most vanes are seen.
+  function look(...runs) {
     const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
     const p = new THREE.Vector3();
-    for (let k = begin; k < begin + count; k++) {
-      first.point(k, p).toArray().forEach((value, c) => {
-        if (value < low[c]) low[c] = value;
-        if (value > high[c]) high[c] = value;
-      });
-    }
+    for (const [own, begin, count] of runs)
+      for (let k = begin; k < begin + count; k++) {
+        own.point(k, p).toArray().forEach((value, c) => {
+          if (value < low[c]) low[c] = value;
+          if (value > high[c]) high[c] = value;
+        });
+      }
     const size = Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) || 1;
     controls.target.set(...low.map((value, k) => 0.5 * (value + high[k])));
-    const way = new THREE.Vector3(...header.from), away = nearest(begin, count, way, size);
+    const way = new THREE.Vector3(...header.from), away = nearest(runs, way, size);
     camera.position.copy(controls.target).add(way.multiplyScalar(away));
     camera.near = size / 1000;
     camera.far = 100 * size;
@@ -279,15 +297,37 @@
   }
 
   // How near a camera may come that still sees these points, with a margin for the bar below.
-  function nearest(begin, count, way, size) {
+  function nearest(runs, way, size) {
     const right = new THREE.Vector3(0, 0, 1).cross(way).normalize(), up = way.clone().cross(right);
     const high = Math.tan((Math.PI / 180) * 0.5 * camera.fov) * 0.84, wide = high * camera.aspect, p = new THREE.Vector3();
     let away = 0.01 * size;
-    for (let k = begin; k < begin + count; k++) {
-      first.point(k, p).sub(controls.target);
-      away = Math.max(away, p.dot(way) + Math.max(Math.abs(p.dot(right)) / wide, Math.abs(p.dot(up)) / high));
-    }
+    for (const [own, begin, count] of runs)
+      for (let k = begin; k < begin + count; k++) {
+        own.point(k, p).sub(controls.target);
+        away = Math.max(away, p.dot(way) + Math.max(Math.abs(p.dot(right)) / wide, Math.abs(p.dot(up)) / high));
+      }
     return away;
+  }
+
+  // The camera goes along with the middle of the feathers, where that is asked for.
+  let middle = null;
+  const middleOf = ({ box }) => new THREE.Vector3(...[0, 1, 2].map((c) => box[c] + 0.5 * box[3 + c]));
+  function follow(found) {
+    const now = middleOf(found);
+    if (middle && byId("follow").checked) {
+      const move = now.clone().sub(middle);
+      controls.target.add(move);
+      camera.position.add(move);
+      camera.updateMatrixWorld();
+    }
+    middle = now;
+  }
+
+  // What goes farther than it is large leaves the view otherwise.
+  async function followWhatGoesFar() {
+    if (state.frames < 2 || state.problem) return;
+    const begin = await first.frameOf(0), end = await first.frameOf(state.frames - 1);
+    byId("follow").checked = middleOf(begin).distanceTo(middleOf(end)) > Math.hypot(...begin.box.slice(3));
   }
 
   // Frames and colours. fastest, farthest: m/s and mm that were met with so far.
@@ -302,10 +342,11 @@
   async function setFrame(number) {
     const wanted = Math.max(0, Math.min(state.frames - 1, Math.round(number)));
     state.wanted = wanted;
-    let found;
+    let found, stands;
     try {
       const asked = [first.frameOf(wanted, levelAsked(first)), ...(second ? [second.frameOf(ofSecond(wanted), levelAsked(second))] : [])];
       found = await Promise.all(asked);
+      stands = await Promise.all(bodies.map((each) => each.frameOf(each === second?.body ? ofSecond(wanted) : wanted)));
       for (const [k, each] of found.entries()) {
         const number = k ? ofSecond(wanted) : wanted;
         if (mode === "velocity") each.speeds = each.speeds || (await speedsOf(shown[k], number));
@@ -322,6 +363,8 @@
     settle();
     if (shown.some((each, k) => found[k].level !== 0 && found[k].level !== each.level)) return setFrame(wanted);
     shown.forEach((each, k) => each.put(found[k]));
+    bodies.forEach((each, k) => { each.put(stands[k]); paint(each, stands[k], "pattern"); });
+    follow(found[0]);
     if (mode === "difference") found[0].apart = apart(found);
     shown.forEach((each, k) => paint(each, found[k]));
     showKey();
@@ -365,13 +408,13 @@
     return far;
   }
 
-  function paint(own, found) {
-    if (mode in own.base && own.painted === mode) return; // it does not change
-    own.painted = mode;
+  function paint(own, found, by = mode) {
+    if (by in own.base && own.painted === by) return; // it does not change
+    own.painted = by;
     const { chosen, points, colour } = own.levels[own.level], out = colour.array;
-    const from = own.base[mode] || ramps[mode], scale = mode in own.base ? 1 : 255;
-    const [numbers, most] = mode === "velocity" ? [found.speeds, fastest] : [found.apart, farthest];
-    const bytes = found.values[mode];
+    const from = own.base[by] || ramps[by], scale = by in own.base ? 1 : 255;
+    const [numbers, most] = by === "velocity" ? [found.speeds, fastest] : [found.apart, farthest];
+    const bytes = found.values[by];
     for (let k = 0; k < points; k++) {
       const point = chosen ? chosen[k] : k;
       let at = point;
@@ -410,10 +453,14 @@
         paper.fillStyle = `#${new THREE.Color(ramp[3 * k], ramp[3 * k + 1], ramp[3 * k + 2]).getHexString()}`;
         paper.fillRect(k, 0, 1, 1);
       }
-      const others = { velocity: ["velocity (m/s)", fastest], difference: ["difference (mm)", farthest] };
-      const [title, most] = value ? [value.title, value.high] : others[mode], ends = [value ? value.low : 0, most];
+      const upTo = (most) => `0 to ${most.toPrecision(2)}`;
+      const others = {
+        velocity: ["velocity (m/s)", upTo(fastest)], difference: ["difference (mm)", upTo(farthest)],
+        [BASES[2]]: ["angle of barbs at rest (degrees)", header.angles?.map((each) => each.toFixed(0)).join(" to ")],
+      };
+      const [title, ends] = value ? [value.title, value.ends] : others[mode];
       const line = document.createElement("div");
-      line.textContent = `${ends[0].toPrecision(2)} to ${ends[1].toPrecision(2)}`;
+      line.textContent = ends;
       key.append(title, document.createElement("br"), strip, line);
     }
   }
@@ -430,9 +477,10 @@
   // Number of the feather below a place, and the point of it.
   function under(x, y) {
     const drawn = halves(), wide = width() / drawn.length, half = Math.min(Math.floor(x / wide), drawn.length - 1);
-    const ray = rayAt(x - half * wide, y);
+    const ray = rayAt(x - half * wide, y), { body } = drawn[half];
     const [hit] = ray.intersectObject(drawn[half].mesh);
     if (!hit) return null;
+    if (body && showsBody(body) && ray.intersectObject(body.mesh)[0]?.distance < hit.distance) return null;
     const name = drawn[half].header.feathers[ownerOf(drawn[half].header, drawn[half].pointOf(hit.face.a))].id;
     const feather = header.feathers.findIndex((each) => each.id === name);
     return feather < 0 ? null : { feather, point: hit.point };
@@ -481,7 +529,10 @@
   byId("colour").addEventListener("change", (event) => setColour(event.target.value));
   byId("time").max = state.frames - 1;
   byId("time").addEventListener("input", (event) => setFrame(Number(event.target.value)));
-  byId("home").addEventListener("click", () => look(0, header.points));
+  byId("home").addEventListener("click", lookAtAll);
+  byId("body").addEventListener("change", draw);
+  byId("ofbody").hidden = !bodies.length;
+  byId("following").hidden = header.live || state.frames < 2;
   byId("play").addEventListener("click", toggle);
   addEventListener("resize", resize);
   addEventListener("keydown", (event) => {
@@ -489,8 +540,8 @@
     if (event.key === " ") { event.preventDefault(); toggle(); }
     else if (event.key === "ArrowRight") setFrame(state.frame + 1);
     else if (event.key === "ArrowLeft") setFrame(state.frame - 1);
-    else if (event.key === "h") look(0, header.points);
-    else if (event.key === "f" && picked >= 0) look(ends(picked)[0], ends(picked)[1] - ends(picked)[0]);
+    else if (event.key === "h") lookAtAll();
+    else if (event.key === "f" && picked >= 0) look([first, ends(picked)[0], ends(picked)[1] - ends(picked)[0]]);
   });
 
   let begun = 0, from = 0, busy = false;
@@ -520,14 +571,20 @@
   }
 
   byId("about").textContent = `${header.feathers.length} feather${header.feathers.length > 1 ? "s" : ""}` + (header.live ? ", live" : `, ${state.frames} frame${state.frames > 1 ? "s" : ""}`);
+  byId("hint").textContent = header.live
+    ? "drag a feather to pull it, beside it or with shift to turn; wheel: zoom, b: blow, f: frame the feather, h: all"
+    : "drag: turn, right drag: move, wheel: zoom, click: pick a feather, space: play, arrows: step, f: frame the feather, h: all";
   told(header.told);
   if (header.live) {
     document.body.classList.add("live");
     resize();
     await live({ header, state, first, byId, told, draw: drawMoving, settle, paint, showKey, unpacked, pointsOf, speedsBetween, under, rayAt, camera, controls, renderer, mode: () => mode });
-  } else await setFrame(0);
+  } else {
+    await setFrame(0);
+    await followWhatGoesFar();
+  }
   resize();
-  look(0, header.points);
+  lookAtAll();
   state.ready = !state.problem;
 })().catch((error) => {
   document.getElementById("told").textContent = `This page cannot be shown: ${error.message}`;

@@ -7,6 +7,7 @@ import gzip
 import html
 import secrets
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from featherfx.view.played import Played, packed
 
 _FOLDER = Path(__file__).parent
 _SCRIPTS = ("software.js", "page.js")
+_ALL = 1 << 62  # points
 _KEPT_BYTES = 400_000_000  # of frames that a page keeps in memory
 # of the names of what belongs to one and another cache
 PREFIXES = ("", "second-")
@@ -78,12 +80,10 @@ def write_page(
 
     def data() -> Iterator[tuple[str, bytes]]:
         for played, prefix in zip(shown, PREFIXES, strict=False):
-            yield f"{prefix}constant", played.constant()
-            numbers = counted("drawing", range(len(played.codes)), len(played.codes))
-            for number in numbers:
-                yield f"{prefix}frame-{number}", played.frame(number)
-                for value in played.values:
-                    yield f"{prefix}{value.name}-{number}", played.value(value.name, number)
+            constants, frames = played.names()
+            for names in chain([constants], counted("drawing", frames, len(frames))):
+                for name in names:
+                    yield f"{prefix}{name}", played.content(name) or b""
 
     pieces = page(header_of(*shown), shown[0].path.name, data())
     write_all([(output, into(lambda file: file.writelines(map(str.encode, pieces))))], before)
@@ -92,24 +92,30 @@ def write_page(
 
 def fitting(path: Path, most_bytes: int) -> Played:
     """A cache with as many points, then frames, as fit into bytes."""
-    whole = Played(path, 1 << 62)
-    count, bytes_each = len(whole.codes), whole.frame_bytes
-    if count * bytes_each <= most_bytes:
-        return whole
-    per_point = bytes_each / whole.points
-    thin = Played(path, max(int(most_bytes / count / per_point), 1))
+    whole = Played(path, _ALL)
+    count = len(whole.codes)
+    thin = _within(whole, most_bytes / count)
     if count * thin.frame_bytes <= most_bytes:
         return thin
-    return Played(path, 1, max(int(most_bytes / thin.frame_bytes), 1))
+    return Played(path, 1, max(int(most_bytes / thin.frame_bytes), 1), thin.bare)
 
 
 def fitting_second(path: Path, most_bytes: int) -> Played:
     """A cache with as many points as a second of it has in bytes."""
-    whole = Played(path, 1 << 62)
-    second = whole.frames_per_second * whole.frame_bytes
-    if len(whole.codes) == 1 or second <= most_bytes:
+    whole = Played(path, _ALL)
+    if len(whole.codes) == 1:
         return whole
-    return Played(path, max(int(whole.points * most_bytes / second), 1))
+    return _within(whole, most_bytes / whole.frames_per_second)
+
+
+def _within(whole: Played, most_bytes: float) -> Played:
+    """A cache with as many points as fit into bytes a frame; without the body where that takes more
+    than half of them."""
+    if whole.frame_bytes <= most_bytes:
+        return whole
+    bare = whole.body_bytes > 0.5 * most_bytes
+    left = most_bytes - 24 - (0 if bare else whole.body_bytes)
+    return Played(whole.path, max(int(left / whole.point_bytes), 1), bare=bare)
 
 
 def _text(name: str) -> str:

@@ -8,18 +8,19 @@ colours by it asks for it.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import Standing, standing
 from featherfx.render.colour import (
+    CROSSED,
     DIVERGING,
     HOOKS,
     SEQUENTIAL,
@@ -32,42 +33,59 @@ from featherfx.render.colour import (
     value_limits,
 )
 from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_scene
+from featherfx.usd.check.crossings import CrossedPoints
 from featherfx.usd.read.read import Cache
 from featherfx.usd.read.thinned import Thinned, levels, thinned
+from featherfx.view.body import Body
+from featherfx.view.packing import Bytes, packed_colours, packed_points
 
-Bytes = NDArray[np.uint8]
-
-_PLACES = 65535
-# greatest strain that a colour tells apart: that of a vane whose barbs are a quarter farther apart
-_STRAIN = 0.25
+# what, at which level, in which frame
+_FRAME = re.compile(r"([a-z]+)(\d?)-(\d{1,7})")
+# greatest strain that a colour tells apart, that of a vane whose barbs are a quarter farther apart;
+# the least that colours range to, above what single precision makes of points that do not move
+_STRAIN, _LEAST_STRAIN = 0.25, 0.005
 # degrees, round the upright axis and above the ground, of views that are compared
 _TURNS = (-55.0, -125.0, 55.0, 125.0, -90.0, 0.0, 180.0, 90.0)
 _RISES = (25.0, 50.0, 75.0)
 
 
 class Value(NamedTuple):
-    """A value of points that changes. name: in the page. title: of its key. low, high: its range.
-    ramp: colours from low to high, as displays show them."""
+    """A value of points that changes. name: in the page. title: of its key. low, high: its range,
+    and ends: that range in words. ramp: colours from low to high, as displays show them."""
 
     name: str
     title: str
     low: float
     high: float
+    ends: str
     ramp: list[list[float]]
 
 
-STRAIN = Value("strain", "strain across barbs", -_STRAIN, _STRAIN, DIVERGING.tolist())
-HOOKED = Value("hooked", "hooks that hold", 0.0, 1.0, HOOKS.tolist())
+def strain_value(most: float) -> Value:
+    """Strain whose colours range to so much."""
+    told = f"{-100 * most:.2g} % to {100 * most:.2g} %"
+    return Value("strain", "strain across barbs", -most, most, told, DIVERGING.tolist())
+
+
+STRAIN = strain_value(_STRAIN)
+HOOKED = Value("hooked", "hooks", 0.0, 1.0, "open to holding", HOOKS.tolist())
+PENETRATION = Value(
+    "penetration", "vanes that pass through others or the body", 0.0, 1.0, "no to yes",
+    CROSSED.tolist(),
+)  # fmt: skip
 
 
 class Played:
     """One cache that is played. points: of all feathers, at most `most` are kept (thinned.py).
+    bare: without the body.
 
     codes: its frames; None for a cache without time. Raises InputError as Cache does.
     """
 
-    def __init__(self, path: Path, most: int, most_frames: int = 100_000) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path, most: int, most_frames: int = 100_000, bare: bool = False
+    ) -> None:
+        self.path, self.bare = path, bare
         self._before: Standing = standing(path)
         self._cache = Cache(path)
         codes: list[float | None] = [*self._cache.whole_frames()] if self._cache.has_frames else []
@@ -85,8 +103,27 @@ class Played:
     @cached_property
     def values(self) -> list[Value]:
         """Those that frames have."""
-        own = [STRAIN] if self.rest.barbs.any() else []
-        return own + ([HOOKED] if self._has_hooks else [])
+        own = [strain_value(self._most_strain())] if self.rest.barbs.any() else []
+        crossed = [PENETRATION] if len(self._scene.feathers) > 1 or self.body else []
+        return own + ([HOOKED] if self._has_hooks else []) + crossed
+
+    def _most_strain(self) -> float:
+        """What nearly all strains of a few frames are below, by two digits."""
+        few = np.unique(np.linspace(0, len(self.codes) - 1, 4).astype(int))
+        vanes = ~self._scene.rachis
+        found = [self._strain(self._points(k))[vanes] for k in few.tolist()]
+        _, most = value_limits(np.concatenate(found), symmetric=True)
+        return float(f"{min(max(most, _LEAST_STRAIN), _STRAIN):.1e}")
+
+    @cached_property
+    def body(self) -> Body | None:
+        """What stands beside the feathers, and is shown."""
+        found = None if self.bare else Body(self._cache, self.path)
+        return found if found and found.points else None
+
+    @cached_property
+    def _crossed(self) -> CrossedPoints:
+        return CrossedPoints(self._cache, self.path)
 
     @cached_property
     def _has_hooks(self) -> bool:
@@ -110,9 +147,19 @@ class Played:
         return len(self._kept.points)
 
     @property
+    def point_bytes(self) -> int:
+        """Bytes of a point in a frame, with its values."""
+        return 6 + len(self.values)
+
+    @property
+    def body_bytes(self) -> int:
+        """Bytes of the body in a frame."""
+        return 24 + 6 * self.body.points if self.body else 0
+
+    @property
     def frame_bytes(self) -> int:
         """Bytes of a frame with its values, about."""
-        return 24 + (6 + len(self.values)) * self.points
+        return 24 + self.point_bytes * self.points + self.body_bytes
 
     @property
     def constant_shape(self) -> tuple[tuple[str, ...], bytes]:
@@ -132,8 +179,10 @@ class Played:
             "told": "; ".join(self.told()),
             "values": [value._asdict() for value in self.values],
             "ramp": SEQUENTIAL.tolist(),
+            "angles": self._angle_range,
             "regions": sorted(set(scene.regions)),
             "from": self._best_view(),
+            "body": self.body and self.body.header(),
             "feathers": [
                 {
                     "id": each.id,
@@ -169,6 +218,8 @@ class Played:
         told = []
         if self._kept.told:
             told.append(f"drawn {self._kept.told}: {len(self._kept.points)} of {whole} points")
+        if self.bare:
+            told.append("without the body")
         if self._every > 1:
             told.append(f"every {self._every}th frame")
         return told
@@ -187,7 +238,7 @@ class Played:
         whole = [self._kept.triangles, *(each for level in self._levels for each in level)]
         colours = [self._pattern(), self._regions(), self._barbs()]
         return b"".join(
-            [*(w.astype("<u4").tobytes() for w in whole), *(_bytes(c).tobytes() for c in colours)]
+            [*(w.astype("<u4").tobytes() for w in whole), *map(packed_colours, colours)]
         )
 
     @property
@@ -195,16 +246,45 @@ class Played:
         """How many levels of fewer points there are."""
         return len(self._levels)
 
+    def names(self) -> tuple[list[str], list[list[str]]]:
+        """Names of all that content gives, but for frames at levels: of what is constant, and of
+        each frame."""
+        own, body = ["frame"] + [each.name for each in self.values], bool(self.body)
+        own += ["body"] * body
+        frames = [[f"{what}-{number}" for what in own] for number in range(len(self.codes))]
+        return ["constant"] + ["bodyconstant"] * body, frames
+
+    def content(self, name: str) -> bytes | None:
+        """What a page asks for by a name; None where there is no such thing."""
+        if name == "constant":
+            return self.constant()
+        if name == "bodyconstant" and self.body:
+            return self.body.constant()
+        found = _FRAME.fullmatch(name)
+        if found is None or int(found[3]) >= len(self.codes):
+            return None
+        what, level, number = found[1], int(found[2] or 0), int(found[3])
+        if what == "frame" and level <= self.levels:
+            return self.frame(number, level)
+        if what == "body" and level == 0 and self.body:
+            return self.body.frame(self._code(number))
+        if level == 0 and what in [each.name for each in self.values]:
+            return self.value(what, number)
+        return None
+
     def frame(self, number: int, level: int = 0) -> bytes:
         """A frame by its place among `codes`, with the points of a level, 0 for all. Raises
         InputError where the cache has changed since it was opened, or cannot be read."""
         kept = self._kept.points
         if level:
             kept = kept[self._levels[level - 1][0]]
-        return _packed(self._points(number, kept))
+        return packed_points(self._points(number, kept))
 
     def value(self, name: str, number: int) -> bytes:
         """A value of all points in a frame, as `frame`."""
+        if name == PENETRATION.name:
+            crossed = self._crossed.at(self._code(number))[self._kept.points]
+            return packed_colours(crossed.astype(float))
         hooked = None
         if name == HOOKED.name:
             hooked = self._cache.hooked_of(self._scene.chosen.tolist(), self._code(number))
@@ -222,7 +302,7 @@ class Played:
 
     def packed(self, points: Array) -> bytes:
         """A frame of all points (V, 3)."""
-        return _packed(points[self._kept.points])
+        return packed_points(points[self._kept.points])
 
     def valued(self, name: str, points: Array, hooked: Array | None = None) -> bytes:
         """A value of all points (V, 3). hooked: as of DrawnPose, where that is asked for."""
@@ -260,28 +340,28 @@ class Played:
         base, _ = look_colours(self._scene, "region")
         return np.repeat(base, np.diff(self._scene.starts), axis=0)[self._kept.points]
 
-    def _barbs(self) -> Array:
-        """Barb angles at rest; grey where there are none."""
+    @cached_property
+    def _angles(self) -> Array:
+        """(T,) barb angles at rest, degrees."""
+        return barb_angle(self._scene, self.rest)
+
+    @property
+    def _angle_range(self) -> tuple[float, float] | None:
+        """Of colours; None where there are no barbs."""
         if not self.rest.barbs.any():
+            return None
+        low, high = value_limits(self._angles[~self._scene.rachis], symmetric=False)
+        return float(low), float(high)
+
+    def _barbs(self) -> Array:
+        """Colours of barb angles at rest; grey where there are none."""
+        if self._angle_range is None:
             return np.full((len(self._kept.points), 3), 0.2)
-        angles = barb_angle(self._scene, self.rest)
-        low, high = value_limits(angles[~self._scene.rachis], symmetric=False)
-        fraction = (self._of_points(angles) - low) / (high - low)
+        low, high = self._angle_range
+        fraction = (self._of_points(self._angles) - low) / (high - low)
         return linear(ramp_colours(SEQUENTIAL, np.clip(fraction, 0.0, 1.0)))
 
 
 def packed(header: Mapping[str, Any]) -> str:
     """JSON that may stand within a script of a page."""
     return json.dumps(header, separators=(",", ":")).replace("<", "\\u003c")
-
-
-def _packed(points: Array) -> bytes:
-    # column by column, which numpy does much faster
-    low, high = (np.array([end(each) for each in points.T]) for end in (np.min, np.max))
-    size = np.maximum(high - low, 1e-9)
-    places = (points - low) * (_PLACES / size) + 0.5
-    return np.concatenate([low, size]).astype("<f4").tobytes() + places.astype("<u2").tobytes()
-
-
-def _bytes(colours: Array) -> Bytes:
-    return np.round(255.0 * np.clip(colours, 0.0, 1.0)).astype(np.uint8)

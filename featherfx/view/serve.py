@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hmac
 import json
-import re
 import secrets
 import sys
 import threading
@@ -30,7 +29,6 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
-_FRAME = re.compile(r"(|second-)([a-z]+)(\d?)-(\d{1,7})")
 HTML, BYTES, JSON = "text/html; charset=utf-8", "application/octet-stream", "application/json"
 # of what a page may say
 _MOST_BYTES = 65_536
@@ -70,15 +68,8 @@ class Server(ThreadingHTTPServer):
             if name == "":
                 return HTML, "".join(page(header_of(*self.shown), self.shown[0].path.name)).encode()
             for played, prefix in zip(self.shown, PREFIXES, strict=False):
-                if name == f"{prefix}constant":
-                    return BYTES, played.constant()
-                found = _FRAME.fullmatch(name)
-                if found and found[1] == prefix and int(found[4]) < len(played.codes):
-                    what, level, number = found[2], int(found[3] or 0), int(found[4])
-                    if what == "frame" and level <= played.levels:
-                        return BYTES, played.frame(number, level)
-                    if level == 0 and what in [each.name for each in played.values]:
-                        return BYTES, played.value(what, number)
+                if name.startswith(prefix) and (found := played.content(name[len(prefix) :])):
+                    return BYTES, found
         return None
 
     def posted(self, name: str, content: Any) -> Any:

@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 from commands import invoke
 from places import ROOT
+from pxr import Sdf, Usd, UsdGeom
 
 from featherfx.errors import InputError
+from featherfx.render.scene import load_points, load_scene
 from featherfx.usd.read.read import Cache
 from featherfx.view.page import fitting, header_of, write_page
 from featherfx.view.played import Played
@@ -24,6 +26,7 @@ from featherfx.view.serve import HOST, Server
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
 EVERYTHING = 1 << 40
+SQUARE = ((-0.6, -0.6), (0.6, -0.6), (0.6, 0.6), (-0.6, 0.6))  # m, of a body
 BROWSER_OPTIONS = (
     str(BROWSER),
     "--headless=new",
@@ -116,6 +119,37 @@ COMPARED = f"""
   told.whole = drawn(shot());
   await f.setFrame(0);
   told.nothing = f.farthest;
+  document.title = JSON.stringify(told);
+}})();
+"""
+
+
+# a body that is shown or not, and a camera that goes along or not
+EMBODIED = f"""
+(async () => {{
+  {PIXELS}
+  const told = {{ ready: f.ready }}, box = (id) => document.getElementById(id);
+  const count = () => {{
+    let found = 0;
+    for (let y = 40; y < innerHeight - 60; y += 8)
+      for (let x = 20; x < innerWidth; x += 8) found += f.pick(x, y) !== null;
+    return found;
+  }};
+  const whole = shot();
+  told.picked = count();
+  box("body").click();
+  told.body = differing(whole, shot());
+  told.bare = count();
+  box("home").click();
+  await f.setFrame(4);
+  const stays = shot();
+  await f.setFrame(0);
+  const before = shot();
+  box("follow").click();
+  await f.setFrame(4);
+  told.follows = differing(stays, shot());
+  await f.setFrame(0);
+  told.back = differing(before, shot());
   document.title = JSON.stringify(told);
 }})();
 """
@@ -287,9 +321,74 @@ def test_frames_hold_the_points_of_the_cache(cache):
     np.testing.assert_allclose(points, wanted, atol=box[3:].max() / 65535)
     corners = np.frombuffer(played.constant(), "<u4", 3 * header["triangles"])
     assert corners.max() == header["points"] - 1
-    strain = played.value("strain", 3)
-    assert len(frame) + len(strain) == played.frame_bytes
-    assert set(strain) <= {127, 128}  # they flap without a strain
+    values = {each.name: played.value(each.name, 3) for each in played.values}
+    assert len(frame) + sum(map(len, values.values())) == played.frame_bytes
+    assert set(values["strain"]) <= {127, 128}  # they flap without a strain
+
+
+@pytest.fixture
+def embodied(cache, tmp_path) -> Path:
+    """A copy of the cache that names a skin: an upright square through feathers, with points that
+    no face has."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "body.usda"))
+    UsdGeom.SetStageUpAxis(stage, "Z")
+    UsdGeom.SetStageMetersPerUnit(stage, 1)
+    mesh = UsdGeom.Mesh.Define(stage, "/bird/body")
+    mesh.CreatePointsAttr([(0.05, y, z) for y, z in [*SQUARE, *[SQUARE[0]] * 100]])
+    mesh.CreateFaceVertexCountsAttr([4])
+    mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
+    mesh.CreateDisplayColorAttr([(0.0, 0.0, 1.0)])
+    stage.Save()
+    copy = Sdf.Layer.CreateNew(str(tmp_path / "embodied.usdc"))
+    copy.TransferContent(Sdf.Layer.FindOrOpen(str(cache)))
+    told = dict(copy.customLayerData.get("featherfx", {}))
+    skin = {"role": "skin", "file": "body.usda", "prim": "/bird/body", "start": 1.0, "first": 1.0}
+    copy.customLayerData = {"featherfx": told | {"scenery": {"0": skin}}}
+    copy.Save()
+    return tmp_path / "embodied.usdc"
+
+
+def test_the_body_comes_with_the_feathers_and_what_passes_through_it_is_told(embodied):
+    played = Played(embodied, EVERYTHING)
+    assert played.header()["body"] == {"points": 104, "triangles": 2, "levels": [], "framed": 104}
+    body = played.content("bodyconstant")
+    assert sorted(np.frombuffer(body, "<u4", 6)) == [0, 0, 1, 2, 2, 3]
+    assert body[24:] == bytes([0, 0, 255] * 104)
+    box = np.frombuffer(played.content("body-2"), "<f4", 6)
+    np.testing.assert_allclose(box[:3] + box[3:], (0.05, 0.6, 0.6), atol=1e-6)
+    found = np.frombuffer(played.content("penetration-0"), np.uint8)
+    scene, points = load_scene(Cache(embodied)), load_points(Cache(embodied), played._scene, 1.0)
+    beside = points[:, 0] > 0.05
+    crossed = np.ptp(beside[scene.triangles].astype(int), axis=1) > 0
+    wanted = np.zeros(len(points), dtype=int)
+    wanted[scene.triangles[crossed & ~scene.rachis]] = 255
+    assert 0 < wanted.sum() < 255 * len(points)
+    np.testing.assert_array_equal(found, wanted)
+
+
+def test_a_body_that_takes_too_much_is_left_out_and_told(embodied):
+    whole = fitting(embodied, EVERYTHING)
+    assert whole.body_bytes == len(whole.content("body-0"))
+    bare = fitting(embodied, 5 * (2 * whole.body_bytes - 10))
+    assert bare.told()[-1] == "without the body"
+    assert bare.header()["body"] is None
+    assert bare.content("body-0") is None
+    some = fitting(embodied, 5 * (2 * whole.body_bytes + 100))
+    assert some.points < whole.points
+    assert some.body
+    assert some.frame_bytes <= 2 * whole.body_bytes + 100
+
+
+@needs_browser
+def test_a_page_shows_the_body_and_goes_along(embodied, tmp_path):
+    write_page([embodied], tmp_path / "page.html", EVERYTHING, overwrite=False)
+    told = result_of(browse(with_steps(tmp_path / "page.html", EMBODIED).as_uri(), tmp_path))
+    assert told["ready"] is True
+    assert told["body"] > 0.02  # of the picture
+    assert told["follows"] > 0.001
+    assert told["back"] < 0.002
+    # feathers behind the body cannot be picked
+    assert told["bare"] > told["picked"] > 0
 
 
 def test_what_does_not_fit_is_left_out_and_told(cache):
@@ -375,6 +474,8 @@ def test_only_who_has_the_token_and_asks_from_the_page_gets_anything(cache):
             "frame-5",
             "frame--1",
             "frame9-0",
+            "body-0",
+            "bodyconstant",
             "strain1-0",
             "hooked-0",
             "second-frame-0",

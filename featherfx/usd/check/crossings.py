@@ -14,7 +14,13 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.feather.crossings import BODY, Crossings, crossings_of, patches_of
+from featherfx.feather.crossings import (
+    BODY,
+    Crossings,
+    crossed_triangles,
+    crossings_of,
+    patches_of,
+)
 from featherfx.feather.types import RACHIS
 from featherfx.usd.read.read import Cache
 from featherfx.usd.read.scenery import Scene, named_by
@@ -62,6 +68,27 @@ def count_crossings(
             found = crossings_of(points, patches, jobs)
             on_frame(done, len(codes))
             yield _told(found, names, code)
+
+
+class CrossedPoints:
+    """Where the vanes of a cache pass through others or the body, as count_crossings counts them.
+
+    path: where the cache was opened.
+    """
+
+    def __init__(self, cache: Cache, path: Path) -> None:
+        self._scenes = scenes_of(cache, path)
+        code = cache.whole_frames()[0] if cache.has_frames else None
+        self._patches = patches_of(list(_meshes(self._scenes, code)))
+        self._count = sum(map(len, self._scenes[0].points(code)))
+
+    def at(self, code: float | None) -> Flags:
+        """(V,) points of the cache's meshes, whether a triangle around passes through another."""
+        points = np.concatenate([each for scene in self._scenes for each in scene.points(code)])
+        crossed = crossed_triangles(points, self._patches)
+        found = np.zeros(len(points), dtype=bool)
+        found[self._patches.triangles[crossed]] = True
+        return found[: self._count]
 
 
 def scenes_of(cache: Cache, path: Path) -> list[Scene]:
