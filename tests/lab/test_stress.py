@@ -48,6 +48,15 @@ def test_cases_whose_energy_once_grew(seed):
     assert outcome.energy_gain <= stress.ENERGY_SLACK
 
 
+def test_a_case_whose_steps_once_gained_more_than_any_of_them_might():
+    """Each of a frame's 36 steps gave back no more than its accelerations held, but all together
+    did."""
+    outcome = stress.run_case(draw_case(991784, MOST_ROWS))
+    assert outcome.violations == []
+    assert outcome.forced == 0
+    assert outcome.energy_gain > 1e-4
+
+
 def test_a_case_that_once_stopped():
     """It had a node of less than no mass."""
     outcome = stress.run_case(draw_case(320042, 40))

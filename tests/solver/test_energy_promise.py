@@ -105,7 +105,7 @@ def test_velocities_are_cut_to_the_energy_there_was_or_the_step_fails():
     kinetic = 0.5 * 100.0 * 0.01 * model.mass[0, 1:, 0].sum()
 
     def kept(energy):
-        promise = Promise(True, STILL, 0.0, energy)
+        promise = Promise(True, STILL, 0.0, energy, np.inf)
         return solved_energy(model, loads, 0, promise, 0.0, 10.0, work)
 
     assert kept(kinetic) == pytest.approx((1.0, kinetic))

@@ -16,10 +16,12 @@ a linear system and s = (1 - r) / (2 (1 + r)), r the spectral radius, K the stif
 never grows (derived here; compare Erlicher, Bonaventura and Bursi 2002), a smoothed, w true
 acceleration. In motion that is resolved M (a - w) = 2 s h K v, so the last term is 1/2 s h
 |v.M (a - w)|. A step that is resolved may give back this much, with the largest s, 1/2, because
-nonlinear systems ripple as much for small s, too.
+nonlinear systems ripple as much for small s, too. Many steps of a frame that each gave back what
+they may could gain without end, so none ends with more than T + U and this at the begin of any
+before it in the frame.
 """
 
-from math import sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 from featherfx.algebra.vec3_kernels import dot, scale, sub
@@ -43,13 +45,14 @@ class Promise(NamedTuple):
     """What the steps of a frame may not gain.
 
     alone: whether anything is promised. drift: (x, y, z) m/s, velocity of the root. rounding: J, by
-    which round-off may raise the energy. energy: T + U now, J.
+    which round-off may raise the energy. energy: T + U now, J; most: that a step may end with.
     """
 
     alone: bool
     drift: tuple[float, float, float]
     rounding: float
     energy: float
+    most: float
 
 
 @kernel
@@ -158,15 +161,15 @@ def promise_of(model, loads, f, path, duration, state):
     """The Promise of a frame of duration (s) at its start; path: RootPath."""
     alone, drift = left_alone(model, loads, f, path.samples[f], duration)
     if not alone:
-        return Promise(alone, drift, 0.0, 0.0)
+        return Promise(alone, drift, 0.0, 0.0, inf)
     energy = _state_energy(model, loads, f, drift, state)
-    return Promise(alone, drift, _rounding_energy(model, f), energy)
+    return Promise(alone, drift, _rounding_energy(model, f), energy, inf)
 
 
 @kernel
 def with_energy(promise, energy):
     """The promise after a step that ends with so much energy (J)."""
-    return Promise(promise.alone, promise.drift, promise.rounding, energy)
+    return Promise(promise.alone, promise.drift, promise.rounding, energy, promise.most)
 
 
 @kernel
@@ -187,6 +190,16 @@ def held_energy(model, f, h, drift, state):
     square, lag = held_sums(model.mass[f], drift, motion_of(state, f, NODES))
     turning = held_sums(model.rotary_inertia[f], NO_DRIFT, motion_of(state, f, DIRECTORS))
     return 0.125 * h * h * (square + turning[0]) + 0.25 * h * abs(lag + turning[1])
+
+
+@kernel
+def for_step(promise, model, f, h, state):
+    """The promise for a step of h (s) from a state on."""
+    if not promise.alone:
+        return promise
+    held = held_energy(model, f, h, promise.drift, state)
+    most = min(promise.most, promise.energy + held)
+    return Promise(promise.alone, promise.drift, promise.rounding, promise.energy, most)
 
 
 @kernel

@@ -17,7 +17,7 @@ from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, GREW, TOO_MUCH_WORK
 from featherfx.solver.step.energy_kernels import damped_energy
 from featherfx.solver.step.energy_promise_kernels import (
-    held_energy,
+    for_step,
     promise_of,
     slow_down,
     solved_energy,
@@ -201,7 +201,7 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     if attempt.promise.alone and status == CONVERGED:
         growth = 0.0
         if radius != EULER and error <= min(settings.tolerance, settings.coarse):
-            growth = held_energy(model, f, h, attempt.promise.drift, state)
+            growth = max(0.0, attempt.promise.most - attempt.promise.energy)
         keeps, energy = solved_energy(model, loads, f, attempt.promise, growth, factors.rate, work)
         status = GREW if keeps < 0.0 else status
     pace = solved.pace if status == CONVERGED else UNKNOWN
@@ -259,6 +259,7 @@ def advance(model, loads, f, path, state, settings, work, report):
         floor, limit = shortest_now(settings, done, taken, left), min(settings.iterations, left)
         last = state.step[f]
         bend = BEND * (step + last) / (last + before) if before > 0.0 else 0.0
+        promise = for_step(promise, model, f, step, state)
         attempt = Attempt(step, floor, fraction, way, radius, limit, promise, pace, bend)
         outcome = _try(model, loads, f, path, attempt, state, settings, work)
         verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
