@@ -129,6 +129,7 @@ OPTIONS = {
     "feather": "preset kinematics rows columns coefficients shake-amplitude shake-frequency pull"
     " duration tolerance fixed-step presets",
     "strip": "scene dt kinematics columns refinement coefficients method stretch radius newton",
+    "plate": "along across twist coupling angle length width deflection rows columns",
     "ribbon": "length width tip-width rigidity density rest-curvature poisson elements grading"
     " series degree sadowsky clamp planar wind seconds step",
     "fullfeather": "scene material distance parts rows columns nodal guard",

@@ -15,6 +15,7 @@ from featherfx.cli.options import presets_option, readable_path
 from featherfx.files.whole import write_text
 from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feather
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
+from featherfx.lab.feathers.plate import PlateTest, run_plate
 from featherfx.lab.feathers.strip import StripTest, run_strip
 from featherfx.lab.fibres.rupture import RuptureTest, run_rupture
 from featherfx.lab.fibres.tissue import LAWS, fit_tissue, read_tissue
@@ -246,6 +247,12 @@ EXPERIMENTS = {
         lambda test: [run_strip(test)],
         "--scene iso --dt 0.0125",
         "--scene feather --dt 0.01 --kinematics barb-curvature --json",
+    ),
+    "plate": Experiment(
+        PlateTest,
+        lambda test: [run_plate(test)],
+        "--along 1e-4 --across 1e-4 --twist 3.5e-5 --coupling 3e-5 --width 0.1",
+        "--along 1e-4 --across 2e-5 --twist 3e-5 --angle 60 --json",
     ),
     "ribbon": Experiment(
         HangTest,

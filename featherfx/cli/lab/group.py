@@ -12,6 +12,7 @@ EXPERIMENTS = {
     "release": "Let go a rod that was held straight.",
     "feather": "Shake a feather or pull at its tip.",
     "strip": "Let a clamped strip fall, as other simulators do.",
+    "plate": "Bend a rectangular vane of any bending moduli by its weight.",
     "ribbon": "Hang a ribbon of natural curvature by one end.",
     "fullfeather": "Pull a whole feather in its plane, with one of three vane materials.",
     "unitcell": "Moduli of a vane from its barbs and barbules.",

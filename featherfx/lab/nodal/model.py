@@ -279,7 +279,7 @@ def _bending_tables(
     if shaft:
         active = active.copy()
         active[2, :, :, 0] = False
-    moduli = (vane.barb_bending_normal, vane.bending_across, vane.bending_across)
+    moduli = np.diag([vane.barb_bending_normal, vane.bending_across, 2.0 * vane.bending_across])
     return plate_tables(feather.rest.nodes, area, active, moduli)
 
 

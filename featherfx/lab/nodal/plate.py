@@ -86,13 +86,12 @@ def oriented_hinges(nodes: Array, area: Array, active: Flags, along: Array, acro
     return modes
 
 
-def plate_tables(
-    points: Array, area: Array, active: Flags, moduli: tuple[float, float, float]
-) -> Array:
+def plate_tables(points: Array, area: Array, active: Flags, moduli: Array) -> Array:
     """(2, n-1, m, 2, 3, 3) tables of a plate.
 
-    points: (n, 1 + 2 m, 3) m at rest. area: (2, n-1, m, 2) m^2. active: (3, 2, n, m). moduli: N m,
-    along the barbs, across them and in twist.
+    points: (n, 1 + 2 m, 3) m at rest. area: (2, n-1, m, 2) m^2. active: (3, 2, n, m). moduli:
+    (3, 3) N m, for k = (k_vv, k_ww, k_vw): along the leading vane's barbs, across them towards the
+    tip, and in twist; W = 1/2 A k.moduli k.
     """
     response = np.zeros((*area.shape, 3, 3))
     angles_per_curvature(
@@ -104,10 +103,14 @@ def plate_tables(
         response,
     )
     flat = response.reshape(-1, 3, 3)
-    weight = np.diag([moduli[0], moduli[1], 2.0 * moduli[2]])
+    # a triangle's own axes lead away from the shaft and, in the second of a cell, to the base
+    twist = np.ones(area.shape)
+    twist[1] *= -1.0
+    twist[..., 1] *= -1.0
     table = np.zeros_like(flat)
     for t in np.flatnonzero(area.reshape(-1) > 0.0):
-        table[t] = _triangle_table(flat[t], weight * area.reshape(-1)[t])
+        axes = np.array([1.0, 1.0, twist.reshape(-1)[t]])
+        table[t] = _triangle_table(flat[t], moduli * np.outer(axes, axes) * area.reshape(-1)[t])
     return table.reshape(*area.shape, 3, 3)
 
 

@@ -179,7 +179,7 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
     # the textbook method begins every step at the last pose, so there is nothing else to try
     first = FOLLOW if textbook else GO_ON
     done, way = 0.0, first
-    promise = Promise(False, (0.0, 0.0, 0.0), 0.0, 0.0)
+    promise = Promise(False, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
     while done < duration * (1.0 - 1e-9):
         step, fraction = next_step(h, done, duration)
         if state.step[f] <= 0.0:
