@@ -7,8 +7,8 @@ A place is (b, s), b counts barbs along the shaft and s is the place on the barb
 where f is the part of the barb over which its end is free, and e_k its uneven end. At some
 boundaries, drawn at random, the vane has come apart from its edge inwards. What is between barbs
 is open, so that an edge is as soft as its barbs are fine; barbs that hook nowhere (f above LOOSE)
-have barbules there, lines across that grow thin away from their barb. How uneven, how often and how
-deep is chosen by eye.
+have barbules there, lines across that grow thin away from their barb. Barbs lean a little, near
+ones together, which makes the streaks of a vane's gloss. How much of each is chosen by eye.
 """
 
 from __future__ import annotations
@@ -42,6 +42,21 @@ def barb_there(barbs, corners, u, v):
     place = first[1] + u * (second[1] - first[1]) + v * (third[1] - first[1])
     free = first[3] + u * (second[3] - first[3]) + v * (third[3] - first[3])
     return number, place, first[2], free
+
+
+@kernel
+def streak(number, place):
+    """-1..1, how barbs at (b, s) lean together: alike over some of them and most of their
+    length."""
+    total = 0.0
+    for barbs in (4.0, 15.0):
+        at = number / barbs + 0.6 * place
+        cell = int(at)
+        part = at - cell
+        part = part * part * (3.0 - 2.0 * part)
+        low, high = chance(2 * cell + int(barbs)), chance(2 * cell + 2 + int(barbs))
+        total += low + part * (high - low) - 0.5
+    return total
 
 
 @kernel

@@ -37,7 +37,14 @@ from featherfx.algebra.vec3_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel
-from featherfx.render.barb_kernels import barb_there, chance, half_width, is_gap, mixed_bits
+from featherfx.render.barb_kernels import (
+    barb_there,
+    chance,
+    half_width,
+    is_gap,
+    mixed_bits,
+    streak,
+)
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -46,12 +53,13 @@ Integers = NDArray[np.int32]
 # what a triangle is of; rows of MATERIALS. A floor only takes shadow: its colour is that behind it
 VANE, SHAFT, SKIN, FLOOR, EYE = 0, 1, 2, 3, 4
 # all by eye
-EXPOSURE = 0.46
+EXPOSURE = 0.40
 FINE = 4.0  # pixels: what stands nearer before a vane than these casts no shadow on it
 FURROW = 0.8  # darkness of furrows between barbs of full roundness
 THIN = 0.25  # more light goes through the free ends of barbs
 FILM_SUN, FILM_SKY = 0.13, 0.14  # shares of light that films send back where colours agree
 INDEX, WAVES = 1.56, (6.1e2, 5.4e2, 4.5e2)  # of keratin; nm, of red, green and blue
+LEAN = 0.24  # of barbs, tangent, at most
 BENT, WIDER = 0.12, 0.2  # tangents of the lobes of gloss: to the root, to the end of the fibre
 # share of light that goes through, light that a shadow lets through, sheen, and of both lobes of
 # gloss k and p
@@ -237,17 +245,18 @@ def surface_points(surface, lights, tile, hits, which, points):
         face = scale(-1.0, face) if dot(face, ray) > 0.0 else face
         tangent = _unit(_interpolated(surface.tangents, corners, u, v), (0.0, 0.0, 0.0))
         smooth = _unit(_interpolated(surface.normals, corners, u, v), face)
-        through, rounded = MATERIALS[material, 0], 0.0
+        through, rounded, lean = MATERIALS[material, 0], 0.0, 0.0
         if material == VANE:
             number, barb, strong, free = barb_there(surface.barbs, corners, u, v)
             half, off = half_width(number, barb, free), number - int(number) - 0.5
             rounded = strong * off / half if abs(off) < half else 0.0
             rounded += 0.8 * min(free, 1.0) * (chance(int(number) + 104729) - 0.5)
+            lean = LEAN * streak(number, barb)
             through += THIN * (1.0 - 2.0 * max(half, 0.0))
         furrow = 1.0 - FURROW * rounded * rounded
         side = _unit(cross(tangent, smooth), (0.0, 0.0, 0.0))
         smooth = scale(-1.0, smooth) if dot(smooth, face) < 0.0 else smooth
-        normal = _unit(combined(1.0, smooth, rounded, side), face)
+        normal = _unit(combined(1.0, smooth, rounded + lean, side), face)
         first, second = _pair(column, row, sample, samples, 2)
         sun = _around(lights.sun, lights.sun_radius * sqrt(first), 1.0, 2.0 * pi * second)
         sun = scale(1.0 / length(sun), sun)

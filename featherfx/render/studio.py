@@ -14,8 +14,8 @@ _FLOOR = 40.0  # half of a floor's side, over the size of all that stands on it
 _BEHIND = np.array([[0.68, 0.71, 0.735], [0.36, 0.41, 0.47], [0.54, 0.535, 0.53]])
 # light of the sun, of the lamp behind, and of the sky at zenith, horizon and ground; tangent of the
 # sun's half angle
-_SUN, _SUN_RADIUS, _RIM = (1.95, 1.80, 1.58), 0.16, (0.55, 0.62, 0.75)
-_SKY = (0.62, 0.72, 0.88), (0.90, 0.94, 1.0), (0.62, 0.58, 0.53)
+_SUN, _SUN_RADIUS, _RIM = (2.25, 2.06, 1.78), 0.16, (0.55, 0.62, 0.75)
+_SKY = (0.60, 0.68, 0.82), (0.76, 0.80, 0.86), (0.66, 0.61, 0.55)
 
 
 def lights_of(eye: Eye) -> Lights:
