@@ -28,17 +28,20 @@ class DrawnOptions:
         (), "Folder of presets that win over the shipped ones. Repeatable."
     )
     render_rows: int | None = option(
-        None, "Rachis rows of the meshes.  [default: as simulated]", least=3, most=MOST_ROWS
+        None,
+        "Rows of the meshes along the rachis.  [default: as simulated]",
+        least=3,
+        most=MOST_ROWS,
     )
     render_columns: int | None = option(
         None,
-        "Barb columns a side of the meshes.  [default: as simulated]",
+        "Columns of the meshes on each side of the rachis.  [default: as simulated]",
         least=1,
         most=MOST_COLUMNS,
     )
     barbs: int | None = option(
         None,
-        "Write N barbs along each vane as curves, too: variant barbs of the root prim.",
+        "Also write N barbs along each vane as curves (variant `barbs` of the root prim).",
         least=1,
         most=MOST_BARBS,
         metavar="N",
@@ -77,16 +80,18 @@ class BakeOptions(WriteOptions, DrawnOptions):
     quality: str | None = option(None, "Quality preset instead of the shot's.", metavar="NAME")
     error: float | None = option(
         None,
-        "How far any point may be off, percent of a feather's length: what is simulated follows"
-        " from it, whatever the quality says.",
+        "How far any point may be off, in percent of a feather's length; rows, columns and steps"
+        " are chosen for it, instead of by the quality.",
         least=0.01,
         most=20,
         metavar="PERCENT",
     )
-    report: str | Path | None = option(None, "JSON file for figures of the run.")
+    report: str | Path | None = option(
+        None, "Write times, errors and other figures of the run to this JSON file."
+    )
     feathers: tuple[int, int] | None = option(
         None,
-        "Bake the I-th of N shares of the feathers, to OUT.IofN.usdc; I-J/N: some of them.",
+        "Bake the I-th of N shares of the feathers, to OUT.IofN.usdc; I-J/N: shares I to J.",
         form="I/N",
     )
 

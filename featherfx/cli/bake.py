@@ -32,6 +32,7 @@ from featherfx.limits import MOST_JOBS, MOST_SHARES, TASK_HOURS
 from featherfx.usd.write.options import StageOptions
 
 STAGE = tuple(each.name for each in fields(StageOptions))
+IN_STAGE = tuple(each for each in STAGE if each != "overwrite")
 DRAWN = tuple(each.name for each in fields(DrawnOptions) if each.name != "preset_folders")
 MOST_CHANGES = 12  # told of a bake that took over what they do not touch
 # Options of a bake that a plan sets itself, or that belong to one worker.
@@ -53,6 +54,13 @@ OF_TASKS = ("task_shares", "task_hours")
     featherfx bake shot.toml -o wing.usda --meters-per-unit 0.01 --up-axis Y --report wing.json
     featherfx bake a.toml b.toml --engine dask --workers 2 -o caches
     """,
+    sections={
+        "What is simulated": "--quality",
+        "What is written": "--chunk",
+        "The USD stage": "--meters-per-unit",
+        "Farms": "--feathers",
+        "Messages": "--report",
+    },
 )
 @click.argument("shots", metavar="SHOT...", type=readable_path(), nargs=-1, required=True)
 @output_option(
@@ -60,13 +68,13 @@ OF_TASKS = ("task_shares", "task_hours")
     "  [default: the shot's name with .usdc]",
     required=False,
 )
-@options_of(BakeOptions, "frames")
-@jobs_option("Feathers simulated at a time; the result does not depend on it.")
+@options_of(BakeOptions, "frames", "resume", "overwrite")
+@jobs_option("Threads; the result does not depend on it.")
 @options_of(BakeOptions, "quality", "error")
 @presets_option
-@options_of(BakeOptions, "report", "resume", "feathers", "chunk", "subframes")
-@options_of(BakeOptions, "form", "group", *DRAWN, "velocities", "accelerations", "diagnostics")
-@progress_option
+@options_of(BakeOptions, "chunk", "subframes", "form", "group", *DRAWN)
+@options_of(BakeOptions, "velocities", "accelerations", "diagnostics", *IN_STAGE)
+@options_of(BakeOptions, "feathers")
 @click.option(
     "--plan",
     type=click.IntRange(1, MOST_SHARES),
@@ -92,21 +100,26 @@ OF_TASKS = ("task_shares", "task_hours")
     type=click.Choice(["local", "dask"]),
     default="local",
     show_default=True,
-    help="dask: all shots, cut in shares, as one job of a Dask cluster.",
+    help="dask: bake all shots as one job of a Dask cluster, each cut into shares.",
 )
-@click.option("--scheduler", metavar="ADDRESS", help="Of a cluster.  [default: one is started]")
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="dask: address of a scheduler that runs.  [default: a cluster is started]",
+)
 @click.option(
     "--workers",
     type=click.IntRange(1, MOST_JOBS),
-    help="Processes of a cluster that is started; of another, how many to wait for."
-    "  [default: all cores; 1]",
+    help="dask: processes to start; with --scheduler, workers to wait for."
+    "  [default: all cores; with --scheduler 1]",
 )
 @click.option(
     "--shares",
     type=click.IntRange(1, MOST_SHARES),
-    help="Into how many each shot is cut.  [default: about two for each worker]",
+    help="dask: shares that each shot is cut into.  [default: about two for each worker]",
 )
-@options_of(BakeOptions, *STAGE)
+@options_of(BakeOptions, "report")
+@progress_option
 @click.pass_context
 def bake(
     ctx: click.Context,

@@ -26,10 +26,10 @@ from featherfx.cli.progress import Progress, about
 @progress_option
 @click.pass_context
 def doctor(ctx: click.Context, as_json: bool, no_test: bool, style: str) -> None:
-    """Tell versions, folders and extras, bake a sample feather, and say what is wrong.
+    """Report versions, folders and extras, bake a sample feather, and say what is wrong.
 
-    The self-test takes two seconds once the solver is compiled; before, it compiles it. Exits with
-    1 where there is a problem.
+    The self-test takes two seconds; the first time it also compiles the solver, which takes a
+    minute or two. Exits with 1 if there is a problem.
     """
     # reads metadata of packages, which other commands need not
     from featherfx.baking.doctor import examine

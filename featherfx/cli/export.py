@@ -36,24 +36,26 @@ from featherfx.cli.progress import Progress
 )
 @click.argument("cache", type=readable_path())
 @output_option(
-    "One plain USD file (.usd, .usdc, .usda), one Alembic file (.abc), or a mesh file per"
-    " frame (.glb, .obj, .ply, .stl)."
+    "File to write: USD (.usd, .usdc, .usda), Alembic (.abc), or a mesh file for each frame"
+    " (.glb, .obj, .ply, .stl)."
 )
-@click.option("--morph", is_flag=True, help="glTF: one animated .glb, a morph target a frame.")
-@click.option("--condensed", is_flag=True, help="USD: Houdini's condensed feathers.")
+@click.option(
+    "--morph", is_flag=True, help="glTF: one animated .glb with a morph target for each frame."
+)
+@click.option("--condensed", is_flag=True, help="USD: as Houdini's condensed feathers.")
 @click.option(
     "--rigid",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="MM",
-    help="USD: feathers that move rigidly within so many millimetres become transforms.",
+    help="USD: feathers that keep their shape within MM millimetres become transforms.",
 )
 @click.option(
     "--lod",
     type=NUMBERS,
     is_flag=False,
     flag_value="0.1,0.01,0.001",
-    help="USD: beside the cache versions with fewer points, each for feathers that take less than"
-    " a share of the view (0.1,0.01,0.001 where none are given).",
+    help="USD: add coarser versions as levels of detail; each NUMBER is the share of the view below"
+    " which the next is shown (0.1,0.01,0.001 where none are given).",
 )
 @click.option(
     "--frames", type=FRAMES, help="Alembic, meshes: first and last frame.  [default: all]"
@@ -106,7 +108,9 @@ def export(
 )
 @click.argument("cache", type=readable_path())
 @output_option("One plain USD file (.usd, .usdc, .usda).")
-@click.option("--speed", type=float, help="Frames of the cache that pass in a new one.")
+@click.option(
+    "--speed", type=float, help="Speed factor: 0.25 is four times slower, 2 twice as fast."
+)
 @click.option(
     "--keys",
     type=pairs("NEW:OLD,...", ":", ",", "keys", "1:1,24:12,48:48"),

@@ -131,7 +131,7 @@ def json_option(told: str = "One JSON object.") -> Callable[[Decorated], Decorat
     return click.option("--json", "as_json", is_flag=True, is_eager=True, help=told)
 
 
-def jobs_option(meaning: str = "Threads.") -> Callable[[Decorated], Decorated]:
+def jobs_option(meaning: str = "Threads to use.") -> Callable[[Decorated], Decorated]:
     """--jobs of a command; None where it is not given."""
     told = f"{meaning}  [default: all cores]"
     return click.option("--jobs", type=click.IntRange(1, MOST_JOBS), help=told)
@@ -206,7 +206,7 @@ def serving_options(command: Decorated) -> Decorated:
     """--port and --no-browser, of a page that is served."""
     port = click.IntRange(1, 65535)
     quiet = click.option("--no-browser", is_flag=True, help="Only print the address.")
-    told = "Of the server.  [default: a free one]"
+    told = "Port of the local server.  [default: a free one]"
     return click.option("--port", type=port, help=told)(quiet(command))
 
 
@@ -237,8 +237,8 @@ def presets_option(command: Decorated) -> Decorated:
         type=PresetFolder(),
         multiple=True,
         metavar="FOLDER",
-        help="Folder of presets that win over those of FEATHERFX_PRESETS, your own and the shipped"
-        f" ones, or '{SHIPPED}': the shipped ones win over what comes after. Repeatable.",
+        help="Search this folder for presets before those of FEATHERFX_PRESETS, your own and the"
+        f" shipped ones. '{SHIPPED}' stands for the shipped ones. Repeatable; the first wins.",
     )(command)
 
 
@@ -256,5 +256,6 @@ def progress_option(command: Decorated) -> Decorated:
         default="auto",
         show_default=True,
         callback=_one_on_stdout,
-        help="json: one JSON object a line on stderr; openjd: Open Job Description, on stdout.",
+        help="json: one JSON object a line, on stderr; openjd: lines of Open Job Description, on"
+        " stdout.",
     )(command)

@@ -55,18 +55,20 @@ def show_command(name: str, preset_folders: tuple[Path, ...]) -> None:
 @click.command(
     cls=Command,
     short_help="Copy a sample, a groom and a shot to start from.",
+    help=f"""Copy the files of the sample NAME and print where they are.
+
+    The copy can be baked as it is: featherfx bake DIR/shot.toml.
+
+    Samples: {", ".join(sample_names())}.
+    """,
     epilog="""
     featherfx sample swan_wing
     featherfx sample pigeon -o birds/mine
     """,
 )
-@click.argument("name", type=click.Choice(sample_names()))
+@click.argument("name", metavar="NAME", type=click.Choice(sample_names()))
 @output_option("New or empty folder for its files.  [default: NAME]", required=False, metavar="DIR")
 def sample(name: str, output: Path | None) -> None:
-    """Copy the files of the sample NAME and print where they are.
-
-    The copy can be baked as it is: featherfx bake DIR/shot.toml.
-    """
     for file in copy_sample(name, output or Path(name)):
         click.echo(str(file))
 

@@ -13,7 +13,7 @@ import threading
 import time
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -75,11 +75,25 @@ class _WithExamples(click.Command):
 
 
 class Command(_WithExamples):
-    """A command that takes --log and --verbose."""
+    """A command that takes --log and --verbose. sections: titles in its help, each before the
+    option that it begins with."""
 
-    def __init__(self, *args: Any, **options: Any) -> None:
+    def __init__(self, *args: Any, sections: Mapping[str, str] = {}, **options: Any) -> None:
         super().__init__(*args, **options)
+        self.sections = {first: title for title, first in sections.items()}
         self.params += [_log_option(), _verbose_option()]
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        parts: dict[str, list[tuple[str, str]]] = {"Options": []}
+        for each in self.get_params(ctx):
+            if each.opts[-1] in self.sections:
+                parts[self.sections[each.opts[-1]]] = []
+            told = each.get_help_record(ctx) if isinstance(each, click.Option) else None
+            if told is not None:
+                parts[list(parts)[-1]].append(told)
+        for title, rows in parts.items():
+            with formatter.section(title):
+                formatter.write_dl(rows)
 
 
 class CommandGroup(_WithExamples, click.Group):

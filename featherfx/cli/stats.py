@@ -33,7 +33,7 @@ from featherfx.cli.progress import Progress
     """,
 )
 @click.argument("file", metavar="SHOT|GROOM", type=readable_path())
-@jobs_option("Of the bake.")
+@jobs_option("Threads of the bake that is predicted.")
 @json_option("One JSON object; SI units, bytes.")
 @quality_option("Quality preset.  [default: the shot's, or final]")
 @presets_option
@@ -43,7 +43,8 @@ from featherfx.cli.progress import Progress
     type=click.FloatRange(0.1, 3600.0),
     default=TRIAL_SECONDS,
     show_default=True,
-    help="About how much processor time to learn from a few feathers what all take; more is surer.",
+    help="Processor time for trying a few feathers, from which the rest is predicted; more is"
+    " surer.",
 )
 @progress_option
 def stats(

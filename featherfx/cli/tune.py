@@ -22,7 +22,7 @@ _OF_WING = "wing_primary_*"
 
 @click.command(
     cls=Command,
-    short_help="Change presets by sliders, in a browser, while feathers are simulated.",
+    short_help="Change presets with sliders, in a browser, while feathers move.",
     epilog="""
     featherfx tune swan_primary
     featherfx tune wing/pigeon --motion flap
@@ -36,8 +36,8 @@ _OF_WING = "wing_primary_*"
     "feathers",
     multiple=True,
     metavar="ID",
-    help=f"Only these of a shot or wing, with * and ? as wild cards. Repeatable.  [default: all of"
-    f" a shot, {_OF_WING} of a wing]",
+    help="Show only these feathers of a shot or wing; * and ? are wild cards. Repeatable."
+    f"  [default: all of a shot, {_OF_WING} of a wing]",
 )
 @click.option(
     "--into",
@@ -47,9 +47,15 @@ _OF_WING = "wing_primary_*"
     metavar="FOLDER",
     help="Folder of presets that `save` writes into.",
 )
-@click.option("--wind", metavar="NAME", help=f"Of a preset that is none.  [default: {_WIND}]")
-@click.option("--motion", metavar="NAME", help=f"The same, of motion.  [default: {_MOTION}]")
-@click.option("--quality", metavar="NAME", default="draft", show_default=True)
+@click.option(
+    "--wind", metavar="NAME", help=f"Wind in which a preset is shown.  [default: {_WIND}]"
+)
+@click.option(
+    "--motion", metavar="NAME", help=f"Motion in which a preset is shown.  [default: {_MOTION}]"
+)
+@click.option(
+    "--quality", metavar="NAME", default="draft", show_default=True, help="Quality preset."
+)
 @presets_option
 @serving_options
 @overwrite_option("`save` may replace presets in the folder.")
@@ -64,12 +70,12 @@ def tune(
     overwrite: bool,
     **serving: Any,
 ) -> None:
-    """Simulate a SHOT (TOML), or a feather or wing of a PRESET, and change its presets by sliders.
+    """Simulate a SHOT (TOML), or one feather or wing of a PRESET, while you move sliders.
 
-    Drag a feather to pull it, beside it to turn the view (with shift anywhere); b blows along the
-    view while it is held. `save` writes presets with only what was changed, which extend those of
-    their own names: give their folder to `bake --presets`. The server is on this machine alone, for
-    who has the address with its token, and writes nothing but these presets; Ctrl-C ends it.
+    In the page: drag a feather to pull it; drag beside it, or anywhere with shift, to turn the
+    view; hold b to blow along the view. `save` writes presets that hold only what you changed; give
+    their folder to `bake --presets`. The address works on this machine only and holds a secret
+    token; the server writes nothing but these presets. Ctrl-C ends it.
     """
     # simulates and draws, which takes its time to load
     from featherfx.view.live import Live, LiveServer, LiveSource, presets_of

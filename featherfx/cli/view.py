@@ -44,7 +44,8 @@ _QUALITY = "draft"
     "--against",
     type=readable_path(),
     metavar="CACHE",
-    help="Beside another cache, in the same camera and frames, or as the distance from it.",
+    help="Show CACHE beside the file, in the same camera and frames, or colour by the distance"
+    " between the two.",
 )
 @click.option(
     "--html",
@@ -57,11 +58,13 @@ _QUALITY = "draft"
     type=click.FloatRange(0.1, 10_000.0),
     default=64.0,
     show_default=True,
-    help="Of all frames of a file before they are packed, or of those of a second that a server"
-    " gives: above, points, then frames of a file, are left out, and the page says so.",
+    help="Most data that the page gets: with --html all frames, before they are packed; else one"
+    " second of frames. What is above is thinned out: points first, then frames. The page says so.",
 )
 @serving_options
-@click.option("--quality", metavar="NAME", help=f"Of grooms and shots.  [default: {_QUALITY}]")
+@click.option(
+    "--quality", metavar="NAME", help=f"Quality preset for a groom or shot.  [default: {_QUALITY}]"
+)
 @progress_option
 @overwrite_option("Replace a file that exists.")
 def view(
@@ -74,11 +77,11 @@ def view(
     overwrite: bool,
     **serving: Any,
 ) -> None:
-    """Play CACHE (USD), or a GROOM at rest, or a SHOT (TOML), which is baked for it.
+    """Play a CACHE (USD), show a GROOM at rest, or bake a SHOT (TOML) and play it.
 
-    Drag turns, the wheel zooms, a click picks a feather, space plays, f looks at the feather, h at
-    the whole. The server is on this machine alone, gives only this cache, and only to who has the
-    address with its token; Ctrl-C ends it.
+    In the page: drag to turn, wheel to zoom, click to pick a feather, space to play, f to frame the
+    picked feather, h to frame all. The address works on this machine only and holds a secret token;
+    the server gives nothing but this cache. Ctrl-C ends it.
     """
     if quality and file.suffix != ".toml":
         raise click.UsageError("--quality is for grooms and shots")

@@ -177,7 +177,7 @@ async function live(kit) {
     byId("numbers").textContent = [
       `${state.rate.toFixed(0)} updates a second, ${milliseconds.toFixed(1)} ms each`,
       `iterations ${iterations.toFixed(1)} a feather`,
-      `energy in µJ: kinetic ${micro(energy.kinetic)}, elastic ${micro(energy.elastic)}, of height ${micro(energy.height)}`,
+      `energy in µJ: kinetic ${micro(energy.kinetic)}, elastic ${micro(energy.elastic)}, of gravity ${micro(energy.height)}`,
     ].join("\n");
     kit.showKey();
   }

@@ -299,7 +299,8 @@
   // How near a camera may come that still sees these points, with a margin for the bar below.
   function nearest(runs, way, size) {
     const right = new THREE.Vector3(0, 0, 1).cross(way).normalize(), up = way.clone().cross(right);
-    const high = Math.tan((Math.PI / 180) * 0.5 * camera.fov) * 0.84, wide = high * camera.aspect, p = new THREE.Vector3();
+    const room = header.live ? 0.6 : 0.84; // what is shaken needs more
+    const high = Math.tan((Math.PI / 180) * 0.5 * camera.fov) * room, wide = high * camera.aspect, p = new THREE.Vector3();
     let away = 0.01 * size;
     for (const [own, begin, count] of runs)
       for (let k = begin; k < begin + count; k++) {

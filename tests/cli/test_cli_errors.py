@@ -3,11 +3,13 @@
 import contextlib
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
 from dataclasses import fields
 
+import click
 import pytest
 from commands import invoke
 from places import SAMPLES
@@ -176,6 +178,17 @@ def test_help_of_every_command_shows_examples(command):
 def test_every_option_of_a_function_is_one_of_the_command(command, options):
     names = {param.name for param in main.commands[command].params}
     assert {each.name for each in fields(options)} <= names
+
+
+def test_the_many_options_of_a_bake_stand_under_titles():
+    text = invoke("bake", "--help").stdout
+    for option in main.commands["bake"].params:
+        if isinstance(option, click.Option):
+            assert len(re.findall(rf"^  (-o, )?{option.opts[-1]} ", text, re.M)) == 1, option.name
+    order = ["Options:", "--frames", "What is simulated:", "--quality", "What is written:"]
+    order += ["--group", "Farms:", "--plan", "Messages:", "--verbose", "Examples:"]
+    places = [text.index(f"  {each}" if each.startswith("-") else each) for each in order]
+    assert places == sorted(places)
 
 
 def test_help_answers_at_once():

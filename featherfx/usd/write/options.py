@@ -28,26 +28,26 @@ class StageOptions:
 
     meters_per_unit: float | None = option(
         None,
-        "Unit of length in the USD file; 0.01 for centimetres. Points are scaled."
+        "Unit of length in the USD file; 0.01 for centimetres. Points are converted."
         "  [default: that of the skin's or groom's stage, else 1]",
         above=0.0,
     )
     up_axis: str | None = option(
         None,
-        "Axis that points up in the USD file. Points are turned."
+        "Axis that points up in the USD file. Points are converted."
         "  [default: that of the skin's or groom's stage, else Z]",
         allowed=UP_AXES,
     )
     layout: str = option(
         "auto",
-        "One file; a root that loads topology and animation as a payload; or the same"
-        " with the animation as value clips. auto: flat up to 256 MB of samples, else clips.",
+        "flat: one file; payload: a small root that loads topology and animation as payloads;"
+        " clips: the same with animation as value clips; auto: flat up to 256 MB, else clips.",
         allowed=LAYOUTS,
     )
     textures: int | None = option(
         None,
-        "Write the colours as pictures, too, a chart of N pixels along each feather, for materials"
-        " that take them and to paint over.",
+        "Also write the colours as pictures, with N pixels along each feather, for materials and"
+        " to paint over.",
         least=32,
         most=2048,
         metavar="N",
@@ -61,39 +61,42 @@ class WriteOptions(StageOptions):
 
     chunk: int | None = option(
         None,
-        "Frames that are written, and can be resumed after, at a time."
-        f"  [default: {CHUNK}, of feathers that push each other {PUSHING_CHUNK}]",
+        "Frames written at a time; --resume goes on after the last that is complete."
+        f"  [default: {CHUNK}; {PUSHING_CHUNK} where feathers push each other]",
         least=1,
         most=MOST_FRAMES,
     )
-    subframes: int = option(1, "Samples a frame, for motion blur.", least=1, most=MOST_SUBFRAMES)
+    subframes: int = option(1, "Samples per frame, for motion blur.", least=1, most=MOST_SUBFRAMES)
     group: str | None = option(
         None,
-        "Feathers that share a mesh and its curves: each its own, those of a kind or region, or all"
-        "; without a region by kind.  [default: feather up to 200 feathers, region above]",
+        "Which feathers share one mesh: none, those of a kind, of a region, or all. Those without a"
+        " region go by kind.  [default: feather up to 200 feathers, region above]",
         allowed=GROUPS,
     )
     form: str = option(
         MESH,
-        "What is written of a feather: its mesh and shaft; its shaft with its barbs as arrays, as"
-        " Houdini's condensed feathers; shaft and --barbs as curves; or mesh and condensed.",
+        "Form of a feather in the file. mesh: mesh and shaft; condensed: a curve that carries its"
+        " barbs, as Houdini's condensed feathers; curves: shaft and --barbs; both: mesh and"
+        " condensed.",
         allowed=FORMS,
         flag="--as",
     )
     velocities: str = option(
         "full",
-        "Velocities, and accelerations, at every sample; the first in half precision as the primvar"
-        " halfVelocities, which most renderers pass over; or none.",
+        "full: velocities at every sample; half: in half precision, as the primvar halfVelocities,"
+        " which most renderers do not read; none: leave them out.",
         allowed=("full", "half", "none"),
     )
-    accelerations: bool = option(False, "Write accelerations beside velocities.")
+    accelerations: bool = option(False, "Also write accelerations.")
     diagnostics: Sequence[str] = option(
         (),
-        "Write strain, energy or strain,energy of the vanes, per face and sample.",
+        "Also write strain, energy or strain,energy of the vanes, per face and sample.",
         allowed=("strain", "energy"),
     )
     resume: bool = option(
-        False, "Continue after the frames that an earlier bake of this shot left, killed or not."
+        False,
+        "Go on after the frames that an earlier bake of this shot has finished; after a change,"
+        " simulate only the feathers that it touches.",
     )
 
     @property
