@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from featherfx.algebra.ease import faded
+from featherfx.algebra.srgb import linear
 from featherfx.algebra.types import Array
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, RACHIS, TRAILING, BarbCurves, Feather, barb_slice
@@ -45,18 +46,6 @@ class Colours:
     barbs: Array | None = None
     film: Array | None = None
     barb_film: Array | None = None
-
-
-def linear(colour: Array) -> Array:
-    """Light of colours as displays show them (sRGB, IEC 61966-2-1)."""
-    low = colour <= 0.04045
-    return np.where(low, colour / 12.92, ((np.maximum(colour, 0) + 0.055) / 1.055) ** 2.4)
-
-
-def displayed(light: Array) -> Array:
-    """Colours as displays show them of light, 0 to 1; undoes `linear`."""
-    light = np.clip(light, 0.0, 1.0)
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
 
 
 def colours_of(

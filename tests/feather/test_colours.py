@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from trial_batches import preset_kind
 
+from featherfx.algebra.srgb import linear
 from featherfx.feather.build import build_feather
-from featherfx.feather.colours import colours_of, linear
+from featherfx.feather.colours import colours_of
 from featherfx.feather.render import barb_curves
 from featherfx.feather.types import RACHIS
 from featherfx.groom.looks import Colour, Pattern

@@ -10,7 +10,8 @@ from places import SAMPLES
 from pxr import Usd, UsdGeom, UsdShade
 
 import featherfx
-from featherfx.feather.colours import VANE, linear
+from featherfx.algebra.srgb import linear
+from featherfx.feather.colours import VANE
 from featherfx.shot.dependence import dependences
 from featherfx.shot.read.read import read_shot
 from featherfx.usd.check.check import check_usd

@@ -41,6 +41,13 @@ SKIN = {
         "Most feathers that all regions may make; a density that asks for more is refused.",
         MOST_SCATTERED,
     ),
+    "colours": Key(
+        Text(),
+        "Colours of the feathers that grow on it, by where their roots are: a primvar of three "
+        "components, such as displayColor, which is linear, or a picture in its texture space "
+        "beside the groom, which is sRGB. Over those of a bird, below [overrides].",
+        None,
+    ),
 }
 
 NEAREST = {

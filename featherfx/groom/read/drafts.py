@@ -46,7 +46,8 @@ class Draft:
     scale, width, stiffness, weight: factors. place: where it was written, for problems. shape: of
     a drawn feather. skin, skin_uv, layer, stack, grown, turning: as in Placement. curl, hollow:
     deg, added to the camber of the shaft and of the barbs. wrap: of barbs, as in Change. mixture:
-    regions between which it stands, and how much there is of each; empty within one.
+    regions between which it stands, and how much there is of each; empty within one. paint: sRGB
+    of the skin where it stands; empty where this has no colours.
     """
 
     id: str
@@ -73,6 +74,7 @@ class Draft:
     weight: float = 1.0
     turning: Turning | None = None
     mixture: tuple[tuple[str, float], ...] = ()
+    paint: tuple[float, ...] = ()
 
 
 def other_side(name: str) -> str | None:

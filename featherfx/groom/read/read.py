@@ -25,7 +25,7 @@ from featherfx.groom.read import drafts as draft_rules
 from featherfx.groom.read.drafts import Draft, draws, other_side, variant_number
 from featherfx.groom.read.drawn import drawn_changes, drawn_drafts
 from featherfx.groom.read.file_kind import file_kind
-from featherfx.groom.read.shades import shaded
+from featherfx.groom.read.shades import painted, shaded
 from featherfx.groom.read.space import Space, in_groom, kept_skins
 from featherfx.groom.read.table import MOST_REPORTED, read_table
 from featherfx.groom.read.told import told
@@ -127,6 +127,7 @@ def groom_of(
     drafts = _overridden(colours, drafts, place.child("bird"), store, True)
     if colours:
         drafts = shaded(colours, drafts, place.child("bird"), store)
+    drafts = painted(drafts, place.child("skin").child("colours"), store)
     for rules, at in ((parts["overrides"], place), *above):
         drafts = _overridden(rules, drafts, at.child("overrides"), store)
     _check_ids(drafts)

@@ -1,7 +1,8 @@
 """Colours of feathers between parts of a bird: where two pass into each other, so do their colours.
 
 A feather that stands where regions overlap has the mean of their base colours by how much of each
-there is, as it has their mean length; patterns stay those of its own region.
+there is, as it has their mean length; patterns stay those of its own region. A skin that is painted
+has the last word on both.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.drafts import Draft
+
+_STEPS = 64  # of a painted colour
 
 
 def shaded(
@@ -38,6 +41,23 @@ def shaded(
             numbers[draft.mixture] = store.change(sourced(change, place.source), place)
         if mixed:
             changes = (*draft.choice.changes, numbers[draft.mixture])
+            draft = replace(draft, choice=replace(draft.choice, changes=changes))
+        result.append(draft)
+    return result
+
+
+def painted(drafts: list[Draft], place: Place, store: KindStore) -> list[Draft]:
+    """The drafts, those that stand on a painted skin with its colour as their base."""
+    numbers: dict[tuple[float, ...], int] = {}
+    result = []
+    for draft in drafts:
+        if draft.paint:
+            # few enough that feathers share their kinds
+            base = tuple(round(round(each * _STEPS) / _STEPS, 4) for each in draft.paint)
+            if base not in numbers:
+                change = {"colour": {"base": base}}
+                numbers[base] = store.change(sourced(change, place.source), place)
+            changes = (*draft.choice.changes, numbers[base])
             draft = replace(draft, choice=replace(draft.choice, changes=changes))
         result.append(draft)
     return result

@@ -22,7 +22,15 @@ from featherfx.groom.read.drafts import CurveReader, Draft
 from featherfx.groom.read.drawn import SceneReader
 from featherfx.groom.read.space import SkinsReader, Space
 from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, region_kinds, shapes
-from featherfx.groom.regions.rules import GroomSkin, Presence, Rule, along_skin, flow, presence
+from featherfx.groom.regions.rules import (
+    GroomSkin,
+    Presence,
+    Rule,
+    along_skin,
+    flow,
+    painted_colours,
+    presence,
+)
 from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
 from featherfx.groom.skin.points import SkinSource, SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree
@@ -45,6 +53,7 @@ class _Region:
     presence: Presence
     flow: Rule
     space: Space
+    colours: Rule | None
 
     def length(self, points: SurfacePoints) -> Array:
         """(N,) m, at points; of several kinds the mean."""
@@ -137,10 +146,15 @@ def _region_drafts(
     if len(place.problems) > count or len(sources) < len(paths):
         return (), None
     skins = {path: GroomSkin(SkinSurface(each), space, folder) for path, each in sources.items()}
+    colours: dict[str, Rule] = {}
+    for path, each in skins.items() if skin["colours"] else ():
+        with place.problems.collecting():
+            colours[path] = painted_colours(skin["colours"], each, place.child("colours"))
     regions = []
     for at, entry in entries:
         with place.problems.collecting():
-            regions.append(_region(entry, at, skins[entry["prim"] or skin["prim"]], store))
+            path = entry["prim"] or skin["prim"]
+            regions.append(_region(entry, at, skins[path], store, colours.get(path)))
     counts = [_count(region) for region in regions]
     _check_total(regions, counts, skin["most"], place)
     if len(place.problems) > count:
@@ -152,7 +166,9 @@ def _region_drafts(
     return tuple(drafts), np.concatenate([surface.corners for surface in surfaces])
 
 
-def _region(entry: dict[str, Any], place: Place, skin: GroomSkin, store: KindStore) -> _Region:
+def _region(
+    entry: dict[str, Any], place: Place, skin: GroomSkin, store: KindStore, colours: Rule | None
+) -> _Region:
     """Raises InputError."""
     surface = skin.surface
     _, kinds, where, along = all_of(
@@ -167,7 +183,7 @@ def _region(entry: dict[str, Any], place: Place, skin: GroomSkin, store: KindSto
             f"{length:g} m is longer than the whole skin {surface.source.path}, "
             f"{surface.diagonal:.3g} m; are its units right?"
         )
-    return _Region(entry, place, surface, kinds, where, along, skin.space)
+    return _Region(entry, place, surface, kinds, where, along, skin.space, colours)
 
 
 def _check_number(entry: dict[str, Any], place: Place) -> None:
@@ -229,6 +245,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     left = np.full(len(points), entry["side"] == "left")
     if entry["side"] == "auto":
         left = region.space.is_left(points.position)
+    paint = None if region.colours is None else region.colours(points).clip(0.0, 1.0)
     return [
         Draft(
             id=f"{entry['id']}_{found.number[k]:06d}",
@@ -250,6 +267,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
             stiffness=entry["stiffness"],
             weight=entry["weight"],
             mixture=mixtures[k],
+            paint=() if paint is None else tuple(paint[k].tolist()),
         )
         for k in range(len(points))
     ]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.ease import faded
+from featherfx.algebra.srgb import displayed
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of
@@ -96,21 +97,30 @@ def painted(
     return (lambda points: np.clip(points.interpolated(corners), 0.0, 1.0)), corners
 
 
-def _image(path: Path, surface: SkinSurface, at: Place) -> tuple[Rule, Any]:
+def painted_colours(value: str, skin: GroomSkin, at: Place) -> Rule:
+    """(N, 3) sRGB at points of a skin, by a primvar or a picture. Raises InputError."""
+    if "." in value:
+        return _image(skin.folder / value, skin.surface, at, "RGB")[0]
+    corners = skin.surface.source.colours(value, at)
+    return lambda points: displayed(points.interpolated(corners))
+
+
+def _image(path: Path, surface: SkinSurface, at: Place, mode: str = "L") -> tuple[Rule, Any]:
     if surface.source.st is None:
         at.refuse(f"{surface.source.path} has no primvars:st")
-    corners, picture = surface.source.st, surface.source.image(path, at)
+    corners, picture = surface.source.st, surface.source.image(path, at, mode)
     return (lambda points: _bilinear(picture, points.interpolated(corners))), (corners, picture)
 
 
 def _bilinear(grey: Array, st: Array) -> Array:
-    """Values of a picture at texture coordinates (N, 2); its lower left corner is (0, 0)."""
-    height, width = grey.shape
+    """Values of a picture, grey or in colours, at texture coordinates (N, 2); its lower left corner
+    is (0, 0)."""
+    height, width = grey.shape[:2]
     x = np.clip(st[:, 0] * width - 0.5, 0.0, width - 1.0)
     y = np.clip((1.0 - st[:, 1]) * height - 0.5, 0.0, height - 1.0)
     left, top = x.astype(int), y.astype(int)
     right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    u, v = x - left, y - top
+    u, v = (each.reshape(-1, *[1] * (grey.ndim - 2)) for each in (x - left, y - top))
     upper = (1.0 - u) * grey[top, left] + u * grey[top, right]
     lower = (1.0 - u) * grey[bottom, left] + u * grey[bottom, right]
     return np.asarray((1.0 - v) * upper + v * lower)

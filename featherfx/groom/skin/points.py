@@ -45,14 +45,17 @@ class SkinSource(Protocol):
     def weights(self, name: str, place: Place) -> Array:
         """(T, 3) a scalar primvar at the corners."""
 
+    def colours(self, name: str, place: Place) -> Array:
+        """(T, 3, 3) a primvar of three components at the corners."""
+
     def vectors(self, name: str, place: Place) -> Array:
         """(T, 3, 3) a vector primvar at the corners, in the world."""
 
     def subset(self, name: str, place: Place) -> Flags:
         """(T,) whether triangles are of a named set of faces."""
 
-    def image(self, path: Path, place: Place) -> Array:
-        """(H, W) grey values 0 to 1 of a picture, top row first."""
+    def image(self, path: Path, place: Place, mode: str = "L") -> Array:
+        """(H, W) grey values 0 to 1 of a picture, top row first; (H, W, 3) sRGB in mode RGB."""
 
     def curves(self, prims: tuple[str, ...], place: Place) -> list[Array]:
         """Polylines (k, 3) m of curves at or below prims."""

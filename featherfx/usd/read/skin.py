@@ -93,6 +93,10 @@ class StageSkin:
         """(T, 3) a scalar primvar at the corners."""
         return self._primvar(name, 1, place)
 
+    def colours(self, name: str, place: Place) -> Array:
+        """(T, 3, 3) a primvar of three components at the corners."""
+        return self._primvar(name, 3, place)
+
     def vectors(self, name: str, place: Place) -> Array:
         """(T, 3, 3) a vector primvar at the corners, in the world."""
         local = self._primvar(name, 3, place)
@@ -111,15 +115,15 @@ class StageSkin:
             indices = sized_array(subsets[name].GetIndicesAttr(), EARLIEST, INTEGERS)
             return np.isin(self.face, indices)
 
-    def image(self, path: Path, place: Place) -> Array:
-        """(H, W) grey values 0 to 1 of a picture, top row first."""
+    def image(self, path: Path, place: Place, mode: str = "L") -> Array:
+        """(H, W) grey values 0 to 1 of a picture, top row first; (H, W, 3) sRGB in mode RGB."""
         try:
             from PIL import Image
         except ImportError:
             place.refuse('needs Pillow; pip install "featherfx[preview]"')
         try:
             with Image.open(path) as image:
-                return np.asarray(image.convert("L"), dtype=np.float64) / 255.0
+                return np.asarray(image.convert(mode), dtype=np.float64) / 255.0
         except FileNotFoundError:
             place.refuse(f"{path}: there is no such file")
         except OSError as error:

@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.srgb import displayed
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import Problem
-from featherfx.feather.colours import VANE, brightness, charted, displayed
+from featherfx.feather.colours import VANE, brightness, charted
 from featherfx.files.whole import Store
 from featherfx.usd.types import FeatherEntry, OutputError
 
