@@ -1,5 +1,5 @@
 """`python -m featherfx`: the same as the command `featherfx`."""
 
-from featherfx.cli.main import main
+from featherfx.cli.main import run
 
-main(prog_name="featherfx")
+run()

@@ -16,7 +16,7 @@ from featherfx.cli.lab.group import lab
 from featherfx.cli.plugins import plugins
 from featherfx.cli.presets import presets, sample, schema
 from featherfx.cli.preview import preview
-from featherfx.cli.program import Program
+from featherfx.cli.program import Program, leave
 from featherfx.cli.stats import error, stats
 from featherfx.cli.trace import trace
 from featherfx.cli.tune import tune
@@ -56,3 +56,12 @@ for command in (
     completion,
 ):
     main.add_command(command)
+
+
+def run() -> None:
+    """The command as a process of its own."""
+    try:
+        main(prog_name="featherfx")
+    except SystemExit as end:
+        leave(end.code)
+        raise

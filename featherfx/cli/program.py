@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import errno
 import io
@@ -142,6 +143,24 @@ def _process_begin() -> float:
     except (OSError, ValueError, IndexError, AttributeError):
         return _begun[0]
     return min(time.perf_counter() - since, _begun[0])
+
+
+def leave(code: Any) -> None:
+    """End the process as Python does, but without taking apart all that it holds, which is a fifth
+    of the time of a short bake. Returns where Python itself has to: other threads work on, a
+    profiler waits for the end, or what was written last cannot be."""
+    threads = [each for each in threading.enumerate() if not each.daemon]
+    if not isinstance(code, int) or sys.getprofile() or sys.gettrace():
+        return
+    if threads != [threading.current_thread()]:
+        return
+    atexit._run_exitfuncs()
+    try:
+        for stream in filter(None, (sys.stdout, sys.stderr)):
+            stream.flush()
+    except (OSError, ValueError):
+        return
+    os._exit(code)
 
 
 _came: list[int] = []  # interrupts of this run

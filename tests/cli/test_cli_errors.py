@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import json
 import os
 import re
 import signal
@@ -200,6 +201,49 @@ def test_help_answers_at_once():
     # a third of a second; this bound only catches a heavy import
     spent = after.children_user + after.children_system
     assert spent - before.children_user - before.children_system < 1.5
+
+
+def test_a_command_is_over_when_its_report_says_so(tmp_path):
+    """Nearly all of its processor time is in the report; a fifth was for taking apart modules."""
+    report = tmp_path / "report.json"
+    shown = ["-o", str(tmp_path / "pull.usdc"), "--frames", "1-2", "--overwrite"]
+    options = [*shown, "--jobs", "1", "--report", str(report)]
+    for _ in range(2):  # the first may have helpers compile
+        before = os.times()
+        bake = [sys.executable, "-m", "featherfx", "bake", str(SHOT), *options]
+        subprocess.run(bake, check=True, stderr=subprocess.DEVNULL)
+        after = os.times()
+    spent = after.children_user + after.children_system
+    spent -= before.children_user + before.children_system
+    assert spent - json.loads(report.read_text())["processor_seconds"] < 0.1 * spent
+
+
+LEAVE = """
+import atexit, threading, time
+from featherfx.cli.program import leave
+print(100_000 * "x")
+atexit.register(print, "at exit")
+{}
+leave(3)
+print("Python ends")
+"""
+WORKING = "threading.Thread(target=lambda: time.sleep(0.2) or print('thread')).start()"
+
+
+@pytest.mark.parametrize(
+    ("before", "code", "said"),
+    [
+        ("", 3, ["at exit"]),
+        (WORKING, 0, ["Python ends", "thread", "at exit"]),
+        ("__import__('sys').setprofile(lambda *_: None)", 0, ["Python ends", "at exit"]),
+    ],
+)
+def test_what_waits_for_the_end_of_a_command_is_not_cut_off(before, code, said):
+    script = [sys.executable, "-c", LEAVE.format(before)]
+    done = subprocess.run(script, capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    lines = done.stdout.splitlines()
+    assert [len(lines[0]), *lines[1:]] == [100_000, *said]
 
 
 def test_an_interrupt_that_a_library_swallows_is_not_lost(monkeypatch):
