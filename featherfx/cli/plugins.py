@@ -44,12 +44,17 @@ def list_command(as_json: bool) -> None:
     "install",
     cls=Command,
     short_help="Install the plugin of a program.",
+    help=f"""Install the plugin of HOST, which calls the featherfx that installed it, and print its
+    folder. It appears complete or not at all.
+
+    Hosts: {", ".join(HOSTS)}.
+    """,
     epilog="""
     featherfx plugins install houdini
     featherfx plugins install usdview --into ~/usd_plugins
     """,
 )
-@click.argument("host", type=click.Choice(tuple(HOSTS)))
+@click.argument("host", metavar="HOST", type=click.Choice(tuple(HOSTS)))
 @click.option(
     "--into",
     type=click.Path(path_type=Path),
@@ -58,10 +63,6 @@ def list_command(as_json: bool) -> None:
 )
 @overwrite_option("Replace a plugin that is installed.")
 def install_command(host: str, into: Path | None, overwrite: bool) -> None:
-    """Install the plugin of HOST, which calls the featherfx that installed it.
-
-    Prints its folder. It appears complete or not at all.
-    """
     folder, then = install(host, into, overwrite)
     click.echo(str(folder))
     tell(then)

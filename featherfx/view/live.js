@@ -149,11 +149,11 @@ async function live(kit) {
       return;
     }
     asked = ask();
-    const found = kit.unpacked(header.points, buffer, 4 + size);
+    const found = unpacked(header.points, buffer, 4 + size);
     if (value !== "points") found.values[value] = new Uint8Array(buffer, 28 + size + 6 * header.points, header.points);
     if (kit.mode() === "velocity") {
       const seconds = before ? now.time - before.time : 0;
-      found.speeds = seconds > 0 ? kit.speedsBetween(kit.pointsOf(before.found), kit.pointsOf(found), seconds) : new Float32Array(header.points);
+      found.speeds = seconds > 0 ? kit.speedsBetween(pointsOf(before.found), pointsOf(found), seconds) : new Float32Array(header.points);
     }
     before = { time: now.time, found };
     kit.settle();

@@ -18,7 +18,7 @@ from featherfx.usd.write.output import file_problems
 from featherfx.view.played import Played, packed
 
 _FOLDER = Path(__file__).parent
-_SCRIPTS = ("software.js", "page.js")
+_SCRIPTS = ("software.js", "shown.js", "page.js")
 _ALL = 1 << 62  # points
 _KEPT_BYTES = 400_000_000  # of frames that a page keeps in memory
 # of the names of what belongs to one and another cache

@@ -102,6 +102,11 @@ def test_an_unknown_preset_names_the_nearest():
     result = invoke("presets", "show", "swan_vanee")
     assert result.exit_code == 1
     assert "swan_vane" in result.stderr
+    # of one family those of that family alone
+    told = invoke("presets", "show", "quality/zzz").stderr
+    assert "known: draft, final" in told
+    assert "swan" not in told
+    assert "did you mean 'quality'?" in invoke("presets", "show", "qualty/draft").stderr
 
 
 def test_preview_draws(rest, tmp_path):

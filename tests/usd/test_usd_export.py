@@ -57,6 +57,8 @@ def test_condensed_feathers_carry_the_barbs(tmp_path, caches):
     path = tmp_path / "condensed.usda"
     pipeline.export(caches["clips"], path, condensed=True)
     assert pipeline.check(path) == []
+    with pytest.raises(InputError, match="without the shapes of `bake --as condensed`"):
+        Cache(path)
     stage = Usd.Stage.Open(str(path))
     curve = UsdGeom.BasisCurves.Get(stage, "/condensed/primary_1")
     for code in (1, 4):

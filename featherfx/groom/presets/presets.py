@@ -62,8 +62,10 @@ def _named(name: str, library: Library) -> tuple[str, str]:
         return hits[0], short
     if hits:
         fault = f"stands for several presets: {', '.join(f'{each}/{short}' for each in hits)}"
+    elif not families:
+        fault = f"there is no family '{family}', {nearest(family, FAMILIES)}"
     else:
-        known = {each for one in FAMILIES for each in library.names(one)}
+        known = {each for one in families for each in library.names(one)}
         fault = f"there is no such preset, {nearest(short, known)}"
     raise InputError(Problem("presets", name, fault))
 

@@ -155,7 +155,7 @@ class Cache:
         found = [(own, feather) for each in _drawn(self._stage) for own, feather in each]
         found = found or list(_expanded(self._stage))
         if not found:
-            raise InputError(Problem(str(path), "", "holds no visible mesh"))
+            raise InputError(Problem(str(path), "", _without_mesh(self._stage)))
         self._own = [own for own, _ in found]
         self._last_runs: tuple[list[int], list[list[int]]] = [], []
         names = unique_prim_names([feather.name for _, feather in found])
@@ -364,6 +364,17 @@ def _drawn(stage: Any) -> Iterator[list[tuple[_Own, CachedFeather]]]:
             )
             for member, feather in known[path]
         ]
+
+
+def _without_mesh(stage: Any) -> str:
+    """What is said of a stage that shows no mesh."""
+    told = "holds no visible mesh"
+    if any(prim.HasAttribute("primvars:P_barbl") for prim in stage.Traverse()):
+        told += (
+            "; its condensed feathers are without the shapes of `bake --as condensed`, so they can"
+            " only be read as a groom"
+        )
+    return told
 
 
 def _expanded(stage: Any) -> Iterator[tuple[_Own, CachedFeather]]:
