@@ -16,7 +16,7 @@ from __future__ import annotations
 from featherfx.jit.compiled import kernel
 
 UNEVEN = 0.6  # of the free end, by which barbs differ at most
-SPLITS, DEEP, WIDE = 0.012, 0.55, 0.9  # share of boundaries, of the barb, half width in barbs
+SPLITS, DEEP, WIDE = 0.007, 0.55, 0.9  # share of boundaries, of the barb, half width in barbs
 LOOSE, BARBULES, DENSE = 0.5, 90.0, 0.8  # number on a barb, share of its length that they cover
 
 
