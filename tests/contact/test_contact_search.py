@@ -249,6 +249,7 @@ def in_one_island(active):
         fresh=np.zeros(bodies, dtype=np.int8),
         soft=np.zeros(bodies, dtype=np.int8),
         active=active.astype(np.int8),
+        moved=np.ones(bodies, dtype=np.int8),
         worst=np.zeros(bodies),
         depth=np.zeros(bodies),
         solves=np.zeros(bodies, dtype=np.int64),

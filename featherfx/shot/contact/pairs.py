@@ -94,11 +94,11 @@ class Encounters:
         duration (s) as they and their roots move; they are known from now on. margin: m."""
         low, high = [], []
         for state, path in zip(states, paths, strict=True):
-            nodes = state.points.nodes
-            least, most = nodes.min(axis=(1, 2)), nodes.max(axis=(1, 2))
+            nodes = _by_node(state.points.nodes)
+            least, most = nodes.min(axis=0), nodes.max(axis=0)
             size = np.linalg.norm(most - least, axis=1)
             led = np.abs(path.samples - path.samples[:, :1]).max(axis=1)
-            way = np.abs(state.velocity.nodes).max(axis=(1, 2)) * duration
+            way = np.abs(_by_node(state.velocity.nodes)).max(axis=0) * duration
             way = np.maximum(
                 way, led[:, :3] + led[:, 3:].sum(axis=1, keepdims=True) * size[:, None]
             )
@@ -112,6 +112,11 @@ class Encounters:
         if len(both):
             self.know(both)
         return both
+
+
+def _by_node(values: Array) -> Array:
+    """(N, F, 3) of the N nodes of feathers (F, n, 1 + 2 m, 3): extremes are found faster there."""
+    return np.ascontiguousarray(values.reshape(len(values), -1, 3).swapaxes(0, 1))
 
 
 def _order_at_rest(

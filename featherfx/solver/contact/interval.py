@@ -268,6 +268,7 @@ class ContactSolver:
             off=off,
             deep=solved.marks.depth,
         )
+        run.finish()
         return run.new, run.reports(), report
 
     def _tear(self, states: Sequence[State]) -> None:
@@ -388,9 +389,8 @@ class ContactSolver:
         marks = run.marks(island, stale, soft)
         islands = islands_before(count, island, self._team.jobs)
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
-        batches, held = run.batches(room)
         sweep = Sweep(
-            batches=batches,
+            batches=run.batches(room),
             step=run.step,
             alone=run.alone,
             touch=self.found.touch,
@@ -412,7 +412,6 @@ class ContactSolver:
             colours=self._colours,
         )
         self._team.solve(sweep)
-        del held
         return sweep
 
     def _handing(self, run: Run) -> Handing:

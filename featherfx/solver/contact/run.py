@@ -13,6 +13,7 @@ from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.jit.team import new_team
 from featherfx.jit.views import Held, Kind, Views, views_of
 from featherfx.mechanics.model import Contacts, Loads, wind_of_each
+from featherfx.solver.contact.state_rooms import StateRooms, put
 from featherfx.solver.contact.surfaces import Grids
 from featherfx.solver.contact.sweep_kernels import (
     KINDS,
@@ -55,7 +56,14 @@ class Team:
         counts = np.diff(grids.first)
         self.batch = np.repeat(np.arange(len(models)), counts)
         self.place = np.concatenate([np.arange(count) for count in counts])
+        self._rooms: StateRooms | None = None
         self._entries: dict[tuple[Kind, ...], Callable[..., None]] = {}
+
+    def rooms(self, states: Sequence[State]) -> StateRooms:
+        """Where states of the batches find room; given some."""
+        if self._rooms is None:
+            self._rooms = StateRooms(states)
+        return self._rooms
 
     def forget(self) -> None:
         """Begin anew with all matrices, as a bake does that goes on from here."""
@@ -97,8 +105,9 @@ class Run:
 
     duration: s. substeps: most regular steps of a feather within it. iterations: of Newton in one
     solve of a feather, at most. free: (B,) feathers that are solved; the states of others are
-    zero. shares: (B, n, 1 + 2 m), part of its root's way that a node goes along by itself. start,
-    now: (B, n, 1 + 2 m, 3) m, nodes of all bodies on the widest grid, now at first where they are
+    zero. old, new: states, the new ones of feathers that are not solved after all from finish on.
+    shares: (B, n, 1 + 2 m), part of its root's way that a node goes along by itself. start, now:
+    (B, n, 1 + 2 m, 3) m, nodes of all bodies on the widest grid, now at first where they are
     headed. report: of all solves and bodies. alone: settings of feathers that nothing presses.
     """
 
@@ -114,13 +123,18 @@ class Run:
         free: Flags,
         shares: Array,
     ) -> None:
-        self._team, self.duration, self._loads = team, duration, loads
+        self._team, self.duration, self._loads, self._free = team, duration, loads, free
         grids, bodies = team.grids, pairwise(team.grids.first)
         own = [free[low:high] for low, high in bodies]
-        self.old = [_rows_of(state, some) for state, some in zip(states, own, strict=True)]
+        rooms = team.rooms(states)
+        self._before = rooms.before
+        # neither touches memory yet
+        self._after = rooms.made(np.empty if free.all() else np.zeros)
+        self.old, self.new = self._before.states, self._after.states
+        for state, given, some in zip(self.old, states, own, strict=True):
+            put(given, state, some)
         for solver, state, path, some in zip(team.solvers, self.old, paths, own, strict=True):
             carry_to(solver.model, state, path, some)
-        self.new = [_rows_of(state, some) for state, some in zip(self.old, own, strict=True)]
         self.start = grids.together([state.points.nodes for state in self.old], free)
         velocity = grids.together([state.velocity.nodes for state in self.old], free)
         carried = grids.together(
@@ -128,11 +142,11 @@ class Run:
         )
         ahead, self.now = self.start[free] + duration * velocity[free], self.start.copy()
         self.now[free] = ahead + shares[free, ..., None] * (carried[free] - ahead)
+        self._acting: Held | None = None
+        self._room = 0
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
         self.report = no_steps(grids.bodies)
         self._step = self.alone = self._step_settings(substeps, iterations)
-        self._old, self._new = views_of(self.old), views_of(self.new)
-        self._rows = [views_of([_rows(each) for each in states]) for states in (self.old, self.new)]
         self._paths, self._reports = views_of(paths), views_of(self.reports())
 
     def _step_settings(self, substeps: int, iterations: int) -> StepSettings:
@@ -158,36 +172,47 @@ class Run:
             fresh=fresh.astype(np.int8),
             soft=soft,
             active=np.zeros(len(island), dtype=np.int8),
+            moved=np.ones(len(island), dtype=np.int8),
             worst=np.zeros(len(island)),
             depth=np.zeros(len(island)),
             solves=self.solves,
             status=self.report.status,
         )
 
-    def batches(self, room: int) -> tuple[Batches, Held]:
-        """All batches, with room for so many contacts of one feather; and the loads, which must be
-        held as long as these are used."""
-        team, loads = self._team, self._team.loads(self._loads, room)
-        batches = Batches(
+    def batches(self, room: int) -> Batches:
+        """All batches, with room for so many contacts of one feather."""
+        team = self._team
+        if self._acting is None or room > self._room:
+            self._room = 2 * room
+            self._acting = team.loads(self._loads, self._room)
+        return Batches(
             batch=team.batch,
             place=team.place,
             model=team.models.views,
-            old=self._old.views,
-            new=self._new.views,
-            rows_old=self._rows[0].views,
-            rows_new=self._rows[1].views,
+            old=self._before.views,
+            new=self._after.views,
+            rows_old=self._before.rows,
+            rows_new=self._after.rows,
             path=self._paths.views,
             report=self._reports.views,
             kept=team.kept.views,
-            loads=loads.views,
+            loads=self._acting.views,
             work=team.works.views,
         )
-        return batches, loads
 
     @property
     def step(self) -> StepSettings:
         """Of the feathers within the interval; coarse over the feather's length."""
         return self._step
+
+    def finish(self) -> None:
+        """Feathers that were not solved stay as they were."""
+        left = self._free & (self.solves == 0)
+        for old, new, (low, high) in zip(
+            self.old, self.new, pairwise(self._team.grids.first), strict=True
+        ):
+            if left[low:high].any():
+                put(old, new, left[low:high])
 
     def failed(self) -> Flags:
         """(B,) feathers that could not be solved."""
@@ -228,18 +253,6 @@ def no_colours(bodies: int) -> Colours:
     )
 
 
-def _rows_of(state: State, free: Flags) -> State:
-    """A copy of some feathers (F,) of a state; the others are zero, and cost nothing."""
-    if free.all():
-        return state.copy()
-    arrays = {}
-    for name, array in state.arrays().items():
-        # unlike zeros_like, this touches no memory yet
-        arrays[name] = np.zeros(array.shape, array.dtype)
-        arrays[name][free] = array[free]
-    return State.of(arrays)
-
-
 def _carried(state: State, path: RootPath, free: Flags) -> Array:
     """(F, n, 1 + 2 m, 3) m, nodes of some feathers (F,) carried rigidly to where their roots' paths
     end, as if every feather had one; zero of the others."""
@@ -249,11 +262,6 @@ def _carried(state: State, path: RootPath, free: Flags) -> Array:
     found = np.zeros(state.points.nodes.shape)
     found[free] = away + samples[:, -1:, None, :3]
     return found
-
-
-def _rows(state: State) -> tuple[Array, ...]:
-    """All arrays of a state, a row of numbers per feather."""
-    return tuple(array.reshape(len(array), -1) for array in state.arrays().values())
 
 
 def _planes(room: int) -> Contacts:

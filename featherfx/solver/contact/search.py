@@ -149,10 +149,8 @@ class Searcher:
         before = before or Found(new_touch(1), 0)
         anew = np.ones(len(search.surfaces.far), dtype=bool) if stale is None else stale
         earlier = Earlier(before.touch, before.number, anew.astype(np.int8))
-        every = np.ones(len(anew), dtype=np.int8)
-        near = every
-        if free is not None and not free.all():
-            every, near = free.astype(np.int8), self._near(free)
+        every = np.ones(len(anew), dtype=np.int8) if free is None else free.astype(np.int8)
+        near = np.ones_like(every) if anew.all() else self._near(anew)
         pieces, counts = range(len(self._rooms)), np.zeros((len(self._rooms), 2), dtype=np.int64)
         clearance, bodies, spans = self._clearance, self._bodies, self._spans
 
@@ -179,11 +177,12 @@ class Searcher:
         parts = [self._rooms[k][: counts[k, 0]] for k in pieces]
         return self._joined([*parts, *met], new_touch() if room is None else room)
 
-    def _near(self, free: NDArray[np.bool_]) -> Bytes:
-        """(B,) bodies that are free, or may touch one that is."""
-        pairs = self.candidates.pairs
-        near = free.copy()
-        near[pairs[free[pairs].any(axis=1)].ravel()] = True
+    def _near(self, stale: NDArray[np.bool_]) -> Bytes:
+        """(B,) bodies that are stale, or may touch one that is."""
+        guest, host = self.candidates.pairs.T
+        near = stale.copy()
+        near[guest[stale[host]]] = True
+        near[host[stale[guest]]] = True
         return near.astype(np.int8)
 
     def _met(self, search: Search, walls: Sequence[Wall | Ground], free: Bytes) -> list[Touch]:

@@ -64,14 +64,15 @@ class Batches(NamedTuple):
 class Marks(NamedTuple):
     """B bodies of an interval. mine: which are solved, as long as they can be. island: (B,) of
     those, -1 of others. fresh: to be solved in the first round, whatever contacts. soft: whose
-    contacts yield. active: to be solved in this round. worst, depth: m, of their contacts. solves:
-    of each. status: of the solves."""
+    contacts yield. active: to be solved in this round. moved: or what they touch, since worst and
+    depth, m, of their contacts were looked at. solves: of each. status: of the solves."""
 
     mine: Bytes
     island: Indices
     fresh: Bytes
     soft: Bytes
     active: Bytes
+    moved: Bytes
     worst: Array
     depth: Array
     solves: Indices
@@ -244,6 +245,10 @@ def _advance(body, thread, reach, frame, sweep):
         # in steps as long as were taken: longer ones would be rejected again
         old.proposal[f] = length
     update(body, sweep.touch, sweep.listed, sweep.now)
+    first, near = sweep.touching
+    marks.moved[body] = 1
+    for at in range(first[body], first[body + 1]):
+        marks.moved[near[at]] = 1
     return True
 
 
@@ -276,12 +281,14 @@ def _look(body, first, sweep):
     marks.active[body] = 0
     if marks.mine[body] == 0 or sweep.islands.open[marks.island[body]] == 0:
         return
-    worst, depth = residual(body, sweep.touch, sweep.listed, marks.soft, sweep.rules.thinnest)
-    again = worst > sweep.rules.tolerance
+    if marks.moved[body] != 0:
+        marks.moved[body] = 0
+        worst, depth = residual(body, sweep.touch, sweep.listed, marks.soft, sweep.rules.thinnest)
+        marks.worst[body], marks.depth[body] = worst, depth
+    again = marks.worst[body] > sweep.rules.tolerance
     if first:
         again = again or marks.fresh[body] != 0
     marks.active[body] = 1 if again else 0
-    marks.worst[body], marks.depth[body] = worst, depth
 
 
 @kernel
