@@ -18,7 +18,7 @@ from featherfx.solver.step.banded_kernels import panel_shape
 from featherfx.solver.step.closing_kernels import FOLLOWED
 from featherfx.solver.step.secant_kernels import PAIRS
 from featherfx.solver.step.strain_kernels import Strains
-from featherfx.solver.vane.line_kernels import LANES
+from featherfx.solver.vane.line_kernels import FOLD, LANES, STRIP
 
 Array = NDArray[np.float64]
 
@@ -81,21 +81,23 @@ def make_system(unknowns: int, width: int) -> System:
 
 
 class Cells(NamedTuple):
-    """What a barb's cells or hinges give, between two of its nodes each; up to four strains.
+    """What a barb's cells or hinges give, between two of its nodes each.
 
-    Lines of S numbers (vane/line_kernels). rest: (3, S). stress: (2, S). weight: (4, 2, S),
-    stiffness and half of it. coupling: (S,), of shear in the strain across that the stiffness
-    belongs to, where gaps slip. left: (m,), stiffness of hinges that open gaps leave. gradient:
-    (4, 4, 3, S), strain, node, axis. geometric: (6, S), N/m. single: (3, 4, 3), of one cell.
+    Of neighbouring rows (vane/line_kernels): strips (2, .) of cells, hinges (3, .). Lines of S
+    numbers: rest (2, 3, S), of triangles A and B; coupling (S,), of shear in the strain across that
+    the stiffness belongs to, where gaps slip. Of two rarer strains, stiffness, weight (2, S), and
+    gradient (2, 9, S); halved: (S,). left: (m,), stiffness of hinges that open gaps leave. single:
+    (3, 4, 3), of one cell.
     """
 
+    strips: Array
+    hinges: Array
     rest: Array
-    stress: Array
-    weight: Array
     coupling: Array
-    left: Array
+    weight: Array
     gradient: Array
-    geometric: Array
+    halved: Array
+    left: Array
     single: Array
 
 
@@ -104,7 +106,7 @@ class Vane(NamedTuple):
 
     blocks: (n, 2, 6, 3, 3 S), N/m, of pairs of nodes (vane/pairs_kernels), S at least m + 2 and a
     multiple of four. nodes: (n, 2, 3, S + 4) m and pull: (n, 2, 3, S + 4) N, gradient, of the nodes
-    of all barbs, line by line. product: (w, 3 S) and tiles: (w, 3, 3 S + 2) of one barb
+    of all barbs, line by line. product: (w, 3 S) of one barb and sums: (w, w)
     (vane/assembly_kernels). tension: (m,) N.
     """
 
@@ -112,7 +114,7 @@ class Vane(NamedTuple):
     nodes: Array
     pull: Array
     product: Array
-    tiles: Array
+    sums: Array
     tension: Array
     cells: Cells
 
@@ -259,9 +261,10 @@ def make_pose(model: Model) -> Pose:
 
 
 def _lines(*shape: int) -> Array:
-    """Zeros, with room behind them: a loop over the last line may end beyond it (line_kernels)."""
+    """Zeros, with room around them: loops begin before the first line and end beyond the last one
+    (line_kernels)."""
     count = math.prod(shape)
-    return np.zeros(count + LANES)[:count].reshape(shape)
+    return np.zeros(count + 2 * LANES)[LANES : LANES + count].reshape(shape)
 
 
 def make_work(model: Model) -> Work:
@@ -290,23 +293,24 @@ def make_work(model: Model) -> Work:
             nodes=np.zeros((n, 2, 3, padded + 4)),
             pull=np.zeros((n, 2, 3, padded + 4)),
             product=np.zeros((wide, 3 * padded)),
-            tiles=np.zeros((wide, 3, 3 * padded + 2)),
+            sums=np.zeros((wide, wide)),
             tension=np.zeros(m),
             cells=Cells(
-                rest=np.zeros((3, padded)),
-                stress=np.zeros((2, padded)),
-                weight=np.zeros((4, 2, padded)),
+                strips=np.zeros((2, (padded // LANES + 1) * STRIP)),
+                hinges=np.zeros((3, (padded // LANES + 1) * FOLD)),
+                rest=np.zeros((2, 3, padded)),
                 coupling=np.zeros(padded),
+                weight=np.zeros((2, padded)),
+                gradient=np.zeros((2, 9, padded)),
+                halved=np.zeros(padded),
                 left=np.zeros(m),
-                gradient=np.zeros((4, 4, 3, padded)),
-                geometric=np.zeros((6, padded)),
                 single=np.zeros((3, 4, 3)),
             ),
         ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
         axes=np.zeros((2, n, m, 6)),
-        jacobian=np.zeros((n, 2, wide, 3 * padded)),
+        jacobian=_lines(n, 2, wide, 3 * padded),
         beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
         gaps=whole_gaps(model),
         closing=Closing(

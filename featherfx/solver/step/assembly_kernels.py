@@ -1,7 +1,8 @@
 """Gradient and Hessian of step_energy in generalised coordinates, as a band."""
 
+from featherfx.algebra.lanes import increase, load, put, spread
 from featherfx.algebra.vec3_kernels import accumulate
-from featherfx.jit.compiled import kernel, shared_kernel
+from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
 from featherfx.mechanics.contact_kernels import (
     add_contact_forces,
     add_contact_stiffness,
@@ -61,6 +62,19 @@ def _subtract_rachis_forces(model, f, i, damping, pose, reference, beam, right):
             right[at + row_size + a] -= stress[k] * gradient[k, 6 + a]
 
 
+@loop_kernel
+def _set_squares(stiffness, factor, gradient, matrix):
+    """matrix (12, 12) = sum of factor k g g^T over six strains, gradient (6, 12)."""
+    for a in range(12):
+        x, y, z = spread(0.0), spread(0.0), spread(0.0)
+        for k in range(6):
+            scaled, g = factor * stiffness[k] * gradient[k, a], gradient[k]
+            x, y, z = x + scaled * load(g, 0), y + scaled * load(g, 4), z + scaled * load(g, 8)
+        put(matrix[a], 0, x)
+        put(matrix[a], 4, y)
+        put(matrix[a], 8, z)
+
+
 @kernel
 def _add_rachis_stiffness(model, f, i, damping, wanted, pose, beam, band):
     """Stiffness of the same element, whose gradient and stress are in beam."""
@@ -68,13 +82,7 @@ def _add_rachis_stiffness(model, f, i, damping, wanted, pose, beam, band):
     at, gradient, matrix, stress = i * row_size, beam.gradient, beam.matrix, beam.stress
     start, end, halfway = pose.centre[i], pose.centre[i + 1], pose.halfway[i]
     length, stiffness = model.length[f, i], model.rachis_stiffness[f, i]
-    matrix[:] = 0.0
-    for k in range(6):
-        weight = stiffness[k] * (1.0 + damping)
-        for a in range(12):
-            scaled = weight * gradient[k, a]
-            for b in range(a + 1):
-                matrix[a, b] += scaled * gradient[k, b]
+    _set_squares(stiffness, 1.0 + damping, gradient, matrix)
     strain = pose.strains.rachis[i]
     add_curl_stiffness(model, f, i, strain, wanted == WHOLE, gradient, matrix)
     add_turn_guard_stiffness(model, f, i, strain, gradient, matrix)
@@ -82,11 +90,12 @@ def _add_rachis_stiffness(model, f, i, damping, wanted, pose, beam, band):
         rachis_geometric_stiffness(start, end, length, halfway, pose.rachis[i], stress, matrix)
     else:
         rachis_stabilising_stiffness(start, end, length, halfway, stress, matrix)
+    flat, stride = band.reshape(band.size), band.shape[1] - 1
     for a in range(12):
         to = at + a if a < 6 else at + row_size + a - 6
         for b in range(a + 1):
             column = at + b if b < 6 else at + row_size + b - 6
-            band[column, to - column] += matrix[a, b]
+            increase(flat, column * stride + to, matrix[a, b])
 
 
 @kernel

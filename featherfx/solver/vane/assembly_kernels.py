@@ -7,7 +7,9 @@ contiguous numbers, axis by axis and node by node, S of them an axis: the m + 1 
 0 being the rachis point, and zeros up to a multiple of four.
 """
 
-from featherfx.algebra.vec3_kernels import add, cross
+from featherfx.algebra.lanes import COUNT as LANES
+from featherfx.algebra.lanes import increase, lane, load, put, spread, totals
+from featherfx.algebra.vec3_kernels import add, combined, cross, scale
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
 from featherfx.mechanics.row_kernels import node_index
@@ -53,160 +55,139 @@ def _add_tension(i, side, segment, signed, points, force, vane):
             along[k, k * count + j] -= value
 
 
-@loop_kernel
-def _copy_three_times(source, first, second, third):
-    for j in range(source.shape[0]):
-        first[j] = source[j]
-        second[j] = source[j]
-        third[j] = source[j]
+@kernel
+def _three(line, size, j):
+    """Four nodes' vectors from node j on, of a line (3 S), axis by axis."""
+    return load(line, j), load(line, size + j), load(line, 2 * size + j)
 
 
 @kernel
-def _tile(jacobian, tiles):
-    """Each axis of a barb's Jacobian (w, 3 S) three times over, to tiles (w, 3, 3 S + 2), the
-    first number of which is 0."""
-    count = jacobian.shape[1] // 3
-    for a in range(jacobian.shape[0]):
-        for axis in range(3):
-            line = tiles[a, axis]
-            _copy_three_times(
-                jacobian[a, axis * count : axis * count + count],
-                line[1:],
-                line[1 + count :],
-                line[1 + 2 * count :],
-            )
+def _put_three(line, size, j, vector):
+    put(line, j, vector[0])
+    put(line, size + j, vector[1])
+    put(line, 2 * size + j, vector[2])
+
+
+@kernel
+def _block(lines, size, j):
+    """Four nodes' blocks K from node j on; lines (3, 3 S), entry [m, k S + j] = K_km."""
+    return _three(lines[0], size, j), _three(lines[1], size, j), _three(lines[2], size, j)
+
+
+@kernel
+def _times(block, x):
+    """K x."""
+    both = combined(x[0], block[0], x[1], block[1])
+    return add(both, scale(x[2], block[2]))
 
 
 @loop_kernel
-def _blocks_times(near, far, tiles, product):
+def _push_own(near, far, barb, product):
     """product[a] = near J + far J(next node) for every increment a of a barb.
 
-    near, far: (3, 3 S) blocks, entry [m, k S + j] = K_km at node j. The last number of an axis is a
-    zero, as the first of a tile is, so that nodes beyond a barb's ends have no factor.
-    product: (w, 3 S).
+    near, far: (3, 3 S) blocks, far zero where there is no next node. barb: J, (w, 3 S), of which
+    rows 0 to 2 are shifts of all nodes. product: (w, 3 S).
     """
-    size = near.shape[1]
-    n0, n1, n2, f0, f1, f2 = near[0], near[1], near[2], far[0], far[1], far[2]
-    for a in range(product.shape[0]):
-        x, y, z, line = tiles[a, 0], tiles[a, 1], tiles[a, 2], product[a]
-        for s in range(size):
-            line[s] = (
-                n0[s] * x[s + 1]
-                + n1[s] * y[s + 1]
-                + n2[s] * z[s + 1]
-                + f0[s] * x[s + 2]
-                + f1[s] * y[s + 2]
-                + f2[s] * z[s + 2]
-            )
+    wide, size = barb.shape[0], barb.shape[1] // 3
+    for j in range(0, size, LANES):
+        k, f = _block(near, size, j), _block(far, size, j)
+        _put_three(product[0], size, j, add(k[0], f[0]))
+        _put_three(product[1], size, j, add(k[1], f[1]))
+        _put_three(product[2], size, j, add(k[2], f[2]))
+        for a in range(3, wide):
+            x, y = _three(barb[a], size, j), _three(barb[a], size, j + 1)
+            _put_three(product[a], size, j, add(_times(k, x), _times(f, y)))
 
 
 @loop_kernel
-def _three_times(back, near, far, tiles, product):
-    """As _blocks_times, with back J(node before) added."""
-    size = near.shape[1]
-    b0, b1, b2, n0, n1, n2 = back[0], back[1], back[2], near[0], near[1], near[2]
-    f0, f1, f2 = far[0], far[1], far[2]
-    for a in range(product.shape[0]):
-        x, y, z, line = tiles[a, 0], tiles[a, 1], tiles[a, 2], product[a]
-        for s in range(size):
-            line[s] = (
-                b0[s] * x[s]
-                + b1[s] * y[s]
-                + b2[s] * z[s]
-                + n0[s] * x[s + 1]
-                + n1[s] * y[s + 1]
-                + n2[s] * z[s + 1]
-                + f0[s] * x[s + 2]
-                + f1[s] * y[s + 2]
-                + f2[s] * z[s + 2]
-            )
+def _push_next(back, near, far, barb, product):
+    """As _push_own, with back J(node before) added."""
+    wide, size = barb.shape[0], barb.shape[1] // 3
+    for j in range(0, size, LANES):
+        b, k, f = _block(back, size, j), _block(near, size, j), _block(far, size, j)
+        _put_three(product[0], size, j, add(b[0], add(k[0], f[0])))
+        _put_three(product[1], size, j, add(b[1], add(k[1], f[1])))
+        _put_three(product[2], size, j, add(b[2], add(k[2], f[2])))
+        for a in range(3, wide):
+            x, y = _three(barb[a], size, j), _three(barb[a], size, j + 1)
+            both = add(_times(k, x), _times(f, y))
+            _put_three(product[a], size, j, add(both, _times(b, _three(barb[a], size, j - 1))))
 
 
 @loop_kernel
-def _block_times(block, tiles, product):
-    """As _blocks_times without far."""
-    size = block.shape[1]
-    b0, b1, b2 = block[0], block[1], block[2]
-    for a in range(product.shape[0]):
-        x, y, z, line = tiles[a, 0], tiles[a, 1], tiles[a, 2], product[a]
-        for s in range(size):
-            line[s] = b0[s] * x[s + 1] + b1[s] * y[s + 1] + b2[s] * z[s + 1]
+def _push_far(block, barb, product):
+    """As _push_own without far."""
+    wide, size = barb.shape[0], barb.shape[1] // 3
+    for j in range(0, size, LANES):
+        k = _block(block, size, j)
+        for a in range(3):
+            _put_three(product[a], size, j, _three(block[a], size, j))
+        for a in range(3, wide):
+            _put_three(product[a], size, j, _times(k, _three(barb[a], size, j)))
 
 
-@kernel
-def _four_dots(g, h, u, v):
-    """g.u, g.v, h.u, h.v of four lines: two by two, so that each load serves twice."""
-    gu, gv, hu, hv = 0.0, 0.0, 0.0, 0.0
-    for s in range(g.shape[0]):
-        gu += g[s] * u[s]
-        gv += g[s] * v[s]
-        hu += h[s] * u[s]
-        hv += h[s] * v[s]
-    return gu, gv, hu, hv
+@loop_kernel
+def _add_resultants(barb, product, b, flat, at, to):
+    """Forces and moments (6) about the rachis point of columns b and b + 1 of product (w, 3 S),
+    added to flat from at and from to on.
 
-
-@kernel
-def _resultant(barb, u):
-    """Force and moment (6) about the rachis point of forces u (3 S) on a barb's nodes.
-
-    These are the products of u with rows 0 to 5 of the barb's Jacobian (w, 3 S), of which 3 to 5
-    hold the nodes' distances x, y, z from that point.
+    These are the products with rows 0 to 5 of the barb's Jacobian (w, 3 S), of which 3 to 5 hold
+    the nodes' distances x, y, z from that point.
     """
-    count = u.shape[0] // 3
-    x, y, z = barb[5, count:], barb[3, 2 * count :], barb[4]
-    v, w = u[count:], u[2 * count :]
-    total, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for j in range(count):
-        force = u[j], v[j], w[j]
-        total = add(total, force)
-        moment = add(moment, cross((x[j], y[j], z[j]), force))
-    return (*total, *moment)
+    size, none = barb.shape[1] // 3, spread(0.0)
+    f, g, m, n = (none, none, none), (none, none, none), (none, none, none), (none, none, none)
+    for j in range(0, size, LANES):
+        arm = load(barb[5], size + j), load(barb[3], 2 * size + j), load(barb[4], j)
+        u, v = _three(product[b], size, j), _three(product[b + 1], size, j)
+        f, g = add(f, u), add(g, v)
+        m, n = add(m, cross(arm, u)), add(n, cross(arm, v))
+    put(flat, at, load(flat, at) + totals(f[0], f[1], f[2], m[0]))
+    put(flat, to, load(flat, to) + totals(g[0], g[1], g[2], n[0]))
+    rest = totals(m[1], m[2], n[1], n[2])
+    increase(flat, at + 4, lane(rest, 0))
+    increase(flat, at + 5, lane(rest, 1))
+    increase(flat, to + 4, lane(rest, 2))
+    increase(flat, to + 5, lane(rest, 3))
+
+
+@loop_kernel
+def _add_dots(g, h, u, v, flat, at, to):
+    """g.u and h.u, added to flat at and after at, g.v and h.v to and after to."""
+    gu, hu, gv, hv = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+    for s in range(0, g.shape[0], LANES):
+        a, b, c, d = load(g, s), load(h, s), load(u, s), load(v, s)
+        gu, hu = gu + a * c, hu + b * c
+        gv, hv = gv + a * d, hv + b * d
+    sums = totals(gu, hu, gv, hv)
+    increase(flat, at, lane(sums, 0))
+    increase(flat, at + 1, lane(sums, 1))
+    increase(flat, to, lane(sums, 2))
+    increase(flat, to + 1, lane(sums, 3))
 
 
 @kernel
-def _add_between_rows(rows, columns, row_at, column_at, shift, band):
-    """band[row_at + a, column_at + b] += rows[a].columns[b] of a row and one before it.
-
-    rows: Jacobian of the barb, columns: (w, 3 S); coefficients, a and b from 6 on, lie shift
-    further on.
-    """
-    for b in range(columns.shape[0]):
-        at = column_at + b + (shift if b >= 6 else 0)
-        sums = _resultant(rows, columns[b])
-        for a in range(6):
-            band[at, row_at + a - at] += sums[a]
-    for a in range(6, rows.shape[0], 2):
-        to = row_at + a + shift
-        for b in range(0, columns.shape[0], 2):
-            at = column_at + b + (shift if b >= 6 else 0)
-            gu, gv, hu, hv = _four_dots(rows[a], rows[a + 1], columns[b], columns[b + 1])
-            band[at, to - at] += gu
-            band[at, to - at + 1] += hu
-            band[at + 1, to - at - 1] += gv
-            band[at + 1, to - at] += hv
+def _add_products(barb, product, flat, first, stride, shift):
+    """flat[first + b stride + a] += barb[a].product[b], lines (w, 3 S); coefficients, a and b from
+    6 on, lie shift further on."""
+    wide = barb.shape[0]
+    for b in range(0, wide, 2):
+        at = first + (b + (shift if b >= 6 else 0)) * stride
+        _add_resultants(barb, product, b, flat, at, at + stride)
+        for a in range(6, wide, 2):
+            place = at + a + shift
+            u, v = product[b], product[b + 1]
+            _add_dots(barb[a], barb[a + 1], u, v, flat, place, place + stride)
 
 
 @kernel
-def _add_within_row(rows, columns, row_at, shift, band):
-    """As _add_between_rows within one row, the transpose of the products included."""
-    for a in range(0, rows.shape[0], 2):
-        to = row_at + a + (shift if a >= 6 else 0)
-        for b in range(0, columns.shape[0], 2):
-            at = row_at + b + (shift if b >= 6 else 0)
-            gu, gv, hu, hv = _four_dots(rows[a], rows[a + 1], columns[b], columns[b + 1])
-            if a == b:
-                band[at, 0] += 2.0 * gu
-                band[at, 1] += gv + hu
-                band[at + 1, 0] += 2.0 * hv
-                continue
-            if a > b:
-                low, up = at, to
-            else:
-                low, up, gv, hu = to, at, hu, gv
-            band[low, up - low] += gu
-            band[low, up - low + 1] += hu
-            band[low + 1, up - low - 1] += gv
-            band[low + 1, up - low] += hv
+def _add_within_row(sums, flat, first, stride, shift):
+    """What _add_products found for one row, sums (w, w), and its transpose, to flat as there."""
+    wide = sums.shape[0]
+    for b in range(wide):
+        at = first + (b + (shift if b >= 6 else 0)) * stride
+        for a in range(b, wide):
+            to = at + a + (shift if a >= 6 else 0)
+            increase(flat, to, sums[b, a] + sums[a, b])
 
 
 @kernel
@@ -247,7 +228,8 @@ def add_rows(model, f, damping, signed, work):
     rows, count = work.now.rotation.shape[0], work.now.coefficient.shape[2]
     row_size = 6 + 2 * count
     vane, jacobian, band = work.vane, work.jacobian, work.system.band
-    blocks, product, tiles = vane.blocks, vane.product, vane.tiles
+    blocks, product, sums = vane.blocks, vane.product, vane.sums
+    flat, stride = band.reshape(band.size), band.shape[1] - 1
     for i in range(rows):
         at = i * row_size
         for side in range(2):
@@ -259,15 +241,17 @@ def add_rows(model, f, damping, signed, work):
             segment, points = model.segment[f, side, i], work.now.points.nodes
             _add_node_stiffness(i, side, work.stiff, own)
             _add_tension(i, side, segment, signed, points, work.force, vane)
-            _tile(barb, tiles)
-            _blocks_times(own, along, tiles, product)
-            _add_within_row(barb, product, at, shift, band)
+            _push_own(own, along, barb, product)
+            sums[:] = 0.0
+            _add_products(barb, product, sums.reshape(sums.size), 0, sums.shape[0], 0)
+            _add_within_row(sums, flat, at * (stride + 1), stride, shift)
+            # entry (at + row_size + a, at + b) of the band
+            first = at * (stride + 1) + row_size
             if i + 1 < rows:
                 between = blocks[i, side]
-                _three_times(between[BACK], between[UP], between[SLANT], tiles, product)
-                _add_between_rows(jacobian[i + 1, side], product, at + row_size, at, shift, band)
+                _push_next(between[BACK], between[UP], between[SLANT], barb, product)
+                _add_products(jacobian[i + 1, side], product, flat, first, stride, shift)
             if i + 2 < rows:
-                _block_times(blocks[i + 1, side, SKIP], tiles, product)
-                _add_between_rows(
-                    jacobian[i + 2, side], product, at + 2 * row_size, at, shift, band
-                )
+                _push_far(blocks[i + 1, side, SKIP], barb, product)
+                beyond = first + row_size
+                _add_products(jacobian[i + 2, side], product, flat, beyond, stride, shift)

@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.jit.compiled import kernel
+from featherfx.algebra.lanes import COUNT as LANES
+from featherfx.algebra.lanes import load, put, spread, transposed, where_there
+from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.vane_guard_kernels import guard_slopes, is_apart
 from featherfx.mechanics.vane_hook_kernels import GapRow, gap_of, gap_response, holds
 from featherfx.mechanics.vane_membrane_kernels import (
@@ -18,11 +20,20 @@ from featherfx.mechanics.vane_membrane_kernels import (
     membrane_normal_stiffness,
 )
 from featherfx.solver.vane.line_kernels import (
-    add_diagonal,
-    add_forces,
-    add_strains_outer,
+    AXIS,
+    GEOMETRIC,
+    HALF,
+    PAIRS,
+    STRAIN,
+    STRESS,
+    STRIP,
+    WEIGHT,
+    add_outer,
+    block_of,
     lanes,
     membrane_gradients,
+    place_of,
+    vectors,
 )
 from featherfx.solver.vane.pairs_kernels import (
     ALONG,
@@ -31,7 +42,6 @@ from featherfx.solver.vane.pairs_kernels import (
     SLANT,
     STABILISING,
     UP,
-    WHOLE,
     damped_stress,
 )
 
@@ -58,32 +68,60 @@ class Strip(NamedTuple):
 
 # part of the elastic stiffness that counts as none
 NOTHING = 1e-12
-# strains of a triangle: e_ww, 2 e_vw, the guard's J and the one along the normal
-GUARD, NORMAL = 2, 3
+# strains of a triangle beside e_ww and 2 e_vw: the guard's J and the one along the normal
+GUARD, NORMAL = 0, 1
 
 
-@kernel
-def _load_cells(half, strip, damping, cells):
-    """Rest values, stresses and stiffnesses of triangles A or B (half) of a strip, to lines.
+@loop_kernel
+def _four_of(line, j, count, size, first):
+    """Four numbers of each of the cells j to j + 3, number by number. line: of count cells, size of
+    each; first: of these the first that is taken."""
+    none, at = spread(0.0), j * size + first
+    return transposed(
+        load(line, at),
+        load(line, at + size) if j + 1 < count else none,
+        load(line, at + 2 * size) if j + 2 < count else none,
+        load(line, at + 3 * size) if j + 3 < count else none,
+    )
+
+
+@loop_kernel
+def _load_triangles(j, half, of_half, damping, rest, cells):
+    """Those A or B (half) of the cells j to j + 3. of_half: rest values, stiffnesses, strains and
+    references, each of this half."""
+    known, (first, second), strain, before = of_half
+    at, second = block_of(j, STRIP) + 2 * AXIS * half, where_there(first, second)
+    for k in range(3):
+        put(rest[half, k], j, where_there(first, known[k]))
+    put(cells, at + WEIGHT, first * (1.0 + damping))
+    put(cells, at + WEIGHT + AXIS, second * (1.0 + damping))
+    put(cells, at + STRESS, damped_stress(first, strain[0], before[0], damping))
+    put(cells, at + STRESS + AXIS, damped_stress(second, strain[1], before[1], damping))
+
+
+@loop_kernel
+def _load_cells(strip, damping, rest, cells):
+    """Rest values, to rest (2, 3, .), stresses and stiffnesses of the triangles of a strip.
 
     Triangles without stiffness are not there: all their values are zero.
     """
-    strains, reference = strip.strains, strip.reference
-    for j in range(strip.stiffness.shape[0]):
-        there = strip.stiffness[j, half, 0] != 0.0
-        for k in range(3):
-            cells.rest[k, j] = strip.rest[j, half, k] if there else 0.0
-        for k in range(2):
-            value = strip.stiffness[j, half, k] if there else 0.0
-            cells.weight[k, 0, j] = value * (1.0 + damping)
-            cells.weight[k, 1, j] = 0.5 * value * (1.0 + damping)
-            cells.stress[k, j] = damped_stress(
-                value, strains[j, half, k], reference[j, half, k], damping
-            )
+    count, known = strip.stiffness.shape[0], strip.rest.reshape(strip.rest.size)
+    stiffness = strip.stiffness.reshape(strip.stiffness.size)
+    strains = strip.strains.reshape(strip.strains.size)
+    reference = strip.reference.reshape(strip.reference.size)
+    for j in range(0, count, LANES):
+        a0, a1, a2, b0 = _four_of(known, j, count, 6, 0)
+        _, _, b1, b2 = _four_of(known, j, count, 6, 2)
+        k = _four_of(stiffness, j, count, 4, 0)
+        s, r = _four_of(strains, j, count, 4, 0), _four_of(reference, j, count, 4, 0)
+        of_a = (a0, a1, a2), (k[0], k[1]), (s[0], s[1]), (r[0], r[1])
+        of_b = (b0, b1, b2), (k[2], k[3]), (s[2], s[3]), (r[2], r[3])
+        _load_triangles(j, 0, of_a, damping, rest, cells)
+        _load_triangles(j, 1, of_b, damping, rest, cells)
 
 
 @kernel
-def _let_slip(half, gaps, strip, damping, cells):
+def _let_slip(half, gaps, strip, damping, coupling, cells):
     """Stresses and stiffnesses of triangles A or B (half) whose gaps slip or are open; whether any
     does.
 
@@ -92,167 +130,154 @@ def _let_slip(half, gaps, strip, damping, cells):
     """
     coupled = False
     for j in range(gaps.level.shape[0]):
-        cells.coupling[j] = 0.0
+        coupling[j] = 0.0
         k = strip.stiffness[j, half, 0], strip.stiffness[j, half, 1]
         if k[0] == 0.0:
             continue
+        at = place_of(j, STRIP) + 2 * AXIS * half
+        weight, stress = at + WEIGHT, at + STRESS
         strain = strip.strains[j, half, 0], strip.strains[j, half, 1]
         if holds(k, strain, gaps, j, half):
-            cells.stress[0, j] -= k[0] * gaps.slip[j, half, 0]
-            cells.stress[1, j] -= k[1] * gaps.slip[j, half, 1]
+            cells[stress] -= k[0] * gaps.slip[j, half, 0]
+            cells[stress + AXIS] -= k[1] * gaps.slip[j, half, 1]
             continue
         coupled, gap = True, gap_of(gaps, j, half)
-        stress, (ww, wv, vv) = gap_response(k, strain, gap)
+        pulled, (ww, wv, vv) = gap_response(k, strain, gap)
         across, shear = damping * gap.hooked * k[0], damping * gap.hooked * k[1]
-        cells.stress[0, j] = stress[0] + across * (strain[0] - strip.reference[j, half, 0])
-        cells.stress[1, j] = stress[1] + shear * (strain[1] - strip.reference[j, half, 1])
+        cells[stress] = pulled[0] + across * (strain[0] - strip.reference[j, half, 0])
+        cells[stress + AXIS] = pulled[1] + shear * (strain[1] - strip.reference[j, half, 1])
         ww, vv = ww + across, vv + shear
         if ww > NOTHING * k[0]:
-            cells.coupling[j] = wv / ww
+            coupling[j] = wv / ww
             vv -= wv * wv / ww
-        cells.weight[0, 0, j], cells.weight[0, 1, j] = ww, 0.5 * ww
-        cells.weight[1, 0, j], cells.weight[1, 1, j] = vv, 0.5 * vv
+        cells[weight], cells[weight + AXIS] = ww, vv
     return coupled
 
 
 @kernel
-def _mix_strains(columns, coupling, gradient):
-    """The gradient of the strain that C_ww belongs to, in place of that of e_ww."""
+def _mix_strains(half, columns, coupling, cells):
+    """The gradient of the strain that C_ww belongs to, in place of that of e_ww, and the stresses
+    with which the forces stay the same."""
     for j in range(columns):
-        for node in range(3):
-            for k in range(3):
-                gradient[0, node, k, j] += coupling[j] * gradient[1, node, k, j]
+        at = place_of(j, STRIP)
+        first, stress = at + HALF * half, at + STRESS + 2 * AXIS * half
+        for place in range(first, first + STRAIN, AXIS):
+            cells[place] += coupling[j] * cells[place + STRAIN]
+        cells[stress + AXIS] -= coupling[j] * cells[stress]
 
 
 @kernel
-def _add_guard(half, guard, strains, cells):
+def _add_guard(half, guard, strains, rare, cells):
     """The guard's stresses, and its J as the strain GUARD; guard, strains: (m, 2, 2). Whether any
     triangle feels it."""
-    gradient, pressed = cells.gradient, False
+    pressed = False
     for j in range(guard.shape[0]):
-        cells.weight[GUARD, 0, j], cells.weight[GUARD, 1, j] = 0.0, 0.0
+        rare.weight[GUARD, j] = 0.0
         if is_apart(guard[j, half], strains[j, half, 0], strains[j, half, 1]):
             continue
         pressed = True
         slope, curvature, by_across, by_shear = guard_slopes(
             guard[j, half], strains[j, half, 0], strains[j, half, 1]
         )
-        cells.stress[0, j] += slope * by_across
-        cells.stress[1, j] += slope * by_shear
-        cells.weight[GUARD, 0, j], cells.weight[GUARD, 1, j] = curvature, 0.5 * curvature
-        for node in range(3):
-            for k in range(3):
-                gradient[GUARD, node, k, j] = (
-                    by_across * gradient[0, node, k, j] + by_shear * gradient[1, node, k, j]
-                )
+        at = place_of(j, STRIP)
+        first, stress = at + HALF * half, at + STRESS + 2 * AXIS * half
+        cells[stress] += slope * by_across
+        cells[stress + AXIS] += slope * by_shear
+        rare.weight[GUARD, j] = curvature
+        for line in range(9):
+            place = first + AXIS * line
+            rare.gradient[GUARD, line, j] = (
+                by_across * cells[place] + by_shear * cells[place + STRAIN]
+            )
     return pressed
 
 
 @kernel
-def _find_normal_stiffness(columns, own, other, shift, cells):
+def _find_normal_stiffness(half, columns, own, other, rare, cells):
     """The stabilising geometric stiffness of a row of triangles, as the strain NORMAL."""
+    found, gradient = rare.single[2, 0], rare.single[0]
     for j in range(columns):
+        stress = place_of(j, STRIP) + STRESS + 2 * AXIS * half
         membrane_normal_stiffness(
             own[:, j],
             own[:, j + 1],
-            other[:, j + shift],
-            cells.rest[:, j],
-            (cells.stress[0, j], cells.stress[1, j]),
-            cells.single[2, 0],
-            cells.single,
+            other[:, j + half],
+            rare.rest[half, :, j],
+            (cells[stress], cells[stress + AXIS]),
+            found,
+            rare.single,
         )
-        value = cells.single[2, 0, 0]
-        cells.weight[NORMAL, 0, j], cells.weight[NORMAL, 1, j] = value, 0.5 * value
+        rare.weight[NORMAL, j] = found[0]
         for node in range(3):
             for k in range(3):
-                cells.gradient[NORMAL, node, k, j] = cells.single[0, node, k]
+                rare.gradient[NORMAL, 3 * node + k, j] = gradient[node, k]
 
 
 @kernel
-def _add_pairs(count, half, weight, gradient, low, high):
-    """One or two strains of triangles A or B (half) to the blocks of the rows below and above them.
-
-    weight: (strains, 2, .) stiffness and half of it. gradient: (strains, nodes, 3, .). low, high:
-    (6, 3, 3 S).
-    """
-    k, h, g = weight[:, 0], weight[:, 1], gradient
+def _add_pairs(count, half, rare, strain, low, high):
+    """GUARD or NORMAL (strain) of triangles A or B (half) to the blocks of the rows below and above
+    them, (6, 3, 3 S)."""
+    k, h, gradient = rare.weight[strain], rare.halved, rare.gradient[strain]
+    for j in range(k.shape[0]):
+        h[j] = 0.5 * k[j]
+    a, b, c = gradient[0:3], gradient[3:6], gradient[6:9]
     if half == 0:
-        add_strains_outer(count, h, g, (0, 0), 0, low[OWN])
-        add_strains_outer(count, h, g, (1, 1), 1, low[OWN])
-        add_strains_outer(count, h, g, (2, 2), 0, high[OWN])
-        add_strains_outer(count, k, g, (0, 1), 0, low[ALONG])
-        add_strains_outer(count, k, g, (2, 0), 0, low[UP])
-        add_strains_outer(count, k, g, (2, 1), 0, low[SLANT])
+        add_outer(count, h, a, a, 0, low[OWN])
+        add_outer(count, h, b, b, 1, low[OWN])
+        add_outer(count, h, c, c, 0, high[OWN])
+        add_outer(count, k, a, b, 0, low[ALONG])
+        add_outer(count, k, c, a, 0, low[UP])
+        add_outer(count, k, c, b, 0, low[SLANT])
     else:
-        add_strains_outer(count, h, g, (0, 0), 0, high[OWN])
-        add_strains_outer(count, h, g, (1, 1), 1, high[OWN])
-        add_strains_outer(count, h, g, (2, 2), 1, low[OWN])
-        add_strains_outer(count, k, g, (0, 1), 0, high[ALONG])
-        add_strains_outer(count, k, g, (1, 2), 1, low[UP])
-        add_strains_outer(count, k, g, (0, 2), 0, low[SLANT])
+        add_outer(count, h, a, a, 0, high[OWN])
+        add_outer(count, h, b, b, 1, high[OWN])
+        add_outer(count, h, c, c, 1, low[OWN])
+        add_outer(count, k, a, b, 0, high[ALONG])
+        add_outer(count, k, b, c, 1, low[UP])
+        add_outer(count, k, a, c, 0, low[SLANT])
 
 
-@kernel
-def _find_geometric_stiffness(columns, cells):
-    """The whole geometric stiffness of a row of triangles, to geometric (6, .)."""
-    rest, stress, factors = cells.rest, cells.stress, cells.geometric
-    for j in range(columns):
-        of_cell = membrane_geometric_stiffness(
-            (rest[0, j], rest[1, j], rest[2, j]), stress[0, j], stress[1, j]
+@loop_kernel
+def _find_geometric_stiffness(half, count, whole, rest, cells):
+    """The geometric stiffness of a row of triangles, or none of it; rest: (3, .)."""
+    for j in range(0, count, LANES):
+        block = block_of(j, STRIP)
+        at, stress = block + GEOMETRIC + PAIRS * half, block + STRESS + 2 * AXIS * half
+        factors = membrane_geometric_stiffness(
+            vectors(rest, j), load(cells, stress), load(cells, stress + AXIS)
         )
-        for pair in range(6):
-            factors[pair, j] = of_cell[pair]
+        part = spread(1.0 if whole else 0.0)
+        put(cells, at, part * factors[0])
+        put(cells, at + AXIS, part * factors[1])
+        put(cells, at + 2 * AXIS, part * factors[2])
+        put(cells, at + 3 * AXIS, part * factors[3])
+        put(cells, at + 4 * AXIS, part * factors[4])
+        put(cells, at + 5 * AXIS, part * factors[5])
 
 
-@kernel
-def _add_geometric_stiffness(count, half, factors, low, high):
-    """As _add_pairs, of the whole geometric stiffness."""
-    if half == 0:
-        add_diagonal(count, factors[0], 0, low[OWN])
-        add_diagonal(count, factors[1], 1, low[OWN])
-        add_diagonal(count, factors[2], 0, high[OWN])
-        add_diagonal(count, factors[3], 0, low[ALONG])
-        add_diagonal(count, factors[4], 0, low[UP])
-        add_diagonal(count, factors[5], 0, low[SLANT])
-    else:
-        add_diagonal(count, factors[0], 0, high[OWN])
-        add_diagonal(count, factors[1], 1, high[OWN])
-        add_diagonal(count, factors[2], 1, low[OWN])
-        add_diagonal(count, factors[3], 0, high[ALONG])
-        add_diagonal(count, factors[5], 1, low[UP])
-        add_diagonal(count, factors[4], 0, low[SLANT])
-
-
-@kernel
-def add_strip(i, side, half, strip, damping, wanted, vane):
-    """Triangles A or B (half) between rows i and i + 1."""
-    columns, cells, guard = strip.stiffness.shape[0], vane.cells, strip.guard
-    count, gradient, stress = lanes(columns), cells.gradient, cells.stress
-    own, other = vane.nodes[i + half, side], vane.nodes[i + 1 - half, side]
-    on_own, on_other = vane.pull[i + half, side], vane.pull[i + 1 - half, side]
-    _load_cells(half, strip, damping, cells)
-    slips = False if strip.held else _let_slip(half, strip.gaps, strip, damping, cells)
-    membrane_gradients(count, own, other, half, cells.rest, gradient)
-    pressed = False
-    if strip.pressed:
-        pressed = _add_guard(half, guard[side, i], strip.strains, cells)
-    for strain in range(2):
-        add_forces(count, stress[strain], gradient[strain, 0], 0, on_own)
-        add_forces(count, stress[strain], gradient[strain, 1], 1, on_own)
-        add_forces(count, stress[strain], gradient[strain, 2], half, on_other)
-    if wanted == FORCES_ONLY:
-        return
-    if wanted == STABILISING:
-        _find_normal_stiffness(columns, own, other, half, cells)
-    if slips:
-        _mix_strains(columns, cells.coupling, gradient)
-    low, high = vane.blocks[i, side], vane.blocks[i + 1, side]
-    _add_pairs(count, half, cells.weight[:GUARD], gradient[:GUARD], low, high)
-    for strain in range(GUARD, NORMAL + 1):
-        if (strain == GUARD and not pressed) or (strain == NORMAL and wanted == WHOLE):
+@loop_kernel
+def fill_strip(i, side, strip, damping, wanted, vane, cells):
+    """Triangles between rows i and i + 1, to the cells of their strip; what is rare, at once to the
+    blocks of both rows."""
+    columns, rare = strip.stiffness.shape[0], vane.cells
+    count, below, above = lanes(columns), vane.blocks[i, side], vane.blocks[i + 1, side]
+    _load_cells(strip, damping, rare.rest, cells)
+    for half in range(2):
+        own, other = vane.nodes[i + half, side], vane.nodes[i + 1 - half, side]
+        slips = False
+        if not strip.held:
+            slips = _let_slip(half, strip.gaps, strip, damping, rare.coupling, cells)
+        membrane_gradients(count, own, other, half, rare.rest[half], cells)
+        pressed = False
+        if strip.pressed:
+            pressed = _add_guard(half, strip.guard[side, i], strip.strains, rare, cells)
+        if wanted == FORCES_ONLY:
             continue
-        this = slice(strain, strain + 1)
-        _add_pairs(count, half, cells.weight[this], gradient[this], low, high)
-    if wanted == WHOLE:
-        _find_geometric_stiffness(columns, cells)
-        _add_geometric_stiffness(count, half, cells.geometric, low, high)
+        if pressed:
+            _add_pairs(count, half, rare, GUARD, below, above)
+        if wanted == STABILISING:
+            _find_normal_stiffness(half, columns, own, other, rare, cells)
+            _add_pairs(count, half, rare, NORMAL, below, above)
+        _find_geometric_stiffness(half, count, wanted != STABILISING, rare.rest[half], cells)
+        if slips:
+            _mix_strains(half, columns, rare.coupling, cells)

@@ -1,18 +1,42 @@
-"""Sums along barbs: each loop goes from node to node over lines of numbers that lie side by side.
+"""Lines along barbs, and what cells and hinges write to them: four neighbours at a time (lanes).
 
 A line holds one number for each node of a barb, the rachis point first, or for each cell or hinge
 between two of them. Loops run over a multiple of LANES; what lies beyond the barb's end is zero and
-stays so. A loop that is shifted by a node may end on the first number of the line that follows in
-memory, to which it adds zero.
+stays so. All that is found of LANES cells or hinges lies together, number by number, and so do the
+next ones after it, so that every place is known when kernels are compiled.
 """
 
+from featherfx.algebra.lanes import COUNT as LANES
+from featherfx.algebra.lanes import load, put, where_there
 from featherfx.algebra.vec3_kernels import sub
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.vane_bending_kernels import hinge_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_slopes
 from featherfx.mechanics.vane_twist_kernels import twist_slopes
 
-LANES = 4
+# Places in a block of LANES cells of a strip between two rows: gradients of the strains of
+# triangles A and B (half), by strain, node and axis, and of the twist, by node and axis; the
+# stiffnesses of both strains of A and B and of the twist; their stresses; and the geometric
+# stiffness of the six pairs of nodes of A and B. STRIP: all of them.
+AXIS = LANES
+NODE, STRAIN, HALF = 3 * AXIS, 9 * AXIS, 18 * AXIS
+TWIST, WEIGHT, STRESS, GEOMETRIC, STRIP = (LANES * first for first in (36, 48, 53, 58, 70))
+# the twist among WEIGHT and STRESS, and pairs among GEOMETRIC
+TWISTED, PAIRS = 4 * LANES, 6 * LANES
+# The same of LANES hinges on a barb: gradients of the angle by node and axis, stiffness, stress.
+HINGE_WEIGHT, HINGE_STRESS, FOLD = 12 * LANES, 13 * LANES, 14 * LANES
+
+
+@kernel
+def block_of(j, size):
+    """Where the block of cell j begins, of blocks of so many numbers; one of zeros comes first."""
+    return (j // LANES + 1) * size
+
+
+@kernel
+def place_of(j, size):
+    """As block_of, of the first number of cell j itself."""
+    return block_of(j, size) + j % LANES
 
 
 @kernel
@@ -49,208 +73,98 @@ def add_lines_to_nodes(lines, force):
                     force[i, start + j, k] += line[j]
 
 
-@kernel
-def _three(lines, first):
-    """The lines of an array (3, .), from one of their numbers on.
-
-    Loops get such tuples and take their numbers themselves: measured, a function in between that
-    takes or puts three numbers of a tuple makes a loop over hinges four times slower.
-    """
-    return lines[0, first:], lines[1, first:], lines[2, first:]
+@loop_kernel
+def vectors(lines, j):
+    """The vectors of four nodes from j on, of lines (3, .)."""
+    return load(lines[0], j), load(lines[1], j), load(lines[2], j)
 
 
 @loop_kernel
-def _membrane_axis(count, start, end, opposite, rest, by_across, by_shear):
-    """membrane_slopes of every cell by one axis; by_across, by_shear: lines, node by node."""
-    for j in range(count):
+def _put_vectors(cells, at, value):
+    put(cells, at, value[0])
+    put(cells, at + AXIS, value[1])
+    put(cells, at + 2 * AXIS, value[2])
+
+
+@loop_kernel
+def _membrane_axis(count, start, end, opposite, rest, first, cells):
+    """membrane_slopes of every cell by one axis, to the cells of a strip, from place first on."""
+    for j in range(0, count, LANES):
         across, shear = membrane_slopes(
-            start[j], end[j], opposite[j], (rest[0][j], rest[1][j], rest[2][j])
+            load(start, j), load(end, j), load(opposite, j), vectors(rest, j)
         )
-        by_across[0][j], by_across[1][j], by_across[2][j] = across
-        by_shear[0][j], by_shear[1][j], by_shear[2][j] = shear
+        at = block_of(j, STRIP) + first
+        put(cells, at, across[0])
+        put(cells, at + NODE, across[1])
+        put(cells, at + 2 * NODE, across[2])
+        put(cells, at + STRAIN, shear[0])
+        put(cells, at + STRAIN + NODE, shear[1])
+        put(cells, at + STRAIN + 2 * NODE, shear[2])
 
 
-@kernel
-def membrane_gradients(count, own, other, shift, rest, gradient):
-    """Gradients of both strains of a row of triangles, to gradient (2, nodes, 3, .).
+@loop_kernel
+def membrane_gradients(count, own, other, half, rest, cells):
+    """Gradients of both strains of a row of triangles A or B (half), to the cells of a strip.
 
-    own: (3, .) nodes of the barb that holds their edge; other: of the other barb, whose node shift
+    own: (3, .) nodes of the barb that holds their edge; other: of the other barb, whose node half
     further on is opposite. rest: (3, .) of membrane_strain.
     """
-    across, shear, known = gradient[0], gradient[1], _three(rest, 0)
     for k in range(3):
-        by_across = across[0, k], across[1, k], across[2, k]
-        by_shear = shear[0, k], shear[1, k], shear[2, k]
-        _membrane_axis(count, own[k], own[k, 1:], other[k, shift:], known, by_across, by_shear)
+        first = HALF * half + AXIS * k
+        _membrane_axis(count, own[k], own[k, 1:], other[k, half:], rest, first, cells)
 
 
 @kernel
 def _kept(weight, v):
-    """The vector of a hinge that is there; what has no nodes may not be a number."""
-    if weight == 0.0:
-        return 0.0, 0.0, 0.0
-    return v
+    """The vectors of hinges that are there; what has no nodes may not be a number."""
+    return where_there(weight, v[0]), where_there(weight, v[1]), where_there(weight, v[2])
 
 
 @loop_kernel
-def _hinges(count, weight, start, end, above, below, gradient):
-    """hinge_slopes of every hinge with a weight; start to below: lines of x_0 to x_3."""
-    by_start, by_end, by_above, by_below = gradient
-    for j in range(count):
-        x = start[0][j], start[1][j], start[2][j]
-        a, b, c, d = hinge_slopes(
-            sub((end[0][j], end[1][j], end[2][j]), x),
-            sub((above[0][j], above[1][j], above[2][j]), x),
-            sub((below[0][j], below[1][j], below[2][j]), x),
-        )
-        by_start[0][j], by_start[1][j], by_start[2][j] = _kept(weight[j], a)
-        by_end[0][j], by_end[1][j], by_end[2][j] = _kept(weight[j], b)
-        by_above[0][j], by_above[1][j], by_above[2][j] = _kept(weight[j], c)
-        by_below[0][j], by_below[1][j], by_below[2][j] = _kept(weight[j], d)
-
-
-@kernel
-def hinge_gradients(count, own, above, below, weight, gradient):
-    """Gradients of the dihedral angles at a barb, to gradient (4, 3, .); zero without a weight.
+def hinge_gradients(count, own, above, below, hinges):
+    """Gradients of the dihedral angles at a barb, to its hinges; zero without a stiffness.
 
     own, above, below: (3, .) nodes of the barb and its neighbours.
     """
-    g = gradient
-    by_nodes = _three(g[0], 0), _three(g[1], 0), _three(g[2], 0), _three(g[3], 0)
-    start, end, up, down = _three(own, 0), _three(own, 1), _three(above, 1), _three(below, 1)
-    _hinges(count, weight, start, end, up, down, by_nodes)
-
-
-@loop_kernel
-def _twists(count, start, end, above, beyond, gradient):
-    """twist_slopes of every cell; start to beyond: lines of x_0 to x_3."""
-    by_start, by_end, by_above, by_beyond = gradient
-    for j in range(count):
-        x = start[0][j], start[1][j], start[2][j]
-        a, b, c, d = twist_slopes(
-            sub((end[0][j], end[1][j], end[2][j]), x),
-            sub((above[0][j], above[1][j], above[2][j]), x),
-            sub((beyond[0][j], beyond[1][j], beyond[2][j]), x),
+    for j in range(0, count, LANES):
+        x, at = vectors(own, j), block_of(j, FOLD)
+        there = load(hinges, at + HINGE_WEIGHT)
+        a, b, c, d = hinge_slopes(
+            sub(vectors(own, j + 1), x),
+            sub(vectors(above, j + 1), x),
+            sub(vectors(below, j + 1), x),
         )
-        by_start[0][j], by_start[1][j], by_start[2][j] = a
-        by_end[0][j], by_end[1][j], by_end[2][j] = b
-        by_above[0][j], by_above[1][j], by_above[2][j] = c
-        by_beyond[0][j], by_beyond[1][j], by_beyond[2][j] = d
+        _put_vectors(hinges, at, _kept(there, a))
+        _put_vectors(hinges, at + NODE, _kept(there, b))
+        _put_vectors(hinges, at + 2 * NODE, _kept(there, c))
+        _put_vectors(hinges, at + 3 * NODE, _kept(there, d))
 
 
-@kernel
-def twist_gradients(count, own, above, gradient):
-    """Gradients of 6 V of a row of cells, to gradient (4, 3, .); own, above: (3, .) nodes of the
+@loop_kernel
+def twist_gradients(count, own, above, cells):
+    """Gradients of 6 V of a row of cells, to the cells of a strip; own, above: (3, .) nodes of the
     barbs below and above them."""
-    g = gradient
-    by_nodes = _three(g[0], 0), _three(g[1], 0), _three(g[2], 0), _three(g[3], 0)
-    _twists(count, _three(own, 0), _three(own, 1), _three(above, 0), _three(above, 1), by_nodes)
+    for j in range(0, count, LANES):
+        x, at = vectors(own, j), block_of(j, STRIP) + TWIST
+        a, b, c, d = twist_slopes(
+            sub(vectors(own, j + 1), x), sub(vectors(above, j), x), sub(vectors(above, j + 1), x)
+        )
+        _put_vectors(cells, at, a)
+        _put_vectors(cells, at + NODE, b)
+        _put_vectors(cells, at + 2 * NODE, c)
+        _put_vectors(cells, at + 3 * NODE, d)
 
 
 @loop_kernel
-def _forces(count, stress, gradient, force):
-    """force += stress gradient."""
-    for j in range(count):
-        force[0][j] += stress[j] * gradient[0][j]
-        force[1][j] += stress[j] * gradient[1][j]
-        force[2][j] += stress[j] * gradient[2][j]
-
-
-@kernel
-def add_forces(count, stress, gradient, shift, force):
-    """force (3, .) of the node shift further on += stress (.) times gradient (3, .)."""
-    _forces(count, stress, _three(gradient, 0), _three(force, shift))
-
-
-@loop_kernel
-def _outer(count, weight, left, right, x, y, z):
-    """weight left right^T, added to rows x, y, z of right: y[0] is right's y times left's x."""
-    for j in range(count):
-        rx, ry, rz = weight[j] * right[0][j], weight[j] * right[1][j], weight[j] * right[2][j]
-        x[0][j] += rx * left[0][j]
-        x[1][j] += rx * left[1][j]
-        x[2][j] += rx * left[2][j]
-        y[0][j] += ry * left[0][j]
-        y[1][j] += ry * left[1][j]
-        y[2][j] += ry * left[2][j]
-        z[0][j] += rz * left[0][j]
-        z[1][j] += rz * left[1][j]
-        z[2][j] += rz * left[2][j]
-
-
-@kernel
 def add_outer(count, weight, left, right, shift, block):
     """K_km += weight left_k right_m of every cell, at the node shift further on.
 
     weight: (.). left, right: (3, .). block: (3, 3 S), entry [m, k S + node] = K_km.
     """
     size = block.shape[1] // 3
-    y, z = size + shift, 2 * size + shift
-    _outer(
-        count,
-        weight,
-        _three(left, 0),
-        _three(right, 0),
-        (block[0, shift:], block[0, y:], block[0, z:]),
-        (block[1, shift:], block[1, y:], block[1, z:]),
-        (block[2, shift:], block[2, y:], block[2, z:]),
-    )
-
-
-@loop_kernel
-def _two_outers(count, weight, left, right, x, y, z):
-    """As _outer, of two strains at once: weight: 2 lines, left, right: 6 of them."""
-    for j in range(count):
-        v, w = weight[0][j], weight[1][j]
-        ax, ay, az = v * right[0][j], v * right[1][j], v * right[2][j]
-        bx, by, bz = w * right[3][j], w * right[4][j], w * right[5][j]
-        x[0][j] += ax * left[0][j] + bx * left[3][j]
-        x[1][j] += ax * left[1][j] + bx * left[4][j]
-        x[2][j] += ax * left[2][j] + bx * left[5][j]
-        y[0][j] += ay * left[0][j] + by * left[3][j]
-        y[1][j] += ay * left[1][j] + by * left[4][j]
-        y[2][j] += ay * left[2][j] + by * left[5][j]
-        z[0][j] += az * left[0][j] + bz * left[3][j]
-        z[1][j] += az * left[1][j] + bz * left[4][j]
-        z[2][j] += az * left[2][j] + bz * left[5][j]
-
-
-@kernel
-def add_strains_outer(count, weight, gradient, pair, shift, block):
-    """add_outer of the nodes of a pair, for all strains at once.
-
-    weight: (1 or 2 strains, .). gradient: (strains, nodes, 3, .).
-    """
-    left, right, size = gradient[0, pair[0]], gradient[0, pair[1]], block.shape[1] // 3
-    if weight.shape[0] == 1:
-        add_outer(count, weight[0], left, right, shift, block)
-        return
-    more_left, more_right = gradient[1, pair[0]], gradient[1, pair[1]]
-    y, z = size + shift, 2 * size + shift
-    _two_outers(
-        count,
-        (weight[0], weight[1]),
-        (left[0], left[1], left[2], more_left[0], more_left[1], more_left[2]),
-        (right[0], right[1], right[2], more_right[0], more_right[1], more_right[2]),
-        (block[0, shift:], block[0, y:], block[0, z:]),
-        (block[1, shift:], block[1, y:], block[1, z:]),
-        (block[2, shift:], block[2, y:], block[2, z:]),
-    )
-
-
-@loop_kernel
-def _diagonal(count, value, x, y, z):
-    """value, added to the entries x, y, z of the diagonal."""
-    for j in range(count):
-        x[j] += value[j]
-        y[j] += value[j]
-        z[j] += value[j]
-
-
-@kernel
-def add_diagonal(count, value, shift, block):
-    """As add_outer, of value (.) times the unit matrix."""
-    size = block.shape[1] // 3
-    _diagonal(
-        count, value, block[0, shift:], block[1, size + shift :], block[2, 2 * size + shift :]
-    )
+    for j in range(0, count, LANES):
+        w, x = load(weight, j), vectors(left, j)
+        for m in range(3):
+            scaled, line = w * load(right[m], j), block[m, shift:]
+            for k in range(3):
+                put(line, k * size + j, load(line, k * size + j) + scaled * x[k])
