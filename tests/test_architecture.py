@@ -143,6 +143,8 @@ def _takes(node: ast.stmt) -> tuple[int, int] | None:
     if isinstance(node, ast.FunctionDef) and not (node.args.vararg or node.args.kwarg):
         most = len(node.args.posonlyargs + node.args.args + node.args.kwonlyargs)
         free = len(node.args.defaults) + sum(k is not None for k in node.args.kw_defaults)
+        # numba gives an intrinsic its typing context itself
+        most -= any(ast.unparse(each) == "intrinsic" for each in node.decorator_list)
         return most - free, most
     if isinstance(node, ast.ClassDef) and [ast.unparse(b) for b in node.bases] == ["NamedTuple"]:
         fields = [each for each in node.body if isinstance(each, ast.AnnAssign)]

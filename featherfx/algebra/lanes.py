@@ -2,9 +2,9 @@
 
 LLVM makes vectors of loops over arrays by itself, but not of sums that are kept in registers over a
 loop, nor of what is shared by several of its turns. There kernels say so: `load` takes four
-neighbouring numbers of a line, + - * /, sqrt and max work on each, a plain number stands for four
-equal ones, and `put` writes them. What takes tuples of numbers (vec3_kernels, and slopes of
-energies) takes tuples of lanes as well.
+neighbouring numbers of a line, + - * /, sqrt, ceil, max and min work on each, a plain number stands
+for four equal ones, and `put` writes them. What takes tuples of numbers (vec3_kernels, and slopes
+of energies) takes tuples of lanes as well.
 """
 
 from __future__ import annotations
@@ -76,33 +76,44 @@ def _larger(builder: Any, a: Any, b: Any) -> Any:
     return builder.select(builder.fcmp_ordered(">", a, b), a, b)
 
 
+def _smaller(builder: Any, a: Any, b: Any) -> Any:
+    return builder.select(builder.fcmp_ordered("<", a, b), a, b)
+
+
 _declare(operator.add, lambda builder, a, b: builder.fadd(a, b))
 _declare(operator.sub, lambda builder, a, b: builder.fsub(a, b))
 _declare(operator.mul, lambda builder, a, b: builder.fmul(a, b))
 _declare(operator.truediv, lambda builder, a, b: builder.fdiv(a, b))
 _declare(max, _larger)
+_declare(min, _smaller)
 
 
-@infer_global(operator.neg)
-class _Negative(ConcreteTemplate):
-    cases: ClassVar = [signature(LANES, LANES)]
+def _declare_single(function: Any, emit: Callable[[Any, Any], Any]) -> None:
+    """As _declare, of one number."""
+
+    @infer_global(function)
+    class _Typed(ConcreteTemplate):
+        cases: ClassVar = [signature(LANES, LANES)]
+
+    @lower_builtin(function, LANES)
+    def lowered(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return emit(builder, args[0])
 
 
-@lower_builtin(operator.neg, LANES)
-def _negative(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    return builder.fneg(args[0])
-
-
-@infer_global(math.sqrt)
-class _Root(ConcreteTemplate):
-    cases: ClassVar = [signature(LANES, LANES)]
-
-
-@lower_builtin(math.sqrt, LANES)
-def _root(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+def _by_llvm(name: str) -> Callable[[Any, Any], Any]:
+    """A function of LLVM's own."""
     kind = ir.FunctionType(_VECTOR, (_VECTOR,))
-    root = get_or_insert_function(builder.module, kind, f"llvm.sqrt.v{COUNT}f64")
-    return builder.call(root, args)
+
+    def emit(builder: Any, value: Any) -> Any:
+        function = get_or_insert_function(builder.module, kind, f"llvm.{name}.v{COUNT}f64")
+        return builder.call(function, (value,))
+
+    return emit
+
+
+_declare_single(operator.neg, lambda builder, value: builder.fneg(value))
+_declare_single(math.sqrt, _by_llvm("sqrt"))
+_declare_single(math.ceil, _by_llvm("ceil"))
 
 
 def _place(context: Any, builder: Any, kind: Any, line: Any, first: Any) -> Any:
@@ -218,3 +229,13 @@ def where_there(typing: Any, weight: Any, value: Any) -> Any:
         return builder.select(builder.fcmp_unordered("!=", args[0], nothing), args[1], nothing)
 
     return LANES(LANES, LANES), emit
+
+
+@intrinsic
+def chosen(typing: Any, a: Any, b: Any, larger: Any, other: Any) -> Any:
+    """The numbers of larger where a is above b, else those of other."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(">", args[0], args[1]), args[2], args[3])
+
+    return LANES(LANES, LANES, LANES, LANES), emit

@@ -37,6 +37,7 @@ make the energy jump, too. t - t0 is therefore multiplied by w(y) of either tria
 
 from math import atan2, ceil, copysign, pi, sqrt
 
+from featherfx.algebra.angle_kernels import arctan2
 from featherfx.algebra.vec3_kernels import (
     accumulate,
     add,
@@ -77,19 +78,18 @@ def folded(angle):
 
 
 @kernel
-def _angle_and_squares(start, end, above, below):
-    """Dihedral angle, and |n|^2 of both triangles."""
-    e, u, v = sub(end, start), sub(above, start), sub(below, start)
+def _fold_of(e, u, v):
+    """Sine and cosine of a hinge's dihedral angle, times the same number, and |n|^2 of both
+    triangles; arguments as of hinge_slopes."""
     n1, n2 = cross(e, u), cross(v, e)
-    angle = atan2(dot(cross(n1, n2), e), length(e) * dot(n1, n2) + TINY)
-    return angle, dot(n1, n1), dot(n2, n2)
+    return dot(cross(n1, n2), e), length(e) * dot(n1, n2) + TINY, dot(n1, n1), dot(n2, n2)
 
 
 @kernel
 def hinge_angle(start, end, above, below):
     """Dihedral angle of x_0, x_1, x_2, x_3 (each (3,)), in (-pi, pi]."""
-    angle, _, _ = _angle_and_squares(start, end, above, below)
-    return angle
+    sine, cosine, _, _ = _fold_of(sub(end, start), sub(above, start), sub(below, start))
+    return atan2(sine, cosine)
 
 
 @kernel
@@ -121,22 +121,20 @@ def hinge_gradient(start, end, above, below, gradient):
 @kernel
 def _openness(square, opening):
     """w and its derivative by |n|^2, of a triangle with n = e x u of the given square."""
-    y = square * opening
-    if y >= 1.0:
-        return 1.0, 0.0
+    y = min(square * opening, 1.0)
     return y * (2.0 - y), 2.0 * (1.0 - y) * opening
 
 
 @kernel
-def angle_and_openness(start, end, above, below, open_above, open_below):
-    """Dihedral angle of a hinge, and w of both its triangles, multiplied.
+def angles_and_openness(e, u, v, open_above, open_below):
+    """Dihedral angles of four hinges (lanes), and w of both triangles of each, multiplied.
 
-    start to below: as in hinge_angle. open_above, open_below: of `opening`.
+    e, u, v: as of hinge_slopes. open_above, open_below: of `opening`.
     """
-    angle, over, under = _angle_and_squares(start, end, above, below)
+    sine, cosine, over, under = _fold_of(e, u, v)
     first, _ = _openness(over, open_above)
     second, _ = _openness(under, open_below)
-    return angle, first * second
+    return arctan2(sine, cosine), first * second
 
 
 @kernel

@@ -1,10 +1,12 @@
 """Four numbers at a time give what each of them gives."""
 
-from math import sqrt
+from math import ceil, sqrt
 
 import numpy as np
 
+from featherfx.algebra.angle_kernels import arctan2
 from featherfx.algebra.lanes import (
+    chosen,
     follow,
     increase,
     lane,
@@ -28,16 +30,18 @@ def _calculated(a, b, out):
         put(out[0], j, (x + 2.0 * y - y / x) * -x)
         put(out[1], j, sqrt(x) + max(x, y) - 1.0 / max(y, 1.0))
         put(out[2], j, spread(lane(x, 2)))
+        put(out[3], j, chosen(x, y, ceil(x), min(y, 1.0)))
 
 
 def test_they_calculate_as_numbers_do():
-    out = np.zeros((3, 16))
+    out = np.zeros((4, 16))
     _calculated(A, B, out)
     np.testing.assert_allclose(out[0], -(A + 2.0 * B - B / A) * A, rtol=1e-14)
     np.testing.assert_allclose(
         out[1], np.sqrt(A) + np.maximum(A, B) - 1.0 / np.maximum(B, 1.0), rtol=1e-14
     )
     np.testing.assert_array_equal(out[2], np.repeat(A[2::4], 4))
+    np.testing.assert_array_equal(out[3], np.where(A > B, np.ceil(A), np.minimum(B, 1.0)))
 
 
 @kernel
@@ -77,3 +81,20 @@ def test_they_are_summed_and_moved():
     np.testing.assert_array_equal(out[5], lines.reshape(16)[3:7])
     np.testing.assert_array_equal(out[6], [lines[0, 0], 0.0, lines[0, 2], 0.0])
     np.testing.assert_array_equal(out[7], [0.0, 0.0, 3.0, 0.0])
+
+
+@kernel
+def _angles(y, x, out):
+    for j in range(0, y.shape[0], 4):
+        put(out, j, arctan2(load(y, j), load(x, j)))
+
+
+def test_angles_are_right_all_around():
+    turn = np.pi * np.linspace(-1.0, 1.0, 4002)[1:-1]
+    size = np.random.default_rng(4).uniform(-9.0, 9.0, turn.size)
+    y, x, out = 10.0**size * np.sin(turn), 10.0**size * np.cos(turn), np.zeros(turn.size)
+    _angles(y, x, out)
+    np.testing.assert_allclose(out, np.arctan2(y, x), rtol=1e-15, atol=1e-300)
+    mirrored = np.zeros(turn.size)
+    _angles(-y, x, mirrored)
+    np.testing.assert_array_equal(mirrored, -out)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from featherfx.mechanics.vane_bending_kernels import angle_and_openness, openness_gradient
+from featherfx.algebra.lanes import lane, spread
+from featherfx.algebra.vec3_kernels import sub
+from featherfx.jit.compiled import kernel
+from featherfx.mechanics.vane_bending_kernels import angles_and_openness, openness_gradient
 from featherfx.mechanics.vane_rest import CRUSHED, opening
 
 # unit edge, triangles of height 1 at rest
@@ -20,8 +23,20 @@ def nodes(height, seed=0):
     return flat @ turn
 
 
+@kernel
+def _from_start(points, node):
+    x, y, z = sub(points[node], points[0])
+    return spread(x), spread(y), spread(z)
+
+
+@kernel
+def _openness(points, opened):
+    e, u, v = _from_start(points, 1), _from_start(points, 2), _from_start(points, 3)
+    return lane(angles_and_openness(e, u, v, spread(opened), spread(opened))[1], 0)
+
+
 def openness(points):
-    return angle_and_openness(*points, opening(REST), opening(REST))[1]
+    return _openness(points, float(opening(REST)))
 
 
 @pytest.mark.parametrize("height", [CRUSHED, 0.5, -1.0])

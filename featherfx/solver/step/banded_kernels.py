@@ -2,80 +2,135 @@
 
 Storage: band (N, B + 1), band[j, d] = A[j + d, j], so that the column below the diagonal is
 contiguous; entries beyond the last row are zero. Columns are eliminated in blocks: a block is
-factored by itself, copied to a panel that lines its columns up row by row, and taken from every
-later column in one pass, so that an entry is read and written once for the whole block. Passes are
-a multiple of CHUNK entries long, for which the processor needs no remainder loop; what lies beyond
-a column's end gets zeros subtracted.
+copied to a panel that lines its columns up row by row, factored there, copied back, and taken from
+every later column in one pass, two columns at a time, so that an entry is read and written once for
+the whole block. Rows are taken four by four (lanes); what lies beyond a column's end gets zeros
+subtracted.
 """
 
 from math import sqrt
 
+from featherfx.algebra.lanes import COUNT as LANES
+from featherfx.algebra.lanes import load, put, spread
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
 
-BLOCK = 8  # columns; `_subtract` is written out for this many
-CHUNK = 16
+BLOCK = 8  # columns; `_column` and `_eight` are written out for this many
 
 
 def panel_shape(width):
     """Shape of the scratch that factorise wants for a band of this width."""
-    return BLOCK, width + CHUNK
+    return BLOCK, (BLOCK + width + LANES) // LANES * LANES + LANES
 
 
 @loop_kernel
-def _scale(column, factor):
-    for d in range(column.shape[0]):
-        column[d] *= factor
+def _line_up(band, start, count, panel):
+    """panel[s, r] = entry of column start + s in row start + r; zero beyond it."""
+    width = band.shape[1]
+    for s in range(count):
+        panel[s, :s] = 0.0
+        for d in range(width):
+            panel[s, s + d] = band[start + s, d]
+        for r in range(s + width, panel.shape[1]):
+            panel[s, r] = 0.0
+    for s in range(count, BLOCK):
+        panel[s, :] = 0.0
 
 
 @loop_kernel
-def _take(other, column, factor):
-    for d in range(column.shape[0]):
-        other[d] -= factor * column[d]
+def _put_back(panel, start, count, band):
+    for s in range(count):
+        for d in range(band.shape[1]):
+            band[start + s, d] = panel[s, s + d]
+
+
+@loop_kernel
+def _take(other, column, factor, begin, end):
+    """Entries begin to end of a column, taken from another as often as factor says."""
+    for r in range(begin // LANES * LANES, end, LANES):
+        put(other, r, load(other, r) - factor * load(column, r))
 
 
 @kernel
-def _eliminate(band, start, count):
-    """Factor count columns by themselves; returns False if a pivot is not positive."""
-    width = band.shape[1]
-    for j in range(start, start + count):
-        column = band[j]
-        if not column[0] > 0.0:
+def _eliminate(panel, count, end):
+    """Factor count columns by themselves, end entries of each; returns False if a pivot is not
+    positive. Entries above the diagonal are not kept."""
+    for s in range(count):
+        column = panel[s]
+        if not column[s] > 0.0:
             return False
-        _scale(column, 1.0 / sqrt(column[0]))
-        for t in range(1, min(start + count - j, width)):
-            _take(band[j + t], column[t:], column[t])
+        scale = 1.0 / sqrt(column[s])
+        for r in range(s // LANES * LANES, end, LANES):
+            put(column, r, scale * load(column, r))
+        for t in range(s + 1, count):
+            _take(panel[t], column, column[t], t, end)
     return True
 
 
 @loop_kernel
-def _line_up(band, start, panel):
-    """panel[s, r] = entry of column start + s in row start + BLOCK + r; zero outside the band."""
-    width = band.shape[1]
-    for s in range(BLOCK):
-        first = BLOCK - s
-        count = max(width - first, 0)
-        for r in range(count):
-            panel[s, r] = band[start + s, first + r]
-        for r in range(count, panel.shape[1]):
-            panel[s, r] = 0.0
+def _column(panel, t):
+    """Entries t of all columns, each four times."""
+    return (
+        (spread(panel[0, t]), spread(panel[1, t]), spread(panel[2, t]), spread(panel[3, t])),
+        (spread(panel[4, t]), spread(panel[5, t]), spread(panel[6, t]), spread(panel[7, t])),
+    )
 
 
 @loop_kernel
-def _subtract(panel, count, flat, width):
-    """Take a block from the count columns after it; flat: what is left of the band, as (.,).
+def _eight(panel, r):
+    """Four rows from r on, of all columns."""
+    return (
+        (load(panel[0], r), load(panel[1], r), load(panel[2], r), load(panel[3], r)),
+        (load(panel[4], r), load(panel[5], r), load(panel[6], r), load(panel[7], r)),
+    )
 
-    column[r] -= sum_s panel[s, t] panel[s, t + r] for column t.
+
+@loop_kernel
+def _product(a, b):
+    """Sum of the products of eight pairs."""
+    (p, q, r, s), (t, u, v, w) = a
+    first = (p * b[0][0] + q * b[0][1]) + (r * b[0][2] + s * b[0][3])
+    return first + ((t * b[1][0] + u * b[1][1]) + (v * b[1][2] + w * b[1][3]))
+
+
+@loop_kernel
+def _subtract(panel, count, end, flat, width):
+    """Take a block from the count columns after it, down to row end; flat: what is left of the
+    band, as (.,).
+
+    column[r - t] -= sum_s panel[s, t] panel[s, r] for the column of row t.
     """
-    for t in range(count):
-        a, b, c, d = panel[0, t:], panel[1, t:], panel[2, t:], panel[3, t:]
-        e, f, g, h = panel[4, t:], panel[5, t:], panel[6, t:], panel[7, t:]
-        a0, b0, c0, d0, e0, f0, g0, h0 = a[0], b[0], c[0], d[0], e[0], f[0], g[0], h[0]
-        column = flat[t * width :]
-        length = (width - 1 - t + CHUNK - 1) // CHUNK * CHUNK
-        for r in range(min(length, column.shape[0])):
-            first = (a0 * a[r] + b0 * b[r]) + (c0 * c[r] + d0 * d[r])
-            second = (e0 * e[r] + f0 * f[r]) + (g0 * g[r] + h0 * h[r])
-            column[r] -= first + second
+    for t in range(BLOCK, BLOCK + count, 2):
+        a, b = _column(panel, t), _column(panel, t + 1)
+        column, next_one = (t - BLOCK) * width - t, (t + 1 - BLOCK) * width - t - 1
+        square = 0.0
+        for s in range(BLOCK):
+            square += panel[s, t] * panel[s, t]
+        flat[column + t] -= square
+        if t + 1 == BLOCK + count:
+            for r in range(t + 1, end, LANES):
+                lines = _eight(panel, r)
+                put(flat, column + r, load(flat, column + r) - _product(a, lines))
+            return
+        for r in range(t + 1, end, LANES):
+            lines = _eight(panel, r)
+            put(flat, column + r, load(flat, column + r) - _product(a, lines))
+            put(flat, next_one + r, load(flat, next_one + r) - _product(b, lines))
+
+
+@kernel
+def _factorise_narrow(band):
+    """As factorise, of a band with fewer diagonals than lanes."""
+    size, width = band.shape
+    for j in range(size):
+        if not band[j, 0] > 0.0:
+            return False
+        scale = 1.0 / sqrt(band[j, 0])
+        for d in range(width):
+            band[j, d] *= scale
+        for t in range(1, min(width, size - j)):
+            for d in range(t, width):
+                band[j + t, d - t] -= band[j, t] * band[j, d]
+    return True
 
 
 @shared_kernel(bool)
@@ -85,14 +140,19 @@ def factorise(band, panel):
     panel: scratch of panel_shape(B + 1).
     """
     size, width = band.shape
+    if width < LANES:
+        return _factorise_narrow(band)
     flat = band.reshape(band.size)
     for start in range(0, size, BLOCK):
-        if not _eliminate(band, start, min(BLOCK, size - start)):
+        count = min(BLOCK, size - start)
+        _line_up(band, start, count, panel)
+        if not _eliminate(panel, count, min(count + width - 1, size - start)):
             return False
+        _put_back(panel, start, count, band)
         below = start + BLOCK
         if below < size:
-            _line_up(band, start, panel)
-            _subtract(panel, min(width - 1, size - below), flat[below * width :], width)
+            after, end = min(width - 1, size - below), min(BLOCK + width - 1, size - start)
+            _subtract(panel, after, end, flat[below * width :], width)
     return True
 
 

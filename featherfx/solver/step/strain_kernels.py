@@ -8,9 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.array_kernels import copy_values
-from featherfx.jit.compiled import kernel
+from featherfx.algebra.lanes import COUNT as LANES
+from featherfx.algebra.lanes import follow, lane, load, put, spread, transposed, where_there
+from featherfx.algebra.vec3_kernels import sub
+from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.row_kernels import node_index
-from featherfx.mechanics.vane_bending_kernels import angle_and_openness, wrapped
+from featherfx.mechanics.vane_bending_kernels import angles_and_openness, wrapped
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 from featherfx.mechanics.vane_twist_kernels import cell_twist
 
@@ -134,28 +137,86 @@ def cell_strains(model, f, points, strains):
                     strains[side, i, j, half, 1] = shear
 
 
+@loop_kernel
+def _four_threes(row, first, count):
+    """Four of the threes of numbers of a row from first on, zeros beyond count of them. The number
+    before each is read as well."""
+    none, at = spread(0.0), 3 * first - 1
+    _, x, y, z = transposed(
+        load(row, at),
+        load(row, at + 3) if count > 1 else none,
+        load(row, at + 6) if count > 2 else none,
+        load(row, at + 9) if count > 3 else none,
+    )
+    return x, y, z
+
+
+@loop_kernel
+def _put_some(line, j, count, value):
+    """Write the first of four numbers to line[j] and on, of which there are count."""
+    if count >= LANES:
+        put(line, j, value)
+        return
+    for k in range(count):
+        line[j + k] = lane(value, k)
+
+
+@loop_kernel
+def _row_of_hinges(first, rows, rest, stiffness, reference, angles, openness):
+    """Hinges on one barb, whose first node is at first in its row. rows: flat nodes of the row, of
+    the one above and of the one below. rest: (3 m,)."""
+    own, above, below = rows
+    last = spread(own[0]), spread(own[1]), spread(own[2])
+    for j in range(0, stiffness.shape[0], LANES):
+        count, at = stiffness.shape[0] - j, first + j
+        end = _four_threes(own, at, count)
+        start = follow(last[0], end[0]), follow(last[1], end[1]), follow(last[2], end[2])
+        last = end
+        flat, open_above, open_below = _four_threes(rest, j, count)
+        angle, w = angles_and_openness(
+            sub(end, start),
+            sub(_four_threes(above, at, count), start),
+            sub(_four_threes(below, at, count), start),
+            open_above,
+            open_below,
+        )
+        before, there = _some(reference, j, count), _some(stiffness, j, count)
+        angle = wrapped(angle - flat - before) + before
+        _put_some(angles, j, count, where_there(there, angle))
+        _put_some(openness, j, count, 1.0 + where_there(there, w - 1.0))
+
+
+@loop_kernel
+def _some(line, j, count):
+    """Numbers of a line from j on, zeros beyond count of them."""
+    if count >= LANES:
+        return load(line, j)
+    a = line[j]
+    b = line[j + 1] if count > 1 else 0.0
+    c = line[j + 2] if count > 2 else 0.0
+    none = spread(0.0)
+    return transposed(spread(a), spread(b), spread(c), none)[0]
+
+
 @kernel
 def _hinge_strains(model, f, points, reference, strains):
     """Dihedral angles and openness; reference: (2, n, m)."""
-    columns = reference.shape[2]
-    for side in range(2):
-        for i in range(reference.shape[1]):
-            for j in range(columns):
-                angle, openness = 0.0, 1.0
-                if model.hinge_stiffness[f, side, i, j] != 0.0:
-                    near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-                    rest, before = model.hinge_rest[f, side, i, j], reference[side, i, j]
-                    angle, openness = angle_and_openness(
-                        points[i, near],
-                        points[i, far],
-                        points[i + 1, far],
-                        points[i - 1, far],
-                        rest[1],
-                        rest[2],
-                    )
-                    angle = wrapped(angle - rest[0] - before) + before
-                strains.hinge[side, i, j] = angle
-                strains.openness[side, i, j] = openness
+    columns, size = reference.shape[2], points.shape[1] * 3
+    flat = points.reshape(points.size)
+    strains.hinge[:] = 0.0
+    strains.openness[:] = 1.0
+    for side in range(2 if columns > 0 else 0):
+        for i in range(1, reference.shape[1] - 1):
+            rest, at = model.hinge_rest[f, side, i], i * size
+            _row_of_hinges(
+                1 + side * columns,
+                (flat[at : at + size], flat[at + size :], flat[at - size :]),
+                rest.reshape(rest.size),
+                model.hinge_stiffness[f, side, i],
+                reference[side, i],
+                strains.hinge[side, i],
+                strains.openness[side, i],
+            )
 
 
 @kernel

@@ -165,6 +165,26 @@ def _add_dots(g, h, u, v, flat, at, to):
     increase(flat, to + 1, lane(sums, 3))
 
 
+@loop_kernel
+def _add_four_dots(barb, a, u, v, flat, at, to):
+    """As _add_dots, of four rows of barb from a on."""
+    g, h, k, q = barb[a], barb[a + 1], barb[a + 2], barb[a + 3]
+    gu, hu, ku, qu = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+    gv, hv, kv, qv = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+    for s in range(0, u.shape[0], LANES):
+        x, y = load(u, s), load(v, s)
+        w = load(g, s)
+        gu, gv = gu + w * x, gv + w * y
+        w = load(h, s)
+        hu, hv = hu + w * x, hv + w * y
+        w = load(k, s)
+        ku, kv = ku + w * x, kv + w * y
+        w = load(q, s)
+        qu, qv = qu + w * x, qv + w * y
+    put(flat, at, load(flat, at) + totals(gu, hu, ku, qu))
+    put(flat, to, load(flat, to) + totals(gv, hv, kv, qv))
+
+
 @kernel
 def _add_products(barb, product, flat, first, stride, shift):
     """flat[first + b stride + a] += barb[a].product[b], lines (w, 3 S); coefficients, a and b from
@@ -173,10 +193,13 @@ def _add_products(barb, product, flat, first, stride, shift):
     for b in range(0, wide, 2):
         at = first + (b + (shift if b >= 6 else 0)) * stride
         _add_resultants(barb, product, b, flat, at, at + stride)
-        for a in range(6, wide, 2):
+        u, v = product[b], product[b + 1]
+        for a in range(6, wide - 2, 4):
             place = at + a + shift
-            u, v = product[b], product[b + 1]
-            _add_dots(barb[a], barb[a + 1], u, v, flat, place, place + stride)
+            _add_four_dots(barb, a, u, v, flat, place, place + stride)
+        if wide % 4 == 0:
+            place = at + wide - 2 + shift
+            _add_dots(barb[wide - 2], barb[wide - 1], u, v, flat, place, place + stride)
 
 
 @kernel
