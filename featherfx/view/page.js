@@ -84,7 +84,7 @@
 
   let drawnStep = 0; // of those below
   // A body of many triangles waits until what is drawn slowly stands.
-  const showsBody = (body) => byId("body").checked && !(drawnStep && body.header.triangles > state.few);
+  const showsBody = (body) => byId("body").checked && !(drawnStep && body.header.triangles > 5 * state.few);
 
   function draw() {
     const drawn = halves(), wide = width() / drawn.length;
@@ -118,8 +118,8 @@
     const pace = (began - since) / passed, isLate = state.playing && since && pace > 1.1 * frameTime() && state.drawing > 0.25 * pace;
     [since, passed] = [began, 0];
     if ((isLate || state.drawing > state.spare) && step < steps()) {
-      const each = state.drawing / trianglesDrawn(first.level), spare = Math.min(state.spare, 0.7 * state.drawing);
-      do step++; while (step < steps() && each * trianglesDrawn(Math.min(step, most())) > spare);
+      const each = state.drawing / worked(first.level), spare = Math.min(state.spare, 0.7 * state.drawing);
+      do step++; while (step < steps() && each * worked(Math.min(step, most())) > spare);
       patience = trying ? Math.min(2 * patience, 400) : patience;
       untimed = trying ? patience : 1;
       trying = false;
@@ -139,6 +139,9 @@
   // ms from frame to frame, of those that can be seen
   const frameTime = () => Math.max(1000 / (Number(byId("speed").value) * header.framesPerSecond), 1000 / 24);
   const trianglesDrawn = (level) => halves().reduce((sum, each) => sum + each.levels[Math.min(level, each.levels.length - 1)].triangles, 0);
+
+  // All triangles that are drawn, those of bodies too, which have one level.
+  const worked = (level) => halves().reduce((sum, { body }) => sum + (body && showsBody(body) ? body.header.triangles : 0), trianglesDrawn(level));
 
   // The step that is drawn next, before its points are put.
   function settle() {
