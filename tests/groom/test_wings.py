@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -210,9 +211,19 @@ raise = {}
 """
 
 
-@pytest.mark.parametrize("text", [TAIL, TAIL + "arch = 40\n", CREST])
+COVERTS = """
+coverts = [
+    { name = "upper_1", length = 0.5, ahead = 0.02, height = 0.02 },
+    { name = "upper_2", length = 0.36, ahead = 0.1, height = 0.025 },
+    { name = "under_1", side = "below", length = 0.6, ahead = 0, height = 0.02 },
+    { name = "under_2", side = "below", length = 0.42, ahead = 0, height = 0.03 },
+]
+"""
+
+
+@pytest.mark.parametrize("text", [TAIL, TAIL + "arch = 20\n" + COVERTS, CREST])
 def test_fans_open_in_a_shot_as_in_the_groom(tmp_path: Path, text: str) -> None:
-    closed, opened = (groom_of(tmp_path, text.format(value)) for value in (0.0, 1.0))
+    closed, opened = (groom_of(tmp_path, re.sub("{}", str(value), text)) for value in (0.0, 1.0))
     keys = [{"time": 0.0, "fold": 1.0}, {"time": 1.0, "fold": 0.0}]
     poses = folding(closed, {"joints": "*", "folds": keys}, "shot.toml")
     frames = joint_roots(closed, skeleton_of(closed), poses).frames(1.0)
@@ -231,6 +242,24 @@ def test_tail_is_the_fan_that_it_says_on_both_sides(tmp_path: Path) -> None:
     assert outer[0][1] < 0 < outer[1][1]
 
 
+@pytest.mark.parametrize("fan", [0, 1])
+def test_tail_coverts_lie_in_rows_over_and_under_the_tail(tmp_path: Path, fan: int) -> None:
+    found = groom_of(tmp_path, TAIL.format(fan) + COVERTS).feathers
+    tail = {f.id: f for f in found}
+    assert len(tail) == 12 * 5
+    for sort, sign in (("upper", 1.0), ("under", -1.0)):
+        heights = []
+        for row in ("", f"{sort}_1_", f"{sort}_2_"):
+            own = [tail[f"tail_{side}_{row}{k:02d}"] for side in ("right", "left") for k in (1, 6)]
+            assert all((f.rotation[2, 2] > 0.7) == (sign > 0 or not row) for f in own)
+            ways = np.linspace(0.0, 0.9, 5)[:, None]
+            points = np.stack([f.position + f.kind.length * ways * f.rotation[:, 0] for f in own])
+            heights.append(sign * (points[:, :, 2] - 0.1))
+        # the lowest of a row over the highest of the one before, wherever they meet
+        assert heights[1].min() > heights[0].max()
+        assert heights[2][:, 0].min() > heights[1][:, 0].max()
+
+
 def test_a_tail_has_pairs(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="11 is odd, a tail has pairs of feathers"):
         groom_of(tmp_path, TAIL.format(0) + "count = 11\n")
@@ -239,7 +268,10 @@ def test_a_tail_has_pairs(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
-    [*(WING + f"fold = {fold}\n" for fold in (0, 0.25, 0.5, 1)), TAIL.format(0), TAIL.format(1)],
+    [
+        *(WING + f"fold = {fold}\n" for fold in (0, 0.25, 0.5, 1)),
+        *(TAIL.format(fan) + more for fan in (0, 1) for more in ("", COVERTS)),
+    ],
 )
 def test_no_vane_passes_through_another(tmp_path: Path, text: str) -> None:
     groom_of(tmp_path, text)

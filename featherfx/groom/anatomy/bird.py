@@ -40,6 +40,7 @@ _LAYERS = {
     **dict.fromkeys(("back", "flank", "belly", "thigh", "rump", "vent", "breast_side"), -20),
 }
 _TAIL_LAYER = -30
+_TAIL_LIFT = 0.006  # of the longest, from pair to pair: the pigeon's as counted free of crossings
 # feathers are laid over each other where the groom does not say how (chosen on the pigeon)
 _LAYOUT = {
     "most_tilt": 40.0,
@@ -51,6 +52,7 @@ _LAYOUT = {
 _UNEVEN = 0.04  # of feathers of a disc
 _HIDES = 0.9  # fold, from which on a wing hides the flank
 _BORDER = 0.5  # of a feather's length, over which parts pass into each other
+_BORDERS = {"thigh": 0.1}  # where legs are bare below, no single feathers
 _ROOM = {"thigh": 0.4}  # of a length, free beneath; where legs move, more than the 0.3 elsewhere
 _SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
 _FARTHEST = 1.5  # ways from beak to tail, that a landmark may be away from the nearer of them
@@ -239,7 +241,7 @@ def _tail(
     entry: dict[str, Any], kind: dict[str, Any], points: Points, axes: Array, scale: float
 ) -> dict[str, Any]:
     turned = from_rotation_vector(-np.radians(kind["droop"]) * axes[:, 1]) @ axes
-    own = {name: kind[name] for name in ("kind", "count", "width", "angles", "arch")}
+    own = {name: kind[name] for name in ("kind", "count", "width", "angles", "arch", "coverts")}
     return _filled(
         TAIL,
         id="tail",
@@ -249,6 +251,7 @@ def _tail(
         lengths=tuple(scale * np.array(kind["lengths"])),
         root_width=scale * kind["root_width"],
         fan=entry["fan"],
+        lift=_TAIL_LIFT * scale * max(kind["lengths"]),
         layer=_TAIL_LAYER,
         joint=entry["joint"],
         **own,
@@ -312,7 +315,8 @@ def _sites(points: Points, axes: Array) -> dict[str, Array]:
             between(between(each, p["tail"], 0.35), between(p["breast"], p["vent"], 0.5), 0.5)
             for each in (right, left)
         ],
-        "stump": [p["tail"]],
+        # where its upper coverts stand
+        "stump": [p["tail"], between(top, p["tail"], 0.93)],
         "vent": [p["vent"], between(p["vent"], p["tail"], 0.5)],
     }
     for side in ("right", "left"):
@@ -334,7 +338,7 @@ def _region(
     if name == "thigh":  # down the leg
         flow = {"direction": tuple((sites["foot"] - sites["thigh"]).mean(axis=0))}
     where = (
-        _filled(WHERE, nearest=near, soft=_BORDER * length),
+        _filled(WHERE, nearest=near, soft=_BORDERS.get(name, _BORDER) * length),
         _filled(WHERE, room=_ROOM.get(name, 0.3) * length, soft=0.2 * length),
     )
     own = {key: kind[key] for key in ("kind", "cover", "width", "tilt", "curl")}

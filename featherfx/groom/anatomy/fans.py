@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,67 +32,172 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
     Pairs count from the middle, where they lie uppermost; the right feather of a pair over the
     left one. A feather stands at its share of half the width of the root and of half the fan.
     """
-    kind = _kind(entry, place, store)
+    if parallel(entry["direction"], entry["up"]):
+        place.child("up").refuse("is parallel to direction")
     if entry["count"] % 2:
         place.child("count").refuse(f"{entry['count']} is odd, a tail has pairs of feathers")
     frame = frames_from(entry["direction"], entry["up"])
-    base, pairs = np.array(entry["position"]), entry["count"] // 2
+    base = np.array(entry["position"])
     closed, opened = (0.5 * np.radians(angle) for angle in entry["angles"])
-    half, arch = 0.5 * entry["root_width"], 0.5 * np.radians(entry["arch"])
-    bent = float(bow_fraction(1.0 - entry["fan"]))
-    lengths = spread_evenly(entry["lengths"], pairs)
-    drafts: list[Draft] = []
     joints = [Joint(entry["id"], base, entry["joint"])]
-    for sign, side in ((1.0, "right"), (-1.0, "left")):
+    for sign, side in _SIDES:
         # right of a tail that points backwards is y of its frame
         hinge = sign * (closed - opened) * frame[:, 2]
         bone = f"{entry['id']}_{side}"
         joints.append(Joint(bone, base, entry["id"], "body", 0, hinge, 1.0 - entry["fan"]))
+    row = _TailRow(
+        kind=entry["kind"],
+        width=entry["width"],
+        region=entry["region"],
+        name=f"{entry['id']}_{{}}_",
+        layer=entry["layer"],
+        lift=entry["lift"],
+    )
+    drafts = _tail_row(entry, place, store, frame, row)
+    for covert in _tail_coverts(entry):
+        drafts += _tail_row(entry, place, store, frame, covert)
+    return drafts, joints
+
+
+_SIDES = ((1.0, "right"), (-1.0, "left"))
+_THIN = 0.6  # lift of coverts beside that of tail feathers; by eye
+_CLEAR = 0.01  # of the tail's length, from a covert's tip to what it lies on; by eye
+
+
+@dataclass(frozen=True)
+class _TailRow:
+    """Feathers of a tail that are of one sort. name: of ids, with a place for the side. lift: m,
+    as of the tail. covert: one that a layout may move, as the coat.
+    length: as of its coverts. ahead: m, likewise. height: m, of its outer surface
+    over the root of the tail. falls: rad, towards the tail. below: whether its dorsal side looks
+    down."""
+
+    kind: str
+    width: float
+    region: str
+    name: str
+    layer: int
+    lift: float
+    length: float = 1.0
+    covert: bool = False
+    ahead: float = 0.0
+    height: float = 0.0
+    falls: float = 0.0
+    below: bool = False
+
+
+def _tail_coverts(entry: dict[str, Any]) -> list[_TailRow]:
+    """Rows from the tail outwards: each lies on the plane of the one before it."""
+    longest, lift = max(entry["lengths"]), _THIN * entry["lift"]
+    pairs = entry["count"] // 2 - 0.5
+    rows = []
+    for side in ("above", "below"):
+        own = [each for each in entry["coverts"] if each["side"] == side]
+        slope, start = 0.0, 0.0 if side == "above" else pairs * entry["lift"]
+        for level, each in enumerate(own, 1):
+            ahead, length = longest * each["ahead"], longest * each["length"]
+            start += pairs * lift
+            root = start - slope * ahead + longest * max(each["height"], _CLEAR)
+            tip = start + slope * (length - ahead) + longest * _CLEAR
+            slope = (tip - root) / length
+            start = root + slope * ahead
+            rows.append(
+                _TailRow(
+                    kind=each["kind"],
+                    width=each["width"],
+                    region=f"{each['name']}s",
+                    name=f"{entry['id']}_{{}}_{each['name']}_",
+                    layer=entry["layer"] + level,
+                    lift=lift,
+                    covert=True,
+                    length=each["length"],
+                    ahead=ahead,
+                    height=root - (pairs * lift if side == "below" else 0.0),
+                    falls=-math.atan(slope),
+                    below=side == "below",
+                )
+            )
+    return rows
+
+
+def _tail_row(
+    entry: dict[str, Any], place: Place, store: KindStore, frame: Array, row: _TailRow
+) -> list[Draft]:
+    """A feather for each of the tail's."""
+    choice = KindChoice((row.kind,), 0.0, (), place)
+    kind = store.kind(choice)
+    base, pairs = np.array(entry["position"]), entry["count"] // 2
+    closed, opened = (0.5 * np.radians(angle) for angle in entry["angles"])
+    half, arch = 0.5 * entry["root_width"], 0.5 * np.radians(entry["arch"])
+    bent = float(bow_fraction(1.0 - entry["fan"]))
+    lengths = row.length * spread_evenly(entry["lengths"], pairs)
+    up = -1.0 if row.below else 1.0
+    # coverts reach where a straight shaft would
+    falls = row.falls - (0.5 * np.radians(kind.rachis.camber) if row.covert else 0.0)
+    lies = from_rotation_vector(np.array([0.0, up * falls, 0.0]))
+    lies = lies @ about_x(180.0 if row.below else 0.0)
+    drafts: list[Draft] = []
+    for sign, side in _SIDES:
+        bone = f"{entry['id']}_{side}"
         for number in range(pairs):
             fraction = (number + 0.5) / pairs
+            length = float(lengths[number])
             opening = sign * fraction * entry["fan"] * (opened - closed)
             opens = from_rotation_vector(opening * frame[:, 2])
             turned = opens @ from_rotation_vector(sign * fraction * closed * frame[:, 2]) @ frame
-            depth = entry["lift"] * (number + (0.0 if sign > 0.0 else 0.5))
-            root = base + sign * fraction * half * frame[:, 1] - depth * frame[:, 2]
-            turning, wrap = Turning((entry["id"], bone), fraction, root), 0.0
+            # left feathers under right ones; the coverts below count outwards, too
+            depth = row.lift * (number + (0.0 if sign > 0.0 else 0.5))
+            anchor = base + sign * fraction * half * frame[:, 1] - depth * frame[:, 2]
+            root = anchor + up * row.height * turned[:, 2] - row.ahead * turned[:, 0]
+            turning, wrap = Turning((entry["id"], bone), fraction, anchor), 0.0
+            turned = turned @ lies
             if arch:  # round an axis along the tail, as if its feathers lay on a cylinder
                 bow = from_rotation_vector(-sign * fraction * arch * frame[:, 0])
                 above = bow @ ((half / arch - depth) * frame[:, 2])
-                shift = base - half / arch * frame[:, 2] + above - bow @ root
+                shift = base - half / arch * frame[:, 2] + above - bow @ anchor
                 screw = screws_of(bow[None], shift[None])
                 turning = replace(turning, bow=screw[0])
                 bow, shift = (each[0] for each in motions(bent * screw))
                 root, turned = bow @ root + shift, bow @ turned
-                length = float(lengths[number])
-                wrap = bent * arch * length / (half + 0.5 * length * closed)
+                wrap = up * bent * arch * length / (half + 0.5 * length * closed)
             drafts.append(
-                _draft(
-                    entry,
-                    place,
-                    kind,
-                    id=f"{bone}_{number + 1:02d}",
+                Draft(
+                    id=f"{row.name.format(side)}{number + 1:02d}",
+                    choice=choice,
                     position=root,
                     rotation=turned,
-                    scale=float(lengths[number]) / kind.length,
-                    roll=entry["roll"] * fraction,
-                    left=sign < 0.0,
-                    stack=2 * (pairs - number) + int(sign > 0.0),
+                    region=row.region,
+                    joint=entry["id"],
+                    left=(sign < 0.0) != row.below,
+                    scale=length / kind.length,
+                    width=row.width,
+                    roll=up * entry["roll"] * fraction,
+                    place=place,
+                    # all are curved alike, so that they nest
+                    curl=kind.rachis.camber * (length / lengths.max() - 1.0),
+                    layer=row.layer,
+                    stack=2 * (number + 1 if row.below else pairs - number)
+                    + int((sign > 0.0) != row.below),
                     turning=turning,
                     wrap=(wrap, wrap),
                 )
             )
-    return drafts, joints
+    return drafts
 
 
 def closed_fan(entry: dict[str, Any]) -> Array:
-    """(T, 3, 3) m, triangles of the upper side of a [[tail]] that is closed."""
+    """(T, 3, 3) m, triangles of the upper side of a [[tail]] that is closed, with its coverts."""
     frame = frames_from(entry["direction"], entry["up"])
     half = 0.5 * np.radians(entry["angles"][0])
     along, aside = np.meshgrid(np.linspace(0.0, 1.0, 7), np.linspace(-1.0, 1.0, 4), indexing="ij")
     way = max(entry["lengths"]) * along
     wide = aside * (0.5 * entry["root_width"] + way * np.tan(half))
-    grid = np.stack([way, wide, np.zeros_like(way)], axis=-1) @ frame.T + entry["position"]
+    rows = [each for each in _tail_coverts(entry) if not each.below]
+    high = np.zeros_like(way)
+    for row in rows:
+        own = row.height - np.tan(row.falls) * (way + row.ahead)
+        high = np.maximum(high, own)  # planes that go on below the tail behind their tips
+    grid = np.stack([way, wide, high], axis=-1) @ frame.T + entry["position"]
     first, right, left, last = grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
     pairs = [(first, left, last), (first, last, right)]
     return np.concatenate([np.stack(each, axis=2).reshape(-1, 3, 3) for each in pairs])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Annotated
 
 from featherfx.groom.keys.family import Preset
@@ -166,6 +166,40 @@ _PART = Table(keys_of(PartOfBody), "table of a part of the body")
 
 
 @dataclass(frozen=True)
+class TailCovertRow:
+    """A row of tail coverts, one for each tail feather, with which it fans."""
+
+    name: Annotated[str, Text(), "Part of ids and, with `s`, label: upper_tail_covert."]
+    length: Annotated[float, Number(0.01, 2), "Length as a share of the tail feather's."]
+    ahead: Annotated[
+        float, Number(0, 1), "From root to root towards the body, in lengths of the tail feather."
+    ]
+    height: Annotated[
+        float,
+        Number(0, 1),
+        "Of the roots over the row before, in lengths of the tail feather; its tip lies on it.",
+    ]
+    kind: Annotated[str, Text(), "Feather preset."] = "tail_covert"
+    side: Annotated[str, Text(("above", "below")), "Upper or lower side of the tail."] = "above"
+    width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
+
+
+# each tail feather has a greater covert above and below (Lucas and Stettenheim 1972, "Avian
+# Anatomy: Integument"); rows and shares are chosen by eye, so that they fair the tail into the body
+_TAIL_COVERTS = tuple(
+    asdict(TailCovertRow(name, length, ahead, height, side=side))
+    for side, name, length, ahead, height in (
+        ("above", "upper_tail_covert_1", 0.5, 0.02, 0.02),
+        ("above", "upper_tail_covert_2", 0.36, 0.1, 0.025),
+        ("below", "under_tail_covert_1", 0.6, 0.0, 0.02),
+        ("below", "under_tail_covert_2", 0.42, 0.0, 0.03),
+        ("below", "under_tail_covert_3", 0.34, 0.12, 0.05),
+    )
+)
+TAIL_COVERTS = ArrayOf(Table(keys_of(TailCovertRow), "table of a row of tail coverts"), 0, 40)
+
+
+@dataclass(frozen=True)
 class TailOfBird:
     """The tail of a bird; the same keys of [[tail]]."""
 
@@ -189,7 +223,13 @@ class TailOfBird:
     )
     droop: Annotated[
         float, Number(-180, 180, "deg"), "How far the tail points below the line of the back."
-    ] = 0.0
+    ] = -9.0  # by eye: below the tips of folded wings
+    coverts: Annotated[
+        tuple[TailCovertRow, ...],
+        TAIL_COVERTS,
+        "Rows of coverts; on either side each lies over the one before it.",
+        Default(_TAIL_COVERTS),
+    ] = ()
 
 
 @dataclass(frozen=True)

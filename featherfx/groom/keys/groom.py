@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.anatomy import MOST_IN_A_ROW
+from featherfx.groom.keys.anatomy import MOST_IN_A_ROW, TAIL_COVERTS
 from featherfx.groom.keys.places import POINT, SPACE, Direction
 from featherfx.groom.keys.preset import DIALS, FAMILIES, FEATHER, names_or_list
 from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN, WHERE
@@ -234,6 +234,9 @@ TAIL = {
         Number(0, 170, "deg"),
         "How far the closed tail is bent to a roof, from edge to edge; open it is flat.",
         0.0,
+    ),
+    "coverts": Key(
+        TAIL_COVERTS, "Rows of coverts; on either side each lies over the one before it.", ()
     ),
     "layer": REGION["layer"],
     "region": Key(_LABEL, "Free label, written to USD.", "tail"),

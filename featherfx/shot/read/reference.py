@@ -13,7 +13,14 @@ from featherfx import limits
 from featherfx.groom.keys import groom as groom_keys
 from featherfx.groom.keys import preset as preset_keys
 from featherfx.groom.keys import regions as region_keys
-from featherfx.groom.keys.anatomy import CovertRow, CrestOfBird, FlightRow, PartOfBody, TailOfBird
+from featherfx.groom.keys.anatomy import (
+    CovertRow,
+    CrestOfBird,
+    FlightRow,
+    PartOfBody,
+    TailCovertRow,
+    TailOfBird,
+)
 from featherfx.groom.keys.values import REQUIRED, Key, Table, Tables, keys_of
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.types import BarbGuide, Hooked, RachisShape, Splits, VaneShape
@@ -113,6 +120,7 @@ _FAMILIES = (
     ("### coverts of a wing", keys_of(CovertRow)),
     ("### bird preset", preset_keys.FAMILIES["bird"].keys),
     ("### [tail] of a bird", keys_of(TailOfBird)),
+    ("### coverts of a tail", keys_of(TailCovertRow)),
     ("### [crest] of a bird", keys_of(CrestOfBird)),
     ("### parts of a bird", keys_of(PartOfBody)),
 )
@@ -201,6 +209,8 @@ def _default(value: Any) -> str:
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     if isinstance(value, tuple):
+        if isinstance(value[0], dict):
+            return f"{len(value)} tables"
         return f"`[{', '.join(_default(each).strip('`') for each in value)}]`"
     if isinstance(value, str):
         return f'`"{value}"`'
