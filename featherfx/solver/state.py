@@ -66,11 +66,11 @@ class State(NamedTuple):
     @staticmethod
     def names() -> list[str]:
         """Names of all arrays, those of structures as structure.array."""
-        return [".".join(path) for path in _PATHS]
+        return list(_GETTERS)
 
     def arrays(self) -> dict[str, Array]:
         """All arrays by name."""
-        return {name: attrgetter(name)(self) for name in State.names()}
+        return {name: get(self) for name, get in _GETTERS.items()}
 
     @staticmethod
     def of(arrays: Mapping[str, Array]) -> State:
@@ -99,6 +99,7 @@ _PATHS = [
     for name in State._fields
     for within in ([(each,) for each in _STRUCTURES[name]._fields] if name in _STRUCTURES else [()])
 ]
+_GETTERS = {name: attrgetter(name) for name in map(".".join, _PATHS)}
 
 
 class StepReport(NamedTuple):

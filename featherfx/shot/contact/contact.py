@@ -306,7 +306,7 @@ def _slept(
 ) -> list[State]:
     """The states after a step (s) in which some feathers were not solved: their time goes on."""
     return [
-        asleep(state, report.steps == 0.0, path, duration)
+        state if report.steps.all() else asleep(state, report.steps == 0.0, path, duration)
         for state, report, path in zip(states, reports, paths, strict=True)
     ]
 
