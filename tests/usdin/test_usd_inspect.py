@@ -2,8 +2,10 @@
 
 import json
 import os
+import warnings
 
 import creature
+import numpy as np
 import pytest
 from commands import invoke
 from places import SAMPLES
@@ -56,6 +58,35 @@ def test_a_creature_in_centimetres_is_told_in_metres(tmp_path):
     assert "joints: j00, j01, j02" in out
 
 
+@pytest.mark.parametrize(
+    ("bird", "why"),
+    [
+        ("", "USD skins nothing below /all/bird, which is no Xform or Scope"),
+        ("Xform", ""),
+        (None, "USD skins only what is below a SkelRoot"),
+    ],
+)
+def test_a_mesh_that_usd_does_not_skin_is_told(tmp_path, bird, why):
+    """bird: type of the prim between skin and SkelRoot; None: there is no SkelRoot."""
+    stage = new_stage(tmp_path / "skin.usda")
+    add_skinned(stage, "/all/bird")
+    stage.GetPrimAtPath("/all/bird").SetTypeName(bird or "")
+    stage.DefinePrim("/all", "Xform" if bird is None else "SkelRoot")
+    stage.Save()
+    code, out, told = inspected(tmp_path / "skin.usda")
+    assert code == 0
+    assert ("moved by /all/bird/skeleton" in out) == (not why)
+    path = write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/all/bird/skin"\ntolerance = 10')
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        skin = read_shot(path).skin
+    still = np.allclose(skin.frames(1.0).positions, skin.frames(0.0).positions)
+    assert still == bool(why)
+    expected = f"/all/bird/skin: is bound to /all/bird/skeleton and stands still: {why}"
+    assert (expected in told) == still
+    assert any(expected in str(each.message) for each in caught) == still
+
+
 def test_a_cache_of_feathers_that_featherfx_wrote(tmp_path):
     (tmp_path / "groom.toml").write_text(
         'name = "one"\n[[feather]]\nid = "a"\nkind = "covert"\nposition = [0, 0, 0]\n'
@@ -74,7 +105,7 @@ def test_instances_payloads_curves_and_cameras(tmp_path):
     bird.Save()
     stage = new_stage(tmp_path / "shot.usda", 0.1, "Y", 25.0)
     for name in ("a", "b"):
-        prim = stage.DefinePrim(f"/flock/{name}", "Xform")
+        prim = stage.DefinePrim(f"/flock/{name}")  # a SkelRoot, as the payload says
         prim.GetPayloads().AddPayload("./bird.usda")
         prim.SetInstanceable(True)
     add_curves(stage, "/guides", [arc(), arc()])

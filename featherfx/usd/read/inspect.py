@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pxr import UsdGeom, UsdSkel
 
 from featherfx.groom.keys.problems import Place, Problems
+from featherfx.usd.read.skinning import tell_unmoved
 from featherfx.usd.read.stage import (
     SourceScene,
     broken_arcs,
@@ -147,7 +148,7 @@ def _authored(stage: Any, name: str) -> float | None:
 
 
 def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
-    skeleton = _skeleton_of(prim) if kind == "mesh" else None
+    skeleton = _skeleton_of(scene, prim) if kind == "mesh" else None
     is_mesh, is_skeleton, is_instancer = (
         kind == each for each in ("mesh", "skeleton", "instancer")
     )
@@ -177,10 +178,12 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
     )
 
 
-def _skeleton_of(prim: Any) -> Any:
-    """The skeleton that a mesh is bound to, or None."""
+def _skeleton_of(scene: SourceScene, prim: Any) -> Any:
+    """The skeleton that moves a mesh, or None."""
     found = computed(prim, UsdSkel.BindingAPI(prim).GetInheritedSkeleton)
-    return found.GetPrim() if found else None
+    if not found or computed(prim, tell_unmoved, scene, prim):
+        return None
+    return found.GetPrim()
 
 
 def _places(prim: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel, Vt
 
 from featherfx.algebra.types import Array, Floats, Indices
+from featherfx.errors import InputWarning
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
@@ -212,9 +214,30 @@ def points_of_joint(scene: SourceScene, skeleton: Any, joint: int) -> Array:
 
 
 def find_skinning(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
-    """The skinning of a mesh, None where no skeleton moves it. Raises InputError."""
+    """The skinning of a mesh, None where no skeleton moves it; an InputWarning tells one that names
+    a skeleton and is not moved by it. Raises InputError."""
     with reading(mesh.GetPrim()):
+        tell_unmoved(scene, mesh.GetPrim())
         return _find(scene, mesh, place)
+
+
+def tell_unmoved(scene: SourceScene, prim: Any) -> bool:
+    """Whether USD lets a mesh stand still that has joint influences of a skeleton, which an
+    InputWarning tells then."""
+    skeleton, root = UsdSkel.BindingAPI(prim).GetInheritedSkeleton(), UsdSkel.Root.Find(prim)
+    influences = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("skel:jointIndices")
+    if not skeleton or not influences.HasValue():
+        return False
+    why, above = "USD skins only what is below a SkelRoot", prim.GetParent()
+    while root and above.IsA(UsdGeom.Imageable) and above != root.GetPrim():
+        above = above.GetParent()
+    if root and above == root.GetPrim():
+        return False
+    if root:
+        why = f"USD skins nothing below {above.GetPath()}, which is no Xform or Scope"
+    told = f"is bound to {skeleton.GetPath()} and stands still: {why}"
+    warnings.warn(f"{scene.path}: {prim.GetPath()}: {told}", InputWarning, stacklevel=2)
+    return True
 
 
 def _find(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
