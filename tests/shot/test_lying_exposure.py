@@ -10,6 +10,7 @@ from places import SAMPLES
 
 from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.groom.types import Placement
+from featherfx.shot.loads import shelter
 from featherfx.shot.loads.shelter import LEAST, lying_exposures
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.skin import SkinSurfaces
@@ -96,3 +97,28 @@ def test_shelters_go_before_and_parts_of_a_shot_keep_what_the_whole_gives() -> N
     np.testing.assert_array_equal(exposures(part_of(shot, np.array([1]))), [0.7])
     bare = replace(shot, shelters=(Shelter(feathers="f0", share=0.0),))
     np.testing.assert_array_equal(exposures(bare), [1.0, 0.7])
+
+
+def test_what_was_found_once_is_kept_until_something_lies_otherwise(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("FEATHERFX_CACHE", str(tmp_path))
+    lower, upper = at(0.0, FAR), at(0.5, FAR + 0.02)
+    first = exposed(lower, upper)
+
+    def anew(*_: object) -> None:
+        raise AssertionError("computed anew")
+
+    monkeypatch.setattr(shelter, "_lying", anew)
+    np.testing.assert_array_equal(exposed(lower, upper), first)
+    leading = replace(upper.kind.leading, outline=((0.0, 0.0), (0.5, 0.2), (1.0, 0.0)))
+    others = (
+        at(0.6, FAR + 0.02),
+        at(0.5, FAR + 0.02, (0.1, 0.0, 0.0)),
+        replace(upper, mirrored=True),
+        replace(upper, kind=replace(upper.kind, leading=leading)),
+    )
+    for other in others:
+        with pytest.raises(AssertionError, match="anew"):
+            exposed(lower, other)
+    monkeypatch.setattr(Sheet, "rest", Sheet.rest + 0.01)
+    with pytest.raises(AssertionError, match="anew"):
+        exposed(lower, upper)

@@ -21,6 +21,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.layout.overlap import near_pairs, strips_of
 from featherfx.feather.outline import outline_curve
 from featherfx.feather.rachis import shaft
+from featherfx.files.store import kept
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import FeatherKind, Placement
 from featherfx.shot.motion.skin import BoundSkin
@@ -54,6 +55,19 @@ class _Outlines(NamedTuple):
 
 def lying_exposures(placements: Sequence[Placement], skin: BoundSkin) -> Array:
     """(F,) e of feathers that grow on a skin, by how they lie at rest; 1 where none is beneath."""
+    shapes: dict[tuple[object, ...], int] = {}
+    shape = [shapes.setdefault(_shape(each.kind), len(shapes)) for each in placements]
+    places = [(p.kind.length, p.position, p.rotation, p.mirrored) for p in placements]
+    own = [np.array(each) for each in zip(*places, strict=True)]
+    parts = [
+        (part.members, part.surface.rest, part.surface.triangles, part.surface.bones is None)
+        for part in skin.parts
+    ]
+    known = [list(shapes), shape, own, strips_of(placements), parts]
+    return kept("exposures", known, lambda: {"of": _lying(placements, skin)})["of"]
+
+
+def _lying(placements: Sequence[Placement], skin: BoundSkin) -> Array:
     outlines = _outlines([placement.kind for placement in placements])
     position = np.array([p.position for p in placements]).reshape(-1, 1, 3)
     axes = np.array([p.rotation for p in placements]).reshape(-1, 3, 3).transpose(0, 2, 1).copy()
@@ -74,11 +88,16 @@ def lying_exposures(placements: Sequence[Placement], skin: BoundSkin) -> Array:
     return np.asarray(np.round(STEPS * np.sqrt(mean)) / STEPS)
 
 
+def _shape(kind: FeatherKind) -> tuple[object, ...]:
+    """What a kind's outline in lengths of its own follows from."""
+    return kind.rachis, kind.calamus, kind.leading.outline, kind.trailing.outline
+
+
 def _outlines(kinds: Sequence[FeatherKind]) -> _Outlines:
     found: dict[tuple[object, ...], _Outlines] = {}
     shapes = []
     for kind in kinds:
-        key = kind.rachis, kind.calamus, kind.leading.outline, kind.trailing.outline
+        key = _shape(kind)
         if key not in found:
             found[key] = _outline(kind)
         shapes.append(found[key])
