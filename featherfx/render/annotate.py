@@ -13,12 +13,14 @@ from featherfx.render.colour import Bar, Legend, ramp_colours
 from featherfx.render.files import Picture
 
 _INK = (40, 40, 44)
+_SCREEN = 16 / 9  # width over height
+_EMPTY = 0.3  # what a place without a picture counts, against the logarithm of a sheet's shape
 
 
 def label(picture: Picture, text: str, below: bool = False) -> Picture:
     """The picture with a text in its upper left corner, or the lower left one."""
     image, draw = _canvas(picture)
-    size = _text_size(picture.shape[0])
+    size = _text_size(min(picture.shape[:2]))
     top = picture.shape[0] - 1.9 * size if below else 0.7 * size
     draw.text((size, top), text, fill=_INK, font=_font(size))
     return np.asarray(image)
@@ -32,10 +34,18 @@ def beside(pictures: Sequence[Picture]) -> Picture:
 
 
 def contact_sheet(pictures: Sequence[Picture]) -> Picture:
-    """Pictures of one size side by side in rows, nearly as many rows as the sheet is square."""
-    columns = min(len(pictures), max(1, math.ceil(math.sqrt(len(pictures)))))
+    """Pictures of one size side by side in rows, as many as fill a sheet of the shape of a
+    screen."""
     height, width = pictures[0].shape[:2]
-    rows = math.ceil(len(pictures) / columns)
+    count = len(pictures)
+
+    def unlike(columns: int) -> float:
+        rows = math.ceil(count / columns)
+        shape = abs(math.log(columns * width / (rows * height) / _SCREEN))
+        return shape + _EMPTY * (rows * columns - count)
+
+    columns = min(range(1, count + 1), key=unlike)
+    rows = math.ceil(count / columns)
     gap = 2
     whole = np.full((rows * (height + gap) - gap, columns * (width + gap) - gap, 3), 255, np.uint8)
     for index, picture in enumerate(pictures):
