@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from math import inf, nan
+from math import inf, nan, pi
 
+import numpy as np
 import pytest
+from trial_batches import at_origin, preset_batch
 
+from featherfx.mechanics.model import no_loads, wind_of_each
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import (
     ALONE,
     LAST_SHIFT,
@@ -14,10 +18,13 @@ from featherfx.solver.step.newton_kernels import (
     UNKNOWN,
     Solved,
     _nearer,
+    _search,
     _stiffer,
     nearly_solved,
 )
+from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.step.retry_kernels import Outcome, StepSettings, shortest_now, work_of
+from featherfx.solver.work import make_work
 
 nearer, stiffer = _nearer.py_func, _stiffer.py_func
 
@@ -32,6 +39,34 @@ def test_after_a_step_that_leads_upwards_the_minimum_of_the_parabola_is_tried():
 
 def test_what_is_not_finite_and_a_slope_that_is_not_known_halve():
     assert nearer(1.0, nan, -2.0) == nearer(1.0, inf, -2.0) == nearer(1.0, 3.0, 0.0) == 0.5
+
+
+def test_no_increment_turns_a_barbs_joint_by_more_than_half_a_turn():
+    """Along increments that cost no energy, since nothing has mass or stiffness."""
+    _, model = preset_batch("swan_primary", rows=5, columns=3)
+    model = model._replace(
+        **{name: 0.0 * array for name, array in model._asdict().items() if "stiffness" in name},
+        mass=0.0 * model.mass,
+        rotary_inertia=0.0 * model.rotary_inertia,
+    )
+    work, loads = make_work(model), wind_of_each(no_loads(1), 1)
+    load_pose(model, 0, at_origin(model), work.now)
+    work.around.target.assign(work.now.points)
+    step, count = work.system.right, model.coefficients
+    step[:] = 0.0
+    barbs = step.reshape(model.rows, -1)[:, 6:].reshape(model.rows, 4, count)
+    barbs[2, 3] = 40.0
+
+    def taken(scale):
+        barbs[2, 3] *= scale
+        level, factors = (0.0, 0.0), Factors(0.0, 0.0, 0.0)
+        return _search(model, loads, 0, 0.0, factors, level, 0.0, work)[2]
+
+    part = taken(1.0)
+    turns = part * model.shapes.T @ barbs[2, 3]
+    assert 0.5 * pi < np.abs(turns).max() <= pi
+    assert np.abs(work.trial.coefficient[1, 2, count:]).max() == pytest.approx(part * 40.0)
+    assert taken(0.5 * part) == 1.0
 
 
 def test_what_is_asked_for_gets_stiffer_until_it_is_given_up():

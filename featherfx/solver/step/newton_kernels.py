@@ -7,6 +7,8 @@ same is done where a definite matrix is too far from the energy: where less than
 can be gone. Of a step that leads upwards so much is tried next as a parabola through both energies
 and the slope has its minimum at. Whether that gets anywhere is chance where a feather is crumpled,
 so a step that is tried again goes half as far each time instead, by the stabilising part first.
+No increment turns a joint of a barb by more than half a turn: beyond a whole one the same places
+come again, where the barb is wound up and most of its energy is where the next steps do not look.
 
 A new matrix costs four times what a gradient and a solution do. So it is kept, corrected by what
 the steps since have shown (secant_kernels), for as long as each full step is less than SLOW of the
@@ -27,7 +29,7 @@ this was not seen again (Hairer and Wanner, Solving Ordinary Differential Equati
 IV.8). What that misjudges counts as error of the step, which is then done again.
 """
 
-from math import inf, isfinite, sqrt
+from math import inf, isfinite, pi, sqrt
 from typing import NamedTuple
 
 from featherfx.algebra.array_kernels import copy_values
@@ -60,6 +62,8 @@ from featherfx.solver.step.secant_kernels import (
 from featherfx.solver.step.strain_kernels import copy_strains
 from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, STABILISING, WHOLE
 
+# rad, that an increment turns a joint of a barb by at most
+LARGEST_TURN = pi
 # places along an increment at most; the next one over the last, at least and at most
 TRIES, CUT = 8, (0.1, 0.5)
 # shares of the inertia that are added to an indefinite matrix; what is done beyond the last
@@ -247,6 +251,22 @@ def _nearer(scale, gain, slope):
 
 
 @kernel
+def _largest_turn(shapes, rows, step):
+    """What a step (N,) turns no joint of a barb by more than, out of the vane or within it, rad.
+    shapes: (C, m)."""
+    count, total = shapes.shape[0], 0.0
+    for c in range(count):
+        share, largest = 0.0, 0.0
+        for j in range(shapes.shape[1]):
+            share = max(share, abs(shapes[c, j]))
+        for i in range(rows):
+            for part in range(4):
+                largest = max(largest, abs(step[i * (6 + 4 * count) + 6 + part * count + c]))
+        total += share * largest
+    return total
+
+
+@kernel
 def _search(model, loads, f, fraction, factors, level, tolerance, work):
     """Go along the increment in work.system.right to work.trial, less far until the energy falls.
 
@@ -255,7 +275,8 @@ def _search(model, loads, f, fraction, factors, level, tolerance, work):
     taken, 0 if none was good.
     """
     now, trial, energy, slope = work.now, work.trial, level[0], level[1]
-    scale, new, move = 1.0, energy, 0.0
+    turn = _largest_turn(model.shapes, now.rotation.shape[0], work.system.right)
+    scale, new, move = LARGEST_TURN / max(turn, LARGEST_TURN), energy, 0.0
     for _ in range(TRIES):
         step, gradient = work.system.right, work.beam.gradient
         add_increment(model.length[f], now, step, scale, trial, gradient)
