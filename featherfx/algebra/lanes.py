@@ -4,7 +4,7 @@ LLVM makes vectors of loops over arrays by itself, but not of sums that are kept
 loop, nor of what is shared by several of its turns. There kernels say so: `load` takes four
 neighbouring numbers of a line, + - * /, sqrt, ceil, max and min work on each, a plain number stands
 for four equal ones, and `put` writes them. What takes tuples of numbers (vec3_kernels, and slopes
-of energies) takes tuples of lanes as well.
+of energies) takes tuples of lanes as well. A line is (.,), or an array in order, place by place.
 """
 
 from __future__ import annotations

@@ -90,12 +90,12 @@ def _add_rachis_stiffness(model, f, i, damping, wanted, pose, beam, band):
         rachis_geometric_stiffness(start, end, length, halfway, pose.rachis[i], stress, matrix)
     else:
         rachis_stabilising_stiffness(start, end, length, halfway, stress, matrix)
-    flat, stride = band.reshape(band.size), band.shape[1] - 1
+    stride = band.shape[1] - 1
     for a in range(12):
         to = at + a if a < 6 else at + row_size + a - 6
         for b in range(a + 1):
             column = at + b if b < 6 else at + row_size + b - 6
-            increase(flat, column * stride + to, matrix[a, b])
+            increase(band, column * stride + to, matrix[a, b])
 
 
 @kernel

@@ -164,7 +164,7 @@ def _put_some(line, j, count, value):
 @loop_kernel
 def _row_of_hinges(first, rows, rest, stiffness, reference, angles, openness):
     """Hinges on one barb, whose first node is at first in its row. rows: flat nodes of the row, of
-    the one above and of the one below. rest: (3 m,)."""
+    the one above and of the one below. rest: (m, 3)."""
     own, above, below = rows
     last = spread(own[0]), spread(own[1]), spread(own[2])
     for j in range(0, stiffness.shape[0], LANES):
@@ -207,11 +207,11 @@ def _hinge_strains(model, f, points, reference, strains):
     strains.openness[:] = 1.0
     for side in range(2 if columns > 0 else 0):
         for i in range(1, reference.shape[1] - 1):
-            rest, at = model.hinge_rest[f, side, i], i * size
+            at = i * size
             _row_of_hinges(
                 1 + side * columns,
                 (flat[at : at + size], flat[at + size :], flat[at - size :]),
-                rest.reshape(rest.size),
+                model.hinge_rest[f, side, i],
                 model.hinge_stiffness[f, side, i],
                 reference[side, i],
                 strains.hinge[side, i],

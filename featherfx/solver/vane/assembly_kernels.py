@@ -127,9 +127,9 @@ def _push_far(block, barb, product):
 
 
 @loop_kernel
-def _add_resultants(barb, product, b, flat, at, to):
+def _add_resultants(barb, product, b, band, at, to):
     """Forces and moments (6) about the rachis point of columns b and b + 1 of product (w, 3 S),
-    added to flat from at and from to on.
+    added to band from at and from to on.
 
     These are the products with rows 0 to 5 of the barb's Jacobian (w, 3 S), of which 3 to 5 hold
     the nodes' distances x, y, z from that point.
@@ -141,32 +141,32 @@ def _add_resultants(barb, product, b, flat, at, to):
         u, v = _three(product[b], size, j), _three(product[b + 1], size, j)
         f, g = add(f, u), add(g, v)
         m, n = add(m, cross(arm, u)), add(n, cross(arm, v))
-    put(flat, at, load(flat, at) + totals(f[0], f[1], f[2], m[0]))
-    put(flat, to, load(flat, to) + totals(g[0], g[1], g[2], n[0]))
+    put(band, at, load(band, at) + totals(f[0], f[1], f[2], m[0]))
+    put(band, to, load(band, to) + totals(g[0], g[1], g[2], n[0]))
     rest = totals(m[1], m[2], n[1], n[2])
-    increase(flat, at + 4, lane(rest, 0))
-    increase(flat, at + 5, lane(rest, 1))
-    increase(flat, to + 4, lane(rest, 2))
-    increase(flat, to + 5, lane(rest, 3))
+    increase(band, at + 4, lane(rest, 0))
+    increase(band, at + 5, lane(rest, 1))
+    increase(band, to + 4, lane(rest, 2))
+    increase(band, to + 5, lane(rest, 3))
 
 
 @loop_kernel
-def _add_dots(g, h, u, v, flat, at, to):
-    """g.u and h.u, added to flat at and after at, g.v and h.v to and after to."""
+def _add_dots(g, h, u, v, band, at, to):
+    """g.u and h.u, added to band at and after at, g.v and h.v to and after to."""
     gu, hu, gv, hv = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
     for s in range(0, g.shape[0], LANES):
         a, b, c, d = load(g, s), load(h, s), load(u, s), load(v, s)
         gu, hu = gu + a * c, hu + b * c
         gv, hv = gv + a * d, hv + b * d
     sums = totals(gu, hu, gv, hv)
-    increase(flat, at, lane(sums, 0))
-    increase(flat, at + 1, lane(sums, 1))
-    increase(flat, to, lane(sums, 2))
-    increase(flat, to + 1, lane(sums, 3))
+    increase(band, at, lane(sums, 0))
+    increase(band, at + 1, lane(sums, 1))
+    increase(band, to, lane(sums, 2))
+    increase(band, to + 1, lane(sums, 3))
 
 
 @loop_kernel
-def _add_four_dots(barb, a, u, v, flat, at, to):
+def _add_four_dots(barb, a, u, v, band, at, to):
     """As _add_dots, of four rows of barb from a on."""
     g, h, k, q = barb[a], barb[a + 1], barb[a + 2], barb[a + 3]
     gu, hu, ku, qu = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
@@ -181,36 +181,36 @@ def _add_four_dots(barb, a, u, v, flat, at, to):
         ku, kv = ku + w * x, kv + w * y
         w = load(q, s)
         qu, qv = qu + w * x, qv + w * y
-    put(flat, at, load(flat, at) + totals(gu, hu, ku, qu))
-    put(flat, to, load(flat, to) + totals(gv, hv, kv, qv))
+    put(band, at, load(band, at) + totals(gu, hu, ku, qu))
+    put(band, to, load(band, to) + totals(gv, hv, kv, qv))
 
 
 @kernel
-def _add_products(barb, product, flat, first, stride, shift):
-    """flat[first + b stride + a] += barb[a].product[b], lines (w, 3 S); coefficients, a and b from
+def _add_products(barb, product, band, first, stride, shift):
+    """band[first + b stride + a] += barb[a].product[b], lines (w, 3 S); coefficients, a and b from
     6 on, lie shift further on."""
     wide = barb.shape[0]
     for b in range(0, wide, 2):
         at = first + (b + (shift if b >= 6 else 0)) * stride
-        _add_resultants(barb, product, b, flat, at, at + stride)
+        _add_resultants(barb, product, b, band, at, at + stride)
         u, v = product[b], product[b + 1]
         for a in range(6, wide - 2, 4):
             place = at + a + shift
-            _add_four_dots(barb, a, u, v, flat, place, place + stride)
+            _add_four_dots(barb, a, u, v, band, place, place + stride)
         if wide % 4 == 0:
             place = at + wide - 2 + shift
-            _add_dots(barb[wide - 2], barb[wide - 1], u, v, flat, place, place + stride)
+            _add_dots(barb[wide - 2], barb[wide - 1], u, v, band, place, place + stride)
 
 
 @kernel
-def _add_within_row(sums, flat, first, stride, shift):
-    """What _add_products found for one row, sums (w, w), and its transpose, to flat as there."""
+def _add_within_row(sums, band, first, stride, shift):
+    """What _add_products found for one row, sums (w, w), and its transpose, to band as there."""
     wide = sums.shape[0]
     for b in range(wide):
         at = first + (b + (shift if b >= 6 else 0)) * stride
         for a in range(b, wide):
             to = at + a + (shift if a >= 6 else 0)
-            increase(flat, to, sums[b, a] + sums[a, b])
+            increase(band, to, sums[b, a] + sums[a, b])
 
 
 @kernel
@@ -252,7 +252,7 @@ def add_rows(model, f, damping, signed, work):
     row_size = 6 + 2 * count
     vane, jacobian, band = work.vane, work.jacobian, work.system.band
     blocks, product, sums = vane.blocks, vane.product, vane.sums
-    flat, stride = band.reshape(band.size), band.shape[1] - 1
+    stride = band.shape[1] - 1
     for i in range(rows):
         at = i * row_size
         for side in range(2):
@@ -266,15 +266,15 @@ def add_rows(model, f, damping, signed, work):
             _add_tension(i, side, segment, signed, points, work.force, vane)
             _push_own(own, along, barb, product)
             sums[:] = 0.0
-            _add_products(barb, product, sums.reshape(sums.size), 0, sums.shape[0], 0)
-            _add_within_row(sums, flat, at * (stride + 1), stride, shift)
+            _add_products(barb, product, sums, 0, sums.shape[0], 0)
+            _add_within_row(sums, band, at * (stride + 1), stride, shift)
             # entry (at + row_size + a, at + b) of the band
             first = at * (stride + 1) + row_size
             if i + 1 < rows:
                 between = blocks[i, side]
                 _push_next(between[BACK], between[UP], between[SLANT], barb, product)
-                _add_products(jacobian[i + 1, side], product, flat, first, stride, shift)
+                _add_products(jacobian[i + 1, side], product, band, first, stride, shift)
             if i + 2 < rows:
                 _push_far(blocks[i + 1, side, SKIP], barb, product)
                 beyond = first + row_size
-                _add_products(jacobian[i + 2, side], product, flat, beyond, stride, shift)
+                _add_products(jacobian[i + 2, side], product, band, beyond, stride, shift)

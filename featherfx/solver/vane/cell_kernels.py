@@ -105,15 +105,12 @@ def _load_cells(strip, damping, rest, cells):
 
     Triangles without stiffness are not there: all their values are zero.
     """
-    count, known = strip.stiffness.shape[0], strip.rest.reshape(strip.rest.size)
-    stiffness = strip.stiffness.reshape(strip.stiffness.size)
-    strains = strip.strains.reshape(strip.strains.size)
-    reference = strip.reference.reshape(strip.reference.size)
+    count = strip.stiffness.shape[0]
     for j in range(0, count, LANES):
-        a0, a1, a2, b0 = _four_of(known, j, count, 6, 0)
-        _, _, b1, b2 = _four_of(known, j, count, 6, 2)
-        k = _four_of(stiffness, j, count, 4, 0)
-        s, r = _four_of(strains, j, count, 4, 0), _four_of(reference, j, count, 4, 0)
+        a0, a1, a2, b0 = _four_of(strip.rest, j, count, 6, 0)
+        _, _, b1, b2 = _four_of(strip.rest, j, count, 6, 2)
+        k, s = _four_of(strip.stiffness, j, count, 4, 0), _four_of(strip.strains, j, count, 4, 0)
+        r = _four_of(strip.reference, j, count, 4, 0)
         of_a = (a0, a1, a2), (k[0], k[1]), (s[0], s[1]), (r[0], r[1])
         of_b = (b0, b1, b2), (k[2], k[3]), (s[2], s[3]), (r[2], r[3])
         _load_triangles(j, 0, of_a, damping, rest, cells)
