@@ -43,7 +43,8 @@ class Colours(NamedTuple):
 class Build(NamedTuple):
     """A bird beside the pigeon, by eye. size: of all of it. trunk: factors of its length, breadth
     and depth. neck: of its length, head: of its radii, beak: of its length and thickness. eye:
-    radius, m, of a head as large as the pigeon's, and how far it looks forward, 0 to 1."""
+    radius, m, of a head as large as the pigeon's, and how far it looks forward, 0 to 1. bare: radii
+    of the eye, between which feathers begin around it. lean: deg, how far it stands up more."""
 
     size: float
     trunk: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -52,19 +53,24 @@ class Build(NamedTuple):
     beak: tuple[float, float, float] = (1.0, 1.0, 1.0)
     eye: tuple[float, float] = (0.0042, 0.2)
     colours: Colours = Colours()
+    bare: tuple[float, float] = (1.5, 2.1)
+    lean: float = 0.0
 
 
 _YELLOW, _HORN = (0.65, 0.38, 0.03), (0.12, 0.09, 0.06)
 _GULL = Colours((0.55, 0.56, 0.58), _YELLOW, _YELLOW, (0.55, 0.30, 0.25), (0.70, 0.60, 0.25))
-_OWL = Colours((0.22, 0.15, 0.09), _HORN, _HORN, (0.35, 0.28, 0.18), (0.80, 0.40, 0.02))
+_OWL = Colours((0.62, 0.56, 0.48), _HORN, _HORN, (0.35, 0.28, 0.18), (0.80, 0.40, 0.02))
 _SPARROW = Colours((0.24, 0.19, 0.14), _HORN, _HORN, (0.40, 0.24, 0.16), (0.03, 0.02, 0.01))
 BUILDS = {
     "pigeon": Build(1.0),
     "gull": Build(1.5, (1.05, 0.95, 0.95), 0.9, 1.05, (1.3, 1.2, 1.0), (0.0038, 0.2), _GULL),
-    "owl": Build(0.95, (0.95, 1.0, 1.05), 0.6, 1.45, (0.62, 0.9, 2.6), (0.0056, 0.7), _OWL),
+    "owl": Build(
+        0.95, (0.85, 1.05, 1.0), 0.5, 1.5, (0.5, 0.9, 2.6), (0.0050, 0.7), _OWL, (1.05, 1.4), 25.0
+    ),
     "sparrow": Build(0.36, (0.9, 1.05, 1.05), 0.65, 1.2, (0.7, 1.3, 1.0), (0.0040, 0.2), _SPARROW),
 }
 NECK = np.array((0.06, 0.0, 0.2))  # where it begins
+HIP = np.array((0.0, 0.0, 0.135))  # about which trunks lean
 
 # joint: parent, pivot
 JOINTS = {
@@ -97,9 +103,18 @@ def capsule(points, start, end, first, last):
     return gap - (first + (last - first) * share)
 
 
+def leant(build, points, sense=1.0):
+    """Places of the pigeon's trunk (..., 3) as the bird stands, nose up; back with sense -1."""
+    angle = sense * np.radians(build.lean)
+    turn = np.array(
+        ((np.cos(angle), 0, -np.sin(angle)), (0, 1, 0), (np.sin(angle), 0, np.cos(angle)))
+    )
+    return HIP + (np.array(points) - HIP) @ turn.T
+
+
 def on_neck(build, point):
     """Where a place of the pigeon's neck or head is."""
-    return NECK + build.neck * (np.array(point) - NECK)
+    return leant(build, NECK + build.neck * (np.array(point) - NECK))
 
 
 def parts(points, build=BUILDS["pigeon"]):
@@ -109,10 +124,10 @@ def parts(points, build=BUILDS["pigeon"]):
     """
     x, y, z = np.moveaxis(points, -1, 0)
     right = np.stack([x, np.abs(y), z], axis=-1)  # both sides at once, on the left
-    trunk = np.array(build.trunk)
+    trunk, upright = np.array(build.trunk), leant(build, points, -1.0)
     torso = np.minimum(
-        ellipsoid(points, (-0.012, 0, 0.168), (0.1, 0.041, 0.053) * trunk, 17),
-        ellipsoid(points, (0.044, 0, 0.172), (0.055, 0.049, 0.055) * trunk, 30),
+        ellipsoid(upright, (-0.012, 0, 0.168), (0.1, 0.041, 0.053) * trunk, 17),
+        ellipsoid(upright, (0.044, 0, 0.172), (0.055, 0.049, 0.055) * trunk, 30),
     )
     leg = capsule(right, (0.005, 0.026, 0.122), (0.0, 0.028, 0.085), 0.021, 0.008)
     for start, end in (
@@ -127,11 +142,15 @@ def parts(points, build=BUILDS["pigeon"]):
     return {
         "torso": torso,
         "neck": capsule(
-            points, NECK, on_neck(build, (0.106, 0, 0.272)), 0.036, 0.0215 * build.head
+            points,
+            leant(build, NECK),
+            on_neck(build, (0.106, 0, 0.272)),
+            0.036,
+            0.0215 * build.head,
         ),
         "head": ellipsoid(points, skull, np.array((0.0265, 0.0205, 0.0215)) * build.head, -8),
         "beak": capsule(points, *beak(build), 0.0075 * build.beak[1], 0.0035 * build.beak[1]),
-        "rump": capsule(points, (-0.06, 0, 0.157), (-0.13, 0, 0.131), 0.034, 0.011),
+        "rump": capsule(upright, (-0.06, 0, 0.157), (-0.13, 0, 0.131), 0.034, 0.011),
         "leg": leg,
     }
 
@@ -161,7 +180,7 @@ def without_feathers(points, build):
     ahead = np.array((0.9, 0.0, -0.1)) * build.eye[0] * build.head
     right = points * np.array((1.0, -1.0, 1.0))
     near = [np.linalg.norm(each - middle - ahead, axis=1) for each in (points, right)]
-    return 1.0 - smooth(np.minimum(*near) / (build.eye[0] * build.head), 1.5, 2.1)
+    return 1.0 - smooth(np.minimum(*near) / (build.eye[0] * build.head), *build.bare)
 
 
 def eye_mesh(build):
@@ -198,11 +217,11 @@ def landmarks(build):
         "beak": beak(build)[1],
         "crown": skull + build.head * np.array((0.001, 0, 0.022)),
         "nape": skull + build.head * np.array((-0.023, 0, 0.005)),
-        "breast": np.array((0.042 + 0.055 * long, 0, 0.185)),
-        "right_shoulder": np.array((0.055, -0.053 * wide, 0.205)),
-        "left_shoulder": np.array((0.055, 0.053 * wide, 0.205)),
-        "vent": np.array((-0.075, 0, 0.168 - 0.053 * deep)),
-        "tail": np.array((-0.134, 0, 0.138)),
+        "breast": leant(build, (0.042 + 0.055 * long, 0, 0.185)),
+        "right_shoulder": leant(build, (0.055, -0.053 * wide, 0.205)),
+        "left_shoulder": leant(build, (0.055, 0.053 * wide, 0.205)),
+        "vent": leant(build, (-0.075, 0, 0.168 - 0.053 * deep)),
+        "tail": leant(build, (-0.134, 0, 0.138)),
         "right_heel": np.array((-0.008, -0.0285, 0.068)),
         "left_heel": np.array((-0.008, 0.0285, 0.068)),
         "right_eye": middle * (1.0, -1.0, 1.0),
