@@ -268,3 +268,20 @@ def test_what_comes_around_a_rim_stays_on_the_side_where_it_comes():
 def test_the_steps_estimate_of_inertia_is_the_integrators():
     """The rounds' stiffness relies on inertia = 2 / h^2 at radius 0."""
     assert integrator_of(0.0, 0.1).inertia == pytest.approx(2.0 / 0.1**2)
+
+
+def test_what_is_off_is_told_of_the_last_round():
+    """A body that its neighbours have moved since it was solved counts as it is then."""
+    places = [[0.004 * f, 0.003 * f, 4e-4 * f] for f in range(5)]
+    model, state = free_feathers("body_contour", places, **GRID)
+    state.velocity.nodes[-1, ..., 2] = -4.0
+    pairs = [[f + a, f + 1 - a] for a in (0, 1) for f in range(4)]
+    contact = solver_of(model, pairs, [-1] * 4 + [1] * 4, rounds=3)
+    _, _, report = contact.interval([state], [no_loads(5)], [hold_roots(state)], 3e-4)
+    found = contact.found.contacts
+    felt = found["guest_force"], found["host_force"]
+    wrong = np.abs(np.minimum(found["gap"], np.minimum(*felt) / found["stiffness"]))
+    wrong = np.maximum(wrong, np.abs(felt[0] - felt[1]) / found["stiffness"])
+    assert wrong.max() > contact.settings.tolerance
+    for role in ("guest", "host"):
+        assert np.all(report.off[found[role]] >= (1.0 - 1e-9) * wrong)
