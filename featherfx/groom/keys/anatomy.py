@@ -223,7 +223,7 @@ class TailOfBird:
     )
     droop: Annotated[
         float, Number(-180, 180, "deg"), "How far the tail points below the line of the back."
-    ] = -9.0  # by eye: below the tips of folded wings
+    ] = 0.0
     coverts: Annotated[
         tuple[TailCovertRow, ...],
         TAIL_COVERTS,
