@@ -51,7 +51,7 @@ def drawn_barbs(
     """As barb_curves, with the kind's look in the draw of a feather's id. Vanes that may part have
     none. Raises InputError as build_feather does."""
     look = kind.barbs
-    if look == BarbLook() or kind.may_part:
+    if kind.may_part or not look.moves_barbs:
         return barb_curves(kind, grid, count, mirrored)
     return _dressed(kind, grid, count, mirrored, stable_number(id) % look.variants)
 

@@ -98,10 +98,21 @@ class BarbLook:
     jitter: Annotated[
         float, Number(0, 0.95), "Most that a barb is shortened, a share of its length."
     ] = 0.0
+    loose: Annotated[
+        float,
+        _PLACE,
+        "Part of a barb, from its end, that hooks nowhere: pictures show it apart from its "
+        "neighbours, and edges as soft as it is long. 0: as long as a few barbs lie apart.",
+    ] = 0.0
     seed: Annotated[int, Number(0, 2**31 - 1, whole=True), "Seed of what is drawn."] = 1
     variants: Annotated[
         int, Number(1, 1000, whole=True), "Different draws among feathers, each by its id."
     ] = 8
+
+    @property
+    def moves_barbs(self) -> bool:
+        """Whether barbs are drawn elsewhere than the vane has them."""
+        return max(self.clump, self.frizz, self.jitter) > 0.0
 
 
 @lru_cache(maxsize=4096)

@@ -347,7 +347,7 @@ def _strips(posed: _PosedVane, vane: DrawnGrid, group: _Group) -> Geometry:
     if parted is not None:
         away = _away(parted, vane, edges, inner)
     strips = BarbStrips(*(_of_strips(*each) for each in zip(sheet, tips, away, strict=True)))
-    if group.look != BarbLook():
+    if group.look.moves_barbs:
         strips = dressed(strips, group.look, group.draws, inner, middles)
     strips = soaked(strips, wet, inner, middles)
     facing = np.cross(strips.along, strips.tangents)
@@ -390,6 +390,7 @@ def _numbered(
     found[..., 1] = np.concatenate([inner, inner, [1.0]])
     found[..., 2] = group.round
     least = min(max(_FREE * slender / group.real, _LEAST_FREE), _MOST_FREE)
+    least = max(least, group.look.loose)
     found[..., 3] = least + (_UNHOOKED - least) * loose
     if film is not None:
         # none between two, which would have other colours

@@ -450,6 +450,20 @@ def test_pictures_show_how_barbs_look(tmp_path):
     assert 2e-4 < away[:, :, -1].mean() < away.max() < 1.5e-3
 
 
+def test_edges_are_as_soft_as_barbs_are_loose(tmp_path):
+    """Less is seen of a vane whose barbs part, which reaches as far."""
+    reaches, shown = [], []
+    for loose in (0.0, 0.5):
+        groom, cache = groom_of(tmp_path, f"overrides.barbs.loose = {loose}"), tmp_path / "a.usdc"
+        export_groom(groom, cache, quality="draft", overwrite=True)
+        pixels = picture(cache, tmp_path / "a.png", size=(300, 200), view="top", samples=16)
+        reaches.append(np.argwhere(covered(pixels)))
+        shown.append(np.abs(pixels - 255 * backdrop(300, 0, 200, 200)).sum())
+    assert shown[1] < 0.9 * shown[0]
+    extents = [[each.min(axis=0), each.max(axis=0)] for each in reaches]
+    np.testing.assert_allclose(*extents, atol=3)
+
+
 @pytest.mark.parametrize("size", [0.04, 8.0])
 def test_a_feather_is_drawn_alike_at_any_size(tmp_path, size):
     (once, points), (scaled, others) = (
