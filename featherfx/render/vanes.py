@@ -1,43 +1,31 @@
-r"""Feathers as they look: barbs in thin strips, shafts as smooth tubes.
-
-The vertices of a vane are a grid of R rows along the shaft times C columns along a barb (`st` tells
-which is which). Between them
-
-    P(t, s) = sum_ij W_i(t) V_j(s) x_ij
-
-with the cubic weights of featherfx/feather/density.py, t the height of the barb's root, s the place
-on the barb: linear in the vertices, so feathers of one topology are one product of matrices. A
-strip lies between two lines of one t and ends where barbs do. There are as many as a picture can
-show, at most as many as a feather has barbs; each carries the numbers of the barbs in it, by which
-rays find these one by one, with their ends (barb_kernels.py).
-
-A vane that may part has two points where the upper edge of a strip of the mesh meets the next row
-(featherfx/feather/lips.py). Barbs between the two rows are those of P, and where the edge is d_j
-away from the row they go along with it, by the part of the strip that lies below them.
-"""
+"""Feathers as they look: grouped once by what they share, in each pose drawn as strips.py has it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 
 from featherfx.algebra.ease import faded
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
-from featherfx.feather.density import hermite_weights
 from featherfx.feather.types import RACHIS
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import BarbLook
-from featherfx.render.barb_looks import BarbStrips, dressed, soaked
-from featherfx.render.coat import coat_fractions, coat_normals, drawn_towards, mixed
+from featherfx.render.coat import coat_fractions, coat_normals
 from featherfx.render.geometry import Geometry, geometry_of, joined, vertex_normals
 from featherfx.render.grids import DrawnGrid, Topology, topology_of
-from featherfx.render.light_kernels import SHAFT, SKIN, VANE
-from featherfx.render.pattern_kernels import colour_vanes
+from featherfx.render.light_kernels import SKIN
+from featherfx.render.strips import (
+    Group,
+    PosedVane,
+    shades_of,
+    strips_of,
+    tubes_of,
+    weights_at,
+)
 from featherfx.usd.read.cached_feather import CachedFeather
 
 _SPACING = 4.5  # pixels from one barb to the next, at least
@@ -45,35 +33,7 @@ _REAL_SPACING = 5e-4  # m, where a mesh does not tell: between contour and fligh
 _STATION = 6.0  # pixels between two points of a barb
 _MOST_BARBS = 1200.0
 _STEP = 1.3  # between numbers of barbs, so that feathers of about one size share their weights
-# by eye: how round barbs are shaded where each is as wide as so many pixels; barbs' distances over
-# which ends are free where they hook, parts of a barb that this may be, and where they do not
-_ROUND, _ROUND_FROM, _ROUND_AT = 0.85, 1.2, 5.0
-_FREE, _LEAST_FREE, _MOST_FREE, _UNHOOKED = 4.5, 0.02, 0.24, 1.2
-_TAPER = 1e-3  # part of a strip's length that is its blunt end
 _SLIM, _STOUT = 0.6, 2.5  # pixels: shafts are not drawn below, and have their own colour above
-_DRAWS = 61  # of numbers of barbs, by which feathers' ends differ
-
-
-@dataclass(frozen=True)
-class _Group:
-    """Feathers of one topology, one number of strips and one look. members: (n,) of the scene.
-    barbs: strips of a vane. stations: points along a barb. real: barbs of a vane. wide: pixels of
-    each. draws: (n,) by which each feather draws what is random of the look."""
-
-    members: Indices
-    topology: Topology
-    barbs: int
-    stations: int
-    real: int
-    wide: float
-    look: BarbLook
-    draws: Sequence[int]
-    numbers: Sequence[int]
-
-    @property
-    def round(self) -> float:
-        """The finer barbs are, the less each stands out."""
-        return _ROUND * float(faded((self.wide - _ROUND_FROM) / (_ROUND_AT - _ROUND_FROM)))
 
 
 def _heights(feather: CachedFeather) -> Floats:
@@ -94,7 +54,7 @@ class DrawnPlumage:
 
     feathers: tuple[CachedFeather, ...]
     starts: Indices
-    groups: tuple[_Group, ...]
+    groups: tuple[Group, ...]
     plain: Indices
     colours: Array
     shaft: Array
@@ -122,7 +82,7 @@ class DrawnPlumage:
     def _shades(self) -> list[list[Floats]]:
         """(n, B, 2 S + 1, 3) linear colours of the strips of each group's vanes."""
         return [
-            [_shades_of(*self._coloured(group.members, grid), grid, group) for grid in vanes]
+            [shades_of(*self._coloured(group.members, grid), grid, group) for grid in vanes]
             for group in self.groups
             for vanes in (group.topology.vanes,)
         ]
@@ -164,7 +124,7 @@ class DrawnPlumage:
                 about = (each[group.members] for each in (wet, coat, self.coated))
                 free = loose[at[:, None, None] + grid.rows]
                 film = self._film(group.members, grid.rows)
-                yield _strips(_PosedVane(mine, parted, shade, free, film, *about), grid, group)
+                yield strips_of(PosedVane(mine, parted, shade, free, film, *about), grid, group)
             if group.topology.shaft is not None:
                 yield from self._shafts(group, points)
 
@@ -196,7 +156,7 @@ class DrawnPlumage:
         ahead = grid.heights[:, None] + ahead / np.maximum(length, 1e-12)[:, None, None]
         return colours, np.maximum.accumulate(ahead, axis=1)
 
-    def _shafts(self, group: _Group, points: Array) -> Iterator[Geometry]:
+    def _shafts(self, group: Group, points: Array) -> Iterator[Geometry]:
         """Those that are as wide as pixels; slim ones in the colour of the vane beside them."""
         assert group.topology.shaft is not None
         (rings, heights), vane = group.topology.shaft, group.topology.vanes[0]
@@ -208,7 +168,7 @@ class DrawnPlumage:
             return
         members, part = group.members[drawn], (wide[drawn] - _SLIM) / (_STOUT - _SLIM)
         along = np.clip(heights, vane.heights[0], vane.heights[-1])
-        beside = _weights(vane.heights, along)[0] @ self._colours(members, vane.rows)[:, :, 1]
+        beside = weights_at(vane.heights, along)[0] @ self._colours(members, vane.rows)[:, :, 1]
         own = np.stack(
             [
                 np.broadcast_to(self.shaft, (len(heights), 3))
@@ -218,7 +178,7 @@ class DrawnPlumage:
             ]
         )
         colours = beside + faded(part)[:, None, None] * (own - beside)
-        yield _tubes(mine[drawn], heights, group.barbs, colours.clip(0.0, 1.0))
+        yield tubes_of(mine[drawn], heights, group.barbs, colours.clip(0.0, 1.0))
 
 
 def plumage_of(
@@ -257,7 +217,7 @@ def plumage_of(
         feathers=tuple(feathers) if own else tuple(replace(f, colour=None) for f in feathers),
         starts=starts,
         groups=tuple(
-            _Group(
+            Group(
                 members=np.array(members),
                 topology=found[key],
                 barbs=barbs,
@@ -287,216 +247,3 @@ def _detail(pixels: Array, real: float) -> tuple[int, int]:
     steps = max(int(np.log(max(barbs, 1.0)) / np.log(_STEP)), 7)
     stations = np.clip(2 ** np.ceil(np.log2(max(barb, 1.0) / _STATION)), 2, 16)
     return round(_STEP**steps), int(stations) + 1
-
-
-def _shades_of(colours: Array, ahead: Array | None, vane: DrawnGrid, group: _Group) -> Floats:
-    """(n, B, 2 S + 1, 3) colours of strips. colours, ahead: of _coloured."""
-    edges, middles, inner = _places(vane, group)
-    parts = []
-    for along, across in ((edges, inner), (middles, np.ones(1))):
-        rows, columns = _weights(vane.heights, along)[0], _weights(vane.places, across)[0]
-        if ahead is None:
-            parts.append(_blend(colours, rows, columns).clip(0.0, 1.0))
-            continue
-        distances = np.ascontiguousarray(_blend(ahead[..., None], rows, columns)[..., 0])
-        place = np.interp(across, vane.places, np.arange(len(vane.places)))
-        found = np.zeros((*distances.shape, 3))
-        colour_vanes(ahead, np.ascontiguousarray(colours, dtype=float), distances, place, found)
-        parts.append(found)
-    return _of_strips(*parts).astype(np.float32)
-
-
-def _places(vane: DrawnGrid, group: _Group) -> tuple[Array, Array, Array]:
-    """Heights (B + 1,) between strips and (B,) of their middles, places (S,) on a barb."""
-    edges = np.linspace(vane.heights[0], vane.heights[-1], group.barbs + 1)
-    return edges, 0.5 * (edges[1:] + edges[:-1]), np.linspace(0.0, 1.0 - _TAPER, group.stations)
-
-
-def _of_strips(between: Array, ends: Array, away: Array | float = 0.0) -> Array:
-    """(n, B, 2 S + 1, K) of strips, of values between them (n, B + 1, S, K) and at their ends (n,
-    B, 1, K)."""
-    both = np.stack([between[:, :-1], between[:, 1:]], axis=2)
-    whole = both.reshape(len(between), ends.shape[1], 2 * between.shape[2], -1)
-    return np.asarray(np.concatenate([whole, ends], axis=2) + away)
-
-
-class _PosedVane(NamedTuple):
-    """One vane of n feathers. grid: (n, R, C, 3). shades: of _shades_of. parted: (n, R - 1, C, 3),
-    how far the strips' upper edges are from the rows above them. loose: (n, R, C) share of hooks
-    that are open. film: (n, R, C) nm. wet: (n, 2) as of Cache.clumped_of. coat:
-    (n, PLACES, 3) and coated: (n,) as of drawn_towards."""
-
-    grid: Array
-    parted: Array | None
-    shades: Floats
-    loose: Array
-    film: Floats | None
-    wet: Array
-    coat: Array
-    coated: Array
-
-
-def _strips(posed: _PosedVane, vane: DrawnGrid, group: _Group) -> Geometry:
-    """The barbs of one vane."""
-    grid, parted, shades, loose, film, wet, coat, coated = posed
-    heights, places, stations = vane.heights, vane.places, group.stations
-    edges, middles, inner = _places(vane, group)
-    sheet = _patch(grid, (heights, edges), (places, inner))
-    tips = _patch(grid, (heights, middles), (places, np.ones(1)))
-    away: Sequence[Array | float] = (0.0, 0.0, 0.0)
-    if parted is not None:
-        away = _away(parted, vane, edges, inner)
-    strips = BarbStrips(*(_of_strips(*each) for each in zip(sheet, tips, away, strict=True)))
-    if group.look.moves_barbs:
-        strips = dressed(strips, group.look, group.draws, inner, middles)
-    strips = soaked(strips, wet, inner, middles)
-    facing = np.cross(strips.along, strips.tangents)
-    facing = drawn_towards(facing, coat, middles, coated)
-    glossy = mixed(unit(strips.tangents), unit(strips.along), coated)
-    points, normals, tangents, colours = (
-        each.reshape(-1, 3).astype(np.float32) for each in (strips.points, facing, glossy, shades)
-    )
-    triangles, strip = _strip_triangles(stations), 2 * stations + 1
-    own = np.arange(len(points) // strip)[:, None, None] * strip + triangles
-    open_share = np.zeros((len(grid), group.barbs, strip))
-    if loose.any():
-        rows, columns = _weights(heights, middles)[0], _weights(places, inner)[0]
-        there = _blend(loose[..., None], rows, columns)[..., 0].clip(0.0, 1.0)
-        open_share = np.concatenate([there, there, there[:, :, -1:]], axis=2)
-    reach = np.linalg.norm(grid[:, :, -1] - grid[:, :, 0], axis=2).max()
-    spine = np.linalg.norm(grid[:, -1, 0] - grid[:, 0, 0], axis=1).max()
-    return Geometry(
-        points=points,
-        triangles=own.reshape(-1, 3).astype(np.int32),
-        material=np.full(own.size // 3, VANE, dtype=np.uint8),
-        normals=normals,
-        tangents=tangents,
-        colours=colours,
-        barbs=_numbered(group, inner, open_share, float(spine / max(reach, 1e-9)), film),
-    )
-
-
-def _numbered(
-    group: _Group, inner: Array, loose: Array, slender: float, film: Floats | None
-) -> Floats:
-    """(n B (2 S + 1), 5) barbs of Geometry. inner: (S,) places on a barb. loose: (n, B, 2 S + 1)
-    and film: (n, R, C) as of _PosedVane. slender: length of a vane over that of its barbs."""
-    stations, step = len(inner), group.real / group.barbs
-    strip = step * np.arange(group.barbs)[:, None]
-    found = np.zeros((*loose.shape, 5), np.float32)
-    offset = (group.real + 2) * (np.array(group.numbers) % _DRAWS)
-    up = np.concatenate([np.zeros(stations), np.full(stations, step), [0.5 * step]])
-    found[..., 0] = offset[:, None, None] + strip + up
-    found[..., 1] = np.concatenate([inner, inner, [1.0]])
-    found[..., 2] = group.round
-    least = min(max(_FREE * slender / group.real, _LEAST_FREE), _MOST_FREE)
-    least = max(least, group.look.loose)
-    found[..., 3] = least + (_UNHOOKED - least) * loose
-    if film is not None:
-        # none between two, which would have other colours
-        row = np.linspace(0, film.shape[1] - 1, group.barbs).round().astype(int)
-        column = (found[0, 0, :, 1] * (film.shape[2] - 1)).round().astype(int)
-        found[..., 4] = film[:, row[:, None], column]
-    return found.reshape(-1, 5)
-
-
-def _away(parted: Array, vane: DrawnGrid, edges: Array, inner: Array) -> tuple[Array, Array, Array]:
-    """(n, B, 2 S + 1, 3) m, how far the points of drawn barbs go along with their strips, and its
-    derivatives along rows and columns. parted: of _strips. edges: (B + 1,) heights between barbs.
-    inner: (S,) places on a barb."""
-    heights, stations = vane.heights, len(inner)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    strip = np.searchsorted(heights, middle, side="right") - 1
-    strip = np.clip(strip, 0, len(heights) - 2)
-    size = np.diff(heights)[strip]
-    at = np.stack([edges[:-1], edges[1:], middle], axis=1)
-    part = np.clip((at - heights[strip, None]) / size[:, None], 0.0, 1.0)
-    # of the points of a strip: its one edge, the other, and the tip
-    part = np.repeat(part, [stations, stations, 1], axis=1)[None, :, :, None]
-    weights, slopes = hermite_weights(vane.places, np.concatenate([inner, inner, [1.0]]))
-    whole, turned = (np.einsum("nbcx,sc->nbsx", parted[:, strip], w) for w in (weights, slopes))
-    return part * whole, whole / size[:, None, None], part * turned
-
-
-@lru_cache
-def _strip_triangles(stations: int) -> Indices:
-    """(T, 3) of a strip: the points of its one edge, of the other, and its tip."""
-    low = np.arange(stations - 1)
-    high = low + stations
-    first = np.stack([low, high, low + 1], axis=1)
-    second = np.stack([high, high + 1, low + 1], axis=1)
-    tip = np.array([[stations - 1, 2 * stations - 1, 2 * stations]])
-    return np.concatenate([first, second, tip])
-
-
-def _patch(
-    grid: Array, rows: tuple[Array, Array], columns: tuple[Array, Array]
-) -> tuple[Array, Array, Array]:
-    """(n, T, S, 3) values, and derivatives along rows and columns, of grids (n, R, C, 3).
-
-    rows, columns: knots of the grid, and places to evaluate at.
-    """
-    (along, along_slopes), (across, across_slopes) = _weights(*rows), _weights(*columns)
-    values = _blend(grid, along, np.concatenate([across, across_slopes]))
-    count = len(across)
-    return values[:, :, :count], _blend(grid, along_slopes, across), values[:, :, count:]
-
-
-def _blend(grid: Array, along: Array, across: Array) -> Array:
-    """(n, T, S, K) of grids (n, R, C, K) with weights along rows (T, R) and columns (S, C)."""
-    count, rows, columns, each = grid.shape
-    # few large products of matrices
-    by_row = grid.swapaxes(2, 3).reshape(count, rows, each * columns)
-    between = (along @ by_row).reshape(count, len(along), each, columns)
-    return np.asarray((between @ across.T).swapaxes(2, 3))
-
-
-def _weights(knots: Array, places: Array) -> tuple[Array, Array]:
-    """hermite_weights, kept from pose to pose."""
-    return _kept_weights(knots.tobytes(), places.tobytes())
-
-
-@lru_cache(maxsize=4096)
-def _kept_weights(knots: bytes, places: bytes) -> tuple[Array, Array]:
-    return hermite_weights(np.frombuffer(knots), np.frombuffer(places))
-
-
-def _tubes(rings: Array, heights: Array, barbs: int, colours: Array) -> Geometry:
-    """Shafts of n feathers, from rings (n, R, M, 3) of vertices, as fine as the barbs are many.
-
-    colours: (n, R, 3) linear.
-    """
-    count, rows, sides = rings.shape[:3]
-    around = int(np.clip(barbs // 4, 4, 16))
-    places = np.linspace(heights[0], heights[-1], int(np.clip(barbs // 2, 4, 3 * rows - 2)))
-    along, along_slopes = _weights(heights, places)
-    circle, circle_slopes = _circle_weights(sides, around)
-
-    def product(first: Array, second: Array) -> Floats:
-        return _blend(rings, first, second).reshape(-1, 3).astype(np.float32)
-
-    tangents = product(along_slopes, circle)
-    ring = np.arange(around)
-    after = (ring + 1) % around
-    cell = np.concatenate(
-        [
-            np.stack([ring, after, ring + around], 1),
-            np.stack([after, after + around, ring + around], 1),
-        ]
-    )
-    start = np.arange(count)[:, None] * len(places) + np.arange(len(places) - 1)
-    triangles = (start.reshape(-1, 1, 1) * around + cell).reshape(-1, 3)
-    shape = geometry_of(
-        product(along, circle), triangles, SHAFT,
-        np.cross(tangents, product(along, circle_slopes)),
-        np.repeat((along @ colours).clip(0.0, 1.0).reshape(-1, 3), around, axis=0),
-    )  # fmt: skip
-    return replace(shape, tangents=tangents)
-
-
-@lru_cache
-def _circle_weights(sides: int, around: int) -> tuple[Array, Array]:
-    """(around, sides) of an ellipse through vertices evenly spaced around it, and its slopes."""
-    own = 2 * np.pi * np.arange(sides) / sides
-    angle = 2 * np.pi * np.arange(around)[:, None] / around - own
-    return (1 + 2 * np.cos(angle)) / sides, -2 * np.sin(angle) / sides
