@@ -1,4 +1,4 @@
-"""Feathers as they look: grouped once by what they share, in each pose drawn as strips.py has it."""
+"""Feathers as they look: grouped once by what they share, drawn in each pose (strips.py)."""
 
 from __future__ import annotations
 
