@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import local
+from typing import TypeVar
 
 import numpy as np
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import SimulationError
 from featherfx.jit.compiled import compile_ahead, is_asked_for
 from featherfx.limits import MOST_JOBS
@@ -20,12 +21,15 @@ from featherfx.solver.state import State as State
 from featherfx.solver.state import StepReport as StepReport
 from featherfx.solver.state import no_steps, rest_state
 from featherfx.solver.status import CONVERGED, reason_of
+from featherfx.solver.step.batch_kernels import advance_some
 from featherfx.solver.step.frame_kernels import advance
 from featherfx.solver.step.retry_kernels import StepSettings
 from featherfx.solver.step.root_path import RootPath as RootPath
 from featherfx.solver.step.root_path import hold_roots as hold_roots
 from featherfx.solver.step.start_kernels import start_acceleration
 from featherfx.solver.work import Work, make_work
+
+T = TypeVar("T")
 
 NEWTON_ITERATIONS = 32
 # the same of one feather in one frame, a bound on work alone; bakes of the samples need 3 to 100,
@@ -35,6 +39,9 @@ MOST_ITERATIONS = 20_000
 HARD = 12
 # of the feather's length, error that a step may not exceed where it can be shorter
 COARSE = 0.01
+# feathers that a thread takes at once at most: what Python hands over takes 40 microseconds a call,
+# and an interrupt waits for its end; pieces for each thread at least
+AT_ONCE, PIECES = 32, 8
 # of the tolerance of a step, distance from the solution that counts as rest at most
 AT_REST = 1e-2
 
@@ -59,21 +66,17 @@ class Settings:
     max_iterations: int = MOST_ITERATIONS
 
 
-def step_settings(
-    settings: Settings,
-    duration: float,
-    length: Array,
-) -> StepSettings:
+def step_settings(settings: Settings, duration: float, length: float = 1.0) -> StepSettings:
     """Settings as the kernels take them, of a frame of duration (s).
 
-    length: (n-1,) m, of the feather's rachis elements.
+    length: m, of a feather; 1 where coarse is to be a part of it.
     """
     return StepSettings(
         duration=float(duration),
         shortest=float(duration / settings.max_substeps),
         spectral_radius=float(settings.spectral_radius),
         tolerance=float(settings.tolerance),
-        coarse=COARSE * float(length.sum()),
+        coarse=COARSE * float(length),
         newton=float(settings.newton),
         iterations=NEWTON_ITERATIONS,
         hard=HARD,
@@ -88,7 +91,7 @@ def compile_steps(model: Model) -> None:
     model = model.only(0)
     state, work = rest_state(model, np.zeros((1, 3)), np.eye(3)[None]), make_work(model)
     loads, path, report = wind_of_each(no_loads(1), 1), hold_roots(state), no_steps(1)
-    settings = step_settings(Settings(), 1.0, model.length[0])
+    settings = step_settings(Settings(), 1.0)
     compile_ahead(advance, model, loads, 0, path, state, settings, work, report)
     compile_ahead(start_acceleration, model, loads, 0, path, settings, state, work)
 
@@ -152,13 +155,13 @@ class Solver:
         loads = wind_of_each(loads, self.model.feathers)
         report = no_steps(self.model.feathers)
 
-        def one(f: int) -> None:
-            of_frame = step_settings(self.settings, duration, self.model.length[f])
-            if state.step[f] == 0.0:
-                start_acceleration(self.model, loads, f, path, of_frame, state, self._work())
-            advance(self.model, loads, f, path, state, of_frame, self._work(), report)
+        frame = step_settings(self.settings, duration)
+        some = range(self.model.feathers) if feathers is None else feathers
 
-        self.for_each(one, range(self.model.feathers) if feathers is None else feathers)
+        def take(piece: Indices) -> None:
+            advance_some(self.model, loads, piece, path, state, frame, self._work(), report)
+
+        self.for_each(take, pieces(np.array(some, dtype=np.int64), self.jobs))
         return report
 
     def equilibrium(
@@ -202,21 +205,27 @@ class Solver:
         work: Work = self._local.work
         return work
 
-    def for_each(self, function: Callable[[int], None], numbers: Iterable[int]) -> None:
-        """Call a function with each number, by all threads."""
+    def for_each(self, function: Callable[[T], None], parts: Iterable[T]) -> None:
+        """Call a function with each part, by all threads."""
         if self._pool is None:
-            for number in numbers:
-                function(number)
+            for part in parts:
+                function(part)
             return
         # every thread takes the next one when it is free
-        waiting = iter(list(numbers))
+        waiting = iter(list(parts))
 
         def work() -> None:
-            for number in waiting:
-                function(number)
+            for part in waiting:
+                function(part)
 
         for done in [self._pool.submit(work) for _ in range(self.jobs)]:
             done.result()
+
+
+def pieces(feathers: Indices, jobs: int) -> list[Indices]:
+    """Feathers (K,) in pieces that threads take one after the other."""
+    size = max(1, min(AT_ONCE, len(feathers) // (PIECES * jobs) if jobs > 1 else AT_ONCE))
+    return [feathers[k : k + size] for k in range(0, len(feathers), size)]
 
 
 def raise_if_failed(

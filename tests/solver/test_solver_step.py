@@ -11,7 +11,15 @@ from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind,
 from featherfx.errors import SimulationError
 from featherfx.feather.types import barb_slice
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.solver import RootPath, Settings, Solver, hold_roots, raise_if_failed
+from featherfx.solver.solver import (
+    AT_ONCE,
+    RootPath,
+    Settings,
+    Solver,
+    hold_roots,
+    pieces,
+    raise_if_failed,
+)
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.modes import with_damping
 
@@ -123,6 +131,15 @@ def test_jobs_do_not_change_a_byte():
                 state, report = solver.step(state, no_loads(3, EARTH), path, FRAME)
         results.append(b"".join(a.tobytes() for a in (*state.arrays().values(), *report)))
     assert results[0] == results[1] == results[2]
+
+
+@pytest.mark.parametrize(("count", "jobs"), [(1, 1), (3, 2), (1000, 1), (1000, 7)])
+def test_threads_take_every_feather_once_and_several_at_a_time(count, jobs):
+    found = pieces(np.arange(count), jobs)
+    assert np.concatenate(found).tolist() == list(range(count))
+    assert len(found) >= min(count, jobs)
+    assert max(map(len, found)) <= AT_ONCE
+    assert count < 1000 or len(found) < count / 10
 
 
 def test_threads_are_no_more_than_feathers():

@@ -173,7 +173,7 @@ class NodalSolver:
         for f in range(self.model.feathers):
             if new.step[f] == 0.0:
                 nodal_start(self.model, self.nodal, loads, f, duration, new, self._work)
-            settings = step_settings(self.settings, duration, self.model.length[f])
+            settings = step_settings(self.settings, duration, self.model.length[f].sum())
             settings = settings._replace(iterations=limit, hard=hard)
             frame = NodalFrame(path, settings, self._textbook)
             nodal_advance(self.model, self.nodal, loads, f, frame, new, self._work, report)
