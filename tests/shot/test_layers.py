@@ -5,6 +5,8 @@ from __future__ import annotations
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -418,6 +420,45 @@ def test_no_feather_is_lifted_by_more_than_twice_its_length():
         lift = farthest(laid[0], pose) / length
         assert lift == pytest.approx(depth / own, rel=0.1) if own else lift == pytest.approx(2.0)
         assert plumage.report()["feathers_at_limit"] == (0 if own else 1)
+
+
+def test_no_feather_is_lifted_beyond_the_top_of_what_it_lies_over():
+    """A steep feather, half as long, ends short of another, which sinks past its tip with those
+    beneath it: under the steep one's plane as that goes on, but soon beside it. Lifted onto that
+    plane it would be far above the tip, with all that lies on it, and stay there in the sample."""
+    shot = shingles(6)
+    over, under, *others = shot.groom.feathers
+    steep, length = frames_from((0.57, 0.0, 0.82), (-0.82, 0.0, 0.57)), over.kind.length
+    kind = adjusted(under.kind, Change(scale=0.5))
+    under = replace(under, kind=kind, prototype=None, rotation=steep, position=np.zeros(3), rank=0)
+    grid = shot.quality.rows, shot.quality.columns
+    low = place(feathers_of((under,), *grid)[0].rest, under.position, under.rotation)
+    high = low.rows()[-1, 0] + np.array([-0.17 * length, 0.0, 0.1 * length])
+    way = np.array([0.02 * length, 0.0, -4.0 * THICKNESS])
+    flat = [replace(each, position=high + (k + 6) * way) for k, each in enumerate(others)]
+    feathers = (replace(over, position=high), under, *flat)
+    shot = replace(shot, groom=replace(shot.groom, feathers=feathers))
+    drawn, given = feathers_of(feathers, *grid), []
+    for sunk in (0.0, 0.2 * length):
+        poses = []
+        for one, feather in zip(feathers, drawn, strict=True):
+            down = (0.0, 0.0, 0.0 if one is under else sunk)
+            points = place(feather.rest, one.position - down, one.rotation)
+            poses.append(FeatherPose(points, *2 * (both(np.zeros_like, points),)))
+        given.append(poses)
+    plumage, none = layers.Layers(shot, drawn, np.arange(len(drawn)), 1), np.zeros((0, 3))
+    lay(plumage, given[0], none, 0.0, 0.0)
+    laid = lay(plumage, given[1], none, 1.0, 1.0 / shot.frames_per_second)
+    crossed = []
+    for share in (1.0, 0.75):
+        less = partial(np.average, axis=0, weights=(share, 1.0 - share))
+        between = [
+            replace(one, points=both(lambda *ends, less=less: less(ends), one.points, two.points))
+            for one, two in zip(laid, given[1], strict=True)
+        ]
+        crossed.append(crossings(shot, SimpleNamespace(poses=between)))
+    assert crossed[0] == 0 < crossed[1]
+    assert plumage.report()["written_depth"]["worst"] < 0.5
 
 
 class Ridge(Sheet):

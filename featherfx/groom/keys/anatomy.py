@@ -184,14 +184,16 @@ class TailCovertRow:
     width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
 
 
-# chosen by eye, so that they fair the tail into the body; with rows above as well layers of a
-# walking pigeon climb on each other (docs/log.md)
+# each tail feather has a greater covert above and below (Lucas and Stettenheim 1972, "Avian
+# Anatomy: Integument"); rows and shares are chosen by eye, so that they fair the tail into the body
 _TAIL_COVERTS = tuple(
-    asdict(TailCovertRow(name, length, ahead, height, side="below"))
-    for name, length, ahead, height in (
-        ("under_tail_covert_1", 0.6, 0.0, 0.02),
-        ("under_tail_covert_2", 0.42, 0.0, 0.03),
-        ("under_tail_covert_3", 0.34, 0.12, 0.05),
+    asdict(TailCovertRow(name, length, ahead, height, side=side))
+    for side, name, length, ahead, height in (
+        ("above", "upper_tail_covert_1", 0.5, 0.02, 0.02),
+        ("above", "upper_tail_covert_2", 0.36, 0.1, 0.025),
+        ("below", "under_tail_covert_1", 0.6, 0.0, 0.02),
+        ("below", "under_tail_covert_2", 0.42, 0.0, 0.03),
+        ("below", "under_tail_covert_3", 0.34, 0.12, 0.05),
     )
 )
 TAIL_COVERTS = ArrayOf(Table(keys_of(TailCovertRow), "table of a row of tail coverts"), 0, 40)

@@ -8,8 +8,9 @@ and barbs:
     w(a) = max over nodes b of  r(b) - slope |a - b|,   |a - b| along shaft plus along barb,
 
 which changes nowhere by more than r does anywhere, and is at most twice the feather's length.
-What is asked for less than at the sample before goes back slowly. Below the vane the lift falls off
-to the root, which stays.
+What a search asked for that is asked for nowhere where it took the feather is halved back, and what
+is asked for less than at the sample before goes back slowly. Below the vane the lift falls off to
+the root, which stays.
 """
 
 from featherfx.jit.compiled import kernel
@@ -21,6 +22,8 @@ from featherfx.shot.layers.pose_kernels import lift_points
 SHARE = 0.1
 # over the depth that is undone, the length of a feather: the largest lift
 MOST = 2.0
+# of a feather's length, lift that is asked for nowhere from which on it is taken back, by halves
+SPARE, HALVINGS = 0.02, 5
 # thicknesses beyond what is to be between them, up to which feathers touch
 TOUCH = 0.1
 
@@ -151,12 +154,11 @@ def _lay(k, bodies, given, lifts, poses, manner, scratch):
         least = manner.off if turn < manner.turns - 1 else manner.seen
         if change <= least * vanes.half[f]:
             break
-        lift_points(vanes, points, lift, pose, f)
-        ground_lacks(vanes, pose, ground, skin, f, scratch.asked)
-        count = find_laps(vanes, stack, pose, manner.follow, own, laps, scratch.seen)
+        count = _look(bodies, given, (lifts, f), pose, (own, manner.follow), scratch)
         if turn < manner.turns - 1:
             _raise_lift(vanes, (lifts, f), manner, scratch, count, True)
             change = _most_change(lift, pose.lift[f])
+    count = _take_back(bodies, given, (lifts, f), pose, (own, manner), scratch, count)
     least = manner.seen * vanes.half[f]
     if _most_change(lift, before) <= least or (quiet and _most_rise(before, lift) > least):
         _copy(before, lift)
@@ -168,6 +170,45 @@ def _lay(k, bodies, given, lifts, poses, manner, scratch):
     lifts.strays[f] = 1 if _most_change(lift, before) > manner.off * vanes.half[f] else 0
     lifts.settled[f] = 1 if _most_change(lift, before) == 0.0 else 0
     lifts.moved[f] = 0 if lifts.same[f] != 0 and lifts.settled[f] != 0 else 1
+
+
+@kernel
+def _look(bodies, given, place, pose, sought, scratch):
+    """Search the laps of a feather where its lift takes it; returns how many there are. sought: as
+    of find_laps, and follow."""
+    (vanes, stack), (points, ground, skin), (lifts, f), (own, follow) = bodies, given, place, sought
+    lift_points(vanes, points, lifts.lift[f], pose, f)
+    ground_lacks(vanes, pose, ground, skin, f, scratch.asked)
+    return find_laps(vanes, stack, pose, follow, own, scratch.laps, scratch.seen)
+
+
+@kernel
+def _take_back(bodies, given, place, pose, sought, scratch, count):
+    """Halve what a lift has too much: what one search asked for, and nothing where that took the
+    feather, since it came from a steep place that it has left. All that lies on it would go up as
+    far, and meet steep places in turn. Returns how many laps there are then. sought: as of
+    find_laps, and manner; count: laps where the feather is."""
+    (vanes, _), (lifts, f), (own, manner) = bodies, place, sought
+    lift, enough, least = lifts.lift[f], manner.off * vanes.half[f], scratch.least
+    _want(vanes, place, manner, scratch, count, False)
+    _copy(scratch.wanted, least)
+    tried = False
+    for _ in range(HALVINGS):
+        if _most_rise(least, lift) <= SPARE * vanes.deepest[f]:
+            break
+        _copy(lift, scratch.most)
+        for i in range(lift.shape[0]):
+            for c in range(lift.shape[1]):
+                lift[i, c] = 0.5 * (min(least[i, c], lift[i, c]) + lift[i, c])
+        count = _look(bodies, given, place, pose, (own, manner.follow), scratch)
+        _want(vanes, place, manner, scratch, count, False)
+        tried = _most_rise(lift, scratch.wanted) > enough
+        _copy(lift if tried else scratch.wanted, least)
+        if tried:
+            _copy(scratch.most, lift)
+    if tried:
+        count = _look(bodies, given, place, pose, (own, manner.follow), scratch)
+    return count
 
 
 @kernel
@@ -199,9 +240,16 @@ def _most_rise(first, second):
 
 @kernel
 def _raise_lift(vanes, place, manner, scratch, count, begun):
-    """Lift one feather by its laps, of which there are so many. place: lifts, and the feather.
-    begun: whether its lift is of this sample, and does not fall: what is lifted off something is
-    beside it at times, and would come and go."""
+    """Lift one feather as wanted."""
+    _want(vanes, place, manner, scratch, count, begun)
+    _copy(scratch.wanted, place[0].lift[place[1]])
+
+
+@kernel
+def _want(vanes, place, manner, scratch, count, begun):
+    """What lift is wanted of one feather by its laps, of which there are so many. place: lifts, and
+    the feather. begun: whether its lift is of this sample, and does not fall: what is lifted off
+    something is beside it at times, and would come and go."""
     (lifts, f), wanted = place, scratch.wanted
     before, lift = lifts.before[f], lifts.lift[f]
     for i in range(wanted.shape[0]):
@@ -221,7 +269,6 @@ def _raise_lift(vanes, place, manner, scratch, count, begun):
         for c in range(wanted.shape[1]):
             wanted[i, c] = min(wanted[i, c], MOST * vanes.deepest[f])
     _to_root(wanted, vanes, f)
-    _copy(wanted, lift)
 
 
 @kernel

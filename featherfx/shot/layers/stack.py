@@ -133,7 +133,8 @@ def scratch_of(vanes: Vanes, pairs: int) -> Scratch:
     # the system gives memory for as much of it as is written to
     laps = np.empty(pairs * most_laps(*shape) + 1, dtype=LAP)
     seen = np.zeros((*shape, 5), dtype=np.int64)
-    return Scratch(laps, np.zeros(shape), np.zeros(shape), seen)
+    wanted, asked, least, most = np.zeros((4, *shape))
+    return Scratch(laps, wanted, asked, least, most, seen)
 
 
 def pose_like(points: RowPoints, shape: tuple[int, ...]) -> PosedVanes:

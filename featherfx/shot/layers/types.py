@@ -118,12 +118,14 @@ class Manner(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What one thread writes to. laps: (L,). wanted, asked: (n, 2 m + 1) m. seen:
+    """What one thread writes to. laps: (L,). wanted, asked, least, most: (n, 2 m + 1) m. seen:
     (n, 2 m + 1, 5)."""
 
     laps: Laps
     wanted: Array
     asked: Array
+    least: Array
+    most: Array
     seen: Indices
 
 
