@@ -224,8 +224,10 @@ def farthest(laid, before) -> float:
     return float(np.linalg.norm(laid.points.nodes - before.points.nodes, axis=-1).max())
 
 
-def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
-    """By less than its length. Both are slanted, the other is large: boxes along the axes meet."""
+def pushed_beneath_a_large_one(limb=(0, 0)):
+    """A small feather that goes beneath a large one by 0.7 of its length within a frame, both
+    slanted, so that boxes along the axes meet: their plumage and axes, poses as they were and as
+    they were laid. limb: which moves each."""
     shot = shingles(2)
     small, large = shot.groom.feathers
     kind, back = adjusted(large.kind, Change(scale=3.0)), np.array([small.kind.length, 0.0, 0.0])
@@ -236,10 +238,16 @@ def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
     upper, lower = (replace(each, points=turned(slant.T, each.points)) for each in poses)
     drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage = layers.Layers(shot, drawn, np.arange(2), 1)
+    plumage.vanes = plumage.vanes._replace(limb=np.array(limb))
     lay(plumage, [upper, lower], none, 0.0, 0.0)
     way = -0.7 * small.kind.length * slant[:, 2]
     sunk = replace(upper, points=upper.points.shifted(way))
     laid = lay(plumage, [sunk, lower], none, 1.0, 1.0 / shot.frames_per_second)
+    return plumage, slant, small, (sunk, lower), laid
+
+
+def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
+    plumage, slant, small, (sunk, lower), laid = pushed_beneath_a_large_one()
     before, after = (
         least_gap(*(turned(slant, each.points).rows()[2:] for each in pair))
         for pair in ((sunk, lower), laid)
@@ -253,6 +261,16 @@ def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
     assert (worst["feather"], worst["frame"]) == (small.id, 1.0)
     assert worst["lift"] == pytest.approx(farthest(laid[0], sunk))
     assert worst["of_length"] == pytest.approx(worst["lift"] / plumage.vanes.row[0].sum())
+
+
+def test_what_a_limb_carries_away_is_not_lifted_to_where_it_lay():
+    """A wing that opens passes by what it lay over at rest; feathers of one wing stay in order."""
+    lifts = {}
+    for limb in ((1, 1), (1, 0), (0, 1)):
+        _, _, small, (sunk, _), laid = pushed_beneath_a_large_one(limb)
+        lifts[limb] = farthest(laid[0], sunk) / small.kind.length
+    assert lifts[1, 1] > 0.65
+    assert max(lifts[1, 0], lifts[0, 1]) < 0.05, lifts
 
 
 def test_lifts_do_not_add_up_over_all_that_lie_beneath():
@@ -400,6 +418,22 @@ def test_a_feather_that_is_pushed_into_the_skin_is_laid_over_it():
     before, after = (each.points.nodes[4:, :, 2] - skin[0, 2] for each in (sunk, laid))
     assert before.min() < -2e-3
     assert after.min() > 0.5 * THICKNESS + 0.9 * float(plumage.vanes.clear[0])
+
+
+def test_what_has_left_the_skin_is_not_lifted_to_the_planes_of_its_faces():
+    """As a wing does that opens: beside the edge of a skin, and below where it would go on."""
+    shot = shingles(1)
+    pose = next(iter(simulate(replace(shot, layers=None)))).poses[0]
+    length = shot.groom.feathers[0].kind.length
+    low = float(pose.points.nodes[..., 2].min()) - 4e-3
+    shot = replace(shot, skin=SkinSurfaces((Sheet(low),), 0.0, 1.0, "", "").bind(shot.groom))
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    plumage = layers.Layers(shot, drawn, np.arange(1), 1)
+    skin = plumage.skin(0.0)
+    lay(plumage, [pose], skin, 0.0, 0.0)
+    gone = replace(pose, points=pose.points.shifted(np.array([0.0, 3.0, -0.5 * length])))
+    laid = lay(plumage, [gone], skin, 1.0, 1.0 / shot.frames_per_second)[0]
+    assert farthest(laid, gone) == 0.0
 
 
 def test_no_feather_is_lifted_by_more_than_twice_its_length():

@@ -11,7 +11,7 @@ from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.groom.read.read import read_groom
 from featherfx.shot.motion.flap import folding
 from featherfx.shot.motion.joints import joint_roots, roots_at_rest, skeleton_of
-from featherfx.shot.motion.limbs import carried
+from featherfx.shot.motion.limbs import carried, limbs_of
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.roots import RootFrames
 
@@ -68,6 +68,17 @@ def test_limbs_fold_on_the_skin_that_carries_them(tmp_path):
                 getattr(found, name)[~wings], getattr(on_skin, name)[~wings]
             )
     assert np.abs(roots.frames(1.0).positions - skin.frames(1.0).positions).max() > 0.05
+
+
+def test_each_feather_is_of_a_limb_or_of_the_skin(tmp_path):
+    path = tmp_path / "groom.toml"
+    path.write_text(GROOM)
+    groom = read_groom(path)
+    found = {each.id: int(k) for each, k in zip(groom.feathers, limbs_of(groom), strict=True)}
+    sides = {id.split("_")[0]: number for id, number in found.items()}
+    assert sides["breast"] == 0
+    assert sorted([sides["right"], sides["left"]]) == [1, 2]
+    assert all(number == sides[id.split("_")[0]] for id, number in found.items())
 
 
 def test_a_bowed_wing_opens_to_where_the_groom_has_it(tmp_path):

@@ -12,12 +12,20 @@ from featherfx.jit.compiled import kernel
 from featherfx.shot.layers.pose_kernels import field_of
 from featherfx.shot.layers.walk_kernels import corners_of, first_place, walk, way_out
 from featherfx.solver.contact.ground_kernels import skin_under
-from featherfx.solver.contact.search_kernels import boxes_apart, corner_node, strip_point
+from featherfx.solver.contact.search_kernels import (
+    boxes_apart,
+    closest_weights,
+    corner_node,
+    strip_point,
+)
+from featherfx.solver.contact.wall_kernels import weighted
 
 # thicknesses beside the other's edge up to which a point touches it, and at which a lack has faded
 BESIDE, FADE = 1.0, 3.0
 # least cosine between a lift and the normal that it is to act along
 LEAST_COSINE = 0.5
+# of the depth that is undone, that of feathers of which one is carried away by a limb
+CARRIED_BY = 0.1
 # parts into which the rim between two rows is divided
 RIM_PARTS = 3
 # over a distance along a vane's normals, that along the third axis of the vane's own frame
@@ -31,6 +39,14 @@ def most_laps(rows, nodes):
     """Of a pair of vanes with so many nodes in each row: from the nodes, the edges of three ways
     and the rims of both, and what leads from the base of either."""
     return 2 * (4 * rows * nodes + (2 * (rows - 1) + nodes) * (RIM_PARTS - 1))
+
+
+@kernel
+def _deepest(vanes, one, other):
+    """m, depth of a pair that is undone. What a limb carries leaves where it lay at rest, and says
+    nothing of who is over whom where it comes by again."""
+    least = min(vanes.deepest[one], vanes.deepest[other])
+    return least if vanes.limb[one] == vanes.limb[other] else CARRIED_BY * least
 
 
 @kernel
@@ -77,7 +93,7 @@ def _lap(vanes, pose, bodies, point, place, margin, lap):
     along, thickness = dot(normal, away), vanes.half[guest] + vanes.half[host]
     lap.clear = min(vanes.clear[guest], vanes.clear[host])
     gap = (along if above else -along) - thickness
-    deepest = min(vanes.deepest[guest], vanes.deepest[host])
+    deepest = _deepest(vanes, guest, host)
     if gap > margin or gap < -2.0 * deepest:
         return place, inside, False
     lap.beside = length(cross(normal, away))
@@ -111,7 +127,7 @@ def _nodes_of(vanes, pose, bodies, margin, laps, count, seen):
     guest, host, above = bodies
     frame, own, exists = pose.frames[host], pose.own[host], vanes.exists[host]
     columns, place, near = exists.shape[2], (-1, 0, 0, 0), False
-    deepest = 2.0 * min(vanes.deepest[guest], vanes.deepest[host])
+    deepest = 2.0 * _deepest(vanes, guest, host)
     followed = LEAN * (margin + vanes.half[guest] + vanes.half[host])
     under, over = (LEAN * deepest, followed) if above else (followed, LEAN * deepest)
     for i in range(pose.points.shape[1]):
@@ -252,7 +268,7 @@ def _may_lap(vanes, pose, upper, lower, margin):
     """Whether the own boxes of two feathers meet, each in the other's frame."""
     if boxes_apart(pose.bounds[upper], pose.bounds[lower], margin):
         return False
-    deepest = 2.0 * min(vanes.deepest[upper], vanes.deepest[lower])
+    deepest = 2.0 * _deepest(vanes, upper, lower)
     own = pose.own[lower]
     if not _boxes_meet(pose, upper, lower, own[2] - deepest, own[5] + margin):
         return False
@@ -318,8 +334,22 @@ def ground_lacks(vanes, pose, ground, skin, f, asked):
             if triangle < 0:
                 continue
             x = points[f, i, strip_point(c, vanes.exists.shape[3])]
-            height, normal, _ = skin_under(x, skin, ground, triangle)
+            height, normal, triangle = skin_under(x, skin, ground, triangle)
             own = dot(normal, pose.way[f, i])
             lack = ground.clear[f, i, c] - height + own * lift[f, i, c]
-            if own >= LEAST_COSINE and lack < 2.0 * vanes.deepest[f]:
-                asked[i, c] = max(lack / own, 0.0)
+            if own >= LEAST_COSINE and 0.0 < lack < 2.0 * vanes.deepest[f]:
+                near = abs(height) + vanes.half[f] + vanes.clear[f]
+                asked[i, c] = _over(x, (height, normal), skin, ground, triangle, near) * lack / own
+
+
+@kernel
+def _over(x, seen, skin, ground, triangle, near):
+    """How far a point is over the triangle of a skin that it has come to, not beside it as what
+    has left the skin is: 1 where it is beside it by no more than near (m), 0 from twice that on.
+    seen: its height over the triangle's plane, and the normal."""
+    (height, normal), corners = seen, ground.triangles[triangle]
+    a, b, c = skin[corners[0]], skin[corners[1]], skin[corners[2]]
+    weight = closest_weights(x, (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]))
+    away = sub(x, weighted(skin, corners, weight))
+    beside = length(sub(away, scale(height, normal)))
+    return max(0.0, min(1.0, 2.0 - beside / near))

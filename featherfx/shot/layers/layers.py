@@ -55,6 +55,7 @@ from featherfx.shot.layers.types import (
     Stack,
     Vanes,
 )
+from featherfx.shot.motion.motion import moving_limbs
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
@@ -92,7 +93,8 @@ def shot_stack(shot: Shot, drawn: Sequence[Feather]) -> tuple[Stack, Vanes, RowP
         ]
     )
     vanes = vanes_of(drawn, 0.5 * thickness)
-    return among(stack_of(placements, vanes, rest), _touching(shot)), vanes, rest
+    stack = among(stack_of(placements, vanes, rest), _touching(shot))
+    return stack, vanes._replace(limb=moving_limbs(shot)), rest
 
 
 def _touching(shot: Shot) -> NDArray[np.bool_]:

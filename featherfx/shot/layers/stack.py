@@ -204,6 +204,7 @@ def vanes_of(feathers: Sequence[Feather], halves: Array) -> Vanes:
         deepest=DEEPEST * row.sum(axis=1),
         clear=np.minimum(CLEAR * row.mean(axis=1), MOST_CLEAR * 2.0 * halves),
         reach=np.full(count, 2.0 * FADE * halves.max(initial=0.0)),
+        limb=np.zeros(count, dtype=np.int64),
     )
 
 

@@ -43,7 +43,7 @@ class Vanes(NamedTuple):
     half: (F,) m, half thickness. row: (F, n - 1) and barb: (F, 2, n) m, distances of nodes along
     shaft and barbs. first: (F,) first row of the vane. deepest: (F,) m, depth that is undone.
     clear: (F,) m, kept from others, at the least. reach: (F,) m, beside a vane, up to where it
-    counts.
+    counts. limb: (F,) which one moves it, 0 for none.
     """
 
     present: Bytes
@@ -55,6 +55,7 @@ class Vanes(NamedTuple):
     deepest: Array
     clear: Array
     reach: Array
+    limb: Indices
 
 
 class Stack(NamedTuple):

@@ -49,12 +49,7 @@ class LimbRoots:
 def carried(groom: Groom, skin: Roots, joints: Roots) -> Roots:
     """The roots of a groom on a skin whose limbs fold as their joints do."""
     joint_of = {joint.name: joint for joint in groom.joints}
-    firsts: dict[str, str] = {}
-    for joint in groom.joints:
-        first = joint
-        while first.parent:
-            first = joint_of[first.parent]
-        firsts[joint.name] = first.name
+    firsts = _first_joints(groom)
     rest = RootFrames(
         np.array([each.position for each in groom.feathers]),
         np.array([each.rotation for each in groom.feathers]),
@@ -66,6 +61,26 @@ def carried(groom: Groom, skin: Roots, joints: Roots) -> Roots:
     }
     bearers = [bearer[firsts[groom.feathers[k].joint]] for k in members]
     return LimbRoots(skin, joints, members, np.array(bearers, dtype=np.int64), rest)
+
+
+def limbs_of(groom: Groom) -> Indices:
+    """(F,) the limb that each feather of a groom is of, from 1 on; 0 for those of the skin."""
+    firsts = _first_joints(groom)
+    number = {name: k for k, name in enumerate(dict.fromkeys(firsts.values()), 1)}
+    found = [0 if each.turning is None else number[firsts[each.joint]] for each in groom.feathers]
+    return np.array(found, dtype=np.int64)
+
+
+def _first_joints(groom: Groom) -> dict[str, str]:
+    """The first joint of the limb that each joint is of, by names."""
+    joint_of = {joint.name: joint for joint in groom.joints}
+    firsts: dict[str, str] = {}
+    for joint in groom.joints:
+        first = joint
+        while first.parent:
+            first = joint_of[first.parent]
+        firsts[joint.name] = first.name
+    return firsts
 
 
 @dataclass(frozen=True)

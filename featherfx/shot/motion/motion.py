@@ -21,7 +21,7 @@ from featherfx.shot.motion.joints import (
     swung,
 )
 from featherfx.shot.motion.keys import keyed
-from featherfx.shot.motion.limbs import carried, on_bones
+from featherfx.shot.motion.limbs import carried, limbs_of, on_bones
 from featherfx.shot.motion.roots import SAMPLES, Roots, arrived
 from featherfx.shot.types import Motion, Shot
 from featherfx.solver.step.root_path import RootPath
@@ -41,6 +41,14 @@ def root_motion(shot: Shot) -> Roots:
         return directed(shot, joint_roots(shot.groom, skeleton, poses))
     limbs = joint_roots(shot.groom, skeleton, _without_body(poses))
     return directed(shot, carried(shot.groom, shot.skin, limbs))
+
+
+def moving_limbs(shot: Shot) -> Indices:
+    """(F,) which limb moves each feather beside the skin of a shot, 0 for none."""
+    by_bones = any(joint.bone is not None for joint in shot.groom.joints)
+    if shot.skin is None or not (shot.motion.of_limbs or by_bones):
+        return np.zeros(len(shot.groom.feathers), dtype=np.int64)
+    return limbs_of(shot.groom)
 
 
 def _poses(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
