@@ -49,13 +49,16 @@ def simulate_and_write(
             sink.begin()
             writing = Background(sink.write, 1)  # frames of a plumage are large
 
-            def finish(finished: Callable[[], list[tuple[Frame, Checkpoint]]]) -> None:
+            def finish(finished: Callable[[], list[tuple[Frame, Checkpoint | None]]]) -> None:
                 for frame, checkpoint in finished():
                     writing(frame, checkpoint)
 
             with writing, Background(finish, 1) as finishing:
+                ahead = simulation.ahead(
+                    lambda sample: sink.writer.ends_chunk(sample), options.accelerations
+                )
                 with phase("simulating", silent=True):
-                    for finished in simulation.ahead() if done < samples else ():
+                    for finished in ahead if done < samples else ():
                         with phase("writing" if writing.is_full else "simulating", silent=True):
                             finishing.wait()
                         finishing(finished)

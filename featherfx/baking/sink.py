@@ -54,9 +54,9 @@ class Sink:
         """The writer; waits for it. Raises what new_writer raises."""
         return self.begin().result()
 
-    def write(self, frame: Frame, checkpoint: Checkpoint) -> None:
+    def write(self, frame: Frame, checkpoint: Checkpoint | None) -> None:
         """Write the next sample, and where a chunk ends what goes on after it."""
-        self.writer.write(frame, checkpoint.save)
+        self.writer.write(frame, checkpoint.save if checkpoint else None)
 
     def __enter__(self) -> Self:
         return self

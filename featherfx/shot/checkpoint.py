@@ -6,7 +6,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import write_whole
+from featherfx.shot.frames import FeatherPose
 from featherfx.solver.state import State
+
+NOWHERE: Array = np.zeros((0, 3))
 
 _KEPT = ("contact", "levels", "cycles", "layers")
 
@@ -66,6 +69,18 @@ class Checkpoint:
                 return Checkpoint(index, states, starts, **kept, wanted=wanted, replayed=replayed)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error
+
+
+class Reach(NamedTuple):
+    """A sample that is simulated, before it is laid: its number, poses of the feathers that are
+    computed, (V, 3) m, the skin beneath them, a checkpoint without what layers keep, None where
+    nobody asks for it, and by number what a later bake may replay."""
+
+    sample: int
+    poses: list[FeatherPose]
+    skin: Array
+    standing: Checkpoint | None
+    solved: dict[int, FeatherPose]
 
 
 def _under(prefix: str, file: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

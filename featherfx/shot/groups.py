@@ -172,6 +172,16 @@ def make_groups(
     return groups
 
 
+def give_cycles(shot: Shot, groups: Sequence[Group], changing: bool, subframes: int) -> None:
+    """Cycles for batches that may repeat: what slips, dries, is directed, leaves, or touches others
+    at changing levels does not."""
+    for group in groups:
+        lasting = not group.changes and group.free is None and not group.solver.model.hooked
+        if lasting and (shot.contact is None or group.island == ALONE or not changing):
+            tolerance, count = group.solver.settings.tolerance, len(group.members)
+            group.cycle = Cycle(shot.cycle * subframes, tolerance, count)
+
+
 def _group(
     shot: Shot,
     drawn: Sequence[Feather],

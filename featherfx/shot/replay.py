@@ -72,11 +72,10 @@ class Replay:
         return self._known[1]
 
     def note(self, sample: int, poses: Mapping[int, FeatherPose]) -> None:
-        """Keep the poses of solved feathers at a sample, and of the others what was taken."""
+        """Keep the poses of feathers that are solved, or were before, at a sample."""
         if not self._own or not 0 <= sample < self._samples:
             return
-        taken = self.poses(sample)
-        every = dict(sorted((taken | {f: p for f, p in poses.items() if p.gaps is None}).items()))
+        every = {f: pose for f, pose in sorted(poses.items()) if pose.gaps is None}
         if not every:
             return
         arrays = _arrays(list(every.values()))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +18,10 @@ from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.model import Loads
 from featherfx.phases import counted
 from featherfx.shot.alone import Alone
-from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.checkpoint import NOWHERE, Checkpoint, Reach
 from featherfx.shot.counts import Counts
 from featherfx.shot.detail.carried import Carried, FeatherPose
-from featherfx.shot.detail.cycle import Cycle, memory_of, restore, warn_if_never
+from featherfx.shot.detail.cycle import memory_of, restore, warn_if_never
 from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.estimate import Estimate
 from featherfx.shot.detail.level_run import LevelRun
@@ -31,9 +31,16 @@ from featherfx.shot.direction.targets import Reached
 from featherfx.shot.direction.through import FollowThrough
 from featherfx.shot.energy import Energy, energy_of
 from featherfx.shot.frames import Frame, sample_number
-from featherfx.shot.groups import Group, grips_of, loads_within, make_groups, pulled
+from featherfx.shot.groups import (
+    Group,
+    give_cycles,
+    grips_of,
+    loads_within,
+    make_groups,
+    pulled,
+)
 from featherfx.shot.hooks import Hooks
-from featherfx.shot.islands import ALONE, with_pushing
+from featherfx.shot.islands import with_pushing
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
 from featherfx.shot.loads.wet import clumping
@@ -57,18 +64,6 @@ from featherfx.shot.types import Grip, Shot, Wind
 # of a frame, step in which a feather that has left its root begins to fall: the first one is of
 # first order
 FIRST_STEP = 1.0 / 32.0
-
-NOWHERE: Array = np.zeros((0, 3))
-
-
-class Reach(NamedTuple):
-    """A sample that is simulated, before it is laid: its number, poses of the feathers that are
-    computed, (V, 3) m, the skin beneath them, and a checkpoint without what layers keep."""
-
-    sample: int
-    poses: list[FeatherPose]
-    skin: Array
-    standing: Checkpoint
 
 
 class Simulation:
@@ -114,7 +109,7 @@ class Simulation:
             shot, drawn, plan.resolutions, motion, jobs, islands, self._time(self._first)
         )
         if shot.cycle:
-            _give_cycles(shot, self._groups, plan.changes, subframes)
+            give_cycles(shot, self._groups, plan.changes, subframes)
         groups = self._groups
         self._levels = LevelRun(shot, plan, drawn, groups, motion, carried, replay, subframes)
         self._islands, self._alone = islands_together(shot, self._groups, motion, self._levels)
@@ -156,12 +151,22 @@ class Simulation:
             for frame, self._after in finish():
                 yield frame
 
-    def ahead(self) -> Iterator[Callable[[], list[tuple[Frame, Checkpoint]]]]:
+    def ahead(
+        self, saved: Callable[[int], bool] | None = None, accelerations: bool = True
+    ) -> Iterator[Callable[[], list[tuple[Frame, Checkpoint | None]]]]:
         """As iterating, with what is left to do for each frame: to be called once, in their order,
         by any thread, while the next frame is simulated. Gives frames that are finished, each with
-        the checkpoint after it. Raises what iterating raises."""
+        the checkpoint after it. Raises what iterating raises.
+
+        saved: whether the checkpoint after a sample, counted from the first that is wanted, is
+        asked for; all by default. accelerations: whether frames need them. Many samples wait to be
+        laid, and hold only what is asked for.
+        """
         for index in self._samples:
-            finish = partial(self._finished, Reach(index, *self._shown(index), self._standing()))
+            keeps = saved is None or saved(index - self._begin_at)
+            reach = self._reached_at(index, keeps)
+            finish = partial(self._finished, reach, accelerations)
+            del reach
             if index < self._begin_at:
                 finish()
             else:
@@ -171,22 +176,25 @@ class Simulation:
         if self._samples_ahead:
             yield partial(self._finished, None)
 
-    def _finished(self, reach: Reach | None) -> list[tuple[Frame, Checkpoint]]:
+    def _finished(
+        self, reach: Reach | None, accelerations: bool = True
+    ) -> list[tuple[Frame, Checkpoint | None]]:
         """The frames that are finished with a sample; None: there is none after the last."""
         waits, waiting, found = self._samples_ahead if reach else 0, self._waiting, []
         if reach is not None:
+            self._replay.note(reach.sample, reach.solved)
             if self._layers is not None:
                 duration = self._time(1) if reach.sample else 0.0
-                self._layers.ask(reach.poses, reach.skin, duration)
+                self._layers.ask(reach.poses, reach.skin, duration, accelerations)
                 reach = reach._replace(poses=[], skin=NOWHERE)
-            waiting.append(reach)
+            waiting.append(reach._replace(solved={}))
         while len(waiting) > waits and waiting[0].sample <= self._end_at:
-            index, poses, _, standing = waiting.popleft()
+            index, poses, _, standing, _ = waiting.popleft()
             if self._layers is not None:
-                number = self._number(index)
-                poses = self._layers.of(self._wanted, self._layers.lay(number))
+                poses = self._layers.of(self._wanted, self._layers.lay(self._number(index)))
             if index >= self._begin_at:
-                found.append((self._frame(index, poses), self._with_layers(standing)))
+                after = standing and self._with_layers(standing)
+                found.append((self._frame(index, poses), after))
         return found
 
     @property
@@ -285,12 +293,13 @@ class Simulation:
             return False
         return index > 0 and self._time(index - 1) > group.free - 0.5 * self._time(1)
 
-    def _shown(self, index: int) -> tuple[list[FeatherPose], Array]:
-        """What the simulation shows at a sample, before it is laid over each other, and the skin
-        beneath."""
+    def _reached_at(self, index: int, keeps: bool) -> Reach:
+        """The sample where the simulation stands. keeps: whether a checkpoint is asked for."""
         poses, time = self._levels.shown(index), self._time(index)
         poses = self._through.of(poses, self._time(index - 1), time)
-        return poses, NOWHERE if self._layers is None else self._layers.skin(time)
+        skin = NOWHERE if self._layers is None else self._layers.skin(time)
+        standing = self._standing() if keeps else None
+        return Reach(index, poses, skin, standing, self._levels.solved(index))
 
     def _begin(self) -> None:
         """Settle all feathers where the simulation begins, carried by their roots if these move."""
@@ -463,16 +472,6 @@ def _from_preroll(shot: Shot, subframes: int) -> tuple[Shot, Roots, int]:
     colliders = tuple(replace(each, run_up=preroll) for each in shot.colliders)
     begun = replace(shot, colliders=colliders, run_up=preroll)
     return begun, RunUp(motion, preroll), -shot.preroll * subframes
-
-
-def _give_cycles(shot: Shot, groups: Sequence[Group], changing: bool, subframes: int) -> None:
-    """Cycles for batches that may repeat: what slips, dries, is directed, leaves, or touches others
-    at changing levels does not."""
-    for group in groups:
-        lasting = not group.changes and group.free is None and not group.solver.model.hooked
-        if lasting and (shot.contact is None or group.island == ALONE or not changing):
-            tolerance, count = group.solver.settings.tolerance, len(group.members)
-            group.cycle = Cycle(shot.cycle * subframes, tolerance, count)
 
 
 def simulate(

@@ -591,3 +591,16 @@ def test_laid_while_the_next_is_simulated_it_is_the_same(bakes, tmp_path):
         assert frame.number == other.number
         for points, again in zip(frame.points, other.points, strict=True):
             assert points.tobytes() == again.tobytes()
+
+
+def test_samples_that_wait_hold_only_what_is_asked_for(bakes):
+    shot, laid, _ = bakes
+    ahead = simulate(shot).ahead(saved=lambda sample: sample == 2, accelerations=False)
+    pairs = [pair for finish in ahead for pair in finish()]
+    for (frame, checkpoint), other in zip(pairs, laid, strict=True):
+        assert (checkpoint is not None) == (frame.number == laid[2].number)
+        for pose, again in zip(frame.poses, other.poses, strict=True):
+            for part in ("points", "velocities"):
+                for values, same in zip(getattr(pose, part), getattr(again, part), strict=True):
+                    assert values.tobytes() == same.tobytes()
+            assert pose.accelerations.nodes.size == 0 < again.accelerations.nodes.size

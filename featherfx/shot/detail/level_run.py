@@ -45,7 +45,7 @@ class LevelRun:
     ) -> None:
         self._carried, self._wanted, self._replay = carried, carried.wanted, replay
         self._computing = np.union1d(self._wanted, carried.guides)
-        self._steady = set(plan.steady.tolist())
+        self._steady = {*plan.steady.tolist(), *replay.numbers.tolist()}
         self._shot, self._drawn, self._motion = shot, drawn, motion
         self._groups = groups
         self.duration = 1.0 / (shot.frames_per_second * subframes)
@@ -117,8 +117,15 @@ class LevelRun:
     def shown(self, index: int) -> list[FeatherPose]:
         """The poses of the wanted feathers at a sample."""
         poses = self._poses(index)
-        self._replay.note(index, {f: pose for (f, _), pose in poses.items() if f in self._steady})
         return [self.fades.blended(f, poses) for f in self._wanted.tolist()]
+
+    def solved(self, index: int) -> dict[int, FeatherPose]:
+        """By number, the poses at a sample of feathers that are always solved at one level, or were
+        before; to be asked for last."""
+        poses = self._poses(index)
+        if self._shot.level_of_detail is None:
+            self._known = None  # no level will change from here, and they are large
+        return {f: pose for (f, _), pose in poses.items() if f in self._steady}
 
     def counts(self) -> tuple[int, int]:
         """How many of the wanted are rigid and guided, and nothing else."""

@@ -76,6 +76,7 @@ PASSES = 40
 _SEED = 20261123
 _OF_FEATHERS = "same", "moved", "settled", "strays"
 _KEPT = "lift", "settled", "depths", "touching"
+_NO_ROWS = RowPoints(np.zeros((0, 1, 3)), np.zeros((0, 2, 3)))
 
 
 def shot_stack(shot: Shot, drawn: Sequence[Feather]) -> tuple[Stack, Vanes, RowPoints]:
@@ -105,9 +106,9 @@ def _touching(shot: Shot) -> NDArray[np.bool_]:
 
 class Asked(NamedTuple):
     """A sample that is laid as it has to be: points of the feathers before they are lifted; their
-    velocities and accelerations in single precision, as they are written, which many samples are
-    held in; gaps; (V, 3) m, the skin; s since the sample before, 0 at the first; and what is kept
-    of that laying."""
+    velocities, and accelerations where they are wanted, in single precision, as they are written,
+    which many samples are held in; gaps; (V, 3) m, the skin; s since the sample before, 0 at the
+    first; and what is kept of that laying."""
 
     points: RowPoints
     rates: tuple[RowPoints, RowPoints]
@@ -149,9 +150,16 @@ class Layers:
         """(V, 3) m, the skin at a time in s since the first frame."""
         return self._skin.points(time)
 
-    def ask(self, poses: Sequence[FeatherPose], skin: Array, duration: float) -> None:
+    def ask(
+        self,
+        poses: Sequence[FeatherPose],
+        skin: Array,
+        duration: float,
+        accelerations: bool = True,
+    ) -> None:
         """Lay the needed feathers at the next sample over each other and a skin (V, 3) m, as it
-        has to be. duration: s since the sample before; 0 at the first."""
+        has to be. duration: s since the sample before; 0 at the first. accelerations: whether the
+        laid poses have them; else they are of no rows."""
         points, lifts = stacked([pose.points for pose in poses]), self.lifts
         marks = _marks(points, skin)
         kept = float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0
@@ -161,8 +169,8 @@ class Layers:
             self._lay(lifts, points, skin, kept)
             if not lifts.moved.any():
                 break
-        velocities = _single([pose.velocities for pose in poses])
-        rates = velocities, _single([pose.accelerations for pose in poses])
+        second = [pose.accelerations if accelerations else _NO_ROWS for pose in poses]
+        rates = _single([pose.velocities for pose in poses]), _single(second)
         gaps = [pose.gaps for pose in poses]
         self._waiting.append(Asked(points, rates, gaps, skin, duration, self._kept()))
 

@@ -258,9 +258,11 @@ def _carried(state: State, path: RootPath, free: Flags) -> Array:
     end, as if every feather had one; zero of the others."""
     nodes, samples = state.points.nodes[free], path.samples[free]
     turns = vectors_to_frames(samples[:, -1, 3:])
-    away = (nodes - samples[:, :1, None, :3]) @ turns.swapaxes(1, 2)[:, None]
+    # one product a feather: many times as fast as one a row
+    flat = len(nodes), nodes.shape[1] * nodes.shape[2], 3
+    away = (nodes - samples[:, :1, None, :3]).reshape(flat) @ turns.swapaxes(1, 2)
     found = np.zeros(state.points.nodes.shape)
-    found[free] = away + samples[:, -1:, None, :3]
+    found[free] = away.reshape(nodes.shape) + samples[:, -1:, None, :3]
     return found
 
 

@@ -61,6 +61,7 @@ class _KnotPose(NamedTuple):
 
 _NO_JOINTS = SkinPose(np.zeros((0, 4, 4)), np.zeros(0), np.zeros((0, 3), dtype=np.float32))
 _KEPT = 12  # knots, whose neighbours share most
+_ASKED = 8  # times, at which roots and the skin as a body are asked for
 
 
 class AnimatedMesh(ScenePrim):
@@ -94,6 +95,7 @@ class AnimatedMesh(ScenePrim):
         self._skinning = skinning
         self.knots: Knots | None = None
         self._poses: OrderedDict[float, _KnotPose] = OrderedDict()
+        self._asked: OrderedDict[float, tuple[NDArray[Any], Array]] = OrderedDict()
         self._rest_code = DEFAULT if rest is None else Usd.TimeCode(rest)
         self.rest = self._at_rest(rest is None)
         self._rest_sign = self._sign(self._rest_code)
@@ -107,7 +109,7 @@ class AnimatedMesh(ScenePrim):
         if self.sampled is None:
             return self
         found = copy.copy(self)
-        found.knots, found._poses = knots, OrderedDict()
+        found.knots, found._poses, found._asked = knots, OrderedDict(), OrderedDict()
         return found
 
     def corners(self, code: float, triangles: Indices) -> Array:
@@ -125,7 +127,16 @@ class AnimatedMesh(ScenePrim):
         return self._finite(transformed(local, matrix), code)
 
     def _pose(self, code: float) -> tuple[NDArray[Any], Array]:
-        """Points of the mesh, and the matrix from their space to the world, at a time code."""
+        """Points of the mesh, and the matrix from their space to the world, at a time code; those
+        of the last few are kept."""
+        found = self._asked.get(code)
+        if found is None:
+            self._asked[code] = found = self._posed(code)
+            if len(self._asked) > _ASKED:
+                self._asked.popitem(last=False)
+        return found
+
+    def _posed(self, code: float) -> tuple[NDArray[Any], Array]:
         if self.knots is None:
             local, prim = self._local_points(Usd.TimeCode(code))
             return local, self._scene.matrix(prim, Usd.TimeCode(code))

@@ -247,8 +247,13 @@ class CacheWriter:
         bad = self._chunk.add(float(frame.number), frame)
         self._check_finite(bad, frame.time)
         self._next += 1
-        if self._chunk.count == self.chunk or self._next == self._samples:
+        if self.ends_chunk(self._next - 1):
             self._finish_chunk(save)
+
+    def ends_chunk(self, sample: int) -> bool:
+        """Whether a chunk ends with a sample, counted from the first, and with it is saved what a
+        resumed bake needs to go on."""
+        return (sample + 1) % self.chunk == 0 or sample + 1 == self._samples
 
     def _finish_chunk(self, save: Save | None) -> None:
         """Write the chunk; its way to the disk goes on while the next frames come."""
