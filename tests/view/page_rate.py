@@ -21,6 +21,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+sys.path.append(str(Path(__file__).parents[1]))  # as the tests have it
+
 from test_view_live import served
 from test_view_page import BROWSER_OPTIONS, scripted
 
@@ -127,7 +129,8 @@ def of_browser(profile: str) -> Counter[str]:
 def main(what: str, file: str, more: str = "") -> None:
     if what in ("view", "upload"):
         played = fitting_second(Path(file), int(1e6 * float(more or 64)))
-        print("; ".join(played.told()) or "whole", f"{played.points} points")
+        body = f"body of {played.body.points}" if played.body else "no body"
+        print("; ".join(played.told()) or "whole", f"{played.points} points, {body}")
         make = lambda: Server(played)  # noqa: E731
         if what == "view":
             measure(make, PLAY, "playing", PLAIN)

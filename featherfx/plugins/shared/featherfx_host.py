@@ -117,6 +117,63 @@ def groom(file, output, *options):
     return Run("groom", file, "-o", output, "--progress", "json", "--overwrite", *options)
 
 
+def write_groom(file, curves, kind=""):
+    """A groom of the curves of a USD file; kind: a preset for those that name none."""
+    lines = ["[[usd]]", f"file = {_text(os.path.abspath(curves))}"]
+    if kind:
+        lines.append(f"kind = {_text(kind)}")
+    _write(file, f"name = {_text(_stem(file))}", *lines)
+
+
+def write_shot(
+    file,
+    groom_file,
+    *,
+    frames,
+    frames_per_second,
+    quality,
+    wind=(0.0, 0.0, 0.0),
+    gust=0.0,
+    skin=None,
+):
+    """A shot of a groom. wind: m/s, with z up (`with_z_up`). gust: of the wind, a share of it.
+    skin: USD file and path of the mesh that moves the roots; None: they stand."""
+    x, y, z = wind
+    speed = (x * x + y * y + z * z) ** 0.5
+    lines = [
+        f"name = {_text(_stem(file))}",
+        f"groom = {_text(os.path.abspath(groom_file))}",
+        f"frames = [{int(frames[0])}, {int(frames[1])}]",
+        f"frames_per_second = {float(frames_per_second)!r}",
+        f"quality = {_text(quality)}",
+    ]
+    if speed > 0.0:
+        direction = f"direction = [{x!r}, {y!r}, {z!r}]"
+        lines += ["[wind]", direction, f"speed = {speed!r}", f"gust = {gust!r}"]
+    if skin is not None:
+        usd, prim = os.path.abspath(skin[0]), skin[1]
+        lines += ["[skin]", f"usd = {_text(usd)}", f"prim = {_text(prim)}"]
+    _write(file, *lines)
+
+
+def with_z_up(vector, up_axis):
+    """A vector of a host in featherfx's axes, as the stage's up axis says."""
+    x, y, z = vector
+    return (x, y, z) if up_axis == "Z" else (x, -z, y)
+
+
+def _text(value):
+    return json.dumps(value, ensure_ascii=False)  # as TOML has it
+
+
+def _stem(file):
+    return os.path.basename(file).split(".")[0]
+
+
+def _write(file, *lines):
+    Path(file).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
 def report(file):
     """What `featherfx inspect` tells of a stage."""
     return json.loads(Run("inspect", file, "--json").finish())
