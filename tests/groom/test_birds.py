@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from places import SAMPLES
+from pxr import Usd, UsdGeom
 
 from featherfx.api import scene_readers
 from featherfx.errors import InputError
@@ -178,6 +180,50 @@ def test_sizes_follow_the_body(bird, tmp_path):
     distance = np.linalg.norm(np.array([0.166, 0, 0.272]) - [-0.134, 0, 0.138])
     assert min(ratio) == pytest.approx(max(ratio))
     assert max(ratio) == pytest.approx(2.0 * 0.26 / distance)
+
+
+@pytest.mark.usefixtures("wings_as_typed")
+@pytest.mark.parametrize("space", ["", '[space]\nof = "skin"\nleft = "x"\n'])
+def test_a_body_with_y_up_in_centimetres_gets_the_same_bird(tmp_path, space):
+    """With landmarks by points of the mesh, which are the same in any space."""
+    stage = Usd.Stage.Open(str(BIRD / "body.usdc"))
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/pigeon/body"))
+    points = np.array(mesh.GetPointsAttr().Get())
+    marked = re.sub(
+        r"^(\w+) = (\[[-\d., ]+\])$",
+        lambda m: f"{m[1]} = {{ vertex = {nearest(points, m[2])} }}",
+        TEXT,
+        flags=re.M,
+    )
+    assert marked.count("vertex") == 10
+    thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)
+    kind = f'type = {{ base = "pigeon", {thin} }}'
+    marked = re.sub(r"^bare.*\n", "", re.sub("^type.*", kind, marked, flags=re.M), flags=re.M)
+    own, other = tmp_path / "own", tmp_path / "other"
+    for folder, table in ((own, ""), (other, space)):
+        folder.mkdir()
+        (folder / "groom.toml").write_text(f"{marked}\n{table}")
+        stage.GetRootLayer().Export(str(folder / "body.usdc"))
+    turned = Usd.Stage.Open(str(other / "body.usdc"))
+    UsdGeom.SetStageUpAxis(turned, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(turned, 0.01)
+    UsdGeom.Mesh(turned.GetPrimAtPath("/pigeon/body")).GetPointsAttr().Set(
+        100.0 * points[:, [1, 2, 0]]
+    )
+    turned.Save()
+    first, second = (read_groom(folder / "groom.toml").feathers for folder in (own, other))
+    assert [each.id for each in first] == [each.id for each in second]
+    # the groom's x is the stage's, which is the body's left
+    way = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    for one, two in zip(first, second, strict=True):
+        assert two.position == pytest.approx(way @ one.position, abs=1e-5)
+        if space:
+            assert two.rotation == pytest.approx(way @ one.rotation, abs=1e-3)
+
+
+def nearest(points, place):
+    """Number of the point of a mesh that is nearest to a place, typed in metres."""
+    return int(np.linalg.norm(points - np.array(json.loads(place)), axis=1).argmin())
 
 
 @pytest.mark.usefixtures("wings_as_typed")

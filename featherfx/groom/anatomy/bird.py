@@ -58,6 +58,7 @@ _SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
 _FARTHEST = 1.5  # ways from beak to tail, that a landmark may be away from the nearer of them
 # axes (forward, left) along which a landmark has to be ahead of another
 _AHEAD = (1, "left_shoulder", "right_shoulder"), (0, "breast", "vent"), (0, "beak", "nape")
+_UP = 0.0, 0.0, 1.0
 _BEAK = 0.42  # of the way from beak to crown: bare
 
 
@@ -77,7 +78,7 @@ def hatch(
     points = {k: np.array(v) for k, v in entry["landmarks"].items() if v is not None}
     given = sourced(entry["type"], at.source)
     axes, tree = all_of(
-        partial(_axes, points, entry["up"], at.child("landmarks")),
+        partial(_axes, points, entry["up"] or _UP, at.child("landmarks")),
         partial(library.merged, "bird", given, at.child("type")),
     )
     kind = plain(tree)

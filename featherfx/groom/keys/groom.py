@@ -203,7 +203,11 @@ WING = {
         None,
     ),
     "forward": Key(Direction(), "Where the body looks.", (1.0, 0.0, 0.0)),
-    "up": Key(Direction(), "The body's upper side.", (0.0, 0.0, 1.0)),
+    "up": Key(
+        Direction(),
+        "The body's upper side; default: that of the groom's frame, whatever its space.",
+        None,
+    ),
     "scale": Key(_FACTOR, "Factor of all lengths of the type.", 1.0),
     "layer": REGION["layer"],
     "joint": Key(_LABEL, "Joint that carries the shoulder; empty: the groom itself.", ""),
@@ -292,7 +296,11 @@ LANDMARKS = {
 BIRD = {
     "type": Key(FAMILIES["bird"], "Bird preset, or a table that starts from one."),
     "landmarks": Key(Table(LANDMARKS, "table of landmarks"), "Places of the body."),
-    "up": Key(Direction(), "The body's upper side.", (0.0, 0.0, 1.0)),
+    "up": Key(
+        Direction(),
+        "The body's upper side; default: that of the groom's frame, whatever its space.",
+        None,
+    ),
     "scale": Key(
         _FACTOR,
         "Factor of all lengths of the type; default: that of the distance from beak to tail.",
