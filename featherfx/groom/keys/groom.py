@@ -203,11 +203,7 @@ WING = {
         None,
     ),
     "forward": Key(Direction(), "Where the body looks.", (1.0, 0.0, 0.0)),
-    "up": Key(
-        Direction(),
-        "The body's upper side; default: that of the groom's frame, whatever its space.",
-        None,
-    ),
+    "up": Key(Direction(), "The body's upper side.", (0.0, 0.0, 1.0)),
     "scale": Key(_FACTOR, "Factor of all lengths of the type.", 1.0),
     "layer": REGION["layer"],
     "joint": Key(_LABEL, "Joint that carries the shoulder; empty: the groom itself.", ""),
