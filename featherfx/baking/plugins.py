@@ -73,7 +73,7 @@ def _own() -> Path:
 HOSTS = {
     each.name: each
     for each in (
-        Host("houdini", "Houdini", "featherfx.json", _houdini, "start Houdini; shelf featherfx"),
+        Host("houdini", "Houdini", "featherfx.json", _houdini, "start Houdini; tab menu featherfx"),
         Host("maya", "Maya", "featherfx.mod", _maya, "start Maya; menu featherfx"),
         Host(
             "usdvalidation",

@@ -12,6 +12,7 @@ from pxr import Usd, UsdGeom, UsdUtils
 from scipy.spatial.transform import Rotation
 
 import featherfx
+import featherfx.baking.pipeline as pipeline
 from featherfx.feather.build import build_feather
 from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import RowPoints, both
@@ -145,3 +146,57 @@ def test_extents_are_those_that_usd_computes_to_the_last_bit(cache):
             assert written == wanted, f"{prim.GetPath()} at {code}"
             compared += 1
     assert compared == 4 * (2 * len(NAMES) + len(NAMES) - 1)
+
+
+def test_alembic_has_shafts_and_barbs_as_a_groom(cache, tmp_path):
+    abc, geometry = pytest.importorskip("alembic3d.Abc"), pytest.importorskip("alembic3d.AbcGeom")
+    path, _, barbs = cache
+    out = tmp_path / "groom.abc"
+    assert pipeline.export(path, out) == [out]
+    stage, top = Usd.Stage.Open(str(path)), abc.IArchive(str(out)).getTop()
+    drawn = [
+        UsdGeom.BasisCurves(each) for each in stage.Traverse() if each.IsA(UsdGeom.BasisCurves)
+    ]
+    assert top.getNumChildren() == len(NAMES) + len(drawn)
+    numbers = []
+    for curves in drawn:
+        name = curves.GetPrim().GetName()
+        schema = geometry.ICurves(top, name).getSchema()
+        told, own = schema.getUserProperties(), schema.getArbGeomParams()
+        version = [
+            abc.IInt16Property(told, f"groom_version_{k}").getValue() for k in ("major", "minor")
+        ]
+        assert version == [1, 5]
+
+        def values(kind, attribute, own=own):
+            found = getattr(geometry, f"I{kind}GeomParam")(own, attribute)
+            return found.getScope(), np.array(
+                [
+                    tuple(np.atleast_1d(x)) if np.isscalar(x) else tuple(x)
+                    for x in found.getExpandedValue().getVals()
+                ]
+            )
+
+        is_barb = name.endswith("_barbs")
+        assert values("Int32", "groom_group_id")[1].ravel().tolist() == [int(is_barb)]
+        numbers += values("Int32", "groom_id")[1].ravel().tolist()
+        scope, widths = values("Float", "groom_width")
+        assert scope == geometry.GeometryScope.kVertexScope
+        np.testing.assert_array_equal(widths.ravel(), curves.GetWidthsAttr().Get())
+        for frame in (1, 2, 3):
+            sample = schema.getValue(abc.ISampleSelector(frame / 24.0))
+            np.testing.assert_array_equal(
+                list(sample.getCurvesNumVertices()), curves.GetCurveVertexCountsAttr().Get()
+            )
+            found = np.array([tuple(each) for each in sample.getPositions()])
+            np.testing.assert_array_equal(found, curves.GetPointsAttr().Get(frame))
+            assert sample.getType() == geometry.CurveType.kLinear
+        if is_barb:
+            st = np.array(UsdGeom.PrimvarsAPI(curves).GetPrimvar("st").Get()).reshape(
+                len(barbs.side), -1, 2
+            )
+            scope, roots = values("V2f", "groom_root_uv")
+            assert scope == geometry.GeometryScope.kUniformScope
+            np.testing.assert_array_equal(roots, st[:, 0])
+    assert numbers == list(range(len(numbers)))
+    assert len(numbers) == len(NAMES) + 3 * len(barbs.side)

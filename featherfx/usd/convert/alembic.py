@@ -1,4 +1,4 @@
-"""A cache as one Alembic file: a polygon mesh per feather, all samples.
+"""A cache as one Alembic file: a polygon mesh per feather, curves per curves prim, all samples.
 
 The library is alembic3d, unofficial wheels of the Alembic project's own Python binding; it is an
 optional extra. Faces run clockwise in Alembic, so their corners are turned round. Units and axes
@@ -10,19 +10,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import standing, write_all
 from featherfx.phases import counted
+from featherfx.usd.convert import alembic_groom as groom
 from featherfx.usd.read.cached_feather import CachedFeather
+from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.read import Cache, CachedPose
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.output import file_problems
+from featherfx.usd.write.output import file_problems, unique_prim_names
 
 _EVEN = 1e-6  # of a frame
+
+
+class _Content(NamedTuple):
+    """What is written: a cache, its curves by name, and the time codes of the samples."""
+
+    cache: Cache
+    curves: dict[str, groom.Curves]
+    codes: list[float | None]
 
 
 def export_alembic(
@@ -31,7 +42,8 @@ def export_alembic(
     frames: tuple[float, float] | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Write the meshes of a cache with points, normals, velocities, st, subsets and ids.
+    """Write the meshes of a cache with points, normals, velocities, st, subsets and ids, and its
+    shafts and barbs with what a groom in Unreal has (`alembic_groom.py`).
 
     output: .abc. frames: first and last time code, by default all samples, subframes included.
     The file appears complete or not at all. Raises InputError where alembic3d is missing, the
@@ -39,14 +51,14 @@ def export_alembic(
     """
     abc, output = _library(), Path(output)
     cache = Cache(path)
-    codes = _codes(cache, frames)
+    content = _Content(cache, _named_curves(cache), _codes(cache, frames))
     before, problems = {output: standing(output)}, file_problems([output], overwrite)
     if problems:
         raise OutputError(*problems)
 
     def store(temporary: Path) -> None:
-        _write(abc, cache, codes, temporary)
-        _verify(abc, cache, codes, temporary)
+        _write(abc, content, temporary)
+        _verify(abc, content, temporary)
 
     try:
         write_all([(output, store)], before)
@@ -81,8 +93,16 @@ def _codes(cache: Cache, frames: tuple[float, float] | None) -> list[float | Non
     return list(codes)
 
 
-def _write(abc: Any, cache: Cache, codes: Sequence[float | None], path: Path) -> None:
+def _named_curves(cache: Cache) -> dict[str, groom.Curves]:
+    """The curves of a cache by the names of their objects, which no feather has."""
+    curves, feathers = list(groom.curves_of(open_stage(cache.path))), cache.feathers
+    names = unique_prim_names([*(each.name for each in feathers), *(each.name for each in curves)])
+    return dict(zip(names[len(feathers) :], curves, strict=True))
+
+
+def _write(abc: Any, content: _Content, path: Path) -> None:
     """The archive is complete once the last object of it is gone, which is when this returns."""
+    cache, curves, codes = content
     archive = abc.Abc.OArchive(str(path))
     sampling = archive.addTimeSampling(_sampling(abc, codes, cache.frames_per_second))
     schemas = []
@@ -93,10 +113,16 @@ def _write(abc: Any, cache: Cache, codes: Sequence[float | None], path: Path) ->
         for subset, faces in feather.subsets.items():
             sample = abc.AbcGeom.OFaceSetSchemaSample(_ints(faces))
             schema.createFaceSet(subset).getSchema().set(sample)
+    lines = []
+    for name, each in curves.items():
+        made = abc.AbcGeom.OCurves(archive.getTop(), name, sampling)
+        lines.append((each, groom.author(abc, made, each, _ARRAYS)))
     # frame by frame, as many feathers share a mesh
     for code in counted("writing", codes, len(codes)):
         for index, (feather, schema) in enumerate(zip(cache.feathers, schemas, strict=True)):
             schema.set(_sample(abc, feather, cache.pose(index, code)))
+        for each, schema in lines:
+            schema.set(groom.sample(abc, each, code, _ARRAYS))
 
 
 def _sampling(abc: Any, codes: Sequence[float | None], rate: float) -> Any:
@@ -113,7 +139,7 @@ def _sample(abc: Any, feather: CachedFeather, pose: CachedPose) -> Any:
     sample = geometry.OPolyMeshSchemaSample(_vectors(pose.points), _ints(corners), _ints(counts))
     scope = geometry.GeometryScope
     if feather.st is not None:
-        st = _array("V2f", feather.st)
+        st = _pairs(feather.st)
         sample.setUVs(geometry.OV2fGeomParamSample(st, scope.kVertexScope))
     if pose.normals is not None:
         normals = _vectors(pose.normals)
@@ -131,20 +157,27 @@ def _author_ids(abc: Any, schema: Any, feather: CachedFeather) -> None:
         abc.Abc.OStringProperty(properties, name).setValue(value)
 
 
-def _verify(abc: Any, cache: Cache, codes: Sequence[float | None], path: Path) -> None:
-    """Raise OSError unless the file read back has every mesh, sample, and the last points."""
+def _verify(abc: Any, content: _Content, path: Path) -> None:
+    """Raise OSError unless the file read back has every object, sample, and the last points."""
+    cache, curves, codes = content
     top = abc.Abc.IArchive(str(path)).getTop()
-    if top.getNumChildren() != len(cache.feathers):
-        raise OSError(f"the file read back has {top.getNumChildren()} meshes")
-    for index, feather in enumerate(cache.feathers):
-        schema = abc.AbcGeom.IPolyMesh(top, feather.name).getSchema()
+    if top.getNumChildren() != len(cache.feathers) + len(curves):
+        raise OSError(f"the file read back has {top.getNumChildren()} objects")
+
+    def compare(made: Any, expected: NDArray[Any], source: str) -> None:
+        schema = made.getSchema()
         # by time: the binding takes a whole number for a time, too
         time = schema.getTimeSampling().getSampleTime(len(codes) - 1)
         written = schema.getValue(abc.Abc.ISampleSelector(float(time))).getPositions()
-        expected = cache.pose(index, codes[-1]).points
         same = len(written) == len(expected) and tuple(written[-1]) == tuple(expected[-1])
         if schema.getNumSamples() != len(codes) or not same:
-            raise OSError(f"the file read back differs at {feather.path}")
+            raise OSError(f"the file read back differs at {source}")
+
+    for index, feather in enumerate(cache.feathers):
+        mesh = abc.AbcGeom.IPolyMesh(top, feather.name)
+        compare(mesh, cache.pose(index, codes[-1]).points, feather.path)
+    for name, each in curves.items():
+        compare(abc.AbcGeom.ICurves(top, name), each.points(codes[-1]), each.path)
 
 
 def _vectors(values: Any) -> Any:
@@ -158,3 +191,14 @@ def _ints(values: Any) -> Any:
 def _array(kind: str, values: Any, dtype: Any = np.float32) -> Any:
     make = getattr(import_module("imath"), f"{kind}ArrayFromBuffer")
     return make(np.ascontiguousarray(values, dtype=dtype))
+
+
+def _pairs(values: Any) -> Any:
+    return _array("V2f", values)
+
+
+def _numbers(values: Any) -> Any:
+    return _array("Float", values)
+
+
+_ARRAYS = groom.Arrays(_vectors, _pairs, _numbers, _ints)
