@@ -51,6 +51,8 @@ def test_an_unpacked_wheel_has_all_that_it_needs(built, tmp_path):
     plugins = files_below(inside / "featherfx/plugins")
     assert plugins == files_below(ROOT / "featherfx/plugins")
     assert len(plugins) > 5
+    # without it type checkers pass over the annotations of what is installed
+    assert (inside / "featherfx/py.typed").is_file()
     code = "from featherfx.cli.main import main\n"
     for command in ("sample pigeon -o bird", "sample breeze", "check breeze/shot.toml"):
         code += f"assert main({command.split()}, standalone_mode=False) in (None, 0)\n"
