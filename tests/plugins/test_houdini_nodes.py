@@ -279,7 +279,8 @@ def test_a_sop_grooms_and_bakes_curves_and_loads_the_cache(houdini, tmp_path):
     assert "direction = [0.0, 4.0, 0.0]" in (tmp_path / "out/wing.shot.toml").read_text()
 
 
-def test_a_lop_bakes_the_curves_of_its_stage_and_adds_the_cache(houdini, tmp_path):
+@pytest.mark.parametrize("skin", ["", "/body"])
+def test_a_lop_bakes_the_curves_of_its_stage_and_adds_the_cache(houdini, tmp_path, skin):
     module, hou = houdini
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
@@ -288,8 +289,15 @@ def test_a_lop_bakes_the_curves_of_its_stage_and_adds_the_cache(houdini, tmp_pat
     drawn.CreateTypeAttr(UsdGeom.Tokens.linear)
     drawn.CreateCurveVertexCountsAttr([3])
     drawn.CreatePointsAttr([(0, 0, 0), (2, -0.05, 0), (4, -0.2, 0)])
+    body = UsdGeom.Mesh.Define(stage, "/body")
+    corners = np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)], dtype=np.float32)
+    body.CreateFaceVertexCountsAttr([4])
+    body.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
+    body.CreatePointsAttr(corners)
+    for frame in (1, 2):  # half a centimetre to z
+        body.GetPointsAttr().Set(corners + np.float32([0, 0, 0.5 * (frame - 1)]), frame)
     input_node = LopNode(stage)
-    node = LopNode(input_node, **parameters(tmp_path, kind="covert", skin=""))
+    node = LopNode(input_node, **parameters(tmp_path, kind="covert", skin=skin))
     hou.pwd.return_value = node
     with pytest.raises(hou.NodeWarning):
         module.cook_lop()
@@ -298,6 +306,12 @@ def test_a_lop_bakes_the_curves_of_its_stage_and_adds_the_cache(houdini, tmp_pat
     (mesh,) = [UsdGeom.Mesh(each) for each in node.own.Traverse() if each.IsA(UsdGeom.Mesh)]
     points = np.array(mesh.GetPointsAttr().Get(2))
     assert np.ptp(points[:, 0]) == pytest.approx(4.0, rel=0.1)  # centimetres, as the stage has them
+    shaft = UsdGeom.BasisCurves(
+        next(each for each in node.own.Traverse() if each.IsA(UsdGeom.BasisCurves))
+    )
+    roots = [np.array(shaft.GetPointsAttr().Get(frame)[0]) for frame in (1, 2)]
+    moved = (0.0, 0.0, 0.5 if skin else 0.0)
+    np.testing.assert_allclose(roots[1] - roots[0], moved, atol=1e-5)
     (layer,) = node.own.GetRootLayer().subLayerPaths
     assert UsdGeom.GetStageUpAxis(Usd.Stage.Open(layer)) == UsdGeom.Tokens.y
 
