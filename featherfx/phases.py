@@ -59,6 +59,7 @@ class _Phase:
     begin: float | None = None
     silent: bool = False
     at_most: bool = False
+    left: float | None = None
 
 
 def time_left(first: float, done: float, total: float, seconds: float) -> float | None:
@@ -113,6 +114,11 @@ class Account:
         seconds = self.seconds()
         return sum(seconds.get(name, 0.0) for name in names)
 
+    def left(self, name: str) -> float | None:
+        """s that are left of an open phase as it was told; None where it told nothing."""
+        with self._lock:
+            return next((own.left for own in self._open if own.name == name), None)
+
     @property
     def elapsed(self) -> float:
         """s since the beginning."""
@@ -140,7 +146,7 @@ class Account:
         """Tell how far a phase is. left: s, where it is better known than by the parts done."""
         with self._lock:
             self._spend()
-            own.done = done
+            own.done, own.left = done, left
             if own.begin is None and done > own.first:
                 own.first, own.begin = done, own.seconds
             if own.total:

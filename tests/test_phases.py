@@ -120,3 +120,14 @@ def test_time_left_goes_on_as_it_went():
     assert time_left(0, 0, 10, 5.0) is None
     assert time_left(0, 2, 10, 5.0) == 20.0
     assert time_left(6, 8, 10, 5.0) == 5.0  # what was done before does not count
+
+
+def test_what_a_silent_phase_tells_of_the_time_left_can_be_asked():
+    with Account() as timed:
+        assert timed.left("simulating") is None
+        with phase("simulating", silent=True) as done:
+            assert timed.left("simulating") is None
+            done(1, 4.5)
+            with phase("simulating", silent=True):
+                assert timed.left("simulating") == 4.5
+        assert timed.left("simulating") is None

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.baking.again import GONE, replay_of
+from featherfx.baking.pace import Pace
 from featherfx.baking.sink import Sink, compared
 from featherfx.baking.task import Task
 from featherfx.errors import Problem
@@ -49,20 +50,27 @@ def simulate_and_write(
             sink.begin()
             writing = Background(sink.write, 1)  # frames of a plumage are large
 
+            to_come = samples - done + task.samples_after
+            pace = Pace(to_come, to_come + samples - done)
+
             def finish(finished: Callable[[], list[tuple[Frame, Checkpoint | None]]]) -> None:
-                for frame, checkpoint in finished():
+                found = finished()
+                pace.finished += 1 + len(found)
+                for frame, checkpoint in found:
                     writing(frame, checkpoint)
 
             with writing, Background(finish, 1) as finishing:
                 ahead = simulation.ahead(
                     lambda sample: sink.writer.ends_chunk(sample), options.accelerations
                 )
-                with phase("simulating", silent=True):
+                with phase("simulating", silent=True) as told:
                     for finished in ahead if done < samples else ():
                         with phase("writing" if writing.is_full else "simulating", silent=True):
                             finishing.wait()
                         finishing(finished)
                         del finished  # holds a sample
+                        pace.simulated += 1
+                        told(pace.simulated, pace.left(finishing))
                         if done < samples:
                             done += 1
                             notify(done, samples)

@@ -14,8 +14,8 @@ from featherfx.usd.write.options import StageOptions, WriteOptions
 if TYPE_CHECKING:
     from featherfx.shot.types import Quality
 
-# s that stats spends on bakes of a few feathers, roughly
-TRIAL_SECONDS = 6.0
+# s of processor time that stats spends on bakes of a part of the feathers, roughly
+TRIAL_SECONDS = 15.0
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

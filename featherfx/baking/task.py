@@ -107,6 +107,15 @@ class Task:
         """Samples from the first frame to the last."""
         return (self.frames[1] - self.frames[0]) * self.options.subframes + 1
 
+    @property
+    def samples_after(self) -> int:
+        """Samples that are simulated after the last one, since it is laid with regard to them."""
+        shot, subframes = self.whole, self.options.subframes
+        if shot.layers is None:
+            return 0
+        ahead = shot.layers.samples_ahead(1.0 / (shot.frames_per_second * subframes))
+        return min(ahead, (shot.last_frame - self.frames[1]) * subframes)
+
 
 def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptions) -> Task:
     """The bake to do, after all that can be known to be wrong."""

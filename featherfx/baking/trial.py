@@ -1,340 +1,364 @@
-"""Bakes of a few feathers of a shot, and what they say of the bake of all.
+"""Bakes of a part of a shot, and what they say of the bake of all.
 
-A trial is a bake like any other, written to a folder that is removed. The first loads what every
-process has to. The same again and one of more feathers tell what each phase costs by itself and
-with the work of its feathers; a phase of the whole bake is what follows for its work. Feathers that
-push each other cost many times what others do, so their work counts apart: where there are both,
-one trial has more of those and one more of the others. What a frame
-costs is taken from the frames after the first. All that is done with processor times, which other
-programs on the machine change less; how long they take on the clock, with its threads, the writer
-beside them and whatever else is running, all trials tell together. Feathers of one grid share a
-batch whose threads wait for each other, so that the clock goes by rounds of all threads.
+The whole is built once, for what is kept of it, and again to see what a bake takes for that. Trials
+are bakes like any other, written to a folder that is removed: of as many feathers as their time
+allows, up to all, and a few of the first frames, so that little is left to what is fixed or comes
+once. The first, of a few, is done twice; what it took longer is what every process loads. Feathers
+stand beside each other in a trial, the same share of every region, so that they push, cover and
+follow each other as in the whole; what they take goes with the unknowns that are solved.
+
+How much harder later frames are than the first is counted, not timed: a few feathers go through all
+frames, and a frame costs as many Newton iterations as they take, and a part that goes with none.
 """
 
 from __future__ import annotations
 
-import math
 import tempfile
 import time
 import warnings
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from scipy.optimize import nnls
 
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.baking.bake import resident_bytes
 from featherfx.baking.options import TRIAL_SECONDS, BakeOptions
 from featherfx.baking.task import Task
 from featherfx.errors import InputWarning
-from featherfx.feather.build import repeated_shapes
 from featherfx.phases import Account, phase
 from featherfx.shot.detail.detail import CARRIED, Resolution
-from featherfx.shot.detail.levels import level_plan
-from featherfx.shot.loads.wind import exposures
+from featherfx.shot.detail.levels import LevelPlan, level_plan
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.share import part_of
-from featherfx.shot.simulate import drawn_feathers
-from featherfx.shot.types import LEVELS, Shot
+from featherfx.shot.simulate import drawn_feathers, simulate
+from featherfx.shot.types import LEVELS, Detail, Shot
 from featherfx.usd.write.forms import chosen_group
 from featherfx.usd.write.output import unique_prim_names
 
-# feathers and frames of the first trial
-FEW, FIRST_FRAMES = 12, 3
-# times as many feathers in a larger one, at least, and of those that push each other, and its most
-# frames while there are more feathers
-MORE, MORE_PUSHING, MOST_FRAMES = 6, 4, 12
-# neighbours that are tried together, of feathers that push each other, and for how many frames at
-# least, since their first ones are easier than the rest
-TOGETHER, PUSHING_FRAMES = 8, 8
-# phases that a frame costs, and those that come once; WRITER is the writer's own time, which passes
-# while the next frames are simulated, and FIRST what simulating takes until the first is handed on
-WRITER, FIRST = "writer", "first"
-_OF_FRAMES = ("simulating", WRITER)
-_ONCE = ("building", "settling", "preroll", FIRST, "finishing")
-# those in which threads share the work
-_SHARED = ("settling", "preroll", "simulating", "writing")
-# those that go with the work of feathers
-_OF_WORK = ("simulating", "settling", "preroll")
+# feathers of the first trials and of the next, and frames of each
+FEW, MORE, FRAMES = 12, 96, 6
+# feathers that go through all frames, and their share of the time for trials
+COURSE, OF_COURSE = 32, 0.25
+# neighbours that are tried together
+TOGETHER = 16
+# share of a bake's processor time that a trial may take where TRIAL_SECONDS are less, up to s of it
+OF_BAKE, MOST_SECONDS = 1.0 / 6.0, 60.0
+# over the feathers of the last trial, those that make a larger one worth its time
+WORTH = 1.5
+# phases that go with what is solved, and those of the frames
+_OF_WORK = ("settling", "preroll", "simulating")
+_LOOP = ("simulating", "writing")
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A bake of some feathers. pushing: how many of them push each other. frames: that it wrote.
-    work: unknowns of a frame, of_pushing: those of pushing feathers, and rounds: those that threads
-    go through one after another. shapes: different ones. phases: s of each on the clock. processor:
-    s of each, and of WRITER and FIRST, which are left out of the others."""
+    """A bake of some feathers. frames: that it wrote. work: unknowns of a frame. once: by phase,
+    (2,) s on the clock and of the processors. frame: (2,) those of a frame after the first, which
+    are left out of once. memory: bytes that it added to the process."""
 
     feathers: int
-    pushing: int
     frames: int
     work: float
-    of_pushing: float
-    rounds: float
-    shapes: int
-    phases: dict[str, float]
-    processor: dict[str, float]
+    once: dict[str, Array]
+    frame: Array
+    memory: float
+
+    def of(self, name: str) -> Array:
+        """(2,) s of a phase."""
+        return self.once.get(name, np.zeros(2))
 
     @property
-    def seconds(self) -> float:
-        """s that it took, without compiling."""
-        return sum(self.phases.values()) - self.phases.get("compiling", 0.0)
-
-    @property
-    def worked(self) -> float:
-        """s of processor time of that."""
-        return sum(self.processor.values()) - self.processor.get("compiling", 0.0)
-
-    def frames_of(self, name: str) -> int:
-        """Times that a phase came; the first frame is settled, not simulated."""
-        return max(self.frames - (name == "simulating"), 1) if name in _OF_FRAMES else 1
-
-    def of(self, name: str) -> float:
-        """s of processor time of a phase, or of one frame of it."""
-        return self.processor.get(name, 0.0) / self.frames_of(name)
+    def cost(self) -> float:
+        """s of processor time."""
+        return float(sum(self.once.values(), (self.frames - 1) * self.frame)[1])
 
 
 @dataclass(frozen=True)
 class Expected:
-    """What a bake will take. phases: s of each on the clock. processor: s of all. cores: that the
-    threads of the trials had at a time. trials: what that was learnt from."""
+    """What a bake will take. phases: s of each on the clock. processor: s of all. memory: bytes
+    of the process. trial: the largest that this was learnt from. seconds: that all of it took."""
 
     phases: dict[str, float]
     processor: float
-    cores: float
-    trials: tuple[Trial, ...]
+    memory: float
+    trial: Trial
+    seconds: float
 
 
-def expected(shot: Shot, jobs: int, budget: float = TRIAL_SECONDS) -> Expected:
+def expected(shot: Shot, jobs: int, budget: float | None = None) -> Expected:
     """What the phases of a bake will take on this machine as it is now.
 
-    budget: s of processor time for the trials. Raises SimulationError where one of the feathers
-    that are tried cannot be simulated.
+    budget: s of processor time for the trials, None: TRIAL_SECONDS, or a share of the bake's.
+    Raises SimulationError where one of the feathers that are tried cannot be simulated.
     """
-    total, frames = len(shot.groom.feathers), shot.last_frame - shot.first_frame + 1
-    begin, worked = time.perf_counter(), time.process_time()
+    begin = time.perf_counter()
     # the solver takes its time to load, here as in a bake
-    import_module("featherfx.baking.loop")
-    loading, loaded = time.perf_counter() - begin, time.process_time() - worked
-    whole = _measured(shot, frames, jobs)
-    with phase("measuring", 4.0) as done:
-        pushing, first = _few(whole), min(frames, FIRST_FRAMES)
-        few = pushing, min(total, FEW) - pushing
-        trials = [_trial(shot, *few, first, jobs)]
-        done(1)
-        if (sum(few), first) != (total, frames):
-            trials.append(_trial(shot, *few, first, jobs))
-            done(2)
-            left = budget - sum(each.worked for each in trials)
-            for number, size in enumerate(_larger(trials[1], left, whole), 3):
-                trials.append(_trial(shot, *size, jobs))
-                done(number)
-    each = {name: _extrapolated(trials, whole, name) for name in (*_ONCE, *_OF_FRAMES)}
-    processor = {
-        name: _at_first(trials, name) + seconds * whole.frames_of(name)
-        for name, seconds in each.items()
-    }
-    alone, shared = _clock(trials, whole)
-    # the writer's last frame is what nothing goes on beside
-    phases = {name: alone * processor[name] for name in ("building", "finishing")} | {
-        "starting": loading,
-        "settling": shared * processor["settling"],
-        "preroll": shared * processor["preroll"],
-        "simulating": shared * sum(processor[name] for name in ("simulating", FIRST, WRITER)),
-        "writing": alone * each[WRITER],
-    }
-    cores = sum(t.worked for t in trials) / sum(t.seconds for t in trials)
-    return Expected(phases, loaded + sum(processor.values()), cores, tuple(trials))
-
-
-def _clock(trials: Sequence[Trial], whole: Trial) -> tuple[float, float]:
-    """s on the clock of one of processor time, where one thread works, and where all do."""
-
-    def of_all(names: Iterable[str]) -> float:
-        worked = sum(t.processor.get(name, 0.0) for t in trials for name in names)
-        taken = sum(t.phases.get(name, 0.0) for t in trials for name in names)
-        return taken / worked if worked > 0.0 else 1.0
-
-    uneven = (whole.rounds / whole.work) / (trials[-1].rounds / trials[-1].work)
-    return of_all(("building", "finishing")), uneven * of_all((*_SHARED, WRITER))
-
-
-def _few(whole: Trial) -> int:
-    """How many of the feathers of the first trial push each other: as many as of all, at least two
-    of these and of the others where there are."""
-    total, pushing = whole.feathers, whole.pushing
-    count, others = min(total, FEW), total - pushing
-    share = max(round(count * pushing / total), min(2, pushing), count - others)
-    return min(share, max(count - min(2, others), count - others))
-
-
-def _larger(few: Trial, left: float, whole: Trial) -> list[tuple[int, int, int]]:
-    """Pushing feathers, others and frames of the trials that take the processor time left, or of
-    the least that tell what is fixed from what goes with the feathers: one of more pushing feathers
-    and one of more others, where there are both. few: of those of the first trial."""
-    own = few.pushing, few.feathers - few.pushing
-    most = whole.pushing, whole.feathers - whole.pushing
-    grown = [k for k in (1, 0) if most[k] > own[k]]
-    if not grown:
-        return [(*own, whole.frames)]
-    loop = sum(few.of(name) for name in _OF_FRAMES)
-    once = max(few.worked - loop * (few.frames - 1), 1e-9)
-    sizes = []
-    for k in grown:
-        least = min(most[k], (MORE, MORE_PUSHING)[k == 0] * own[k])
-        # as if all that the few took were due to these
-        each_loop, each_once = (max(seconds / own[k], 1e-9) for seconds in (loop, once))
-        budget = left / len(grown)
-        ends = whole.frames if least == sum(most) else min(whole.frames, MOST_FRAMES)
-        first = min(PUSHING_FRAMES if k == 0 else few.frames, ends)
-        frames = int(np.clip((budget / least - each_once) / each_loop, first, ends))
-        count = int(np.clip(budget / (each_once + each_loop * frames), least, most[k]))
-        sizes.append((count, own[1], frames) if k == 0 else (own[0], count, frames))
-    return sizes
-
-
-def _extrapolated(trials: list[Trial], whole: Trial, name: str) -> float:
-    """s of processor time of a phase, or of one frame of it, for the whole: a fixed part, and parts
-    that go with the work, none below 0, by least squares over the frames of all trials but the
-    first."""
-    if len(trials) == 1:
-        return trials[0].of(name)
-    learnt = trials[1:]
-    weights = np.sqrt([float(each.frames_of(name)) for each in learnt])
-    measures = np.array([_measures(each, name) for each in learnt])
-    most = np.maximum(measures.max(axis=0), 1e-9)
-    seconds = np.array([each.of(name) for each in learnt])
-    parts, _ = nnls(weights[:, None] * measures / most, weights * seconds)
-    return float(parts @ (np.array(_measures(whole, name)) / most))
-
-
-def _at_first(trials: list[Trial], name: str) -> float:
-    """s that the first trial took longer than the same again: what every process loads once."""
-    if len(trials) == 1:
-        return 0.0
-    return max(trials[0].of(name) - trials[1].of(name), 0.0) * trials[0].frames_of(name)
-
-
-def _measures(trial: Trial, name: str) -> tuple[float, ...]:
-    """What a phase costs: 1 for its fixed part, and the work that it goes with."""
-    if name in _OF_WORK:
-        return 1.0, trial.work - trial.of_pushing, trial.of_pushing
-    return 1.0, float(trial.shapes if name == "building" else trial.feathers)
-
-
-def _measured(shot: Shot, frames: int, jobs: int) -> Trial:
-    """A trial of a shot of which no time has been taken."""
-    push = _pushing(shot)
-    return Trial(
-        feathers=len(push),
-        pushing=int(push.sum()),
-        frames=frames,
-        work=work_of(shot, 1),
-        of_pushing=work_of(part_of(shot, np.flatnonzero(push)), 1) if push.any() else 0.0,
-        rounds=work_of(shot, jobs),
-        shapes=len(repeated_shapes(shot.groom.feathers)[0]),
-        phases={},
-        processor={},
+    once = {"starting": _timed(lambda: import_module("featherfx.baking.loop"))}
+    held = resident_bytes(release=True)
+    with phase("building"):
+        simulate(shot, jobs)
+        once["building"] = _timed(lambda: simulate(shot, jobs))
+    trials, course = _tried(shot, jobs, budget)
+    once = _whole(shot, trials, course) | once
+    return Expected(
+        phases={name: float(seconds[0]) for name, seconds in once.items()},
+        processor=float(sum(seconds[1] for seconds in once.values())),
+        memory=held + _memory(trials, len(shot.groom.feathers)),
+        trial=trials[-1],
+        seconds=time.perf_counter() - begin,
     )
 
 
-def _trial(shot: Shot, pushing: int, others: int, frames: int, jobs: int) -> Trial:
+def _whole(shot: Shot, trials: Sequence[Trial], course: Course | None) -> dict[str, Array]:
+    """(2,) s that the phases of the whole take, by the first trial, which is done twice, and the
+    last."""
+    first, again, last = trials[0], trials[1], trials[-1]
+    once = {
+        name: np.maximum(first.of(name) - again.of(name), 0.0) + _times(last, shot, name) * seconds
+        for name, seconds in last.once.items()
+    }
+    frame = last.frame * _times(last, shot, "simulating")
+    if course is not None:
+        frame = frame * course.harder(last)
+    once["simulating"] = once["simulating"] + frame * (shot.last_frame - shot.first_frame)
+    return once
+
+
+def _timed(work: Callable[[], object]) -> Array:
+    """(2,) s that some work takes, on the clock and of the processors."""
+    begin = np.array([time.perf_counter(), time.process_time()])
+    work()
+    return np.array([time.perf_counter(), time.process_time()]) - begin
+
+
+def _tried(shot: Shot, jobs: int, budget: float | None) -> tuple[list[Trial], Course | None]:
+    """The trials that s of processor time suffice for, and the course of all frames, None where
+    they tried them all."""
+    total, frames = len(shot.groom.feathers), shot.last_frame - shot.first_frame + 1
+    few, begin = (min(total, FEW), min(frames, FRAMES)), time.process_time()
+    most = TRIAL_SECONDS if budget is None else budget
+    with phase("measuring") as done:
+        trials = [_trial(shot, *few, jobs), _trial(shot, *few, jobs)]
+        done(2)
+        course = _course(shot, jobs, OF_COURSE * most) if frames > FRAMES else None
+        done(3)
+        while trials[-1].feathers < total:
+            left = most - (time.process_time() - begin)
+            if budget is None:
+                cost = float(sum(_whole(shot, trials, course).values(), np.zeros(2))[1])
+                left = max(left, min(OF_BAKE * cost, MOST_SECONDS))
+            count = _larger(trials, left, total)
+            if count is None:
+                break
+            trials.append(_trial(shot, count, few[1], jobs))
+            done(len(trials) + 1)
+    return trials, course
+
+
+def _larger(trials: Sequence[Trial], left: float, total: int) -> int | None:
+    """Feathers of the trial that takes the s of processor time left; None where it would not be
+    worth them. The first two trials are of the same."""
+    last, before = trials[-1], trials[-2]
+    if before.feathers == last.feathers:
+        return min(total, MORE)
+    # more fixed costs than these tell, at most
+    grown = (last.cost - before.cost) / (last.feathers - before.feathers)
+    each = max(grown, 0.2 * last.cost / last.feathers)
+    count = min(last.feathers + int((left - last.cost) / each), total)
+    return count if count >= min(WORTH * last.feathers, total) else None
+
+
+def _times(trial: Trial, shot: Shot, name: str) -> float:
+    """What a phase of the whole takes, over that of a trial."""
+    if trial.feathers == len(shot.groom.feathers):
+        return 1.0
+    if name in _OF_WORK:
+        return work_of(shot) / trial.work
+    return len(shot.groom.feathers) / trial.feathers
+
+
+def _memory(trials: Sequence[Trial], total: int) -> float:
+    """Bytes that a bake of so many feathers adds: what it loads, and what goes with them."""
+    first, few, last = trials[0], trials[1], trials[-1]
+    each = max(last.memory - few.memory, 0.0) / max(last.feathers - few.feathers, 1)
+    return max(first.memory, few.memory) + each * (total - few.feathers)
+
+
+def _trial(shot: Shot, count: int, frames: int, jobs: int) -> Trial:
     from featherfx.baking.loop import simulate_and_write
 
-    part = part_of(shot.uneased(), _some(shot, pushing, others))
-    last = shot.first_frame + frames - 1
-    names = unique_prim_names([each.id for each in part.groom.feathers])
-    group = chosen_group(None, len(shot.groom.feathers))
-    options = BakeOptions(jobs=jobs, meters_per_unit=1.0, up_axis="Z", group=group)
+    part = part_of(shot.uneased(), _some(shot, count))
+    marks: list[Array] = []
+    before = held = resident_bytes(release=True)
+
+    def look(*_: object) -> None:
+        nonlocal held
+        held = max(held, resident_bytes())
+
+    def mark(*_: object) -> None:
+        look()
+        marks.append(_spent(timed, _LOOP))
+
     with tempfile.TemporaryDirectory(prefix="featherfx-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
-        path = Path(folder) / "trial.usdc"
-        times = (shot.first_frame, last)
         task = Task(
             part,
-            path,
-            times,
+            Path(folder) / "trial.usdc",
+            (shot.first_frame, shot.first_frame + frames - 1),
             settings={},
-            names=names,
+            names=unique_prim_names([each.id for each in part.groom.feathers]),
             root="trial",
             finished=False,
-            options=options,
+            options=BakeOptions(
+                jobs=jobs,
+                meters_per_unit=1.0,
+                up_axis="Z",
+                group=chosen_group(None, len(shot.groom.feathers)),
+            ),
             whole=part,
             wanted=None,
             taken=None,
             origin=(0.0, 0.0, 0.0),
             dependences=None,
         )
-        marks: list[float] = []
-        with Account() as timed:
-            _, figures = simulate_and_write(task, lambda *_: marks.append(time.process_time()))
-            phases, processor = timed.seconds(), timed.processor_seconds()
-    told = _apart(processor, figures["writing_processor_seconds"], marks)
-    return replace(_measured(part, frames, jobs), phases=phases, processor=told)
+        with Account(look) as timed:
+            simulate_and_write(task, mark)
+            once = {name: _spent(timed, (name,)) for name in timed.seconds()}
+    # until the first frame is handed on, what others need is loaded; what comes after the last is
+    # what nothing goes on beside
+    loop = _spent(timed, _LOOP)
+    once |= {"simulating": marks[1], "writing": loop - marks[-1]}
+    once.pop("compiling", None)
+    return Trial(
+        feathers=len(part.groom.feathers),
+        frames=frames,
+        work=work_of(part),
+        once=once,
+        frame=(marks[-1] - marks[1]) / max(frames - 1, 1),
+        memory=held - before,
+    )
 
 
-def _apart(phases: dict[str, float], writer: float, marks: Sequence[float]) -> dict[str, float]:
-    """Processor times of phases with WRITER and FIRST, which were taken for parts of others.
-
-    writer: the writer's own, which it took beside the frames. marks: processor time at the begin,
-    after the first frame and after each that follows."""
-    beside = sum(phases.get(name, 0.0) for name in ("simulating", "writing"))
-    writer = min(writer, beside)
-    # of a single frame all is simulating, as of a shot of one
-    frames = len(marks) - 1
-    own = marks[-1] - marks[1] - writer * (frames - 1) / frames if frames > 1 else beside - writer
-    own = min(max(own, 0.0), beside - writer)
-    first = beside - writer - own
-    return phases | {"simulating": own, FIRST: first, "writing": 0.0, WRITER: writer}
+def _spent(timed: Account, names: Sequence[str]) -> Array:
+    """(2,) s of some phases so far, on the clock and of the processors."""
+    own, worked = timed.seconds(), timed.processor_seconds()
+    return np.array([sum(each.get(name, 0.0) for name in names) for each in (own, worked)])
 
 
-def _pushing(shot: Shot) -> Any:
+@dataclass(frozen=True)
+class Course:
+    """What a few feathers took to reach the frames after the first. iterations: (K,) of Newton's
+    method, of all of them; seconds: (K,) of processor time; work: unknowns of a frame."""
+
+    iterations: Array
+    seconds: Array
+    work: float
+
+    def harder(self, trial: Trial) -> float:
+        """What a frame of the shot takes, over what one of a trial of its first frames did."""
+        first = self.iterations[: trial.frames - 1].mean()
+        spread = self.iterations - self.iterations.mean()
+        if not spread.any() or not first:
+            return 1.0
+        of_one = max(float(spread @ self.seconds / (spread @ spread)), 0.0)
+        of_one *= trial.work / self.work
+        share = min(of_one * first / float(trial.frame[1]), 1.0)
+        return float(1.0 - share + share * self.iterations.mean() / first)
+
+
+def _course(shot: Shot, jobs: int, most: float) -> Course:
+    """A few feathers through the frames of a shot, or the first of them that s of processor time
+    suffice for."""
+    part = _pinned(shot.uneased())
+    begin = time.process_time()
+    marks, iterations = [], []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        simulation = simulate(part, jobs)
+        for finish in simulation.ahead():
+            finish()
+            iterations.append(sum(float(r.iterations.sum()) for r in simulation.counted().reports))
+            marks.append(time.process_time())
+            if marks[-1] - begin > most and len(marks) > FRAMES:
+                break
+    return Course(np.array(iterations[1:]), np.diff(marks), work_of(part))
+
+
+def _pinned(shot: Shot) -> Shot:
+    """A few feathers that are simulated, at their levels: evenly among all, or of those that push
+    others the longest, whose steps all go along with."""
+    plan, feathers = _plan(shot), shot.groom.feathers
+    push = np.flatnonzero(_pushing(shot))
+    if len(push):
+        lengths = np.array([feathers[f].kind.length for f in push])
+        chosen = np.sort(push[np.argsort(-lengths, kind="stable")[:COURSE]])
+    else:
+        numbers = plan.leading if len(plan.leading) else np.arange(len(feathers))
+        places = np.linspace(0, len(numbers) - 1, min(COURSE, len(numbers)))
+        chosen = numbers[places.astype(np.int64)]
+    part, finest = part_of(shot, chosen), plan.table.min(axis=0)
+    pinned = tuple(
+        Detail(feathers=each.id, level=LEVELS[finest[f]])
+        for f, each in zip(chosen, part.groom.feathers, strict=True)
+    )
+    return replace(part, details=part.details + pinned, level_of_detail=None)
+
+
+def _pushing(shot: Shot) -> Flags:
     """(F,) whether each feather pushes others."""
     if shot.contact is None:
         return np.zeros(len(shot.groom.feathers), dtype=np.bool_)
     return np.array(may_touch(shot, shot.contact))
 
 
-def _some(shot: Shot, pushing: int, others: int) -> Any:
-    """Numbers of so many feathers that push each other, and of so many others: spread evenly where
-    nothing touches, else neighbours, of those that push each other several groups."""
-    total = len(shot.groom.feathers)
-    if shot.contact is None or pushing + others == total:
-        return np.unique(np.linspace(0, total - 1, pushing + others).astype(np.int64))
-    roots = np.array([each.position for each in shot.groom.feathers])
-    push = _pushing(shot)
-    groups = np.array_split(np.flatnonzero(push), max(pushing // TOGETHER, 1))
-    sizes = [len(each) for each in np.array_split(np.arange(pushing), len(groups))]
-    chosen = [_around(roots, *each) for each in zip(groups, sizes, strict=True)]
-    return np.sort(np.concatenate([*chosen, _around(roots, np.flatnonzero(~push), others)]))
+def _some(shot: Shot, count: int) -> Indices:
+    """Numbers of about so many feathers: the same share of those of each region that push others,
+    and of those that do not, and one of each at least."""
+    feathers, push = shot.groom.feathers, _pushing(shot)
+    if count == len(feathers):
+        return np.arange(count)
+    alike = defaultdict(list)
+    for f, each in enumerate(feathers):
+        alike[each.region, bool(push[f])].append(f)
+    share = count / len(feathers)
+    chosen = [
+        _neighbours(shot, np.array(own), max(round(share * len(own)), 1)) for own in alike.values()
+    ]
+    return np.sort(np.concatenate(chosen))
 
 
-def _around(roots: Any, numbers: Any, count: int) -> Any:
-    """So many of some feathers, the nearest to the middle one of them. roots: (F, 3) of all."""
-    if not count:
-        return numbers[:0]
-    way = np.linalg.norm(roots[numbers] - roots[numbers[len(numbers) // 2]], axis=1)
-    return numbers[np.argsort(way, kind="stable")[:count]]
+def _neighbours(shot: Shot, numbers: Indices, count: int) -> Indices:
+    """So many of some feathers, in groups of neighbours evenly among them."""
+    roots = np.array([shot.groom.feathers[f].position for f in numbers])
+    groups = max(count // TOGETHER, 1)
+    found = []
+    for places, some in zip(
+        np.array_split(np.arange(len(numbers)), groups),
+        np.array_split(np.arange(count), groups),
+        strict=True,
+    ):
+        way = np.linalg.norm(roots[places] - roots[places[len(places) // 2]], axis=1)
+        found.append(numbers[places[np.argsort(way, kind="stable")[: len(some)]]])
+    return np.sort(np.concatenate(found))
 
 
-def work_of(shot: Shot, jobs: int) -> float:
-    """Unknowns of a frame that threads go through one after another, in the mean of the frames."""
-    plan = level_plan(shot, drawn_feathers(shot), root_motion(shot))
-    batches: dict[Any, list[float]] = defaultdict(list)
-    for f, exposure in enumerate(exposures(shot).tolist()):
-        for each in plan.resolutions[f]:
-            share = float((plan.table[:, f] == LEVELS.index(each.level)).mean())
-            key = None if shot.contact else (each, exposure)
-            batches[key].append(share * unknowns(each))
-    return sum(_rounds(batch, jobs) for batch in batches.values()) or 1.0
+def _plan(shot: Shot) -> LevelPlan:
+    return level_plan(shot, drawn_feathers(shot), root_motion(shot))
 
 
-def _rounds(batch: list[float], jobs: int) -> float:
-    return float(np.mean(batch)) * math.ceil(len(batch) / jobs)
+def work_of(shot: Shot) -> float:
+    """Unknowns of a frame, in the mean of the frames."""
+    plan = _plan(shot)
+    return 1.0 + sum(
+        float((plan.table[:, f] == LEVELS.index(each.level)).mean()) * unknowns(each)
+        for f, own in enumerate(plan.resolutions)
+        for each in own
+    )
 
 
 def unknowns(resolution: Resolution) -> int:

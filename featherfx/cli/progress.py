@@ -78,7 +78,9 @@ class Progress:
             self.marks.append((done, spent))
         LOGGER.info("%s: %g of %g", self.label, done, total)
         first, since = self.marks[-1]
-        left = 0.0 if done == total else time_left(first, done, total, spent - since)
+        left = self.account.left(self.working[0])
+        if left is None:
+            left = 0.0 if done == total else time_left(first, done, total, spent - since)
         with self.lock:
             if self.json:
                 self._json_line(self.label, self.working[0], done, total, left)

@@ -41,10 +41,8 @@ from featherfx.cli.progress import Progress
     "--seconds",
     "budget",
     type=click.FloatRange(0.1, 3600.0),
-    default=TRIAL_SECONDS,
-    show_default=True,
-    help="Processor time for trying a few feathers, from which the rest is predicted; more is"
-    " surer.",
+    help="Processor time for trying a part of the shot, from which the rest is predicted; more is"
+    f" surer.  [default: {TRIAL_SECONDS:g}, or a sixth of the bake's, up to a minute]",
 )
 @progress_option
 def stats(
@@ -53,13 +51,13 @@ def stats(
     as_json: bool,
     quality: str | None,
     preset_folders: tuple[Path, ...],
-    budget: float,
+    budget: float | None,
     style: str,
 ) -> None:
     """Tell what a SHOT or GROOM (a TOML file) holds.
 
     Feathers by region and kind, how they overlap and where they pass through each other at rest;
-    of a shot also what its bake will cost, measured on a few of its feathers.
+    of a shot also what its bake will cost, measured on a part of it.
     """
     with Progress("trials", style):
         found = pipeline.plumage_stats(

@@ -1,76 +1,86 @@
-"""What trials of a few feathers say of a whole bake."""
+"""What bakes of a part of a shot say of the whole bake."""
 
 from dataclasses import replace
-from math import inf
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from featherfx.baking.trial import PUSHING_FRAMES, Trial, _extrapolated, _few, _larger
+from featherfx.api import read_shot
+from featherfx.baking.trial import FEW, MORE, Course, Trial, _larger, _memory, _some, _whole
+
+SAMPLES = Path(__file__).parents[2] / "samples"
 
 
-def sized(pushing, others, frames=3):
-    """A trial of so many feathers of 10 unknowns each, without times."""
-    count = pushing + others
-    work, of_pushing = 10.0 * count, 10.0 * pushing
-    return Trial(count, pushing, frames, work, of_pushing, work, count, {}, {})
+def trial(feathers, each=0.02, fixed=1.0, frame=0.01, work=None):
+    """Of so many feathers, with s that all of them take once and in a frame."""
+    once = {"building": fixed / 2, "settling": fixed / 2 + each * feathers, "simulating": 0.0}
+    pairs = {name: np.array([seconds, seconds]) for name, seconds in once.items()}
+    own = np.full(2, frame * feathers)
+    return Trial(feathers, 6, work or 10.0 * feathers, pairs, own, 1e6 * (30 + feathers))
 
 
-def timed(trial, push=0.2, other=0.01, once=0.5):
-    """With times that feathers take: s of a frame, and once."""
-    others = trial.feathers - trial.pushing
-    frame = 0.1 + push * trial.pushing + other * others
-    told = {
-        "simulating": frame * trial.frames_of("simulating"),
-        "preroll": 4.0 * frame,
-        "building": once + 0.02 * trial.feathers,
-    }
-    return replace(trial, processor=told)
+def test_a_trial_is_as_large_as_its_time_allows():
+    few, more = trial(FEW), trial(MORE)
+    assert _larger([few, few], 0.0, 2000) == MORE
+    assert _larger([few, few], 0.0, 40) == 40
+    # 0.07 s a feather and 1 s
+    assert _larger([few, more], 21.0, 2000) == pytest.approx(285, abs=1)
+    assert _larger([few, more], 200.0, 2000) == 2000
+    assert _larger([few, more], 9.0, 2000) is None
 
 
-def trials_of(whole, left=6.0, **times):
-    """The two first trials of a shot and the larger ones that follow from them."""
-    pushing = _few(whole)
-    few = timed(sized(pushing, 12 - pushing), **times)
-    return [few, few, *(timed(sized(*size), **times) for size in _larger(few, left, whole))]
+@pytest.mark.parametrize("fixed", [0.0, 0.05, 0.4])
+def test_what_goes_with_iterations_gets_dearer_with_them(fixed):
+    """Of a frame of 10 feathers and of 1,000: a part that goes with none, and 1 ms for each."""
+    rng = np.random.default_rng(3)
+    iterations = np.concatenate([rng.uniform(20, 30, 5), rng.uniform(20, 90, 60)])
+    course = Course(iterations, 0.04 + 1e-3 * iterations, work=100.0)
+    seconds = fixed + 0.1 * iterations
+    tried = replace(trial(1000), frame=np.full(2, seconds[:5].mean()), work=1e4)
+    assert course.harder(tried) == pytest.approx(seconds.mean() / seconds[:5].mean())
 
 
-@pytest.mark.parametrize(("pushing", "others"), [(52, 665), (300, 0), (0, 400), (2000, 5)])
-def test_what_goes_with_feathers_is_found_for_those_that_push_and_the_others(pushing, others):
-    whole = sized(pushing, others, 48)
-    trials = trials_of(whole)
-    for name in ("simulating", "preroll", "building"):
-        assert _extrapolated(trials, whole, name) == pytest.approx(timed(whole).of(name))
+def test_frames_that_are_alike_are_not_harder():
+    course = Course(np.full(20, 7.0), np.full(20, 0.1), work=100.0)
+    assert course.harder(trial(1000)) == 1.0
 
 
-def test_of_a_shot_that_is_tried_whole_nothing_is_extrapolated():
-    whole = timed(sized(2, 3, 2))
-    assert _extrapolated([whole], whole, "simulating") == whole.of("simulating")
+def test_of_a_shot_that_is_tried_whole_frames_are_added():
+    shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
+    own = trial(len(shot.groom.feathers))
+    of_all = _whole(shot, [own, own], None)
+    assert of_all["settling"] == pytest.approx(own.once["settling"])
+    assert of_all["simulating"] == pytest.approx(own.frame * (shot.last_frame - shot.first_frame))
 
 
-def test_no_part_is_below_nothing():
-    """Where more feathers took no longer, all take as long."""
-    whole = sized(52, 665, 48)
-    trials = [
-        replace(each, processor={"simulating": (0.5 - 1e-4 * k) * each.frames_of("simulating")})
-        for k, each in enumerate(trials_of(whole))
-    ]
-    assert _extrapolated(trials, whole, "simulating") == pytest.approx(0.5, rel=2e-3)
+def test_what_every_process_loads_comes_once():
+    shot = read_shot(SAMPLES / "swan_wing" / "shot.toml")
+    few = trial(2, work=1.0)
+    cold = replace(few, once=few.once | {"settling": few.once["settling"] + 3.0})
+    warm, loaded = (_whole(shot, [first, few], None)["settling"] for first in (few, cold))
+    assert loaded - warm == pytest.approx(3.0)
 
 
-def test_larger_trials_have_more_of_one_kind_and_keep_the_other():
-    whole = sized(52, 665, 48)
-    few = timed(sized(2, 10))
-    others, pushing = _larger(few, 0.0, whole)
-    assert (others[0], pushing[1]) == (2, 10)
-    assert others[1] >= 60
-    assert pushing[0] >= 8
-    assert pushing[2] >= PUSHING_FRAMES
-    more = _larger(few, inf, whole)
-    assert [sum(each) - each[2] for each in more] == [667, 62]
+def test_memory_goes_with_the_feathers():
+    assert _memory([trial(12), trial(12), trial(96)], 2000) == pytest.approx(1e6 * (30 + 2000))
 
 
-def test_trials_of_few_feathers_have_more_frames():
-    few = timed(sized(0, 12))
-    assert _larger(few, 0.0, sized(0, 12, 48)) == [(0, 12, 48)]
-    ((pushing, others, frames),) = _larger(few, inf, sized(0, 13, 48))
-    assert (pushing, others, frames) == (0, 13, 48)
+def test_each_region_has_its_share_of_a_trial_and_neighbours_stay_together():
+    shot = read_shot(SAMPLES / "owl_flight" / "shot.toml")
+    feathers = shot.groom.feathers
+    chosen = _some(shot, 100)
+    regions = [each.region for each in feathers]
+    for region in set(regions):
+        own = [f for f, name in enumerate(regions) if name == region]
+        share = 100 / len(feathers) * len(own)
+        assert abs(np.isin(own, chosen).sum() - max(share, 1)) <= 0.5
+    roots = np.array([each.position for each in feathers])
+
+    def nearest(numbers):
+        way = np.linalg.norm(roots[numbers][:, None] - roots[numbers], axis=2)
+        return np.median(np.sort(way, axis=1)[:, 1])
+
+    everyone = np.arange(len(feathers))
+    assert nearest(chosen) < 2.0 * nearest(everyone)
+    assert _some(shot, len(feathers)).tolist() == everyone.tolist()
