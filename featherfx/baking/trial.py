@@ -165,7 +165,8 @@ def _larger(trials: Sequence[Trial], left: float, total: int) -> int | None:
     worth them. The first two trials are of the same."""
     last, before = trials[-1], trials[-2]
     if before.feathers == last.feathers:
-        return min(total, MORE)
+        # what is fixed looks as if it went with these
+        return min(total, MORE, max(int(2.0 * last.feathers * left / last.cost), last.feathers + 1))
     # more fixed costs than these tell, at most
     grown = (last.cost - before.cost) / (last.feathers - before.feathers)
     each = max(grown, 0.2 * last.cost / last.feathers)
