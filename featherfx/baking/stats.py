@@ -113,8 +113,9 @@ def _of_groom(groom: Groom, quality: Quality) -> dict[str, Any]:
     }
 
 
-# of a pose that waits to be laid for good: its rates are in single precision
-_OF_POSED = 2.0 / 3.0
+# of points, velocities and accelerations, what a pose holds that waits to be laid for good: points,
+# and velocities in single precision
+_OF_POSED = 0.5
 
 
 class Spent(NamedTuple):
