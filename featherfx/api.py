@@ -42,9 +42,7 @@ def read_groom(
     file that is read. Raises InputError with all problems of the file, of the tables and scenes
     that it names, and of the presets.
     """
-    with phase("reading", 1.0):
-        groom = read_groom_file(path, preset_folders, scene_readers(note))
-    return lay_out(groom)
+    return lay_out(groom_as_written(path, preset_folders, note))
 
 
 def read_shot(
@@ -59,9 +57,23 @@ def read_shot(
     scenes and presets; InputWarning for roots that are far from the skin, and for feathers that
     the layout leaves out or cannot part.
     """
+    return place_feathers(shot_as_written(path, preset_folders, note))
+
+
+def groom_as_written(
+    path: str | Path, preset_folders: Folders, note: Callable[[Path], object] = lambda path: None
+) -> Groom:
+    """The groom before its feathers are laid over each other, which costs most; as read_groom."""
     with phase("reading", 1.0):
-        shot = read_shot_file(path, preset_folders, scene_readers(note))
-    return place_feathers(shot)
+        return read_groom_file(path, preset_folders, scene_readers(note))
+
+
+def shot_as_written(
+    path: str | Path, preset_folders: Folders, note: Callable[[Path], object] = lambda path: None
+) -> Shot:
+    """The shot before its feathers are placed, which costs most; as read_shot."""
+    with phase("reading", 1.0):
+        return read_shot_file(path, preset_folders, scene_readers(note))
 
 
 def read_quality(name: str, preset_folders: Folders = ()) -> Quality:

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from featherfx.api import read_groom, read_quality
+from featherfx.api import groom_as_written, read_quality
 from featherfx.baking.entries import (
     drawn_entries,
     metadata_of,
@@ -21,6 +21,7 @@ from featherfx.feather.build import repeated_shapes
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Groom
+from featherfx.shot.placement import lay_out
 from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.space import origin_for
 from featherfx.usd.write.instances import write_instances
@@ -45,7 +46,7 @@ def export_groom(groom_path: str | Path, output: str | Path, **options: Any) -> 
 def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -> int:
     read: list[Path] = [Path(groom_path)]
     groom, grid, path, *_ = all_of(
-        lambda: read_groom(groom_path, options.preset_folders, read.append),
+        lambda: groom_as_written(groom_path, options.preset_folders, read.append),
         lambda: read_quality(options.quality, options.preset_folders),
         lambda: check_output(output, options.overwrite, options.layout),
         lambda: check_ranges(options, "bake"),
@@ -54,6 +55,7 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
         if options.instances and getattr(options, key):
             raise InputError(Problem("groom", key, "not written of instances; leave one out"))
     refuse_inputs(output_files(path, "payload"), read)
+    groom = lay_out(groom)
     options = in_space(options, groom, None)
     metadata = metadata_of(groom, grid) | scenery_of_groom(groom, Path(path))
     first, chosen = repeated_shapes(groom.feathers)

@@ -13,12 +13,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from featherfx.api import Folders, read_shot
+from featherfx.api import Folders, shot_as_written
 from featherfx.baking.task import default_output
 from featherfx.errors import InputError, Problem, require
 from featherfx.files.whole import write_text
 from featherfx.groom.presets.folders import SHIPPED, own_folders
 from featherfx.limits import TASK_HOURS
+from featherfx.shot.placement import place_feathers
 from featherfx.shot.share import most_shares, share_count
 from featherfx.usd.write.output import check_output, file_problems
 
@@ -66,10 +67,13 @@ def plan(
     item. overwrite: whether a plan that exists is replaced. Raises
     InputError where the shot or the number is wrong, or a file stands there.
     """
-    shot = read_shot(shot_path, preset_folders)
+    shot = shot_as_written(shot_path, preset_folders)
     shot_path = Path(os.path.abspath(shot_path))
     output = default_output(shot) if output is None else output
     output = Path(os.path.abspath(check_output(output, overwrite=True)))
+    items, job = (output.with_suffix(suffix) for suffix in (".plan.json", ".openjd.json"))
+    require(*file_problems([items, job], overwrite))
+    shot = place_feathers(shot)
     most = len(shot.groom.feathers)
     if not 1 <= shares <= most:
         message = f"{shares} is out of range; allowed 1 to {most}, the number of feathers"
@@ -85,11 +89,9 @@ def plan(
     tasks = (task_shares, round(3600 * task_hours))
     template = job_template(shot.name, (shares, most), tasks, paths, [*_searched(named), *options])
     texts = {
-        output.with_suffix(".plan.json"): work_items(commands, join_command(output, str(shares))),
-        output.with_suffix(".openjd.json"): template,
+        items: work_items(commands, join_command(output, str(shares))),
+        job: template,
     }
-    problems = file_problems(list(texts), overwrite)
-    require(*problems)
     for path, content in texts.items():
         write_text(path, json.dumps(content, indent=2) + "\n")
     return list(texts)

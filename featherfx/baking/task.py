@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from featherfx._version import __version__
-from featherfx.api import read_quality, read_shot
+from featherfx.api import read_quality, shot_as_written
 from featherfx.baking.again import TakenOver, taken_over
 from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large, refuse_unfit_form
 from featherfx.baking.options import BakeOptions
@@ -23,6 +23,7 @@ from featherfx.shot.detail.guides import uses_guides
 from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.layers.types import Laid
 from featherfx.shot.motion.skin import BoundSkin
+from featherfx.shot.placement import place_feathers
 from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.types import Shot
 from featherfx.usd.installed import refuse_unfit_usd
@@ -157,7 +158,8 @@ def _checked(
 ) -> tuple[Shot, Path, Path]:
     """The shot as it will be simulated, the output's name as asked for, and the file to write.
 
-    Raises InputError with all that is wrong with the shot, what it names, output and report.
+    Raises InputError with all that is wrong with the shot, what it names, output and report, before
+    feathers are placed, which may take long.
     """
     read: list[Path] = []
 
@@ -180,6 +182,7 @@ def _checked(
     _refuse_inputs(path, options.report, [*read, shot.source, shot.groom.source])
     # a bake that goes on may replace the report of the one before
     check_report(options.report, options.overwrite or (options.resume and _is_report(options)))
+    shot = place_feathers(shot)
     quality = chosen or shot.quality
     if options.error is not None:
         quality = quality.with_error(options.error)
@@ -260,12 +263,13 @@ def default_output(shot: Shot) -> Path:
 def wanted_shot(
     shot_path: str | Path, options: BakeOptions, note: Callable[[Path], object]
 ) -> Shot:
-    """The shot. Raises InputError for it, its groom, and frames that it does not have.
+    """The shot as it is written. Raises InputError for it, its groom, and frames that it does not
+    have.
 
     note: is told every scene that is read.
     """
     frames = options.frames
-    shot = read_shot(shot_path, options.preset_folders, note)
+    shot = shot_as_written(shot_path, options.preset_folders, note)
     if frames and not shot.first_frame <= frames[0] <= frames[1] <= shot.last_frame:
         allowed = f"allowed {shot.first_frame} to {shot.last_frame}"
         message = f"{frames[0]}-{frames[1]} is out of range, {allowed}"

@@ -173,6 +173,19 @@ def test_a_change_moves_only_what_it_reaches(kind):
     assert same[:, 5:].all()
 
 
+def test_what_lies_beneath_stays_where_it_is(kind):
+    """Where feathers push those beneath, one laid on top moves 6 others."""
+    feathers = field(kind)
+    top = replace(feathers[7], id="top", layer=1)
+    with nothing_kept():
+        before, after = (laid_out(groom_of(*each))[0] for each in (feathers, [*feathers, top]))
+    *beneath, above = after.feathers
+    for one, other in zip(before.feathers, beneath, strict=True):
+        assert one.rotation.tobytes() == other.rotation.tobytes()
+        assert one.position.tobytes() == other.position.tobytes()
+    assert not np.array_equal(above.rotation, top.rotation)
+
+
 def test_the_skin_is_cleared(kind):
     sphere = trimesh.creation.icosphere(4, radius=0.1)
     corners = np.array(sphere.vertices)[np.array(sphere.faces)]

@@ -10,6 +10,7 @@ import pytest
 
 import featherfx
 from featherfx.baking import pipeline
+from featherfx.errors import InputError
 from featherfx.feather import shapes
 from featherfx.feather.layout import layout
 from featherfx.shot import groups
@@ -123,3 +124,25 @@ def test_stats_are_computed_once(shot, monkeypatch):
     shutil.rmtree(shot.parent / "cache" / "content")
     with pytest.raises(AssertionError, match="computed anew"):
         pipeline.plumage_stats(groom)
+
+
+@pytest.mark.parametrize("output", [".", "there.usdc", "nowhere/crowd.usdc"])
+def test_an_output_is_refused_before_feathers_are_laid_over_each_other(shot, monkeypatch, output):
+    def laid(*_):
+        raise AssertionError("laid out")
+
+    monkeypatch.setattr(layout, "_laid", laid)
+    monkeypatch.chdir(shot.parent)
+    told = r"no name of a file|exists already|does not exist"
+    for name in ("there.usdc", "there.plan.json"):
+        Path(name).touch()
+    with pytest.raises(InputError, match=told):
+        featherfx.bake(shot, output)
+    with pytest.raises(InputError, match=told):
+        pipeline.export_groom("groom.toml", output)
+    with pytest.raises(InputError, match=told):
+        pipeline.plan(shot, output, 2)
+    # a shot that is wrong as well is told with it
+    shot.write_text(SHOT.replace('"breeze"', '"breaze"'))
+    with pytest.raises(InputError, match=f"(?s)breaze.*({told})"):
+        featherfx.bake(shot, output)
