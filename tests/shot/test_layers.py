@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from places import SAMPLES
 
-from featherfx.algebra.rotation import frames_from
+from featherfx.algebra.rotation import frames_from, vectors_to_frames
 from featherfx.errors import InputWarning
 from featherfx.feather.crossings import crossings_of, patches_of
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import RACHIS, both, turned
+from featherfx.feather.types import RACHIS, both, stacked, turned
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import Placement
 from featherfx.shot.checkpoint import Checkpoint
@@ -29,7 +29,7 @@ from featherfx.shot.motion.skin import SkinSurfaces
 from featherfx.shot.placement import place
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.share import share_count
-from featherfx.shot.simulate import simulate
+from featherfx.shot.simulate import drawn_feathers, simulate
 from featherfx.shot.types import Contact, Detail, Layers, Motion, Shot
 
 THICKNESS = 1e-3
@@ -604,3 +604,51 @@ def test_samples_that_wait_hold_only_what_is_asked_for(bakes):
                 for values, same in zip(getattr(pose, part), getattr(again, part), strict=True):
                     assert values.tobytes() == same.tobytes()
             assert pose.accelerations.nodes.size == 0 < again.accelerations.nodes.size
+
+
+def test_the_depth_that_is_told_is_where_a_feather_stays(tmp_path):
+    (tmp_path / "groom.toml").write_text("""name = "two"
+[[feather]]
+id = "lower"
+kind = "body_contour"
+position = [0.00128, 0.0287, 0.08424]
+direction = [0.3999, -1.6575, -1.0994]
+up = [2.4178, 1.0283, -0.6709]
+scale = 0.564
+[[feather]]
+id = "upper"
+kind = "swan_secondary"
+position = [-0.00613, -0.02805, 0.09497]
+direction = [0.5638, 2.2113, -2.0266]
+up = [2.0563, -1.9789, -1.5871]
+scale = 0.419
+""")
+    (tmp_path / "shot.toml").write_text("""name = "two"
+groom = "groom.toml"
+frames = [1, 1]
+quality = "draft"
+[contact]
+forces = false
+""")
+    shot = read_shot(tmp_path / "shot.toml")
+    drawn, first = drawn_feathers(shot), shot.groom.feathers[0].rotation
+    laid = layers.Layers(shot, drawn, np.arange(2), 1)
+    # askew, so that what lifts one feather takes it off the other's side
+    turns = (1.641, -1.972, 2.346), (-0.174, 0.21, 2.501)
+    places = (0.02334, 0.08227, 0.08828), (0.01916, 0.06388, 0.11837)
+    posed = [
+        place(feather.rest, np.array(at), vectors_to_frames(np.array(turn)) @ first)
+        for feather, at, turn in zip(drawn, places, turns, strict=True)
+    ]
+    laid.ask([FeatherPose(points, points, points) for points in posed], np.zeros((0, 3)), 0.0)
+    shown = stacked([pose.points for pose in laid.lay(1.0)])
+    assert laid.lifts.lift.max() > 0.01
+    # as if it had been simulated there
+    pose, scratch = pose_like(shown, laid.vanes.present.shape), scratch_of(laid.vanes, 1)
+    lift_points_of_all(laid.vanes, shown, pose, (0, 2))
+    pairs = (0, 1), np.ones(1, dtype=np.int8)
+    count = find_laps(laid.vanes, laid.stack, pose, 4.0, pairs, scratch.laps, scratch.seen)
+    laps = scratch.laps[:count]
+    within = laps["beside"] <= laid.vanes.half.sum()
+    assert (laps["base"] - laps["clear"])[within].max(initial=0.0) == 0.0
+    assert laid.report()["written_depth"]["worst"] == 0.0

@@ -162,7 +162,11 @@ def _lay(k, bodies, given, lifts, poses, manner, scratch):
     least = manner.seen * vanes.half[f]
     if _most_change(lift, before) <= least or (quiet and _most_rise(before, lift) > least):
         _copy(before, lift)
-    if _most_change(lift, pose.lift[f]) > 0.0:
+    change = _most_change(lift, pose.lift[f])
+    if change > manner.off * vanes.half[f]:
+        # laps of where it was sought say nothing of where it stays
+        count = _look(bodies, given, (lifts, f), pose, (own, manner.follow), scratch)
+    elif change > 0.0:
         lift_points(vanes, points, lift, pose, f)
     for pair in range(own[0][0], own[0][1]):
         lifts.depths[pair], lifts.touching[pair] = -1e300, 0
