@@ -15,6 +15,7 @@ from typing import Any
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, takes
 from featherfx.baking.task import Task, prepare
+from featherfx.files.collecting import seldom_collected
 from featherfx.files.whole import Standing, into, remove_leftovers, standing, write_all
 from featherfx.phases import Account, account, phase
 from featherfx.usd.write.resume import tidy
@@ -78,7 +79,8 @@ def _bake(
     timed: Account,
 ) -> dict[str, Any]:
     try:
-        task = prepare(shot_path, output, options)
+        with seldom_collected():
+            task = prepare(shot_path, output, options)
     except KeyboardInterrupt as error:
         during = timed.failed or "checking what is to be done"
         raise KeyboardInterrupt(f"interrupted during {during}: nothing was written") from error

@@ -13,6 +13,7 @@ from featherfx.baking.sink import Sink, compared
 from featherfx.baking.task import Task
 from featherfx.errors import Problem
 from featherfx.files.background import Background
+from featherfx.files.collecting import seldom_collected
 from featherfx.jit.told import TELLER
 from featherfx.phases import phase
 from featherfx.shot.checkpoint import Checkpoint
@@ -41,7 +42,7 @@ def simulate_and_write(
                 start = Checkpoint.load(state) if state else None
             done = taken_over
             wanted, replay = _simulated(task, sink, start), replay_of(task, start)
-            with phase("building"):
+            with phase("building"), seldom_collected():
                 simulation = simulate(
                     task.whole, options.jobs, task.frames, options.subframes, start, wanted, replay
                 )

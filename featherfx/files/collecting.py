@@ -1,0 +1,30 @@
+"""Python's search for cycles that nothing holds, put off while much is made that stays."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Lock
+
+_lock = Lock()
+_within, _before = 0, gc.get_threshold()
+
+
+@contextmanager
+def seldom_collected() -> Iterator[None]:
+    """Within it, in any thread, Python seldom looks for cycles to free: of what a shot is read and
+    built into nearly all stays, and looking takes a fifteenth of the time."""
+    global _within, _before
+    with _lock:
+        _within += 1
+        if _within == 1:
+            _before = gc.get_threshold()
+            gc.set_threshold(_before[0] and 100_000, 10, 1000)  # 0: somebody wants it off
+    try:
+        yield
+    finally:
+        with _lock:
+            _within -= 1
+            if _within == 0:
+                gc.set_threshold(*_before)
