@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from featherfx.baking.groom import export_groom
 from featherfx.errors import InputError
+from featherfx.groom.presets.presets import list_presets
 from featherfx.groom.read.read import read_groom
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.flap import folding
@@ -55,6 +57,19 @@ def lines(feathers: list, groom: Groom) -> tuple[np.ndarray, np.ndarray]:
     plan = np.column_stack([x, y])
     roots = np.array([f.position for f in feathers]) @ plan
     return roots, np.array([f.rotation[:, 0] for f in feathers]) @ plan
+
+
+@pytest.mark.parametrize("species", [p.name for p in list_presets() if p.family == "wing"])
+def test_flight_feathers_of_spread_wings_stand_closer_than_they_are_wide(
+    tmp_path: Path, species: str
+) -> None:
+    """Else sky shows between them. Vanes are a fifth of their length wide, or wider."""
+    text = WING.replace('"pigeon"', f'"{species}"') + "fold = 0\n"
+    own = flight(groom_of(tmp_path, text))
+    arm = [f for f in own if f.region != "primaries"]
+    for one, other in pairwise(arm):
+        apart = np.linalg.norm(one.position - other.position)
+        assert apart < 0.2 * min(one.kind.length, other.kind.length), (one.id, other.id)
 
 
 def test_one_short_table_is_a_whole_wing(tmp_path: Path) -> None:
