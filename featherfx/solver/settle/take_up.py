@@ -58,9 +58,11 @@ def carry_to(model: Model, state: State, path: RootPath, only: Flags | None = No
     accelerations turn with the feather. Feathers that are there already are not touched. only:
     (F,) those that are looked at, all by default.
     """
-    move = path.samples[:, 0, :3] - state.centre[:, 0]
-    apart = 1.0 - np.abs(np.einsum("fk,fk->f", path.base, state.rotation[:, 0]))
-    cut = model.held & ((np.abs(move).max(axis=1) > SAME) | (apart > 0.125 * SAME))
+    move = np.abs(path.samples[:, 0, :3] - state.centre[:, 0])
+    near = np.abs(np.einsum("fk,fk->f", path.base, state.rotation[:, 0]))
+    if move.max(initial=0.0) <= SAME and near.min(initial=1.0) >= 1.0 - 0.125 * SAME:
+        return
+    cut = model.held & ((move.max(axis=1) > SAME) | (near < 1.0 - 0.125 * SAME))
     for f in np.flatnonzero(cut if only is None else cut & only):
         _carry(int(f), state, path)
 
