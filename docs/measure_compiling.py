@@ -76,10 +76,12 @@ def measured(work: Callable[[], None]) -> tuple[float, list[tuple[str, float, fl
         return code
 
     def finalize_timed(self: Any) -> None:
-        begin = time.thread_time()
+        stack, begin = vars(own).get("stack"), time.thread_time()
+        before = stack[-1][1] if stack else 0.0
         finalize(self)
-        if stack := getattr(own, "stack", None):
-            stack[-1][0] += time.thread_time() - begin
+        if stack:
+            # loading code that calls others has these compiled first
+            stack[-1][0] += time.thread_time() - begin - (stack[-1][1] - before)
 
     Kernel.compile, JITCodeLibrary.finalize = compile_timed, finalize_timed
     begin = time.process_time()

@@ -1,0 +1,78 @@
+"""Prints the tables of presets and of the front in docs/benchmarks.md.
+
+python docs/measure_front.py
+
+The shaken swan primary of the benchmarks: error beside the reference of `featherfx bench`, and
+processor time, of every setting once, and of those near the front five times more, the least.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+from featherfx.lab.bench.experiments import FULL, QUALITIES, preset_shake
+from featherfx.lab.bench.shake import Shake, ShakeRun, barb_curvature, swan_primary
+from featherfx.lab.bench.shake import trajectory_error as error_of
+from featherfx.shot.groups import NEWTON_FRACTION
+
+GRIDS = tuple(product((4, 5, 6, 8, 11), (2, 3, 4), (0, 1)))
+TOLERANCES = (4e-3, 2.5e-3, 1e-3, 7e-4, 3.5e-4, 1.5e-4)
+FINER = ((11, 6, 2), (15, 10, 2))
+FINER_TOLERANCES = (3.5e-5, 2e-5)
+RADII = (0.0, 0.5, 0.8)
+# of the time of the front, what is measured again; runs
+NEAR, AGAIN = 1.3, 5
+
+Timed = tuple[Shake, ShakeRun, float]
+
+
+def settings() -> list[Shake]:
+    coarse = product(GRIDS, TOLERANCES, RADII)
+    fine = product(FINER, FINER_TOLERANCES, RADII)
+    return [
+        Shake(*grid, step=0.0, tolerance=t, radius=r, newton=NEWTON_FRACTION * t, max_substeps=4096)
+        for grid, t, r in (*coarse, *fine)
+    ]
+
+
+def front(timed: list[Timed], near: float = 1.0) -> list[Timed]:
+    """What nothing is better than at near times less time, by error."""
+    found, least = [], float("inf")
+    for each in sorted(timed, key=lambda one: one[2]):
+        if each[1].seconds <= near * least:
+            found.append(each)
+        least = min(least, each[1].seconds)
+    return found
+
+
+def main() -> None:
+    kind = swan_primary()
+    reference = barb_curvature(kind, FULL.reference)
+
+    def run(shake: Shake) -> Timed:
+        found = barb_curvature(kind, shake)
+        return shake, found, error_of(found, reference, kind.length)
+
+    def best(shake: Shake) -> Timed:
+        return min((run(shake) for _ in range(AGAIN)), key=lambda one: one[1].seconds)
+
+    timed = [best(shake) for shake, _, _ in front([run(each) for each in settings()], NEAR)]
+    for each in front(timed):
+        show("front", each)
+    for name in QUALITIES:
+        show(name, best(preset_shake(kind, name)))
+
+
+def show(name: str, timed: Timed) -> None:
+    shake, found, error = timed
+    grid = f"{shake.rows}, {shake.columns}, {shake.coefficients}"
+    cost = 1e3 * found.seconds / shake.duration
+    print(
+        f"| {name} | {grid} | {shake.tolerance:g} | {shake.radius:g} | {error:.3g} | {cost:.3g} "
+        f"| {found.steps} | {found.step_iterations:.2f} |",
+        flush=True,
+    )
+
+
+if __name__ == "__main__":
+    main()
