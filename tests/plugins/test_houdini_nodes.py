@@ -316,6 +316,30 @@ def test_a_lop_bakes_the_curves_of_its_stage_and_adds_the_cache(houdini, tmp_pat
     assert UsdGeom.GetStageUpAxis(Usd.Stage.Open(layer)) == UsdGeom.Tokens.y
 
 
+def test_another_bake_takes_the_place_of_a_cache_if_that_is_wanted(houdini, tmp_path):
+    module, hou = houdini
+    source = SopNode(None)
+    source.own = curves()
+    node = SopNode(source, **parameters(tmp_path, frame=1.0))
+    module.bake(node)
+    cache = Path(node.values["cache"])
+    before, asked = cache.read_bytes(), []
+
+    def answer(text, buttons=("OK",), **_):
+        asked.append((text, buttons))
+        return len(asked) % 2  # the second of two buttons, then the first
+
+    hou.ui.displayMessage.side_effect = answer
+    node.values["wind"] = (3.0, 0.0, 0.0)
+    module.bake(node)
+    assert cache.read_bytes() == before
+    module.bake(node)
+    assert cache.read_bytes() != before
+    assert [buttons for _, buttons in asked] == 2 * [("Bake anew", "Cancel")]
+    assert "shot.wind.direction" in asked[0][0]
+    assert node.cooked == 2
+
+
 def test_what_is_wrong_is_shown_and_nothing_is_loaded(houdini, tmp_path):
     module, hou = houdini
     told = []

@@ -115,32 +115,40 @@ def bake(node):
     _press(node, "cache")
 
 
-def _press(node, what):
-    cache = node.evalParm("cache")
+def _press(node, what, *more):
     try:
-        os.makedirs(os.path.dirname(cache) or ".", exist_ok=True)
-        shot = node.evalParm("shot") if what == "cache" else ""
-        space = "Y", 1.0
-        if not shot:
-            curves = _beside(cache, ".curves.usdc")
-            space = _write_curves(node, curves)
-        options = "--up-axis", space[0], "--meters-per-unit", space[1]
-        if what == "groom":
-            groom_file = _beside(cache, ".groom.toml")
-            featherfx_host.write_groom(groom_file, curves, node.evalParm("kind"))
-            output = _beside(cache, ".rest.usdc")
-            options += "--no-instances", "--quality", node.evalParm("quality")
-            run = featherfx_host.groom(groom_file, output, *options)
-        else:
-            output, shot = cache, shot or _write_shot(node, cache, curves, space[0])
-            run = featherfx_host.bake(shot, output, *options)
+        run, output = _started(node, what, *more)
+        _follow(run, "grooming" if what == "groom" else "baking")
     except (featherfx_host.HostError, OSError) as error:
-        _tell(error)
+        if "--overwrite" not in str(error) or more:
+            _tell(error)
+        elif not hou.ui.displayMessage(
+            str(error), buttons=("Bake anew", "Cancel"), default_choice=1, close_choice=1
+        ):
+            _press(node, what, "--overwrite")
         return
-    if _followed(run, "grooming" if what == "groom" else "baking"):
-        node.parm("show").set(what)
-        hou.lop.reloadLayer(output, True)
-        node.cook(force=True)
+    node.parm("show").set(what)
+    hou.lop.reloadLayer(output, True)
+    node.cook(force=True)
+
+
+def _started(node, what, *more):
+    """A run of what a button asks for, and the file that it writes."""
+    cache = node.evalParm("cache")
+    os.makedirs(os.path.dirname(cache) or ".", exist_ok=True)
+    shot = node.evalParm("shot") if what == "cache" else ""
+    space = "Y", 1.0
+    if not shot:
+        curves = _beside(cache, ".curves.usdc")
+        space = _write_curves(node, curves)
+    options = "--up-axis", space[0], "--meters-per-unit", space[1], *more
+    if what == "cache":
+        shot = shot or _write_shot(node, cache, curves, space[0])
+        return featherfx_host.bake(shot, cache, *options), cache
+    groom_file, output = _beside(cache, ".groom.toml"), _beside(cache, ".rest.usdc")
+    featherfx_host.write_groom(groom_file, curves, node.evalParm("kind"))
+    options += "--no-instances", "--quality", node.evalParm("quality")
+    return featherfx_host.groom(groom_file, output, *options), output
 
 
 def _write_curves(node, file):
@@ -195,11 +203,9 @@ def bake_shot():
         return None
     shot, output = hou.text.expandString(shot), hou.text.expandString(output)
     try:
-        run = featherfx_host.bake(shot, output)
+        _follow(featherfx_host.bake(shot, output), "baking")
     except featherfx_host.HostError as error:
         _tell(error)
-        return None
-    if not _followed(run, "baking"):
         return None
     node = hou.node("/stage").createNode("sublayer", "featherfx_cache")
     node.parm("filepath1").set(output)
@@ -207,20 +213,15 @@ def bake_shot():
     return output
 
 
-def _followed(run, title):
-    """Follow a run with Houdini's own progress. Whether it came to its end."""
-    try:
-        with hou.InterruptableOperation(f"featherfx: {title}", open_interrupt_dialog=True) as bar:
-            for told in run:
-                try:
-                    bar.updateProgress(featherfx_host.share_done(told))
-                except hou.OperationInterrupted:
-                    run.cancel()
-        run.finish()
-    except featherfx_host.HostError as error:
-        _tell(error)
-        return False
-    return True
+def _follow(run, title):
+    """Follow a run to its end with Houdini's own progress. Raises HostError."""
+    with hou.InterruptableOperation(f"featherfx: {title}", open_interrupt_dialog=True) as bar:
+        for told in run:
+            try:
+                bar.updateProgress(featherfx_host.share_done(told))
+            except hou.OperationInterrupted:
+                run.cancel()
+    run.finish()
 
 
 def _tell(error):
