@@ -59,13 +59,13 @@ class Build(NamedTuple):
 
 _YELLOW, _HORN = (0.65, 0.38, 0.03), (0.12, 0.09, 0.06)
 _GULL = Colours((0.55, 0.56, 0.58), _YELLOW, _YELLOW, (0.55, 0.30, 0.25), (0.70, 0.60, 0.25))
-_OWL = Colours((0.62, 0.56, 0.48), _HORN, _HORN, (0.35, 0.28, 0.18), (0.80, 0.40, 0.02))
+_OWL = Colours((0.62, 0.56, 0.48), _HORN, _HORN, (0.35, 0.28, 0.18), (0.020, 0.012, 0.008))
 _SPARROW = Colours((0.24, 0.19, 0.14), _HORN, _HORN, (0.40, 0.24, 0.16), (0.03, 0.02, 0.01))
 BUILDS = {
     "pigeon": Build(1.0),
     "gull": Build(1.5, (1.05, 0.95, 0.95), 0.9, 1.05, (1.3, 1.2, 1.0), (0.0038, 0.2), _GULL),
     "owl": Build(
-        0.95, (0.85, 1.05, 1.0), 0.5, 1.5, (0.5, 0.9, 2.6), (0.0050, 0.7), _OWL, (1.05, 1.4), 25.0
+        0.95, (0.85, 1.2, 1.1), 0.5, 1.5, (0.5, 0.9, 2.6), (0.0046, 0.7), _OWL, (0.95, 1.25), 25.0
     ),
     "sparrow": Build(0.36, (0.9, 1.05, 1.05), 0.65, 1.2, (0.7, 1.3, 1.0), (0.0040, 0.2), _SPARROW),
 }
@@ -171,7 +171,8 @@ def eye(build):
     radii = build.head * np.array((0.0265, 0.0205, 0.0215))
     aim = np.array((0.42 + 0.45 * forward, 1.0 - 0.55 * forward, 0.2))
     rim = skull + radii * aim / np.linalg.norm(aim)
-    return rim - 0.15 * build.head * radius * look, look
+    deep = 0.15 + 0.8 * max(forward - 0.2, 0.0)  # those that look forward lie in a disc
+    return rim - deep * build.head * radius * look, look
 
 
 def without_feathers(points, build):

@@ -49,6 +49,7 @@ _LAYOUT = {
     "least_size": 0.3,
     "drop": 2e-4,
 }
+_SIDE_TILT = 15.0  # deg, that the breast's sides stand up more before folded wings; by eye
 _UNEVEN = 0.04  # of feathers of a disc
 _HIDES = 0.9  # fold, from which on a wing hides the flank
 _BORDER = 0.5  # of a feather's length, over which parts pass into each other
@@ -108,7 +109,8 @@ def hatch(
     parts["region"] += [
         (at.child("type.disc"), {**each, "where": each["where"] + bare}) for each in disc.regions
     ]
-    parts_of = kind["parts"] | {"breast_side": kind["parts"]["breast"]}
+    breast = kind["parts"]["breast"]
+    parts_of = kind["parts"] | {"breast_side": breast | {"tilt": breast["tilt"] + _SIDE_TILT}}
     for name in (*PARTS, "breast_side"):
         if parts_of[name]["cover"] > 0.0 and name in sites and len(sites[name]):
             region = _region(name, parts_of[name], sites, points, scale)

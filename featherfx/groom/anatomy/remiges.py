@@ -20,6 +20,7 @@ _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
 _SHUT_ROLL = 1.4  # deg, that vanes of a shut wing are lifted farther, so that fewer cross
 # of a shut wing, by eye: place from which on coverts lie like a coat, and their gap against open
 _LOOSE, _SHUT_GAP = 0.4, 0.65
+_FRONT = 0.7  # from which place on there are none, where they would stand off the breast; by eye
 _HAND_ASIDE = 5.0  # deg, of the hand of a shut wing against its outermost primary; by eye
 
 
@@ -142,7 +143,9 @@ def shut(kind: WingType) -> WingType:
         wrist=(kind.wrist[0], kind.wrist[1] - turned),
         outermost=(kind.outermost[0], _HAND_ASIDE),
         alula=replace(kind.alula, count=0),
-        coverts=tuple(_lying_close(row) for row in kind.coverts if row.side == "above"),
+        coverts=tuple(
+            _lying_close(row) for row in kind.coverts if row.side == "above" and row.place < _FRONT
+        ),
     )
 
 
