@@ -1,19 +1,27 @@
 """Prints the tables of presets and of the front in docs/benchmarks.md.
 
-python docs/measure_front.py
+python docs/measure_front.py [--scenes]
 
 The shaken swan primary of the benchmarks: error beside the reference of `featherfx bench`, and
-processor time, of every setting once, and of those near the front five times more, the least.
+processor time, of every setting once, and of those near the front five times more, the least. With
+--scenes: of preview, and of preview with fewer rows and columns, in scenes of other kinds.
 """
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
 from itertools import product
 
+from featherfx.groom.presets.library import plain
+from featherfx.groom.presets.presets import load_preset
+from featherfx.lab.bench import front as scenes
 from featherfx.lab.bench.experiments import FULL, QUALITIES, preset_shake
+from featherfx.lab.bench.scenes import scene
 from featherfx.lab.bench.shake import Shake, ShakeRun, barb_curvature, swan_primary
 from featherfx.lab.bench.shake import trajectory_error as error_of
 from featherfx.shot.groups import NEWTON_FRACTION
+from featherfx.shot.types import Quality
 
 GRIDS = tuple(product((4, 5, 6, 8, 11), (2, 3, 4), (0, 1)))
 TOLERANCES = (4e-3, 2.5e-3, 1e-3, 7e-4, 3.5e-4, 1.5e-4)
@@ -22,6 +30,10 @@ FINER_TOLERANCES = (3.5e-5, 2e-5)
 RADII = (0.0, 0.5, 0.8)
 # of the time of the front, what is measured again; runs
 NEAR, AGAIN = 1.3, 5
+
+SCENES = ("shake in vacuum", "flap", "gust", "pull", "soft plume")
+FINEST = scenes.Setting(rows=57, columns=12, coefficients=3, tolerance=1e-5)
+FEWER = ({}, {"simulated_columns": 4}, {"simulated_rows": 8, "simulated_columns": 4})
 
 Timed = tuple[Shake, ShakeRun, float]
 
@@ -74,5 +86,20 @@ def show(name: str, timed: Timed) -> None:
     )
 
 
+def compare() -> None:
+    values = plain(load_preset("quality/preview")[1])
+    for name in SCENES:
+        shot = scene(name)
+        finest = scenes.run(scenes.at(shot, FINEST))
+        for change in FEWER:
+            own = replace(shot, quality=Quality(name="preview", **(values | change)))
+            found = min((scenes.run(own) for _ in range(3)), key=lambda each: each.seconds)
+            worst = 100.0 * max(scenes.errors(found, finest))
+            print(f"| {name} | {change or 'as it is'} | {worst:.2f} | {1e3 * found.seconds:.0f} |")
+
+
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:] == ["--scenes"]:
+        compare()
+    else:
+        main()
