@@ -25,6 +25,8 @@ _COVERS = (0.002, 0.9)
 _SECOND = 0.2  # of the largest piece, up to which others are dirt; chosen by eye
 # distance in colour that is none, and times the noise of the border that is; chosen by eye
 _LEAST_APART, _NOISE = 0.03, 2.0
+# pixels that grain is evened out over, and half the width of what that blurs beside an edge
+_GRAIN, _BLUR = 1.0, 2
 # of the border's distances from the ground's fit, times the middle one that still belong to it
 _OUTLYING, _FITS = 3.0, 4
 # times as long as wide
@@ -94,9 +96,9 @@ def silhouette(photo: Photo, threshold: float | None = None) -> Flags:
     """
     found = photo.opaque
     if found is None:
-        apart = np.linalg.norm(photo.colours - _ground(photo.colours), axis=-1) / np.sqrt(3.0)
-        noise = apart[_border(apart.shape)]
-        found = apart > (_least_apart(apart, noise) if threshold is None else threshold)
+        found = _apart(photo.colours, threshold)
+        if threshold is None:
+            found = _with_faint(found, photo.colours)
     found = ndimage.binary_fill_holes(ndimage.binary_opening(found, iterations=1))
     labels, count = ndimage.label(found)
     if count:
@@ -120,6 +122,23 @@ def silhouette(photo: Photo, threshold: float | None = None) -> Flags:
         )
         raise InputError(Problem(str(photo.file), "", message))
     return found
+
+
+def _apart(colours: Array, threshold: float | None) -> Flags:
+    """(H, W) which of the colours (H, W, 3) are farther from the ground than a threshold; None: the
+    one that is found."""
+    apart = np.linalg.norm(colours - _ground(colours), axis=-1) / np.sqrt(3.0)
+    noise = apart[_border(apart.shape)]
+    return np.asarray(apart > (_least_apart(apart, noise) if threshold is None else threshold))
+
+
+def _with_faint(found: Flags, colours: Array) -> Flags:
+    """With what grain hides, such as a calamus that is nearly as pale as the ground; the edge of
+    what shows is not blurred."""
+    faint = _apart(ndimage.gaussian_filter(colours, (_GRAIN, _GRAIN, 0.0)), None)
+    found = ndimage.binary_opening(found)
+    beyond = ndimage.binary_opening(faint & ~found, iterations=_BLUR)
+    return np.asarray(found | beyond)
 
 
 def _border(shape: tuple[int, ...]) -> Flags:

@@ -11,7 +11,16 @@ GROUND, SHAFT, VANE = (235, 238, 240), (225, 215, 190), (120, 105, 95)
 COLUMNS = 12
 
 
-def picture(kind, angle=0.0, mirrored=False, textured=True, size=600, noise=0.0, dusk=0.0):
+def picture(
+    kind,
+    angle=0.0,
+    mirrored=False,
+    textured=True,
+    size=600,
+    noise=0.0,
+    dusk=0.0,
+    shaft_colour=SHAFT,
+):
     """An image, and (n, 2) pixels of its shaft. angle: rad, of the shaft's base, anticlockwise.
     dusk: by how much one corner is darker than the middle, of it, and the opposite one brighter."""
     feather = build_feather(kind, 81, COLUMNS)
@@ -43,7 +52,7 @@ def picture(kind, angle=0.0, mirrored=False, textured=True, size=600, noise=0.0,
     width = np.maximum(fine.width * scale, 2.0).round().astype(int).tolist()
     for k in range(len(shaft) - 1):
         ends = [tuple(each) for each in shaft[k : k + 2].tolist()]
-        draw.line(ends, fill=SHAFT if textured else VANE, width=width[k])
+        draw.line(ends, fill=shaft_colour if textured else VANE, width=width[k])
     if noise or dusk:
         pixels = np.asarray(image, dtype=np.float64)
         rows, columns = (np.linspace(-0.5, 0.5, size) for size in pixels.shape[:2])

@@ -73,6 +73,17 @@ def test_a_feather_is_found_again(tmp_path, text, turn, mirrored, dusk):
     assert ((over == (255, 190, 0)).all(axis=-1)).sum() > 500  # the shaft is drawn
 
 
+def test_a_calamus_that_grain_hides_is_found(tmp_path):
+    """Its colour is about as far from the ground as the grain of single pixels."""
+    true = kind('base = "swan_primary"\n')
+    pale = tuple(each - 15 for each in photos.GROUND)
+    image, _ = photos.picture(true, 0.2, size=900, noise=6.0, shaft_colour=pale)
+    result, out = traced(tmp_path, image)
+    assert result.exit_code == 0, result.output
+    assert float(result.output.split("within ")[1].split(" %")[0]) < 1.0
+    assert kind(out.read_text()).calamus == pytest.approx(true.calamus, abs=0.02)
+
+
 def test_a_mask_needs_its_shaft_and_keeps_the_base_s_barbs(tmp_path):
     true = kind('base = "swan_primary"\n')
     image, shaft = photos.picture(true, 0.3, textured=False)
