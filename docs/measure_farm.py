@@ -1,9 +1,10 @@
 """How jobs on a cluster scale: a flock of four birds by one worker and by two, and the schedule of
 many workers from what its orders took.
 
-    python docs/measure_farm.py FOLDER [--frames 24] [--chunk 6] [--row 5] [--workers 1 2]
+    python docs/measure_farm.py FOLDER [--frames 96] [--chunk 8] [--row 5] [--workers 1 2]
 
-Shares are islands of feathers that touch: one for each bird. The job is run with each number of
+Shares are islands of feathers that touch: one for each bird, in the 12 common steps a frame of
+samples/flapping_bird, so that birds take alike. The job is run with each number of
 workers on this machine, and of its time by the clock is told what baking takes, which more workers
 share, and what is the same for any number of them: loading, starting and ending them, looking,
 merging. Times of the schedule are of the processor, so that other work on the machine counts less.
@@ -25,7 +26,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-BIRDS = 4
+BIRDS, STEPS = 4, "steps = 12\n"
 
 
 class Orders(NamedTuple):
@@ -68,7 +69,7 @@ def measured(folder: Path, frames: int, chunk: int, row: int, workers: int) -> d
 
     out = folder / str(workers)
     out.mkdir(parents=True, exist_ok=True)
-    shot, report = flock(folder, BIRDS, 1.5, frames=frames, row=row), out / "report.json"
+    shot, report = flock(folder, BIRDS, 1.5, STEPS, frames=frames, row=row), out / "report.json"
     command = f"-m featherfx bake {shot} -o {out} --report {report} --overwrite --engine dask"
     options = f"--workers {workers} --shares {BIRDS} --chunk {chunk}"
     begin = time.perf_counter()
@@ -107,8 +108,8 @@ def times_as_fast(first: dict[str, float], other: dict[str, float], parts: list[
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--frames", type=int, default=24)
-    parser.add_argument("--chunk", type=int, default=6)
+    parser.add_argument("--frames", type=int, default=96)
+    parser.add_argument("--chunk", type=int, default=8)
     parser.add_argument("--row", type=int, default=5)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     given = parser.parse_args()

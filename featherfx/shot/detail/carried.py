@@ -83,7 +83,8 @@ class Carried:
         points, rates, seconds = seen_from_roots(given, rates_of(motion, self.guides, start, end))
         posed, step = self._followers.moving(points, rates, seconds, end - start)
         roots = tuple(map(tuple, rates_of(motion, self.guided, start, end)))
-        world = [RowPoints(*map(np.empty_like, posed[0])) for _ in posed]
+        # each place is read before it is written over
+        world = posed if posed[0] is not posed[1] else [both(np.copy, each) for each in posed]
         for part, shifted in enumerate((1.0, 0.0)):  # nodes, directors
             vectors = [tuple(_flat(each[part]) for each in many) for many in (posed, world)]
             kernels.in_world(vectors[0], step, shifted, roots, vectors[1])

@@ -306,7 +306,9 @@ def _marks(points: RowPoints, skin: Array) -> NDArray[np.uint64]:
 
 def _mark(points: Array) -> NDArray[np.uint64]:
     """(N,) of N bodies' points (N, ..., 3) m."""
-    words = (np.rint(points / STILL) + 0.0).reshape(len(points), -1).view(np.uint64)
+    places = points / STILL
+    np.add(np.rint(places, out=places), 0.0, out=places)
+    words = places.reshape(len(points), -1).view(np.uint64)
     odd = np.random.default_rng(_SEED).integers(0, 2**63, words.shape[1], dtype=np.uint64)
     return np.asarray(words @ (odd | np.uint64(1)))
 
