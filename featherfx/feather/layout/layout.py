@@ -41,8 +41,10 @@ from featherfx.phases import Done, phase
 
 _MOST_SWEEPS = 30
 _SWEEPS_PER_SEARCH = 10  # after which the skin's tangent planes are looked up again
-# shares of the clearance: what may lack, and what moves are multiples of
-_SLACK, _GRAIN = 0.1, 0.04
+# shares of the clearance: what may lack, and what moves are multiples of, at first and for the few
+# that still move once others have given way. What a change brings about dies out sooner with a
+# coarse grain; with a fine one more feathers find room in a crowd
+_SLACK, _GRAIN, _FINE_GRAIN = 0.1, 0.5, 0.04
 _LEAST_GRAIN = 1e-7  # m, where no clearance is asked for
 # shortening: by how much in one round, rounds, and sweeps after each
 _SHORTER, _MOST_ROUNDS, _SWEEPS_PER_ROUND = 0.9, 12, 5
@@ -227,16 +229,6 @@ def _moved(placement: Placement, laid: Laid, k: int) -> Placement:
     return replace(moved, kind=kind, prototype=prototype, size=size)
 
 
-def _turns(pairs: Indices, order: Indices) -> Indices:
-    """(K,) of Neighbours."""
-    place = np.zeros(order.max(initial=-1) + 1, dtype=np.int64)
-    place[order] = np.arange(len(order))
-    sequence = np.lexsort((place[pairs[:, 0]], pairs[:, 1]))
-    lower, turn = pairs[sequence, 1], np.empty(len(pairs), dtype=np.int64)
-    turn[sequence] = 1 + np.arange(len(pairs)) - np.searchsorted(lower, lower)
-    return turn
-
-
 @dataclass(frozen=True)
 class _Solving:
     """Moves, shortens and at last drops feathers until none pass through each other.
@@ -289,7 +281,7 @@ class _Solving:
                 self.restless[:] = True
             elif not (some or self.restless.any()):
                 break
-            self._settle(pairs, order, _MOST_SWEEPS)
+            self._settle(pairs, order, _MOST_SWEEPS, _GRAIN if number == 0 else _FINE_GRAIN)
             self.done(_SHORTENED + (number + 1) * _MOST_SWEEPS)
             pairs = self._search(strips)
         for number in range(_DROPS_OF_MESHES):
@@ -305,14 +297,14 @@ class _Solving:
         pairs, _ = shingle_pairs(self.feathers.moved(strips))
         return pairs
 
-    def _settle(self, pairs: Indices, order: Indices, sweeps: int) -> None:
+    def _settle(self, pairs: Indices, order: Indices, sweeps: int, grain: float = _GRAIN) -> None:
         """Sweep until nothing moves, from what is restless and pairs that are new; others move when
-        they are met."""
+        they are met. grain: share of the clearance."""
         feathers = self.feathers
         order, pairs = order[feathers.kept[order]], pairs[feathers.kept[pairs].all(axis=1)]
         starts = np.searchsorted(pairs[:, 0], np.arange(len(feathers.size) + 1))
-        neighbours = Neighbours(order, starts, pairs, _turns(pairs, order))
-        limits, travel = self._limits(pairs), self._travel(pairs)
+        neighbours = Neighbours(order, starts, pairs)
+        limits, travel = self._limits(pairs, grain), self._travel(pairs)
         planes, threads = np.zeros((0, 1, 4)), min(os.cpu_count() or 1, _MOST_THREADS)
         each = [feathers.with_scratch() for _ in range(threads)]
         still, known = False, np.zeros_like(travel.gone)
@@ -331,11 +323,11 @@ class _Solving:
                 if not self.restless.any():
                     break
 
-    def _limits(self, pairs: Indices) -> Limits:
+    def _limits(self, pairs: Indices, share: float) -> Limits:
         feathers, layout = self.feathers, self.layout
         tilt = np.radians(np.where(feathers.grown, layout.most_tilt, layout.most_tilt_placed))
         lift = np.where(tilt > 0.0, layout.most_lift, 0.0)
-        grain = max(_GRAIN * layout.clearance, _LEAST_GRAIN)
+        grain = max(share * layout.clearance, _LEAST_GRAIN)
         turn = grain / feathers.placed_size
         return Limits(
             clearance=layout.clearance * (1.0 + self._times_crossed(pairs).astype(float)),
@@ -376,7 +368,7 @@ class _Solving:
                 return
             self.crossed.append(keys)
             self.restless[pairs[wider]] = True
-            self._settle(pairs, order, _SWEEPS_PER_ROUND)
+            self._settle(pairs, order, _SWEEPS_PER_ROUND, _FINE_GRAIN)
 
     def _shorten(self, pairs: Indices, order: Indices) -> None:
         """Shorten grown feathers that do not come clear, each the one whose tip is at fault."""

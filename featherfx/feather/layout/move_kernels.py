@@ -3,9 +3,11 @@
 A feather at rest: points at root + lift * n + frame Ry(-raise) Rx(roll) size s, for the samples s
 of its shape, n its dorsal side as placed. Its vane is a height map over the x-y plane of its own
 frame. A point between two feathers has the gap g = (upper surface) - (lower surface) along the
-dorsal side of the one whose map is read; where g falls short of the clearance, both feathers move
-by the least weighted change of raise, roll and lift that makes it up (projection onto one
-constraint after the other, Kaczmarz 1937; position based dynamics, Mueller 2007).
+dorsal side of the one whose map is read; where g falls short of the clearance, the upper feather
+moves by the least weighted change of raise, roll and lift that makes it up (projection onto one
+constraint after the other, Kaczmarz 1937; position based dynamics, Mueller 2007). The lower one
+stays, so that a feather depends on those beneath it alone: pushing each other, they would hand on
+every change to all that hang together.
 
 feathers: an Arrangement (arrangement.py). planes: (F, Q, 4) of the skin near the samples, unit
 normal n and n . c. What a sweep calls for every pair and feather is a loop kernel: handing so many
@@ -27,8 +29,6 @@ from featherfx.jit.team import say_done, ticket, wait_for
 
 # how readily a feather moves: squares of raise and roll, as a way of the tip, and of lift
 RAISE_EASE, ROLL_EASE, LIFT_EASE = 1.0, 3.0, 0.02
-# of the lower feather against the upper: there is more room above than below
-LOWER_EASE = 0.1
 # travel, as a share of the length, before feathers beside each other are looked at again
 BESIDE = 0.02
 # how often a feather is raised off the skin in a sweep
@@ -39,13 +39,11 @@ ANY_TRAVEL = 1e-300
 
 class Neighbours(NamedTuple):
     """order: (F,) feathers, those beneath first. pairs: (K, 2) upper and lower; those of the upper
-    feather f are pairs[starts[f]] to pairs[starts[f + 1] - 1]. turn: (K,) how often the lower one
-    has had its turn before a pair's, its own among them."""
+    feather f are pairs[starts[f]] to pairs[starts[f + 1] - 1]."""
 
     order: NDArray[np.int64]
     starts: NDArray[np.int64]
     pairs: NDArray[np.int64]
-    turn: NDArray[np.int64]
 
 
 class Limits(NamedTuple):
@@ -161,23 +159,35 @@ def ease(at, size):
 
 @kernel
 def shift(feathers, f, at, effort, limits, travel):
-    """Move a feather so that its point at x and y rises by effort * ease(at), within limits."""
-    size = feathers.size[f]
+    """Move a feather so that its point at x and y rises by effort * ease(at), within limits.
+
+    By a grain at the least: what is less raises it, or lifts it where it can be raised no more.
+    """
+    size, before = feathers.size[f], travel.gone[f]
     inverse = 1.0 / (size * size)
     changes = RAISE_EASE * inverse * at[0], ROLL_EASE * inverse * at[1], LIFT_EASE
     for k in range(3):
-        before, grain = feathers.moves[f, k], limits.grain[f, k]
-        value = grain * math.floor((before + effort * changes[k]) / grain + 0.5)
-        value = min(max(value, limits.least[f, k]), limits.most[f, k])
-        arm = 1.0 if k == 2 else size
-        travel.gone[f] += arm * abs(value - before)
-        feathers.moves[f, k] = value
+        _change(feathers, f, k, effort * changes[k], limits, travel)
+    for k in (0, 2):
+        if travel.gone[f] == before:
+            _change(feathers, f, k, limits.grain[f, k], limits, travel)
     follow_moves(feathers, f)
+
+
+@kernel
+def _change(feathers, f, k, change, limits, travel):
+    """Raise, roll or lift a feather by the multiple of the grain that is nearest to a change."""
+    before, grain = feathers.moves[f, k], limits.grain[f, k]
+    value = grain * math.floor((before + change) / grain + 0.5)
+    value = min(max(value, limits.least[f, k]), limits.most[f, k])
+    arm = 1.0 if k == 2 else feathers.size[f]
+    travel.gone[f] += arm * abs(value - before)
+    feathers.moves[f, k] = value
 
 
 @loop_kernel
 def part(feathers, neighbours, pair, limits, travel):
-    """Move two feathers apart where they are closest.
+    """Move the upper of two feathers off the lower where they are closest.
 
     Feathers beside each other count as apart by a share of their size. Those that could not be
     moved are left until one of them has.
@@ -186,7 +196,7 @@ def part(feathers, neighbours, pair, limits, travel):
     gone = travel.gone[upper] + travel.gone[lower]
     if gone - travel.seen[pair] < travel.room[pair]:
         return
-    gap, above, below = least_gap(feathers, upper, lower), feathers.nearest[0], feathers.nearest[1]
+    gap, above = least_gap(feathers, upper, lower), feathers.nearest[0]
     lack = limits.clearance[pair] - gap
     travel.seen[pair] = gone
     beside = math.isnan(gap)
@@ -194,11 +204,8 @@ def part(feathers, neighbours, pair, limits, travel):
     travel.room[pair] = max(room, ANY_TRAVEL)
     if beside or lack <= limits.slack:
         return
-    total = ease(above, feathers.size[upper])
-    total += LOWER_EASE * ease(below, feathers.size[lower])
-    down = LOWER_EASE * lack / total
-    shift(feathers, upper, above, lack / total, limits, travel)
-    shift(feathers, lower, below, -down, limits, travel)
+    effort = lack / ease(above, feathers.size[upper])
+    shift(feathers, upper, above, effort, limits, travel)
 
 
 @kernel
@@ -237,27 +244,25 @@ def clear_skin(feathers, f, planes, limits, travel):
 @kernel
 def sweep(team, feathers, neighbours, planes, limits, travel):
     """One pass over all feathers, those beneath first, by a team of threads that all call this:
-    each takes the next one, and moves it off another when that has had all its turns before, so
-    that their number changes nothing.
+    each takes the next one, and moves it off another when that has been moved, so that their number
+    changes nothing.
 
-    team: counters, and (F,) zeros, the turns that feathers have had. feathers: with scratch of this
+    team: counters, and (F,) zeros, 1 for what has been moved. feathers: with scratch of this
     thread. planes: of size 0 without a skin. travel: gone and seen 0 at first; room and landed -1
     for what is to be looked at, 0 for what only is if it moves.
     """
-    counters, turns = team
+    counters, moved = team
     while True:
         place = ticket(counters, 0)
         if place >= neighbours.order.shape[0]:
             return
         upper = neighbours.order[place]
         for pair in range(neighbours.starts[upper], neighbours.starts[upper + 1]):
-            lower = neighbours.pairs[pair, 1]
-            wait_for(turns, lower, neighbours.turn[pair])
+            wait_for(moved, neighbours.pairs[pair, 1], 1)
             part(feathers, neighbours, pair, limits, travel)
-            say_done(turns, lower)
         if planes.shape[0] > 0:
             clear_skin(feathers, upper, planes, limits, travel)
-        say_done(turns, upper)
+        say_done(moved, upper)
 
 
 @kernel
