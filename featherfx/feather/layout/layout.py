@@ -41,9 +41,9 @@ from featherfx.phases import Done, phase
 
 _MOST_SWEEPS = 30
 _SWEEPS_PER_SEARCH = 10  # after which the skin's tangent planes are looked up again
-# shares of the clearance: what may lack, and what moves are multiples of, at first and for the few
-# that still move once others have given way. What a change brings about dies out sooner with a
-# coarse grain; with a fine one more feathers find room in a crowd
+# shares of the clearance: what may lack, and what moves are multiples of: of all, from where they
+# are placed, and of the few that have not come to rest by that. What a change brings about dies out
+# sooner with a coarse grain; with a fine one more feathers find room in a crowd
 _SLACK, _GRAIN, _FINE_GRAIN = 0.1, 0.5, 0.04
 _LEAST_GRAIN = 1e-7  # m, where no clearance is asked for
 # shortening: by how much in one round, rounds, and sweeps after each
@@ -264,7 +264,7 @@ class _Solving:
         Returns pairs and order of shingle_pairs, of the feathers as they are moved.
         """
         pairs, order = shingle_pairs(strips)
-        self._settle(pairs, order, _MOST_SWEEPS)
+        self._settle(pairs, order, _MOST_SWEEPS, _GRAIN)
         self.done(_MOST_SWEEPS)
         strips = replace(strips, rank=np.argsort(order))
         pairs = self._search(strips)
@@ -297,7 +297,9 @@ class _Solving:
         pairs, _ = shingle_pairs(self.feathers.moved(strips))
         return pairs
 
-    def _settle(self, pairs: Indices, order: Indices, sweeps: int, grain: float = _GRAIN) -> None:
+    def _settle(
+        self, pairs: Indices, order: Indices, sweeps: int, grain: float = _FINE_GRAIN
+    ) -> None:
         """Sweep until nothing moves, from what is restless and pairs that are new; others move when
         they are met. grain: share of the clearance."""
         feathers = self.feathers
@@ -368,7 +370,7 @@ class _Solving:
                 return
             self.crossed.append(keys)
             self.restless[pairs[wider]] = True
-            self._settle(pairs, order, _SWEEPS_PER_ROUND, _FINE_GRAIN)
+            self._settle(pairs, order, _SWEEPS_PER_ROUND)
 
     def _shorten(self, pairs: Indices, order: Indices) -> None:
         """Shorten grown feathers that do not come clear, each the one whose tip is at fault."""
