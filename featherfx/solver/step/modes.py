@@ -121,8 +121,8 @@ def with_damping(model: Model, kinds: list[FeatherKind]) -> Model:
         loss = (kind.rachis_material.loss_factor, kind.vane_material.loss_factor)
         if max(loss) == 0.0:
             continue
-        keyed = "mass", "rotary_inertia", *STIFFNESSES[:2]
-        key = b"".join(getattr(model, name)[f].tobytes() for name in keyed)
+        # all of it: a mirror image's frequency has another rounding, and one of them may be alone
+        key = b"".join(each.tobytes() for each in model.only(f).arrays().values())
         if key not in known:
             known[key] = first_frequency(model, f)
         retardation[f] = np.array(loss) / known[key]
