@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
@@ -12,7 +15,7 @@ from featherfx.groom.read.read import read_groom
 from featherfx.shot.motion.flap import folding
 from featherfx.shot.motion.joints import joint_roots, roots_at_rest, skeleton_of
 from featherfx.shot.motion.limbs import carried, limbs_of
-from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.motion.motion import moving_limbs, root_motion
 from featherfx.shot.motion.roots import RootFrames
 
 GROOM = """
@@ -169,3 +172,8 @@ def test_a_skeleton_folds_a_wing_to_where_landmarks_have_it(tmp_path, skin):
     assert np.abs(found.positions - roots_at_rest(shot.groom).positions).max() > 0.02
     np.testing.assert_allclose(found.positions, folded.positions, atol=1e-6)
     np.testing.assert_allclose(found.rotations, folded.rotations, atol=1e-5)
+    assert moving_limbs(shot).all()
+    # a skin without a skeleton carries wings as they lie
+    (part,) = shot.skin.parts
+    boneless = replace(part, surface=SimpleNamespace(bones=None))
+    assert not moving_limbs(replace(shot, skin=replace(shot.skin, parts=(boneless,)))).any()

@@ -45,10 +45,10 @@ def root_motion(shot: Shot) -> Roots:
 
 def moving_limbs(shot: Shot) -> Indices:
     """(F,) which limb moves each feather beside the skin of a shot, 0 for none."""
-    by_bones = any(joint.bone is not None for joint in shot.groom.joints)
-    if shot.skin is None or not (shot.motion.of_limbs or by_bones):
-        return np.zeros(len(shot.groom.feathers), dtype=np.int64)
-    return limbs_of(shot.groom)
+    skin = shot.skin
+    if skin is not None and (shot.motion.of_limbs or on_bones(shot.groom, skin) is not skin):
+        return limbs_of(shot.groom)
+    return np.zeros(len(shot.groom.feathers), dtype=np.int64)
 
 
 def _poses(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
