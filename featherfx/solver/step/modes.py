@@ -65,7 +65,7 @@ def first_frequency(model: Model, feather: int) -> float:
         image = _times(mass, x)
         x /= np.sqrt(x @ image)
         before, quotient = quotient, float(x @ _times(stiffness, x))
-        if abs(quotient - before) <= 1e-6 * quotient:
+        if abs(quotient - before) <= 1e-9 * quotient:
             break
     return float(np.sqrt(quotient))
 
@@ -121,9 +121,9 @@ def with_damping(model: Model, kinds: list[FeatherKind]) -> Model:
         loss = (kind.rachis_material.loss_factor, kind.vane_material.loss_factor)
         if max(loss) == 0.0:
             continue
-        # all of it: a mirror image's frequency has another rounding, and one of them may be alone
+        # of each alone, whoever else is there; rounded, so that of a mirror image it is the same
         key = b"".join(each.tobytes() for each in model.only(f).arrays().values())
         if key not in known:
-            known[key] = first_frequency(model, f)
+            known[key] = float(f"{first_frequency(model, f):.5e}")
         retardation[f] = np.array(loss) / known[key]
     return model._replace(retardation=retardation)
