@@ -27,14 +27,18 @@ from featherfx.jit.shipped import FOLDER, Processor, of_this_machine
 
 _SAMPLES = ROOT.parent / "samples"
 # What compiles what is common. At once: steps of feathers that touch each other, and the layout of
-# a bird, which need different kernels; then, with the same steps, a body that is touched.
+# a bird, which need different kernels; then, with the same steps, a body that is touched, and
+# feathers that are free.
 _FRAMES = ("--quality", "draft", "--frames", "1-2", "-o")
 WORKS = (
     (
         ("bake", _SAMPLES / "flapping_bird" / "shot.toml", *_FRAMES),
         ("groom", _SAMPLES / "pigeon" / "groom.toml", "--quality", "draft", "-o"),
     ),
-    (("bake", _SAMPLES / "torn_feather" / "shot.toml", *_FRAMES),),
+    (
+        ("bake", _SAMPLES / "torn_feather" / "shot.toml", *_FRAMES),
+        ("bake", _SAMPLES / "swan_wing" / "shot.toml", *_FRAMES),
+    ),
 )
 
 
