@@ -118,11 +118,15 @@ def _whole(shot: Shot, trials: Sequence[Trial], course: Course | None) -> dict[s
     """(2,) s that the phases of the whole take, by the first trial, which is done twice, and the
     last."""
     first, again, last = trials[0], trials[1], trials[-1]
+    solved, others = 1.0, len(shot.groom.feathers) / last.feathers
+    if others > 1.0:
+        solved = work_of(shot) / last.work
     once = {
-        name: np.maximum(first.of(name) - again.of(name), 0.0) + _times(last, shot, name) * seconds
+        name: np.maximum(first.of(name) - again.of(name), 0.0)
+        + (solved if name in _OF_WORK else others) * seconds
         for name, seconds in last.once.items()
     }
-    frame = last.frame * _times(last, shot, "simulating")
+    frame = last.frame * solved
     if course is not None:
         frame = frame * course.harder(last)
     once["simulating"] = once["simulating"] + frame * (shot.last_frame - shot.first_frame)
@@ -172,15 +176,6 @@ def _larger(trials: Sequence[Trial], left: float, total: int) -> int | None:
     each = max(grown, 0.2 * last.cost / last.feathers)
     count = min(last.feathers + int((left - last.cost) / each), total)
     return count if count >= min(WORTH * last.feathers, total) else None
-
-
-def _times(trial: Trial, shot: Shot, name: str) -> float:
-    """What a phase of the whole takes, over that of a trial."""
-    if trial.feathers == len(shot.groom.feathers):
-        return 1.0
-    if name in _OF_WORK:
-        return work_of(shot) / trial.work
-    return len(shot.groom.feathers) / trial.feathers
 
 
 def _memory(trials: Sequence[Trial], total: int) -> float:
