@@ -386,14 +386,6 @@ class Simulation:
             if int(f) in wanted
         }
 
-    def simulated_bytes(self) -> tuple[int, int]:
-        """Bytes of the constant data, and of one state, of all feathers that are simulated."""
-        groups = self._groups
-        return (
-            sum(array.nbytes for group in groups for array in group.solver.model.arrays().values()),
-            sum(array.nbytes for group in groups for array in group.state.arrays().values()),
-        )
-
     def take_over(self, start: Checkpoint) -> None:
         """Stand where another simulation of the shot stood. Raises InputError for one of others."""
         own = [group.state.points.nodes.shape for group in self._groups]
