@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import time
 import tomllib
+import warnings
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
+import numpy as np
+
+from featherfx.algebra.types import Array
 from featherfx.api import Folders, read_groom, read_quality, read_shot
 from featherfx.baking.bake import in_parts, peak_memory_bytes
 from featherfx.baking.entries import entries_of
-from featherfx.baking.trial import expected, work_of
-from featherfx.errors import all_of
+from featherfx.baking.trial import expected, time_of, work_of
+from featherfx.errors import InputWarning, all_of
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.layout.layout import cover, measured
 from featherfx.feather.shapes import feathers_of
@@ -49,20 +53,17 @@ def plumage_stats(
     """
     path, folders = Path(path), tuple(preset_folders)
     if _is_shot(path):
-        begin, worked = time.perf_counter(), time.process_time()
-        shot, chosen = all_of(
+        read = partial(
+            all_of,
             lambda: read_shot(path, folders),
             lambda: read_quality(quality, folders) if quality else None,
         )
+        shot, chosen = read()
         shot = replace(shot, quality=chosen) if chosen else shot
-        current = account()
-        # a layout that was found here is kept for the bake
-        read = Spent(time.perf_counter() - begin, time.process_time() - worked)
-        if current is not None:
-            own = current.processor_seconds()
-            done = sum(own.get(name, 0.0) for name in ("starting", "reading"))
-            read = Spent(current.spent("starting", "reading"), done)
-        cost = bake_cost(shot, jobs, read, budget)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)
+            reading = time_of(read)  # as the bake finds it, with what is kept of the first time
+        cost = bake_cost(shot, jobs, _starting() + reading, budget)
         return _of_groom(shot.groom, shot.quality) | {"bake": cost}
     groom, grid = all_of(
         lambda: read_groom(path, folders), lambda: read_quality(quality or "final", folders)
@@ -118,19 +119,19 @@ def _of_groom(groom: Groom, quality: Quality) -> dict[str, Any]:
 _OF_POSED = 0.5
 
 
-class Spent(NamedTuple):
-    """Time that something took: s on the clock, and of the processors."""
+def _starting() -> Array:
+    """(2,) s that this process took to start, on the clock and of the processors."""
+    current = account()
+    told = () if current is None else (current.seconds(), current.processor_seconds())
+    return np.array([each.get("starting", 0.0) for each in told] or [0.0, 0.0])
 
-    seconds: float
-    processor: float
 
-
-def bake_cost(shot: Shot, jobs: int, read: Spent, budget: float | None = None) -> dict[str, Any]:
+def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None = None) -> dict[str, Any]:
     """What a bake of a shot will take on this machine as it is now.
 
-    read: starting and reading the shot. The rest of the time is what bakes of a part of it
-    (trial.py) tell of all. budget: s of processor time for these. Memory is that of the process so
-    far and of what the bake adds; an estimate.
+    read: (2,) s of starting and reading the shot, on the clock and of the processors. The rest of
+    the time is what bakes of a part of it (trial.py) tell of all. budget: s of processor time for
+    these. Memory is that of the process so far and of what the bake adds; an estimate.
     """
     drawn = drawn_feathers(shot)
     table = level_plan(shot, drawn, root_motion(shot)).table
@@ -148,7 +149,7 @@ def bake_cost(shot: Shot, jobs: int, read: Spent, budget: float | None = None) -
         posed = 3.0 * sum(part.nbytes for feather in drawn for part in feather.rest)
         waiting = shot.layers.samples_ahead(1.0 / shot.frames_per_second)
         memory += waiting * _OF_POSED * posed
-    phases = {"reading": read.seconds, **learnt.phases}
+    phases = {"reading": float(read[0]), **learnt.phases}
     seconds = in_parts(phases)
     return {
         "frames": frames,
@@ -159,7 +160,7 @@ def bake_cost(shot: Shot, jobs: int, read: Spent, budget: float | None = None) -
         "unknowns": round(work_of(shot)),
         "seconds_of_a_feather_and_frame": phases["simulating"] * jobs / max(frames - 1, 1) / total,
         "wall_seconds": sum(seconds.values()),
-        "processor_seconds": read.processor + learnt.processor,
+        "processor_seconds": float(read[1]) + learnt.processor,
         "cores": learnt.processor / sum(learnt.phases.values()),
         "seconds": seconds,
         "jobs": jobs,

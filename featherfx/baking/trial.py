@@ -98,11 +98,11 @@ def expected(shot: Shot, jobs: int, budget: float | None = None) -> Expected:
     """
     begin = time.perf_counter()
     # the solver takes its time to load, here as in a bake
-    once = {"starting": _timed(lambda: import_module("featherfx.baking.loop"))}
+    once = {"starting": time_of(lambda: import_module("featherfx.baking.loop"))}
     held = resident_bytes(release=True)
     with phase("building"):
         simulate(shot, jobs)
-        once["building"] = _timed(lambda: simulate(shot, jobs))
+        once["building"] = time_of(lambda: simulate(shot, jobs))
     trials, course = _tried(shot, jobs, budget)
     once = _whole(shot, trials, course) | once
     return Expected(
@@ -133,7 +133,7 @@ def _whole(shot: Shot, trials: Sequence[Trial], course: Course | None) -> dict[s
     return once
 
 
-def _timed(work: Callable[[], object]) -> Array:
+def time_of(work: Callable[[], object]) -> Array:
     """(2,) s that some work takes, on the clock and of the processors."""
     begin = np.array([time.perf_counter(), time.process_time()])
     work()
