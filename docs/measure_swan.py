@@ -189,7 +189,9 @@ def measure(feathers: int, frames: int, folder: Path, **options: Any) -> None:
     wall, spent = time.perf_counter() - begin, time.process_time() - processor
     count = report["feathers"]
     seconds = {name: round(value, 1) for name, value in report["seconds"].items()}
-    written = sum(path.stat().st_size for path in folder.rglob("swan*") if path.is_file())
+    inputs = {shot, folder / "groom.toml", folder / "body.usdc"}
+    files = {path for path in folder.rglob("*") if path.is_file()}
+    written = sum(path.stat().st_size for path in files - inputs)
     print(f"{count} feathers, {frames} frames: {wall:.1f} s, {spent:.1f} s of processor time,")
     print(
         f"  {at[1] - processor:.1f} s of it until the first frame was done; {json.dumps(seconds)}"
