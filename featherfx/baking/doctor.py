@@ -29,7 +29,7 @@ _SAMPLE, _FRAMES = "feather_pull", (1, 3)
 _HELD = 1e-6
 
 
-def examine(self_test: bool = True) -> dict[str, Any]:
+def examine(self_test: bool) -> dict[str, Any]:
     """What this install is made of, and `problems`: what hinders it, one text each.
 
     version, python, platform, cores; packages: version by name of what is required, null where it

@@ -126,7 +126,7 @@ def _starting() -> Array:
     return np.array([each.get("starting", 0.0) for each in told] or [0.0, 0.0])
 
 
-def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None = None) -> dict[str, Any]:
+def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None) -> dict[str, Any]:
     """What a bake of a shot will take on this machine as it is now.
 
     read: (2,) s of starting and reading the shot, on the clock and of the processors. The rest of

@@ -70,7 +70,7 @@ def interpolate_guides(guides: tuple[BarbGuide, ...], position: Array) -> Array:
 
 
 def trace_barbs(
-    kind: FeatherKind, side: int, rachis: Rachis, columns: int, splits: Sequence[Split] = ()
+    kind: FeatherKind, side: int, rachis: Rachis, columns: int, splits: Sequence[Split]
 ) -> tuple[Barbs, list[str]]:
     """Trace the barbs of one vane (LEADING or TRAILING) at the rows of the rachis.
 

@@ -107,10 +107,10 @@ def crossings_of(
     return Crossings(each.reshape(-1, 2), vanes, shafts)
 
 
-def crossed_triangles(points: Array, patches: Patches, jobs: int = 1) -> Flags:
+def crossed_triangles(points: Array, patches: Patches) -> Flags:
     """(T,) whether each triangle of the patches, in their order, passes through one of another
     mesh, neither of them of a shaft. points: as of crossings_of."""
-    near, counts, boxes = _crossed_patches(points, patches, jobs, None)
+    near, counts, boxes = _crossed_patches(points, patches, 1, None)
     count = len(patches.triangles)
     single = Patches(
         patches.triangles,

@@ -91,7 +91,7 @@ def _beside(scene: Scene) -> list[int]:
 
 
 def scenery_of_files(
-    cache: Cache, files: Iterable[Path], known: Iterable[Scenery] = ()
+    cache: Cache, files: Iterable[Path], known: Iterable[Scenery]
 ) -> list[Scenery]:
     """All meshes of other files, at the same seconds. known: what is drawn already."""
     found = []

@@ -88,7 +88,7 @@ def read_photo(path: Path) -> Photo:
     return Photo(path, pixels[..., :3], opaque, shrunk)
 
 
-def silhouette(photo: Photo, threshold: float | None = None) -> Flags:
+def silhouette(photo: Photo, threshold: float | None) -> Flags:
     """(H, W) which pixels are the feather.
 
     threshold: distance in colour from the ground, 0 to 1; None: it is found. Raises InputError

@@ -6,11 +6,8 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from featherfx.feather.rachis import turn
-from featherfx.groom.presets.presets import load_preset
 
 TYPES = Sdf.ValueTypeNames
-COVERT = load_preset("feather/covert")[1]
-CAMBER = COVERT["rachis"]["camber"].value
 
 
 def new_stage(path, meters_per_unit=1.0, up_axis="Z", codes_per_second=24.0):

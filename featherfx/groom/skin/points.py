@@ -54,7 +54,7 @@ class SkinSource(Protocol):
     def subset(self, name: str, place: Place) -> Flags:
         """(T,) whether triangles are of a named set of faces."""
 
-    def image(self, path: Path, place: Place, mode: str = "L") -> Array:
+    def image(self, path: Path, place: Place, mode: str) -> Array:
         """(H, W) grey values 0 to 1 of a picture, top row first; (H, W, 3) sRGB in mode RGB."""
 
     def curves(self, prims: tuple[str, ...], place: Place) -> list[Array]:

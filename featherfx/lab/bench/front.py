@@ -255,10 +255,10 @@ def kept_table(
     shots: Sequence[Shot],
     promised: Sequence[float],
     progress: Callable[[int, int], None],
-    frames: int | None = None,
-    every: int = 1,
+    frames: int | None,
+    every: int,
 ) -> ResultTable:
-    """Every shot at every error (percent). frames: of each shot, all by default. every: n-th
+    """Every shot at every error (percent). frames: of each shot; None: all. every: n-th
     feather of each alone."""
     rows: list[Row] = []
     total = len(shots) * len(promised)

@@ -58,7 +58,7 @@ def triangular(
     columns: int,
     rows: int,
     section: FibreSection,
-    periodic: Periodic = "both",
+    periodic: Periodic,
     kept: float = 1.0,
     seed: int = 0,
 ) -> NetworkLayout:

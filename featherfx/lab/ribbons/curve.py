@@ -77,7 +77,7 @@ def _about(axis: int, angle: Array) -> Array:
     return rotation
 
 
-def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int = LINKS) -> Centreline:
+def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int) -> Centreline:
     """The curve of given unknowns (curvature, then ruling), clamped at the origin.
 
     frame: (3, 3) columns across, normal, along at the clamp.

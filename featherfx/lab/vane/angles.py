@@ -101,7 +101,7 @@ class ShearBand:
         }
 
 
-def tilted_sample(angle: float = 45.0, width: float = WIDTH, aspect: float = ASPECT) -> Sample:
+def tilted_sample(angle: float, width: float = WIDTH, aspect: float = ASPECT) -> Sample:
     """The sample of the fits."""
     return Sample(angle, width, width * aspect)
 
@@ -109,7 +109,6 @@ def tilted_sample(angle: float = 45.0, width: float = WIDTH, aspect: float = ASP
 def fit_shear(
     bands: Bands,
     order: Order = 2,
-    angle: float = 45.0,
     *,
     largest: float = STRAIN,
     barbs_times: float = 1.0,
@@ -121,7 +120,7 @@ def fit_shear(
     stiffened: a large one keeps them from bending. Raises InputError.
     """
     require(*out_of_range(bands, form=FORM))
-    sample, strain = tilted_sample(angle), strains(largest, max(STEPS, round(largest / STRAIN)))
+    sample, strain = tilted_sample(45.0), strains(largest, max(STEPS, round(largest / STRAIN)))
     stiffened = replace(bands, barb=barbs_times * bands.barb)
     target = mean_band_slope(sample, stiffened, strain, order)
     guesses = [series_shear(bands), 1.2 * series_shear(bands)]

@@ -118,21 +118,19 @@ def series_shear(bands: Bands) -> float:
     return 0.5 / (fraction / bands.barb + (1.0 - fraction) / bands.barbule)
 
 
-def band_mesh(
-    sample: Sample, bands: Bands, order: Order = 2, layers: int = 1
-) -> tuple[Mesh, Array]:
+def band_mesh(sample: Sample, bands: Bands, order: Order = 2) -> tuple[Mesh, Array]:
     """Mesh and moduli (M, 3), Pa, of a sample with a barb in the middle, or two about it.
 
-    order: 2 for six-node triangles, 1 for three-node ones. layers: of elements across each band.
+    order: 2 for six-node triangles, 1 for three-node ones.
     """
-    rows, stiff = band_rows(sample, bands, layers)
+    rows, stiff = band_rows(sample, bands)
     step = bands.barb_spacing / NODES
     mesh = aligned_mesh(sample, rows, step if order == 2 else 0.5 * step)
     moduli = np.array([isotropic(bands.barbule).as_array(), isotropic(bands.barb).as_array()])
     return mesh, moduli[stiff[mesh.strip].astype(int)]
 
 
-def band_rows(sample: Sample, bands: Bands, layers: int = 1) -> tuple[Array, Flags]:
+def band_rows(sample: Sample, bands: Bands) -> tuple[Array, Flags]:
     """(R,) m, rows on all borders of bands and through all corners; (R - 1,) whether barb."""
     corners = corner_rows(sample)
     low, high = corners[0], corners[-1]
@@ -144,19 +142,14 @@ def band_rows(sample: Sample, bands: Bands, layers: int = 1) -> tuple[Array, Fla
     tiny = SLIVER * spacing * bands.barb_fraction
     inner = borders[(borders > low + tiny) & (borders < high - tiny)]
     inner = inner[np.min(np.abs(inner[:, None] - corners), axis=1) > tiny]
-    coarse = np.sort(np.concatenate([inner, _distinct(corners, tiny)]))
-    parts = np.linspace(0.0, 1.0, layers + 1)[:-1]
-    rows = (coarse[:-1, None] + np.diff(coarse)[:, None] * parts).ravel()
-    rows = np.concatenate([rows, coarse[-1:]])
+    rows = np.sort(np.concatenate([inner, _distinct(corners, tiny)]))
     centre = 0.5 * (rows[1:] + rows[:-1])
     return rows, np.min(np.abs(centre[:, None] - places), axis=1) < half
 
 
-def pull_bands(
-    sample: Sample, bands: Bands, strain: Array, *, order: Order = 2, layers: int = 1
-) -> PulledSample:
+def pull_bands(sample: Sample, bands: Bands, strain: Array, *, order: Order = 2) -> PulledSample:
     """Pull a sample of bands through the strains (n,)."""
-    mesh, moduli = band_mesh(sample, bands, order, layers)
+    mesh, moduli = band_mesh(sample, bands, order)
     body = membrane(sample, mesh, moduli, order)
     return pull(sample, Statics(body, clamped(sample, body)), strain)
 

@@ -154,7 +154,7 @@ def check_scene(path: Path) -> list[Problem]:
         bad = _meshes(scene, place)
         with collecting(place):
             _feathers(scene, path, place)
-        prims = list(prims_below(scene, scene.stage.GetPseudoRoot()))
+        prims = list(prims_below(scene.stage.GetPseudoRoot()))
         for prim in counted("checking", prims, len(prims)):
             if prim.IsA(UsdGeom.PointBased) and str(prim.GetPath()) not in bad:
                 _geometry(prim, place)
@@ -173,7 +173,7 @@ def _geometry(prim: Any, place: Place) -> None:
 def _meshes(scene: SourceScene, place: Place) -> set[str]:
     """Paths of the meshes that cannot be followed, after adding their problems."""
     bad = set()
-    for prim in prims_below(scene, scene.stage.GetPseudoRoot()):
+    for prim in prims_below(scene.stage.GetPseudoRoot()):
         if prim.IsA(UsdGeom.Mesh) and prim.IsDefined() and not prim.IsAbstract():
             path = str(prim.GetPath())
             bad.add(path)
@@ -185,7 +185,7 @@ def _meshes(scene: SourceScene, place: Place) -> set[str]:
 
 def _feathers(scene: SourceScene, path: Path, place: Place) -> None:
     kinds = (UsdGeom.BasisCurves, UsdGeom.PointInstancer)
-    prims = list(prims_below(scene, scene.stage.GetPseudoRoot()))
+    prims = list(prims_below(scene.stage.GetPseudoRoot()))
     if not any(prim.IsA(kind) for prim in prims for kind in kinds):
         return
     entry = Table(USD).check({"file": path.name}, place, False)

@@ -214,7 +214,7 @@ class GeometryCheck:
         self,
         name: str,
         test: Callable[[Any, Any], str],
-        may_fail: Callable[[Any, Any], Any] | None = None,
+        may_fail: Callable[[Any, Any], Any] | None,
     ) -> Found:
         """Run a test of (value, code) at every time of an attribute; report the first failure.
 

@@ -89,7 +89,7 @@ def _sources(scene: SourceScene, root: Any) -> Iterator[Any]:
     """Curves and instancers at a prim or below; what is a prototype only counts as instanced."""
     found = [
         prim
-        for prim in prims_below(scene, root)
+        for prim in prims_below(root)
         if prim.IsA(UsdGeom.BasisCurves) or prim.IsA(UsdGeom.PointInstancer)
     ]
     prototypes = [
@@ -233,7 +233,7 @@ def _template(scene: SourceScene, path: Any, entry: dict[str, Any], at: Place, p
     """[(curve, matrix to the prototype's space)] and values."""
     prim, found = find_prim(scene, str(path), at.child("prototypes")), []
     root = inverse_of(prim, DEFAULT)
-    for each in prims_below(scene, prim):
+    for each in prims_below(prim):
         if each.IsA(UsdGeom.BasisCurves):
             relative = matrix_of(each, DEFAULT) @ root
             found += [(curve, relative) for curve in _curves(each, entry, place)]

@@ -120,7 +120,7 @@ def inspect_stage(path: str | Path) -> StageReport:
     problems = Problems()
     place = Place(str(path), "", problems)
     scene, prims = open_scene(Path(path), place), []
-    for prim in prims_below(scene, scene.stage.GetPseudoRoot()):
+    for prim in prims_below(scene.stage.GetPseudoRoot()):
         kind = kind_of(prim)
         if kind:
             with collecting(place):

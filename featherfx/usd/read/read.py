@@ -198,7 +198,7 @@ class Cache:
             hooked=self._of_faces(index, "hooked", code, NUMBERS),
         )
 
-    def hooked_of(self, chosen: Sequence[int], time: float | None = None) -> Array:
+    def hooked_of(self, chosen: Sequence[int], time: float | None) -> Array:
         """(T,) hooks of the triangles of some feathers, one after the other, as `pose` has them,
         faster; 1 where there are none."""
         found = []
@@ -213,7 +213,7 @@ class Cache:
         meshes = {id(own.mesh): own.mesh for own in self._own}.values()
         return any(mesh.has(WET[0]) for mesh in meshes)
 
-    def clumped_of(self, chosen: Sequence[int], time: float | None = None) -> Array:
+    def clumped_of(self, chosen: Sequence[int], time: float | None) -> Array:
         """(N, 2) of some feathers, how far water draws the ends of their barbs together, 0 to 1,
         and in how many clumps a vane."""
         found = np.zeros((len(chosen), 2))
@@ -250,7 +250,7 @@ class Cache:
         return found
 
     def directions_of(
-        self, chosen: Sequence[int], time: float | None = None
+        self, chosen: Sequence[int], time: float | None
     ) -> tuple[Array | None, Array | None]:
         """(V, 3) velocities and normals of the points of some feathers, one after the other, as
         `pose` has them. Where only some have velocities the others stand still; None where none

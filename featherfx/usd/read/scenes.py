@@ -69,7 +69,7 @@ def open_meshes(
 def _by_name(scene: SourceScene, pattern: str, place: Place) -> list[str]:
     found = [
         str(prim.GetPath())
-        for prim in prims_below(scene, scene.stage.GetPseudoRoot())
+        for prim in prims_below(scene.stage.GetPseudoRoot())
         if prim.IsA(UsdGeom.Mesh) and fnmatch.fnmatchcase(prim.GetName(), pattern)
     ]
     if not found:

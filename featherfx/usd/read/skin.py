@@ -115,7 +115,7 @@ class StageSkin:
             indices = sized_array(subsets[name].GetIndicesAttr(), EARLIEST, INTEGERS)
             return np.isin(self.face, indices)
 
-    def image(self, path: Path, place: Place, mode: str = "L") -> Array:
+    def image(self, path: Path, place: Place, mode: str) -> Array:
         """(H, W) grey values 0 to 1 of a picture, top row first; (H, W, 3) sRGB in mode RGB."""
         try:
             from PIL import Image
@@ -205,7 +205,7 @@ def _curves(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Ar
     found: list[Array] = []
     problems = Problems()
     for path in prims:
-        for prim in prims_below(scene, find_prim(scene, path, place, "curves")):
+        for prim in prims_below(find_prim(scene, path, place, "curves")):
             if prim.IsA(UsdGeom.BasisCurves):
                 with problems.collecting(), read_for(place):
                     found += _polylines(scene, prim, place)

@@ -201,7 +201,7 @@ def points_of_joint(scene: SourceScene, skeleton: Any, joint: int) -> Array:
     """(N, 3) points of all skins of a skeleton that a joint moves for the most part, in the
     skeleton's space in the bind pose."""
     found = [np.zeros((0, 3))]
-    for prim in prims_below(scene, scene.stage.GetPseudoRoot()):
+    for prim in prims_below(scene.stage.GetPseudoRoot()):
         if not prim.IsA(UsdGeom.Mesh):
             continue
         bound = UsdSkel.BindingAPI(prim).GetInheritedSkeleton()

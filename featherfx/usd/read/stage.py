@@ -82,7 +82,7 @@ class SourceScene:
     def paths(self) -> dict[str, list[str]]:
         """Paths of the prims of each of KINDS."""
         found: dict[str, list[str]] = {kind: [] for kind in KINDS}
-        for prim in prims_below(self, self.stage.GetPseudoRoot()):
+        for prim in prims_below(self.stage.GetPseudoRoot()):
             if kind := kind_of(prim):
                 found[kind].append(str(prim.GetPath()))
         return found
@@ -240,7 +240,7 @@ def kind_of(prim: Any) -> str:
     return next((name for name, schema in KINDS.items() if prim.IsA(schema)), "")
 
 
-def what_is_there(scene: SourceScene, kinds: Sequence[str], path: str = "") -> str:
+def what_is_there(scene: SourceScene, kinds: Sequence[str], path: str) -> str:
     """Paths of the prims of some of KINDS, as the end of a message; of many the nearest to a path.
 
     Empty where no kind is asked for.
@@ -303,7 +303,7 @@ def _absent(scene: SourceScene, path: Any) -> str:
     return f"no prim {path} in {scene.path}"
 
 
-def prims_below(scene: SourceScene, prim: Any) -> Iterator[Any]:
+def prims_below(prim: Any) -> Iterator[Any]:
     """A prim and all below it, also within instances, but not below point instancers."""
     walk = iter(Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
     for each in walk:

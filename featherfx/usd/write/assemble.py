@@ -29,7 +29,7 @@ def assemble(
     path: Path,
     parts: Parts | None,
     before: Mapping[Path, Standing],
-    pictures: Iterable[tuple[Path, Store]] = (),
+    pictures: Iterable[tuple[Path, Store]],
 ) -> None:
     """Complete the layers from the chunks and publish the cache; the root is written last.
 

@@ -90,7 +90,7 @@ def define_prims(
     info: StageInfo,
     entries: Sequence[FeatherEntry],
     prims: AnimatedPrims,
-    texture: str = "",
+    texture: str,
 ) -> None:
     """Author the prims in a layer, and everything of them that never changes.
 
