@@ -186,6 +186,26 @@ def test_what_lies_beneath_stays_where_it_is(kind):
     assert not np.array_equal(above.rotation, top.rotation)
 
 
+def test_a_layout_that_is_kept_is_that_of_the_feathers_as_they_are(kind):
+    """Sizes of a shape, places and layers are looked at; what no layout depends on is not."""
+    feathers = [replace(each, prototype=kind) for each in field(kind)]
+    large = adjusted(kind, Change(scale=1.1))
+    others = [
+        replace(feathers[7], kind=large, size=1.1),
+        replace(feathers[7], position=feathers[7].position + 0.002),
+        replace(feathers[7], layer=1),
+        replace(feathers[7], mirrored=True),
+    ]
+    laid_out(groom_of(*feathers))
+    for other in others:
+        groom = groom_of(*feathers[:7], other, *feathers[8:])
+        with nothing_kept():
+            anew = laid_out(groom)[1]
+        kept = laid_out(groom)[1]
+        assert kept.raised.tobytes() == anew.raised.tobytes()
+        assert kept.lifted.tobytes() == anew.lifted.tobytes()
+
+
 def test_the_skin_is_cleared(kind):
     sphere = trimesh.creation.icosphere(4, radius=0.1)
     corners = np.array(sphere.vertices)[np.array(sphere.faces)]

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from featherfx.groom.skin.skin import bind, closest, follow, is_flat
+from featherfx.groom.skin.skin import bind, bound_before, closest, follow, is_flat
 
 
 def random_mesh(seed, triangles=120):
@@ -144,3 +144,22 @@ def test_flat_triangles_are_known_at_any_size():
     faces = np.array([[0, 1, 2], [0, 1, 3], [1, 1, 1]])
     for size in (1e-6, 1.0, 1e6):
         assert is_flat(size * points, faces).tolist() == [True, False, True]
+
+
+def test_what_was_bound_before_moves_as_what_is_bound_anew():
+    """To the bit; and a radius, a direction or a root that is another is bound by itself."""
+    points, faces = random_mesh(4)
+    random = np.random.default_rng(4)
+    roots, along = random.normal(size=(2, 12, 3))
+    moved = points + 0.1 * random.normal(size=points.shape)
+    found = []
+    for shift, wide in ((0.0, 0.5), (0.0, 0.2), (0.1, 0.5)):
+        how = (roots + shift, points, faces, None, np.full(12, wide), along)
+        for binding in (bound_before(*how), bound_before(*how)):
+            anew = bind(*how)
+            assert binding.used.tolist() == anew.used.tolist()
+            now = follow(binding, moved[faces][binding.used])
+            for one, other in zip(now, follow(anew, moved[faces][anew.used]), strict=True):
+                assert one.tobytes() == other.tobytes()
+        found.append(b"".join(each.tobytes() for each in now))
+    assert len(set(found)) == 3

@@ -12,7 +12,8 @@ import os
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,6 +67,7 @@ _VANE_STRENGTHS = (
     "barb_clamp_in_plane", "hook_yield_across", "hook_yield_shear", "hook_strength", "poisson",
 )  # fmt: skip
 _SHAFT_STRENGTHS = ("young", "shear", "cortex_density", "core_density", "loss_factor")
+_OF_KIND = ("kind", "prototype", "size")
 
 
 @dataclass(frozen=True)
@@ -149,8 +151,9 @@ def laid_out(groom: Groom) -> tuple[Groom, LayoutReport | None]:
     return replace(groom, feathers=feathers), _report(groom, laid)
 
 
-def _shapes(placements: Sequence[Placement]) -> list[Placement]:
-    """Feathers without what only their motion depends on, so that a layout outlives its change."""
+def _shapes(placements: Sequence[Placement]) -> list[Any]:
+    """What a layout depends on of feathers, without what only their motion does, so that it
+    outlives a change of that. A kind counts as its prototype in its size."""
     known: dict[int, FeatherKind] = {}
 
     def shape(kind: FeatherKind) -> FeatherKind:
@@ -163,10 +166,12 @@ def _shapes(placements: Sequence[Placement]) -> list[Placement]:
             known[id(kind)] = plain
         return known[id(kind)]
 
-    return [
-        replace(each, kind=shape(each.kind), prototype=each.prototype and shape(each.prototype))
-        for each in placements
-    ]
+    units = [shape(each.prototype or each.kind) for each in placements]
+    sizes = [None if each.prototype is None else each.size for each in placements]
+    names = [each.name for each in fields(Placement) if each.name not in _OF_KIND]
+    columns = zip(*map(attrgetter(*names), placements), strict=True)
+    own = [np.stack(each) if isinstance(each[0], np.ndarray) else each for each in columns]
+    return [units, sizes, *own]
 
 
 class Laid(NamedTuple):

@@ -20,16 +20,16 @@ _STEPS = 48
 
 
 def _intersections(first: Array, second: Array) -> Flags:
-    """(a, b) whether segment i of polyline first (a + 1, 2) meets segment j of second."""
-    start_a, step_a = first[:-1, None], np.diff(first, axis=0)[:, None]
-    start_b, step_b = second[None, :-1], np.diff(second, axis=0)[None]
+    """(..., a, b) whether segment i of polylines first (..., a + 1, 2) meets j of second."""
+    start_a, step_a = first[..., :-1, None, :], np.diff(first, axis=-2)[..., None, :]
+    start_b, step_b = second[..., None, :-1, :], np.diff(second, axis=-2)[..., None, :, :]
     offset = start_b - start_a
     determinant = step_a[..., 0] * step_b[..., 1] - step_a[..., 1] * step_b[..., 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         along_a = (offset[..., 0] * step_b[..., 1] - offset[..., 1] * step_b[..., 0]) / determinant
         along_b = (offset[..., 0] * step_a[..., 1] - offset[..., 1] * step_a[..., 0]) / determinant
     inside = (along_a >= 0) & (along_a <= 1) & (along_b >= 0) & (along_b <= 1)
-    return inside & (np.abs(determinant) > 1e-14)
+    return np.asarray(inside & (np.abs(determinant) > 1e-14))
 
 
 def crossing_segments(outline: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
@@ -39,32 +39,36 @@ def crossing_segments(outline: Sequence[tuple[float, float]]) -> list[tuple[int,
     return [(int(i), int(j)) for i, j in np.argwhere(meets)]
 
 
-def _arc(guide: BarbGuide, origin: float, length: float) -> Array:
-    """(_STEPS + 1, 2) points of a guide's barb of a given length."""
+def _arcs(guides: Sequence[BarbGuide], vane_length: float, lengths: Array) -> Array:
+    """(G, _STEPS + 1, 2) points of the guides' barbs of given lengths (G,)."""
     along = np.linspace(0.0, 1.0, _STEPS + 1)
     middle = 0.5 * (along[1:] + along[:-1])
-    heading = np.radians(guide.angle - guide.curl * middle)
-    steps = np.column_stack((np.cos(heading), np.sin(heading))) * (length / _STEPS)
-    return np.cumsum(np.vstack(([[origin, 0.0]], steps)), axis=0)
+    heading = np.radians([guide.angle - guide.curl * middle for guide in guides])
+    steps = np.stack((np.cos(heading), np.sin(heading)), axis=2)
+    steps *= (lengths / _STEPS)[:, None, None]
+    start = [[[guide.position * vane_length, 0.0]] for guide in guides]
+    return np.cumsum(np.concatenate((start, steps), axis=1), axis=1)
 
 
-def _barb(guide: BarbGuide, edge: Array, vane_length: float) -> Array | None:
-    """A guide's barb up to the outline (edge), or None where it never gets there.
+def _barbs(guides: Sequence[BarbGuide], edge: Array, vane_length: float) -> list[Array | None]:
+    """The guides' barbs up to the outline (edge), None for one that never gets there.
 
-    The barb's curvature depends on its length, so the length is found by bisection: the longest
+    A barb's curvature depends on its length, so the length is found by bisection: the longest
     that has not yet met the edge.
     """
-    origin = guide.position * vane_length
-    short, long = 0.0, 3.0
-    if not _intersections(_arc(guide, origin, long), edge).any():
-        return None
+
+    def meets(lengths: Array) -> Flags:
+        found = _intersections(_arcs(guides, vane_length, lengths), edge).any(axis=(1, 2))
+        return np.asarray(found)
+
+    short, long = np.zeros(len(guides)), np.full(len(guides), 3.0)
+    ends = meets(long)
     for _ in range(40):
         middle = 0.5 * (short + long)
-        if _intersections(_arc(guide, origin, middle), edge).any():
-            long = middle
-        else:
-            short = middle
-    return _arc(guide, origin, short)
+        met = meets(middle)
+        short, long = np.where(met, short, middle), np.where(met, middle, long)
+    barbs = _arcs(guides, vane_length, short)
+    return [barb if end else None for barb, end in zip(barbs, ends, strict=True)]
 
 
 @lru_cache(maxsize=1000)
@@ -75,7 +79,7 @@ def barbs_cross(vane: VaneShape, vane_length: float) -> tuple[int, ...]:
     things, and files that are read again, ask for the same.
     """
     edge = np.asarray(vane.outline, dtype=float) * (vane_length, 1.0)
-    barbs = [_barb(guide, edge, vane_length) for guide in vane.guides]
+    barbs = _barbs(vane.guides, edge, vane_length)
     return tuple(
         index
         for index, (first, second) in enumerate(pairwise(barbs))

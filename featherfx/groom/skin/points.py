@@ -11,6 +11,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import unit
+from featherfx.files.store import kept
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.skin.faults import crossing_triangles, within
 from featherfx.groom.skin.search import search_tree
@@ -101,10 +102,14 @@ class SkinSurface:
     @cached_property
     def room(self) -> Array:
         """(T, 3) m, at the corners: radius of the largest ball that touches the skin outside."""
-        triangles = self.source.triangles
-        used, own = np.unique(triangles, return_inverse=True)
-        radii = room_above(self.source.points[used], self.normals[used], self.diagonal)
-        return radii[own.reshape(triangles.shape)]
+        triangles, points = self.source.triangles, self.source.points
+
+        def compute() -> dict[str, Array]:
+            used, own = np.unique(triangles, return_inverse=True)
+            radii = room_above(points[used], self.normals[used], self.diagonal)
+            return {"radii": radii[own.reshape(triangles.shape)]}
+
+        return kept("room", [points, triangles], compute)["radii"]
 
     @cached_property
     def _tree(self) -> Any:

@@ -6,11 +6,14 @@ that point. It turns with the skin around it: see field.py.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.files.store import kept
 from featherfx.groom.skin.field import TurnField, turn_field
 from featherfx.groom.skin.search import search_tree, size_classes
 
@@ -36,6 +39,19 @@ class Binding:
     field: TurnField
     used: Indices
     own: Indices
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, Any]) -> Binding:
+        """From arrays by the names of its fields and of the field's."""
+        inner = {each.name for each in fields(TurnField)}
+        field = TurnField(**{name: arrays[name] for name in inner})
+        return cls(field=field, **{k: each for k, each in arrays.items() if k not in inner})
+
+    def arrays(self) -> dict[str, Any]:
+        """As `of` takes them."""
+        found = vars(self.field) | vars(self)
+        del found["field"]
+        return found
 
     def some(self, kept: Flags) -> Binding:
         """The roots that are kept, (F,), on the same triangles."""
@@ -93,6 +109,11 @@ def bind(
         used=used,
         own=np.searchsorted(used, triangle),
     )
+
+
+def bound_before(*how: Any) -> Binding:
+    """As bind; what was bound before is taken from the store."""
+    return Binding.of(kept("binding", how, lambda: bind(*how).arrays()))
 
 
 def follow(binding: Binding, corners: Array, mirrored: bool = False) -> tuple[Array, Array]:

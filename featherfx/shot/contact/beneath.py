@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from featherfx.files.store import kept
 from featherfx.groom.skin.search import search_tree
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.read.sources import TimedSurface
@@ -24,11 +27,10 @@ class SkinBeneath:
 
     def __init__(self, surface: TimedSurface, points: Array) -> None:
         self._surface, rest = surface, np.ascontiguousarray(surface.surface.rest, dtype=np.float64)
-        triangles = outward(surface.surface.triangles, rest).astype(np.int64)
-        self.mesh = SkinMesh(triangles, _beside(triangles))
-        tree = search_tree(rest[triangles].mean(axis=1))
-        self.triangle, self.height = tree.query(points)[1].astype(np.int64), np.zeros(len(points))
-        bind_nodes(points, rest, self.mesh, self.triangle, self.height)
+        given = surface.surface.triangles
+        found = kept("beneath", [rest, given, points], lambda: _over(rest, given, points))
+        self.mesh = SkinMesh(found["triangles"], found["beside"])
+        self.triangle, self.height = found["triangle"], found["height"]
 
     def points(self, time: float) -> Array:
         """(V, 3) m, at a time in s since the first frame."""
@@ -50,6 +52,15 @@ def surfaces_under(
         for key, surface in surfaces.items()
         if len(own := np.concatenate(members[key]))
     ]
+
+
+def _over(rest: Array, given: Indices, points: Array) -> dict[str, Any]:
+    triangles = outward(given, rest).astype(np.int64)
+    mesh = SkinMesh(triangles, _beside(triangles))
+    tree = search_tree(rest[triangles].mean(axis=1))
+    triangle, height = tree.query(points)[1].astype(np.int64), np.zeros(len(points))
+    bind_nodes(points, rest, mesh, triangle, height)
+    return {**mesh._asdict(), "triangle": triangle, "height": height}
 
 
 def _beside(triangles: Indices) -> Indices:

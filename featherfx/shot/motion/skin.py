@@ -10,7 +10,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.skin.search import search_tree
-from featherfx.groom.skin.skin import Binding, bind, closest, follow, is_flat
+from featherfx.groom.skin.skin import Binding, bound_before, closest, follow, is_flat
 from featherfx.groom.types import FeatherKind, Groom
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.read.sources import MovingSurface
@@ -191,5 +191,5 @@ def _part(groom: Groom, surface: MovingSurface, members: Indices, radii: Array) 
         flat = np.zeros((len(surface.st), 3, 3))
         flat[:, :, :2] = surface.st
         search = np.column_stack([np.array(uv), np.zeros(len(uv))]), flat
-    binding = bind(positions, surface.rest, surface.triangles, search, radii, shafts)
+    binding = bound_before(positions, surface.rest, surface.triangles, search, radii, shafts)
     return _Part(surface, members, binding, surface.triangles[binding.used])
