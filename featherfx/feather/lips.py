@@ -21,6 +21,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from featherfx.algebra.types import Flags
+from featherfx.algebra.vectors import dots
 from featherfx.feather.types import Array, Feather, Indices, RowPoints
 
 # s, over which rates of carried points are differenced, of points that move on by their rates
@@ -63,7 +64,7 @@ class Carried:
         along = points.nodes[self.row, self.after] - points.nodes[self.row, self.before]
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         normal = points.directors[self.row, 1]
-        normal = normal - along * np.einsum("lk,lk->l", normal, along)[:, None]
+        normal = normal - along * dots(normal, along)[:, None]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         return np.stack([along, np.cross(normal, along), normal], axis=-1)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, rotation_vectors
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import dots
 from featherfx.feather.hooked import hooked_fraction
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
@@ -312,7 +313,7 @@ def _rachis_rest(centre: Array, frames: Array, length: Array) -> Array:
 
 def _same_sign(turns: Array) -> Array:
     """Quaternions 1.. of a row, each with the sign nearest to the one before it."""
-    sign = np.sign(np.einsum("ni,ni->n", turns[:-1], turns[1:]))
+    sign = np.sign(dots(turns[:-1], turns[1:]))
     return turns[1:] * np.where(sign == 0.0, 1.0, sign)[:, None]
 
 

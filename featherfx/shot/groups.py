@@ -29,11 +29,12 @@ from featherfx.shot.frames import FeatherPose
 from featherfx.shot.islands import ALONE
 from featherfx.shot.loads.forces import force_weights, grip_node
 from featherfx.shot.loads.loads import frame_loads
+from featherfx.shot.loads.types import Force, Grip
 from featherfx.shot.loads.wet import Water
 from featherfx.shot.loads.wind import exposures, sheltered
 from featherfx.shot.motion.roots import Roots, arrived
 from featherfx.shot.patterns import last_fitting
-from featherfx.shot.types import Force, Grip, Shot
+from featherfx.shot.types import Shot
 from featherfx.solver.solver import Settings, Solver, compile_steps
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping

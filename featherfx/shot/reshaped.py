@@ -37,11 +37,11 @@ def reshaped(before: Model, after: Model, state: State) -> State:
     return new
 
 
-def _chained(model: Model, f: int, frames: Array, root: Array) -> Array:
+def _chained(model: Model, feather: int, frames: Array, root: Array) -> Array:
     """(n, 3) points of an unstretched shaft with these row frames (n, 3, 3)."""
     quats = along_rows(frames_to_quats(frames))
     middle = quats_to_frames(quats[1:] + quats[:-1])  # which makes them unit quaternions
-    ways = np.einsum("nij,nj->ni", middle, model.rachis_rest[f, :, :3])
+    ways = np.einsum("nij,nj->ni", middle, model.rachis_rest[feather, :, :3])
     return root + np.concatenate(
-        [np.zeros((1, 3)), np.cumsum(model.length[f, :, None] * ways, axis=0)]
+        [np.zeros((1, 3)), np.cumsum(model.length[feather, :, None] * ways, axis=0)]
     )

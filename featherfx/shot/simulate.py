@@ -43,6 +43,7 @@ from featherfx.shot.hooks import Hooks
 from featherfx.shot.islands import with_pushing
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
+from featherfx.shot.loads.types import Grip
 from featherfx.shot.loads.wet import clumping
 from featherfx.shot.motion.cuts import cut_roots
 from featherfx.shot.motion.motion import root_motion
@@ -59,7 +60,7 @@ from featherfx.shot.together import (
     islands_together,
     restore_contact,
 )
-from featherfx.shot.types import Grip, Shot, Wind
+from featherfx.shot.types import Shot, Wind
 
 # of a frame, step in which a feather that has left its root begins to fall: the first one is of
 # first order

@@ -30,22 +30,22 @@ _FLAT = 1e-6
 
 
 def closed(
-    model: Model, state: State, f: int, touched: Flags, fraction: float, reach: float
+    model: Model, state: State, feather: int, touched: Flags, fraction: float, reach: float
 ) -> Gaps | None:
-    """Gaps of feather f of a state after some of them are closed; None where none is.
+    """Gaps of a feather of a state after some of them are closed; None where none is.
 
     touched: (2, n-1, m, 2) triangles that are looked at. fraction: c, above 0 to 1. reach: m. The
     state is not changed.
     """
-    gaps, hooks = state.gaps_of(f), model.hooks
-    strain, stiffness = state.strains.cell[f, 0], model.cell_stiffness[f]
+    gaps, hooks = state.gaps_of(feather), model.hooks
+    strain, stiffness = state.strains.cell[feather, 0], model.cell_stiffness[feather]
     slipped = (gaps.hooked < 1.0) | (gaps.level > 1.0) | gaps.slip.any(axis=-1)
-    chosen = touched & slipped & (stiffness[..., 0] > 0.0) & (hooks.limit[f, ..., 0] > 0.0)
-    chosen &= _apart(strain) <= reach * model.cell_rest[f, ..., 2] + 1e-12
+    chosen = touched & slipped & (stiffness[..., 0] > 0.0) & (hooks.limit[feather, ..., 0] > 0.0)
+    chosen &= _apart(strain) <= reach * model.cell_rest[feather, ..., 2] + 1e-12
     if not chosen.any():
         return None
     new = Gaps(*(array.copy() for array in gaps))
-    x, k, y = strain[chosen], stiffness[chosen], hooks.limit[f][chosen]
+    x, k, y = strain[chosen], stiffness[chosen], hooks.limit[feather][chosen]
     was_open = gaps.hooked[chosen] == 0.0
     hooked = gaps.hooked[chosen] + fraction * (1.0 - gaps.hooked[chosen])
     hooked[hooked > 1.0 - LOOSE] = 1.0
@@ -59,7 +59,7 @@ def closed(
     work = 0.5 * np.sum(k * ((x - slip) ** 2 - (x - before) ** 2))
     new.hooked[chosen], new.level[chosen], new.slip[chosen] = hooked, level, slip
     new.spent[PREENING] += work
-    new.length[HEALED] += _half_cells(model, f)[chosen] @ (hooked - gaps.hooked[chosen])
+    new.length[HEALED] += _half_cells(model, feather)[chosen] @ (hooked - gaps.hooked[chosen])
     return new
 
 
@@ -69,7 +69,7 @@ def _apart(strain: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(square, _FLAT)) - 1.0)
 
 
-def _half_cells(model: Model, f: int) -> Array:
+def _half_cells(model: Model, feather: int) -> Array:
     """(2, n-1, m, 2) m, length of a gap that each triangle stands for."""
-    own = np.stack([model.segment[f, :, :-1], model.segment[f, :, 1:]], axis=-1)
-    return np.broadcast_to(0.5 * own[:, :, None], model.hooks.growth[f].shape)
+    own = np.stack([model.segment[feather, :, :-1], model.segment[feather, :, 1:]], axis=-1)
+    return np.broadcast_to(0.5 * own[:, :, None], model.hooks.growth[feather].shape)

@@ -29,9 +29,10 @@ from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Placement
 from featherfx.render.scene import DrawnPose
 from featherfx.shot.frames import Frame
+from featherfx.shot.loads.types import Grip
 from featherfx.shot.placement import place
 from featherfx.shot.simulate import Simulation, simulate
-from featherfx.shot.types import Grip, Shot
+from featherfx.shot.types import Shot
 from featherfx.usd.write.write import CacheWriter
 from featherfx.view.page import page
 from featherfx.view.played import STRAIN, Played

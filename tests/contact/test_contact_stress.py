@@ -21,10 +21,11 @@ from test_contact_shots import (
 
 from featherfx.errors import InputWarning, SimulationError
 from featherfx.shot.contact.steps import FrameSteps, Span, StepRules
+from featherfx.shot.loads.types import Force
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.simulate import simulate
-from featherfx.shot.types import Detail, Force, Motion
+from featherfx.shot.types import Detail, Motion
 from featherfx.solver.contact.interval import ContactReport
 from featherfx.solver.state import no_steps
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from featherfx.shot.loads.types import Grip
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
-from featherfx.shot.types import Grip
 
 ROOT = '[[joint]]\nname = "body"\nposition = [0, 0, 0]\n'
 # one side of a fan, and its mirror image

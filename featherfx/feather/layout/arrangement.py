@@ -11,7 +11,7 @@ import numpy as np
 
 from featherfx.algebra.raster import nodes_within
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.crossings import Patches, crossings_of, patches_of
 from featherfx.feather.layout.move_kernels import all_gaps, count_cover
@@ -193,10 +193,9 @@ class SkinPlanes:
     """Tangent planes of a skin: those of the nearest triangle's middle."""
 
     def __init__(self, corners: Array) -> None:
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals = unit(normals)
+        normals = unit(face_products(corners))
         centres = corners.mean(axis=1)
-        offsets = np.einsum("tc,tc->t", centres, normals)
+        offsets = dots(centres, normals)
         self._planes = np.concatenate([normals, offsets[:, None]], axis=1)
         self._tree = search_tree(centres)
         self._points, self._found = np.zeros((0, 0, 3)), np.zeros((0, 0, 4))

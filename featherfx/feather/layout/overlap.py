@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import dots
 from featherfx.feather.rachis import shaft, turn
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Placement, RachisShape
@@ -107,7 +108,7 @@ def near_pairs(strips: Strips, facing: float = LEAST_FACING) -> Indices:
     """(K, 2) feathers that may meet, in no order of theirs; facing as of shingle_pairs."""
     pairs = _near(strips)
     first, second = pairs.T
-    cosine = np.einsum("kc,kc->k", strips.dorsal[first], strips.dorsal[second])
+    cosine = dots(strips.dorsal[first], strips.dorsal[second])
     pairs = pairs[cosine > facing]
     first, second = pairs.T
     shaft = strips.shaft
@@ -131,7 +132,7 @@ def flow_potential(strips: Strips, pairs: Indices) -> Array:
     shaft = strips.shaft / np.linalg.norm(strips.shaft, axis=1, keepdims=True)
     count = len(shaft)
     way = strips.root[second] - strips.root[first]
-    ahead = 0.5 * np.einsum("kc,kc->k", way, shaft[first] + shaft[second])
+    ahead = 0.5 * dots(way, shaft[first] + shaft[second])
     stacked = (strips.group[first] == strips.group[second]) & (strips.group[first] >= 0)
     higher = (strips.stack[first] - strips.stack[second]) * np.linalg.norm(way, axis=1)
     ahead = np.where(stacked, higher, ahead)
@@ -180,12 +181,9 @@ def _near(strips: Strips) -> Indices:
 def segment_distance(first: Array, along: Array, second: Array, across: Array) -> Array:
     """(K,) distance of segments from first to first + along and from second to second + across."""
 
-    def dot(a: Array, b: Array) -> Array:
-        return np.asarray(np.einsum("kc,kc->k", a, b))
-
     gap = first - second
-    aa, bb, ab = dot(along, along), dot(across, across), dot(along, across)
-    ag, bg = dot(along, gap), dot(across, gap)
+    aa, bb, ab = dots(along, along), dots(across, across), dots(along, across)
+    ag, bg = dots(along, gap), dots(across, gap)
     determinant = aa * bb - ab * ab
     slanted = determinant > 1e-12 * aa * bb
     s = np.where(slanted, (ab * bg - bb * ag) / np.where(slanted, determinant, 1.0), 0.0)
@@ -193,4 +191,4 @@ def segment_distance(first: Array, along: Array, second: Array, across: Array) -
     t = np.clip((ab * s + bg) / bb, 0.0, 1.0)
     s = np.clip((ab * t - ag) / aa, 0.0, 1.0)
     apart = gap + s[:, None] * along - t[:, None] * across
-    return np.sqrt(dot(apart, apart))
+    return np.sqrt(dots(apart, apart))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import dots
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
@@ -169,6 +170,6 @@ def _turning(points: SurfacePoints, direction: Array, length: Array) -> tuple[Ar
 def _fall(points: SurfacePoints, way: Array) -> Array:
     """(N,) deg, by which the skin's normal leans towards a way (N, 3) m, at its end."""
     normals = points.surface.normals_near(points.position + way)
-    ahead = np.einsum("nc,nc->n", normals, way) / np.linalg.norm(way, axis=1)
-    up = np.einsum("nc,nc->n", normals, points.normal)
+    ahead = dots(normals, way) / np.linalg.norm(way, axis=1)
+    up = dots(normals, points.normal)
     return np.clip(np.degrees(np.arctan2(ahead, up)), 0.0, _MOST_TURNING)

@@ -19,7 +19,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import rotation_part
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.groom.skin.search import search_tree
 
 # of the mean square distance, by which the centring of weights is held back where triangles stand
@@ -97,7 +97,7 @@ def tangents(corners: Array) -> Array:
 def upright_frames(along: Array, normal: Array) -> Array:
     """(F, 3, 3) right-handed frames: x as near to along as may be, z the normal; (F, 3) each."""
     z = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    x = along - np.einsum("fc,fc->f", along, z)[:, None] * z
+    x = along - dots(along, z)[:, None] * z
     size = np.linalg.norm(x, axis=1, keepdims=True)
     # a shaft that stands square on the skin has no direction along it
     other = np.cross(z, np.eye(3)[np.argmin(np.abs(z), axis=1)])
@@ -120,7 +120,7 @@ def turn_field(
     (T, 3). radius: (F,) m. along: (F, 3).
     """
     corners = points[triangles]
-    products = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    products = face_products(corners)
     areas = np.linalg.norm(products, axis=1)
     normals, centres = products / areas[:, None], corners.mean(axis=1)
     places = np.einsum("fk,fkc->fc", barycentric, corners[triangle])
@@ -161,7 +161,7 @@ def _at_corners(triangle: Indices, barycentric: Array, joined: Indices, areas: A
     root = np.repeat(np.repeat(np.arange(len(triangle)), 3), sizes)
     step = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     near = owner[np.repeat(first[corner], sizes) + step]
-    total = np.einsum("fk,fk->f", barycentric, around[corner].reshape(-1, 3))
+    total = dots(barycentric, around[corner].reshape(-1, 3))
     part = np.repeat(barycentric.ravel() / around[corner], sizes)
     return _Pairs(root, near, total[root] * part * areas[near])
 
@@ -178,7 +178,7 @@ def _within(
     near = np.concatenate([np.array(hit, dtype=np.int64) for hit in hits])
     squared = ((centres[near] - places[root]) ** 2).sum(axis=1)
     falling = np.maximum(1.0 - squared / np.maximum(radius[root] ** 2, 1e-300), 0.0) ** 2
-    same_way = np.maximum(np.einsum("nc,nc->n", facing[root], normals[near]), 0.0)
+    same_way = np.maximum(dots(facing[root], normals[near]), 0.0)
     return _Pairs(root, near, areas[near] * falling * same_way)
 
 
@@ -211,7 +211,7 @@ def _centred(pairs: _Pairs, offsets: Array, facing: Array, count: int) -> Array:
     offsets: (N, 3) m, from roots to triangles; what lies in the plane square to facing counts.
     """
     root = pairs.root
-    height = np.einsum("nc,nc->n", offsets, facing[root])
+    height = dots(offsets, facing[root])
     flat = offsets - height[:, None] * facing[root]
     weight = pairs.weight / np.bincount(root, pairs.weight, count)[root]
     part = pairs._replace(weight=weight)
@@ -222,7 +222,7 @@ def _centred(pairs: _Pairs, offsets: Array, facing: Array, count: int) -> Array:
     thick = facing[:, :, None] * facing[:, None, :] + _STIFFNESS * np.eye(3)
     square = square - mean[:, :, None] * mean[:, None, :] + spread * thick
     tilt = -np.linalg.solve(square, mean[:, :, None])[:, :, 0]
-    change = np.einsum("nc,nc->n", tilt[root], flat - mean[root])
+    change = dots(tilt[root], flat - mean[root])
     starts = np.searchsorted(root, np.arange(count))
     most = np.maximum.reduceat(np.abs(change), starts)
     return np.asarray(weight * (1.0 + change / np.maximum(1.0, most / _MOST_CHANGE)[root]))

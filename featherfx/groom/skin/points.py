@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.files.store import kept
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.skin.faults import crossing_triangles, within
@@ -75,8 +75,7 @@ class SkinSurface:
 
     @cached_property
     def _products(self) -> Array:
-        corners = self.corners
-        return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return face_products(self.corners)
 
     @cached_property
     def areas(self) -> Array:
@@ -198,7 +197,7 @@ def room_above(points: Array, normals: Array, most: float) -> Array:
         if len(active) == 0:
             break
         way = points[near] - points[active]
-        height = np.einsum("nc,nc->n", way, normals[active])
+        height = dots(way, normals[active])
         # a point inside the ball lies above the tangent plane, so the height is positive
-        radius[active] = 0.5 * np.einsum("nc,nc->n", way, way) / np.maximum(height, 1e-300)
+        radius[active] = 0.5 * dots(way, way) / np.maximum(height, 1e-300)
     return radius

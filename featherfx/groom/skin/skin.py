@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import dots, face_products
 from featherfx.files.store import kept
 from featherfx.groom.skin.field import TurnField, turn_field
 from featherfx.groom.skin.search import search_tree, size_classes
@@ -69,7 +70,7 @@ class Binding:
 def is_flat(points: Array, triangles: Indices) -> Flags:
     """(T,) whether triangles have no area to speak of. points: (V, 3), triangles: (T, 3)."""
     corners = points[triangles]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = face_products(corners)
     sides = corners - np.roll(corners, 1, axis=1)
     longest = np.einsum("tkc,tkc->tk", sides, sides).max(axis=1, initial=0.0)
     flat = np.linalg.norm(normal, axis=1) <= _THINNEST * longest
@@ -179,15 +180,15 @@ class _Search:
 
 def _squared_distance(points: Array, weights: Array, corners: Array) -> Array:
     gap = np.einsum("pk,pkc->pc", weights, corners) - points
-    return _dot(gap, gap)
+    return dots(gap, gap)
 
 
 def _closest_weights(points: Array, corners: Array) -> Array:
     """(P, 3) barycentric coordinates of the closest points of triangles (P, 3, 3) to points."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     away = points - corners[:, 0]
-    aa, ab, bb = _dot(first, first), _dot(first, second), _dot(second, second)
-    pa, pb = _dot(away, first), _dot(away, second)
+    aa, ab, bb = dots(first, first), dots(first, second), dots(second, second)
+    pa, pb = dots(away, first), dots(away, second)
     determinant = aa * bb - ab * ab
     safe = np.where(determinant > 0.0, determinant, 1.0)
     v, w = (bb * pa - ab * pb) / safe, (aa * pb - ab * pa) / safe
@@ -196,18 +197,14 @@ def _closest_weights(points: Array, corners: Array) -> Array:
     is_inside = (determinant > 0.0) & (inside >= 0.0).all(axis=1)
     for start, end in ((0, 1), (1, 2), (2, 0)):
         side = corners[:, end] - corners[:, start]
-        length = _dot(side, side)
-        along = _dot(points - corners[:, start], side) / np.where(length > 0.0, length, 1.0)
+        length = dots(side, side)
+        along = dots(points - corners[:, start], side) / np.where(length > 0.0, length, 1.0)
         along = np.clip(along, 0.0, 1.0)
         gap = corners[:, start] + along[:, None] * side - points
-        distance = _dot(gap, gap)
+        distance = dots(gap, gap)
         on_edge = np.zeros_like(inside)
         on_edge[:, start], on_edge[:, end] = 1.0 - along, along
         better = ~is_inside & (distance < squared)
         weights = np.where(better[:, None], on_edge, weights)
         squared = np.where(better, distance, squared)
     return weights
-
-
-def _dot(first: Array, second: Array) -> Array:
-    return np.asarray(np.einsum("pc,pc->p", first, second))

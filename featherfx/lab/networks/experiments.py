@@ -19,6 +19,7 @@ import numpy as np
 from scipy import sparse
 
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import dots
 from featherfx.errors import InputError, Problem, SimulationError, require
 from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, part, value
 from featherfx.lab.networks.krylov import DIRECT, Method, Preconditioner, Solved, solve
@@ -299,4 +300,4 @@ def _pose(layout: NetworkLayout, moved: Array) -> _Pose:
 
 def _angle(one: Array, other: Array) -> Array:
     cross = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
-    return np.arctan2(cross, np.einsum("ij,ij->i", one, other))
+    return np.arctan2(cross, dots(one, other))

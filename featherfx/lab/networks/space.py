@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import dots
 from featherfx.lab.networks.layouts import FibreSection, NetworkLayout
 from featherfx.lab.networks.network import (
     FibreNetwork,
@@ -81,8 +82,8 @@ def _nearest_points(
     apart = middle[one] - middle[other]
     apart[:, [0, 2]] -= np.round(apart[:, [0, 2]])
     b, d = along[one], along[other]
-    between = -np.einsum("ij,ij->i", b, d)
-    by_one, by_other = np.einsum("ij,ij->i", b, apart), -np.einsum("ij,ij->i", d, apart)
+    between = -dots(b, d)
+    by_one, by_other = dots(b, apart), -dots(d, apart)
     with np.errstate(divide="ignore", invalid="ignore"):
         at_one = (by_other * between - by_one) / (1.0 - between**2)
         at_other = (by_one * between - by_other) / (1.0 - between**2)

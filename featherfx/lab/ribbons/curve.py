@@ -33,6 +33,7 @@ import numpy as np
 from scipy.special import binom
 
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import dots
 from featherfx.lab.ribbons.energy import Ribbon, monomials, values_at
 
 LINKS = 8
@@ -152,7 +153,7 @@ def slopes_of_loads(
     jacobian = angle_slopes(ribbon, unknowns, links)
     before = np.cumsum(axes[:, :, None] * jacobian[:, None, :], axis=0)
     half = np.einsum("jku,jk->ju", before, second).T @ jacobian
-    own = jacobian.T @ (np.einsum("jk,jk->j", axes, second)[:, None] * jacobian)
+    own = jacobian.T @ (dots(axes, second)[:, None] * jacobian)
     matrix = half + half.T - own
     # the twist is a product of two unknowns
     size, step = ribbon.nodes, link_lengths(ribbon, links)[:, None]

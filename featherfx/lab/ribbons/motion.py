@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import dots
 from featherfx.errors import SimulationError, require
 from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, value
 from featherfx.lab.ribbons.curve import (
@@ -159,7 +160,7 @@ class RibbonMotion:
     def energy(self, state: RibbonState) -> float:
         """J, elastic, kinetic and of the weight."""
         rates = state.motion.velocity[:, 0]
-        kinetic = 0.5 * float(self._mass @ np.einsum("pk,pk->p", rates, rates))
+        kinetic = 0.5 * float(self._mass @ dots(rates, rates))
         weight = float(np.sum(self._weight * self.points(state.unknowns)))
         return elastic(self.ribbon, state.unknowns)[0] + kinetic - weight
 
@@ -256,7 +257,7 @@ class _Quadratic(NamedTuple):
         force, stiffness = self.force - pulled, self.stiffness.copy()
         if self.drag is not None:
             factor, normal, past, rate, wind = self.drag
-            along = np.einsum("pk,pk->p", rate * (points - past) - wind, normal)
+            along = dots(rate * (points - past) - wind, normal)
             size = np.abs(along)
             energy += float(factor @ size**3) / (3.0 * rate)
             force -= (factor * size * along)[:, None] * normal

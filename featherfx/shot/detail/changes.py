@@ -102,15 +102,15 @@ class Fades:
             self.grown[f] = min(self._most, allowed / max(apart, 1e-30), 1.0 - self.weight[f])
             self.weight[f] += self.grown[f]
 
-    def blended(self, f: int, poses: Mapping[tuple[int, int], FeatherPose]) -> FeatherPose:
+    def blended(self, feather: int, poses: Mapping[tuple[int, int], FeatherPose]) -> FeatherPose:
         """A feather's pose from those of its levels."""
-        first = poses[f, int(self.now[f])]
-        weight = self.weight[f]
+        first = poses[feather, int(self.now[feather])]
+        weight = self.weight[feather]
         if weight == 0.0:
             return first
-        second = poses[f, int(self.to[f])]
+        second = poses[feather, int(self.to[feather])]
         way = both(np.subtract, second.points, first.points)
-        rate = self.grown[f] / self._duration
+        rate = self.grown[feather] / self._duration
         change = both(np.subtract, second.velocities, first.velocities)
         bend = both(np.subtract, second.accelerations, first.accelerations)
         return FeatherPose(

@@ -111,10 +111,10 @@ class Detailer:
         ]
         require(*problems)
 
-    def resolution(self, f: int, level: str) -> Resolution:
+    def resolution(self, feather: int, level: str) -> Resolution:
         """Of one feather at a level."""
-        n, m, count, tolerance = self._chosen[f]
-        if level == "full" and self._hooked[f]:
+        n, m, count, tolerance = self._chosen[feather]
+        if level == "full" and self._hooked[feather]:
             n = self._quality.rows  # a split is drawn where it is
         if level != "full":
             n = min(n, max(LEAST_ROWS, (n + 1) // 2))
@@ -227,10 +227,10 @@ def settings_for(
     return own
 
 
-def _pressure(kind: FeatherKind, loads: LoadEstimate, f: int) -> float:
+def _pressure(kind: FeatherKind, loads: LoadEstimate, feather: int) -> float:
     """Pa on the vane of a feather by its own inertia and the air."""
-    inertia = kind.vane_material.surface_density * loads.acceleration[f]
-    return float(inertia + loads.pressure[f])
+    inertia = kind.vane_material.surface_density * loads.acceleration[feather]
+    return float(inertia + loads.pressure[feather])
 
 
 def _doubled(pressure: float) -> float:

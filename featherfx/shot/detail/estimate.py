@@ -39,8 +39,8 @@ class Estimate:
         if id(group) in self._groups:
             self._worse(group, 2, report.error)
 
-    def _worse(self, group: Group, j: int, found: Array) -> None:
-        worst = self._worst[id(group)][:, j]
+    def _worse(self, group: Group, member: int, found: Array) -> None:
+        worst = self._worst[id(group)][:, member]
         np.maximum(worst, found / [f.station[-1] for f in group.feathers], out=worst)
 
     def report(self) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.vectors import dots
 from featherfx.mechanics.model import Loads
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import RootPath
@@ -72,7 +73,7 @@ def undisturbed(
     if coast is not None:
         still |= _straight(path, 0.0 if loads.air[0] > 0.0 else STILL * coast)
     still &= (path.samples[:, 0, :3] == state.centre[:, 0]).all(axis=1)
-    still &= np.abs(np.einsum("fk,fk->f", path.base, state.rotation[:, 0])) > 1.0 - 1e-14
+    still &= np.abs(dots(path.base, state.rotation[:, 0])) > 1.0 - 1e-14
     if loads.grip_stiffness.shape != before.grip_stiffness.shape:
         return np.zeros(count, dtype=np.bool_)
     if loads.grip_stiffness.shape[1]:

@@ -18,6 +18,7 @@ from featherfx.algebra.rotation import (
     shared_turns,
 )
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import dots
 from featherfx.errors import InputError, Problem
 from featherfx.groom.anatomy.bow import bow_fraction
 from featherfx.groom.types import Groom
@@ -110,7 +111,7 @@ class Bows:
     ) -> RootFrames:
         """Roots of flat wings, bent as those of the poses are. rotations, shifts: of carriers."""
         turned = rotation_vectors(poses.rotations)
-        folds = self.folds + np.einsum("jk,jk->j", turned, self.hinges)
+        folds = self.folds + dots(turned, self.hinges)
         return self._bent(roots, bow_fraction(folds)[self.joints, None], rotations, shifts)
 
     def _bent(

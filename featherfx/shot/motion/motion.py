@@ -6,6 +6,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import dots
 from featherfx.errors import InputError
 from featherfx.shot.direction.roots import directed
 from featherfx.shot.motion.act import clocked, together
@@ -118,5 +119,5 @@ def _nearest_branch(vectors: Array, before: Array) -> Array:
     """Rotation vectors (F, 3) on the branch (full turns added) nearest to those before."""
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
     axis = np.divide(vectors, angle, out=np.zeros_like(vectors), where=angle > 1e-12)
-    turns = np.round((np.einsum("fk,fk->f", before, axis) - angle[:, 0]) / (2 * np.pi))
+    turns = np.round((dots(before, axis) - angle[:, 0]) / (2 * np.pi))
     return vectors + 2 * np.pi * turns[:, None] * axis

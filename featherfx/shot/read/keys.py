@@ -14,13 +14,12 @@ from featherfx.groom.keys.values import (
     keys_of,
     tables,
 )
+from featherfx.shot.loads.types import Force, Grip
 from featherfx.shot.types import (
     Channel,
     Contact,
     Detail,
-    Force,
     Free,
-    Grip,
     Layers,
     LevelOfDetail,
     Preen,

@@ -21,6 +21,7 @@ from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
 from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Groom
+from featherfx.shot.loads.types import Force, Grip
 from featherfx.shot.patterns import fits
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.motion import read_motion
@@ -38,9 +39,7 @@ from featherfx.shot.types import (
     Channel,
     Contact,
     Detail,
-    Force,
     Free,
-    Grip,
     Layers,
     Motion,
     Preen,

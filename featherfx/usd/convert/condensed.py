@@ -16,6 +16,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
 from featherfx.algebra.types import Array, Floats, Indices
+from featherfx.algebra.vectors import face_products
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING, TRAILING
 from featherfx.files.whole import standing
@@ -135,7 +136,7 @@ def _leading_is_right(grid: _Grid, feather: CachedFeather, pose: Any) -> bool:
     shaft, leading, trailing = grid.values(pose.points)
     tangent, apart = np.gradient(shaft, axis=0), leading[:, -1] - trailing[:, -1]
     corners = points[feather.triangles[feather.side != 2]]
-    dorsal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
+    dorsal = face_products(corners).sum(axis=0)
     return float((np.cross(dorsal, tangent) * apart).sum()) < 0.0
 
 

@@ -20,6 +20,7 @@ from pxr import Gf, Sdf, UsdGeom, Vt
 
 from featherfx.algebra.rotation import frames_to_quats, rotation_part
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import dots
 from featherfx.errors import InputError, Problem
 from featherfx.phases import counted
 from featherfx.usd import arrays
@@ -373,6 +374,6 @@ def _move(layer: Any, path: Any, codes: Sequence[float], motion: Motion) -> None
 
 def _continuous(quats: Array) -> Array:
     """Quaternions (F, 4) each of the sign that is nearer to the one before."""
-    turned = np.einsum("fi,fi->f", quats[1:], quats[:-1]) < 0.0
+    turned = dots(quats[1:], quats[:-1]) < 0.0
     signs = np.cumprod(np.concatenate([[1.0], np.where(turned, -1.0, 1.0)]))
     return np.asarray(quats * signs[:, None])
