@@ -207,16 +207,20 @@ class Channel(SomeFeathers):
 class Target(SomeFeathers):
     """A shape that some feathers are brought to (featherfx/shot/direction/targets.py).
 
-    points: by feather id, (V, 3) m, of the meshes in `shape`; None: the rest shape.
+    points: by feather id, (V, 3) m, of the meshes in `shape`; lines: (k, 3) m, of curves for their
+    shafts. Both None: the rest shape.
     """
 
     shape: Annotated[
-        str, Text(), "rest, or a USD file with the meshes of the feathers as this shot draws them."
+        str,
+        Text(),
+        "rest, or a USD file with the meshes of the feathers as this shot draws them, or with "
+        "curves for their shafts.",
     ] = "rest"
     frame: Annotated[
         int | None,
         _FRAME,
-        "Frame whose roots the file's meshes stand on, and time code in the file; default: "
+        "Frame whose roots the file's shapes stand on, and time code in the file; default: "
         "those of the groom, and the default pose.",
     ] = None
     keys: Annotated[
@@ -233,6 +237,7 @@ class Target(SomeFeathers):
         "How far each point is free around its place in the shape: keeps an outline, not a pose.",
     ] = 0.0
     points: Mapping[str, Array] | None = None
+    lines: Mapping[str, Array] | None = None
 
 
 @dataclass(frozen=True)

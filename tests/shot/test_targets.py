@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from places import SAMPLES
+from pxr import Usd, UsdGeom, Vt
 
 import featherfx
 from featherfx.errors import InputError, InputWarning
@@ -110,6 +111,42 @@ def test_a_shape_that_stretches_the_feather_is_told(shot, bent):
         moved(shot, target)
 
 
+@pytest.fixture(scope="module")
+def lines(shot, bent):
+    """Curves along the shafts of that shape, root to tip."""
+    found = {}
+    for placement, feather in zip(shot.groom.feathers, drawn_feathers(shot), strict=True):
+        surface = feather.surface
+        on_shaft = (surface.offset == 0.0).all(axis=1) & (surface.node == 0)
+        order = np.argsort(surface.row[on_shaft], kind="stable")
+        found[placement.id] = bent[placement.id][on_shaft][order]
+    return found
+
+
+@pytest.mark.parametrize("tolerance", [1.0, 0.1])
+def test_a_curve_is_reached_by_the_shaft_and_left(shot, free, bent, lines, tolerance):
+    # longer, and beside the root: the form counts
+    drawn = {name: 1.5 * (line - line[0]) + line[0] + 0.01 for name, line in lines.items()}
+    target = Target(shape="drawn", lines=drawn, frame=14, keys=HELD, tolerance=tolerance)
+    nodes, run = moved(shot, target)
+    way = np.linalg.norm(nodes - free, axis=-1).max(axis=(1, 2)) / length(shot)
+    assert way[9:13].min() > 0.1
+    assert way[-1] < 0.01
+    (told,) = run.report["targets"]
+    assert told["deviation"] < tolerance
+    # the shaft is where it is in the shape that the curves were taken from; vanes are as at rest
+    surface = drawn_feathers(shot)[0].surface
+    on_node = (surface.offset == 0.0).all(axis=1)
+    apart = np.linalg.norm(
+        nodes[13][surface.row, surface.node][on_node] - bent[FEATHER][on_node], axis=1
+    ) / length(shot)
+    of_shaft = surface.node[on_node] == 0
+    assert 100.0 * apart[of_shaft].max() < tolerance + 0.1
+    rest = drawn_feathers(shot)[0].rest.nodes
+    reach, own = (np.linalg.norm(x - x[:, :1], axis=-1) for x in (rest, nodes[13]))
+    assert np.abs(own - reach).max() < 0.02 * tolerance * length(shot)
+
+
 @pytest.fixture
 def files(tmp_path):
     """A shot whose target is the groom's own export."""
@@ -137,6 +174,49 @@ def test_meshes_of_a_file_are_read(files):
     rest = replace(given, last_frame=3, targets=(Target(keys=((1, 1),)),))
     one, other = (moved(each, *each.targets)[0] for each in (replace(given, last_frame=3), rest))
     assert one == pytest.approx(other, abs=1e-6)
+
+
+def curves_file(path, lines):
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    for name, line in lines.items():
+        curves = UsdGeom.BasisCurves.Define(stage, f"/drawn/{name}")
+        curves.CreateTypeAttr("linear")
+        curves.CreateCurveVertexCountsAttr([len(line)])
+        curves.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(line.astype(np.float32)))
+    stage.Save()
+
+
+def test_curves_of_a_file_are_read(files):
+    """Those of the shafts at rest are the rest shape."""
+    plain = replace(featherfx.read_shot(files), last_frame=3)
+    lines = {
+        placement.id: feather.rest.nodes[:, 0] @ placement.rotation.T + placement.position
+        for placement, feather in zip(plain.groom.feathers, drawn_feathers(plain), strict=True)
+    }
+    curves_file(files.parent / "drawn.usda", lines)
+    given = featherfx.read_shot(with_target(files, 'shape = "drawn.usda"\nkeys = [[1, 1]]'))
+    assert given.targets[0].lines[FEATHER] == pytest.approx(lines[FEATHER], abs=1e-6)
+    rest = Target(keys=((1, 1),))
+    one, other = (moved(plain, each)[0] for each in (given.targets[0], rest))
+    assert one == pytest.approx(other, abs=1e-4 * length(plain))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda line: line[::-1], "it ends there: is it reversed"),
+        (lambda line: line + 9.0, r"begins .* m from its root, allowed"),
+        (lambda line: line[0] + 3.0 * (line - line[0]), r"is .* m long, its shaft .* m; allowed"),
+    ],
+)
+def test_a_curve_that_is_no_shaft_is_refused(shot, lines, change, told):
+    wrong = {name: change(line) for name, line in lines.items()}
+    target = Target(shape="drawn.usda", lines=wrong, frame=14, keys=((1, 1),))
+    with pytest.raises(InputError, match=r"target\[0\].shape: the curve of .* " + told) as caught:
+        simulate(replace(shot, targets=(target,)))
+    assert len(caught.value.problems) == 1
 
 
 def test_another_topology_is_refused(files):

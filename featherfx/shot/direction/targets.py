@@ -29,6 +29,7 @@ from featherfx.feather.density import density_map
 from featherfx.feather.types import Feather, RowPoints, Surface
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.direction.channels import Curve
+from featherfx.shot.direction.shafts import along_line, why_no_shaft
 from featherfx.shot.motion.roots import Roots, arrived
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import Shot, Target
@@ -179,6 +180,7 @@ def targets_of(shot: Shot) -> list[list[Any]]:
                 each.tolerance,
                 each.within,
                 each.points and each.points.get(placement.id),
+                each.lines and each.lines.get(placement.id),
             )
             for each in shot.targets
             if fits(each, placement)
@@ -201,28 +203,31 @@ def _shape(
 ) -> Array:
     """(n, 1 + 2 m, 3) m, nodes of a target's shape in the root frame of a feather, on its grid."""
     target, placement = shot.targets[number], shot.groom.feathers[f]
-    if target.points is None:
+    if target.points is None and target.lines is None:
         return own.rest.nodes
-    at = f"target[{number}].shape"
-    if placement.id not in target.points:
-        message = f"{target.shape} has no feather '{placement.id}'"
-        raise InputError(Problem(str(shot.source), at, message))
-    points, surface = target.points[placement.id], drawn[f].surface
-    if len(points) != len(surface.row):
-        message = (
-            f"'{placement.id}' in {target.shape} has {len(points)} points; this shot's mesh has"
-            f" {len(surface.row)}, of the quality's rows and columns"
-        )
-        raise InputError(Problem(str(shot.source), at, message))
-    if target.frame is None:
-        position, rotation = placement.position, placement.rotation
-    else:
+    name, meshes, lines = placement.id, target.points or {}, target.lines or {}
+    position, rotation = placement.position, placement.rotation
+    if target.frame is not None:
         frames = motion.frames(shot.time_of(target.frame))
         position, rotation = frames.positions[f], frames.rotations[f]
-    shape = _row_points(surface, (points - position) @ rotation, drawn[f])
-    if drawn[f].cell.shape == own.cell.shape:
-        return shape.nodes
-    return density_map(drawn[f], own)(shape).nodes
+    why = f"{target.shape} has no feather '{name}'"
+    if name in meshes:
+        points, surface = meshes[name], drawn[f].surface
+        if len(points) == len(surface.row):
+            shape = _row_points(surface, (points - position) @ rotation, drawn[f])
+            same = drawn[f].cell.shape == own.cell.shape
+            return shape.nodes if same else density_map(drawn[f], own)(shape).nodes
+        why = (
+            f"'{name}' in {target.shape} has {len(points)} points; this shot's mesh has"
+            f" {len(surface.row)}, of the quality's rows and columns"
+        )
+    elif name in lines:
+        line = (lines[name] - position) @ rotation
+        wrong = why_no_shaft(line, float(own.station[-1]))
+        if not wrong:
+            return along_line(own, line)
+        why = f"the curve of '{name}' in {target.shape} {wrong}"
+    raise InputError(Problem(str(shot.source), f"target[{number}].shape", why))
 
 
 def _row_points(surface: Surface, points: Array, feather: Feather) -> RowPoints:

@@ -100,7 +100,7 @@ def _factors(
 def with_shapes(
     targets: Sequence[Target], place: Place, readers: SceneReaders | None
 ) -> tuple[Target, ...]:
-    """The targets with the meshes of their files; problems where these cannot be read."""
+    """The targets with the meshes or curves of their files; problems where these cannot be read."""
     found = []
     for index, target in enumerate(targets):
         at = place.child("target").item(index).child("shape")
@@ -108,7 +108,8 @@ def with_shapes(
             with place.problems.collecting():
                 own = _needed(readers, at)
                 file = own.file(Path(at.source).parent, target.shape)
-                target = replace(target, points=own.poses(file, target.frame, at))
+                points, lines = own.poses(file, target.frame, at)
+                target = replace(target, points=points, lines=lines)
         found.append(target)
     return tuple(found)
 

@@ -88,7 +88,8 @@ class SceneReaders(GroomReaders):
     feathers, skin: see GroomReaders. meshes: (file, prim paths or names, collection,
     rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd], place). camera:
     (file, prim path, place) to a featherfx.shot.detail.view.Camera. poses: (file, time code or
-    None, place) to the points (V, 3) m of the feathers' meshes there, by id.
+    None, place) to the points (V, 3) m of the feathers' meshes there, or else of their shafts'
+    curves (k, 3), by id.
     """
 
     meshes: Callable[[Path, Sequence[str], str | None, float | None, Place], Any]

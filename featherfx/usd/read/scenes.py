@@ -11,10 +11,13 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from featherfx.algebra.types import Array
+from featherfx.groom.keys.groom import DEFAULT_NAMES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.search import search_tree
 from featherfx.shot.detail.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
+from featherfx.usd.read.drawn_meshes import drawn_meshes
+from featherfx.usd.read.groom import read_feathers
 from featherfx.usd.read.read import Cache
 from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.stage import (
@@ -41,6 +44,7 @@ from featherfx.usd.read.values import (
 )
 
 _NEIGHBOURS = 8
+Lines = dict[str, Array]
 
 
 def open_meshes(
@@ -98,11 +102,16 @@ def _members(api: Any, stage: Any) -> Any:
     return Usd.CollectionAPI.ComputeIncludedObjects(query, stage, Usd.TraverseInstanceProxies())
 
 
-def read_poses(path: Path, code: float | None, place: Place) -> dict[str, Array]:
-    """By feather id, (V, 3) m with z up, the points of the meshes of a file at a time code, or of
-    their default pose. Raises InputError."""
+def read_poses(path: Path, code: float | None, place: Place) -> tuple[Lines, Lines]:
+    """What a file has of feathers at a time code, or at rest, by id, in m with z up: (V, 3) points
+    of their meshes; or, where it holds curves and no mesh, (k, 3) of their shafts. Raises
+    InputError."""
     scene = open_scene(path, place)
     with read_for(place):
+        if _has_curves_alone(scene):
+            entry = {"file": str(path), "prims": (), "names": {}, "time": code}
+            _, drawn = read_feathers(entry, path.parent, place)
+            return {}, {each.id or each.name: each.points for each in drawn}
         cache = Cache(path)
         low, high = cache.frames if cache.has_frames else (-np.inf, np.inf)
         if code is not None and not low <= code <= high:
@@ -110,7 +119,15 @@ def read_poses(path: Path, code: float | None, place: Place) -> dict[str, Array]
         return {
             feather.id: cache.pose(index, code).points.astype(np.float64) @ scene.to_world
             for index, feather in enumerate(cache.feathers)
-        }
+        }, {}
+
+
+def _has_curves_alone(scene: SourceScene) -> bool:
+    """Whether curves are all that there is to see; those of condensed feathers have barbs."""
+    curves = [each for each in scene.stage.Traverse() if each.IsA(UsdGeom.BasisCurves)]
+    barbs = f"primvars:{DEFAULT_NAMES['left_barbs']}"
+    plain = bool(curves) and not any(each.HasAttribute(barbs) for each in curves)
+    return plain and next(drawn_meshes(scene.stage), None) is None
 
 
 class UniformWind(ScenePrim):
