@@ -109,7 +109,7 @@ def read_poses(path: Path, code: float | None, place: Place) -> tuple[Lines, Lin
     scene = open_scene(path, place)
     with read_for(place):
         if _has_curves_alone(scene):
-            entry = {"file": str(path), "prims": (), "names": {}, "time": code}
+            entry: dict[str, Any] = {"file": str(path), "prims": (), "names": {}, "time": code}
             _, drawn = read_feathers(entry, path.parent, place)
             return {}, {each.id or each.name: each.points for each in drawn}
         cache = Cache(path)
