@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from featherfx.baking.types import TakenOver, Task
 from featherfx.errors import Problem
 from featherfx.files.content import digest
 from featherfx.shot.replay import Replay
@@ -15,27 +15,11 @@ from featherfx.usd.types import OutputError
 from featherfx.usd.write.resume import difference
 
 if TYPE_CHECKING:
-    from featherfx.baking.task import Task
     from featherfx.shot.checkpoint import Checkpoint
 
 GONE = "was begun with samples of a cache that is gone; --overwrite bakes it anew"
 # settings that need not be equal: frames are looked at, the others are in what feathers depend on
 _FREE = ("frames", "feathers", "textures")
-
-
-@dataclass(frozen=True)
-class TakenOver:
-    """Of an earlier cache at a bake's output.
-
-    cache: the earlier one. feathers: numbers among the bake's of those whose samples are taken.
-    moving: numbers in the shot of those that move as they did, before they are laid over others.
-    changed: what is different, in words.
-    """
-
-    cache: EarlierCache
-    feathers: tuple[int, ...]
-    moving: tuple[int, ...]
-    changed: tuple[str, ...]
 
 
 def taken_over(task: Task, inputs: Mapping[str, str]) -> TakenOver | None:

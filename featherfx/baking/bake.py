@@ -14,7 +14,8 @@ from typing import Any
 
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, takes
-from featherfx.baking.task import Task, prepare
+from featherfx.baking.task import prepare
+from featherfx.baking.types import Task
 from featherfx.files.collecting import seldom_collected
 from featherfx.files.whole import Standing, into, remove_leftovers, standing, write_all
 from featherfx.phases import Account, account, phase

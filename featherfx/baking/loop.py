@@ -10,7 +10,7 @@ import numpy as np
 from featherfx.baking.again import GONE, replay_of
 from featherfx.baking.pace import Pace
 from featherfx.baking.sink import Sink, compared
-from featherfx.baking.task import Task
+from featherfx.baking.types import Task
 from featherfx.errors import Problem
 from featherfx.files.background import Background
 from featherfx.files.collecting import seldom_collected

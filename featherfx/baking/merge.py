@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from featherfx.baking.sink import new_writer, tables
-from featherfx.baking.task import Task
+from featherfx.baking.types import Task
 from featherfx.errors import Problem
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number

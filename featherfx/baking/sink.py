@@ -7,7 +7,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Self
 
 from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
-from featherfx.baking.task import Task
+from featherfx.baking.types import Task
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.frames import Frame
 from featherfx.shot.layers.types import Laid

@@ -27,7 +27,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.baking.bake import resident_bytes
 from featherfx.baking.options import TRIAL_SECONDS, BakeOptions
-from featherfx.baking.task import Task
+from featherfx.baking.types import Task
 from featherfx.errors import InputWarning
 from featherfx.phases import Account, phase
 from featherfx.shot.detail.detail import CARRIED, Resolution

@@ -18,7 +18,8 @@ from featherfx.baking.bake import carry_out
 from featherfx.baking.entries import drawn_entries
 from featherfx.baking.merge import merge, merge_piece
 from featherfx.baking.options import BakeOptions
-from featherfx.baking.task import Task, prepare
+from featherfx.baking.task import prepare
+from featherfx.baking.types import Task
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.farm.places import Shares, mapped
 from featherfx.files.content import program_digest

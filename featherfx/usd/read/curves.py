@@ -102,8 +102,8 @@ def _check_sizes(points: Array, counts: Indices, basis: str, pinned: bool, place
 class Values:
     """Named primvars of a prim, inherited ones included.
 
-    names: primvars by what they hold, over the default names. elements: number of curves or
-    instances. starts: index of each element's first point, where they have points (else None).
+    names: primvars by what they hold, over the default names. starts: index of the first point of
+    each curve, and of the end; None: of instances.
     """
 
     def __init__(
@@ -128,52 +128,7 @@ class Values:
         if self._starts is not None and len(values) == self._starts[-1]:
             return values[self._starts[element]]
         self._read[what] = None
-        self._fail(what, f"has {len(values)} values for {elements} elements")
-        return None
-
-    def text(self, what: str, element: int, elements: int) -> str:
-        value = self.get(what, element, elements)
-        if value is not None and not isinstance(value, str | int):
-            self._fail(what, f"is {described(value)}, expects a text")
-            return ""
-        return "" if value is None else str(value)
-
-    def number(self, what: str, element: int, elements: int, fallback: float) -> float:
-        value = self.get(what, element, elements)
-        if value is None:
-            return fallback
-        if not isinstance(value, int | float) or not np.isfinite(value) or not value > 0.0:
-            self._fail(what, f"is {described(value)}, expects a number above 0")
-            return fallback
-        return float(value)
-
-    def vector(self, what: str, element: int, elements: int, size: int) -> Array | None:
-        """(size,) numbers; None where there are none, after adding a problem if they are bad."""
-        value = self.get(what, element, elements)
-        if value is None:
-            return None
-        try:
-            array = np.array(value, dtype=np.float64).reshape(-1)
-        except (TypeError, ValueError):
-            array = np.zeros(0)
-        if array.shape != (size,) or not np.isfinite(array).all():
-            self._fail(what, f"is {described(value)}, expects {size} finite numbers")
-            return None
-        return array
-
-    def frame(self, element: int, elements: int) -> Array | None:
-        """(3, 3) rows x, y, z of the feather's frame, from a matrix or a quaternion."""
-        value = self.get("frame", element, elements)
-        if value is None:
-            return None
-        if isinstance(value, Gf.Quatf | Gf.Quatd | Gf.Quath):
-            value = Gf.Matrix3d(Gf.Rotation(Gf.Quatd(value)))
-        if isinstance(value, Gf.Matrix3f | Gf.Matrix3d | Gf.Matrix4f | Gf.Matrix4d):
-            array = np.array(value, dtype=np.float64)
-            if np.isfinite(array).all():
-                return array[:3, :3]
-        message = f"is {described(value)}, expects a quaternion or a 3 x 3 or 4 x 4 matrix"
-        self._fail("frame", message)
+        self.fail(what, f"has {len(values)} values for {elements} elements")
         return None
 
     def barbs(self, what: str, points: int) -> Array | None:
@@ -183,12 +138,12 @@ class Values:
             return None
         counts = array_of(self._primvar(what, ":lengths").GetAttr(), self._code, INTEGERS)
         if counts is not None and len(set(counts.tolist())) > 1:
-            self._fail(what, "has different counts at different points, expects one")
+            self.fail(what, "has different counts at different points, expects one")
             return None
         kind = NUMBERS if np.ndim(values[0]) == 0 else VECTORS
         numbers = numbers_of(values, kind, primvar.GetAttr()).astype(np.float64)
         if points == 0 or numbers.size % (3 * points) or not np.isfinite(numbers).all():
-            self._fail(what, f"has {len(values)} values for {points} points, or not finite ones")
+            self.fail(what, f"has {len(values)} values for {points} points, or not finite ones")
             return None
         return numbers.reshape(points, -1, 3)
 
@@ -203,5 +158,64 @@ class Values:
     def _primvar(self, what: str, suffix: str = "") -> Any:
         return self._primvars.FindPrimvarWithInheritance(self._names[what] + suffix)
 
-    def _fail(self, what: str, message: str) -> None:
+    def fail(self, what: str, message: str) -> None:
+        """Add a problem of what holds something."""
         self._place.child("primvars:" + self._names[what]).fail(message)
+
+
+@dataclass(frozen=True)
+class Element:
+    """One curve or instance of a prim: what primvars say of it. number: which one, of how many."""
+
+    values: Values
+    number: int
+    of: int
+
+    def get(self, what: str) -> Any:
+        """The value, None where there is none."""
+        return self.values.get(what, self.number, self.of)
+
+    def text(self, what: str) -> str:
+        value = self.get(what)
+        if value is not None and not isinstance(value, str | int):
+            self.values.fail(what, f"is {described(value)}, expects a text")
+            return ""
+        return "" if value is None else str(value)
+
+    def positive(self, what: str, fallback: float) -> float:
+        value = self.get(what)
+        if value is None:
+            return fallback
+        if not isinstance(value, int | float) or not np.isfinite(value) or not value > 0.0:
+            self.values.fail(what, f"is {described(value)}, expects a number above 0")
+            return fallback
+        return float(value)
+
+    def vector(self, what: str, size: int) -> Array | None:
+        """(size,) numbers; None where there are none, after adding a problem if they are bad."""
+        value = self.get(what)
+        if value is None:
+            return None
+        try:
+            array = np.array(value, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError):
+            array = np.zeros(0)
+        if array.shape != (size,) or not np.isfinite(array).all():
+            self.values.fail(what, f"is {described(value)}, expects {size} finite numbers")
+            return None
+        return array
+
+    def frame(self) -> Array | None:
+        """(3, 3) rows x, y, z of the feather's frame, from a matrix or a quaternion."""
+        value = self.get("frame")
+        if value is None:
+            return None
+        if isinstance(value, Gf.Quatf | Gf.Quatd | Gf.Quath):
+            value = Gf.Matrix3d(Gf.Rotation(Gf.Quatd(value)))
+        if isinstance(value, Gf.Matrix3f | Gf.Matrix3d | Gf.Matrix4f | Gf.Matrix4d):
+            array = np.array(value, dtype=np.float64)
+            if np.isfinite(array).all():
+                return array[:3, :3]
+        message = f"is {described(value)}, expects a quaternion or a 3 x 3 or 4 x 4 matrix"
+        self.values.fail("frame", message)
+        return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -16,7 +17,7 @@ from featherfx.errors import all_of
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.condensed import DrawnBarbs
 from featherfx.groom.read.drawn import DrawnFeather
-from featherfx.usd.read.curves import Values, curves_of
+from featherfx.usd.read.curves import Element, Values, curves_of
 from featherfx.usd.read.drawn_meshes import instance_matrices
 from featherfx.usd.read.opening import located
 from featherfx.usd.read.stage import (
@@ -49,11 +50,9 @@ class _Curve:
     """One curve of a prim in the prim's own space, points (k, 3), with what its primvars say."""
 
     prim: Any
-    number: int
-    of: int
     points: Array
     barbs: DrawnBarbs | None
-    values: Values
+    own: Element
 
 
 def read_feathers(
@@ -114,8 +113,9 @@ def _feathers(
         code = _code(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
         matrix = scene.matrix(prim, transform_code(prim, code))
         path = str(prim.GetPath())
-        label = path if curve.of == 1 else f"{path}[{curve.number}]"
-        name = prim.GetName() + ("" if curve.of == 1 else f"_{curve.number:04d}")
+        alone, number = curve.own.of == 1, curve.own.number
+        label = path if alone else f"{path}[{number}]"
+        name = prim.GetName() + ("" if alone else f"_{number:04d}")
         yield _feather(curve, matrix, label, name, None)
 
 
@@ -133,30 +133,28 @@ def _curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
     if (left is None) != (right is None):
         at.fail("has barbs on one side only; a condensed feather has P_barbl and P_barbr")
     for number in range(len(curves)):
-        part = slice(curves.starts[number], curves.starts[number + 1])
+        own = Element(values, number, len(curves))
         if left is None or right is None:
-            yield _Curve(prim, number, len(curves), curves.line(number), None, values)
+            yield _Curve(prim, curves.line(number), None, own)
         else:
+            part = slice(curves.starts[number], curves.starts[number + 1])
             barbs = DrawnBarbs(left[part], right[part])
-            yield _Curve(prim, number, len(curves), curves.control(number), barbs, values)
+            yield _Curve(prim, curves.control(number), barbs, own)
 
 
 def _feather(
-    curve: _Curve, matrix: Array, label: str, name: str, instance: tuple[Values, int, int] | None
+    curve: _Curve, matrix: Array, label: str, name: str, instance: Element | None
 ) -> DrawnFeather:
     """A curve carried into the world by a matrix (4, 4).
 
-    instance: primvars of the instancer, number of the instance and of how many; its values win.
+    instance: of the instancer; its values win.
     """
-    own = (curve.values, curve.number, curve.of)
-    sources = [own] if instance is None else [instance, own]
+    sources = [curve.own] if instance is None else [instance, curve.own]
 
     def text(what: str) -> str:
-        return next((found for v, k, n in sources if (found := v.text(what, k, n))), "")
+        return next((found for each in sources if (found := each.text(what))), "")
 
-    scale = 1.0
-    for values, number, of in sources:
-        scale *= values.number("scale", number, of, 1.0)
+    scale = math.prod(each.positive("scale", 1.0) for each in sources)
     barbs = curve.barbs
     if barbs is not None:
         sides = [transformed(side, matrix) for side in (barbs.left, barbs.right)]
@@ -166,29 +164,33 @@ def _feather(
         sides = [root + scale * (side - root) for side in sides]
         barbs = DrawnBarbs(*(reversed(sides) if mirrored else sides))
     points = transformed(curve.points, matrix)
-    skin_uv = next((u for v, k, n in sources if (u := v.vector("skin_uv", k, n, 2)) is not None), 0)
+    drawn = (place for each in sources if (place := each.vector("skin_uv", 2)) is not None)
+    skin_uv = _pair(next(drawn, None))
     return DrawnFeather(
         label=label,
         name=name,
-        id=sources[0][0].text("id", *sources[0][1:]),
+        id=sources[0].text("id"),
         kind=text("kind"),
         region=text("region"),
         points=points[:1] + scale * (points - points[:1]),
         direction=None,
-        up=_up(own, matrix),
+        up=_up(curve.own, matrix),
         scale=1.0,
         mirrored=bool(np.linalg.det(matrix[:3, :3]) < 0.0),
         skin=text("skin"),
-        skin_uv=None if isinstance(skin_uv, int) else (float(skin_uv[0]), float(skin_uv[1])),
+        skin_uv=skin_uv,
         barbs=barbs,
     )
 
 
-def _up(source: tuple[Values, int, int], matrix: Array) -> Array | None:
+def _pair(values: Array | None) -> tuple[float, float] | None:
+    return None if values is None else (float(values[0]), float(values[1]))
+
+
+def _up(source: Element, matrix: Array) -> Array | None:
     """(3,) dorsal in the world, from a frame or an up vector."""
-    values, number, of = source
-    frame = values.frame(number, of)
-    up = values.vector("up", number, of, 3) if frame is None else frame[2]
+    frame = source.frame()
+    up = source.vector("up", 3) if frame is None else frame[2]
     if up is None:
         return None
     turned = up @ matrix[:3, :3]
@@ -225,51 +227,46 @@ def _instances(
         whole = matrices[k] @ to_stage
         mark = k if ids is None else ids[k]
         label, name = f"{prim.GetPath()}[{k}]", f"{prim.GetName()}_{mark:04d}"
-        of = (values, k, len(numbers))
-        yield from _instanced(templates[number], whole, scene.meters_per_unit, label, name, of)
+        own = Element(values, k, len(numbers))
+        yield from _instanced(templates[number], whole, scene.meters_per_unit, label, name, own)
 
 
 def _template(scene: SourceScene, path: Any, entry: dict[str, Any], at: Place, place: Place) -> Any:
-    """[(curve, matrix to the prototype's space)] and values."""
+    """[(curve, matrix to the prototype's space)], and the prototype itself."""
     prim, found = find_prim(scene, str(path), at.child("prototypes")), []
     root = inverse_of(prim, DEFAULT)
     for each in prims_below(prim):
         if each.IsA(UsdGeom.BasisCurves):
             relative = matrix_of(each, DEFAULT) @ root
             found += [(curve, relative) for curve in _curves(each, entry, place)]
-    return found, Values(prim, entry["names"], DEFAULT, None, place.child(str(path)))
+    values = Values(prim, entry["names"], DEFAULT, None, place.child(str(path)))
+    return found, Element(values, 0, 1)
 
 
 def _instanced(
-    template: Any,
-    matrix: Array,
-    unit: float,
-    label: str,
-    name: str,
-    of: tuple[Values, int, int],
+    template: Any, matrix: Array, unit: float, label: str, name: str, own: Element
 ) -> Iterator[DrawnFeather]:
-    curves, own = template
+    curves, prototype = template
     for curve, relative in curves:
-        several = "" if len(curves) == 1 else f"_{curve.prim.GetName()}_{curve.number}"
-        yield _feather(curve, relative @ matrix, label + several, name + several, of)
+        several = "" if len(curves) == 1 else f"_{curve.prim.GetName()}_{curve.own.number}"
+        yield _feather(curve, relative @ matrix, label + several, name + several, own)
     if curves:
         return
     # a template without a curve: its kind at its own size, shaft along x, dorsal along z
-    values, k, n = of
     size = float(abs(np.linalg.det(matrix[:3, :3]))) ** (1.0 / 3.0) / unit
-    uv = values.vector("skin_uv", k, n, 2)
+    skin_uv = _pair(own.vector("skin_uv", 2))
     yield DrawnFeather(
         label=label,
         name=name,
-        id=values.text("id", k, n),
-        kind=values.text("kind", k, n) or own.text("kind", 0, 1),
-        region=values.text("region", k, n) or own.text("region", 0, 1),
+        id=own.text("id"),
+        kind=own.text("kind") or prototype.text("kind"),
+        region=own.text("region") or prototype.text("region"),
         points=matrix[None, 3, :3],
         direction=matrix[0, :3],
         up=matrix[2, :3],
-        scale=size * values.number("scale", k, n, 1.0),
+        scale=size * own.positive("scale", 1.0),
         mirrored=bool(np.linalg.det(matrix[:3, :3]) < 0.0),
-        skin=values.text("skin", k, n),
-        skin_uv=None if uv is None else (float(uv[0]), float(uv[1])),
+        skin=own.text("skin"),
+        skin_uv=skin_uv,
         barbs=None,
     )
