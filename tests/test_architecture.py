@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections import Counter
 from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -109,6 +110,27 @@ def test_a_wrong_arrow_is_seen(tmp_path, monkeypatch):
         assert len(list(wrong_arrows(room, file))) == 1
     file.write_text("from featherfx import simulate\n")
     assert len(list(wrong_arrows("shot", file))) == 1
+
+
+def imported_files(files):
+    """Of each file, those of them that it imports, for types alone too."""
+    named = {".".join(each.relative_to(ROOT).with_suffix("").parts): each for each in files}
+    found = {}
+    for file in files:
+        # a module, or a name within one
+        names = [n for module, _ in imports_of(file) for n in (module, module.rpartition(".")[0])]
+        found[file] = {named[name] for name in names if name in named}
+    return found
+
+
+def test_no_files_import_each_other(tmp_path, monkeypatch):
+    TopologicalSorter(imported_files(sorted(PACKAGE.rglob("*.py")))).prepare()
+    monkeypatch.setitem(globals(), "ROOT", tmp_path)
+    one, other = tmp_path / "one.py", tmp_path / "other.py"
+    one.write_text("def late():\n    from other import name\n")
+    other.write_text("from one import late\n")
+    with pytest.raises(CycleError):
+        TopologicalSorter(imported_files([one, other])).prepare()
 
 
 @pytest.mark.parametrize("library", HOME_OF)
