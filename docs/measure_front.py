@@ -4,7 +4,9 @@ python docs/measure_front.py [--scenes]
 
 The shaken swan primary of the benchmarks: error beside the reference of `featherfx bench`, and
 processor time, of every setting once, and of those near the front five times more, the least. With
---scenes: of preview, and of preview with fewer rows and columns, in scenes of other kinds.
+--scenes: of draft, of preview, and of these with other rows, columns and tolerances, in scenes of
+other kinds, of which every feather is there four times, so that what a shot costs by itself counts
+as little as in larger ones.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from itertools import product
+from math import exp, inf, log
 
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
@@ -21,7 +24,7 @@ from featherfx.lab.bench.scenes import scene
 from featherfx.lab.bench.shake import Shake, ShakeRun, barb_curvature, swan_primary
 from featherfx.lab.bench.shake import trajectory_error as error_of
 from featherfx.shot.groups import NEWTON_FRACTION
-from featherfx.shot.types import Quality
+from featherfx.shot.types import Quality, Shot
 
 GRIDS = tuple(product((4, 5, 6, 8, 11), (2, 3, 4), (0, 1)))
 TOLERANCES = (4e-3, 2.5e-3, 1e-3, 7e-4, 3.5e-4, 1.5e-4)
@@ -33,7 +36,18 @@ NEAR, AGAIN = 1.3, 5
 
 SCENES = ("shake in vacuum", "flap", "gust", "pull", "soft plume")
 FINEST = scenes.Setting(rows=57, columns=12, coefficients=3, tolerance=1e-5)
-FEWER = ({}, {"simulated_columns": 4}, {"simulated_rows": 8, "simulated_columns": 4})
+COPIES, ROUNDS = 4, 2
+CHANGES: tuple[tuple[str, dict[str, float]], ...] = (
+    ("draft", {}),
+    ("draft", {"simulated_columns": 2}),
+    ("draft", {"simulated_columns": 2, "tolerance": 3.5e-4}),
+    ("draft", {"simulated_rows": 8}),
+    ("preview", {}),
+    ("preview", {"simulated_columns": 4}),
+    ("preview", {"tolerance": 3.5e-4}),
+    ("preview", {"simulated_rows": 15, "simulated_columns": 4}),
+    ("preview", {"simulated_rows": 11, "simulated_columns": 4}),
+)
 
 Timed = tuple[Shake, ShakeRun, float]
 
@@ -86,16 +100,41 @@ def show(name: str, timed: Timed) -> None:
     )
 
 
+def many(shot: Shot) -> Shot:
+    """A shot of which every feather, and grip, is there several times in the same place."""
+
+    def named(name: str, k: int) -> str:
+        return f"{name}_{k}" if k else name
+
+    copies, grips = range(COPIES), shot.grips
+    feathers = [replace(p, id=named(p.id, k)) for k in copies for p in shot.groom.feathers]
+    return replace(
+        shot,
+        groom=replace(shot.groom, feathers=tuple(feathers)),
+        grips=tuple(replace(g, feather=named(g.feather, k)) for k in copies for g in grips),
+        twins="none",
+    )
+
+
 def compare() -> None:
-    values = plain(load_preset("quality/preview")[1])
-    for name in SCENES:
-        shot = scene(name)
-        finest = scenes.run(scenes.at(shot, FINEST))
-        for change in FEWER:
-            own = replace(shot, quality=Quality(name="preview", **(values | change)))
-            found = min((scenes.run(own) for _ in range(3)), key=lambda each: each.seconds)
-            worst = 100.0 * max(scenes.errors(found, finest))
-            print(f"| {name} | {change or 'as it is'} | {worst:.2f} | {1e3 * found.seconds:.0f} |")
+    finest = {name: scenes.run(scenes.at(scene(name), FINEST)) for name in SCENES}
+    least: dict[tuple[int, str], float] = {}
+    errors: dict[tuple[int, str], list[float]] = {}
+    for _, (k, (base, change)), name in product(range(ROUNDS), enumerate(CHANGES), SCENES):
+        values = plain(load_preset(f"quality/{base}")[1]) | change
+        shot = many(scene(name))
+        found = scenes.run(replace(shot, quality=Quality(name=base, **values)))
+        cost = 1e3 * found.seconds / len(shot.groom.feathers)
+        least[k, name] = min(cost, least.get((k, name), inf))
+        first = {f: found.feathers[f] for f in finest[name].feathers}
+        own = scenes.errors(found._replace(feathers=first), finest[name])
+        errors[k, name] = [100.0 * each for each in own]
+    for k, (base, change) in enumerate(CHANGES):
+        of_scenes = [f"{max(errors[k, n]):.2f}, {least[k, n]:.0f} ms" for n in SCENES]
+        every = [each for n in SCENES for each in errors[k, n]]
+        middle = exp(sum(log(each) for each in every) / len(every))
+        cost = sum(least[k, n] for n in SCENES) / len(SCENES)
+        print(f"| {base} {change or ''} | {' | '.join(of_scenes)} | {middle:.2f}, {cost:.0f} ms |")
 
 
 if __name__ == "__main__":

@@ -190,8 +190,8 @@ class Loads(NamedTuple):
     """What acts on a batch during a step.
 
     gravity: (3,) m/s^2. air: (4,) air density kg/m^3, normal and tangential vane coefficients,
-    shaft coefficient. wind_mean: (F, 3) m/s, or (3,) for all feathers; wind_wave: (K, 3) rad/m,
-    wind_rate: (K,) rad/s, wind_amplitude: (K, 3) m/s, wind_phase: (K,) rad: mean + sum amplitude
+    shaft coefficient. wind_mean: (F, 3) m/s, or (3,) for all feathers; wind_wave: (3, K) rad/m,
+    wind_rate: (K,) rad/s, wind_amplitude: (3, K) m/s, wind_phase: (K,) rad: mean + sum amplitude
     cos(wave.x - rate t + phase). grip_node: (F, G, 2) row and node, row -1 for none.
     grip_start, grip_end: (F, G, 3) m, target at the frame's start and end. grip_stiffness: (F, G)
     N/m. grip_slack: (F, G) m, how far a grip's point is free around the target, or (0, 0). force:
@@ -235,9 +235,9 @@ def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0
         gravity=np.array(gravity, float),
         air=np.zeros(4),
         wind_mean=np.zeros((feathers, 3)),
-        wind_wave=np.zeros((0, 3)),
+        wind_wave=np.zeros((3, 0)),
         wind_rate=np.zeros(0),
-        wind_amplitude=np.zeros((0, 3)),
+        wind_amplitude=np.zeros((3, 0)),
         wind_phase=np.zeros(0),
         grip_node=np.full((feathers, 0, 2), -1),
         grip_start=np.zeros((feathers, 0, 3)),

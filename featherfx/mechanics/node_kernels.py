@@ -16,8 +16,7 @@ the small tangential part are those of the predicted pose. D is convex in v: a s
 stiffness to a step and never makes it unstable. Unequal C_n and C_t push sideways, as a wing.
 """
 
-from math import cos
-
+from featherfx.algebra.angle_kernels import cosine
 from featherfx.algebra.vec3_kernels import (
     accumulate,
     add,
@@ -36,11 +35,15 @@ from featherfx.mechanics.row_kernels import node_index
 @kernel
 def wind_at(loads, f, time, point):
     """Wind velocity at one point near feather f (m/s)."""
-    wind = loads.wind_mean[f, 0], loads.wind_mean[f, 1], loads.wind_mean[f, 2]
-    for k in range(loads.wind_rate.shape[0]):
-        angle = dot(loads.wind_wave[k], point) - loads.wind_rate[k] * time + loads.wind_phase[k]
-        wind = add(wind, scale(cos(angle), loads.wind_amplitude[k]))
-    return wind
+    wave, amplitude, mean = loads.wind_wave, loads.wind_amplitude, loads.wind_mean[f]
+    x, y, z = wave[0], wave[1], wave[2]
+    a, b, c = amplitude[0], amplitude[1], amplitude[2]
+    u, v, w = mean[0], mean[1], mean[2]
+    for k in range(loads.wind_rate.size):
+        angle = x[k] * point[0] + y[k] * point[1] + z[k] * point[2]
+        gust = cosine(angle - loads.wind_rate[k] * time + loads.wind_phase[k])
+        u, v, w = u + gust * a[k], v + gust * b[k], w + gust * c[k]
+    return u, v, w
 
 
 @kernel

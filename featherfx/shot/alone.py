@@ -13,8 +13,6 @@ from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.detail.twins import Twins, twins_of
 from featherfx.shot.groups import Group
-from featherfx.shot.motion.motion import root_path
-from featherfx.shot.motion.roots import Roots
 from featherfx.shot.settled import settled
 from featherfx.shot.types import Shot
 from featherfx.solver.solver import RootPath, State, hold_roots, raise_if_failed
@@ -24,8 +22,8 @@ class Alone:
     """One batch, whose state it brings on. levels: of detail; what is computed at another one is
     left as it is."""
 
-    def __init__(self, shot: Shot, group: Group, motion: Roots, levels: LevelRun) -> None:
-        self._shot, self._group, self._motion, self._levels = shot, group, motion, levels
+    def __init__(self, shot: Shot, group: Group, levels: LevelRun) -> None:
+        self._shot, self._group, self._levels = shot, group, levels
         # the state that was reached last, and its images of others
         self._reached: tuple[State, Twins] | None = None
 
@@ -57,7 +55,7 @@ class Alone:
         """
         group, (acting,), duration = self._group, loads, self._levels.duration
         active, cycle = self._levels.active(group), group.cycle if begun else None
-        path = self._levels.held(group, root_path(self._motion, group.members, start, end))
+        path = self._levels.path(group, start, end)
         moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
         sleeping = self._sleeping(path, acting, duration) & active & ~stirred[0]
         repeating = np.zeros_like(active)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -441,7 +442,7 @@ class Simulation:
         time, number = self._time(index), self._number(index)
         for f, pose in zip(self._wanted.tolist(), poses, strict=True):
             # a sum is not finite where a part is not, and found in half the time
-            if not all(np.isfinite(part.sum()) or np.isfinite(part).all() for part in pose.points):
+            if not all(isfinite(part.sum()) or np.isfinite(part).all() for part in pose.points):
                 name = self.shot.groom.feathers[f].id
                 raise SimulationError(name, time, "a point is not finite", number)
         if self.shot.wets:

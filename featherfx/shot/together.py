@@ -186,13 +186,13 @@ def islands_together(
 ) -> tuple[list[Together], list[Alone]]:
     """The islands of a shot, of their batches, and batches of feathers that push nothing."""
     if shot.contact is None:
-        return [], [Alone(shot, group, motion, levels) for group in groups]
+        return [], [Alone(shot, group, levels) for group in groups]
     own: dict[int, list[Group]] = {}
     for group in groups:
         own.setdefault(group.island, []).append(group)
     alone = own.pop(ALONE, [])
     islands = [Together(shot, some, motion, levels) for some in own.values()]
-    return islands, [Alone(shot, group, motion, levels) for group in alone]
+    return islands, [Alone(shot, group, levels) for group in alone]
 
 
 def contact_memory(islands: Sequence[Together]) -> dict[str, NDArray[Any]]:

@@ -4,7 +4,7 @@ from math import ceil, sqrt
 
 import numpy as np
 
-from featherfx.algebra.angle_kernels import arctan2
+from featherfx.algebra.angle_kernels import arctan2, cosine
 from featherfx.algebra.lanes import (
     chosen,
     follow,
@@ -98,3 +98,21 @@ def test_angles_are_right_all_around():
     mirrored = np.zeros(turn.size)
     _angles(-y, x, mirrored)
     np.testing.assert_array_equal(mirrored, -out)
+
+
+@kernel
+def _cosines(angles, out):
+    for j in range(angles.size):
+        out[j] = cosine(angles[j])
+
+
+def test_cosines_are_those_of_the_library():
+    multiples = np.pi * np.linspace(-6.0, 6.0, 25)
+    angles = np.concatenate([np.random.default_rng(5).uniform(-1e4, 1e4, 5000), multiples])
+    out = np.zeros(len(angles))
+    _cosines(angles, out)
+    slack = 4e-16 + 2.5e-16 * np.abs(angles)
+    assert (np.abs(out - np.cos(angles)) < slack).all()
+    lost = np.array([np.nan, np.inf, -np.inf])
+    _cosines(lost, out)
+    assert np.isnan(out[:3]).all()

@@ -66,15 +66,15 @@ def test_where_there_is_no_rest_feathers_start_in_motion_and_without_a_warning(s
 
 def test_gusts_that_stand_are_those_of_their_time_at_any_other():
     def gust(loads, time):
-        angle = loads.wind_wave @ place - loads.wind_rate * time + loads.wind_phase
-        return np.cos(angle) @ loads.wind_amplitude
+        angle = place @ loads.wind_wave - loads.wind_rate * time + loads.wind_phase
+        return loads.wind_amplitude @ np.cos(angle)
 
     random, place, time = np.random.default_rng(2), np.array([0.3, -0.1, 0.2]), 1.7
     loads = in_wind(*BREEZE)._replace(
-        wind_wave=random.normal(size=(4, 3)),
+        wind_wave=random.normal(size=(3, 4)),
         wind_rate=random.normal(size=4),
         wind_phase=random.normal(size=4),
-        wind_amplitude=random.normal(size=(4, 3)),
+        wind_amplitude=random.normal(size=(3, 4)),
     )
     still = standing(loads, time)
     assert not np.allclose(gust(loads, 0.0), gust(loads, time))

@@ -4,8 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from places import SAMPLES
 
+from featherfx.feather.build import build_feather
+from featherfx.mechanics.node_kernels import sample_wind
+from featherfx.shot.loads.loads import frame_loads
 from featherfx.shot.loads.wind import wind_field
+from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Wind
 
 GUSTY = Wind(
@@ -87,3 +92,16 @@ def test_the_seed_decides():
     same = wind_field(GUSTY).velocity(places, 0.9)
     np.testing.assert_array_equal(again.velocity(places, 0.9), same)
     assert np.abs(other.velocity(places, 0.9) - same).max() > 0.5
+
+
+def test_a_feather_feels_the_field():
+    shot = replace(read_shot(SAMPLES / "feather_pull" / "shot.toml"), wind=GUSTY)
+    feather = build_feather(shot.groom.feathers[0].kind, 5, 4)
+    nodes, time = feather.rest.nodes, 0.73
+    loads = frame_loads(shot, [], [feather], [nodes], 0.7, 0.74)
+    wind, field = np.zeros_like(nodes), wind_field(GUSTY)
+    sample_wind(loads, 0, time, nodes, wind)
+    for row, felt in zip(nodes, wind, strict=True):
+        known = [0, 4, 8]
+        np.testing.assert_allclose(felt[known], field.velocity(row[known], time), atol=1e-12)
+        np.testing.assert_allclose(felt[2], 0.5 * (felt[0] + felt[4]), atol=1e-12)

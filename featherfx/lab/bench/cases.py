@@ -119,9 +119,9 @@ def _loads(random: np.random.Generator, windy: bool) -> Loads:
     return loads._replace(
         air=np.array([1.2, random.uniform(0.5, 4.0), random.uniform(0.0, 0.5), 1.1]),
         wind_mean=mean,
-        wind_wave=vectors,
+        wind_wave=vectors.T.copy(),
         wind_rate=vectors @ mean,
-        wind_amplitude=0.3 * speed * random.normal(size=(waves, 3)),
+        wind_amplitude=0.3 * speed * random.normal(size=(waves, 3)).T.copy(),
         wind_phase=random.uniform(0.0, 2.0 * np.pi, waves),
     )
 

@@ -24,14 +24,19 @@ class Estimate:
     def __init__(self, shot: Shot, groups: Sequence[Group]) -> None:
         self._promised = shot.quality.promised
         self._groups = {id(group): group for group in groups if group.level == "full"}
-        self._rest = {k: stacked([f.rest for f in g.feathers]) for k, g in self._groups.items()}
+        self._rest = {
+            k: _seen(stacked([f.rest for f in g.feathers])) for k, g in self._groups.items()
+        }
+        self._lengths = {
+            k: np.array([f.station[-1] for f in g.feathers]) for k, g in self._groups.items()
+        }
         # of the length: largest deflections of shaft and barbs, and largest error of a step
         self._worst = {k: np.zeros((len(g.members), 3)) for k, g in self._groups.items()}
 
     def note(self) -> None:
         """Take the poses of a frame into account."""
         for k, group in self._groups.items():
-            for j, bent in enumerate(bends(self._rest[k], group.state.points)):
+            for j, bent in enumerate(_apart(self._rest[k], _seen(group.state.points))):
                 self._worse(group, j, bent)
 
     def stepped(self, group: Group, report: StepReport) -> None:
@@ -39,9 +44,9 @@ class Estimate:
         if id(group) in self._groups:
             self._worse(group, 2, report.error)
 
-    def _worse(self, group: Group, member: int, found: Array) -> None:
-        worst = self._worst[id(group)][:, member]
-        np.maximum(worst, found / [f.station[-1] for f in group.feathers], out=worst)
+    def _worse(self, group: Group, part: int, found: Array) -> None:
+        worst = self._worst[id(group)][:, part]
+        np.maximum(worst, found / self._lengths[id(group)], out=worst)
 
     def report(self) -> dict[str, Any]:
         """Of a bake's report, percent of the length: the error that was promised, if any was, and
@@ -73,16 +78,24 @@ def bends(rest: RowPoints, now: RowPoints) -> tuple[Array, Array]:
 
     rest, now: nodes (F, n, 1 + 2 m, 3) and directors (F, n, 2, 3).
     """
-    before, after = _frames(rest), _frames(now)
-    m = (rest.nodes.shape[2] - 1) // 2
-    shaft = rest.nodes[:, :, 0] - rest.nodes[:, :1, 0]
-    carried = np.einsum("fki,fnk->fni", before[:, 0], shaft)
-    moved = np.einsum("fki,fnk->fni", after[:, 0], now.nodes[:, :, 0] - now.nodes[:, :1, 0])
-    barbs = rest.nodes[:, :, (m, 2 * m)] - rest.nodes[:, :, :1]
-    own = np.einsum("fnki,fnpk->fnpi", before, barbs)
-    ends = now.nodes[:, :, (m, 2 * m)] - now.nodes[:, :, :1]
-    turned = np.einsum("fnki,fnpk->fnpi", after, ends)
-    return _largest(moved - carried), _largest(turned - own)
+    return _apart(_seen(rest), _seen(now))
+
+
+def _seen(points: RowPoints) -> tuple[Array, Array]:
+    """Shafts (F, n, 3) as their roots see them, and ends of barbs (F, n, 2, 3) as their rows do."""
+    frames, m = _frames(points), (points.nodes.shape[2] - 1) // 2
+    shaft = points.nodes[:, :, 0] - points.nodes[:, :1, 0]
+    ends = points.nodes[:, :, (m, 2 * m)] - points.nodes[:, :, :1]
+    return (
+        np.einsum("fki,fnk->fni", frames[:, 0], shaft),
+        np.einsum("fnki,fnpk->fnpi", frames, ends),
+    )
+
+
+def _apart(before: tuple[Array, Array], after: tuple[Array, Array]) -> tuple[Array, Array]:
+    """(F,) m each, largest distance of what was `_seen`."""
+    shaft, ends = (_largest(now - then) for then, now in zip(before, after, strict=True))
+    return shaft, ends
 
 
 def _frames(points: RowPoints) -> Array:

@@ -12,7 +12,9 @@ from featherfx.shot.detail.carried import Carried, rigid_poses
 from featherfx.shot.detail.changes import Fades, LevelChange, take_level_up
 from featherfx.shot.detail.levels import NUMBER, LevelPlan
 from featherfx.shot.frames import FeatherPose
-from featherfx.shot.groups import Group, loads_within, pose_of
+from featherfx.shot.groups import Group, loads_within, poses_of
+from featherfx.shot.islands import ALONE
+from featherfx.shot.motion.motion import root_path
 from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.replay import Replay
 from featherfx.shot.types import Shot
@@ -58,6 +60,9 @@ class LevelRun:
             for group in groups
             for k, f in enumerate(group.members)
         }
+        lone = [g.members for g in groups if shot.contact is None or g.island == ALONE]
+        self._lone = np.unique(np.concatenate(lone)) if lone else np.zeros(0, dtype=np.int64)
+        self._led: tuple[tuple[float, float], RootPath] | None = None
         self._changes: list[LevelChange] = []
         self._known: tuple[int, Poses] | None = None
 
@@ -133,6 +138,15 @@ class LevelRun:
         rigid, guided = ((now == to) & (now == level) for level in (_RIGID, _GUIDED))
         return int(rigid.sum()), int(guided.sum())
 
+    def path(self, group: Group, start: float, end: float) -> RootPath:
+        """`held`, of the roots of a group whose feathers push nothing from start to end (s). The
+        paths of all such groups are found at once."""
+        if self._led is None or self._led[0] != (start, end):
+            self._led = (start, end), root_path(self._motion, self._lone, start, end)
+        own = np.searchsorted(self._lone, group.members)
+        samples, base = (each[own] for each in self._led[1])
+        return self.held(group, RootPath(samples, base))
+
     def held(self, group: Group, path: RootPath) -> RootPath:
         """A path on which the members that are not computed stay where they are."""
         idle = ~self.active(group)
@@ -157,8 +171,10 @@ class LevelRun:
         found = {(f, int(self.fades.now[f])): pose for f, pose in self._replay.poses(index).items()}
         for group in self._groups:
             level = NUMBER[group.level]
-            for k in np.flatnonzero(self.active(group)):
-                found[int(group.members[k]), level] = pose_of(group, int(k))
+            some = np.flatnonzero(self.active(group))
+            numbers = group.members[some].tolist()
+            for f, pose in zip(numbers, poses_of(group, some), strict=True):
+                found[f, level] = pose
         rigid = {int(f): self._drawn[f] for f in every[self.fades.active(every, _RIGID)]}
         if rigid:
             moved = rigid_poses(rigid, self._motion, start, end)

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -64,13 +65,22 @@ def wind_field(wind: Wind) -> WindField:
     The gusts' speed has a root mean square of gust times speed, over all directions together;
     gust_length is half the wave length at which they hold most energy.
     """
-    mean = wind.speed * np.asarray(wind.direction, dtype=np.float64)
-    strength = wind.gust * wind.speed
+    x, y, z = map(float, wind.direction)
+    return _field((x, y, z), wind.speed, wind.gust, wind.gust_length, wind.seed)
+
+
+@lru_cache(maxsize=16)
+def _field(
+    direction: tuple[float, float, float], speed: float, gust: float, length: float, seed: int
+) -> WindField:
+    """Kept, since every batch asks for it at every frame."""
+    mean = speed * np.array(direction)
+    strength = gust * speed
     if strength == 0.0:
         none = np.zeros((0, 3))
         return WindField(mean, none, np.zeros(0), none, np.zeros(0))
-    random = np.random.default_rng(wind.seed)
-    numbers, energies = _spectrum(random, math.pi / wind.gust_length)
+    random = np.random.default_rng(seed)
+    numbers, energies = _spectrum(random, math.pi / length)
     directions = _directions(random)
     wave_vectors = numbers[:, None] * directions
     amplitudes = (strength * np.sqrt(2.0 * energies))[:, None] * _perpendicular(random, directions)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Pcp, Sdf, Usd, UsdGeom, UsdSkel, UsdUtils
+from pxr import Pcp, Sdf, Usd, UsdGeom, UsdSkel
 
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, InputWarning, Problem
@@ -390,6 +390,8 @@ def _files_of(path: Path) -> list[Path]:
     """A file, and what it names if it is a USD file: layers at any depth, clips, textures."""
     if path.suffix.lower() not in _SUFFIXES:
         return [path]
+    from pxr import UsdUtils  # 4 MiB, which a bake without such files does without
+
     try:
         layers, assets, _ = UsdUtils.ComputeAllDependencies(str(path))
     except USD_ERRORS:
