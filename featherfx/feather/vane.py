@@ -76,10 +76,8 @@ def _cells(kind: FeatherKind, side: int, rachis: Rachis, barbs: Barbs) -> _Cells
     up = np.broadcast_to([0.0, 0.0, 1.0], dorsal.shape)
     flat_area, flat_signed_area = cell_areas(barbs.flat * outward, up, side)
     flat_exists = existing_cells(flat_area, rachis.first_vane_row, kind.length)
-    folded, folded_flat = (
-        folded_rows(exists, signed_area),
-        folded_rows(flat_exists, flat_signed_area),
-    )
+    folded = folded_rows(exists, signed_area)
+    folded_flat = folded_rows(flat_exists, flat_signed_area)
     grown = barbs.arc_length > 0.0
     fan = grown[1:] != grown[:-1]
     exists[fan & (folded | folded_flat)] = False

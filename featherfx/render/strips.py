@@ -218,10 +218,8 @@ def _patch(
 
     rows, columns: knots of the grid, and places to evaluate at.
     """
-    (along, along_slopes), (across, across_slopes) = (
-        weights_at(*rows),
-        weights_at(*columns),
-    )
+    along, along_slopes = weights_at(*rows)
+    across, across_slopes = weights_at(*columns)
     values = _blend(grid, along, np.concatenate([across, across_slopes]))
     count = len(across)
     return values[:, :, :count], _blend(grid, along_slopes, across), values[:, :, count:]

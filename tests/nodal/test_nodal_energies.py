@@ -187,10 +187,8 @@ def test_gradient_with_a_guard_is_the_derivative_of_the_energy(seed):
     """The guard holds most of the energy, and without it the gradient is another one."""
     kind = curved_kind()
     guarded = replace(kind, vane_material=replace(kind.vane_material, compression_guard=1e12))
-    (model, nodal), loads = (
-        comparable(*feather_models(guarded, 7, 3)),
-        no_loads(1, (1.0, 2.0, -9.81)),
-    )
+    model, nodal = comparable(*feather_models(guarded, 7, 3))
+    loads = no_loads(1, (1.0, 2.0, -9.81))
     free = model._replace(cell_guard=np.zeros((1, 0, 0, 0, 0, 0)))
     solver, without = (NodalSolver(each, nodal, Settings()) for each in (model, free))
     state, direction = random_pose(model, nodal, seed)

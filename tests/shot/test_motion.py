@@ -394,10 +394,8 @@ def test_beside_a_skin_the_body_of_an_act_is_left_to_the_skin(tmp_path):
     body, *limbs = shot.motion.values["parts"]
     assert body.kind == "swing"
     of_limbs = replace(shot, motion=replace(shot.motion, values={"parts": tuple(limbs)}))
-    found, expected = (
-        root_motion(replace(shot, skin=skin)),
-        root_motion(replace(of_limbs, skin=skin)),
-    )
+    found = root_motion(replace(shot, skin=skin))
+    expected = root_motion(replace(of_limbs, skin=skin))
     for own, other in zip(found.frames(0.7), expected.frames(0.7), strict=True):
         np.testing.assert_allclose(own, other, atol=1e-12)
     assert (

@@ -35,11 +35,9 @@ def test_energy_with_the_held_part_never_grows_and_bounds_the_plain_one(radius, 
     """T + U + 1/2 s^2 h^2 a^2 + 1/4 (a - w)^2 / frequency^2, s = (1 - r) / (2 (1 + r)), of a linear
     oscillator of unit mass; what T + U regains in a step is within held_energy."""
     frequency = 3.0
-    trial, h, s = (
-        Oscillator(frequency, radius),
-        phase / frequency,
-        0.5 * (1 - radius) / (1 + radius),
-    )
+    trial = Oscillator(frequency, radius)
+    h = phase / frequency
+    s = 0.5 * (1 - radius) / (1 + radius)
     mass = np.ones((1, 1))
 
     def whole():

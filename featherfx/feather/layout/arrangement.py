@@ -204,10 +204,8 @@ class SkinPlanes:
         """(F, Q, 4) unit normal and offset, m, near points (F, Q, 3) of feathers; those that have
         not moved since the last look keep theirs."""
         if self._points.shape != points.shape:
-            self._points, self._found = (
-                np.full_like(points, np.nan),
-                np.zeros((*points.shape[:2], 4)),
-            )
+            self._points = np.full_like(points, np.nan)
+            self._found = np.zeros((*points.shape[:2], 4))
         moved = (points != self._points).any(axis=(1, 2))
         _, near = self._tree.query(points[moved].reshape(-1, 3), workers=-1)
         self._found[moved] = self._planes[near].reshape(-1, points.shape[1], 4)

@@ -142,10 +142,8 @@ def _stiffness(rod: Rod, station: Array, load: float) -> Array:
     along = np.array([ea, ga, ga])
     turning = np.array([rod.gj or rod.ei, rod.ei2 or rod.ei, rod.ei])
     length = np.diff(station)
-    start, end = (
-        1.0 - rod.taper * station[:-1] / rod.length,
-        1.0 - rod.taper * station[1:] / rod.length,
-    )
+    start = 1.0 - rod.taper * station[:-1] / rod.length
+    end = 1.0 - rod.taper * station[1:] / rod.length
     # means of c^-2 and c^-4 over an element, in a form that holds at taper 0
     second = 1.0 / (start * end)
     fourth = (start**2 + start * end + end**2) / (3.0 * (start * end) ** 3)

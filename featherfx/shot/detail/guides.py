@@ -101,10 +101,8 @@ def guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> tuple[I
 
     followers, simulated: numbers of feathers in the groom.
     """
-    roots, regions = (
-        _roots(shot, range(len(shot.groom.feathers))),
-        [placement.region for placement in shot.groom.feathers],
-    )
+    roots = _roots(shot, range(len(shot.groom.feathers)))
+    regions = [placement.region for placement in shot.groom.feathers]
     inputs = [roots, regions, followers, simulated, skin_corners(shot)]
     found = kept("guide-weights", inputs, lambda: _guide_weights(shot, followers, simulated))
     parts = found["value"], found["column"], found["start"]

@@ -270,10 +270,8 @@ class Cache:
 
     def _directions(self, run: Sequence[int], matrix: Array, code: Any) -> tuple[Any, Any]:
         """Velocities and normals of feathers that follow each other, as of _placed."""
-        mesh, total = (
-            self._own[run[0]].mesh,
-            len(self._own[run[0]].mesh.read("points", code, VECTORS)),
-        )
+        mesh = self._own[run[0]].mesh
+        total = len(mesh.read("points", code, VECTORS))
         cut = slice(self._own[run[0]].points.start, self._own[run[-1]].points.stop)
 
         def of_points(name: str) -> Any:
