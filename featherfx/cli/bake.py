@@ -40,6 +40,13 @@ PER_WORKER = (
     "--output", "--plan", "--feathers", "--resume", "--progress", "--report", "--presets",
     "--log", "--verbose", "--task-shares", "--task-hours",
 )  # fmt: skip
+# of a report, counts of sub-steps that were too long, and for what
+TOO_LONG = {
+    "substeps_over_tolerance": "{} with a local error above the tolerance",
+    "substeps_with_barbs_passing": "{} in which loose barbs pass through each other",
+    "substeps_with_hooks_slipping": "{} in which hooks slip by more than a step should",
+}
+FIXED = "[contact] steps"
 OF_DASK = ("scheduler", "workers", "shares")
 OF_TASKS = ("task_shares", "task_hours")
 
@@ -200,8 +207,8 @@ def _bake(shot: Path, style: str, options: dict[str, Any]) -> None:
             tell(f"  {change}")
         if len(again["changed"]) > MOST_CHANGES:
             tell(f"  and {len(again['changed']) - MOST_CHANGES} more changes")
-    if result.get("substeps_over_tolerance"):
-        tell("\n".join(_over_tolerance(result)))
+    if result.get("worst_substeps"):
+        tell("\n".join(_too_long(result)))
     if result.get("error_estimated", 0.0) > result.get("error_promised", inf):
         tell(_missed(result["error_promised"], result["error_estimated"]))
     if result.get("contact", {}).get("feathers_lifted"):
@@ -220,19 +227,43 @@ def _missed(promised: float, estimated: float) -> str:
     )
 
 
-def _over_tolerance(result: dict[str, Any]) -> Iterator[str]:
-    """The warning of sub-steps above the tolerance: how many, what helps, and where."""
-    limit = "[contact] most_steps" if "contact" in result else "max_substeps"
+def _too_long(result: dict[str, Any]) -> Iterator[str]:
+    """The warning of sub-steps that were too long: how many, why, what helps, and where."""
+    count = result["feathers_over_tolerance"]
+    told = "; ".join(text.format(result[key]) for key, text in TOO_LONG.items() if result[key])
     yield (
-        f"featherfx: warning: {result['substeps_over_tolerance']} sub-steps were accepted"
-        f" above the tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"
-        f" raise {limit} or choose a finer quality"
+        f"featherfx: warning: sub-steps of {count} feather{'s' if count > 1 else ''} were longer"
+        f" than their errors allow: {told}."
+        f" None shorter is allowed: {_shorter(result['substep_limits'])}"
     )
-    for each in result.get("worst_substeps", []):
+    for each in result["worst_substeps"]:
+        yield f"  {each['feather']} at frame {each['frame']:g}: {', '.join(_why(each))}"
+
+
+def _shorter(limits: dict[str, int]) -> str:
+    """What lets steps be shorter, where these limits bound them."""
+    fixed = limits.get(FIXED)
+    leave = [f"leave out {FIXED} = {fixed}, which fixes their number"] if fixed else []
+    raised = [f"{key} ({most})" for key, most in limits.items() if key != FIXED]
+    return ", and ".join(leave + ([f"raise {' and '.join(raised)}"] if raised else []))
+
+
+def _why(each: dict[str, Any]) -> Iterator[str]:
+    """Of one feather and frame, what its sub-steps were too long for."""
+    if count := each["substeps"]:
+        over = each["error"] / each["tolerance"]
         yield (
-            f"  {each['feather']} at frame {each['frame']:g}: {1e3 * each['error']:.2g} mm"
-            f" in {each['substeps']} sub-step{'' if each['substeps'] == 1 else 's'}"
+            f"error of {1e3 * each['error']:.2g} mm, {over:.2g} times the tolerance, in"
+            f" {_substeps(count)}"
         )
+    if count := each["substeps_with_barbs_passing"]:
+        yield f"loose barbs pass through each other in {_substeps(count)}"
+    if count := each["substeps_with_hooks_slipping"]:
+        yield f"hooks slip too far in {_substeps(count)}"
+
+
+def _substeps(count: int) -> str:
+    return f"{count} sub-step{'' if count == 1 else 's'}"
 
 
 def _lifted(contact: dict[str, Any]) -> Iterator[str]:

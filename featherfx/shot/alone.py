@@ -8,7 +8,7 @@ import numpy as np
 
 from featherfx.algebra.types import Flags
 from featherfx.mechanics.model import Loads
-from featherfx.shot.counts import Advanced
+from featherfx.shot.counts import Advanced, Bounds
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.detail.twins import Twins, twins_of
@@ -31,6 +31,12 @@ class Alone:
     def groups(self) -> Sequence[Group]:
         """The batch."""
         return (self._group,)
+
+    @property
+    def bounds(self) -> Bounds:
+        """What its steps are held to."""
+        settings = self._group.solver.settings
+        return Bounds(settings.tolerance, {"max_substeps": settings.max_substeps})
 
     def settle(self, loads: Sequence[Loads]) -> None:
         """Bring the feathers to rest. loads: on the batch."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -10,9 +10,49 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.solver.solver import StepReport
+from featherfx.solver.state import TOO_LONG
 
 # feathers that a report names one by one
 _MOST_NAMED = 10
+
+
+class Bounds(NamedTuple):
+    """What steps are held to. tolerance: m, local error of one. limits: values of the keys by which
+    none may be shorter."""
+
+    tolerance: float
+    limits: Mapping[str, int]
+
+
+class TooLong(NamedTuple):
+    """What a feather did in the frame in which its steps were longest for what they should keep to.
+
+    error, tolerance: m, the largest local error, and what it should be. forced, passed, slipped:
+    steps as in StepReport.
+    """
+
+    frame: float
+    error: float
+    tolerance: float
+    forced: int
+    passed: int
+    slipped: int
+
+    def rank(self) -> tuple[bool, float]:
+        """Larger where it is worse: any error above the tolerance before none."""
+        return self.forced > 0, self.error / self.tolerance
+
+    def told(self, feather: str) -> dict[str, Any]:
+        """As a bake's report has it."""
+        return {
+            "feather": feather,
+            "frame": self.frame,
+            "error": self.error,
+            "tolerance": self.tolerance,
+            "substeps": self.forced,
+            "substeps_with_barbs_passing": self.passed,
+            "substeps_with_hooks_slipping": self.slipped,
+        }
 
 
 class Advanced(NamedTuple):
@@ -34,14 +74,14 @@ class Advanced(NamedTuple):
 class Counts:
     """Sums over a shot so far.
 
-    reports: one per batch and frame. forced: by feather, its frame with the greatest error of a
-    sub-step above the tolerance, that error (m) and the number of such sub-steps. slept, coasted,
-    repeated, twins: feather frames that were not stepped; rigid, guided: those of feathers that
-    follow their roots or guides only.
+    reports: one per batch and frame. too_long: by feather, its worst frame. limits: what bounds the
+    steps of these, by keys. slept, coasted, repeated, twins: feather frames that were not stepped;
+    rigid, guided: those of feathers that follow their roots or guides only.
     """
 
     reports: list[StepReport] = field(default_factory=list)
-    forced: dict[str, tuple[float, float, int]] = field(default_factory=dict)
+    too_long: dict[str, TooLong] = field(default_factory=dict)
+    limits: dict[str, int] = field(default_factory=dict)
     slept: int = 0
     coasted: int = 0
     repeated: int = 0
@@ -49,13 +89,16 @@ class Counts:
     rigid: int = 0
     guided: int = 0
 
-    def add(self, report: StepReport, names: Sequence[str], frame: float) -> None:
+    def add(self, report: StepReport, names: Sequence[str], frame: float, bounds: Bounds) -> None:
         """Count what a batch, whose feathers have these names, did on the way to a frame."""
         self.reports.append(report)
-        for f in np.flatnonzero(report.forced).tolist():
-            error, (_, worst, _) = float(report.error[f]), self.forced.get(names[f], (0, -1.0, 0))
-            if error > worst:
-                self.forced[names[f]] = frame, error, int(report.forced[f])
+        for f in np.flatnonzero(report.too_long()).tolist():
+            counts = (int(getattr(report, name)[f]) for name in TOO_LONG)
+            found = TooLong(frame, float(report.error[f]), bounds.tolerance, *counts)
+            known = self.too_long.get(names[f])
+            if known is None or found.rank() > known.rank():
+                self.too_long[names[f]] = found
+            self.limits |= bounds.limits
 
     def skip(self, done: Advanced) -> None:
         """Count what was not solved of a sample."""
@@ -77,6 +120,10 @@ class Counts:
             "substeps": _mean_and_max([r.steps for r in reports]),
             "rejected_substeps": int(sum(r.rejected.sum() for r in reports)),
             "substeps_over_tolerance": int(sum(r.forced.sum() for r in reports)),
+            "substeps_with_barbs_passing": int(sum(r.passed.sum() for r in reports)),
+            "substeps_with_hooks_slipping": int(sum(r.slipped.sum() for r in reports)),
+            "feathers_over_tolerance": len(self.too_long),
+            "substep_limits": self.limits,
             "worst_substeps": self._worst(),
             "worst_residual": max((float(r.move.max()) for r in reports), default=0.0),
             "worst_step_error": max((float(r.error.max()) for r in reports), default=0.0),
@@ -91,12 +138,10 @@ class Counts:
         }
 
     def _worst(self) -> list[dict[str, Any]]:
-        """Feathers with the greatest errors above the tolerance, one frame each."""
-        worst = sorted(self.forced.items(), key=lambda each: (-each[1][1], each[0]))
-        return [
-            {"feather": name, "frame": frame, "error": error, "substeps": count}
-            for name, (frame, error, count) in worst[:_MOST_NAMED]
-        ]
+        """Feathers whose steps were longest for what they should keep to, one frame each."""
+        by_name = sorted(self.too_long.items())
+        worst = sorted(by_name, key=lambda each: each[1].rank(), reverse=True)
+        return [found.told(name) for name, found in worst[:_MOST_NAMED]]
 
 
 def _mean_and_max(counts: list[Array]) -> dict[str, float]:

@@ -74,10 +74,12 @@ class Simulation:
     feathers: one per placement that is wanted, in groom order, on the grid of the quality, whatever
     is simulated; resolutions: what is. Between two frames, `checkpoint` is all that a
     later simulation of the same shot needs to go on from there. report: newton_iterations and
-    substeps per feather and frame (mean, max), rejected_substeps and substeps_over_tolerance
-    (accepted above the quality's tolerance, because none shorter is allowed), worst_substeps (the
-    ten feathers that this was worst for: feather, frame, error in m, substeps), worst_residual (m,
-    distance of a step from its solution), worst_step_error (m), skipped work by kind;
+    substeps per feather and frame (mean, max), rejected_substeps; substeps_over_tolerance (accepted
+    with a local error above the tolerance), substeps_with_barbs_passing and
+    substeps_with_hooks_slipping, accepted because none shorter is allowed (substep_limits, by
+    keys), of feathers_over_tolerance feathers, worst_substeps (the ten that this was worst for, by
+    local error over tolerance, m), worst_residual (m, distance of a step from its solution),
+    worst_step_error (m), skipped work by kind;
     error_estimated, and error_promised where the quality promises one (percent of the length).
     """
 
@@ -429,7 +431,7 @@ class Simulation:
         done = some.advance(self._time(index - 1), self._time(index), loads, stirred, index > 0)
         self._counts.skip(done)
         for group, report in zip(some.groups, done.reports, strict=False):
-            self._counts.add(report, group.names, self._number(index))
+            self._counts.add(report, group.names, self._number(index), some.bounds)
             self._estimate.stepped(group, report)
 
     def _stirred(self, group: Group) -> Flags:

@@ -13,7 +13,7 @@ from featherfx.algebra.types import Flags
 from featherfx.mechanics.model import Loads
 from featherfx.shot.alone import Alone
 from featherfx.shot.contact.contact import MOST_NAMED, ShotContact
-from featherfx.shot.counts import Advanced
+from featherfx.shot.counts import Advanced, Bounds
 from featherfx.shot.detail.cycle import SLACK, repeats_together
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
@@ -43,6 +43,12 @@ class Together:
             [group.level for group in groups],
             [feather for group in groups for feather in group.feathers],
         )
+
+    @property
+    def bounds(self) -> Bounds:
+        """What their steps are held to."""
+        tolerances = [group.solver.settings.tolerance for group in self.groups]
+        return Bounds(min(tolerances), self.contact.limits)
 
     def settle(self, loads: Sequence[Loads]) -> None:
         """Bring the feathers to rest against each other. loads: on each batch."""

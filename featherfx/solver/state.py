@@ -113,9 +113,11 @@ class StepReport(NamedTuple):
 
     steps, iterations, matrices, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
     iterations (linear solves), new matrices among them, steps repeated for their error, attempts
-    that Newton gave up, implicit Euler steps. forced: steps accepted above the tolerance because
-    none shorter is allowed. error: m, largest accepted local error. move: m, largest distance of a
-    step from its solution, as Newton's last moves tell. status: 0, or why the feather stopped
+    that Newton gave up, implicit Euler steps. Of steps accepted because none shorter is allowed,
+    forced: those whose local error is above the tolerance; passed, slipped: those in which loose
+    barbs pass through each other, and in which hooks slip by more than a step should
+    (gap_kernels). error: m, largest accepted local error. move: m, largest distance of a step from
+    its solution, as Newton's last moves tell. status: 0, or why the feather stopped
     (featherfx/solver/status.py).
     """
 
@@ -126,9 +128,19 @@ class StepReport(NamedTuple):
     failed: Array
     fallbacks: Array
     forced: Array
+    passed: Array
+    slipped: Array
     error: Array
     move: Array
     status: Array
+
+    def too_long(self) -> NDArray[np.bool_]:
+        """(F,) feathers of which a step was longer than its errors allow."""
+        return np.asarray((self.forced > 0.0) | (self.passed > 0.0) | (self.slipped > 0.0))
+
+
+# of a report: what a step was longer for than it should be, and figures of which the largest counts
+TOO_LONG, LARGEST = ("forced", "passed", "slipped"), ("error", "move", "status")
 
 
 def no_steps(feathers: int) -> StepReport:

@@ -72,24 +72,55 @@ def test_an_interrupt_of_another_command_says_in_what(monkeypatch, tmp_path):
     assert (result.exit_code, result.stderr) == (1, "featherfx: interrupted during checking\n")
 
 
-def test_a_warning_of_steps_names_feathers_and_frames(monkeypatch):
-    worst = [
-        {"feather": "primary_3", "frame": 12.0, "error": 4.2e-4, "substeps": 3},
-        {"feather": "primary_1", "frame": 7.5, "error": 2e-4, "substeps": 1},
-    ]
+COUNTS = ("substeps", "substeps_with_barbs_passing", "substeps_with_hooks_slipping")
 
+
+def worst(feather, frame, error, *counts):
+    tolerance = {"tolerance": 1e-4, "feather": feather, "frame": frame, "error": error}
+    return tolerance | dict(zip(COUNTS, counts, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("limits", "help_told"),
+    [
+        ({"max_substeps": 32}, "raise max_substeps (32)"),
+        (
+            {"[contact] most_steps": 8, "max_substeps": 8},
+            "raise [contact] most_steps (8) and max_substeps (8)",
+        ),
+        (
+            {"[contact] steps": 12, "max_substeps": 8},
+            "leave out [contact] steps = 12, which fixes their number, and raise max_substeps (8)",
+        ),
+    ],
+)
+def test_a_warning_of_steps_says_what_was_exceeded_where_and_what_helps(
+    monkeypatch, limits, help_told
+):
     def bake(shot, **options):
         figures = {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
-        counts = {"substeps_over_tolerance": 4, "worst_step_error": 4.2e-4}
-        return figures | counts | {"worst_substeps": worst}
+        counts = {
+            "substeps_over_tolerance": 4,
+            "substeps_with_barbs_passing": 1,
+            "substeps_with_hooks_slipping": 0,
+            "feathers_over_tolerance": 2,
+            "substep_limits": limits,
+        }
+        found = [
+            worst("primary_3", 12.0, 4.2e-4, 3, 0, 0),
+            worst("primary_1", 7.5, 1e-5, 0, 1, 2),
+        ]
+        return figures | counts | {"worst_substeps": found}
 
     monkeypatch.setattr(pipeline, "bake", bake)
     lines = invoke("bake", "s.toml").stderr.splitlines()
-    assert "4 sub-steps were accepted above the tolerance" in lines[1]
-    assert "raise max_substeps" in lines[1]
-    assert lines[2:] == [
-        "  primary_3 at frame 12: 0.42 mm in 3 sub-steps",
-        "  primary_1 at frame 7.5: 0.2 mm in 1 sub-step",
+    assert lines[1:] == [
+        "featherfx: warning: sub-steps of 2 feathers were longer than their errors allow: 4 with a"
+        " local error above the tolerance; 1 in which loose barbs pass through each other. None"
+        f" shorter is allowed: {help_told}",
+        "  primary_3 at frame 12: error of 0.42 mm, 4.2 times the tolerance, in 3 sub-steps",
+        "  primary_1 at frame 7.5: loose barbs pass through each other in 1 sub-step, hooks slip"
+        " too far in 2 sub-steps",
     ]
 
 
@@ -119,11 +150,13 @@ def test_a_bake_names_the_feathers_whose_steps_were_too_long(tmp_path):
     result = invoke("bake", shot, "-o", tmp_path / "s.usdc", "--report", report)
     assert result.exit_code == 0, result.stderr
     told = json.loads(report.read_text())
-    (worst,) = told["worst_substeps"]
-    assert worst["error"] == pytest.approx(told["worst_step_error"])
-    assert worst["frame"] in (2, 3)
-    assert 1 <= worst["substeps"] <= told["substeps_over_tolerance"]
-    assert f"{worst['feather']} at frame {worst['frame']:g}" in result.stderr
+    (found,) = told["worst_substeps"]
+    assert found["error"] == pytest.approx(told["worst_step_error"])
+    assert found["frame"] in (2, 3)
+    assert 1 <= found["substeps"] <= told["substeps_over_tolerance"]
+    assert found["tolerance"] == 1e-6 < found["error"]
+    assert told["substep_limits"] == {"max_substeps": 1}
+    assert f"{found['feather']} at frame {found['frame']:g}" in result.stderr
 
 
 def test_check_tells_how_far_it_is(tmp_path):

@@ -20,13 +20,14 @@ from test_contact_shots import (
 )
 
 from featherfx.errors import InputWarning, SimulationError
+from featherfx.shot.contact import settle
 from featherfx.shot.contact.steps import FrameSteps, Span, StepRules
 from featherfx.shot.loads.types import Force
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Detail, Motion
-from featherfx.solver.contact.interval import ContactReport
+from featherfx.solver.contact.interval import PLAIN, ContactReport, ContactSolver
 from featherfx.solver.state import no_steps
 
 HELD = Motion("hold", {})
@@ -147,6 +148,26 @@ def test_feathers_that_start_crossed_by_a_centimetre_come_apart():
     simulation, frames = baked(crossed, 3)
     assert [all_crossings(meshes(simulation, frame)) for frame in frames] == [0, 0, 0]
     assert simulation.report["contact"]["written_depth"]["worst"] < 0.5
+
+
+def test_a_feather_that_finds_no_balance_does_not_keep_others_from_it(monkeypatch):
+    """One has contacts far off in every step of more than a thousandth of a second."""
+    shot = replace(half_wing(coarse_bird()), motion=HELD)
+    hard, interval = 4, ContactSolver.interval
+
+    def hindered(self, states, loads, paths, duration, walls=(), manner=PLAIN):
+        done, reports, contact = interval(self, states, loads, paths, duration, walls, manner)
+        if manner.settling and duration > 1e-3 and (manner.led is None or manner.led.free[hard]):
+            off = np.where(np.arange(len(contact.off)) == hard, 1.0, contact.off)
+            contact = replace(contact, off=off, residual=float(off.max()))
+        return done, reports, contact
+
+    monkeypatch.setattr(ContactSolver, "interval", hindered)
+    monkeypatch.setattr(settle, "FEW", 1.0)
+    name = shot.groom.feathers[hard].id
+    with pytest.warns(InputWarning, match=f"feather '{name}' starts out of balance"):
+        simulation, _ = baked(shot, 1)
+    assert simulation.report["contact"]["depth_after_settling"] < THICKNESS
 
 
 @pytest.mark.slow

@@ -72,6 +72,21 @@ def test_loose_barbs_do_not_pass_through_each_other(force: float):
     assert moved[PUSHED - 1] < 0.5 * moved[PUSHED + 1]
 
 
+def test_a_step_in_which_loose_barbs_pass_is_no_error():
+    """Where none shorter is allowed it is taken and counted, with the error that it has."""
+    model = make_model([FEATHER], [LOOSE], 1, touching=True)
+    state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+    loads = no_loads(1)._replace(force=np.zeros((1, *model.mass.shape[1:], 3)))
+    loads.force[0, PUSHED, -1, 0] = 1e-2
+    for most, passed in ((1, 1.0), (16, 0.0)):
+        settings = Settings(tolerance=0.05, max_substeps=most)
+        with Solver(model, settings, 1) as solver:
+            report = solver.advance(state.copy(), loads, hold_roots(state), 0.01)
+        assert (report.passed[0], report.forced[0]) == (passed, 0.0)
+        assert report.error[0] < settings.tolerance
+        assert report.too_long()[0] == (passed > 0.0)
+
+
 def test_loose_barbs_that_do_not_touch_feel_nothing():
     free, touching = (pushed(1e-4, touching=each) for each in (False, True))
     np.testing.assert_array_equal(free[1], touching[1])

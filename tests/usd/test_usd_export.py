@@ -33,6 +33,18 @@ def wing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def test_a_cache_that_ends_before_it_begins_is_refused(tmp_path, caches):
+    path = tmp_path / "damaged.usdc"
+    pipeline.export(caches["usdc"], path)
+    stage = Usd.Stage.Open(str(path))
+    stage.SetEndTimeCode(-5)
+    stage.Save()
+    result = invoke("export", path, "-o", tmp_path / "out.ply")
+    assert result.exit_code == 1
+    told = "endTimeCode: is -5, no whole frame lies between it and startTimeCode, 1"
+    assert result.stderr.splitlines()[-1].endswith(told)
+
+
 @pytest.mark.parametrize("kind", ["clips", "payload", "usdc"])
 @pytest.mark.parametrize("suffix", [".usda", ".usdc"])
 def test_a_flattened_cache_stands_alone(tmp_path, caches, kind, suffix):

@@ -90,6 +90,17 @@ def test_samples_may_start_elsewhere(tmp_path):
     np.testing.assert_allclose(held.skin.frames(1.0)[0], held.skin.frames(0.0)[0])
 
 
+def test_samples_of_another_rate_are_told(tmp_path):
+    stage, mesh, _, points = moving_sheet(tmp_path)
+    stage.SetTimeCodesPerSecond(30)
+    for code in range(1, 26):
+        mesh.GetPointsAttr().Set(vec(lifted(points, code)), code)
+    stage.Save()
+    told = r"needs 1.25 to 31.25 \(frames_per_second = 24, the file has 30 time codes a second\)"
+    with pytest.raises(InputError, match=told):
+        featherfx.read_shot(write_shot(tmp_path, SKIN))
+
+
 @pytest.mark.parametrize("instanced", [False, True])
 def test_skeletons_are_evaluated_as_usd_bakes_them(tmp_path, instanced):
     stage = new_stage(tmp_path / "character.usda", 0.5)

@@ -95,7 +95,7 @@ def run_case(case: Case) -> CaseOutcome:
             outcome.violations += _broken_promises(case, before, state, new, report)
             if case.still:
                 gains.append(_energy_gain(case, state, new))
-                held = 0.0 if report.forced[0] else _held(case, state, int(report.steps[0]))
+                held = 0.0 if report.too_long()[0] else _held(case, state, int(report.steps[0]))
                 unexplained.append(gains[-1] - held)
             state = new
             if outcome.status != CONVERGED:

@@ -200,9 +200,8 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
             work.now.points.nodes,
             work.around.target.nodes,
         )
-        outcome = Outcome(
-            solved.status, solved.iterations, solved.matrices, solved.move, error, 1.0, 0.0, UNKNOWN
-        )
+        numbers = solved.iterations, solved.matrices, solved.move
+        outcome = Outcome(solved.status, *numbers, error, False, 0.0, error, 1.0, 0.0, UNKNOWN)
         verdict, h, way = judge(h, first, attempt, outcome, settings)
         count_try(report, f, verdict, attempt, outcome, settings)
         if verdict == TAKEN:

@@ -24,7 +24,7 @@ from featherfx.shot.contact.aside import Partners, aside, forgotten, put_back
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.contact.mend import Stepper, Surroundings
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
-from featherfx.shot.contact.settle import settled_together
+from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
 from featherfx.shot.contact.steps import FrameSteps, StepRules
 from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.detail.sleep import asleep
@@ -35,7 +35,7 @@ from featherfx.solver.contact.interval import ContactReport, ContactSettings, Co
 from featherfx.solver.contact.surfaces import grids_of, surfaces_of
 from featherfx.solver.contact.types import Candidates, Memory
 from featherfx.solver.solver import Solver, StepReport
-from featherfx.solver.state import State
+from featherfx.solver.state import LARGEST, State
 from featherfx.solver.status import MOST_ITERATIONS
 from featherfx.solver.step.root_path import RootPath
 
@@ -142,6 +142,17 @@ class ShotContact:
             names=self.names,
         )
 
+    @property
+    def limits(self) -> dict[str, int]:
+        """What keeps steps from being shorter, by keys of the shot."""
+        if self.contact.steps:
+            return {"[contact] steps": self.contact.steps}
+        known = {
+            "[contact] most_steps": self.contact.most_steps,
+            "max_substeps": self.shot.quality.max_substeps,
+        }
+        return {key: most for key, most in known.items() if most == self._rules.substeps}
+
     def _tolerance(self) -> float:
         """m, what a gap may be off."""
         least, most = LEAST_OFF * self._thickness, MOST_OFF * self._thickness
@@ -207,6 +218,7 @@ class ShotContact:
         found = settled_together(self.solver, self.bodies, states, loads, self.names, idle)
         self.tally.rest_depth, self.tally.settled_depth = found.rest_depth, found.depth
         self._unresolved = self._still_deep()
+        warn_of_unsettled(found, self.names, self._unresolved)
         return found.states
 
     def _still_deep(self) -> list[dict[str, Any]]:
@@ -316,6 +328,5 @@ def _summed(parts: Sequence[StepReport]) -> StepReport:
     columns = {}
     for name in StepReport._fields:
         values = np.stack([getattr(part, name) for part in parts])
-        largest = name in ("error", "move", "status")
-        columns[name] = values.max(axis=0) if largest else values.sum(axis=0)
+        columns[name] = values.max(axis=0) if name in LARGEST else values.sum(axis=0)
     return StepReport(**columns)

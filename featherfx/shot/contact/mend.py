@@ -27,7 +27,7 @@ from featherfx.solver.contact.interval import (
     Manner,
 )
 from featherfx.solver.solver import StepReport
-from featherfx.solver.state import State
+from featherfx.solver.state import LARGEST, TOO_LONG, State
 from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
@@ -184,9 +184,9 @@ def _put(
     for g, (low, high) in enumerate(pairwise(first)):
         own = island[low:high]
         for name, total, new in zip(StepReport._fields, reports[g], more[g], strict=True):
-            if name in ("error", "move", "status", "steps", "forced") and anew:
+            if name in ("steps", *TOO_LONG, *LARGEST) and anew:
                 total[own] = new[own]
-            elif name in ("error", "move", "status"):
+            elif name in LARGEST:
                 total[own] = np.maximum(total[own], new[own])
             else:
                 total[own] += new[own]

@@ -7,9 +7,10 @@ others than is left, is only solved again where others push it.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +21,16 @@ from featherfx.phases import phase
 from featherfx.shot.contact.aside import aside, put_back
 from featherfx.shot.contact.bodies import Bodies
 from featherfx.shot.contact.mend import EASY
-from featherfx.solver.contact.interval import ContactReport, ContactSolver, Manner
+from featherfx.solver.contact.interval import ContactReport, ContactSolver, Led, Manner
 from featherfx.solver.solver import raise_if_failed
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import hold_roots
 
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+Array = NDArray[np.float64]
+# states, status (B,) and report of a step that was tried
+_Tried = tuple[list[State], Array, ContactReport]
 
 # lengths of the steps, s, and the most of each
 STEPS, MOST_STEPS = (0.01, 0.1, 1.0), 8
@@ -33,8 +38,9 @@ STEPS, MOST_STEPS = (0.01, 0.1, 1.0), 8
 CUT, SHORTEST = 0.25, 1e-5
 # Newton iterations of one solve, over those of a step that is easy, in steps longer than the first
 PATIENT = 4
-# misfit of contacts, over the thickness, beyond which a step is cut as well, down to this, s
-BAD, SHORTEST_OFF = 2.0, 5e-4
+# misfit of contacts, over the thickness, beyond which a step is cut as well, down to this, s; part
+# of the feathers that go alone instead, where a step of the stage was cut
+BAD, SHORTEST_OFF, FEW = 2.0, 5e-4, 0.05
 # over the time of a stage's first step, what settling takes after each of its steps: between what
 # samples/flapping_bird and pigeon/contact.toml and the creature of docs/production_shot.md took
 LEFT = (
@@ -44,15 +50,23 @@ LEFT = (
 )
 # Newton iterations of a feather after which settling ends, in balance or not
 MOST_ITERATIONS = 4000
+# pairs named in a warning
+MOST_NAMED = 3
 
 
 @dataclass(frozen=True)
 class Settled:
-    """States of the batches, at rest; depth: m, deepest penetration, and rest_depth: before."""
+    """States of the batches, at rest; depth: m, deepest penetration, and rest_depth: before.
+
+    moving: bodies that found no balance, what moved farthest in the last step first. hard: which
+    took so many iterations that settling ended, if one did.
+    """
 
     states: list[State]
     depth: float
     rest_depth: float
+    moving: Indices
+    hard: int | None
 
 
 def settled_together(
@@ -67,40 +81,43 @@ def settled_together(
     idle (B,), which are computed in other batches.
 
     Raises SimulationError where a feather cannot be solved. One that finds no balance is left on
-    its way, with a warning (InputWarning) that names the first.
+    its way (warn_of_unsettled).
     """
     time = float(states[0].time[0])
     current = [_stopped(state, time) for state in states]
     rest_depth, depth = None, 0.0
-    spent, resting = np.zeros(len(names)), np.zeros(len(names), dtype=np.bool_)
-    quiet = resting
+    steps, resting = (
+        _Steps(solver, bodies, loads, names, idle),
+        np.zeros(len(names), dtype=np.bool_),
+    )
+    quiet, moved = resting, np.zeros(len(names))
     left = _Left()
     with phase("settling", len(STEPS) * MOST_STEPS, at_most=True) as done:
         for stage, longest in enumerate(STEPS):
-            h = longest
+            h, cut = longest, False
             resting[:] = False
             for number in range(MOST_STEPS):
                 done(stage * MOST_STEPS + number, left.seconds)
-                if spent.max() > MOST_ITERATIONS:
+                if steps.spent.max() > MOST_ITERATIONS:
                     break
-                some = resting, idle
-                new, contact, h = _step(solver, bodies, current, loads, names, h, some, spent)
+                new, contact, lengths = steps.take(current, h, resting, cut)
+                cut |= bool((lengths < h).any())
                 left.step(stage, number)
                 put_back(new, current, idle, solver.grids.first)
                 moved = _moves(new, current)
                 current = [_stopped(state, time) for state in new]
-                solver.accept()
                 bodies.begun = True
                 rest_depth = contact.start_depth if rest_depth is None else rest_depth
                 depth = contact.depth
-                quiet = (moved < solver.settings.tolerance) & (h == longest)
+                quiet = (moved < solver.settings.tolerance) & (lengths == longest)
                 resting = quiet & (contact.deep < solver.settings.tolerance)
                 if resting.all():
                     break
-                h = min(longest, h / CUT)
-    if not quiet.all():
-        _warn(names, quiet)
-    return Settled(current, depth, rest_depth or 0.0)
+                h = min(longest, float(lengths.max()) / CUT)
+    moving = np.flatnonzero(~quiet)
+    moving = moving[np.argsort(-moved[moving], kind="stable")]
+    hard = int(np.argmax(steps.spent)) if steps.spent.max(initial=0.0) > MOST_ITERATIONS else None
+    return Settled(current, depth, rest_depth or 0.0, moving, hard)
 
 
 class _Left:
@@ -118,44 +135,107 @@ class _Left:
         self._begin, self.seconds = now, LEFT[stage][number] * self._first
 
 
-def _step(
-    solver: ContactSolver,
-    bodies: Bodies,
-    states: Sequence[State],
-    loads: Sequence[Loads],
-    names: Sequence[str],
-    h: float,
-    some: tuple[Flags, Flags],
-    spent: NDArray[np.float64],
-) -> tuple[list[State], ContactReport, float]:
-    """One damped step of h (s), or of as much of it as can be solved; and its length.
+class _Steps:
+    """Damped steps of the batches.
 
-    some: (B,) which rest, and which are idle. spent: (B,) Newton iterations, added to. What cannot
-    be solved at the shortest step yields.
+    idle: (B,) bodies that are computed in other batches. spent: (B,) Newton iterations so far.
     """
-    yielding: Flags | None = None
-    resting, idle = some
-    led = aside(solver.grids, states, idle)
-    while True:
+
+    def __init__(
+        self,
+        solver: ContactSolver,
+        bodies: Bodies,
+        loads: Sequence[Loads],
+        names: Sequence[str],
+        idle: Flags,
+    ) -> None:
+        self._solver, self._bodies, self._loads = solver, bodies, loads
+        self._names, self._idle = names, idle
+        self._thickness = 2.0 * float(solver.surfaces.half.max(initial=0.0))
+        self._nobody = np.zeros(len(names), dtype=np.bool_)
+        self.spent = np.zeros(len(names))
+
+    def take(
+        self, states: Sequence[State], h: float, resting: Flags, apart: bool
+    ) -> tuple[list[State], ContactReport, Array]:
+        """One damped step of h (s), or of as much of it as can be solved; and its length (B,).
+
+        resting: (B,) which rest. apart: whether a few whose contacts are far off go a part of it
+        alone, so that all others go the whole. Forces are kept for the next step.
+        """
+        held, tried = self._nobody, None
+        if apart:
+            tried = self._try(states, h, resting, held)
+            held = self._off(tried[2])
+            if tried[1].any() or held.mean() > FEW:
+                held = self._nobody
+            elif held.any():
+                tried = None
+        new, contact, length = self._part(states, h, resting, held, tried)
+        lengths = np.full(len(held), length)
+        if held.any():
+            put_back(new, states, held, self._solver.grids.first)
+            put_back(new, states, self._idle, self._solver.grids.first)
+            some, alone, lengths[held] = self._part(new, CUT * length, resting, ~held, None)
+            put_back(new, some, held, self._solver.grids.first)
+            deep, off = (
+                np.where(held, *each)
+                for each in ((alone.deep, contact.deep), (alone.off, contact.off))
+            )
+            contact = replace(contact, deep=deep, off=off, depth=float(deep.max()))
+        return new, contact, lengths
+
+    def _part(
+        self, states: Sequence[State], h: float, resting: Flags, held: Flags, tried: _Tried | None
+    ) -> tuple[list[State], ContactReport, float]:
+        """One step of h (s), or of as much of it as can be solved, of what is not held. tried: it,
+        if it has been. What cannot be solved at the shortest step yields."""
+        yielding: Flags | None = None
+        while True:
+            new, status, contact = tried or self._try(states, h, resting, held, yielding)
+            tried = None
+            if not status.any() and not (self._off(contact).any() and CUT * h > SHORTEST_OFF):
+                self._solver.accept()
+                return new, contact, h
+            if CUT * h >= SHORTEST:
+                h *= CUT
+            elif yielding is None:
+                yielding = status != 0.0
+            else:
+                raise_if_failed(status, np.zeros(len(status)), self._names)
+
+    def _try(
+        self,
+        states: Sequence[State],
+        h: float,
+        resting: Flags,
+        held: Flags,
+        yielding: Flags | None = None,
+    ) -> _Tried:
+        """One step of h (s) of what is neither held nor idle."""
+        solver, now = self._solver, float(states[0].time[0])
+        led = aside(solver.grids, states, self._idle)
+        if held.any():
+            nodes = solver.grids.together([state.points.nodes for state in states])
+            nodes = (
+                nodes
+                if led is None
+                else np.where(self._idle[:, None, None, None], led.start, nodes)
+            )
+            led = Led(~(held | self._idle), nodes, nodes)
         paths = [hold_roots(state) for state in states]
-        now = float(states[0].time[0])
-        walls = bodies.walls(states, now, now, solver.settings.margin)
+        walls = self._bodies.walls(states, now, now, solver.settings.margin)
         manner = Manner(resting=resting, yielding=yielding, led=led, settling=True)
         if CUT * h >= SHORTEST:
             # what is nearly at rest is not cut for one feather that takes long
             manner = manner._replace(iterations=EASY if h <= STEPS[0] else PATIENT * EASY)
-        new, reports, contact = solver.interval(states, loads, paths, h, walls, manner)
-        spent += np.concatenate([report.iterations for report in reports])
-        status = np.concatenate([report.status for report in reports])
-        far_off = contact.residual > BAD * 2.0 * float(solver.surfaces.half.max(initial=0.0))
-        if not status.any() and not (far_off and CUT * h > SHORTEST_OFF):
-            return new, contact, h
-        if CUT * h >= SHORTEST:
-            h *= CUT
-        elif yielding is None:
-            yielding = status != 0.0
-        else:
-            raise_if_failed(status, np.zeros(len(status)), names)
+        new, reports, contact = solver.interval(states, self._loads, paths, h, walls, manner)
+        self.spent += np.concatenate([report.iterations for report in reports])
+        return new, np.concatenate([report.status for report in reports]), contact
+
+    def _off(self, contact: ContactReport) -> Flags:
+        """(B,) bodies whose contacts are far off."""
+        return np.asarray(contact.off > BAD * self._thickness)
 
 
 def _moves(after: Sequence[State], before: Sequence[State]) -> NDArray[np.float64]:
@@ -175,12 +255,31 @@ def _stopped(state: State, time: float) -> State:
     return new
 
 
-def _warn(names: Sequence[str], quiet: Flags) -> None:
-    moving = np.flatnonzero(~quiet)
-    more = f" and {len(moving) - 1} more" if len(moving) > 1 else ""
-    warnings.warn(
-        f"settle: feather '{names[int(moving[0])]}'{more} had not come to rest against the others"
-        " and starts out of balance",
-        InputWarning,
-        stacklevel=2,
-    )
+def warn_of_unsettled(
+    found: Settled, names: Sequence[str], deep: Sequence[Mapping[str, Any]]
+) -> None:
+    """Say which feathers start out of balance, why, and what helps (InputWarning).
+
+    deep: pairs that are in each other, the deepest first: feather, other and depth (m).
+    """
+    if not len(found.moving):
+        return
+    first, more = names[int(found.moving[0])], len(found.moving) - 1
+    who = f"feather '{first}'" + (f" and {more} more start" if more else " starts")
+    said = f"settle: {who} out of balance, not at rest against the others"
+    if found.hard is not None:
+        said += (
+            f"; settling ended when '{names[found.hard]}' had taken {MOST_ITERATIONS} Newton"
+            " iterations"
+        )
+    if deep and deep[0]["depth"] > found.rest_depth / 10.0:
+        pairs = (
+            f"'{pair['feather']}' {1e3 * pair['depth']:.2g} mm in '{pair['other']}'"
+            for pair in deep[:MOST_NAMED]
+        )
+        said += (
+            f"; the groom has them in each other, still {', '.join(pairs)}: let [layout] move"
+            " (most_tilt, most_lift), shorten (least_size) or leave out (drop) what finds no room,"
+            " or [contact] kinds or regions leave out what need not push"
+        )
+    warnings.warn(said, InputWarning, stacklevel=2)

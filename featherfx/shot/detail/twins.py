@@ -27,7 +27,7 @@ from featherfx.mechanics.model import Loads
 from featherfx.shot.detail.cycle import SLACK
 from featherfx.solver.image import MIRROR, Image
 from featherfx.solver.solver import StepReport
-from featherfx.solver.state import State
+from featherfx.solver.state import TOO_LONG, State
 from featherfx.solver.step.root_path import RootPath
 
 # of the largest value of a feather's array, by which states of twins may differ
@@ -59,7 +59,8 @@ class Twins(NamedTuple):
         images = self.image.of(state, self.given, self.own)
         for name, array in new.arrays().items():
             array[self.own] = images[name]
-        for figure in () if report is None else (report.error, report.move, report.forced):
+        for name in () if report is None else ("error", "move", *TOO_LONG):
+            figure = getattr(report, name)
             figure[self.own] = figure[self.given]
         return new
 

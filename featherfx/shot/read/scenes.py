@@ -241,10 +241,12 @@ def _warn_of_range(
 def _missing(source: MovingSurface | WindSource, checked: dict[str, Any], start: float) -> str:
     """Which samples a shot needs that a scene does not have; empty where it has all."""
     first, last = checked["frames"]
-    seconds = (last - first) / checked["frames_per_second"]
-    end = start + seconds * source.time_codes_per_second
+    rate, codes = checked["frames_per_second"], source.time_codes_per_second
+    end = start + (last - first) / rate * codes
     low, high = source.sampled or (start, end)
     if low - 1e-6 <= start and end <= high + 1e-6:
         return ""
     needs = f"the shot needs {start:g} to {end:g}"
+    if codes != rate:
+        needs += f" (frames_per_second = {rate:g}, the file has {codes:g} time codes a second)"
     return f"{source.path} has samples from {low:g} to {high:g}, {needs}"

@@ -224,7 +224,8 @@ def _advance(body, thread, reach, frame, sweep):
         viewed(batches.rows_new, g),
         f,
     )
-    report.steps[f] = report.forced[f] = report.error[f] = report.move[f] = 0.0
+    report.steps[f] = report.forced[f] = report.passed[f] = report.slipped[f] = 0.0
+    report.error[f] = report.move[f] = 0.0
     before, begins = report.iterations[f], marks.solves[body] == 0
     if begins and kept.hard[f] != 0:
         kept.matrices.pace[f] = 0.0

@@ -191,22 +191,21 @@ def _try(model, loads, f, path, attempt, state, settings, work):
         goal = Goal(FREE * settings.newton, attempt.limit, UNKNOWN, firm)
     solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
     error = step_error(radius, h, motion_of(state, f, NODES), now.points.nodes, around.target.nodes)
-    slipped = slip_of_step(model, f, now.strains.cell, around.gaps, work.gaps)
-    error = max(error, settings.tolerance * slipped / LARGEST_SLIP)
+    slipped = slip_of_step(model, f, now.strains.cell, around.gaps, work.gaps) / LARGEST_SLIP
     before, after = state.points.nodes[f], now.points.nodes
-    if barbs_pass(model, f, before, after, now.strains.cell, around.gaps):
-        error = max(error, PASSED * settings.tolerance)
-    status = nearly_solved(solved, error)
+    passed = barbs_pass(model, f, before, after, now.strains.cell, around.gaps)
+    excess = max(error, settings.tolerance * max(slipped, PASSED if passed else 0.0))
+    status = nearly_solved(solved, excess)
     keeps, energy = 1.0, attempt.promise.energy
     if attempt.promise.alone and status == CONVERGED:
         growth = 0.0
-        if radius != EULER and error <= min(settings.tolerance, settings.coarse):
+        if radius != EULER and excess <= min(settings.tolerance, settings.coarse):
             growth = max(0.0, attempt.promise.most - attempt.promise.energy)
         keeps, energy = solved_energy(model, loads, f, attempt.promise, growth, factors.rate, work)
         status = GREW if keeps < 0.0 else status
     pace = solved.pace if status == CONVERGED else UNKNOWN
     numbers = solved.iterations, solved.matrices, solved.move
-    return Outcome(status, *numbers, error, keeps, energy, pace)
+    return Outcome(status, *numbers, error, passed, slipped, excess, keeps, energy, pace)
 
 
 @kernel

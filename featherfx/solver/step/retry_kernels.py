@@ -102,14 +102,21 @@ class Attempt(NamedTuple):
 
 class Outcome(NamedTuple):
     """What came of it: status, Newton iterations and those of them with a new matrix, distance from
-    the solution (move, m), error (m), the part of its velocities that it keeps and its energy (J,
-    energy_promise_kernels), the Pace."""
+    the solution (move, m), the part of its velocities that it keeps and its energy (J,
+    energy_promise_kernels), the Pace.
+
+    error: m, local error. Whether loose barbs passed through each other, and how far hooks slipped,
+    over the most that a step should (gap_kernels), shorten a step as an error does (excess, m).
+    """
 
     status: int
     iterations: int
     matrices: int
     move: float
     error: float
+    passed: bool
+    slipped: float
+    excess: float
     keeps: float
     energy: float
     pace: Pace
@@ -128,6 +135,8 @@ def count_try(report, f, verdict, attempt, outcome, settings):
         report.steps[f] += 1
         report.fallbacks[f] += 1 if attempt.way == BACKWARD else 0
         report.forced[f] += 1 if outcome.error > settings.tolerance else 0
+        report.passed[f] += 1 if outcome.passed else 0
+        report.slipped[f] += 1 if outcome.slipped > 1.0 else 0
         report.error[f] = max(report.error[f], outcome.error)
         report.move[f] = max(report.move[f], outcome.move)
 
@@ -185,7 +194,7 @@ def judge(h, first, attempt, outcome, settings):
     where a step cannot be cut further.
     """
     shortest, floor, tolerance = settings.shortest, attempt.floor, settings.tolerance
-    step, way, error = attempt.h, attempt.way, outcome.error
+    step, way, error = attempt.h, attempt.way, outcome.excess
     smallest, shorter = shortest / SMALLEST, CUT * step
     if outcome.status == GREW:
         # another start of Newton would find the same
@@ -208,7 +217,7 @@ def judge(h, first, attempt, outcome, settings):
 @kernel
 def after_step(first, attempt, outcome, settings):
     """The next (h, way) where a step was taken; arguments as in judge."""
-    tolerance, error = settings.tolerance, outcome.error
+    tolerance, error = settings.tolerance, outcome.excess
     most = 1.0 if work_of(outcome) > settings.hard or error > LOST * tolerance else GROWTH
     wanted = _length_for(error, tolerance, attempt.h, 0.5, most)
     several = attempt.h < 0.4 * settings.duration

@@ -67,7 +67,11 @@ def codes_of(cache: Cache, frames: Sequence[float] | None) -> list[float | None]
         return [None]
     first, last = cache.frames
     if frames is None:
-        return [*cache.whole_frames()]
+        whole = cache.whole_frames()
+        if not whole:
+            message = f"is {last:g}, no whole frame lies between it and startTimeCode, {first:g}"
+            raise InputError(Problem(str(cache.path), "endTimeCode", message))
+        return [*whole]
     outside = [code for code in frames if not first <= code <= last]
     if outside:
         message = f"{outside[0]:g} is out of range; allowed {first:g} to {last:g}"
