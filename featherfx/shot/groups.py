@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map, scaled_map
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import Feather, RowMap, RowPoints
+from featherfx.feather.types import Feather, RowMap
 from featherfx.files.store import kept
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Placement, Splits
@@ -359,20 +359,14 @@ def loads_within(
     return sheltered(loads, group.exposure, way, end - start)
 
 
-def poses_of(group: Group, some: Indices) -> Iterator[FeatherPose]:
-    """Points and rates of some of a group's feathers on the grid of the meshes."""
-    state, hooked = group.state, group.solver.model.hooked
-    columns = (*state.points, *state.velocity, *state.acceleration)
-    # walking along an array takes a tenth of the time that indexing it takes
-    rows = list(zip(*columns, strict=True))
-    for k in some.tolist():
-        parts, to_mesh = rows[k], group.maps[k]
-        points, velocity, acceleration = (RowPoints(*parts[j : j + 2]) for j in (0, 2, 4))
-        if to_mesh is None:
-            gaps = state.gaps_of(k) if hooked else None
-            yield FeatherPose(points, velocity, acceleration, gaps)
-        else:
-            yield FeatherPose(to_mesh(points), to_mesh(velocity), to_mesh(acceleration))
+def pose_of(group: Group, k: int) -> FeatherPose:
+    """Points and rates of a group's feather on the grid of the meshes."""
+    state, to_mesh = group.state, group.maps[k]
+    points, *rates = (each.at(k) for each in (state.points, state.velocity, state.acceleration))
+    if to_mesh is None:
+        gaps = state.gaps_of(k) if group.solver.model.hooked else None
+        return FeatherPose(points, rates[0], rates[1], gaps)
+    return FeatherPose(to_mesh(points), to_mesh(rates[0]), to_mesh(rates[1]))
 
 
 def _maps(
