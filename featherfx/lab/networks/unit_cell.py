@@ -137,21 +137,12 @@ def cell_of(kind: FeatherKind, **changes: Any) -> UnitCell:
 def barbule_nodes(cell: UnitCell) -> tuple[list[int], list[int], int]:
     """Nodes of the distal and of the proximal barbule from their roots, and how many there are.
 
-    Node 0 is the barb's. Crossings are numbered -(m - 1) to m - 1 from the distal root; beyond
-    the last hook a barbule carries nothing and is left out.
+    Node 0 is the barb's, the others are the distal barbule's crossings in turn, of which the
+    proximal one has those at the hooks; beyond the last hook it carries nothing and is left out.
     """
-    last = cell.crossings - 1
-    count = 1
-    distal, proximal = [0], [0]
-    shared: dict[int, int] = {}
-    for q in range(-last, last + 1):
-        distal.append(count)
-        if q > last - cell.hooks:
-            shared[q] = count
-        count += 1
-    for q in range(last, last - cell.hooks, -1):
-        proximal.append(shared[q])
-    return distal, proximal, count
+    last = 2 * cell.crossings - 1
+    distal = list(range(last + 1))
+    return distal, [0, *range(last, last - cell.hooks, -1)], last + 1
 
 
 def cell_network(cell: UnitCell) -> FibreNetwork:
