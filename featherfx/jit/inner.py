@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 from numba.core import sigutils
 from numba.core.compiler_lock import global_compiler_lock
 
+from featherfx.files.collecting import seldom_collected
 from featherfx.jit.crew import Need, crew
 from featherfx.jit.parts import (
     ApartCompiler,
@@ -38,7 +37,7 @@ class Kernel(Dispatcher):
         if isinstance(self.linked, Shared) and not self.is_there(args):
             need = Need(self.py_func.__module__, self.py_func.__name__, args)
             crew().wait_for(need, lambda other: kernel_of(other).compile(other.args))
-        with global_compiler_lock, _seldom_collected():
+        with global_compiler_lock, seldom_collected():
             return super().compile(sig)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
@@ -46,18 +45,6 @@ class Kernel(Dispatcher):
 
     def get_overload(self, sig: Any) -> Any:
         return self.linked.get_overload(sig)
-
-
-@contextmanager
-def _seldom_collected() -> Iterator[None]:
-    """Python seldom looks for cycles to free: numba keeps nearly all that it makes until it is
-    done, and looking takes a seventh of the time of compiling. Never to look takes 200 MB more."""
-    before = gc.get_threshold()
-    gc.set_threshold(before[0] and 100_000, 10, 1000)  # 0: somebody wants it off
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)
 
 
 # kernels allocate nothing, so counting references to arrays would only cost time
