@@ -1,4 +1,6 @@
-"""Channels that a map on the skin weakens."""
+"""Channels on a skin: maps that weaken them, and how far a coat is pressed down."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +9,10 @@ from usdin_scenes import TYPES, add_mesh, new_stage, sheet, write_shot
 
 import featherfx
 from featherfx.errors import InputError
+from featherfx.feather.layout.overlap import strips_of
 from featherfx.shot.direction.channels import courses
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.types import Channel
 
 SKIN = 'usd = "skin.usda"\nprim = "/bird/skin"\ntolerance = 10'
 CHANNEL = '\n[[channel]]\nname = "ruffle"\nkeys = [[1, 30]]\nmap = "{}"\n'
@@ -51,6 +56,37 @@ def test_a_picture_says_it_as_well(tmp_path):
     by_picture = featherfx.read_shot(write_shot(tmp_path, SKIN + CHANNEL.format("paint.png")))
     by_primvar = featherfx.read_shot(write_shot(tmp_path, SKIN + CHANNEL.format("paint")))
     assert weights(by_picture) == pytest.approx(weights(by_primvar), abs=5e-3)
+
+
+@pytest.mark.parametrize("angle", [2.0, 10.0, 100.0])
+def test_a_coat_is_pressed_down_together_and_not_into_its_skin(tmp_path, angle):
+    """By one share of what is between each and the skin, which is at most a half."""
+    painted(tmp_path)
+    path = write_shot(tmp_path, SKIN)
+    groom = tmp_path / "groom.toml"
+    # the last one steeper
+    text = groom.read_text().replace("0, 0.2]", "0, 0.8]").replace("0.3, 0.2]", "0.3, 1.6]")
+    groom.write_text(text)
+    shot = featherfx.read_shot(path)
+    before, left = over_the_sheet(shot), []
+    for name, value in (("sleek", angle), ("ruffle", -angle)):
+        channel = Channel(name=name, keys=((1, value),))
+        turned = root_motion(replace(shot, channels=(channel,))).frames(0.0).rotations
+        left.append(over_the_sheet(shot, turned) / before)
+    assert left[0] == pytest.approx(left[1])
+    assert np.ptp(before) > 0.3
+    assert np.ptp(left[0]) < 0.07
+    # feathers that sweep to a side come down a little less
+    assert left[0].mean() == pytest.approx({2.0: 0.88, 10.0: 0.63, 100.0: 0.5}[angle], abs=0.09)
+
+
+def over_the_sheet(shot, rotations=None):
+    """(F,) rad, angles between feathers, root to tip, and z = 0."""
+    feathers = shot.groom.feathers
+    if rotations is not None:
+        feathers = [replace(f, rotation=r) for f, r in zip(feathers, rotations, strict=True)]
+    shaft = strips_of(feathers).shaft
+    return np.arcsin(shaft[:, 2] / np.linalg.norm(shaft, axis=1))
 
 
 @pytest.mark.parametrize(("name", "said"), [("pant", "pant"), ("no.png", "no.png")])

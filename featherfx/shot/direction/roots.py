@@ -8,6 +8,14 @@ z = R e_z the dorsal side, and X, Y, Z turns about the feather's own axes: Y rai
 dorsal side, X raises the leading vane, Z turns within the vane. A fan spreads feathers in
 proportion to their place along the line on which their roots lie, a fold turns each towards the
 mean direction of all.
+
+What is pressed down over a skin, by an angle a = sleek - ruffle above 0, turns instead by
+
+    DOWN r (1 - exp(-a / (DOWN FLAT))),
+
+r the angle that is between the feather and the skin at rest. So heights over the skin shrink by one
+factor, the order of feathers over each other stays, and none is pressed into the skin. Wings and
+tails, which stand off it, turn by the angle itself.
 """
 
 from __future__ import annotations
@@ -18,12 +26,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags
+from featherfx.feather.layout.overlap import strips_of
 from featherfx.groom.types import Placement
+from featherfx.shot.contact.beneath import SkinBeneath, surfaces_under
 from featherfx.shot.direction.channels import Course, courses
 from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
 
 NAMES = ("ruffle", "sleek", "turn", "fan", "fold", "puff")
+# rad, near what is between feather and skin in the median of the pigeon's coat
+FLAT = np.radians(15.0)
+# of the way down to the skin, how far a coat goes at most: feathers lie on feathers
+DOWN = 0.5
+# of a feather's length, places that are not to be pressed into the skin
+PRESSED = 0.4, 0.7, 1.0
 
 
 @dataclass(frozen=True)
@@ -40,10 +56,12 @@ class _Pull:
 
 @dataclass(frozen=True)
 class Directed:
-    """Roots of a motion as the channels of a shot turn and shift them."""
+    """Roots of a motion as the channels of a shot turn and shift them. room: (F,) rad, how far each
+    feather is over a skin, inf where it is over none."""
 
     motion: Roots
     pulls: tuple[_Pull, ...]
+    room: Array
 
     def frames(self, time: float) -> RootFrames:
         """Where the roots are at a time, s since the first frame."""
@@ -55,7 +73,10 @@ class Directed:
         )
         from scipy.spatial.transform import Rotation  # heavy, and only for this
 
-        own = Rotation.from_euler("ZYX", np.asarray(turn)[:, ::-1]).as_matrix()
+        axes = np.array(turn)
+        down = (axes[:, 1] > 0.0) & np.isfinite(self.room)
+        axes[down, 1] = -DOWN * self.room[down] * np.expm1(-axes[down, 1] / (DOWN * FLAT))
+        own = Rotation.from_euler("ZYX", axes[:, ::-1]).as_matrix()
         positions = positions + np.asarray(lift)[:, None] * rotations[:, :, 2]
         return RootFrames(positions, rotations @ own)
 
@@ -65,7 +86,26 @@ def directed(shot: Shot, motion: Roots) -> Roots:
     found = courses(shot, NAMES)
     if not found:
         return motion
-    return Directed(motion, tuple(_pull(shot.groom.feathers, each) for each in found))
+    pulls = tuple(_pull(shot.groom.feathers, each) for each in found)
+    return Directed(motion, pulls, _room(shot, found))
+
+
+def _room(shot: Shot, found: Sequence[Course]) -> Array:
+    """(F,) rad, angle between each feather and the skin beneath it at rest, at least 0; inf where
+    nothing is pressed down, there is no skin, or a limb stands off it."""
+    room = np.full(len(shot.groom.feathers), np.inf)
+    sides = {"ruffle": -1.0, "sleek": 1.0}
+    presses = any((sides.get(c.channel.name, 0.0) * c.curve.values > 0.0).any() for c in found)
+    if shot.skin is None or not presses:
+        return room
+    strips = strips_of(shot.groom.feathers)
+    length = np.linalg.norm(strips.shaft, axis=1)
+    for surface, own in surfaces_under(shot.skin, np.arange(len(room))):
+        for part in PRESSED:
+            beneath = SkinBeneath(surface, strips.root[own] + part * strips.shaft[own])
+            angle = np.arctan2(np.maximum(beneath.height, 0.0), part * length[own])
+            room[own] = np.minimum(room[own], angle)
+    return np.where([each.turning is None for each in shot.groom.feathers], room, np.inf)
 
 
 def _pull(placements: Sequence[Placement], course: Course) -> _Pull:
