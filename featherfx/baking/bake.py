@@ -25,7 +25,7 @@ NOTHING_DONE = {"mean": 0.0, "max": 0.0}
 # what the seconds of a report are made of; setting_up is all the rest
 PHASES = {
     "settling": ("settling",),
-    "simulating": ("preroll", "simulating"),
+    "simulating": ("preroll", "earlier", "simulating"),
     "writing": ("writing",),
     "finishing": ("finishing",),
 }

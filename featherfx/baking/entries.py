@@ -156,7 +156,7 @@ def refuse_unfit_form(groom: Groom, options: BakeOptions, source: str) -> None:
         problems += [
             Problem(source, "groom", f"vanes of the kind '{name}' {told}") for name in names
         ]
-    if options.velocities == "none" and options.accelerations:
+    if options.rates == "none" and options.accelerations:
         problems.append(Problem(source, "velocities", "none leaves no accelerations either"))
     require(*problems)
 

@@ -51,7 +51,7 @@ OF_BAKE, MOST_SECONDS = 1.0 / 6.0, 60.0
 # over the feathers of the last trial, those that make a larger one worth its time
 WORTH = 1.5
 # phases that go with what is solved, and those of the frames
-_OF_WORK = ("settling", "preroll", "simulating")
+_OF_WORK = ("settling", "preroll", "earlier", "simulating")
 _LOOP = ("simulating", "writing")
 
 

@@ -218,10 +218,13 @@ class Simulation:
             preroll = range(self._index + 1, 0)
             for index in counted("preroll", preroll, len(preroll)) if preroll else ():
                 self._reach(index)
+            earlier = range(self._index + 1, self._begin_at)
+            for index in counted("earlier", earlier, len(earlier)) if earlier else ():
+                self._reach(index)
+                yield index
             for index in range(self._index + 1, end + 1):
                 self._reach(index)
-                if index >= self._begin_at:
-                    self._counts.frame(*self._levels.counts())
+                self._counts.frame(*self._levels.counts())
                 yield index
             cycles = [group.cycle for group in self._groups]
             warn_if_never(cycles, self.shot.cycle, self._index // self._subframes)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pxr import Vt
 
 from featherfx.algebra.types import Floats
@@ -52,7 +52,7 @@ class InPlace:
     def __init__(self, kind: Any, shape: tuple[int, ...], number: Any = np.float32) -> None:
         self._kind = kind
         self._value = kind(shape[0]) if _IN_PLACE else None
-        self.numbers: Floats = (
+        self.numbers: NDArray[Any] = (
             np.empty(shape, number) if self._value is None else np.asarray(_Memory(self._value))
         )
 
@@ -75,6 +75,11 @@ def new_scalars(count: int) -> InPlace:
 def new_rotations(count: int) -> InPlace:
     """numbers: (count, 4) in half precision, the real part last, as USD has it."""
     return InPlace(Vt.QuathArray, (count, 4), np.float16)
+
+
+def new_integers(count: int) -> InPlace:
+    """numbers: (count,)."""
+    return InPlace(Vt.IntArray, (count,), np.int32)
 
 
 def vec3f(values: ArrayLike) -> Any:

@@ -28,6 +28,9 @@ DIAGNOSTICS = {"strain": (STRAIN_ACROSS, STRAIN_SHEAR), "energy": (ENERGY_DENSIT
 # the rotation that turns x, y and z to along the shaft, its d2 and dorsal
 P_BARB = ("primvars:P_barbl", "primvars:P_barbr")
 ORIENT = "primvars:barborient"
+# what half of the rows and nodes leave out of all (featherfx/feather/detail.py), and the grid of a
+# feather, rows and columns
+DETAIL, DETAIL_GRID = "featherDetail", "featherDetail:grid"
 # the shape that they are built of, as text (featherfx/feather/shape_text.py), and its factor
 SHAPE, SHAPE_SIZE = "featherShape", "shapeSize"
 # of meshes, how their barbs look in pictures, as text (groom/looks.py)

@@ -22,6 +22,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import Groom, Layout, Placement
+from featherfx.phases import Account
 from featherfx.shot.placement import place_feathers
 from featherfx.shot.read.read import read_shot
 
@@ -303,6 +304,19 @@ def test_feathers_are_shortened_before_they_are_dropped(kind):
         assert min(report.shortened) >= 0.3 - 1e-12
         dropped += len(report.dropped)
     assert dropped <= 12
+
+
+@pytest.mark.parametrize("drop", [None, 1e-4])
+def test_the_time_left_is_told(kind, drop):
+    told = []
+    with nothing_kept(), Account(told.append):
+        laid_out(limited(groom_of(*field(kind)), drop=drop))
+    parts = [each for each in told if each.name == "layout"]
+    done = [each.done for each in parts]
+    assert done == sorted(done)
+    assert [each.left is None for each in parts] == [number < 2 for number in range(len(parts))]
+    assert parts[-1].ended
+    assert parts[-1].done == parts[-1].total
 
 
 def test_no_layout_changes_nothing(kind):

@@ -255,6 +255,19 @@ def test_progress_lines_are_json(tmp_path):
         assert line["left"] is None or line["left"] >= 0.0
 
 
+def test_frames_before_those_that_are_wanted_are_told(tmp_path):
+    shot = SAMPLES / "feather_pull/shot.toml"
+    wanted = ("--frames", "5-6", "--progress", "json")
+    result = invoke("bake", shot, "-o", tmp_path / "a.usdc", *wanted)
+    assert result.exit_code == 0, result.stderr
+    lines = [json.loads(line) for line in result.stderr.splitlines() if line.startswith("{")]
+    earlier = [line for line in lines if line["progress"] == "earlier"]
+    assert {line["total"] for line in earlier} == {4}
+    assert earlier[-1]["done"] == 4
+    frames = [line["done"] for line in lines if line["progress"] == "frames"]
+    assert frames == [0, 1, 2]
+
+
 def test_followers_are_cut_so_that_few_guides_are_simulated_twice(tmp_path):
     shot = tmp_path / "shot.toml"
     text = WING.read_text().replace('"groom.toml"', f'"{WING.with_name("groom.toml")}"')

@@ -34,8 +34,7 @@ FORMS = [
     ("curves", "full", (11, 4)),
     ("condensed", "full", (11, 4)),
     ("condensed", "none", (11, 4)),
-    ("condensed", "none", (6, 2)),
-    ("condensed", "none", (5, 2)),
+    ("condensed", "none", (21, 6)),
 ]
 
 

@@ -24,7 +24,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.phases import counted
 from featherfx.usd.arrays import vec3f
 from featherfx.usd.convert.plain import begun, composed, plain_copy
-from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, ORIENT, P_BARB
+from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, DETAIL, ORIENT, P_BARB
 
 # frames of a new cache
 MOST_FRAMES = 1_000_000
@@ -335,6 +335,8 @@ class _Prim:
 
     def _summed(self, name: str, track: _Track, parts: Sequence[Part]) -> Any:
         """What has no rate: directions stay unit vectors; what is no number is that of before."""
+        if name == DETAIL:
+            return np.rint(sum(part.weight * track.linear(part.code) for part in parts))
         if not np.issubdtype(track.number, np.floating):
             return track.raw(track.codes[track.around(parts[0].code)[0]])
         read = track.turning if name == ORIENT else track.linear

@@ -1,9 +1,10 @@
 """Meshes and barbs from condensed feathers, at any density.
 
-A condensed feather (featherfx/usd/write/forms.py) has the nodes that its mesh stands on, and the
+A condensed feather (featherfx/usd/write/forms.py) has the nodes that its mesh stands on, all or
+half of the rows and columns with what leads to the others (featherfx/feather/detail.py), and the
 shape that it is built of. At its own density the mesh is the one that a bake would have written, to
-single precision. Others, and barbs, are built of the shape and follow the nodes by the map that a
-bake draws finer meshes with (featherfx/feather/density.py).
+single precision, or to 0.065 % of its length. Others, and barbs, are built of the shape and follow
+the nodes by the map that a bake draws finer meshes with (featherfx/feather/density.py).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +26,20 @@ from featherfx.errors import InputError, Problem, require
 from featherfx.feather.barb_looks import clumped, drawn_barbs
 from featherfx.feather.build import scaled
 from featherfx.feather.density import density_map, scaled_map, scaled_points
+from featherfx.feather.detail import Thinning, restored, thinning
 from featherfx.feather.render import BARB_SEGMENTS
 from featherfx.feather.shape_text import shape_of
 from featherfx.feather.shapes import built_shapes
-from featherfx.feather.types import Array, BarbCurves, Feather, Indices, RowMap, RowPoints
+from featherfx.feather.types import (
+    Array,
+    BarbCurves,
+    Feather,
+    Indices,
+    RowMap,
+    RowPoints,
+    both,
+    stacked,
+)
 from featherfx.groom.looks import BarbLook
 from featherfx.groom.types import FeatherKind
 from featherfx.limits import MOST_BARBS, MOST_CLUMPS, MOST_COLUMNS, MOST_ROWS
@@ -49,9 +61,10 @@ from featherfx.usd.read.values import (
     texts_of,
     times_of,
 )
-from featherfx.usd.types import ORIENT, P_BARB, SHAPE, SHAPE_SIZE, WET
+from featherfx.usd.types import DETAIL, DETAIL_GRID, ORIENT, P_BARB, SHAPE, SHAPE_SIZE, WET
 
 _ROTATIONS = Kind("f", (4,), "an array of rotations")
+_PAIRS = Kind("i", (2,), "an array of pairs of integers")
 
 
 @dataclass(frozen=True)
@@ -178,11 +191,23 @@ def _code(time: float | Usd.TimeCode | None) -> Any:
 class _Grown:
     """What feathers of one shape and grid have in common, unit size and metres.
 
-    fine: as it is drawn. to_fine: the map to it from the written grid, None where that is its own.
+    own: on the written grid. fine: as it is drawn. to_fine: the map to that, None where it is own.
     """
 
+    own: Feather
     fine: Feather
     to_fine: RowMap | None
+
+
+@dataclass(frozen=True)
+class _Thinned:
+    """Feathers of a prim that have one grid. members: their numbers. rest, and lengths of their
+    shafts: as curves have them, stage units."""
+
+    members: Indices
+    rest: RowPoints
+    lengths: Array
+    thin: Thinning
 
 
 class _Shafts:
@@ -194,6 +219,8 @@ class _Shafts:
         counts = self._array("curveVertexCounts", DEFAULT, INTEGERS).astype(np.int64)
         element = UsdGeom.PrimvarsAPI(prim).GetPrimvar(P_BARB[0]).GetElementSize()
         self._starts, self._columns = np.concatenate([[0], np.cumsum(counts)]), element
+        self._grids_written = self._written_grids(counts)
+        rows_written = self._grids_written[:, 0]
         members = members_of(prim) or [_only(prim)]
         if len(members) != len(counts):
             raise self._fault("curveVertexCounts", f"tell of {len(counts)}, {len(members)} named")
@@ -204,9 +231,10 @@ class _Shafts:
         # of the values of this prim, which are in the units of its stage
         scales = sizes.astype(float) / UsdGeom.GetStageMetersPerUnit(prim.GetStage())
         grown = [
-            _grown(shape, (n, element), (rows or n, columns or element))
-            for shape, n in zip(shapes, counts.tolist(), strict=True)
+            _grown(shape, (n, m), (rows or n, columns or m))
+            for shape, (n, m) in zip(shapes, self._grids_written.tolist(), strict=True)
         ]
+        self._thinned = list(self._thinnings(counts, grown, scales)) if self._has_detail else []
         drawn = [scaled(each.fine, float(s)) for each, s in zip(grown, scales, strict=True)]
         self._surfaces = [each.surface for each in drawn]
         self._grids = [(each.rows, 1 + 2 * each.columns) for each in drawn]
@@ -214,7 +242,7 @@ class _Shafts:
         if any(each.to_fine is not None for each in grown):
             maps = [
                 scaled_map(each.to_fine or density_map(each.fine, each.fine), float(s), int(n))
-                for each, s, n in zip(grown, scales, counts, strict=True)
+                for each, s, n in zip(grown, scales, rows_written, strict=True)
             ]
             joined = [scipy.sparse.vstack([part.matrix for part in each]) for each in maps]
             self._map = scipy.sparse.block_diag(joined, format="csr")
@@ -222,19 +250,50 @@ class _Shafts:
         self._drawn: list[BarbCurves] = []
         if barbs:
             self._drawn = curves = [
-                drawn_barbs(kind, (int(n), self._columns), barbs, mirrored, member.id)
-                for (kind, mirrored), n, member in zip(shapes, counts, members, strict=True)
+                drawn_barbs(kind, (n, m), barbs, mirrored, member.id)
+                for (kind, mirrored), (n, m), member in zip(
+                    shapes, self._grids_written.tolist(), members, strict=True
+                )
             ]
             self._barb_sides = [each.side for each in curves]
             parts = [
                 scaled_points(each.points_map, float(s), int(n)).matrix
-                for each, s, n in zip(curves, scales, counts, strict=True)
+                for each, s, n in zip(curves, scales, rows_written, strict=True)
             ]
             self._to_barbs = scipy.sparse.block_diag(parts, format="csr")
         self.feathers = list(self._told(members))
         self.point_count = sum(len(each.row) for each in self._surfaces)
         self.barb_count = sum(map(len, self._barb_sides))
         self._row, self._node, self._offset = self._joined(drawn)
+
+    def _written_grids(self, counts: Indices) -> Indices:
+        """(M, 2) rows and columns of which nodes are known of each feather."""
+        some = np.stack([counts, np.full_like(counts, self._columns)], axis=1)
+        self._has_detail = self.prim.HasAttribute(DETAIL)
+        if not self._has_detail:
+            return some
+        grids = self._shaped(DETAIL_GRID, DEFAULT, _PAIRS, some.shape).astype(np.int64)
+        if (
+            (grids < some).any()
+            or (grids > (MOST_ROWS, MOST_COLUMNS)).any()
+            or (some < (3, 1)).any()
+        ):
+            raise self._fault(DETAIL_GRID, "is not of more rows and columns than the curves have")
+        return grids
+
+    def _thinnings(
+        self, counts: Indices, grown: Sequence[_Grown], scales: Array
+    ) -> Iterator[_Thinned]:
+        """Feathers of one grid, of which as much is kept, together."""
+        alike: dict[tuple[int, ...], list[int]] = {}
+        for k, key in enumerate(np.column_stack([counts, self._grids_written]).tolist()):
+            alike.setdefault(tuple(key), []).append(k)
+        for (some, rows, columns), own in alike.items():
+            shapes = stacked([grown[k].own.rest for k in own])
+            rest = RowPoints(shapes.nodes * scales[own, None, None, None], shapes.directors)
+            lengths = scales[own] * [grown[k].own.station[-1] for k in own]
+            thin = thinning(rows, columns, (some, self._columns))
+            yield _Thinned(np.array(own), rest, lengths, thin)
 
     def _shapes(self, count: int) -> list[tuple[FeatherKind, bool]]:
         """Kind and side of each feather."""
@@ -298,8 +357,8 @@ class _Shafts:
         matrix = np.array(self._curves.ComputeLocalToWorldTransform(code))
         return transformed(points, matrix)
 
-    def _pose(self, code: Any) -> tuple[Array, Array]:
-        """(N, 1 + 2 m, 3) nodes, leading first, and (N, 2, 3) directors of all rows."""
+    def _pose(self, code: Any) -> RowPoints:
+        """Nodes, leading first, and directors of all rows, feather after feather."""
         shaft = self._array("points", code, VECTORS).astype(float)
         if len(shaft) != self._starts[-1]:
             raise self._fault("points", f"are {len(shaft)}, not {self._starts[-1]}, {at(code)}")
@@ -311,7 +370,23 @@ class _Shafts:
         turns = np.roll(turns, 1, axis=1)
         frames = quats_to_frames(turns / np.linalg.norm(turns, axis=1, keepdims=True))
         nodes = np.concatenate([shaft[:, None], leading, trailing], axis=1)
-        return nodes, np.stack([frames[..., 1], frames[..., 2]], axis=1)
+        kept = RowPoints(nodes, np.stack([frames[..., 1], frames[..., 2]], axis=1))
+        return self._whole(kept, code) if self._has_detail else kept
+
+    def _whole(self, kept: RowPoints, code: Any) -> RowPoints:
+        """All nodes and directors of all rows, from those that are kept."""
+        sizes = self._grids_written[:, 0] * (1 + 2 * self._grids_written[:, 1]) * 3
+        detail = self._shaped(DETAIL, code, INTEGERS, (int(sizes.sum()),))
+        found: list[RowPoints] = [kept] * len(sizes)
+        each, rows = np.split(detail, np.cumsum(sizes)[:-1]), self._rows()
+        for own in self._thinned:
+            some = stacked([RowPoints(*(part[rows[k]] for part in kept)) for k in own.members])
+            shape = len(own.members), 3, *own.rest.nodes.shape[1:3]
+            steps = np.stack([each[k] for k in own.members]).reshape(shape)
+            whole = restored(some, own.rest, own.lengths, steps, own.thin)
+            for place, k in enumerate(own.members):
+                found[k] = whole.at(place)
+        return both(lambda *parts: np.concatenate(parts), *found)
 
     @cached_property
     def _leading_is_right(self) -> Flags:
@@ -321,11 +396,13 @@ class _Shafts:
         return np.repeat(flags.astype(np.bool_), counts)
 
     def _rows(self) -> list[slice]:
-        return [slice(*ends) for ends in zip(self._starts[:-1], self._starts[1:], strict=True)]
+        """Those of each feather, of the curves."""
+        return _slices(self._starts)
 
     def _flat(self, nodes: Array, directors: Array) -> Array:
         """All nodes and directors as the maps take them, feather after feather."""
-        each = (RowPoints(nodes[own], directors[own]) for own in self._rows())
+        starts = np.concatenate([[0], np.cumsum(self._grids_written[:, 0])])
+        each = (RowPoints(nodes[own], directors[own]) for own in _slices(starts))
         return np.concatenate([part.reshape(-1, 3) for points in each for part in points])
 
     def _split(self, flat: Array) -> tuple[Array, Array]:
@@ -393,5 +470,10 @@ def _grown(
     """own, wanted: rows and columns."""
     (fine,) = built_shapes((shape,), *wanted)
     if own == wanted:
-        return _Grown(fine, None)
-    return _Grown(fine, density_map(built_shapes((shape,), *own)[0], fine))
+        return _Grown(fine, fine, None)
+    (written,) = built_shapes((shape,), *own)
+    return _Grown(written, fine, density_map(written, fine))
+
+
+def _slices(starts: Indices) -> list[slice]:
+    return [slice(*ends) for ends in pairwise(starts)]

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
+from featherfx.feather.detail import thinning
 from featherfx.feather.shape_text import shape_text
 from featherfx.feather.types import LEADING, TRAILING
 from featherfx.usd import arrays
@@ -122,7 +123,7 @@ def define_prims(
             ups = _ups(info, own)
             define_rachises(stage, at[RACHIS], group, own, rest[RACHIS], ups, materials)
             if group.is_condensed:
-                values = condensed_values(info, own, rest)
+                values = condensed_values(info, own, rest, prims.form.thinned)
                 define_condensed(stage, at[RACHIS], group, values, own)
         if BARB in at:
             define_barbs(stage, at[BARB], group, own, rest[BARB], materials)
@@ -167,7 +168,7 @@ def _copy(
         replace_primvars(layer, target[RACHIS], chart=charts([entry]))
     replace_primvars(layer, target[RACHIS], up=arrays.vec3f(_ups(info, [entry])))
     if group.is_condensed:
-        own = condensed_values(info, [entry], rest)
+        own = condensed_values(info, [entry], rest, group.feathers[0].form.thinned)
         if entry.shape is not None:
             own[SHAPE] = arrays.strings(shape_text(*entry.shape[:2]))
         replace_primvars(layer, target[RACHIS], **own)
@@ -183,18 +184,27 @@ def _rest(group: PosedGroup) -> dict[str, Any]:
 
 
 def condensed_values(
-    info: StageInfo, entries: Sequence[FeatherEntry], rest: Mapping[str, Any]
+    info: StageInfo, entries: Sequence[FeatherEntry], rest: Mapping[str, Any], thinned: bool
 ) -> dict[str, Any]:
-    """What never changes of condensed feathers, USD arrays by the names of their primvars."""
+    """What never changes of condensed feathers, USD arrays by the names of their primvars.
+
+    thinned: as of Form.
+    """
     values = []
     for entry in entries:
         feather = entry.feather
-        along = feather.station / feather.station[-1]
-        across = 0.5 + 0.5 * np.arange(1, feather.columns + 1) / feather.columns
+        grid = feather.rows, feather.columns
+        kept = thinning(*grid, None if thinned else grid)
+        along, barb = (
+            feather.station[kept.rows] / feather.station[-1],
+            kept.nodes[1:][: kept.columns],
+        )
+        across = 0.5 + 0.5 * barb / feather.columns
         own = np.ones(feather.columns) if entry.barb_widths is None else entry.barb_widths
         sides = [LEADING, TRAILING]
         st = [np.stack(np.broadcast_arrays(u, along[:, None]), -1) for u in (across, 1.0 - across)]
-        widths = [(feather.barb_length[side] > 0.0)[:, None] * own for side in sides]
+        grown = [feather.barb_length[side, kept.rows] > 0.0 for side in sides]
+        widths = [each[:, None] * own[barb - 1] for each in grown]
         left = slice(None) if left_leads(feather) else slice(None, None, -1)
         values.append((st[left], widths[left]))
     uv, widths = zip(*values, strict=True)

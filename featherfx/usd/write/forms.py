@@ -9,7 +9,8 @@ USD.
 
 A condensed feather is its shaft: every point of it carries the nodes of its two barbs, from root to
 end and without the root, as the primvars P_barbl and P_barbr; left is as seen from dorsal with the
-tip ahead.
+tip ahead. Beside a mesh they are all there; alone half of rows and nodes are, and small numbers for
+the rest (featherfx/feather/detail.py).
 """
 
 from __future__ import annotations
@@ -31,19 +32,26 @@ _PARTS = {CURVES: (RACHIS, BARB), CONDENSED: (RACHIS,)}
 
 @dataclass(frozen=True)
 class Form:
-    """parts: the prims of each feather. condensed: whether shafts carry barbs. rates: whether
-    velocities and accelerations are written; half: velocities in half precision."""
+    """parts: the prims of each feather. condensed: whether shafts carry barbs, and thinned: half of
+    their rows and nodes. rates: whether velocities and accelerations are written; half: velocities
+    in half precision."""
 
     parts: tuple[str, ...] = (MESH, RACHIS, BARB)
     condensed: bool = False
     rates: bool = True
     half: bool = False
+    thinned: bool = False
 
     @staticmethod
     def of(options: WriteOptions) -> Form:
         parts = _PARTS.get(options.form, Form.parts)
-        rates = options.velocities != "none"
-        return Form(parts, options.form in (CONDENSED, BOTH), rates, options.velocities == "half")
+        return Form(
+            parts,
+            condensed=options.form in (CONDENSED, BOTH),
+            rates=options.rates != "none",
+            half=options.rates == "half",
+            thinned=options.form == CONDENSED,
+        )
 
     def writes(self, key: tuple[str, str]) -> bool:
         """Whether an attribute of a part of feathers is written."""

@@ -75,16 +75,17 @@ class WriteOptions(StageOptions):
     )
     form: str = option(
         MESH,
-        "Form of a feather in the file. mesh: mesh and shaft; condensed: a curve that carries its"
-        " barbs, as Houdini's condensed feathers; curves: shaft and --barbs; both: mesh and"
-        " condensed.",
+        "Form of a feather in the file. mesh: mesh and shaft; condensed: a curve that carries half"
+        " of its rows and barb nodes, as Houdini's condensed feathers, and in small numbers the"
+        " rest; curves: shaft and --barbs; both: mesh, and a curve that carries all.",
         allowed=FORMS,
         flag="--as",
     )
-    velocities: str = option(
-        "full",
+    velocities: str | None = option(
+        None,
         "full: velocities at every sample; half: in half precision, as the primvar halfVelocities,"
-        " which most renderers do not read; none: leave them out.",
+        " which most renderers do not read; none: leave them out."
+        "  [default: none with --as condensed, else full]",
         allowed=("full", "half", "none"),
     )
     accelerations: bool = option(False, "Also write accelerations.")
@@ -100,9 +101,14 @@ class WriteOptions(StageOptions):
     )
 
     @property
+    def rates(self) -> str:
+        """How velocities are written, asked for or not."""
+        return self.velocities or ("none" if self.form == CONDENSED else "full")
+
+    @property
     def can_be_taken_over(self) -> bool:
         """Whether what is written has all that another bake takes a feather's samples over by."""
-        return self.form == MESH and self.velocities == "full"
+        return self.form == MESH and self.rates == "full"
 
 
 def check_ranges(options: StageOptions, source: str) -> None:

@@ -37,7 +37,7 @@ from featherfx.usd.write.output import output_files, parts_folder
 
 MANIFEST = "manifest.usdc"
 
-_FORMAT = "4"
+_FORMAT = "5"
 _BLOCK = 1 << 18
 _SETTINGS = "bake.json"
 _LOCK = "lock"

@@ -16,13 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Flags, Floats, Indices
+from featherfx.feather.detail import Thinning, detail_of
 from featherfx.feather.types import RowPoints
 from featherfx.shot.frames import FeatherPose
-from featherfx.usd.arrays import InPlace, new_rotations, new_scalars, new_vectors
+from featherfx.usd.arrays import (
+    InPlace,
+    new_integers,
+    new_rotations,
+    new_scalars,
+    new_vectors,
+)
 from featherfx.usd.types import (
     ACCELERATIONS,
     BARB,
     BARB_DIRECTION,
+    DETAIL,
     HOOKED,
     HOOKS,
     MESH,
@@ -81,13 +89,14 @@ class _Block:
     def __init__(self, feathers: Sequence[PosedFeather], scratch: Array) -> None:
         surfaces = [each.drawn for each in feathers]
         self.grids = [each.grid for each in feathers]
-        keys = (*feathers[0].vectors, *feathers[0].turns)
+        self._feathers = feathers
+        keys = (*feathers[0].vectors, *feathers[0].turns, *feathers[0].whole)
         self.counts = {key: sum(each.count(key) for each in feathers) for key in keys}
         self._stage, self._origin = feathers[0].to_stage, feathers[0].to_origin
         self._form = feathers[0].form
-        counts = [grid[0] for grid in self.grids]
-        self._left_leads = np.repeat([each.left_leads for each in feathers], counts)
-        rows = np.cumsum([0, *counts])
+        shafts = [len(each.widths) for each in feathers]
+        self._left_leads = np.repeat([each.left_leads for each in feathers], shafts)
+        rows = np.cumsum([0, *(grid[0] for grid in self.grids)])
         starts = np.cumsum([0, *(len(each.row) for each in surfaces)])
         count = int(starts[-1])
         none = fixed(np.zeros((0, 2)))
@@ -108,7 +117,9 @@ class _Block:
         """As of JoinedFeathers, to the feathers' own elements of the attributes."""
         if [np.shape(pose.points.nodes)[:2] for pose in given] != self.grids:
             return False
-        points = _joined([pose.points for pose in given])
+        points = self._joined([pose.points for pose in given])
+        if self._form.thinned:
+            values[RACHIS, DETAIL][:] = self._detail([pose.points for pose in given])
         if self._origin is not None:
             points = points.shifted(self._origin)
         names = (MESH, "points"), (MESH, "normals"), (MESH, BARB_DIRECTION), (RACHIS, "points")
@@ -123,9 +134,30 @@ class _Block:
         for name, each in rates.items():
             mesh, shaft = (values[part, name] for part in (MESH, RACHIS))
             finite &= surface_kernels.write_values(
-                _joined(each), self._drawn, self._stage, mesh, shaft
+                self._joined(each), self._drawn, self._stage, mesh, shaft
             )
         return bool(finite)
+
+    def _detail(self, points: Sequence[RowPoints]) -> NDArray[np.int32]:
+        """What is left out of all feathers, one after the other; those of one grid at once."""
+        alike: dict[int, tuple[Thinning, list[int]]] = {}
+        for k, feather in enumerate(self._feathers):
+            if feather.thin:
+                alike.setdefault(id(feather.thin), (feather.thin, []))[1].append(k)
+        found: dict[int, NDArray[np.int32]] = {}
+        for thin, own in alike.values():
+            rest = [self._feathers[k].rest_points for k in own]
+            lengths = np.array([self._feathers[k].length for k in own])
+            each = detail_of([points[k] for k in own], rest, lengths, thin)
+            found |= dict(zip(own, each, strict=True))
+        return np.concatenate([found[k].ravel() for k in range(len(points))])
+
+    def _joined(self, points: Sequence[RowPoints]) -> RowPoints:
+        """As _joined, of what is written of the feathers."""
+        if not self._form.thinned:
+            return _joined(points)
+        pairs = zip(points, self._feathers, strict=True)
+        return _joined([f.thin.kept(each) if f.thin else each for each, f in pairs])
 
 
 def _joined(points: Sequence[RowPoints]) -> RowPoints:
@@ -192,6 +224,7 @@ class PosedGroup:
         self._vectors = dict.fromkeys(key for f in self.feathers for key in f.vectors)
         self._scalars = dict.fromkeys(key for f in self.feathers for key in f.scalars)
         self._turns = dict.fromkeys(key for f in self.feathers for key in f.turns)
+        self._whole = dict.fromkeys(key for f in self.feathers for key in f.whole)
         self.columns = self.feathers[0].columns
         self._extents = [(part, "extent") for part in self.parts]
         self.keys: tuple[Key, ...] = (
@@ -199,6 +232,7 @@ class PosedGroup:
             *self._extents,
             *self._scalars,
             *self._turns,
+            *self._whole,
         )
         # USD pads the extent of curves by half the greatest width of the prim, in single precision
         widths = {MESH: np.zeros(0), RACHIS: self.widths, BARB: self.barb_widths}
@@ -236,6 +270,8 @@ class PosedGroup:
         """(M + 1,) where the elements of each feather begin in an attribute, and all."""
         if key[1] in PER_FACE:
             return self.faces if key[0] == MESH else np.arange(len(self.members) + 1)
+        if key[1] == DETAIL:
+            return _starts([each.count(key) for each in self.feathers])
         if key[0] not in self.points:
             return np.zeros(len(self.members) + 1, dtype=np.int64)
         return self.points[key[0]] * (self.columns if key[1] in P_BARB else 1)
@@ -254,6 +290,7 @@ class PosedGroup:
         values |= {key: new_vectors(2) for key in self._extents}
         values |= {key: new_scalars(self._count(key)) for key in self._scalars}
         values |= {key: new_rotations(self._count(key)) for key in self._turns}
+        values |= {key: new_integers(self._count(key)) for key in self._whole}
         for key in self._scalars:
             values[key].numbers[...] = self.held if key[1] == HOOKED else 0.0
         pose = WrittenPose(values, self._shared_out(values), np.ones(len(self.members), np.bool_))
@@ -273,12 +310,12 @@ class PosedGroup:
 
     def _shared_out(self, values: dict[Key, InPlace]) -> list[Written]:
         """The views of each feather on the arrays of the group."""
-        own = (*self._vectors, *self._scalars, *self._turns)
+        own = (*self._vectors, *self._scalars, *self._turns, *self._whole)
         starts = {key: self.starts(key).tolist() for key in own}
         return [
             {
                 key: values[key].numbers[starts[key][index] : starts[key][index + 1]]
-                for key in (*feather.vectors, *feather.scalars, *feather.turns)
+                for key in (*feather.vectors, *feather.scalars, *feather.turns, *feather.whole)
             }
             for index, feather in enumerate(self.feathers)
         ]
@@ -348,7 +385,11 @@ class PosedGroup:
 
     def digest(self, pose: WrittenPose) -> str:
         """Short name of a pose: equal poses, equal names. Of a single feather the points tell."""
-        named = ("points", *P_BARB, *HOOKS, *WET) if self.alone else {name for _, name in self.keys}
+        named = (
+            ("points", *P_BARB, DETAIL, *HOOKS, *WET)
+            if self.alone
+            else {name for _, name in self.keys}
+        )
         digest = hashlib.blake2b(digest_size=8)
         for key, value in pose.values.items():
             if key[1] in named and key not in self._unwritten:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.barb_looks import clumped
+from featherfx.feather.detail import detail_of, thinning
 from featherfx.feather.lips import Lips, carried_rates
 from featherfx.feather.types import (
     LEADING,
@@ -31,6 +32,7 @@ from featherfx.usd.types import (
     ACCELERATIONS,
     BARB,
     BARB_DIRECTION,
+    DETAIL,
     DIAGNOSTICS,
     ENERGY_DENSITY,
     HOOKED,
@@ -66,8 +68,9 @@ class PosedFeather:
     id: of the feather. widths, barb_widths: (n,) and (B K,) stage units, diameters of shaft and
     barbs; those of the shaft are of the circle of its section's area. parts: the prims that it
     has. points: of each, and faces: of its mesh. held: (faces,) share of barbules that are hooked
-    at rest. vectors, scalars, turns: what is written of the parts. form: what of that is written;
-    a mesh that is not has neither points nor faces.
+    at rest. vectors, scalars, turns, whole (numbers): what is written of the parts. form: what of
+    that is written; a mesh that is not has neither points nor faces. thin: which of its rows and
+    nodes are, None: all. rest_points: of the feather, in its own frame. length: m, of its shaft.
     """
 
     def __init__(
@@ -79,18 +82,28 @@ class PosedFeather:
         form: Form = Form(),
     ) -> None:
         """extras: ACCELERATIONS, names of DIAGNOSTICS."""
-        self.form, self.columns = form, entry.feather.columns
+        self.form, self.rest_points = form, entry.feather.rest
+        self.thin = None
+        if form.thinned:
+            self.thin = thinning(entry.feather.rows, entry.feather.columns)
+        self.columns = self.thin.columns if self.thin else entry.feather.columns
+        self.length = float(entry.feather.station[-1])
         self.left_leads = left_leads(entry.feather)
         self._entry, self._surface, self.id = entry, surface, entry.id
         self.to_stage = ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y")
         self.to_origin = -np.array(space.origin) if space.is_moved else None
         self._accelerations = ACCELERATIONS in extras
         feather, barbs = entry.feather, entry.barbs
-        self.widths = space.lengths(np.sqrt(feather.width * feather.height))
+        widths = np.sqrt(feather.width * feather.height)
+        self.widths = space.lengths(widths[self.thin.rows] if self.thin else widths)
         self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else np.zeros(0)
         self.has_barbs = len(self.barb_widths) > 0
         self.parts = (MESH, RACHIS, BARB) if self.has_barbs else (MESH, RACHIS)
-        counts = {MESH: len(surface.drawn.row), RACHIS: feather.rows, BARB: len(self.barb_widths)}
+        counts = {
+            MESH: len(surface.drawn.row),
+            RACHIS: len(self.widths),
+            BARB: len(self.barb_widths),
+        }
         self.points = {part: counts[part] for part in self.parts}
         self.faces = len(surface.drawn.triangles)
         self.held = np.ones(self.faces) if entry.held is None else entry.held[: self.faces]
@@ -112,11 +125,14 @@ class PosedFeather:
         )
         self.scalars: tuple[Key, ...] = (*((MESH, name) for name in asked), *self._wet)
         self.turns: tuple[Key, ...] = ((RACHIS, ORIENT),) if form.condensed else ()
+        self.whole: tuple[Key, ...] = ((RACHIS, DETAIL),) if form.thinned else ()
 
     def count(self, key: Key) -> int:
         """Elements of an attribute."""
         if key[1] in PER_FACE:
             return self.faces if key[0] == MESH else 1
+        if key[1] == DETAIL:
+            return int(self.rest_points.nodes.size)
         return self.points[key[0]] * (self.columns if key[1] in P_BARB else 1)
 
     @property
@@ -145,7 +161,7 @@ class PosedFeather:
     @property
     def bytes_per_sample(self) -> int:
         """Bytes of one pose, with an extent for each prim."""
-        kinds = (self.vectors, 12), (self.scalars, 4), (self.turns, 8)
+        kinds = (self.vectors, 12), (self.scalars, 4), (self.turns, 8), (self.whole, 4)
         extents = 24 * len(set(self.parts) & set(self.form.parts))
         return extents + sum(
             size * self.count(key) for keys, size in kinds for key in keys if self.form.writes(key)
@@ -228,6 +244,7 @@ class PosedFeather:
         rounding, at the greatest coordinate of a prim, does not count.
         """
         own = [*((MESH, name) for name in HOOKS), *((RACHIS, name) for name in P_BARB), *self._wet]
+        own += self.whole
         if any((now[key] != before[key]).any() for key in own if key in now):
             return True
         return any(
@@ -242,6 +259,10 @@ class PosedFeather:
 
     def _place(self, out: Written, points: RowPoints) -> bool:
         """Points of mesh and shaft, and what follows from them; whether all are finite."""
+        if self.thin:
+            detail = detail_of([points], [self.rest_points], np.array([self.length]), self.thin)
+            out[RACHIS, DETAIL][:] = detail.ravel()
+            points = self.thin.kept(points)
         written = WrittenSurface(
             out[MESH, "points"],
             out[MESH, "normals"],
@@ -286,6 +307,7 @@ class PosedFeather:
 
     def _rates(self, out: Written, name: str, values: RowPoints) -> bool:
         drawn, shaft = self._surface.drawn, out[RACHIS, name]
+        values = self.thin.kept(values) if self.thin else values
         written = surface_kernels.write_values(values, drawn, self.to_stage, out[MESH, name], shaft)
         return bool(written)
 

@@ -24,6 +24,7 @@ from featherfx.usd import arrays
 from featherfx.usd.types import (
     BARB,
     BARB_COUNT,
+    DETAIL_GRID,
     HOOKED,
     LOOK,
     MESH,
@@ -298,6 +299,10 @@ def define_condensed(
     texts = [shape_text(*each.shape[:2]) for each in entries if each.shape is not None]
     if len(texts) == len(entries):
         author_shared(prim, SHAPE, texts, group.interpolation)
+    if group.feathers[0].form.thinned:
+        table = prim.CreateAttribute(DETAIL_GRID, Sdf.ValueTypeNames.Int2Array)
+        table.SetVariability(Sdf.VariabilityUniform)
+        table.Set(arrays.vec2i([(e.feather.rows, e.feather.columns) for e in entries]))
     for name, value in values.items():
         each = name in ("leadingIsRight", SHAPE_SIZE)
         author_primvars(prim, group.interpolation if each else "", **{name: value})

@@ -14,6 +14,7 @@ from featherfx.usd.arrays import vec3h
 from featherfx.usd.types import (
     ACCELERATIONS,
     BARB_DIRECTION,
+    DETAIL,
     HALF_VELOCITIES,
     ORIENT,
     P_BARB,
@@ -35,6 +36,7 @@ _TYPES = {
     ACCELERATIONS: Sdf.ValueTypeNames.Vector3fArray,
     HALF_VELOCITIES: Sdf.ValueTypeNames.Vector3hArray,
     ORIENT: Sdf.ValueTypeNames.QuathArray,
+    DETAIL: Sdf.ValueTypeNames.IntArray,
     **dict.fromkeys(P_BARB, Sdf.ValueTypeNames.Point3fArray),
 }
 _TYPES |= {name: Sdf.ValueTypeNames.FloatArray for name in PER_FACE if name != BARB_DIRECTION}

@@ -1,0 +1,132 @@
+r"""The nodes of a grid as those of half its rows and columns, and small whole numbers for the rest.
+
+What feathers do between the nodes that are kept, they do smoothly, so these lead to all others. In
+the frame of its row, a barb's node x stands off the shaft r by what it does at rest and by d:
+
+    r(i) = sum_k w_ik r_k + Q(i) (r0(i) - sum_k w_ik r0_k)
+    x(i, j) = r(i) + Q(i) F0(i) (x0(i, j) + sum_kl w_ik v_jl d_kl)
+
+0 marks the rest pose, k and l rows and nodes that are kept, w and v cubic Hermite weights over the
+numbers of rows and nodes; F are frames of rows, Q tells how those between kept ones have turned. So
+rest pose, rigid motions and what is kept are exact. What is missed of the others is rounded, in the
+frame of the row, to steps of STEP times the feather's length: no node is off by more than half the
+diagonal of such a step, 0.065 % of the length, and most numbers are 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.density import hermite_weights
+from featherfx.feather.types import Array, Indices, RowPoints, stacked
+
+STEP = 7.5e-4
+_MOST = 2**30
+
+
+@dataclass(frozen=True)
+class Thinning:
+    """Which of a grid are kept. rows: (n,). nodes: (1 + 2 k,), the shaft's first. along: (N, n)
+    weights of the rows that are kept in all, and across: (1 + 2 m, 1 + 2 k) of the nodes."""
+
+    rows: Indices
+    nodes: Indices
+    along: Array
+    across: Array
+
+    @property
+    def columns(self) -> int:
+        """Nodes of each barb that are kept."""
+        return len(self.nodes) // 2
+
+    def kept(self, points: RowPoints) -> RowPoints:
+        """What is kept of nodes and directors, or their rates."""
+        nodes = points.nodes[..., self.rows[:, None], self.nodes, :]
+        return RowPoints(nodes, points.directors[..., self.rows, :, :])
+
+
+@lru_cache(maxsize=256)
+def thinning(rows: int, columns: int, kept: tuple[int, int] | None = None) -> Thinning:
+    """Of a grid. kept: how many rows and columns, default: half of them, at least 3 and 1."""
+    some, few = kept or (max(3, rows // 2), max(1, columns // 2))
+    chosen = np.rint(np.linspace(0, rows - 1, some)).astype(np.int64)
+    barb = np.rint(np.arange(1, few + 1) * columns / few).astype(np.int64)
+    over, _ = hermite_weights(np.append(0.0, barb), np.arange(columns + 1.0))
+    across = np.zeros((1 + 2 * columns, 1 + 2 * few))
+    for side in range(2):
+        across[1 + side * columns :, 1 + side * few :][:columns, :few] = over[1:, 1:]
+    return Thinning(
+        rows=chosen,
+        nodes=np.concatenate([[0], barb, columns + barb]),
+        along=hermite_weights(chosen.astype(float), np.arange(float(rows)))[0],
+        across=across,
+    )
+
+
+def detail_of(
+    points: Sequence[RowPoints], rest: Sequence[RowPoints], lengths: Array, thin: Thinning
+) -> NDArray[np.int32]:
+    """(F, 3, N, 1 + 2 m) what the nodes that are kept miss of F feathers of one grid, in steps.
+
+    rest: of each, in any place. lengths: (F,) of their shafts.
+    """
+    all_of = stacked(points)
+    nodes, frames = _led(thin.kept(all_of), stacked(rest), thin)
+    missed = np.einsum("frji,frnj->firn", frames, all_of.nodes - nodes)
+    steps = np.rint(missed / (STEP * lengths)[:, None, None, None])
+    # what is not finite is refused by its points
+    return np.clip(np.nan_to_num(steps), -_MOST, _MOST).astype(np.int32)
+
+
+def restored(
+    kept: RowPoints, rest: RowPoints, lengths: Array, detail: NDArray[np.int32], thin: Thinning
+) -> RowPoints:
+    """All nodes and directors of F feathers again, from what is kept of them; as of detail_of."""
+    nodes, frames = _led(kept, rest, thin)
+    missed = detail * (STEP * lengths)[:, None, None, None]
+    nodes += np.einsum("frij,fjrn->frni", frames, missed)
+    return RowPoints(nodes, np.stack([frames[..., 1], frames[..., 2]], axis=-2))
+
+
+def _led(kept: RowPoints, rest: RowPoints, thin: Thinning) -> tuple[Array, Array]:
+    """Where those that are kept lead all nodes (F, N, 1 + 2 m, 3), and frames of the rows."""
+    rest_kept, rest_frames = thin.kept(rest), _frames(rest.directors)
+    standing_off = _within(rest_frames, rest.nodes)
+    deviation = _within(_frames(kept.directors), kept.nodes)
+    deviation -= standing_off[:, thin.rows[:, None], thin.nodes]
+    # products of matrices, which are much faster than sums over four indices
+    deviation = np.einsum("rk,fkld->frld", thin.along, deviation, optimize=True)
+    standing_off += np.einsum("nl,frld->frnd", thin.across, deviation, optimize=True)
+    now, then = (
+        _frames(np.einsum("rk,fkdc->frdc", thin.along, each.directors, optimize=True))
+        for each in (kept, rest_kept)
+    )
+    turns = now @ np.swapaxes(then, -1, -2)
+    missed = rest.nodes[:, :, 0] - thin.along @ rest_kept.nodes[:, :, 0]
+    shaft = thin.along @ kept.nodes[:, :, 0] + (turns @ missed[..., None])[..., 0]
+    frames = turns @ rest_frames
+    return shaft[:, :, None] + standing_off @ np.swapaxes(frames, -1, -2), frames
+
+
+def _within(frames: Array, nodes: Array) -> Array:
+    """Nodes as seen from the shaft, in the frame of their row."""
+    return np.asarray((nodes - nodes[:, :, :1]) @ frames)
+
+
+def _frames(directors: Array) -> Array:
+    """(..., 3, 3) orthonormal, its columns along the shaft, d2 and d3 of directors (..., 2, 3) that
+    are nearly so."""
+    lateral, dorsal = directors[..., 0, :], directors[..., 1, :]
+    lateral = lateral / _length(lateral)
+    dorsal = dorsal - lateral * (lateral * dorsal).sum(axis=-1, keepdims=True)
+    dorsal = dorsal / _length(dorsal)
+    return np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=-1)
+
+
+def _length(vectors: Array) -> Array:
+    return np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
