@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import threading
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -153,25 +152,6 @@ EMBODIED = f"""
   document.title = JSON.stringify(told);
 }})();
 """
-
-
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory) -> Path:
-    """Feathers that flap, by hand: no solver is needed."""
-    import sys
-
-    sys.path.insert(0, str(ROOT / "tests/usd"))
-    import feathers
-
-    from featherfx.usd.write.write import CacheWriter
-
-    folder = tmp_path_factory.mktemp("view")
-    for name, last in (("flaps", 5), ("others", 7)):
-        with CacheWriter(folder / f"{name}.usdc", feathers.entries(), (1, 5), 24.0) as writer:
-            for number in range(1, 6):
-                frame = feathers.frame(number if number < 5 else last)
-                writer.write(replace(frame, number=float(number)))
-    return folder / "flaps.usdc"
 
 
 def browse(address: str, folder: Path) -> str:
@@ -389,49 +369,6 @@ def test_a_page_shows_the_body_and_goes_along(embodied, tmp_path):
     assert told["back"] < 0.002
     # feathers behind the body cannot be picked
     assert told["bare"] > told["picked"] > 0
-
-
-def test_what_does_not_fit_is_left_out_and_told(cache):
-    whole = fitting(cache, EVERYTHING)
-    assert whole.told() == []
-    some = fitting(cache, 5 * whole.frame_bytes - 1)
-    assert some.points < whole.points
-    assert "without the tubes of shafts" in some.told()[0]
-    least = fitting(cache, 900)
-    assert len(least.codes) < 5
-    assert least.codes[0] == 1.0
-    assert "rows and one barb segment" in least.told()[0]
-    assert "every" in least.told()[1]
-    # points that are kept stand where the cache has them
-    header = least.header()
-    assert header["framesPerSecond"] < 24.0
-    firsts = [each["first"] for each in header["feathers"]]
-    assert firsts == sorted(set(firsts))
-    assert np.frombuffer(least.constant(), "<u4", 3 * header["triangles"]).max() < least.points
-
-
-def test_levels_have_ever_fewer_of_the_points(cache):
-    for most in (EVERYTHING, 40):
-        played = Played(cache, most)
-        header = played.header()
-        counts = np.array([[header["points"], header["triangles"]], *header["levels"]])
-        assert len(counts) == 1 + played.levels > 1
-        assert (np.diff(counts, axis=0) < 0).all()
-        words = np.frombuffer(played.constant()[: -9 * played.points], "<u4")
-        words = words[3 * header["triangles"] :]
-        whole = np.frombuffer(played.frame(2), "<u2", 3 * played.points, 24).reshape(-1, 3)
-        box = np.frombuffer(played.frame(2), "<f4", 6)
-        for level, (points, triangles) in enumerate(header["levels"], 1):
-            chosen, corners = words[:points], words[points : points + 3 * triangles]
-            words = words[points + 3 * triangles :]
-            assert (np.diff(chosen.astype(int)) > 0).all()
-            assert set(corners) == set(range(points))
-            frame = played.frame(2, level)
-            own = np.frombuffer(frame, "<f4", 6)
-            places = np.frombuffer(frame, "<u2", 3 * points, 24).reshape(-1, 3)
-            found, wanted = own[:3] + places / 65535 * own[3:], box[:3] + whole / 65535 * box[3:]
-            np.testing.assert_allclose(found, wanted[chosen], atol=2 * box[3:].max() / 65535)
-        assert len(words) == 0
 
 
 def served(played: Played):
