@@ -32,6 +32,8 @@ _SPACING = 4.5  # pixels from one barb to the next, at least
 _REAL_SPACING = 5e-4  # m, where a mesh does not tell: between contour and flight feathers'
 _STATION = 6.0  # pixels between two points of a barb
 _MOST_BARBS = 1200.0
+# of a vane that are told apart: their numbers are kept in single precision
+_MOST_REAL = 1e5
 _STEP = 1.3  # between numbers of barbs, so that feathers of about one size share their weights
 _SLIM, _STOUT = 0.6, 2.5  # pixels: shafts are not drawn below, and have their own colour above
 
@@ -199,6 +201,7 @@ def plumage_of(
     real = np.array(
         [f.barb_count or m / _REAL_SPACING for f, m in zip(feathers, pixels[:, 1], strict=True)]
     )
+    real = np.minimum(real, _MOST_REAL)
     found: dict[int, Topology] = {}
     plain = []
     for index, feather in enumerate(feathers):

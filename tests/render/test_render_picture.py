@@ -10,6 +10,7 @@ import feathers
 import numpy as np
 import pytest
 from PIL import Image
+from pxr import Usd, UsdGeom, Vt
 
 from featherfx.errors import InputError
 from featherfx.render.colour import (
@@ -153,6 +154,19 @@ def test_a_rest_groom_without_frames(tmp_path):
     assert drawn(pixels(path)).any()
     with pytest.raises(InputError, match="no frames"):
         render(tmp_path / "rest.usda", tmp_path / "rest.png", frames=[1], size=(64, 48))
+
+
+def test_a_feather_of_any_size_is_drawn(tmp_path, cache):
+    """A damaged point makes it 1e37 long, and its barbs beyond number."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "far.usda"))
+    stage.GetRootLayer().TransferContent(Usd.Stage.Open(str(cache)).Flatten())
+    mesh = next(UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh))
+    points = np.array(mesh.GetPointsAttr().Get(2))
+    points[-1] = 1e37
+    mesh.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(points), 2)
+    stage.Save()
+    (path,) = render(tmp_path / "far.usda", tmp_path / "far.png", frames=[2], size=(64, 48))
+    assert pixels(path).shape == (48, 64, 3)
 
 
 def test_a_plain_mesh_of_another_program(tmp_path):
