@@ -2,7 +2,8 @@
 
 python samples/pigeon/make_body.py [OUT.usdc [BIRD]]
 
-BIRD is pigeon, gull, owl or sparrow; the landmarks of a groom's [bird] are printed.
+BIRD is pigeon, gull, owl, sparrow, parrot, peacock, swan or ostrich, as bodies.py has them; the
+landmarks of a groom's [bird] are printed.
 Folded wings are no part of the shape: they are feathers alone. samples/first_bird has the same one.
 
 The shape is a smooth union of ellipsoids and tapered capsules, given by its distance function and
@@ -16,61 +17,27 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+from bodies import (
+    BUILDS,
+    beak,
+    distance,
+    eye,
+    landmarks,
+    neck,
+    parts,
+    smooth,
+)
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 CELL = 0.004
-LOW, HIGH = np.array([-0.165, -0.1, -0.012]), np.array([0.2, 0.1, 0.335])
-ROUNDING = 0.012  # m, radius over which parts pass into each other
+MARGIN = 0.03  # m, of the lattice around landmarks and soles
 SHARE_WIDTH = 0.006  # m, over which the parts' primvars pass into each other
 FRAMES, FRAMES_PER_SECOND = 96, 24
 STEP = 12  # frames from one step to the next
 PUPIL, IRIS = 28.0, 52.0  # deg from the middle of the eye; the rest is its lid
 
-
-class Colours(NamedTuple):
-    """Linear, by eye. down: of what shows between feathers. cere: of the root of the bill."""
-
-    down: tuple[float, float, float] = (0.16, 0.18, 0.22)
-    bill: tuple[float, float, float] = (0.05, 0.05, 0.06)
-    cere: tuple[float, float, float] = (0.55, 0.52, 0.50)
-    leg: tuple[float, float, float] = (0.42, 0.12, 0.10)
-    iris: tuple[float, float, float] = (0.75, 0.16, 0.02)
-
-
-class Build(NamedTuple):
-    """A bird beside the pigeon, by eye. size: of all of it. trunk: factors of its length, breadth
-    and depth. neck: of its length, head: of its radii, beak: of its length and thickness. eye:
-    radius, m, of a head as large as the pigeon's, and how far it looks forward, 0 to 1. bare: radii
-    of the eye, between which feathers begin around it. lean: deg, how far it stands up more."""
-
-    size: float
-    trunk: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    neck: float = 1.0
-    head: float = 1.0
-    beak: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    eye: tuple[float, float] = (0.0042, 0.2)
-    colours: Colours = Colours()
-    bare: tuple[float, float] = (1.5, 2.1)
-    lean: float = 0.0
-
-
-_YELLOW, _HORN = (0.65, 0.38, 0.03), (0.12, 0.09, 0.06)
-_GULL = Colours((0.55, 0.56, 0.58), _YELLOW, _YELLOW, (0.55, 0.30, 0.25), (0.70, 0.60, 0.25))
-_OWL = Colours((0.62, 0.56, 0.48), _HORN, _HORN, (0.35, 0.28, 0.18), (0.020, 0.012, 0.008))
-_SPARROW = Colours((0.24, 0.19, 0.14), _HORN, _HORN, (0.40, 0.24, 0.16), (0.03, 0.02, 0.01))
-BUILDS = {
-    "pigeon": Build(1.0),
-    "gull": Build(1.5, (1.05, 0.95, 0.95), 0.9, 1.05, (1.3, 1.2, 1.0), (0.0038, 0.2), _GULL),
-    "owl": Build(
-        0.95, (0.85, 1.2, 1.1), 0.5, 1.5, (0.5, 0.9, 2.6), (0.0046, 0.7), _OWL, (0.95, 1.25), 25.0
-    ),
-    "sparrow": Build(0.36, (0.9, 1.05, 1.05), 0.65, 1.2, (0.7, 1.3, 1.0), (0.0040, 0.2), _SPARROW),
-}
-NECK = np.array((0.06, 0.0, 0.2))  # where it begins
-HIP = np.array((0.0, 0.0, 0.135))  # about which trunks lean
 
 # joint: parent, pivot
 JOINTS = {
@@ -81,98 +48,6 @@ JOINTS = {
     "leg_left": ("body", (0.005, 0.028, 0.125)),
     "leg_right": ("body", (0.005, -0.028, 0.125)),
 }
-
-
-def ellipsoid(points, centre, radii, pitch=0.0, yaw=0.0):
-    """About the distance to an ellipsoid, nose up by pitch (deg), turned left by yaw (deg)."""
-    local = points - np.array(centre)
-    p, w = np.radians(pitch), np.radians(yaw)
-    forward = np.array([np.cos(p) * np.cos(w), np.cos(p) * np.sin(w), np.sin(p)])
-    left = np.array([-np.sin(w), np.cos(w), 0.0])
-    local = local @ np.stack([forward, left, np.cross(forward, left)], axis=1)
-    scaled, steeper = local / np.array(radii), local / np.array(radii) ** 2
-    size = np.linalg.norm(scaled, axis=-1)
-    return size * (size - 1.0) / np.maximum(np.linalg.norm(steeper, axis=-1), 1e-9)
-
-
-def capsule(points, start, end, first, last):
-    """About the distance to a capsule whose radius goes from first to last."""
-    start, along = np.array(start), np.array(end) - np.array(start)
-    share = np.clip((points - start) @ along / (along @ along), 0.0, 1.0)
-    gap = np.linalg.norm(points - start - share[..., None] * along, axis=-1)
-    return gap - (first + (last - first) * share)
-
-
-def leant(build, points, sense=1.0):
-    """Places of the pigeon's trunk (..., 3) as the bird stands, nose up; back with sense -1."""
-    angle = sense * np.radians(build.lean)
-    turn = np.array(
-        ((np.cos(angle), 0, -np.sin(angle)), (0, 1, 0), (np.sin(angle), 0, np.cos(angle)))
-    )
-    return HIP + (np.array(points) - HIP) @ turn.T
-
-
-def on_neck(build, point):
-    """Where a place of the pigeon's neck or head is."""
-    return leant(build, NECK + build.neck * (np.array(point) - NECK))
-
-
-def parts(points, build=BUILDS["pigeon"]):
-    """About the distance (m) to each part, negative inside, at the pigeon's size.
-
-    points: (..., 3) m.
-    """
-    x, y, z = np.moveaxis(points, -1, 0)
-    right = np.stack([x, np.abs(y), z], axis=-1)  # both sides at once, on the left
-    trunk, upright = np.array(build.trunk), leant(build, points, -1.0)
-    torso = np.minimum(
-        ellipsoid(upright, (-0.012, 0, 0.168), (0.1, 0.041, 0.053) * trunk, 17),
-        ellipsoid(upright, (0.044, 0, 0.172), (0.055, 0.049, 0.055) * trunk, 30),
-    )
-    leg = capsule(right, (0.005, 0.026, 0.122), (0.0, 0.028, 0.085), 0.021, 0.008)
-    for start, end in (
-        ((0.0, 0.028, 0.085), (-0.012, 0.029, 0.058)),
-        ((-0.012, 0.029, 0.058), (0.0, 0.03, 0.006)),
-        ((0.0, 0.03, 0.006), (0.033, 0.036, 0.004)),
-        ((0.0, 0.03, 0.006), (0.027, 0.014, 0.004)),
-        ((0.0, 0.03, 0.006), (-0.02, 0.03, 0.004)),
-    ):
-        leg = np.minimum(leg, capsule(right, start, end, 0.005, 0.0045))
-    skull = on_neck(build, (0.117, 0, 0.285))
-    return {
-        "torso": torso,
-        "neck": capsule(
-            points,
-            leant(build, NECK),
-            on_neck(build, (0.106, 0, 0.272)),
-            0.036,
-            0.0215 * build.head,
-        ),
-        "head": ellipsoid(points, skull, np.array((0.0265, 0.0205, 0.0215)) * build.head, -8),
-        "beak": capsule(points, *beak(build), 0.0075 * build.beak[1], 0.0035 * build.beak[1]),
-        "rump": capsule(upright, (-0.06, 0, 0.157), (-0.13, 0, 0.131), 0.034, 0.011),
-        "leg": leg,
-    }
-
-
-def beak(build):
-    """Its root and tip, (3,) m."""
-    skull = on_neck(build, (0.117, 0, 0.285))
-    root = skull + build.head * np.array((0.018, 0.0, -0.002))
-    return root, root + build.beak[0] * np.array((0.031, 0.0, -0.011 * build.beak[2]))
-
-
-def eye(build):
-    """Middle of the left eye, (3,) m, and the unit way that it looks, at the pigeon's size."""
-    radius, forward = build.eye
-    look = np.array((forward, 1.0 - forward, 0.08))
-    look /= np.linalg.norm(look)
-    skull = on_neck(build, (0.117, 0, 0.285))
-    radii = build.head * np.array((0.0265, 0.0205, 0.0215))
-    aim = np.array((0.42 + 0.45 * forward, 1.0 - 0.55 * forward, 0.2))
-    rim = skull + radii * aim / np.linalg.norm(aim)
-    deep = 0.15 + 0.8 * max(forward - 0.2, 0.0)  # those that look forward lie in a disc
-    return rim - deep * build.head * radius * look, look
 
 
 def without_feathers(points, build):
@@ -210,39 +85,20 @@ def eye_mesh(build):
     )
 
 
-def landmarks(build):
-    """Those of a groom's [bird], (3,) m by name, at the bird's size."""
-    skull, (long, wide, deep) = on_neck(build, (0.117, 0, 0.285)), build.trunk
-    middle, _ = eye(build)
-    found = {
-        "beak": beak(build)[1],
-        "crown": skull + build.head * np.array((0.001, 0, 0.022)),
-        "nape": skull + build.head * np.array((-0.023, 0, 0.005)),
-        "breast": leant(build, (0.042 + 0.055 * long, 0, 0.185)),
-        "right_shoulder": leant(build, (0.055, -0.053 * wide, 0.205)),
-        "left_shoulder": leant(build, (0.055, 0.053 * wide, 0.205)),
-        "vent": leant(build, (-0.075, 0, 0.168 - 0.053 * deep)),
-        "tail": leant(build, (-0.134, 0, 0.138)),
-        "right_heel": np.array((-0.008, -0.0285, 0.068)),
-        "left_heel": np.array((-0.008, 0.0285, 0.068)),
-        "right_eye": middle * (1.0, -1.0, 1.0),
-        "left_eye": middle,
-    }
-    return {name: build.size * place for name, place in found.items()}
-
-
-def distance(points, build=BUILDS["pigeon"]):
-    """Smooth union of all parts (exponential minimum)."""
-    values = np.stack(list(parts(points, build).values()))
-    least = values.min(axis=0)
-    width = ROUNDING / 3.0
-    return least - width * np.log(np.exp(-(values - least) / width).sum(axis=0))
+def box(build):
+    """Lowest and highest corner (3,) m of the lattice, at the pigeon's size."""
+    around = [place / build.size for place in landmarks(build).values()]
+    around += [neck(build).min(axis=0), neck(build).max(axis=0), (0.0, 0.0, build.legs.sole)]
+    reach = 0.1 * build.trunk[1]
+    around += [(0.0, -reach, 0.12), (0.0, reach, 0.12)]
+    return np.min(around, axis=0) - MARGIN, np.max(around, axis=0) + MARGIN
 
 
 def surface_net(build):
     """Points (V, 3) m and faces (F, 4) of the closed surface."""
-    counts = np.ceil((HIGH - LOW) / CELL).astype(int) + 1
-    axes = [LOW[k] + CELL * np.arange(counts[k]) for k in range(3)]
+    low, high = box(build)
+    counts = np.ceil((high - low) / CELL).astype(int) + 1
+    axes = [low[k] + CELL * np.arange(counts[k]) for k in range(3)]
     corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     inside = distance(corners, build) < 0.0
     cells = tuple(c - 1 for c in counts)
@@ -252,7 +108,7 @@ def surface_net(build):
     number = np.full(cells, -1)
     used = np.argwhere((mixed > 0) & (mixed < 8))
     number[tuple(used.T)] = np.arange(len(used))
-    points = onto_surface(LOW + CELL * (used + 0.5), build)
+    points = onto_surface(low + CELL * (used + 0.5), build)
     faces = []
     for axis in range(3):
         first, second = (axis + 1) % 3, (axis + 2) % 3
@@ -296,11 +152,6 @@ def part_shares(points, build):
     raw = {name: np.exp(-(value - least) / SHARE_WIDTH) for name, value in values.items()}
     total = sum(raw.values())
     return {name: value / total for name, value in raw.items()}
-
-
-def smooth(value, low, high):
-    share = np.clip((value - low) / (high - low), 0.0, 1.0)
-    return share * share * (3.0 - 2.0 * share)
 
 
 def joint_weights(points, shares):
@@ -378,7 +229,7 @@ def skin_colours(points, shares, build):
     down, bill, cere, leg, _ = (np.array(each) for each in build.colours)
     root, tip = beak(build)
     along = (points - root) @ (tip - root) / ((tip - root) @ (tip - root))
-    thigh = smooth(points[:, 2], 0.066, 0.083)  # feathered skin
+    thigh = smooth(points[:, 2], build.legs.bare - 0.006, build.legs.bare + 0.006)  # feathered skin
     feet, horn = shares["leg"] * (1.0 - thigh), shares["beak"]
     share = smooth(along, 0.3, 0.4)[:, None]
     own = share * bill + (1.0 - share) * cere

@@ -41,6 +41,7 @@ _LAYERS = {
 }
 _TAIL_LAYER = -30
 _TAIL_LIFT = 0.006  # of the longest, from pair to pair: the pigeon's as counted free of crossings
+_TAIL_DEEP = 0.4  # of the width of the root, all pairs together at most, as in trains; by eye
 # feathers are laid over each other where the groom does not say how (chosen on the pigeon)
 _LAYOUT = {
     "most_tilt": 40.0,
@@ -245,6 +246,8 @@ def _tail(
 ) -> dict[str, Any]:
     turned = from_rotation_vector(-np.radians(kind["droop"]) * axes[:, 1]) @ axes
     own = {name: kind[name] for name in ("kind", "count", "width", "angles", "arch", "coverts")}
+    pairs = max(kind["count"] // 2, 1)
+    lift = min(_TAIL_LIFT * max(kind["lengths"]), _TAIL_DEEP * kind["root_width"] / pairs)
     return _filled(
         TAIL,
         id="tail",
@@ -254,7 +257,7 @@ def _tail(
         lengths=tuple(scale * np.array(kind["lengths"])),
         root_width=scale * kind["root_width"],
         fan=entry["fan"],
-        lift=_TAIL_LIFT * scale * max(kind["lengths"]),
+        lift=scale * lift,
         layer=_TAIL_LAYER,
         joint=entry["joint"],
         **own,
