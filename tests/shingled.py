@@ -98,7 +98,7 @@ def depths(points) -> float:
 
 
 def lay(plumage, poses, skin, frame, duration):
-    plumage.ask(poses, skin, duration)
+    plumage.ask(list(poses), skin, duration)
     return plumage.lay(frame)
 
 
@@ -126,7 +126,7 @@ def lifted(shot: Shot, plumage: layers.Layers, poses: list, first: int = 0) -> t
     ahead, found, memory = shot.layers.samples_ahead(step), [], {}
     for k in range(first, len(poses) + ahead):
         if k < len(poses):
-            plumage.ask(poses[k], none, step if k else 0.0)
+            plumage.ask(list(poses[k]), none, step if k else 0.0)
         if k - first >= ahead:
             found.append(plumage.lay(float(k - ahead)))
         if k - ahead == 5:

@@ -113,15 +113,11 @@ class Followers:
         rows, columns = self.shapes.size
         count = len(self.shapes.stations)
         along = self._along @ taken.along.reshape(-1, 6)
-        barbs = np.stack(
-            [
-                blend @ taken.barbs[:, side].reshape(-1, 3 * columns)
-                for side, blend in enumerate(self._sides)
-            ]
-        ).reshape(2, count, rows, columns, 3)
-        return self.shapes.posed(
-            Turns(along.reshape(count, rows - 1, 6), np.ascontiguousarray(barbs.swapaxes(0, 1)))
-        )
+        barbs = np.empty((count, 2, rows, columns, 3))
+        for side, blend in enumerate(self._sides):
+            mixed = blend @ taken.barbs[:, side].reshape(-1, 3 * columns)
+            barbs[:, side] = mixed.reshape(count, rows, columns, 3)
+        return self.shapes.posed(Turns(along.reshape(count, rows - 1, 6), barbs))
 
     def moving(
         self, guides: RowPoints, rate: RowPoints, second: RowPoints, span: float

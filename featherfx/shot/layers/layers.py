@@ -152,15 +152,21 @@ class Layers:
 
     def ask(
         self,
-        poses: Sequence[FeatherPose],
+        poses: list[FeatherPose],
         skin: Array,
         duration: float,
         accelerations: bool = True,
     ) -> None:
         """Lay the needed feathers at the next sample over each other and a skin (V, 3) m, as it
-        has to be. duration: s since the sample before; 0 at the first. accelerations: whether the
-        laid poses have them; else they are of no rows."""
+        has to be. poses: taken out of the list, since they are large. duration: s since the sample
+        before; 0 at the first. accelerations: whether the laid poses have them; else they are of no
+        rows."""
         points, lifts = stacked([pose.points for pose in poses]), self.lifts
+        second = [pose.accelerations if accelerations else _NO_ROWS for pose in poses]
+        rates = _single([pose.velocities for pose in poses]), _single(second)
+        gaps = [pose.gaps for pose in poses]
+        poses.clear()
+        del second
         marks = _marks(points, skin)
         kept = float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0
         for _ in range(1 if duration > 0.0 else 1 + PASSES):
@@ -169,9 +175,6 @@ class Layers:
             self._lay(lifts, points, skin, kept)
             if not lifts.moved.any():
                 break
-        second = [pose.accelerations if accelerations else _NO_ROWS for pose in poses]
-        rates = _single([pose.velocities for pose in poses]), _single(second)
-        gaps = [pose.gaps for pose in poses]
         self._waiting.append(Asked(points, rates, gaps, skin, duration, self._kept()))
 
     def lay(self, frame: float) -> list[FeatherPose]:
@@ -191,8 +194,11 @@ class Layers:
         laid = RowPoints(pose.points.copy(), points.directors)
         velocities, accelerations = (both(lambda part: part.astype("f8"), each) for each in rates)
         if duration > 0.0:
-            way = _along((lifts.lift - before) / duration, pose.way)
-            velocities = RowPoints(velocities.nodes + way, velocities.directors)
+            np.add(
+                velocities.nodes,
+                _along((lifts.lift - before) / duration, pose.way),
+                out=velocities.nodes,
+            )
         return [
             FeatherPose(laid.at(k), velocities.at(k), accelerations.at(k), own)
             for k, own in enumerate(gaps)

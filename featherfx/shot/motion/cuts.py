@@ -141,7 +141,7 @@ class CutRoots:
     def _at(self, k: int) -> RootFrames:
         if k not in self._frames:
             self._frames[k] = self.motion.frames(k * self.frame)
-            self._frames.pop(k - 16, None)
+            self._frames.pop(k - 4 * _REACH, None)
         return self._frames[k]
 
     def _between(self, k: int, fraction: float, time: float) -> RootFrames:

@@ -280,8 +280,8 @@ class PosedFeather:
     def _diagnose(self, out: Written) -> None:
         """Strain and energy of the surface that was placed last."""
         surface = self._surface
-        across, shear = surface.strains
         corners, rest = surface.unstrained
+        across, shear = np.zeros((2, len(surface.drawn.edges)))
         surface_kernels.face_strains(surface.drawn.world, corners, rest, across, shear)
         if (MESH, STRAIN_ACROSS) in out:
             out[MESH, STRAIN_ACROSS][:] = across
@@ -299,11 +299,11 @@ class PosedFeather:
             return
         held, slipped = out[MESH, HOOKED], out[MESH, SLIP]
         held[:], slipped[:] = self.held, 0.0
-        faces = len(surface.cells)
+        cells = surface.cells
         if hooked is not None:
-            held[:faces] *= hooked.ravel()[surface.cells]
+            held[: len(cells)] *= hooked.ravel()[cells]
         if slip is not None:
-            slipped[:faces] = np.linalg.norm(slip.reshape(-1, 2)[surface.cells], axis=1)
+            slipped[: len(cells)] = np.linalg.norm(slip.reshape(-1, 2)[cells], axis=1)
 
     def _rates(self, out: Written, name: str, values: RowPoints) -> bool:
         drawn, shaft = self._surface.drawn, out[RACHIS, name]
@@ -337,10 +337,12 @@ class _Surface:
             parted=np.zeros(len(lips), dtype=np.bool_),
             carried=np.zeros((len(lips), 3)),
         )
-        # faces of vanes are in the order of cells
-        self.cells = np.flatnonzero(feather.cell)
         self._lips = Lips.of(feather) if len(lips) else None
-        self.strains = np.zeros((2, len(edges)))
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """Those of the faces, whose order is theirs."""
+        return np.flatnonzero(self._feather.cell)
 
     def part(self, hooked: Array | None) -> None:
         """Open the lips of gaps that are open, and close the others; None where all hold."""
