@@ -11,6 +11,7 @@ from regions_skin import RADIUS, grown, problems, region, roots, skin_folder, wr
 from featherfx.errors import InputWarning
 from featherfx.groom.regions import regions
 from featherfx.groom.regions.scatter import expected_count
+from featherfx.phases import Account
 
 __all__ = ["skin_folder"]
 
@@ -276,3 +277,12 @@ def test_a_place_that_hardly_exists_warns(folder):
     told = r"reaches x -0\.1 to 0\.1, y -0\.1 to 0\.1, z -0\.1 to 0\.1 .*: 0 of 20 feathers"
     with pytest.warns(InputWarning, match=told), warnings.catch_warnings():
         grown(folder, region("none", keys), region())
+
+
+def test_how_far_regions_have_grown_is_told(folder):
+    told = []
+    with Account(told.append):
+        grown(folder, region(), region("more", "count = 50"), region("last", "count = 30"))
+    found = [(each.done, each.total) for each in told if each.name == "growing"]
+    assert found == [(0, 280), (200, 280), (250, 280), (280, 280), (280, 280)]
+    assert [each.left is None for each in told if each.name == "growing"][2:] == [False] * 3

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from featherfx.groom.anatomy.pose import folded
 from featherfx.groom.anatomy.remiges import Flight, curvature_of, lying
 from featherfx.groom.keys.anatomy import WingType
 from featherfx.groom.skin.search import search_tree
+from featherfx.phases import phase
 
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the body
 _WEIGHTS = np.array([3.0, 1.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of leading edge and these
@@ -84,10 +86,18 @@ def _best(fit: _Fit) -> Array:
 
     kind = fit.kind
     found = np.array([60.0, kind.tuck[1], 20.0, kind.shoulder[1], 10.0, 0.0, 0.0])
-    for _ in range(_STARTS):  # a simplex that has gone flat is put up again
-        steps = np.vstack([found, found + np.diag([-15.0, 6.0, -8.0, -5.0, 8.0, 1.0, 0.7])])
-        options = {"initial_simplex": steps, "maxfev": _STEPS, "xatol": 0.1, "fatol": 1e-4}
-        found = minimize(fit.cost, found, method="Nelder-Mead", options=options).x
+    tried = count(1)
+    with phase("fitting", _STARTS * _STEPS) as done:
+
+        def cost(values: Array) -> float:
+            value = fit.cost(values)
+            done(next(tried))
+            return value
+
+        for _ in range(_STARTS):  # a simplex that has gone flat is put up again
+            steps = np.vstack([found, found + np.diag([-15.0, 6.0, -8.0, -5.0, 8.0, 1.0, 0.7])])
+            options = {"initial_simplex": steps, "maxfev": _STEPS, "xatol": 0.1, "fatol": 1e-4}
+            found = minimize(cost, found, method="Nelder-Mead", options=options).x
     return np.asarray(found)
 
 

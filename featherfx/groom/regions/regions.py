@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -35,6 +36,7 @@ from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
 from featherfx.groom.skin.points import SkinSource, SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Layout
+from featherfx.phases import phase
 
 _MOST_NAMED = 5
 _PLACES = "triangle", "barycentric", "position", "normal"
@@ -161,8 +163,10 @@ def _region_drafts(
         return (), None
     surfaces = [each.surface for each in skins.values()]
     drafts: list[Draft] = []
-    for region, wanted in zip(regions, counts, strict=True):
-        drafts += _grown(region, wanted, regions, region.entry["prim"] or "")
+    with phase("growing", sum(counts)) as done:
+        for region, wanted, grown in zip(regions, counts, accumulate(counts), strict=True):
+            drafts += _grown(region, wanted, regions, region.entry["prim"] or "")
+            done(grown)
     return tuple(drafts), np.concatenate([surface.corners for surface in surfaces])
 
 
