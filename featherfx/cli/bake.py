@@ -253,7 +253,7 @@ def _why(each: dict[str, Any]) -> Iterator[str]:
     if count := each["substeps"]:
         over = each["error"] / each["tolerance"]
         yield (
-            f"error of {1e3 * each['error']:.2g} mm, {over:.2g} times the tolerance, in"
+            f"error of {1e3 * each['error']:.3g} mm, {over:.3g} times the tolerance, in"
             f" {_substeps(count)}"
         )
     if count := each["substeps_with_barbs_passing"]:
