@@ -103,7 +103,8 @@ class WriteOptions(StageOptions):
     @property
     def rates(self) -> str:
         """How velocities are written, asked for or not."""
-        return self.velocities or ("none" if self.form == CONDENSED else "full")
+        none = self.form == CONDENSED and not self.accelerations
+        return self.velocities or ("none" if none else "full")
 
     @property
     def can_be_taken_over(self) -> bool:
