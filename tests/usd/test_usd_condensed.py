@@ -147,6 +147,19 @@ def test_velocities_are_left_out_of_condensed_feathers(entries, tmp_path, form, 
     assert check_usd(path) == []
 
 
+@pytest.mark.parametrize("group", ["feather", "all"])
+def test_accelerations_bring_velocities_along(entries, tmp_path, group):
+    asked = {"form": "condensed", "group": group, "accelerations": True}
+    path = write(tmp_path / "shaken.usdc", entries, **asked)
+    stage = Usd.Stage.Open(str(path))
+    for each in prims(stage, UsdGeom.Curves):
+        schema = UsdGeom.BasisCurves(each)
+        rates = schema.GetVelocitiesAttr(), schema.GetAccelerationsAttr()
+        counts = [len(attribute.Get(2.0)) for attribute in rates]
+        assert counts == [len(schema.GetPointsAttr().Get(2.0))] * 2
+    assert check_usd(path) == []
+
+
 def lifted(entry, seed: int) -> RowPoints:
     """A feather that is bent, and whose nodes stand up by up to 0.6 % of its length here and there,
     as layers lift them."""
