@@ -90,7 +90,8 @@ def test_a_try_without_a_full_step_is_not_near_its_solution():
 
 
 def outcome(iterations, matrices):
-    return Outcome(CONVERGED, iterations, matrices, 0.0, 0.0, 1.0, 0.0, UNKNOWN)
+    others = dict.fromkeys(Outcome._fields[3:], 0.0)
+    return Outcome(CONVERGED, iterations, matrices, **others)
 
 
 def test_an_iteration_with_a_matrix_at_hand_counts_as_a_quarter():
