@@ -27,6 +27,8 @@ from featherfx.feather.types import Array, Indices, RowPoints, stacked
 
 STEP = 7.5e-4
 _MOST = 2**30
+# feathers at once, whose arrays a processor keeps at hand
+_AT_ONCE = 128
 
 
 @dataclass(frozen=True)
@@ -75,12 +77,17 @@ def detail_of(
 
     rest: of each, in any place. lengths: (F,) of their shafts.
     """
-    all_of = stacked(points)
-    nodes, frames = _led(thin.kept(all_of), stacked(rest), thin)
-    missed = np.einsum("frji,frnj->firn", frames, all_of.nodes - nodes)
-    steps = np.rint(missed / (STEP * lengths)[:, None, None, None])
-    # what is not finite is refused by its points
-    return np.clip(np.nan_to_num(steps), -_MOST, _MOST).astype(np.int32)
+    found = np.empty((len(points), 3, *points[0].nodes.shape[:2]), dtype=np.int32)
+    for first in range(0, len(points), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        all_of = stacked(points[some])
+        nodes, frames = _led(thin.kept(all_of), stacked(rest[some]), thin)
+        steps = (all_of.nodes - nodes) @ frames
+        steps /= (STEP * lengths[some])[:, None, None, None]
+        # what is not finite is refused by its points
+        steps = np.clip(np.nan_to_num(np.rint(steps, out=steps), copy=False), -_MOST, _MOST)
+        found[some] = steps.transpose(0, 3, 1, 2)
+    return found
 
 
 def restored(
@@ -99,18 +106,23 @@ def _led(kept: RowPoints, rest: RowPoints, thin: Thinning) -> tuple[Array, Array
     standing_off = _within(rest_frames, rest.nodes)
     deviation = _within(_frames(kept.directors), kept.nodes)
     deviation -= standing_off[:, thin.rows[:, None], thin.nodes]
-    # products of matrices, which are much faster than sums over four indices
-    deviation = np.einsum("rk,fkld->frld", thin.along, deviation, optimize=True)
-    standing_off += np.einsum("nl,frld->frnd", thin.across, deviation, optimize=True)
-    now, then = (
-        _frames(np.einsum("rk,fkdc->frdc", thin.along, each.directors, optimize=True))
-        for each in (kept, rest_kept)
-    )
+    # one product a feather, so that its last bits do not depend on who else is asked for
+    count, rows, few, _ = deviation.shape
+    across = deviation.swapaxes(-1, -2).reshape(count, -1, few) @ thin.across.T
+    led = thin.along @ across.reshape(count, rows, -1)
+    standing_off += led.reshape(count, led.shape[1], 3, -1).swapaxes(-1, -2)
+    now, then = (_frames(_along(thin, each.directors)) for each in (kept, rest_kept))
     turns = now @ np.swapaxes(then, -1, -2)
     missed = rest.nodes[:, :, 0] - thin.along @ rest_kept.nodes[:, :, 0]
     shaft = thin.along @ kept.nodes[:, :, 0] + (turns @ missed[..., None])[..., 0]
     frames = turns @ rest_frames
     return shaft[:, :, None] + standing_off @ np.swapaxes(frames, -1, -2), frames
+
+
+def _along(thin: Thinning, directors: Array) -> Array:
+    """(F, N, 2, 3) directors of all rows from those that are kept, not yet of unit length."""
+    count, rows = directors.shape[:2]
+    return (thin.along @ directors.reshape(count, rows, 6)).reshape(count, -1, 2, 3)
 
 
 def _within(frames: Array, nodes: Array) -> Array:
