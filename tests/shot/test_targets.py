@@ -13,6 +13,7 @@ from pxr import Usd, UsdGeom, Vt
 import featherfx
 from featherfx.errors import InputError, InputWarning
 from featherfx.shot.dependence import dependences
+from featherfx.shot.direction.shafts import along_line
 from featherfx.shot.simulate import drawn_feathers, simulate
 from featherfx.shot.types import Channel, Target
 
@@ -217,6 +218,23 @@ def test_a_curve_that_is_no_shaft_is_refused(shot, lines, change, told):
     with pytest.raises(InputError, match=r"target\[0\].shape: the curve of .* " + told) as caught:
         simulate(replace(shot, targets=(target,)))
     assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+def test_a_shaft_drawn_as_it_rests_or_the_other_way_keeps_its_vanes(shot, turn):
+    feather = drawn_feathers(shot)[0]
+    rest = feather.rest.nodes
+    nodes = along_line(feather, turn * (rest[:, 0] - rest[0, 0]))
+    sides = [
+        np.einsum("nij,nkj->nik", each, each) for each in (rest - rest[:, :1], nodes - nodes[:, :1])
+    ]
+    np.testing.assert_allclose(sides[1], sides[0], atol=1e-9)
+    ways = [np.gradient(each[:, 0], feather.station, axis=0) for each in (rest, nodes)]
+    ahead = [
+        np.einsum("nij,nj->ni", each - each[:, :1], way)
+        for each, way in zip((rest, nodes), ways, strict=True)
+    ]
+    np.testing.assert_allclose(ahead[1], ahead[0], atol=1e-3 * feather.station[-1])
 
 
 def test_another_topology_is_refused(files):

@@ -61,8 +61,11 @@ def _start(points: Array, station: Array) -> Array:
 
 
 def _shortest(first: Array, second: Array) -> Array:
-    """The shortest turn (3, 3) from one unit vector to another."""
+    """The shortest turn (3, 3) from one unit vector to another; of opposite ones, one of many."""
     axis = np.cross(first, second)
     sine = float(np.linalg.norm(axis))
     angle = math.atan2(sine, float(first @ second))
-    return from_rotation_vector(axis * (angle / sine if sine > 0.0 else 1.0))
+    if sine == 0.0:
+        axis = np.cross(first, np.eye(3)[np.argmin(np.abs(first))])
+        sine = float(np.linalg.norm(axis))
+    return from_rotation_vector(axis * (angle / sine))
