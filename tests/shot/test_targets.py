@@ -13,7 +13,7 @@ from pxr import Usd, UsdGeom, Vt
 import featherfx
 from featherfx.errors import InputError, InputWarning
 from featherfx.shot.dependence import dependences
-from featherfx.shot.direction.shafts import along_line
+from featherfx.shot.direction.shafts import _shortest, along_line
 from featherfx.shot.simulate import drawn_feathers, simulate
 from featherfx.shot.types import Channel, Target
 
@@ -235,6 +235,15 @@ def test_a_shaft_drawn_as_it_rests_or_the_other_way_keeps_its_vanes(shot, turn):
         for each, way in zip((rest, nodes), ways, strict=True)
     ]
     np.testing.assert_allclose(ahead[1], ahead[0], atol=1e-3 * feather.station[-1])
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-17, 1e-12, 1e-7, 1e-5])
+def test_a_direction_is_turned_into_nearly_its_opposite(off):
+    first = np.array([0.0, 0.6, 0.8])
+    second = -first + off * np.array([1.0, 0.0, 0.0])
+    turn = _shortest(first, second / np.linalg.norm(second))
+    np.testing.assert_allclose(turn @ first, second, atol=1e-9)
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
 
 
 def test_another_topology_is_refused(files):

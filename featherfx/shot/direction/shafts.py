@@ -63,9 +63,9 @@ def _start(points: Array, station: Array) -> Array:
 def _shortest(first: Array, second: Array) -> Array:
     """The shortest turn (3, 3) from one unit vector to another; of opposite ones, one of many."""
     axis = np.cross(first, second)
-    sine = float(np.linalg.norm(axis))
-    angle = math.atan2(sine, float(first @ second))
-    if sine == 0.0:
-        axis = np.cross(first, np.eye(3)[np.argmin(np.abs(first))])
-        sine = float(np.linalg.norm(axis))
-    return from_rotation_vector(axis * (angle / sine))
+    sine, cosine = float(np.linalg.norm(axis)), float(first @ second)
+    if cosine < 0.0 and sine < 1e-6:  # the axis is of rounding alone
+        across = np.cross(first, np.eye(3)[np.argmin(np.abs(first))])
+        half = from_rotation_vector(across * (math.pi / np.linalg.norm(across)))
+        return _shortest(-first, second) @ half
+    return from_rotation_vector(axis * (math.atan2(sine, cosine) / sine if sine > 0.0 else 1.0))
