@@ -19,14 +19,12 @@ from featherfx.shot.types import Contact, Detail, Layers, Motion, Shot
 THICKNESS = 1e-3
 
 
-def shingles(count: int = 5, frames: int = 4) -> Shot:
-    """Feathers behind each other along their shafts, in one line, that swing; some follow. A layout
-    is said to have laid each over the next, though they are bent so that they lie in each other."""
+def in_line(count: int, step: np.ndarray, frames: int, **quality: object) -> Shot:
+    """Like feathers, each a step (m) behind the last, whose roots swing together in still air."""
     shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
     one = shot.groom.feathers[0]
-    step = 0.25 * one.kind.length
     feathers = tuple(
-        replace(one, id=f"f{k}", region="coat", position=np.array([step * k, 0, 0]), rank=count - k)
+        replace(one, id=f"f{k}", region="coat", position=k * step, rank=count - k)
         for k in range(count)
     )
     swing = {"amplitude": 0.03, "frequency": 3.0, "direction": (0.0, 0.0, 1.0)}
@@ -38,7 +36,16 @@ def shingles(count: int = 5, frames: int = 4) -> Shot:
         grips=(),
         motion=Motion("shake", swing),
         wind=replace(shot.wind, speed=0.0, gust=0.0),
-        quality=replace(shot.quality, rows=11, columns=3, coefficients=1, simulated_rows=0),
+        quality=replace(shot.quality, columns=3, coefficients=1, simulated_rows=0, **quality),
+    )
+
+
+def shingles(count: int = 5, frames: int = 4) -> Shot:
+    """Feathers behind each other along their shafts, in one line, that swing; some follow. A layout
+    is said to have laid each over the next, though they are bent so that they lie in each other."""
+    length = read_shot(SAMPLES / "feather_pull" / "shot.toml").groom.feathers[0].kind.length
+    return replace(
+        in_line(count, np.array([0.25 * length, 0.0, 0.0]), frames, rows=11),
         details=(Detail(level="guided", every=4),),
         layers=Layers(Contact(THICKNESS)),
     )

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from places import SAMPLES
+from shingled import in_line
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
@@ -21,27 +22,9 @@ from featherfx.shot.types import Detail, Motion, Shot
 
 
 def row_of(count: int, frames: int = 5, spread: float = 0.02) -> Shot:
-    """Like feathers side by side whose roots swing and turn together."""
-    shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
-    one = shot.groom.feathers[0]
-    feathers = tuple(
-        replace(one, id=f"f{k}", region="row", position=np.array([0.0, spread * k, 0.0]))
-        for k in range(count)
-    )
-    swing = {"amplitude": 0.03, "frequency": 3.0, "direction": (0.0, 0.0, 1.0)}
-    return replace(
-        shot,
-        groom=replace(shot.groom, feathers=feathers),
-        first_frame=0,
-        last_frame=frames,
-        grips=(),
-        gravity=np.array([0.0, 0.0, -9.81]),
-        motion=Motion("shake", swing),
-        wind=replace(shot.wind, speed=0.0, gust=0.0),
-        quality=replace(
-            shot.quality, rows=13, columns=3, coefficients=1, tolerance=1e-4, simulated_rows=0
-        ),
-    )
+    """Like feathers side by side whose roots swing together."""
+    shot = in_line(count, np.array([0.0, spread, 0.0]), frames, rows=13, tolerance=1e-4)
+    return replace(shot, gravity=np.array([0.0, 0.0, -9.81]))
 
 
 def guided(shot: Shot, pattern: str = "*", **values: object) -> Shot:
@@ -200,7 +183,7 @@ def test_ways_go_along_the_skin() -> None:
 
 
 def test_what_cannot_be_guided_is_told() -> None:
-    with pytest.raises(InputError, match="no guide for the guided feathers of region 'row'"):
+    with pytest.raises(InputError, match="no guide for the guided feathers of region 'coat'"):
         list(simulate(guided(row_of(3), every=0)))
     simulation = simulate(
         replace(
