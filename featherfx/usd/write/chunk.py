@@ -129,7 +129,7 @@ class ChunkWriter:
         for k, number in enumerate(group.members):
             earlier = self._taken.get(number)
             if earlier is not None and not group.static[k]:
-                earlier.fill(group.feathers[k].id, code, pose.members[k])
+                earlier.fill(group.feathers[k].id, code, group.own(pose, k))
             given.append(None if earlier is not None else frame.poses[self._place[number]])
         group.evaluate(pose, given)
 

@@ -17,15 +17,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
-from featherfx.usd.types import BARB, MESH, RACHIS, RATES, FeatherEntry
+from featherfx.usd.types import (
+    ACCELERATIONS,
+    BARB,
+    BARB_DIRECTION,
+    DETAIL,
+    DIAGNOSTICS,
+    HOOKS,
+    MESH,
+    ORIENT,
+    P_BARB,
+    RACHIS,
+    RATES,
+    WET,
+    FeatherEntry,
+)
 from featherfx.usd.write.options import ALL, BOTH, CONDENSED, CURVES, FEATHER, REGION, WriteOptions
 from featherfx.usd.write.output import unique_prim_names
 
 # Feathers that each have prims of their own where that is left to the writer; readers are slow with
 # thousands of prims side by side.
 MOST_SINGLE = 200
+
+# part of a feather, and attribute
+Key = tuple[str, str]
 
 _PARTS = {CURVES: (RACHIS, BARB), CONDENSED: (RACHIS,)}
 
@@ -53,9 +71,53 @@ class Form:
             thinned=options.form == CONDENSED,
         )
 
-    def writes(self, key: tuple[str, str]) -> bool:
+    def writes(self, key: Key) -> bool:
         """Whether an attribute of a part of feathers is written."""
         return key[0] in self.parts and (self.rates or key[1] not in RATES)
+
+
+class Keys(NamedTuple):
+    """Attributes of a feather, by what they hold: vectors, numbers, rotations, whole numbers. wet:
+    numbers of feathers that are wet at times."""
+
+    vectors: tuple[Key, ...]
+    scalars: tuple[Key, ...]
+    turns: tuple[Key, ...]
+    whole: tuple[Key, ...]
+    wet: tuple[Key, ...]
+
+
+@cache
+def keys_of(
+    parts: tuple[str, ...],
+    extras: frozenset[str],
+    form: Form,
+    faces: bool,
+    hooks: bool,
+    wet: bool,
+) -> Keys:
+    """Of feathers with these parts, one for all that are alike.
+
+    extras: ACCELERATIONS, names of DIAGNOSTICS. faces: whether there are any. hooks, wet: whether
+    their state is written.
+    """
+    each = ("points", "velocities", *([ACCELERATIONS] * (ACCELERATIONS in extras)))
+    asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
+    asked += HOOKS if hooks else ()
+    shown = (MESH, faces), (RACHIS, form.condensed)
+    clumps = tuple((part, name) for part, is_shown in shown for name in WET if wet and is_shown)
+    return Keys(
+        vectors=(
+            *((part, name) for part in parts for name in each),
+            (MESH, "normals"),
+            (MESH, BARB_DIRECTION),
+            *((RACHIS, name) for name in P_BARB if form.condensed),
+        ),
+        scalars=(*((MESH, name) for name in asked), *clumps),
+        turns=((RACHIS, ORIENT),) if form.condensed else (),
+        whole=((RACHIS, DETAIL),) if form.thinned else (),
+        wet=clumps,
+    )
 
 
 class Group(NamedTuple):

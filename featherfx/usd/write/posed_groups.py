@@ -42,8 +42,8 @@ from featherfx.usd.types import (
     WET,
 )
 from featherfx.usd.write import surface_kernels
-from featherfx.usd.write.forms import Group
-from featherfx.usd.write.poses import Key, PosedFeather, Written, condense, fixed
+from featherfx.usd.write.forms import Group, Key
+from featherfx.usd.write.poses import PosedFeather, Written, condense, fixed
 from featherfx.usd.write.surface_kernels import DrawnSurface, WrittenSurface
 
 # feathers whose poses are computed at once; more would only need more memory for what passes
@@ -90,7 +90,7 @@ class _Block:
         surfaces = [each.drawn for each in feathers]
         self.grids = [each.grid for each in feathers]
         self._feathers = feathers
-        keys = (*feathers[0].vectors, *feathers[0].turns, *feathers[0].whole)
+        keys = (*feathers[0].keys.vectors, *feathers[0].keys.turns, *feathers[0].keys.whole)
         self.counts = {key: sum(each.count(key) for each in feathers) for key in keys}
         self._stage, self._origin = feathers[0].to_stage, feathers[0].to_origin
         self._form = feathers[0].form
@@ -175,13 +175,12 @@ def _counted_on(indices: Sequence[NDArray[Any]], starts: Indices) -> Indices:
 class WrittenPose:
     """The feathers of a group at one time, stage units and axes, as they are written.
 
-    values: per prim (MESH, RACHIS, BARB) and attribute. members: what in them is of each feather.
-    finite: (M,) whether that is. Made once by PosedGroup.new_pose, then written to as often as a
-    sample has left the layers.
+    values: per prim (MESH, RACHIS, BARB) and attribute. finite: (M,) whether what is of each
+    feather is. Made once by PosedGroup.new_pose, then written to as often as a sample has left the
+    layers.
     """
 
     values: dict[Key, InPlace]
-    members: list[Written]
     finite: Flags
 
     def corners(self) -> Sequence[Floats]:
@@ -221,10 +220,10 @@ class PosedGroup:
         self.points = {part: starts for part, starts in points.items() if starts[-1]}
         self.parts = tuple(self.points)
         self.faces = _starts([f.faces for f in self.feathers])
-        self._vectors = dict.fromkeys(key for f in self.feathers for key in f.vectors)
-        self._scalars = dict.fromkeys(key for f in self.feathers for key in f.scalars)
-        self._turns = dict.fromkeys(key for f in self.feathers for key in f.turns)
-        self._whole = dict.fromkeys(key for f in self.feathers for key in f.whole)
+        self._vectors = dict.fromkeys(key for f in self.feathers for key in f.keys.vectors)
+        self._scalars = dict.fromkeys(key for f in self.feathers for key in f.keys.scalars)
+        self._turns = dict.fromkeys(key for f in self.feathers for key in f.keys.turns)
+        self._whole = dict.fromkeys(key for f in self.feathers for key in f.keys.whole)
         self.columns = self.feathers[0].columns
         self._extents = [(part, "extent") for part in self.parts]
         self.keys: tuple[Key, ...] = (
@@ -293,10 +292,10 @@ class PosedGroup:
         values |= {key: new_integers(self._count(key)) for key in self._whole}
         for key in self._scalars:
             values[key].numbers[...] = self.held if key[1] == HOOKED else 0.0
-        pose = WrittenPose(values, self._shared_out(values), np.ones(len(self.members), np.bool_))
+        pose = WrittenPose(values, np.ones(len(self.members), np.bool_))
         if not self.is_static:
-            for index in np.flatnonzero(self.static):
-                self.feathers[index].rest(pose.members[index])
+            for index in np.flatnonzero(self.static).tolist():
+                self.feathers[index].rest(self.own(pose, index))
         return pose
 
     @cached_property
@@ -306,19 +305,22 @@ class PosedGroup:
         return {key: new_vectors(self._count(key)) for key in self._vectors if not form.writes(key)}
 
     def _count(self, key: Key) -> int:
-        return int(self.starts(key)[-1])
+        return int(self._starts_of[key][-1])
 
-    def _shared_out(self, values: dict[Key, InPlace]) -> list[Written]:
-        """The views of each feather on the arrays of the group."""
+    def own(self, pose: WrittenPose, index: int) -> Written:
+        """What in a pose is of one feather; made when it is asked for, since views of thousands of
+        feathers take more memory than what they show."""
+        keys, found = self.feathers[index].keys, {}
+        for key in (*keys.vectors, *keys.scalars, *keys.turns, *keys.whole):
+            first, end = self._starts_of[key][index : index + 2]
+            found[key] = pose.values[key].numbers[first:end]
+        return found
+
+    @cached_property
+    def _starts_of(self) -> dict[Key, Indices]:
+        """Where the elements of each feather begin in each attribute, as of starts."""
         own = (*self._vectors, *self._scalars, *self._turns, *self._whole)
-        starts = {key: self.starts(key).tolist() for key in own}
-        return [
-            {
-                key: values[key].numbers[starts[key][index] : starts[key][index + 1]]
-                for key in (*feather.vectors, *feather.scalars, *feather.turns, *feather.whole)
-            }
-            for index, feather in enumerate(self.feathers)
-        ]
+        return {key: self.starts(key) for key in own}
 
     @cached_property
     def _joined(self) -> JoinedFeathers | None:
@@ -336,7 +338,7 @@ class PosedGroup:
             return
         for index, each in enumerate(given):
             if each is not None and not self.static[index]:
-                pose.finite[index] = self.feathers[index].evaluate(pose.members[index], each)
+                pose.finite[index] = self.feathers[index].evaluate(self.own(pose, index), each)
 
     def rest(self) -> WrittenPose:
         """The rest pose; its rates are zero."""
@@ -349,7 +351,7 @@ class PosedGroup:
                     value.numbers[...] = 0.0
         else:
             for index, feather in enumerate(self.feathers):
-                pose.finite[index] = feather.rest(pose.members[index])
+                pose.finite[index] = feather.rest(self.own(pose, index))
         self.bound(pose)
         return pose
 
@@ -369,8 +371,8 @@ class PosedGroup:
         So what is written of a feather does not depend on those that it shares prims with.
         seconds: as of PosedFeather.changed.
         """
-        for index in np.flatnonzero(~(moved | self.static)):
-            now, before = pose.members[index], first.members[index]
+        for index in np.flatnonzero(~(moved | self.static)).tolist():
+            now, before = self.own(pose, index), self.own(first, index)
             if self.feathers[index].changed(now, before, seconds):
                 moved[index] = True
             elif pose is not first:

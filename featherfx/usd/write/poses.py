@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,6 @@ from featherfx.usd.types import (
     BARB,
     BARB_DIRECTION,
     DETAIL,
-    DIAGNOSTICS,
     ENERGY_DENSITY,
     HOOKED,
     HOOKS,
@@ -50,12 +49,11 @@ from featherfx.usd.types import (
     FeatherEntry,
 )
 from featherfx.usd.write import surface_kernels
-from featherfx.usd.write.forms import Form
+from featherfx.usd.write.forms import Form, Key, keys_of
 from featherfx.usd.write.surface_kernels import DrawnSurface, ToStage, WrittenSurface
 
-Key = tuple[str, str]
-
 _ROUNDING = float(np.finfo(np.float32).eps)
+_NONE, _ONE = np.zeros(0), np.ones(1)
 
 
 # What is written of one feather: the elements of each attribute that are its own.
@@ -68,9 +66,9 @@ class PosedFeather:
     id: of the feather. widths, barb_widths: (n,) and (B K,) stage units, diameters of shaft and
     barbs; those of the shaft are of the circle of its section's area. parts: the prims that it
     has. points: of each, and faces: of its mesh. held: (faces,) share of barbules that are hooked
-    at rest. vectors, scalars, turns, whole (numbers): what is written of the parts. form: what of
-    that is written; a mesh that is not has neither points nor faces. thin: which of its rows and
-    nodes are, None: all. rest_points: of the feather, in its own frame. length: m, of its shaft.
+    at rest. keys: what is written of the parts. form: which of that; a mesh that
+    is not has neither points nor faces. thin: which of its rows and nodes are, None: all.
+    rest_points: of the feather, in its own frame. length: m, of its shaft.
     """
 
     def __init__(
@@ -90,13 +88,12 @@ class PosedFeather:
         self.length = float(entry.feather.station[-1])
         self.left_leads = left_leads(entry.feather)
         self._entry, self._surface, self.id = entry, surface, entry.id
-        self.to_stage = ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y")
-        self.to_origin = -np.array(space.origin) if space.is_moved else None
+        self.to_stage, self.to_origin = _ways(space)
         self._accelerations = ACCELERATIONS in extras
         feather, barbs = entry.feather, entry.barbs
         widths = np.sqrt(feather.width * feather.height)
         self.widths = space.lengths(widths[self.thin.rows] if self.thin else widths)
-        self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else np.zeros(0)
+        self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else _NONE
         self.has_barbs = len(self.barb_widths) > 0
         self.parts = (MESH, RACHIS, BARB) if self.has_barbs else (MESH, RACHIS)
         counts = {
@@ -106,26 +103,13 @@ class PosedFeather:
         }
         self.points = {part: counts[part] for part in self.parts}
         self.faces = len(surface.drawn.triangles)
-        self.held = np.ones(self.faces) if entry.held is None else entry.held[: self.faces]
+        every = np.broadcast_to(_ONE, self.faces)
+        self.held = every if entry.held is None else entry.held[: self.faces]
         split = entry.feather.split
         self._split = np.where(split, 0.0, 1.0) if split.size else None
-        each = ("points", "velocities", *([ACCELERATIONS] * self._accelerations))
-        self.vectors: tuple[Key, ...] = (
-            *((part, name) for part in self.parts for name in each),
-            (MESH, "normals"),
-            (MESH, BARB_DIRECTION),
-            *((RACHIS, name) for name in P_BARB if form.condensed),
-        )
-        asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
         self._hooks = entry.hooked and self.faces > 0
-        asked += HOOKS if self._hooks else ()
-        shown = (MESH, self.faces > 0), (RACHIS, form.condensed)
-        self._wet: tuple[Key, ...] = tuple(
-            (part, name) for part, is_shown in shown for name in WET if entry.wet and is_shown
-        )
-        self.scalars: tuple[Key, ...] = (*((MESH, name) for name in asked), *self._wet)
-        self.turns: tuple[Key, ...] = ((RACHIS, ORIENT),) if form.condensed else ()
-        self.whole: tuple[Key, ...] = ((RACHIS, DETAIL),) if form.thinned else ()
+        kinds = self.parts, frozenset(extras), form
+        self.keys = keys_of(*kinds, self.faces > 0, self._hooks, entry.wet)
 
     def count(self, key: Key) -> int:
         """Elements of an attribute."""
@@ -156,12 +140,17 @@ class PosedFeather:
     def is_plain(self) -> bool:
         """Whether its surface is all that is written, and follows from its nodes alone."""
         alone = self._entry.points_map is None and len(self._surface.drawn.lips) == 0
-        return alone and not self.has_barbs and not self.scalars
+        return alone and not self.has_barbs and not self.keys.scalars
 
     @property
     def bytes_per_sample(self) -> int:
         """Bytes of one pose, with an extent for each prim."""
-        kinds = (self.vectors, 12), (self.scalars, 4), (self.turns, 8), (self.whole, 4)
+        kinds = (
+            (self.keys.vectors, 12),
+            (self.keys.scalars, 4),
+            (self.keys.turns, 8),
+            (self.keys.whole, 4),
+        )
         extents = 24 * len(set(self.parts) & set(self.form.parts))
         return extents + sum(
             size * self.count(key) for keys, size in kinds for key in keys if self.form.writes(key)
@@ -197,7 +186,7 @@ class PosedFeather:
         if self._accelerations:
             rates[ACCELERATIONS] = given.accelerations
         self._note_hooks(out, self._hooked(given), given.gaps.slip if given.gaps else None)
-        for key in self._wet:
+        for key in self.keys.wet:
             out[key][:] = given.clumped[WET.index(key[1])]
         self._surface.carry(points)
         finite = self._place(out, _mapped(own, points))
@@ -243,8 +232,8 @@ class PosedFeather:
         seconds: to the next sample. A velocity that until then carries no point farther than its
         rounding, at the greatest coordinate of a prim, does not count.
         """
-        own = [*((MESH, name) for name in HOOKS), *((RACHIS, name) for name in P_BARB), *self._wet]
-        own += self.whole
+        own = [*((MESH, name) for name in HOOKS), *((RACHIS, name) for name in P_BARB)]
+        own += (*self.keys.wet, *self.keys.whole)
         if any((now[key] != before[key]).any() for key in own if key in now):
             return True
         return any(
@@ -270,7 +259,7 @@ class PosedFeather:
             out[RACHIS, "points"],
         )
         finite = surface_kernels.pose_surface(points, self._surface.drawn, self.to_stage, written)
-        if self.scalars and self.faces:
+        if self.keys.scalars and self.faces:
             self._diagnose(out)
         if self.form.condensed:
             numbers = [out[RACHIS, name] for name in (*P_BARB, ORIENT)]
@@ -313,6 +302,13 @@ class PosedFeather:
 
     def _write(self, world: Array, out: Floats) -> bool:
         return bool(surface_kernels.write_points(world, self.to_stage, out))
+
+
+@cache
+def _ways(space: StageSpace) -> tuple[ToStage, Array | None]:
+    """To a stage, and to where its root prim stands; None where that is the world's origin."""
+    to_origin = -np.array(space.origin) if space.is_moved else None
+    return ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y"), to_origin
 
 
 class _Surface:
@@ -377,7 +373,9 @@ def posed_feathers(
     extras: Collection[str] = (),
     form: Form = Form(),
 ) -> list[PosedFeather]:
-    """All feathers of a cache; arrays of entries that share a Feather are made once."""
+    """All feathers of a cache; arrays of entries that share a Feather are made once, and where no
+    surface is drawn all share one."""
+    drawn = MESH in form.parts
     shapes: dict[int, _Surface] = {}
     # feathers that differ in size alone have one topology
     edges: dict[tuple[int, int], NDArray[np.int32]] = {}
@@ -387,12 +385,12 @@ def posed_feathers(
         topology = id(surface.triangles), id(surface.barb_direction)
         if topology not in edges:
             edges[topology] = barb_edges(surface, surface.points(feather.rest))
-        if id(feather) not in shapes:
+        if (shape := id(feather) if drawn else 0) not in shapes:
             own = scratch.setdefault(len(surface.row), np.zeros((2, len(surface.row), 3)))
-            drawn = MESH in form.parts
-            shapes[id(feather)] = _Surface(feather, edges[topology], own, drawn)
+            shapes[shape] = _Surface(feather, edges[topology], own, drawn)
     return [
-        PosedFeather(entry, shapes[id(entry.feather)], space, extras, form) for entry in entries
+        PosedFeather(entry, shapes[id(entry.feather) if drawn else 0], space, extras, form)
+        for entry in entries
     ]
 
 

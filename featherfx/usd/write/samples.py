@@ -21,11 +21,10 @@ from featherfx.usd.types import (
     PER_FACE,
     RATES,
 )
-from featherfx.usd.write.forms import Form
+from featherfx.usd.write.forms import Form, Key
 from featherfx.usd.write.layout import SCOPES
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.posed_groups import PosedGroup, WrittenPose
-from featherfx.usd.write.poses import Key
 
 _TYPES = {
     "points": Sdf.ValueTypeNames.Point3fArray,
