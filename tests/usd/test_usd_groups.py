@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,9 +24,11 @@ from featherfx.usd.convert.plain import flatten
 from featherfx.usd.read.earlier import EarlierCache
 from featherfx.usd.read.read import Cache
 from featherfx.usd.write import posed_groups as joined
-from featherfx.usd.write.forms import chosen_group, grouped
+from featherfx.usd.space import StageSpace
+from featherfx.usd.write.forms import Form, chosen_group, grouped
 from featherfx.usd.write.join import join_shares
 from featherfx.usd.write.options import WriteOptions
+from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.write import CachePlace, CacheWriter, Continuation
 
 GROUPS = ("kind", "region", "all")
@@ -333,3 +336,27 @@ def test_an_unknown_grouping_is_refused(tmp_path):
         CacheWriter(
             tmp_path / "o.usda", feathers.entries(), None, options=WriteOptions(group="flock")
         )
+
+
+def traced(make) -> tuple[object, int]:
+    """What is made, and bytes that Python and numpy hold of it."""
+    tracemalloc.start()
+    try:
+        made = make()
+        return made, tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+
+
+def test_feathers_of_a_coat_cost_little_beside_their_numbers():
+    one = feathers.entries()[0]
+    many = [replace(one, id=f"contour_{number}") for number in range(300)]
+    form = Form.of(WriteOptions(form="condensed"))
+    posed_feathers(many[:1], StageSpace(), form=form)  # what all share
+    posed, held = traced(lambda: posed_feathers(many, StageSpace(), form=form))
+    assert held < 1000 * len(many)
+    group = joined.PosedGroup(grouped(many, "all")[0], posed, [False] * len(many), False)
+    group.new_pose()
+    # its numbers are in USD's own memory
+    _, held = traced(group.new_pose)
+    assert held < 50 * len(many)
