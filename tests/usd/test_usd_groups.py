@@ -23,8 +23,8 @@ from featherfx.usd.convert.export import mesh_sequence
 from featherfx.usd.convert.plain import flatten
 from featherfx.usd.read.earlier import EarlierCache
 from featherfx.usd.read.read import Cache
-from featherfx.usd.write import posed_groups as joined
 from featherfx.usd.space import StageSpace
+from featherfx.usd.write import posed_groups as joined
 from featherfx.usd.write.forms import Form, chosen_group, grouped
 from featherfx.usd.write.join import join_shares
 from featherfx.usd.write.options import WriteOptions
