@@ -21,7 +21,7 @@ from featherfx.shot.motion.roots import Roots
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
-from featherfx.solver.contact.meeting_kernels import meeting
+from featherfx.solver.contact.meeting_kernels import joined, meeting
 
 # island of a feather that pushes nothing
 ALONE = -1
@@ -54,7 +54,7 @@ def _islands_of(shot: Shot, drawn: Sequence[Feather], motion: Roots, some: Indic
     margin = REACH * np.array([feather.station[-1] for feather, _ in chosen])[:, None]
     low = np.stack([each.min(axis=0) for each in nodes]) - margin
     high = np.stack([each.max(axis=0) for each in nodes]) + margin
-    island = _connected(len(nodes), meeting(low, high))
+    island = joined(np.arange(len(nodes)), low, high)
     radius = margin + np.array(
         [np.linalg.norm(each - root, axis=1).max() for each, root in zip(nodes, roots, strict=True)]
     ).reshape(-1, 1)
@@ -62,7 +62,7 @@ def _islands_of(shot: Shot, drawn: Sequence[Feather], motion: Roots, some: Indic
         if island.max() == 0:
             break
         now = motion.frames(frame / shot.frames_per_second)[0][some]
-        island = _joined(island, now - radius, now + radius)
+        island = _come_near(island, now - radius, now + radius)
     return _few(island)
 
 
@@ -76,29 +76,15 @@ def with_pushing(shot: Shot, drawn: Sequence[Feather], asked: Indices) -> tuple[
     return np.union1d(asked, np.flatnonzero(pushed)), islands
 
 
-def _connected(count: int, pairs: Indices) -> Indices:
-    """(N,) part of each of so many things, in the order of their first, by pairs (K, 2)."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    entries = np.ones(len(pairs), dtype=np.bool_), (pairs[:, 0], pairs[:, 1])
-    _, part = connected_components(coo_array(entries, shape=(count, count)), directed=False)
-    _, first, place = np.unique(part, return_index=True, return_inverse=True)
-    return np.argsort(np.argsort(first))[place]
-
-
-def _joined(island: Indices, low: Array, high: Array) -> Indices:
+def _come_near(island: Indices, low: Array, high: Array) -> Indices:
     """The islands, those made one of which feathers' boxes (F, 3) meet."""
     count = int(island.max()) + 1
     least, most = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(least, island, low)
     np.maximum.at(most, island, high)
-    near = meeting(least, most)
-    if not len(near):
+    if not len(meeting(least, most)):
         return island
-    some = np.flatnonzero(np.isin(island, near))
-    pairs = island[some[meeting(low[some], high[some])]]
-    return _connected(count, pairs[pairs[:, 0] != pairs[:, 1]])[island]
+    return joined(island, low, high)
 
 
 def _few(island: Indices) -> Indices:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from test_contact_shots import THICKNESS, baked, bird
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Motion
-from featherfx.solver.contact.meeting_kernels import meeting
+from featherfx.solver.contact.meeting_kernels import joined, meeting
 
 PAIR = "right_primary_03", "left_primary_03"
 
@@ -90,3 +91,36 @@ def test_boxes_that_meet_are_found():
     assert len(expected) > 300
     assert np.array_equal(meeting(low, high), expected)
     assert meeting(low[:1], high[:1]).shape == (0, 2)
+
+
+def test_parts_of_boxes_that_meet():
+    rng = np.random.default_rng(9)
+    for count, size in ((300, 0.05), (300, 0.2), (40, 0.6)):
+        low = rng.random((count, 3))
+        high = low + size * rng.random((count, 3))
+        low[::7], high[::7] = low[0], high[0]
+        before = rng.integers(0, 10 * count, count)
+        pairs = [*meeting(low, high).tolist()]
+        pairs += [(k, before.tolist().index(part)) for k, part in enumerate(before)]
+        # the parts by their definition: whatever is linked has the same number, to the end
+        expected = np.arange(count)
+        for _ in range(count):
+            last = expected.copy()
+            for a, b in pairs:
+                expected[[a, b]] = min(expected[a], expected[b])
+            if np.array_equal(last, expected):
+                break
+        numbers = np.unique(expected, return_inverse=True)[1]
+        assert numbers.max() > 0
+        assert np.array_equal(joined(before, low, high), numbers)
+
+
+def test_thousands_of_boxes_at_one_place_are_no_millions_of_pairs():
+    place = np.repeat(np.arange(3.0), 20_000)[:, None] * np.ones(3)
+    joined(np.arange(2), place[:2], place[:2] + 0.5)
+    tracemalloc.start()
+    parts = joined(np.arange(len(place)), place, place + 0.5)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert np.array_equal(parts, np.repeat(np.arange(3), 20_000))
+    assert peak < 20e6

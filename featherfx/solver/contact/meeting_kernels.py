@@ -24,6 +24,19 @@ def meeting(low: Array, high: Array) -> Indices:
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
+def joined(parts: Indices, low: Array, high: Array) -> Indices:
+    """(B,) part of each box, in the order of their first, those made one of which boxes meet.
+
+    Boxes that meet are not listed: of thousands at one place there are millions of pairs.
+    parts: (B,) of each box before. low, high: (B, 3) m, corners of the boxes.
+    """
+    _, first, number = np.unique(parts, return_index=True, return_inverse=True)
+    leader = first[number]
+    order = np.argsort(low[:, 0], kind="stable")
+    _join(order, low, high, leader, np.empty_like(order))
+    return np.unique(leader, return_inverse=True)[1]
+
+
 @kernel
 def _meeting(order, low, high, found):
     """Write pairs to found, as many as it has room for; returns how many there are."""
@@ -34,10 +47,65 @@ def _meeting(order, low, high, found):
             b = order[next_at]
             if low[b, 0] > high[a, 0]:
                 break
-            apart = low[b, 1] > high[a, 1] or low[a, 1] > high[b, 1]
-            if apart or low[b, 2] > high[a, 2] or low[a, 2] > high[b, 2]:
+            if _apart(low, high, a, b):
                 continue
             if count < found.shape[0]:
                 found[count, 0], found[count, 1] = min(a, b), max(a, b)
             count += 1
     return count
+
+
+@kernel
+def _apart(low, high, a, b):
+    """Whether two boxes are apart in y or z."""
+    apart = low[b, 1] > high[a, 1] or low[a, 1] > high[b, 1]
+    return apart or low[b, 2] > high[a, 2] or low[a, 2] > high[b, 2]
+
+
+@kernel
+def _covers(low, high, a, b):
+    """Whether what begins later than both boxes and meets b meets a, too."""
+    ends = high[b, 0] <= high[a, 0] and high[b, 1] <= high[a, 1] and high[b, 2] <= high[a, 2]
+    return ends and low[a, 1] <= low[b, 1] and low[a, 2] <= low[b, 2]
+
+
+@kernel
+def _leader_of(leader, box):
+    """First box of the part that a box is of; the way there is made shorter."""
+    while leader[box] != box:
+        leader[box] = leader[leader[box]]
+        box = leader[box]
+    return box
+
+
+@kernel
+def _join(order, low, high, leader, kept):
+    """Make one of the parts whose boxes meet; leader: of each box one before it in its part, or
+    itself, at the end the first. kept: (B,) room for those that later ones are compared with.
+
+    Of boxes of one part only those are kept that no other covers, so that many at one place are
+    compared with a few.
+    """
+    count = 0
+    for b in order:
+        before, count, covered = count, 0, False
+        for k in range(before):
+            a = kept[k]
+            if high[a, 0] < low[b, 0]:
+                continue
+            first, second = _leader_of(leader, a), _leader_of(leader, b)
+            if first != second and not _apart(low, high, a, b):
+                first, second = min(first, second), max(first, second)
+                leader[second] = first
+                second = first
+            if first == second:
+                covered = covered or _covers(low, high, a, b)
+                if not covered and _covers(low, high, b, a):
+                    continue
+            kept[count] = a
+            count += 1
+        if not covered:
+            kept[count] = b
+            count += 1
+    for box in range(leader.shape[0]):
+        leader[box] = _leader_of(leader, box)
