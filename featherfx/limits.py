@@ -20,6 +20,7 @@ MOST_TOML_BYTES = 8_000_000
 MOST_NESTING = 64  # tables and arrays within each other, and parts of a dotted key
 MOST_BASES = 64  # presets that extend each other
 MOST_FEATHERS = 1_000_000
+CROWD_PAIRS, MOST_NEIGHBOURS = 500_000, 200  # of feathers that stand at one place
 MOST_ARRAY_BYTES = 500_000_000  # of one in an NPZ file
 MOST_TRIED = 4000  # shapes that `featherfx check` builds, feathers read of a groom with faults
 MOST_PATTERNS = 10_000  # of [overrides]

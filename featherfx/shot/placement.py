@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import compress
 
 from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require
 from featherfx.feather.types import RowPoints, turned
+from featherfx.groom.crowds import refuse_crowds
 from featherfx.groom.types import Groom
 from featherfx.phases import phase
 from featherfx.shot.loads.shelter import lying_exposures
+from featherfx.shot.patterns import may_touch
 from featherfx.shot.types import Shot
 
 
@@ -25,6 +28,7 @@ def lay_out(groom: Groom) -> Groom:
     """The groom with its feathers laid over each other, where it asks for that; see layout.py."""
     if groom.layout is None:
         return groom
+    refuse_crowds(groom.feathers, str(groom.source), "layout", "or leave [layout] out")
     # what has no layout does without compiled code
     from featherfx.feather.layout import layout
 
@@ -48,6 +52,19 @@ def place_feathers(shot: Shot) -> Shot:
         if each not in left
     ]
     require(*lost)
+    _refuse_crowds(replace(shot, groom=groom))
     skin = shot.surfaces.bind(groom) if shot.surfaces is not None else shot.skin
+    if skin is not None:
+        refuse_crowds(groom.feathers, str(shot.source), "skin", "since these shelter each other")
     exposure = None if skin is None else lying_exposures(groom.feathers, skin)
     return replace(shot, groom=groom, skin=skin, surfaces=None, exposure=exposure)
+
+
+def _refuse_crowds(shot: Shot) -> None:
+    """Raise InputError where too many feathers that touch or are laid stand at one place."""
+    touching = [] if shot.contact is None else [shot.contact]
+    laid = [] if shot.layers is None else [shot.layers.contact]
+    for contact in touching + laid:
+        chosen = compress(shot.groom.feathers, may_touch(shot, contact))
+        key = "contact.regions" if contact in touching else "contact.layered"
+        refuse_crowds(list(chosen), str(shot.source), key, "or name the regions that matter")

@@ -135,3 +135,25 @@ def test_what_pushes_nothing_joins_no_islands_and_is_dealt_out(tmp_path):
         assert [int(pushing[each].sum()), len(set(islands[each][pushing[each]]))] == [8, 1]
         assert len(each) == 16
     assert {len(share_numbers(read, k, 16)) for k in range(1, 17)} == {1, 9}
+
+
+def test_thousands_of_feathers_at_one_place_are_refused(tmp_path):
+    """What compares each with those around would not end; without contact they are baked."""
+    head = "id,x,y,z,direction_x,direction_y,direction_z,up_x,up_y,up_z\n"
+    rows = [f"f{k},{k % 12},0,0,-1,0,0,0,0,1\n" for k in range(4000)]
+    (tmp_path / "a.csv").write_text(head + "".join(rows))
+    groom = tmp_path / "groom.toml"
+    groom.write_text('name = "g"\n[[table]]\nfile = "a.csv"\nkind = "covert"\n')
+    text = 'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\nquality = "draft"\n'
+    shot = tmp_path / "shot.toml"
+    for more, key in (("[contact]\n", "regions"), ("[contact]\nforces = false\n", "layered")):
+        shot.write_text(text + more)
+        with pytest.raises(
+            InputError, match=rf"contact\.{key}: 4000 feathers make at least 664668"
+        ):
+            pipeline.plan(shot, tmp_path / "s.usdc", 2)
+    shot.write_text(text)
+    assert len(featherfx.read_shot(shot).groom.feathers) == 4000
+    groom.write_text(groom.read_text() + "[layout]\n")
+    with pytest.raises(InputError, match=r"layout: 4000 .* \(beside 'f0' stand 333\): place them"):
+        featherfx.read_shot(shot)

@@ -136,6 +136,11 @@ _LIMITS = (
     ("Characters of a text", str(limits.MOST_CHARACTERS), ""),
     ("Presets that extend each other", str(limits.MOST_BASES), "merge some of them"),
     ("Feathers of a groom", str(limits.MOST_FEATHERS), "share them among grooms"),
+    (
+        "Pairs of feathers that touch, are laid or sheltered, within half a length of each other",
+        f"{limits.CROWD_PAIRS}, or {limits.MOST_NEIGHBOURS} neighbours a feather",
+        "place them apart",
+    ),
     ("Patterns of [overrides]", str(limits.MOST_PATTERNS), ""),
     ("One array of an NPZ file", f"{limits.MOST_ARRAY_BYTES / 1e6:g} MB", "share it among tables"),
     ("Problems told of one file", str(limits.MOST_LISTED), "the others are counted"),
