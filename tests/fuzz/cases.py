@@ -10,7 +10,7 @@ import signal
 import tempfile
 import traceback
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -52,28 +52,28 @@ class Failure(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What became of some cases: outcomes by name, those that are not fine, and figures of
-    each where a kind has them."""
+    """What became of some cases: outcomes by name, those that are not fine, figures of each where
+    a kind has them, and numbers of the cases that are through."""
 
     outcomes: Counter[str]
     failures: list[Failure]
     scenes: list[dict[str, Any]]
-
-    def fail(self, case: int, seed: int, said: str) -> None:
-        """Note, and print, a case that is not fine."""
-        self.failures.append(Failure(case, said))
-        print(f"--- case {case} of seed {seed}\n{said}", flush=True)
+    through: list[int]
 
 
-def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -> Found:
-    """Outcomes of all commands; prints what is not fine.
+def nothing() -> Found:
+    """What is found before the first case."""
+    return Found(Counter(), [], [], [])
+
+
+def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -> Iterator[Found]:
+    """Outcomes of each case's commands.
 
     done: exit code 0. refused: 1 with a message. traceback, crash (a signal), hang, memory,
     silent (1 without a message), stray (a file that no output was to be), unfit (the case itself
     could not be made).
     keep: folder that takes the inputs of cases that are not fine.
     """
-    result = Found(Counter(), [], [])
     for name in ("featherfx.cli.main", *kind.modules):
         importlib.import_module(name)
     with tempfile.TemporaryDirectory() as name:
@@ -85,6 +85,7 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
         if (whole / "log").read_text():
             raise RuntimeError((whole / "log").read_text())
         for number in cases:
+            result = nothing()
             folder = whole / f"case{number}"
             shutil.copytree(sound, folder)
             log = whole / f"case{number}.log"
@@ -102,7 +103,7 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
             ended, said = _outcomes(log.read_text(errors="replace"), end)
             result.outcomes.update(ended)
             if set(ended) - set(FINE):
-                result.fail(number, seed, said)
+                result.failures.append(Failure(number, said))
                 if keep is not None:
                     pipes = shutil.ignore_patterns("pipe")
                     shutil.copytree(
@@ -110,7 +111,8 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
                     )
             shutil.rmtree(folder)
             log.unlink()
-    return result
+            result.through.append(number)
+            yield result
 
 
 def child(log: Path, work: Callable[[int], None]) -> int:
@@ -120,7 +122,12 @@ def child(log: Path, work: Callable[[int], None]) -> int:
     """
     process = os.fork()
     if process:
-        return os.waitpid(process, 0)[1]
+        try:
+            return os.waitpid(process, 0)[1]
+        except KeyboardInterrupt:
+            os.kill(process, signal.SIGKILL)
+            os.waitpid(process, 0)
+            raise
     code = 0
     target = os.open(log, os.O_CREAT | os.O_WRONLY | os.O_APPEND)
     try:

@@ -14,10 +14,10 @@ import random
 import tempfile
 import time
 import warnings
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,12 +25,10 @@ from featherfx.api import read_shot
 from featherfx.errors import InputError, SimulationError
 from featherfx.shot.simulate import simulate
 
-from .cases import SECONDS, Found, child, ended_by
+from .cases import SECONDS, Failure, Found, child, ended_by, nothing
 
 KINDS = ("body_contour", "covert", "swan_secondary", "tail_feather")
 FRAMES = 4
-# the worst that are printed
-MOST_NAMED = 10
 
 
 class Case(NamedTuple):
@@ -46,35 +44,42 @@ class Case(NamedTuple):
     said: str
 
 
-def run(cases: Sequence[int], seed: int) -> Found:
-    """Outcomes by name, and the worst scenes, printed.
+def run(cases: Sequence[int], seed: int) -> Iterator[Found]:
+    """Outcomes of each scene by name.
 
     done: all frames are finite. named: an error that names feather, frame and reason. broken: any
     other. hang, crash: ended by a bound or a signal.
     """
-    found, result = [], Found(Counter(), [], [])
     with tempfile.TemporaryDirectory() as name:
         # kernels are loaded once, for all
         _ended(_scene(random.Random("first"), Path(name)), -1)
         for number in cases:
-            found.append(_tried(random.Random(f"{seed} {number}"), number, Path(name)))
-            if found[-1].outcome not in ("done", "named"):
-                result.fail(number, seed, found[-1].said)
-            elif found[-1].said:
-                print(f"case {number} of seed {seed}: {found[-1].said}")
-    worst = ("deepest", Case.depth), ("deepest as written", Case.written), ("slowest", Case.seconds)
-    for what, key in worst:
-        known = [each for each in found if key.__get__(each) is not None]
-        order = sorted(known, key=key.__get__, reverse=True)[:MOST_NAMED]
-        print(f"{what}:")
-        for each in order:
-            print(
-                f"  case {each.number}: {each.feathers} feathers{_depths(each)},"
-                f" {each.seconds:.1f} s, {each.outcome} {each.said}"
-            )
-    result.outcomes.update(each.outcome for each in found)
-    result.scenes.extend(each._asdict() for each in found)
-    return result
+            result = nothing()
+            case = _tried(random.Random(f"{seed} {number}"), number, Path(name))
+            if case.outcome not in ("done", "named"):
+                result.failures.append(Failure(number, case.said))
+            result.outcomes[case.outcome] += 1
+            result.scenes.append(case._asdict())
+            result.through.append(number)
+            yield result
+
+
+def worst(scenes: Sequence[dict[str, Any]], most: int) -> str:
+    """The deepest and the slowest scenes, so many of each."""
+    kinds = ("deepest", "depth"), ("deepest as written", "written"), ("slowest", "seconds")
+    lines = []
+    for what, key in kinds:
+        known = [each for each in scenes if each[key] is not None]
+        order = sorted(known, key=itemgetter(key), reverse=True)[:most]
+        lines.append(f"{what}:")
+        lines += [f"  {_told(Case(**each))}" for each in order]
+    return "\n".join(lines)
+
+
+def _told(case: Case) -> str:
+    """A scene in one line."""
+    what = f"case {case.number}: {case.feathers} feathers{_depths(case)}"
+    return f"{what}, {case.seconds:.1f} s, {case.outcome} {case.said}".rstrip()
 
 
 def _depths(case: Case) -> str:

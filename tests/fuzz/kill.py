@@ -11,11 +11,10 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from .cases import Found
+from .cases import Failure, Found, nothing
 
 SHOT = Path(__file__).resolve().parents[2] / "samples/feather_pull/shot.toml"
 LAYOUTS = ("clips", "flat", "payload")
@@ -23,15 +22,13 @@ MOST_KILLS = 3  # of one bake before it is left in peace
 SECONDS = 120  # beyond which a bake hangs
 
 
-def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Found:
-    """Outcomes by name; prints what is not fine.
+def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Iterator[Found]:
+    """Outcomes of each case by name.
 
     done: a bake that was killed and resumed is the same, byte by byte, with no file more. killed:
     bakes that a kill hit. differs, stray, refused, hang: what must not be. keep: takes the folders
     of such cases.
     """
-    result = Found(Counter(), [], [])
-    outcomes = result.outcomes
     with tempfile.TemporaryDirectory() as name:
         whole = Path(name)
         expected, seconds = {}, {}
@@ -46,6 +43,8 @@ def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Found:
             seconds[layout] = time.monotonic() - begin
             expected[layout] = _tree(folder)
         for number in cases:
+            result = nothing()
+            outcomes = result.outcomes
             chance = random.Random(f"{seed} {number}")
             layout = LAYOUTS[number % len(LAYOUTS)]
             folder = whole / f"case{number}"
@@ -55,11 +54,12 @@ def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Found:
             end = _end(folder, layout, expected[layout])
             outcomes[end] += 1
             if end != "done":
-                result.fail(number, seed, f"{layout}: {end}")
+                result.failures.append(Failure(number, f"{layout}: {end}"))
                 if keep is not None:
                     shutil.copytree(folder, keep / f"{seed}_{number}", dirs_exist_ok=True)
             shutil.rmtree(folder)
-    return result
+            result.through.append(number)
+            yield result
 
 
 def _command(folder: Path, layout: str) -> list[str]:
