@@ -8,10 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 from contact_cases import crossings
+from farm.flock import flock
 from places import SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.phases import Account
+from featherfx.shot.contact.pairs import _through_others
 from featherfx.shot.frames import Frame
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.read.sources import TimedSurface
@@ -108,6 +110,34 @@ def test_neighbours_lie_as_the_rows_say():
         # normals are dorsal on the right wing
         assert sides[k, k + 1] == 1
         assert sides[k + 1, k] == -1
+
+
+def test_two_that_cut_through_each_other_about_evenly_come_apart(tmp_path):
+    """Of the innermost primary and the last secondary 44 nodes lie one way, 38 the other. Without
+    an order each would stay on its side, and both in each other."""
+    shot = read_shot(flock(tmp_path, 1, 1.5, row=5))
+    kept = ("b0_right_secondary_05", "b0_right_primary_01")
+    pair = [f for f in shot.groom.feathers if f.id in kept]
+    simulation, frames = baked(replace(shot, groom=replace(shot.groom, feathers=tuple(pair))), 1)
+    assert simulation._islands[0].contact.solver.candidates.order.tolist() == [1, -1]
+    contact = simulation.report["contact"]
+    assert contact["depth_at_rest"] > 30.0 * THICKNESS
+    assert contact["depth_after_settling"] < 0.5 * THICKNESS
+    assert contact["unresolved"] == []
+    assert all_crossings(meshes(simulation, frames[0])) == 0
+
+
+def test_a_lean_against_what_lies_between_does_not_count():
+    """0 over 1 over 2 tells of 0 and 2; of 0 and 3 only that most of 0 is beneath; and then 3 over
+    0 over 2 tells of 3 and 2."""
+    pairs = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [2, 3]])
+    above, alike, lean = (
+        np.array([1, 1, 0, 0, 0]),
+        np.ones(5, dtype=np.int64),
+        -np.ones(5, dtype=np.int64),
+    )
+    lean[4] = 1
+    assert _through_others(pairs, above, alike, lean).tolist() == [1, 1, 1, -1, -1]
 
 
 @pytest.mark.parametrize("upwards", [-1, 1])

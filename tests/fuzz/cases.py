@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import resource
+import select
 import shutil
 import signal
 import tempfile
@@ -18,7 +19,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 SECONDS = 60  # of processor time, beyond which a case hangs
-PATIENCE = 10  # times as long on the clock, for a case that only waits
+PATIENCE, IDLE = (
+    600.0,
+    0.1,
+)  # s on the clock in which a case that takes no more of the processor hangs
 MEMORY = 4 << 30  # bytes of a case
 FINE = ("done", "refused")
 
@@ -123,7 +127,7 @@ def child(log: Path, work: Callable[[int], None]) -> int:
     process = os.fork()
     if process:
         try:
-            return os.waitpid(process, 0)[1]
+            return _end_of(process)
         except KeyboardInterrupt:
             os.kill(process, signal.SIGKILL)
             os.waitpid(process, 0)
@@ -132,7 +136,6 @@ def child(log: Path, work: Callable[[int], None]) -> int:
     target = os.open(log, os.O_CREAT | os.O_WRONLY | os.O_APPEND)
     try:
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
-        signal.alarm(PATIENCE * SECONDS)
         resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         work(target)
@@ -140,6 +143,20 @@ def child(log: Path, work: Callable[[int], None]) -> int:
         os.write(target, f"unfit {traceback.format_exc()}\n".encode())
         code = 1
     os._exit(code)
+
+
+def _end_of(process: int) -> int:
+    """Wait status of a process, which is ended where it only waits: on a busy machine one that
+    works may take long on the clock."""
+    ends, spent = os.pidfd_open(process), 0.0
+    with os.fdopen(ends):
+        while not select.select([ends], [], [], PATIENCE)[0]:
+            fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+            now = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+            if now - spent < IDLE:
+                os.kill(process, signal.SIGALRM)
+            spent = now
+    return os.waitpid(process, 0)[1]
 
 
 def _execute(command: Command, folder: Path, log: int) -> None:

@@ -3,7 +3,9 @@
 At rest the groom's layers tell the order: where one feather's nodes lie over another's vane, their
 sides are counted, and the clear majority holds for the shot. Where a layout laid both feathers, its
 order holds instead. What does not overlap at rest gets its
-order through feathers between (over the one that is over the other), else none. Feathers that are
+order through feathers between (over the one that is over the other). Where two cut through each
+other, about half of each on either side, the larger half tells, unless that would close a ring:
+without an order each node would stay on its side, and the two crossed. Feathers that are
 far from each other at rest and come near later have no order: each stays on its side.
 """
 
@@ -122,7 +124,7 @@ def _by_node(values: Array) -> Array:
 def _order_at_rest(
     pairs: Indices, rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids
 ) -> Indices:
-    """(N,) side of the host where the guest belongs, 0 where it is not clear.
+    """(N,) side of the host where the guest belongs, 0 where nothing tells.
 
     An order that would have a feather deeper in another than a layout ever leaves it is no order.
     """
@@ -143,14 +145,25 @@ def _order_at_rest(
     upward = _agree(normals, rest.dorsal)[host] * np.sign(ranks[guest] - ranks[host])
     order = np.where(laid, upward, seen)
     for other in (seen, np.zeros_like(seen)):
-        turned = -agree * order
-        deep = np.maximum(
-            np.where(order > 0, votes.below[:half], np.where(order < 0, votes.above[:half], 0.0)),
-            np.where(turned > 0, votes.below[half:], np.where(turned < 0, votes.above[half:], 0.0)),
-        )
-        order = np.where(deep > DEEP * shorter[:half], other, order)
-    order = _through_others(pairs[:half], order, agree)
+        order = np.where(_depths(order, agree, votes) > DEEP * shorter[:half], other, order)
+    cut = np.minimum(votes.above[:half], votes.below[:half]) > 0.0
+    lean = np.where(cut & (order == 0), np.sign(both), 0.0).astype(np.int64)
+    lean = np.where(_depths(lean, agree, votes) > DEEP * shorter[:half], 0, lean)
+    order = _through_others(pairs[:half], order, agree, lean)
     return np.concatenate([order, -agree * order])
+
+
+def _depths(order: Indices, agree: Indices, votes: _Votes) -> Array:
+    """(P,) m, how deep at rest the pairs are that an order (P,) puts apart. agree: (P,)."""
+    half = len(order)
+    deep = [
+        np.where(side > 0, below, np.where(side < 0, above, 0.0))
+        for side, below, above in (
+            (order, votes.below[:half], votes.above[:half]),
+            (-agree * order, votes.below[half:], votes.above[half:]),
+        )
+    ]
+    return np.maximum(*deep)
 
 
 class _Votes(NamedTuple):
@@ -197,22 +210,34 @@ def _agree(first: Array, second: Array) -> Indices:
     return np.where(np.einsum("pk,pk->p", first, second) >= 0.0, 1, -1)
 
 
-def _through_others(pairs: Indices, order: Indices, agree: Indices) -> Indices:
-    """Orders of pairs that have none, by the feathers between where all are oriented alike."""
+def _through_others(pairs: Indices, order: Indices, agree: Indices, lean: Indices) -> Indices:
+    """Orders of pairs that have none, by the feathers between where all are oriented alike; what
+    then has none lies as it leans (0: it does not)."""
     over: dict[int, set[int]] = {}
-    for (guest, host), side, same in zip(
-        pairs.tolist(), order.tolist(), agree.tolist(), strict=True
-    ):
+    for pair, side, same in zip(pairs.tolist(), order.tolist(), agree.tolist(), strict=True):
         if side and same > 0:
-            upper, lower = (guest, host) if side > 0 else (host, guest)
-            over.setdefault(upper, set()).add(lower)
+            _add(over, pair, side)
     below = {upper: _reachable(upper, over) for upper in over}
     found = order.copy()
     for k in np.flatnonzero((order == 0) & (agree > 0)):
         guest, host = pairs[k].tolist()
         down, up = host in below.get(guest, ()), guest in below.get(host, ())
         found[k] = int(down) - int(up)
+    for k in np.flatnonzero((found == 0) & (lean != 0)):
+        guest, host = pairs[k].tolist()
+        found[k] = lean[k]
+        if agree[k] > 0:
+            down, up = host in _reachable(guest, over), guest in _reachable(host, over)
+            found[k] = int(down) - int(up) if down or up else lean[k]
+            if found[k]:
+                _add(over, (guest, host), found[k])
     return found
+
+
+def _add(over: dict[int, set[int]], pair: Sequence[int], side: int) -> None:
+    """Take a pair's order to what each feather lies over."""
+    upper, lower = pair if side > 0 else pair[::-1]
+    over.setdefault(upper, set()).add(lower)
 
 
 def _reachable(start: int, over: dict[int, set[int]], steps: int = 8) -> set[int]:
