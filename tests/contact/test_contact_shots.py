@@ -127,17 +127,12 @@ def test_two_that_cut_through_each_other_about_evenly_come_apart(tmp_path):
     assert all_crossings(meshes(simulation, frames[0])) == 0
 
 
-def test_a_lean_against_what_lies_between_does_not_count():
-    """0 over 1 over 2 tells of 0 and 2; of 0 and 3 only that most of 0 is beneath; and then 3 over
-    0 over 2 tells of 3 and 2."""
-    pairs = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [2, 3]])
-    above, alike, lean = (
-        np.array([1, 1, 0, 0, 0]),
-        np.ones(5, dtype=np.int64),
-        -np.ones(5, dtype=np.int64),
-    )
-    lean[4] = 1
-    assert _through_others(pairs, above, alike, lean).tolist() == [1, 1, 1, -1, -1]
+def test_a_lean_counts_where_nothing_between_tells_and_tells_of_others():
+    """0 over 1 over 2 tells of 0 and 2, against their lean; 3 over 0 over 2 tells of 3 and 2."""
+    pairs = np.array([[0, 1], [1, 2], [0, 2], [2, 3], [0, 3]])
+    order, lean = np.array([1, 1, 0, 0, 0]), np.array([0, 0, -1, 0, -1])
+    alike = np.ones(5, dtype=np.int64)
+    assert _through_others(pairs, order, alike, lean).tolist() == [1, 1, 1, -1, -1]
 
 
 @pytest.mark.parametrize("upwards", [-1, 1])

@@ -211,26 +211,26 @@ def _agree(first: Array, second: Array) -> Indices:
 
 
 def _through_others(pairs: Indices, order: Indices, agree: Indices, lean: Indices) -> Indices:
-    """Orders of pairs that have none, by the feathers between where all are oriented alike; what
-    then has none lies as it leans (0: it does not)."""
+    """Orders of pairs that have none, by the feathers between where all are oriented alike. lean:
+    (P,) how pairs lie of which these tell nothing; 0: they have no order then."""
     over: dict[int, set[int]] = {}
     for pair, side, same in zip(pairs.tolist(), order.tolist(), agree.tolist(), strict=True):
         if side and same > 0:
             _add(over, pair, side)
-    below = {upper: _reachable(upper, over) for upper in over}
     found = order.copy()
-    for k in np.flatnonzero((order == 0) & (agree > 0)):
-        guest, host = pairs[k].tolist()
-        down, up = host in below.get(guest, ()), guest in below.get(host, ())
-        found[k] = int(down) - int(up)
-    for k in np.flatnonzero((found == 0) & (lean != 0)):
-        guest, host = pairs[k].tolist()
+    for k in np.flatnonzero((order == 0) & (lean != 0)):
+        guest, host = pair = pairs[k].tolist()
         found[k] = lean[k]
         if agree[k] > 0:
             down, up = host in _reachable(guest, over), guest in _reachable(host, over)
             found[k] = int(down) - int(up) if down or up else lean[k]
             if found[k]:
-                _add(over, (guest, host), found[k])
+                _add(over, pair, found[k])
+    below = {upper: _reachable(upper, over) for upper in over}
+    for k in np.flatnonzero((found == 0) & (agree > 0)):
+        guest, host = pairs[k].tolist()
+        down, up = host in below.get(guest, ()), guest in below.get(host, ())
+        found[k] = int(down) - int(up)
     return found
 
 
