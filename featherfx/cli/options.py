@@ -20,10 +20,10 @@ Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 class Parsed(click.ParamType):
     """A value that is read out of text. name: in help. read: of a text; raises ValueError that
-    says what is wrong with it."""
+    says what is wrong with it. once: whether an option of it may be given only once (Command)."""
 
-    def __init__(self, name: str, read: Callable[[str], Any]) -> None:
-        self.name, self._read = name, read
+    def __init__(self, name: str, read: Callable[[str], Any], once: bool = False) -> None:
+        self.name, self._read, self.once = name, read, once
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if not isinstance(value, str):
@@ -75,8 +75,8 @@ def _numbers(text: str) -> list[float]:
         raise ValueError(f"'{text}' is no list of numbers such as 0.1,0.01") from None
 
 
-FRAMES = Parsed("A-B", _frames)
-_FORMS = {"A-B": FRAMES, "I/N": Parsed("I/N", _shares), "WxH": Parsed("WxH", _size)}
+FRAMES, _SHARES = Parsed("A-B", _frames, once=True), Parsed("I/N", _shares, once=True)
+_FORMS = {"A-B": FRAMES, "I/N": _SHARES, "WxH": Parsed("WxH", _size)}
 NUMBERS = Parsed("NUMBERS", _numbers)
 
 

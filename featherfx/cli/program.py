@@ -84,6 +84,16 @@ class Command(_WithExamples):
         self.sections = {first: title for title, first in sections.items()}
         self.params += [_log_option(), _verbose_option()]
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """As always, but of what says which part is meant the last does not count silently."""
+        _, _, order = self.make_parser(ctx).parse_args(args=list(args))
+        for param in order:
+            if getattr(param.type, "once", False) and order.count(param) > 1:
+                name = param.opts[-1]
+                text = f"{name} is given {order.count(param)} times; give one {param.type.name}"
+                raise click.UsageError(text, ctx)
+        return super().parse_args(ctx, args)
+
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         parts: dict[str, list[tuple[str, str]]] = {"Options": []}
         for each in self.get_params(ctx):

@@ -372,6 +372,8 @@ def test_the_reference_implementation_takes_both_templates(tmp_path):
         (("--feathers", "1-2/4", "--report", "r.json"), "several --feathers write no --report"),
         (("--feathers", "3-2/4"), "is not a share such as"),
         (("--feathers", "1-5/4"), "is not a share such as"),
+        (("--feathers", "1/2", "--feathers", "2/2"), "--feathers is given 2 times; give one I/N"),
+        (("--frames", "1-2", "--frames", "5-6"), "--frames is given 2 times; give one A-B"),
     ],
 )
 def test_several_shares_that_make_no_sense_are_wrong_usage(more, told):
