@@ -71,7 +71,8 @@ def measured(folder: Path, frames: int, chunk: int, row: int, workers: int) -> d
     out.mkdir(parents=True, exist_ok=True)
     shot, report = flock(folder, BIRDS, 1.5, STEPS, frames=frames, row=row), out / "report.json"
     command = f"-m featherfx bake {shot} -o {out} --report {report} --overwrite --engine dask"
-    options = f"--workers {workers} --shares {BIRDS} --chunk {chunk}"
+    # else one worker would have the threads of all
+    options = f"--workers {workers} --shares {BIRDS} --chunk {chunk} --jobs 1"
     begin = time.perf_counter()
     subprocess.run([sys.executable, *command.split(), *options.split()], check=True)
     seconds = time.perf_counter() - begin

@@ -207,6 +207,11 @@ def _bake(shot: Path, style: str, options: dict[str, Any]) -> None:
             tell(f"  {change}")
         if len(again["changed"]) > MOST_CHANGES:
             tell(f"  and {len(again['changed']) - MOST_CHANGES} more changes")
+    _warn_of(result)
+
+
+def _warn_of(result: dict[str, Any]) -> None:
+    """What the report of a bake, or of a share, gives reason to warn of."""
     if result.get("worst_substeps"):
         tell("\n".join(_too_long(result)))
     if result.get("error_estimated", 0.0) > result.get("error_promised", inf):
@@ -384,4 +389,6 @@ def bake_many(
     for each in result["shots"]:
         told = f"{each['feathers']} feathers, {each['frames']} frames"
         tell(f"{each['output']}: {told}")
+        for share in each["shares"]:
+            _warn_of(share)
     tell(f"{result['workers']} workers, {result['wall_seconds']:.1f} s")

@@ -123,8 +123,10 @@ class Job:
             self._look_at_all()
             self._engine.meet()
             self._looked_at = self._baked_at = time.perf_counter()
-            for each in self._shots:
-                self._begin(each)
+            # the largest first, so that none of them is begun last, by one worker alone
+            begun = [(each, *part) for each in self._shots for part in self._begin(each)]
+            for each, order, _ in sorted(begun, key=lambda part: -part[2]):
+                self._give(each, order)
             self._until_all_are_heard()
         finally:
             for number in self._out:
@@ -164,7 +166,8 @@ class Job:
         shot, output = str(each.shot), str(each.output)
         return Order(what, shot, output, self._options, shares, program_digest(), **more)
 
-    def _begin(self, each: _ShotState) -> None:
+    def _begin(self, each: _ShotState) -> list[tuple[Order, int]]:
+        """Make room for a shot; its shares, with the samples of all their feathers."""
         count, chunk = each.plan["shares"], each.plan["chunk"]
         try:
             each.lock = Lock(lock_file(each.output))
@@ -173,15 +176,17 @@ class Job:
         except TimeoutError:
             message = "another bake is writing this cache; wait for it or choose another name"
             each.problems.append(Problem(str(each.output), "", message))
-            return
+            return []
         except OSError as error:
             each.problems.append(Problem(str(error.filename), "", str(error.strerror)))
-            return
+            return []
         if count == 1:
             each.release()  # its bake takes it itself
-        each.left = count
-        for share in range(1, count + 1):
-            self._give(each, self._order(each, BAKE, count, share=share, chunk=chunk))
+        each.left, samples = count, each.plan["samples"]
+        return [
+            (self._order(each, BAKE, count, share=share, chunk=chunk), samples * size)
+            for share, size in enumerate(each.plan["sizes"], 1)
+        ]
 
     def _give(self, each: _ShotState, order: Order) -> None:
         self._out[self._number] = _Given(each, order)

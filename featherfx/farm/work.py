@@ -24,7 +24,7 @@ from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.farm.places import Shares, mapped
 from featherfx.files.content import program_digest
 from featherfx.phases import Account
-from featherfx.shot.share import share_count
+from featherfx.shot.share import share_count, share_sizes
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, BusyError
 from featherfx.usd.write.poses import posed_feathers
@@ -60,8 +60,9 @@ class Order:
 
 @dataclass(frozen=True)
 class Done:
-    """What came of an order. report: of a bake, or of a look: feathers, samples, shares, chunk and
-    finished. times: s that it took by the clock and of the processor. warnings: that it gave."""
+    """What came of an order. report: of a bake, or of a look: feathers, samples, shares and their
+    sizes (feathers of each), chunk and finished. times: s that it took by the clock and of the
+    processor. warnings: that it gave."""
 
     report: dict[str, Any]
     times: dict[str, float]
@@ -120,6 +121,7 @@ def _look(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
         "frames": task.frames[1] - task.frames[0] + 1,
         "samples": task.samples,
         "shares": shares,
+        "sizes": share_sizes(task.shot, shares),
         "chunk": _chunk(task) if shares > 1 else 0,
         "subframes": task.options.subframes,
         "finished": task.finished,

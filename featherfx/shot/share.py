@@ -87,6 +87,13 @@ def share_count(shot: Shot, wanted: int) -> int:
     return count
 
 
+def share_sizes(shot: Shot, count: int) -> list[int]:
+    """Feathers of each share of a shot that is cut into so many."""
+    islands = shot_islands(shot) if shot.contact is not None and count > 1 else None
+    found: list[int] = np.bincount(_share_of_each(shot, count, islands), minlength=count).tolist()
+    return found
+
+
 def _most_computed(shot: Shot, share: Indices) -> int:
     """Feathers of a layered shot that a share computes at most. share: (F,) of every feather."""
     # compiled code, as in shot_islands

@@ -67,6 +67,18 @@ def test_merged_shares_have_the_bytes_of_a_single_bake(tmp_path, single, layout)
     assert counted[-1] == (3, 3)
 
 
+def test_what_is_most_work_is_given_out_first(tmp_path):
+    """A shot of 20 feathers before one of a single feather; shares of 7, 7 and 6 in their order."""
+    refused = InputError(Problem("shot", "", "is not baked here"))
+    engine = SerialEngine(fail=lambda order, times: refused if order.what == BAKE else None)
+    shots = [shot_file(tmp_path, name, name) for name in ("feather_pull", "swan_wing")]
+    outputs = [shot.with_suffix(".usdc") for shot in shots]
+    with pytest.raises(InputError):
+        Job(shots, outputs, options_of(**OPTIONS), engine, 1, lambda done, total: None).run()
+    names = [Path(order.shot).stem for order, _ in engine.given if order.what == BAKE]
+    assert names == ["swan_wing", "feather_pull"]
+
+
 def test_what_cannot_be_written_is_tried_by_another_worker_and_then_given_up(tmp_path, single):
     full = OutputError(Problem("wing", "", "no space left on device"))
 
