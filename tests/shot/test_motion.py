@@ -11,6 +11,7 @@ from featherfx.errors import InputError
 from featherfx.groom.keys.preset import STEADY, Clock
 from featherfx.groom.types import Groom, Joint, Placement
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.motion.preroll import RunUp, moves_before
 from featherfx.shot.motion.roots import root_rates
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Motion, Quality, Shot, Wind
@@ -386,6 +387,23 @@ def test_motions_of_a_bird_are_smooth_and_move_wings_or_tail(tmp_path, name):
     assert np.abs(np.diff(against, axis=0)).max() > 1e-3  # not the body alone
     steps = np.diff(positions, axis=0)
     assert np.abs(np.diff(steps, axis=0)).max() < 0.5 * np.abs(steps).max()
+
+
+@pytest.mark.parametrize("name", ACTS)
+def test_motions_of_a_bird_begin_without_a_kick(tmp_path, name):
+    """Tips change their speed at first, the run-up included, no faster than later."""
+    motion = RunUp(root_motion(read(tmp_path, f'base = "{name}"')), 0.5)
+    times = np.arange(-60, 240) / 96.0
+    positions, rotations = sampled(motion, times)
+    tips = positions + 0.05 * rotations[:, :, :, 0]
+    change = np.linalg.norm(np.diff(tips, 2, axis=0), axis=2).max(axis=1)
+    start = times[1:-1] < 0.1
+    assert change[start].max() <= 1.01 * change[~start].max()
+
+
+@pytest.mark.parametrize("name", ["hover", "walk", "landing"])
+def test_motions_that_go_on_are_under_way_at_the_first_frame(tmp_path, name):
+    assert moves_before(root_motion(read(tmp_path, f'base = "{name}"')), 0.5, 1e-3)
 
 
 def test_beside_a_skin_the_body_of_an_act_is_left_to_the_skin(tmp_path):
