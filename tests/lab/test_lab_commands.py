@@ -138,7 +138,7 @@ OPTIONS = {
     "precondition": "lattice size dilution fibres density merge bend seed method preconditioner"
     " tolerance scatter",
     "traction": "angle width height thickness along across shear strain steps elements mesh model"
-    " output",
+    " guard output",
     "locking": "ratio elements output",
     "mesoscale": "barb-fraction barb-spacing barb barbule angle width height strain steps"
     " size-effect output",

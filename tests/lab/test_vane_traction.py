@@ -71,10 +71,10 @@ def test_unaligned_meshes_fill_the_sample():
     assert len(mesh.chains) == 0
 
 
-@pytest.mark.parametrize("order", [1, 2])
-def test_forces_are_the_energy_gradient(order):
-    sample = Sample(30.0, *SIZE)
-    body = membrane(sample, aligned_of_size(sample, 40, 1.0), isotropic(1e5).as_array(), order)
+@pytest.mark.parametrize(("order", "guard"), [(1, 0.0), (2, 0.0), (1, 1e9)])
+def test_forces_are_the_energy_gradient(order, guard):
+    sample, moduli = Sample(30.0, *SIZE), isotropic(1e5).as_array()
+    body = membrane(sample, aligned_of_size(sample, 40, 1.0), moduli, order, guard=guard)
     statics = Statics(body, np.zeros(len(body.points), dtype=bool))
     bent = body.points * [1.05, 0.97] + 0.1 * np.sin(300.0 * body.points[:, ::-1]) * 1e-3
     pose = statics.rest()
@@ -83,6 +83,31 @@ def test_forces_are_the_energy_gradient(order):
         bent.ravel(), lambda each: statics.system.energy(each.reshape(-1, 2)), 1e-9
     ).reshape(-1, 2)
     assert forces == pytest.approx(checked, abs=1e-4 * np.abs(checked).max())
+
+
+def test_stiffness_is_the_slope_of_the_forces():
+    """Of a pose pressed to 0.6 of its area, where the guard is most of it."""
+    sample, moduli = Sample(30.0, *SIZE), isotropic(1e5).as_array()
+    body = membrane(sample, aligned_of_size(sample, 40, 1.0), moduli, guard=1e9)
+    system = Statics(body, np.zeros(len(body.points), dtype=bool)).system
+    pose = body.points * [0.8, 0.75] + 0.05 * np.sin(300.0 * body.points[:, ::-1]) * 1e-3
+    _, _, values = system.assembled(pose, system.stresses(pose))
+    move = np.random.default_rng(1).normal(size=pose.shape)
+    sides = [system.assembled(pose + h * move, system.stresses(pose))[1] for h in (1e-8, -1e-8)]
+    checked = (sides[0] - sides[1]).ravel() / 2e-8
+    found = system.matrix(values) @ move.ravel()
+    assert found == pytest.approx(checked, abs=1e-5 * np.abs(checked).max())
+
+
+def test_barbs_that_slide_upon_each_other_are_held_apart():
+    """At 75 degrees barbs join the clamps; in two corners others slide until they lie upon them."""
+    test = Traction(Sample(75.0, 10e-3, 30e-3), SWAN, 0.04, 8, 4000)
+    with pytest.raises(InputError, match=r"at 0.04: .*guard keeps.*there is one up to 0.035"):
+        pull_test(test)
+    held = pull_test(replace(test, guard=1e9))
+    before = pull_test(replace(test, strain=0.035, steps=7))
+    assert held.stress[:7] == pytest.approx(before.stress, rel=0.015)
+    assert np.diff(held.stress, 2).min() > 0.0
 
 
 def test_rigid_motion_costs_nothing():
@@ -183,7 +208,7 @@ def test_a_corner_that_closes_is_named_with_the_strain_that_it_bears():
     """A moved clamp turned triangles over, and no step may begin with any that are: so none was
     taken, until the limit of iterations, and only that was told."""
     test = Traction(Sample(75.0, 0.01, 0.03), SWAN, 0.08, 4, 600)
-    with pytest.raises(InputError, match=r"turned over, the most at x 0.1\d+, y 3.\d+ mm; .* 0.06"):
+    with pytest.raises(InputError, match=r"turned over, the most at x 0.1\d+, y 3.\d+ mm .* 0.06"):
         run_traction(test)
     assert len(run_traction(replace(test, strain=0.06, steps=3)).strain) == 3
 

@@ -30,7 +30,8 @@ class Membrane:
     nodes' functions along and across the barbs. volume: (M, Q) m^3. moduli: (M, 3) Pa, along the
     barbs, across them, shear. chains: (S, 2) segments along barbs whose length is kept exactly;
     none unless the barbs are inextensible. bending: (2 N, 2 N) N/m, form of the displacements that
-    is twice the energy of barbs bent within the plane, or None.
+    is twice the energy of barbs bent within the plane, or None. guard: Pa, modulus of the
+    compression guard.
     """
 
     points: Array
@@ -41,6 +42,7 @@ class Membrane:
     moduli: Array
     chains: Indices
     bending: csc_matrix | None = None
+    guard: float = 0.0
 
 
 def membrane(
@@ -51,12 +53,14 @@ def membrane(
     *,
     inextensible: bool = False,
     barb_bending: float = 0.0,
+    guard: float = 0.0,
 ) -> Membrane:
     """Discretise a sample. moduli: (3,) or (M, 3) Pa.
 
     inextensible: keep all segments along barbs at their length instead of giving them a stiffness.
     barb_bending: Pa m^2, S of the energy density S |d2x / dv2|^2 / 2 along the barbs, the gradient
-    of strain that barbs of some width resist. Both for aligned meshes of order 1 only.
+    of strain that barbs of some width resist. Both for aligned meshes of order 1 only. guard: Pa,
+    modulus of the compression guard.
     """
     slopes = _slopes(mesh)
     points, nodes = (mesh.points, mesh.triangles) if order == 1 else quadratic(mesh)
@@ -77,6 +81,7 @@ def membrane(
         moduli=stiff,
         chains=chains,
         bending=_bending(sample, mesh, barb_bending) if barb_bending else None,
+        guard=guard,
     )
 
 

@@ -1,11 +1,14 @@
 """Energy, gradient and stiffness of a plane membrane at its strain points.
 
-    W = sum over points of g (E_vv e_vv^2 + E_ww e_ww^2 + E_vw (2 e_vw)^2) / 2
+    W = sum over points of g (E_vv e_vv^2 + E_ww e_ww^2 + E_vw (2 e_vw)^2) / 2  +  g k / 2592 l^3
 
-g volume that a point stands for. The strains are those of vane_membrane_kernels.py and
-barb_stretch_kernels.py, taken of the images a = F v and c = F w of the unit vectors along and
-across the barbs, so any element serves whose a and c are linear in its nodes. Second variations:
-da.da of e_vv, dc.dc of e_ww, 2 da.dc of 2 e_vw, times their stresses.
+g volume that a point stands for. The last term is the compression guard of vane_guard_kernels.py,
+k its modulus, l = 1 - J the area that is lost, 0 at least. In the plane J = a x c has its sign and
+is bilinear in the nodes, so that its derivatives need no rounding. The strains are those of
+vane_membrane_kernels.py and barb_stretch_kernels.py, taken of the images a = F v and c = F w of the
+unit vectors along and across the barbs, so any element serves whose a and c are linear in its
+nodes. Second variations: da.da of e_vv, dc.dc of e_ww, 2 da.dc of 2 e_vw, times their stresses.
+The second variation of J takes the guard's pressure dW/dJ / g = -3 k / 2592 l^2.
 
 The stresses of the second variation are given apart from those of the gradient. Newton's
 iterations take there what the last iteration predicted to first order, as if stresses were
@@ -30,6 +33,7 @@ class Elements(NamedTuple):
 
     nodes: (M, K). along, across: (M, Q, K) 1/m, derivatives of the nodes' functions along and
     across the barbs. volume: (M, Q) m^3. moduli: (M, 3) Pa, along the barbs, across them, shear.
+    guard: Pa, k / 2592.
     """
 
     nodes: NDArray[np.int64]
@@ -37,6 +41,7 @@ class Elements(NamedTuple):
     across: Array
     volume: Array
     moduli: Array
+    guard: float
 
 
 @kernel
@@ -80,12 +85,42 @@ def point_gradients(point, unit, gradient, line, table):
 
 
 @kernel
+def area_ratio(point):
+    """J of a and c."""
+    return point[1, 0] * point[2, 1] - point[1, 1] * point[2, 0]
+
+
+@kernel
+def area_slope(along, across, point, axis):
+    """dJ by an axis of a node whose functions have these derivatives."""
+    other = 1 - axis
+    sign = 1.0 if axis == 0 else -1.0
+    return sign * (along * point[2, other] - across * point[1, other])
+
+
+@kernel
+def sample_pressures(positions, step, elements, point, pressure):
+    """The guard's pressure at `positions`, changed by `step` (N, 2) to first order, to pressure
+    (M, Q), Pa; point: (3, 3), scratch."""
+    nodes, along, across, _, _, guard = elements
+    for m in range(nodes.shape[0]):
+        for q in range(along.shape[1]):
+            images(positions, nodes[m], along[m, q], across[m, q], point)
+            loss, change = max(1.0 - area_ratio(point), 0.0), 0.0
+            for i in range(nodes.shape[1]):
+                for axis in range(2):
+                    slope = area_slope(along[m, q, i], across[m, q, i], point, axis)
+                    change += slope * step[nodes[m, i], axis]
+            pressure[m, q] = -3.0 * guard * loss * max(loss - 2.0 * change, 0.0)
+
+
+@kernel
 def sample_strains(positions, elements, unit, point, strain):
     """Strains of all points, written to strain (M, Q, 3).
 
     positions: (N, 2) m. point: (3, 3), scratch.
     """
-    nodes, along, across, _, _ = elements
+    nodes, along, across, _, _, _ = elements
     for m in range(nodes.shape[0]):
         for q in range(along.shape[1]):
             images(positions, nodes[m], along[m, q], across[m, q], point)
@@ -98,7 +133,7 @@ def predicted_strains(positions, step, elements, unit, scratch, strain):
 
     scratch: point (3, 3), change (3, 3), gradient (2, 3, 3), line (6,), table (3, 2, 2).
     """
-    nodes, along, across, _, _ = elements
+    nodes, along, across, _, _, _ = elements
     point, change, gradient, line, table = scratch
     for m in range(nodes.shape[0]):
         for q in range(along.shape[1]):
@@ -113,13 +148,38 @@ def predicted_strains(positions, step, elements, unit, scratch, strain):
 
 
 @kernel
+def _add_guard(own, point, stiffness, pressure, forces, block):
+    """Adds the guard of one point to forces (N, 2) and block (2 K, 2 K); returns its energy (J).
+
+    own: nodes (K,) and their derivatives along and across (K,). point: as of images. stiffness: J.
+    pressure: J, of the second variation of J.
+    """
+    nodes, along, across = own
+    count, loss = nodes.shape[0], 1.0 - area_ratio(point)
+    for i in range(count if pressure != 0.0 else 0):
+        for j in range(count):
+            value = pressure * (along[i] * across[j] - across[i] * along[j])
+            block[2 * i, 2 * j + 1] += value
+            block[2 * j + 1, 2 * i] += value
+    if loss <= 0.0:
+        return 0.0
+    for a in range(2 * count):
+        by_a = area_slope(along[a // 2], across[a // 2], point, a % 2)
+        forces[nodes[a // 2], a % 2] -= 3.0 * stiffness * loss * loss * by_a
+        for b in range(2 * count):
+            by_b = area_slope(along[b // 2], across[b // 2], point, b % 2)
+            block[a, b] += 6.0 * stiffness * loss * by_a * by_b
+    return stiffness * loss * loss * loss
+
+
+@kernel
 def sample_system(positions, elements, geometric, unit, scratch, forces, blocks):
     """Energy; gradient to forces (N, 2), zero before; stiffness to blocks (M, 2 K, 2 K).
 
-    geometric: (M, Q, 3) Pa, stresses of the second variation. scratch: as in predicted_strains,
-    then strain (3,) and lever (2 K, 3).
+    geometric: (M, Q, 4) Pa, stresses and the guard's pressure of the second variation. scratch: as
+    in predicted_strains, then strain (3,) and lever (2 K, 3).
     """
-    nodes, along, across, volume, moduli = elements
+    nodes, along, across, volume, moduli, guard = elements
     point, _, gradient, line, table, strain, lever = scratch
     energy = 0.0
     count = nodes.shape[1]
@@ -153,4 +213,8 @@ def sample_system(positions, elements, geometric, unit, scratch, forces, blocks)
                     value = by_along * along[m, q, j] + by_across * across[m, q, j]
                     blocks[m, 2 * i, 2 * j] += value
                     blocks[m, 2 * i + 1, 2 * j + 1] += value
+            if guard > 0.0:
+                own = (nodes[m], along[m, q], across[m, q])
+                pressure = g * geometric[m, q, 3]
+                energy += _add_guard(own, point, g * guard, pressure, forces, blocks[m])
     return energy

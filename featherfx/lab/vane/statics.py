@@ -13,7 +13,7 @@ not converge, its path is halved; where that does not help, the energy is follow
 A membrane has no bending stiffness, so where barbs are compressed it may buckle within its plane,
 and its stiffness is then indefinite. The stiffness of a step downhill is taken with the stresses
 
-    (1 - t) S + t S+,      S+ the part of S without its negative principal stresses,
+    (1 - t) S + t S+,      S+ the part of S without its negative principal stresses and pressure,
 
 with the least t found at which it is definite, and a line search on the energy follows. Near a
 minimum t is zero and the convergence quadratic.
@@ -33,11 +33,14 @@ from featherfx.lab.vane.elements import Membrane
 from featherfx.lab.vane.sample_kernels import (
     Elements,
     predicted_strains,
+    sample_pressures,
     sample_strains,
     sample_system,
 )
 
 UNIT = np.array([1.0, 0.0, 1.0])
+# of the guard's modulus, what a volume stores at J = 0 (vane_guard_kernels)
+GUARD = 1.0 / 2592.0
 
 
 class Pattern:
@@ -93,7 +96,8 @@ class MembraneSystem:
         self.free = np.flatnonzero(is_free)
         self.pattern = Pattern(membrane.nodes, is_free)
         self._elements = Elements(
-            *(membrane.nodes, membrane.along, membrane.across, membrane.volume, membrane.moduli)
+            *(membrane.nodes, membrane.along, membrane.across, membrane.volume, membrane.moduli),
+            guard=membrane.guard * GUARD,
         )
         count = membrane.nodes.shape[1]
         self._scratch = (*_scratch(), np.zeros(3), np.zeros((2 * count, 3)))
@@ -106,12 +110,20 @@ class MembraneSystem:
         return strain
 
     def stresses(self, positions: Array) -> Array:
-        """(M, Q, 3) Pa, vv, ww, vw at positions (N, 2)."""
-        return self.strains(positions) * self.membrane.moduli[:, None]
+        """(M, Q, 4) Pa, vv, ww, vw and the guard's pressure at positions (N, 2)."""
+        strain = self.strains(positions)
+        return self._stresses(strain, positions, np.zeros_like(positions))
+
+    def _stresses(self, strain: Array, positions: Array, step: Array) -> Array:
+        pressure = np.zeros(self.membrane.volume.shape)
+        if self.membrane.guard > 0.0:
+            sample_pressures(positions, step, self._elements, np.zeros((3, 3)), pressure)
+        stress = strain * self.membrane.moduli[:, None]
+        return np.concatenate([stress, pressure[..., None]], axis=-1)
 
     def energy(self, positions: Array) -> float:
         """J."""
-        return self.assembled(positions, np.zeros((*self.membrane.volume.shape, 3)))[0]
+        return self.assembled(positions, np.zeros((*self.membrane.volume.shape, 4)))[0]
 
     def turned(self, positions: Array) -> int:
         """How many strain points are turned over at positions (N, 2)."""
@@ -129,7 +141,7 @@ class MembraneSystem:
     def assembled(self, positions: Array, stresses: Array) -> tuple[float, Array, Array]:
         """Energy (J), forces (N, 2) N and the values of the pattern's pairs.
 
-        stresses: (M, Q, 3) Pa, of the stiffness.
+        stresses: (M, Q, 4) Pa, of the stiffness.
         """
         forces = np.zeros_like(positions)
         energy = sample_system(
@@ -154,15 +166,15 @@ class MembraneSystem:
         return inner + self.membrane.bending[self.free][:, self.free]
 
     def predicted_stresses(self, positions: Array, step: Array) -> Array:
-        """(M, Q, 3) Pa after a step (N, 2), to first order."""
+        """(M, Q, 4) Pa after a step (N, 2), to first order."""
         strain = np.zeros((*self.membrane.volume.shape, 3))
         predicted_strains(positions, step, self._elements, UNIT, _scratch(), strain)
-        return strain * self.membrane.moduli[:, None]
+        return self._stresses(strain, positions, step)
 
     def solve(self, positions: Array, stresses: Array, shift: Array) -> tuple[Array, Array] | None:
         """Newton's step (N, 2) and the forces (N, 2), N, without chains; None if not definite.
 
-        stresses: (M, Q, 3) Pa, of the stiffness. shift: (N, 2) m, of the held nodes.
+        stresses: (M, Q, 4) Pa, of the stiffness. shift: (N, 2) m, of the held nodes.
         """
         _, forces, stiffness = self.assembled(positions, stresses)
         factor = factorised(self.inner(stiffness))
@@ -198,7 +210,7 @@ class NoEquilibrium(Exception):
 
 
 def tensile(stresses: Array) -> Array:
-    """Stresses (..., 3) of (vv, ww, vw) without their negative principal parts."""
+    """Stresses (..., 4) of (vv, ww, vw) without their negative principal parts, no pressure."""
     mean = 0.5 * (stresses[..., 0] + stresses[..., 1])
     half = 0.5 * (stresses[..., 0] - stresses[..., 1])
     radius = np.hypot(half, stresses[..., 2])
@@ -206,7 +218,13 @@ def tensile(stresses: Array) -> Array:
     ratio = np.divide(0.5 * (large - small), radius, out=np.zeros_like(radius), where=radius > 0)
     centre = 0.5 * (large + small)
     return np.stack(
-        [centre + ratio * half, centre - ratio * half, ratio * stresses[..., 2]], axis=-1
+        [
+            centre + ratio * half,
+            centre - ratio * half,
+            ratio * stresses[..., 2],
+            np.zeros_like(mean),
+        ],
+        axis=-1,
     )
 
 
@@ -274,7 +292,7 @@ ASTRAY = 1.0
 
 @dataclass(frozen=True)
 class MembranePose:
-    """Changing data: positions (N, 2) m, stresses (M, Q, 3) Pa of the stiffness, tensions (S,) of
+    """Changing data: positions (N, 2) m, stresses (M, Q, 4) Pa of the stiffness, tensions (S,) of
     the chains (N, times their scale), the iterations spent so far, and how often the pose had to
     be found by descent."""
 
@@ -319,7 +337,7 @@ class Statics:
 
     def rest(self) -> MembranePose:
         """The undeformed pose."""
-        shape = (*self.membrane.volume.shape, 3)
+        shape = (*self.membrane.volume.shape, 4)
         return MembranePose(
             self.membrane.points.copy(), np.zeros(shape), np.zeros(len(self._chains))
         )
@@ -457,4 +475,6 @@ class Statics:
             return
         worst = self.membrane.nodes[areas.argmin()]
         x, y = 1e3 * self.membrane.points[worst].mean(axis=0)
-        raise NoEquilibrium(f"elements are turned over, the most at x {x:.3g}, y {y:.3g} mm")
+        reason = f"elements are turned over, the most at x {x:.3g}, y {y:.3g} mm"
+        advice = "" if self.membrane.guard else " (a compression guard keeps barbs apart)"
+        raise NoEquilibrium(reason + advice)

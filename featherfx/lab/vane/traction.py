@@ -42,6 +42,8 @@ Model = Literal["shell", "inextensible", "isotropic"]
 # printed: it tells of the mesh
 MESH_CHANGE = 0.1
 ELEMENTS = Range(32, 200_000)
+# as of presets
+GUARD = Range(0.0, 1e12, unit="Pa")
 SINGULAR = (
     "singular: one barb joins both clamps from corner to corner; the stress grows without bound"
     " with the modulus along the barbs and depends on the mesh, so none is given"
@@ -72,6 +74,9 @@ class Traction:
     model: Model = value(
         "All three moduli; barbs of constant length; the modulus across for all directions.",
         "shell",
+    )
+    guard: float = value(
+        "Pa, compression guard: what keeps barbs that slide upon each other apart.", 0.0, GUARD
     )
 
 
@@ -157,6 +162,7 @@ def pull_test(test: Traction, **options: Any) -> PulledSample:
         mesh_of(test, moduli),
         moduli.as_array(),
         inextensible=test.model == "inextensible",
+        guard=test.guard,
     )
     statics = Statics(body, clamped(test.sample, body), **options)
     return pull(test.sample, statics, strains(test.strain, test.steps))
