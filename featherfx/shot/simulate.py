@@ -48,7 +48,7 @@ from featherfx.shot.loads.types import Grip
 from featherfx.shot.loads.wet import clumping
 from featherfx.shot.motion.cuts import cut_roots
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.motion.preroll import RunUp, moves_before
+from featherfx.shot.motion.preroll import RunUpRoots, run_up_of
 from featherfx.shot.motion.roots import RootFrames, Roots, root_rates
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.replay import Replay
@@ -466,11 +466,13 @@ def _from_preroll(shot: Shot, subframes: int) -> tuple[Shot, Roots, int]:
     """A shot, what moves its roots, and the number of its first sample: below 0 where the motion
     does not begin at rest."""
     motion, preroll = root_motion(shot), shot.preroll / shot.frames_per_second
-    if not moves_before(motion, preroll, common_tolerance(shot)):
+    tolerance = common_tolerance(shot)
+    run_up = run_up_of(motion, preroll, tolerance)
+    if run_up is None:
         return shot, motion, 0
-    colliders = tuple(replace(each, run_up=preroll) for each in shot.colliders)
-    begun = replace(shot, colliders=colliders, run_up=preroll)
-    return begun, RunUp(motion, preroll), -shot.preroll * subframes
+    colliders = tuple(each.brought_up(run_up, tolerance) for each in shot.colliders)
+    begun = replace(shot, colliders=colliders, run_up=run_up)
+    return begun, RunUpRoots(motion, run_up), -shot.preroll * subframes
 
 
 def simulate(

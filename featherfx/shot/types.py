@@ -14,6 +14,7 @@ from featherfx.groom.types import Groom
 from featherfx.limits import MOST_CLUMPS
 from featherfx.shot.detail.view import TimedCamera
 from featherfx.shot.loads.types import Force, Grip
+from featherfx.shot.motion.preroll import NO_RUN_UP, RunUp
 from featherfx.shot.motion.skin import BoundSkin, SkinSurfaces
 from featherfx.shot.read.sources import TimedSurface, TimedWind
 
@@ -364,7 +365,7 @@ class Shot:
     feathers on a skin (loads/shelter.py). wind_source: added to wind.
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
     through each other and through colliders. layers: None: they are shown as they were simulated.
-    run_up: s, before 0, in which what moves is brought up from rest.
+    run_up: how what moves is brought up from rest before 0.
     level_of_detail: None: levels do not change. inputs: what the shot's files say, by key
     (groom/read/told.py).
     """
@@ -426,11 +427,11 @@ class Shot:
     preroll: Annotated[
         int,
         Number(0, 1000, "frames", whole=True),
-        "Frames before the first in which roots that move there are brought up from rest, along "
-        "the way that leads to the first frame. 0: feathers begin in balance, carried by their "
-        "roots.",
+        "Frames before the first in which roots that move there are brought up from rest: from the "
+        "first frame's pose a fifth of these frames back along the way that leads to it, and "
+        "forth. 0: feathers begin in balance, carried by their roots.",
     ] = 12
-    run_up: float = 0.0
+    run_up: RunUp = NO_RUN_UP
     skin: BoundSkin | None = None
     surfaces: SkinSurfaces | None = None
     exposure: Array | None = None

@@ -8,6 +8,7 @@ import numpy as np
 
 from featherfx.files.store import kept
 from featherfx.groom.skin.search import search_tree
+from featherfx.shot.motion.preroll import NO_RUN_UP, RunUp
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.read.sources import TimedSurface
 from featherfx.solver.contact.ground_kernels import bind_nodes
@@ -38,7 +39,7 @@ class SkinBeneath:
 
 
 def surfaces_under(
-    skin: BoundSkin, some: Indices, run_up: float = 0.0
+    skin: BoundSkin, some: Indices, run_up: RunUp = NO_RUN_UP
 ) -> list[tuple[TimedSurface, Indices]]:
     """The surfaces of a skin, and which of some feathers (F,), by their places in it, grow on
     each; those on which none does are left out. run_up: of the surfaces."""

@@ -218,7 +218,7 @@ class ShotContact:
         found = settled_together(self.solver, self.bodies, states, loads, self.names, idle)
         self.tally.rest_depth, self.tally.settled_depth = found.rest_depth, found.depth
         self._unresolved = self._still_deep()
-        warn_of_unsettled(found, self.names, self._unresolved, self.shot.run_up)
+        warn_of_unsettled(found, self.names, self._unresolved)
         return found.states
 
     def _still_deep(self) -> list[dict[str, Any]]:

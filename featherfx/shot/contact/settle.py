@@ -256,12 +256,11 @@ def _stopped(state: State, time: float) -> State:
 
 
 def warn_of_unsettled(
-    found: Settled, names: Sequence[str], deep: Sequence[Mapping[str, Any]], run_up: float
+    found: Settled, names: Sequence[str], deep: Sequence[Mapping[str, Any]]
 ) -> None:
     """Say which feathers start out of balance, why, and what helps (InputWarning).
 
-    deep: pairs that are in each other, the deepest first: feather, other and depth (m). run_up: s,
-    before the first frame, in which the body is brought up to speed.
+    deep: pairs that are in each other, the deepest first: feather, other and depth (m).
     """
     if not len(found.moving):
         return
@@ -282,10 +281,5 @@ def warn_of_unsettled(
             f"; they begin in each other, still {', '.join(pairs)}: let [layout] move (most_tilt,"
             " most_lift), shorten (least_size) or leave out (drop) what finds no room, or [contact]"
             " kinds or regions leave out what need not push"
-        )
-    if run_up:
-        said += (
-            f"; they settle where the body's motion began {0.5 * run_up:.2g} s before the first"
-            " frame: if that pose is bent too far, a shorter preroll, or 0, helps"
         )
     warnings.warn(said, InputWarning, stacklevel=2)

@@ -1,52 +1,91 @@
 """The way into a shot: its motion, brought up from rest before the first frame.
 
-A body that moves at the first frame did so before. Over the frames of the preroll it goes along the
-way that leads there, which its samples or their continuation tell, from rest half a preroll back
-to its full speed: slowly at first, with the speed, acceleration and rate of acceleration of the
-shot at its end. Feathers settle where that begins, and arrive in motion.
+A body that moves at the first frame did so before. Over the frames of the preroll it swings from
+the pose of the first frame back along the way that leads there, which its samples or their
+continuation tell, and forth again to its full speed. So feathers settle in a pose that the shot
+has, nothing turns or folds farther back than it goes in a fifth of the preroll, and speed and
+acceleration at the end are those of the shot. The way that all roots have in common is no pose,
+and to go back on it would be wind from behind: it is gone forwards only, from half a preroll's
+length back.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from featherfx.algebra.types import Array
 from featherfx.shot.motion.roots import RootFrames, Roots
 
 # of the error tolerance: what moves less before the first frame is at rest
-_STILL = 1e-3
+STILL = 1e-3
+# of the preroll, how far back the swing goes: -(min of u^3 (-4 + 7 u - 3 u^2)), at u = 2/3
+_BACK = 16.0 / 81.0
+# of a preroll, the step by which the speed at its end is found
+_STEP = 1e-3
 
 
-def run_up(time: float, duration: float) -> float:
-    """The time (s) of a motion at a time of the shot, which starts from rest `duration` before 0.
+class RunUp(NamedTuple):
+    """The time before 0 in which what moves is brought up from rest. duration: s. velocity: (3,)
+    m/s, that all of it has in common at 0."""
 
-    From 0 on they are the same; the rate between them rises as 10 x^3 - 15 x^4 + 6 x^5.
-    """
-    if time >= 0.0 or duration == 0.0:
-        return time
-    x = max(1.0 + time / duration, 0.0)
-    return duration * (x**4 * (2.5 + x * (x - 3.0)) - 0.5)
+    duration: float = 0.0
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def back(self) -> float:
+        """s, how far back the swing goes."""
+        return _BACK * self.duration
+
+    def own(self, time: float) -> float:
+        """The time (s) whose pose a body has at a time of the shot. From 0 on they are the same;
+        before, it starts and ends at 0, with rates 0 and 1 and no second ones."""
+        if time >= 0.0 or self.duration == 0.0:
+            return time
+        u = max(1.0 + time / self.duration, 0.0)
+        return self.duration * u**3 * (u * (7.0 - 3.0 * u) - 4.0)
+
+    def shift(self, time: float) -> Array:
+        """(3,) m, by which that pose is farther back at a time (s), so that the body flies forwards
+        only, at a speed that rises as 10 u^3 - 15 u^4 + 6 u^5."""
+        if time >= 0.0 or self.duration == 0.0:
+            return np.zeros(3)
+        u = max(1.0 + time / self.duration, 0.0)
+        flown = self.duration * (u**4 * (2.5 + u * (u - 3.0)) - 0.5)
+        return (flown - self.own(time)) * np.array(self.velocity)
 
 
-@dataclass(frozen=True)
-class RunUp:
-    """Roots whose motion is brought up from rest within `duration` (s) before the first frame."""
+# of what begins at rest
+NO_RUN_UP = RunUp()
+
+
+class RunUpRoots(NamedTuple):
+    """Roots whose motion is brought up from rest before the first frame."""
 
     motion: Roots
-    duration: float
+    run_up: RunUp
 
     def frames(self, time: float) -> RootFrames:
         """Where the roots are at a time, s since the first frame."""
-        return self.motion.frames(run_up(time, self.duration))
+        positions, rotations = self.motion.frames(self.run_up.own(time))
+        return RootFrames(positions + self.run_up.shift(time), rotations)
 
 
-def moves_before(motion: Roots, duration: float, tolerance: float) -> bool:
-    """Whether any root moves within `duration` (s) before the first frame by more than a small
-    part of a tolerance (m)."""
-    first, middle, last = (motion.frames(-fraction * duration) for fraction in (1.0, 0.5, 0.0))
-    return any(
-        bool(np.abs(now - end).max(initial=0.0) > _STILL * tolerance)
-        for each in (first, middle)
-        for now, end in zip(each, last, strict=True)
+def run_up_of(motion: Roots, duration: float, tolerance: float) -> RunUp | None:
+    """How a motion is brought up within a duration (s) before the first frame; None where no root
+    moves there by more than a small part of a tolerance (m)."""
+    back, middle, last = (
+        motion.frames(-fraction * duration) for fraction in (_BACK, 0.5 * _BACK, 0.0)
     )
+    if not any(
+        bool(np.abs(now - end).max(initial=0.0) > STILL * tolerance)
+        for each in (back, middle)
+        for now, end in zip(each, last, strict=True)
+    ):
+        return None
+    step = _STEP * duration
+    velocities = (last.positions - motion.frames(-step).positions) / step
+    low, high = velocities.min(axis=0), velocities.max(axis=0)
+    x, y, z = np.clip(0.0, low, high).tolist()
+    return RunUp(duration, (x, y, z))

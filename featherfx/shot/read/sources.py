@@ -7,15 +7,17 @@ answers to the protocols here.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
+
+import numpy as np
 
 from featherfx.algebra.between import Knots
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.regions.regions import GroomReaders
-from featherfx.shot.motion.preroll import run_up
+from featherfx.shot.motion.preroll import NO_RUN_UP, STILL, RunUp
 
 
 class OfScene(Protocol):
@@ -100,17 +102,25 @@ class SceneReaders(GroomReaders):
 
 @dataclass(frozen=True)
 class TimedSurface:
-    """A scene's mesh over the shot's time. start: time code at 0 s. run_up: s, before 0, in which
-    its motion is brought up from rest."""
+    """A scene's mesh over the shot's time. start: time code at 0 s. run_up: how its motion is
+    brought up from rest before 0."""
 
     surface: MovingSurface
     start: float
-    run_up: float = 0.0
+    run_up: RunUp = NO_RUN_UP
 
     def points(self, time: float) -> Array:
         """(V, 3) m, all points at a time in s since the first frame."""
-        own = run_up(time, self.run_up)
-        return self.surface.points(self.start + own * self.surface.time_codes_per_second)
+        own = self.start + self.run_up.own(time) * self.surface.time_codes_per_second
+        points = self.surface.points(own)
+        return points + self.run_up.shift(time) if time < 0.0 else points
+
+    def brought_up(self, run_up: RunUp, tolerance: float) -> TimedSurface:
+        """The same, led by a run-up; the ground that moves by less than a small part of a tolerance
+        (m) stays where it is."""
+        way = np.abs(self.points(-run_up.back) - self.points(0.0)).max(initial=0.0)
+        own = run_up if way > STILL * tolerance else run_up._replace(velocity=(0.0, 0.0, 0.0))
+        return replace(self, run_up=own)
 
 
 @dataclass(frozen=True)
