@@ -9,7 +9,7 @@ import numpy as np
 
 from featherfx.baking.again import GONE, replay_of
 from featherfx.baking.pace import Pace
-from featherfx.baking.sink import Sink, compared
+from featherfx.baking.sink import Sink
 from featherfx.baking.types import Task
 from featherfx.errors import Problem
 from featherfx.files.background import Background
@@ -49,6 +49,7 @@ def simulate_and_write(
             notify(done, samples)
             # where nothing is gone on with, it is built while feathers settle
             sink.begin()
+            sink.compare(simulation.laid)
             writing = Background(sink.write, 1)  # frames of a plumage are large
 
             to_come = samples - done + task.samples_after
@@ -78,7 +79,7 @@ def simulate_and_write(
                     finishing.wait()
                 with phase("writing"):
                     writing.close()
-            sink.writer.tell(compared(task, simulation.laid))
+            sink.tell()
     except KeyboardInterrupt as error:
         raise KeyboardInterrupt(sink.state) from error
     beside = {

@@ -43,6 +43,7 @@ class Sink:
     def __init__(self, task: Task) -> None:
         self._task, self._pool = task, ThreadPoolExecutor(1, "featherfx sink")
         self._made: Future[CacheWriter] | None = None
+        self._compared: Future[dict[str, Any]] | None = None
 
     def begin(self) -> Future[CacheWriter]:
         """Have the writer built, if it is not."""
@@ -54,6 +55,17 @@ class Sink:
         """The writer; waits for it. Raises what new_writer raises."""
         return self.begin().result()
 
+    def compare(self, laid: Laid | None) -> None:
+        """Have found, when the writer is built, what the cache tells a later bake. laid: as of
+        compared."""
+        self._compared = self._pool.submit(compared, self._task, laid)
+
+    def tell(self) -> None:
+        """Have the writer keep what was to be found; waits for it, and raises what finding it
+        raises."""
+        assert self._compared is not None
+        self.writer.tell(self._compared.result())
+
     def write(self, frame: Frame, checkpoint: Checkpoint | None) -> None:
         """Write the next sample, and where a chunk ends what goes on after it."""
         self.writer.write(frame, checkpoint.save if checkpoint else None)
@@ -62,18 +74,26 @@ class Sink:
         return self
 
     def __exit__(self, *error: Any) -> None:
-        self._pool.shutdown()
-        if self._made and self._made.exception() is None:
-            self._made.result().__exit__(*error)
+        self._pool.shutdown(cancel_futures=True)
+        if self._built is not None:
+            self._built.__exit__(*error)
+
+    @property
+    def _built(self) -> CacheWriter | None:
+        """The writer, if it was built."""
+        if self._made is None or self._made.cancelled() or self._made.exception() is not None:
+            return None
+        return self._made.result()
 
     @property
     def state(self) -> str:
         """What an interrupt has left, in words."""
-        if not self._made or self._made.exception() is not None:
+        writer = self._built
+        if writer is None:
             return "interrupted before the first frame: nothing new was written"
-        if self.writer.published:
+        if writer.published:
             return f"interrupted, but {self._task.path} is complete"
-        if kept := self.writer.samples_kept:
+        if kept := writer.samples_kept:
             return f"interrupted: {kept} of {self._task.samples} samples are kept for --resume"
         return "interrupted: nothing was written"
 
