@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import shutil
+import threading
 import warnings
 from pathlib import Path
 
 import pytest
 
 import featherfx
-from featherfx.baking import pipeline
-from featherfx.errors import InputError
+from featherfx.baking import pipeline, sink
+from featherfx.errors import InputError, Problem
 from featherfx.feather import shapes
 from featherfx.feather.layout import layout
 from featherfx.shot import groups
@@ -146,3 +147,26 @@ def test_an_output_is_refused_before_feathers_are_laid_over_each_other(shot, mon
     shot.write_text(SHOT.replace('"breeze"', '"breaze"'))
     with pytest.raises(InputError, match=f"(?s)breaze.*({told})"):
         featherfx.bake(shot, output)
+
+
+def test_what_later_bakes_compare_is_found_beside_the_frames(shot, monkeypatch):
+    threads, own = [], sink.compared
+
+    def noted(*given):
+        threads.append(threading.current_thread())
+        return own(*given)
+
+    monkeypatch.setattr(sink, "compared", noted)
+    baked(shot, "one")
+    assert len(threads) == 1
+    assert threads[0] is not threading.main_thread()
+
+
+def test_where_it_cannot_be_found_nothing_is_written(shot, monkeypatch):
+    def failing(*_):
+        raise InputError(Problem("shot.toml", "wind", "is no more"))
+
+    monkeypatch.setattr(sink, "compared", failing)
+    with pytest.raises(InputError, match="is no more"):
+        baked(shot, "one")
+    assert not (shot.parent / "one" / "crowd.usdc").exists()
