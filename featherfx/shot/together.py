@@ -223,6 +223,7 @@ def restore_contact(islands: Sequence[Together], memory: Mapping[str, NDArray[An
 _SUMMED = (
     "nodes_grown_into_bodies", "pairs", "ordered_pairs", "most_contacts", "steps",
     "repeated_steps", "steps_with_contacts_off", "feather_solves", "unresolved_pairs",
+    "crossed_pairs",
 )  # fmt: skip
 
 
@@ -241,7 +242,7 @@ def _of_all(name: str, values: Sequence[Any]) -> Any:
         return sum(values)
     if name == "shortest_step":
         return min((each for each in values if each > 0.0), default=0.0)
-    if name == "unresolved":
+    if name in ("unresolved", "crossed"):
         every = [pair for each in values for pair in each]
         return sorted(every, key=lambda pair: -float(pair["depth"]))[:MOST_NAMED]
     return max(values)

@@ -11,7 +11,7 @@ from contact_cases import crossings
 from farm.flock import flock
 from places import SAMPLES
 
-from featherfx.errors import InputError
+from featherfx.errors import InputError, InputWarning
 from featherfx.phases import Account
 from featherfx.shot.contact.pairs import _through_others
 from featherfx.shot.frames import Frame
@@ -125,6 +125,22 @@ def test_two_that_cut_through_each_other_about_evenly_come_apart(tmp_path):
     assert contact["depth_after_settling"] < 0.5 * THICKNESS
     assert contact["unresolved"] == []
     assert all_crossings(meshes(simulation, frames[0])) == 0
+
+
+def test_two_that_are_deep_through_each_other_at_rest_are_named(tmp_path):
+    """One that stands upright in the middle of the other: nothing tells which is over which."""
+    shot = read_shot(flock(tmp_path, 1, 1.5, row=5))
+    chosen = {f.id: f for f in shot.groom.feathers}
+    first, second = chosen["b0_right_secondary_05"], chosen["b0_right_primary_01"]
+    shaft, dorsal = first.rotation[:, 0], first.rotation[:, 2]
+    turned = np.stack([shaft, dorsal, np.cross(shaft, dorsal)], axis=1)
+    upright = replace(second, position=first.position, rotation=turned)
+    shot = replace(shot, groom=replace(shot.groom, feathers=(first, upright)))
+    with pytest.warns(InputWarning, match="'b0_right_secondary_05' and 'b0_right_primary_01' pass"):
+        simulation, _ = baked(shot, 1)
+    (crossed,) = simulation.report["contact"]["crossed"]
+    assert crossed["depth"] > 0.01
+    assert simulation.report["contact"]["crossed_pairs"] == 1
 
 
 def test_a_lean_counts_where_nothing_between_tells_and_tells_of_others():

@@ -8,7 +8,7 @@ tolerance; the others divide these into steps of their own, while what they touc
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -40,6 +40,7 @@ from featherfx.solver.status import MOST_ITERATIONS
 from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 LoadsOf = Callable[[float, float], Sequence[Loads]]
 PathsOf = Callable[[float, float], Sequence[RootPath]]
@@ -114,6 +115,8 @@ class ShotContact:
         others = order[every.pairs[:, 0]] != order[every.pairs[:, 1]]
         candidates = Candidates(every.pairs[others], every.order[others])
         self._thickness = float(thickness.min())
+        self._crossed = self._through_each_other(candidates.pairs, every.crossed[others])
+        _warn_of_crossed(self._crossed)
         settings = ContactSettings(
             friction=self.contact.friction,
             margin=MARGIN * float(thickness.max()),
@@ -231,13 +234,13 @@ class ShotContact:
             first, second = sorted((guest, host)) if host >= 0 else (guest, host)
             pair = self.names[first], self.names[second] if second >= 0 else "a collider"
             worst[pair] = max(worst.get(pair, 0.0), depth)
-        left = sorted((-depth, *pair) for pair, depth in worst.items())
-        tolerance = self.solver.settings.tolerance
-        return [
-            {"feather": feather, "other": other, "depth": -depth}
-            for depth, feather, other in left
-            if -depth > tolerance
-        ]
+        return _deepest_first(worst, self.solver.settings.tolerance)
+
+    def _through_each_other(self, pairs: Indices, depth: Array) -> list[dict[str, Any]]:
+        """Pairs (N, 2) that are through each other at rest by a depth (N,), in m, and stay so."""
+        some = np.flatnonzero((depth > self._thickness) & (pairs[:, 0] < pairs[:, 1]))
+        named = [(self.names[a], self.names[b]) for a, b in pairs[some].tolist()]
+        return _deepest_first(dict(zip(named, depth[some].tolist(), strict=True)), 0.0)
 
     def report(self) -> dict[str, Any]:
         """Figures of the contact so far, in SI units."""
@@ -256,6 +259,8 @@ class ShotContact:
             "feather_solves": tally.solves,
             "depth_at_rest": tally.rest_depth,
             "depth_after_settling": tally.settled_depth,
+            "crossed_pairs": len(self._crossed),
+            "crossed": self._crossed[:MOST_NAMED],
             "unresolved_pairs": len(self._unresolved),
             "unresolved": self._unresolved[:MOST_NAMED],
             "worst_depth": tally.depth,
@@ -283,6 +288,27 @@ class ShotContact:
         since stay known."""
         self.solver.memory = Memory(*(memory[name] for name in Memory._fields))
         self._proposal = float(memory["step"])
+
+
+def _deepest_first(depths: Mapping[tuple[str, str], float], least: float) -> list[dict[str, Any]]:
+    """Pairs by name that are deeper than the least (m), as a report has them."""
+    left = sorted((-depth, *pair) for pair, depth in depths.items() if depth > least)
+    return [{"feather": one, "other": other, "depth": -depth} for depth, one, other in left]
+
+
+def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]]) -> None:
+    """Say which feathers stay through each other because nothing tells which is over which."""
+    if crossed:
+        first, more = crossed[0], len(crossed) - 1
+        warnings.warn(
+            f"contact: feathers '{first['feather']}' and '{first['other']}' pass through each other"
+            f" at rest, by {1e3 * first['depth']:.2g} mm"
+            + (f", and so do {more} more pairs" if more else "")
+            + "; nothing tells which is over which, so contact leaves them crossed: move or turn"
+            " one, or let [layout] lay them",
+            InputWarning,
+            stacklevel=2,
+        )
 
 
 def _warn_of(tired: Flags, names: Sequence[str], time: float) -> None:

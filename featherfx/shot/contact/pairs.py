@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,14 +50,24 @@ class FeathersAtRest(NamedTuple):
     dorsal: Array
 
 
-def layered_pairs(rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids) -> Candidates:
-    """Feathers that may meet, each pair in both roles, and which of the two lies over the other."""
+class Layered(NamedTuple):
+    """Feathers that may meet. pairs, order: as Candidates', each pair in both roles. crossed: (N,)
+    m, how far at rest both feathers of a pair without an order are through each other, on the side
+    where it is less; 0 of all others."""
 
-    def compute() -> dict[str, Indices]:
+    pairs: Indices
+    order: Indices
+    crossed: Array
+
+
+def layered_pairs(rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids) -> Layered:
+    """Feathers that may meet, and which of two lies over the other."""
+
+    def compute() -> dict[str, Any]:
         pairs = _near_pairs(rest.nodes, rest.lengths)
-        return Candidates(pairs, _order_at_rest(pairs, rest, surfaces, grids))._asdict()
+        return _order_at_rest(pairs, rest, surfaces, grids)._asdict()
 
-    return Candidates(**kept("pairs", [rest, surfaces, grids], compute))
+    return Layered(**kept("pairs", [rest, surfaces, grids], compute))
 
 
 def _near_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
@@ -123,8 +133,8 @@ def _by_node(values: Array) -> Array:
 
 def _order_at_rest(
     pairs: Indices, rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids
-) -> Indices:
-    """(N,) side of the host where the guest belongs, 0 where nothing tells.
+) -> Layered:
+    """Pairs (N, 2) with the side of the host where the guest belongs, 0 where nothing tells.
 
     An order that would have a feather deeper in another than a layout ever leaves it is no order.
     """
@@ -150,7 +160,9 @@ def _order_at_rest(
     lean = np.where(cut & (order == 0), np.sign(both), 0.0).astype(np.int64)
     lean = np.where(_depths(lean, agree, votes) > DEEP * shorter[:half], 0, lean)
     order = _through_others(pairs[:half], order, agree, lean)
-    return np.concatenate([order, -agree * order])
+    through = np.minimum(votes.above, votes.below)
+    crossed = np.where(order == 0, np.minimum(through[:half], through[half:]), 0.0)
+    return Layered(pairs, np.concatenate([order, -agree * order]), np.tile(crossed, 2))
 
 
 def _depths(order: Indices, agree: Indices, votes: _Votes) -> Array:
