@@ -71,8 +71,9 @@ def measured(folder: Path, frames: int, chunk: int, row: int, workers: int) -> d
     out.mkdir(parents=True, exist_ok=True)
     shot, report = flock(folder, BIRDS, 1.5, STEPS, frames=frames, row=row), out / "report.json"
     command = f"-m featherfx bake {shot} -o {out} --report {report} --overwrite --engine dask"
-    # else one worker would have the threads of all
-    options = f"--workers {workers} --shares {BIRDS} --chunk {chunk} --jobs 1"
+    # else one worker would have all cores
+    jobs = " --jobs 1" if workers == 1 else ""
+    options = f"--workers {workers} --shares {BIRDS} --chunk {chunk}{jobs}"
     begin = time.perf_counter()
     subprocess.run([sys.executable, *command.split(), *options.split()], check=True)
     seconds = time.perf_counter() - begin

@@ -374,8 +374,8 @@ def bake_many(
     from featherfx.farm.bake_many import bake_many as bake
 
     if options["jobs"] is None:
-        local = default_jobs() // (farm["workers"] or default_jobs())
-        options["jobs"] = 1 if farm["scheduler"] else max(local, 1)
+        # workers of this machine share its cores (Engine.share_out)
+        options["jobs"] = 1 if farm["scheduler"] else default_jobs()
     output = options.pop("output") or Path(".")
     log = logging.getLogger("featherfx.farm")
     with Progress("frames", style) as progress:

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm.engine import BEGUN, DONE, FAILED, LOST, PROGRESS, QUIET, News
 from featherfx.farm.work import PLAN, Order, work
+from featherfx.jit.threads import allow
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -48,11 +49,19 @@ class DaskEngine:
     """An Engine of the workers that a client knows.
 
     connect: gives the client when workers are there. workers: their number. starting: whether they
-    still start, so that the first look is taken here.
+    still start, so that the first look is taken here. cores: that they share, where all are
+    processes of this machine.
     """
 
-    def __init__(self, connect: Callable[[], Client], workers: int, starting: bool = False) -> None:
+    def __init__(
+        self,
+        connect: Callable[[], Client],
+        workers: int,
+        starting: bool = False,
+        cores: int | None = None,
+    ) -> None:
         self._connect, self.workers, self._is_free = connect, workers, starting
+        self._cores, self._threads = cores, 0
         self._topic = f"featherfx-{uuid.uuid4().hex}"
         self._looks: list[tuple[int, Order]] = []
         self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
@@ -125,6 +134,14 @@ class DaskEngine:
         with contextlib.suppress(Exception):
             self._futures.pop(number).cancel()
 
+    def share_out(self, busy: int) -> None:
+        if self._cores is None:
+            return
+        threads = max(1, self._cores // max(1, min(busy, self.workers)))
+        if threads != self._threads:
+            self._threads = threads
+            self._client.run(allow, threads, wait=False)
+
     def hear(self) -> News:
         if self._looks:
             number, order = self._looks.pop()
@@ -195,7 +212,7 @@ def opened(scheduler: str | None, workers: int | None) -> Iterator[DaskEngine]:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="featherfx-dask-"))
             count = workers or os.cpu_count() or 1
             connect = stack.enter_context(_local(distributed, count, folder))
-            yield DaskEngine(connect, count, starting=True)
+            yield DaskEngine(connect, count, starting=True, cores=os.cpu_count() or 1)
         else:
             client = stack.enter_context(_client(distributed, scheduler, workers or 1))
             there = client.scheduler_info(n_workers=-1)["workers"]

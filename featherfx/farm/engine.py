@@ -41,5 +41,8 @@ class Engine(Protocol):
     def cancel(self, number: int) -> None:
         """Take an order back, or end its work at the next sample."""
 
+    def share_out(self, busy: int) -> None:
+        """Let so many workers have the machine's cores, where all are of one machine."""
+
     def hear(self) -> News:
         """The next news; waits for it, some seconds at most."""

@@ -125,6 +125,7 @@ class Job:
             self._looked_at = self._baked_at = time.perf_counter()
             # the largest first, so that none of them is begun last, by one worker alone
             begun = [(each, *part) for each in self._shots for part in self._begin(each)]
+            self._engine.share_out(len(begun))
             for each, order, _ in sorted(begun, key=lambda part: -part[2]):
                 self._give(each, order)
             self._until_all_are_heard()
@@ -201,6 +202,9 @@ class Job:
                     LOG.warning("no worker is there; waiting for one")
             elif (given := self._out.get(news.number)) is not None:
                 self._heard(given, news)
+                if given.order.what != PLAN:
+                    # cores of who has nothing to do go to those that still work
+                    self._engine.share_out(len(self._out))
 
     def _heard(self, given: _Given, news: News) -> None:
         if news.place and given.worker != news.place:

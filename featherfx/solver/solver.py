@@ -13,6 +13,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import SimulationError
 from featherfx.jit.compiled import compile_ahead, is_asked_for
+from featherfx.jit.threads import allowed
 from featherfx.limits import MOST_JOBS
 from featherfx.mechanics.model import Loads, Model, no_loads, wind_of_each
 from featherfx.solver.settle.settle import settle
@@ -207,7 +208,8 @@ class Solver:
 
     def for_each(self, function: Callable[[T], None], parts: Iterable[T]) -> None:
         """Call a function with each part, by all threads."""
-        if self._pool is None:
+        threads = allowed(self.jobs)
+        if self._pool is None or threads == 1:
             for part in parts:
                 function(part)
             return
@@ -218,7 +220,7 @@ class Solver:
             for part in waiting:
                 function(part)
 
-        for done in [self._pool.submit(work) for _ in range(self.jobs)]:
+        for done in [self._pool.submit(work) for _ in range(threads)]:
             done.result()
 
 

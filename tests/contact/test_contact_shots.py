@@ -12,6 +12,8 @@ from farm.flock import flock
 from places import SAMPLES
 
 from featherfx.errors import InputError, InputWarning
+from featherfx.jit.threads import allow
+from featherfx.limits import MOST_JOBS
 from featherfx.phases import Account
 from featherfx.shot.contact.pairs import _through_others
 from featherfx.shot.frames import Frame
@@ -193,6 +195,18 @@ def test_a_wing_at_rest_sleeps_as_a_whole():
 def test_threads_change_nothing():
     first, second = (baked(half_wing(bird()), 2, jobs)[1] for jobs in (1, 2))
     for a, b in zip(first, second, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
+
+
+def test_fewer_threads_from_some_frame_on_change_nothing():
+    whole, some = baked(half_wing(bird()), 3)[1], []
+    try:
+        for frame in simulate(half_wing(bird()), 2, (1, 3)):
+            some.append(frame)
+            allow(1 + len(some) % 2)
+    finally:
+        allow(MOST_JOBS)
+    for a, b in zip(whole, some, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
 
 

@@ -33,6 +33,7 @@ class SerialEngine:
         self._orders: deque[tuple[int, Order, str]] = deque()
         self.given: list[tuple[Order, str]] = []
         self.cancelled: list[int] = []
+        self.shared: list[int] = []
 
     def meet(self) -> None:
         pass
@@ -43,6 +44,9 @@ class SerialEngine:
     def cancel(self, number: int) -> None:
         self.cancelled.append(number)
         self._orders = deque(each for each in self._orders if each[0] != number)
+
+    def share_out(self, busy: int) -> None:
+        self.shared.append(busy)
 
     def hear(self) -> News:
         if not self._news and self._orders:

@@ -62,6 +62,10 @@ def test_merged_shares_have_the_bytes_of_a_single_bake(tmp_path, single, layout)
     baked = [(BAKE, 1), (BAKE, 2), (BAKE, 3)]
     assert steps == [(PLAN, 0), *baked, (MERGE, 1), (MERGE, 2), (MERGE, 0)]
     assert [share["feathers"] for share in told["shares"]] == [7, 7, 6]
+    # the last of the shares has the cores of all, as has what completes the whole
+    assert engine.shared[0] == 3
+    assert {1, 2, 3} <= set(engine.shared)
+    assert engine.shared[-1] == 0
     # frames of all shares are counted once
     assert counted == sorted(counted)
     assert counted[-1] == (3, 3)

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.jit.team import new_team
+from featherfx.jit.threads import allowed
 from featherfx.mechanics.model import Gaps
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.layers.depths import Depths, Lifted
@@ -243,8 +244,9 @@ class Layers:
         team = new_team(1), np.zeros(len(lifts.lift), dtype=np.int64)
         given, poses = (points, self._skin.ground, skin), (self._start, self._pose)
         lay = partial(lay_feathers, team, bodies, given, lifts, poses, manner)
-        with ThreadPoolExecutor(self._jobs) as pool:
-            list(pool.map(lay, self._scratch))
+        threads = allowed(self._jobs)
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(lay, self._scratch[:threads]))
 
     def _places(self, lifts: Lifts, follow: float) -> Indices:
         """(F,) places of the order of the stack, those first with the fewest beneath them; what may

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.jit.team import new_team
+from featherfx.jit.threads import allowed
 from featherfx.jit.views import Held, Kind, Views, views_of
 from featherfx.mechanics.model import Contacts, Loads, wind_of_each
 from featherfx.solver.contact.state_rooms import StateRooms, put
@@ -72,7 +73,7 @@ class Team:
 
     def solve(self, sweep: Sweep) -> None:
         """All rounds of a sweep, by all threads."""
-        counters, size = new_team(KINDS), self.jobs
+        counters, size = new_team(KINDS), allowed(self.jobs)
         # of the types in a sweep only those of views may change, and it takes long to tell them
         kinds = tuple(each.kind for each in sweep.batches if isinstance(each, Views))
         if kinds not in self._entries:

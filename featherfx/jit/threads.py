@@ -1,0 +1,18 @@
+"""How many threads of a process may work just now, which changes no result."""
+
+from __future__ import annotations
+
+from featherfx.limits import MOST_JOBS
+
+_allowed = [MOST_JOBS]
+
+
+def allow(threads: int) -> None:
+    """From now on so many threads at most, whatever number work was given: other processes of this
+    machine have begun or ended."""
+    _allowed[0] = threads
+
+
+def allowed(jobs: int) -> int:
+    """Threads of so many that may be taken now, at least one."""
+    return max(1, min(jobs, _allowed[0]))
