@@ -132,6 +132,7 @@ def test_the_last_bone_of_all_ends_where_its_skin_does(tmp_path):
     ("names", "message"),
     [
         (("arm", "hnad"), "no joint 'hnad', did you mean 'hand'"),
+        (("arm", "wing"), "no joint 'wing', known: arm, arm/hand/tip, hand, leg, leg/tip"),
         (("arm", "tip"), "may be arm/hand/tip, leg/tip"),
         (("arm",), "expects two or more of /bird/skeleton, known: arm, arm/hand"),
         (("arm", "arm"), "are at one place"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -295,5 +296,7 @@ def _number(name: str, paths: list[str], place: Place) -> int:
     if found:
         several = ", ".join(paths[k] for k in found)
         place.refuse(f"'{name}' may be {several}; give the whole path")
-    known = {path.rsplit("/", 1)[-1] for path in paths} | set(paths)
+    ends = Counter(path.rsplit("/", 1)[-1] for path in paths)
+    # as they may be written: the last part alone, where that says which
+    known = {path if ends[path.rsplit("/", 1)[-1]] > 1 else path.rsplit("/", 1)[-1] for path in paths}
     place.refuse(f"no joint '{name}', {nearest(name, known)}")
