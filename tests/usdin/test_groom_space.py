@@ -121,6 +121,7 @@ def test_a_groom_in_the_space_of_a_moved_skin_is_the_same_groom_moved(tmp_path):
         assert (two.name, two.side) == (one.name, one.side)
 
 
+GROWN = "[[region]]\nid = 'back'\nkind = 'covert'\ncount = 3\nflow = { direction = [1, 0, 0] }\n"
 FEATHER = "[[feather]]\nid = 'left'\nkind = 'covert'\nside = 'left'\nposition = "
 
 
@@ -208,7 +209,8 @@ def at_vertex(table):
         ([at_vertex("{ vertex = 1, joint = 'a' }")], "position: holds vertex and joint, expects"),
         ([at_vertex("{ offset = [0, 0, 0] }")], "position: holds none, expects one of vertex"),
         ([at_vertex("{ vertx = 3 }")], "position.vertx: unknown key, did you mean 'vertex'?"),
-        ([at_vertex("{ vertex = 3, prim = '/no' }")], "no prim /no"),
+        ([at_vertex("{ vertex = 3, prim = '/no' }")], "feather[0].position.prim: no prim /no"),
+        ([GROWN + "prim = '/nay'\n"], "region[0].prim: no prim /nay"),
         ([at_vertex("[0, 0, 0]\nmirror = 'w'")], "mirror: 'w' is not allowed"),
     ],
 )

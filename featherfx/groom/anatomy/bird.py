@@ -182,7 +182,8 @@ def _body(
     if read is None or skin is INVALID:
         return None
     with place.problems.collecting():
-        found = read(skin, (skin["prim"],), Path(place.source).parent, place.child("skin"))
+        at = place.child("skin")
+        found = read(skin, {skin["prim"]: at.child("prim")}, Path(place.source).parent, at)
         source = found[skin["prim"]]
         corners = source.points[source.triangles]
         if tail is not None:

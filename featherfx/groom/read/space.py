@@ -68,8 +68,8 @@ class Space:
 
 GROOM_SPACE = Space(np.eye(3), 1.0, np.zeros(3), np.array([0.0, 1.0, 0.0]), False)
 
-# checked keys of [skin], paths of meshes, folder, place to meshes; raises InputError
-SkinsReader = Callable[[dict[str, Any], tuple[str, ...], Path, Place], "dict[str, SkinSource]"]
+# checked keys of [skin], paths of meshes with what names them, folder, [skin]; raises InputError
+SkinsReader = Callable[[dict[str, Any], dict[str, Place], Path, Place], "dict[str, SkinSource]"]
 
 
 def kept_skins(read: SkinsReader) -> SkinsReader:
@@ -77,9 +77,9 @@ def kept_skins(read: SkinsReader) -> SkinsReader:
     known: dict[str, SkinSource] = {}
 
     def reader(
-        skin: dict[str, Any], paths: tuple[str, ...], folder: Path, place: Place
+        skin: dict[str, Any], paths: dict[str, Place], folder: Path, place: Place
     ) -> dict[str, SkinSource]:
-        missing = tuple(path for path in paths if path not in known)
+        missing = {path: at for path, at in paths.items() if path not in known}
         known.update(read(skin, missing, folder, place) if missing else {})
         return {path: known[path] for path in paths}
 
@@ -119,9 +119,9 @@ class _Skins:
             at.refuse("is of a USD scene, which featherfx.read_groom and the commands read")
         if not isinstance(self.skin, dict):
             raise InputError
-        path = str(prim or self.skin["prim"])
-        folder = Path(self.place.source).parent
-        return self.read(self.skin, (path,), folder, self.place.child("skin"))[path]
+        skin, folder = self.place.child("skin"), Path(self.place.source).parent
+        path, named = (prim, at) if prim else (str(self.skin["prim"]), skin)
+        return self.read(self.skin, {path: named.child("prim")}, folder, skin)[path]
 
 
 def _space(checked: Any, skins: _Skins, place: Place) -> Space | None:

@@ -137,13 +137,16 @@ def _region_drafts(
     """
     folder = Path(place.source).parent
     count = len(place.problems)
-    paths = tuple(dict.fromkeys([skin["prim"], *(e["prim"] for _, e in entries if e["prim"])]))
+    paths = {skin["prim"]: place.child("prim")}
+    for at, entry in entries:
+        if entry["prim"]:
+            paths.setdefault(entry["prim"], at.child("prim"))
     sources: dict[str, SkinSource] = {}
     with place.problems.collecting():
         sources = read(skin, paths, folder, place)
     for path, source in sources.items():
         if source.is_ribbon:
-            place.child("prim").fail(f"{path} is no Mesh, on which alone regions grow")
+            paths[path].fail(f"{path} is no Mesh, on which alone regions grow")
     # what was told before, of a bird's skin, is no further problem
     if len(place.problems) > count or len(sources) < len(paths):
         return (), None

@@ -49,16 +49,17 @@ from featherfx.usd.read.values import (
 
 
 def read_skin(
-    skin: dict[str, Any], paths: tuple[str, ...], folder: Path, place: Place
+    skin: dict[str, Any], paths: dict[str, Place], folder: Path, place: Place
 ) -> dict[str, StageSkin]:
     """Meshes by their paths, of the file that checked keys of [skin] name. Raises InputError where
     they cannot be opened; of what is wrong with one it adds problems.
 
-    Warns of holes and of faces that pass through each other.
+    paths: with the key that names each. place: of [skin]. Warns of holes and of faces that pass through each other.
     """
-    scene, at = open_scene(located(folder, skin["usd"]), place.child("usd")), place.child("prim")
-    opened = all_of(*(partial(open_carrier, scene, path, skin["rest"], at) for path in paths))
-    for path, mesh in zip(paths, opened, strict=True):
+    scene = open_scene(located(folder, skin["usd"]), place.child("usd"))
+    rest = skin["rest"]
+    opened = all_of(*(partial(open_carrier, scene, path, rest, at) for path, at in paths.items()))
+    for (path, at), mesh in zip(paths.items(), opened, strict=True):
         if mesh.bones is not None:
             continue
         problems, doubts = skin_faults(mesh.rest, mesh.triangles, mesh.face)
