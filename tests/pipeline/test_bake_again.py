@@ -149,7 +149,11 @@ def test_more_and_fewer_feathers(earlier, tmp_path):
     )
     report = changed_and_fresh(earlier, tmp_path, groom)
     assert report["again"]["feathers_simulated"] == 3
-    assert "rows.upper.count: 3 -> 1" in report["again"]["changed"]
+    changed = report["again"]["changed"]
+    assert "rows.upper.count: 3 -> 1" in changed
+    # what is new is one line, not one for each of its keys
+    assert "rows.third: was not there" in changed
+    assert not any("rows.third." in each for each in changed)
 
 
 def test_a_shorter_range_and_another_name_simulate_nothing(earlier, tmp_path):

@@ -7,6 +7,7 @@ skin.usd (file) = "sha256 ..."        the content of a file that a value names
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from featherfx.files.content import digest
 
 # characters of a value that is told as it is, and values of one file
 _LONGEST, _MOST = 72, 20_000
+# the part of a key that is a preset, or a row, region and the like, by its id
+_THING = re.compile(r"(presets\.[^.]+|(?:shot\.)?(?!overrides\.)\w+s\.[^.]+)\.")
 UNTOLD = "sha256"
 
 
@@ -35,12 +38,27 @@ def told(tables: Mapping[str, Any], folder: Path) -> dict[str, str]:
 
 
 def changes(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
-    """What differs, by key, in words: `1.5 -> 1.6`."""
-    return {
-        key: _change(before.get(key), now.get(key))
-        for key in {**now, **before}
-        if before.get(key) != now.get(key)
-    }
+    """What differs, by key, in words: `1.5 -> 1.6`; of a row, a preset and the like that is on one
+    side alone, that it is."""
+    there, found = (_things(before), _things(now)), {}
+    for key in {**now, **before}:
+        thing = _thing(key)
+        if before.get(key) == now.get(key):
+            continue
+        if thing and sum(thing in each for each in there) == 1:
+            found[thing] = "was not there" if thing in there[1] else "is not there any more"
+        else:
+            found[key] = _change(before.get(key), now.get(key))
+    return found
+
+
+def _thing(key: str) -> str:
+    found = _THING.match(key)
+    return found[1] if found else ""
+
+
+def _things(values: Mapping[str, str]) -> set[str]:
+    return {_thing(key) for key in values}
 
 
 def _change(before: str | None, now: str | None) -> str:
