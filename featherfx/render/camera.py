@@ -21,8 +21,8 @@ _MARGIN = 1.13  # a picture over what is in it, so that 6 % are left on either s
 _TILE, _LEAST, _MOST = 480 * 320, 0.5, 2.0  # pixels of a tile, and its width over its height
 # by eye: vanes with less of their area along one axis are around a body (birds with folded wings
 # have 0.48 to 0.66, wings 0.89 to 0.93), which is seen from so far aside of its broad side and so
-# high
-_ROUND = 0.78
+# high; unless they look the same way on the whole, as raised wings do (at 35 degrees 0.82)
+_ROUND, _ONE_WAY = 0.78, 0.7
 _ASIDE, _RAISED = math.radians(25), math.radians(12)
 # (right, up) of the fixed views: top, from -y, and from +x.
 _FIXED = {
@@ -117,7 +117,8 @@ def _three_quarter(points: Array, triangles: Indices) -> tuple[Array, Array]:
     normals = 0.5 * np.cross(b - a, c - a)
     size = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
     areas, axes = np.linalg.eigh(np.einsum("tk,tl,t->kl", normals, normals, 1 / size))
-    if areas[-1] < _ROUND * areas.sum():
+    one_way = np.linalg.norm(normals.sum(axis=0)) > _ONE_WAY * areas.sum()
+    if areas[-1] < _ROUND * areas.sum() and not one_way:
         return _upright(points)
     broad = axes[:, -1]
     toward = broad @ world_up

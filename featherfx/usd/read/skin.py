@@ -299,5 +299,7 @@ def _number(name: str, paths: list[str], place: Place) -> int:
         place.refuse(f"'{name}' may be {several}; give the whole path")
     ends = Counter(path.rsplit("/", 1)[-1] for path in paths)
     # as they may be written: the last part alone, where that says which
-    known = {path if ends[path.rsplit("/", 1)[-1]] > 1 else path.rsplit("/", 1)[-1] for path in paths}
+    known = {
+        path if ends[path.rsplit("/", 1)[-1]] > 1 else path.rsplit("/", 1)[-1] for path in paths
+    }
     place.refuse(f"no joint '{name}', {nearest(name, known)}")
