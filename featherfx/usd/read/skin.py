@@ -54,7 +54,8 @@ def read_skin(
     """Meshes by their paths, of the file that checked keys of [skin] name. Raises InputError where
     they cannot be opened; of what is wrong with one it adds problems.
 
-    paths: with the key that names each. place: of [skin]. Warns of holes and of faces that pass through each other.
+    Warns of holes and of faces that pass through each other. paths: with the key that names each.
+    place: of [skin].
     """
     scene = open_scene(located(folder, skin["usd"]), place.child("usd"))
     rest = skin["rest"]
