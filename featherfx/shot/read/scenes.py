@@ -83,7 +83,7 @@ def with_maps(
 def _factors(
     name: str, groom: Groom, entry: dict[str, Any], at: Place, readers: SceneReaders
 ) -> dict[str, float]:
-    folder, prims = Path(at.source).parent, (entry["prim"],)
+    folder, prims = Path(at.source).parent, {entry["prim"]: at}
     with warnings.catch_warnings():
         # holes matter to what grows on it, not to what is painted on it
         warnings.simplefilter("ignore", InputWarning)
