@@ -433,6 +433,8 @@ class ContactSolver:
 def _largest_moves(after: Array, before: Array, free: Flags) -> Array:
     """(B,) m, how far any node of each body that is free (B,) is in one pose (B, n, 1 + 2 m, 3)
     from the other; no other has moved."""
-    found = np.zeros(len(free))
-    found[free] = np.abs(after[free] - before[free]).max(axis=(1, 2, 3))
+    found, some = np.zeros(len(free)), slice(None) if free.all() else free
+    ways = after[some] - before[some]
+    np.abs(ways, out=ways)
+    found[some] = ways.reshape(len(ways), -1).max(axis=1, initial=0.0)
     return found

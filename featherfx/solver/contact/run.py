@@ -141,8 +141,7 @@ class Run:
         carried = grids.together(
             [_carried(*each) for each in zip(self.old, paths, own, strict=True)], free
         )
-        ahead, self.now = self.start[free] + duration * velocity[free], self.start.copy()
-        self.now[free] = ahead + shares[free, ..., None] * (carried[free] - ahead)
+        self.now = _headed(self.start, velocity, carried, shares, duration, free)
         self._acting: Held | None = None
         self._room = 0
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
@@ -254,16 +253,43 @@ def no_colours(bodies: int) -> Colours:
     )
 
 
+def _headed(
+    start: Array, velocity: Array, carried: Array, shares: Array, duration: float, free: Flags
+) -> Array:
+    """(B, n, 1 + 2 m, 3) m, where the nodes of bodies that are free (B,) are headed in a duration
+    (s), and others start: on with their velocity, and a share of what they are then from where they
+    would be carried. Velocity and carried are written over."""
+    whole = bool(free.all())
+    some = slice(None) if whole else free
+    ahead, found = velocity[some], carried[some]
+    ahead *= duration
+    ahead += start[some]
+    found -= ahead
+    found *= shares[some, ..., None]
+    found += ahead
+    if whole:
+        return found
+    now = start.copy()
+    now[free] = found
+    return now
+
+
 def _carried(state: State, path: RootPath, free: Flags) -> Array:
     """(F, n, 1 + 2 m, 3) m, nodes of some feathers (F,) carried rigidly to where their roots' paths
     end, as if every feather had one; zero of the others."""
-    nodes, samples = state.points.nodes[free], path.samples[free]
+    whole = bool(free.all())
+    some = slice(None) if whole else free
+    nodes, samples = state.points.nodes[some], path.samples[some]
     turns = vectors_to_frames(samples[:, -1, 3:])
     # one product a feather: many times as fast as one a row
     flat = len(nodes), nodes.shape[1] * nodes.shape[2], 3
     away = (nodes - samples[:, :1, None, :3]).reshape(flat) @ turns.swapaxes(1, 2)
+    carried = away.reshape(nodes.shape)
+    carried += samples[:, -1:, None, :3]
+    if whole:
+        return np.asarray(carried)
     found = np.zeros(state.points.nodes.shape)
-    found[free] = away.reshape(nodes.shape) + samples[:, -1:, None, :3]
+    found[free] = carried
     return found
 
 
