@@ -83,7 +83,7 @@ def _lines(report: StageReport) -> Iterator[str]:
 def _facts(prim: PrimReport, parts: str) -> Iterator[str]:
     yield prim.type
     if parts:
-        yield f"{prim.parts} {parts}"
+        yield f"{prim.parts} {parts if prim.parts != 1 else parts.removesuffix('s')}"
     if prim.points and prim.kind != "instancer":
         yield f"{prim.points} points"
     if prim.size is not None:

@@ -325,7 +325,9 @@ def test_shots_with_wrong_skins_say_all(tmp_path):
     assert "none.usda: file does not exist" in text
     with pytest.raises(InputError, match="/bird is a Xform, no Mesh; below it is /bird/skin"):
         featherfx.read_shot(write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/bird"'))
-    with pytest.raises(InputError, match=r"no prim /bird/skn .* below /bird there is skin"):
+    with pytest.raises(
+        InputError, match=r"skin\.prim: no prim /bird/skn .* below /bird there is skin"
+    ):
         featherfx.read_shot(write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/bird/skn"'))
     with pytest.raises(InputError, match=r"skin.prim: missing"):
         featherfx.read_shot(write_shot(tmp_path, 'usd = "skin.usda"'))

@@ -130,7 +130,8 @@ def test_colliders_by_path_name_and_collection(tmp_path):
         assert len(colliders[0].surface.triangles) == 2 * len(counts)
     for keys, words in {
         "": "names neither prims nor a collection",
-        'prims = ["cliff"]': "no mesh is called 'cliff'",
+        'prims = ["cliff"]': r"collider[0].prims[0]: no mesh is called 'cliff'",
+        'prims = ["tree*", "/set/hill"]': "collider[0].prims[1]: no prim /set/hill",
         'collection = "/set.collection:walls"': "no collection 'walls' on /set, there is colliders",
     }.items():
         path.write_text(head + keys + "\n")

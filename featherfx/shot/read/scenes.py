@@ -43,7 +43,8 @@ def read_skin(
         return None
     readers = _needed(given, at)
     other = sorted({f.skin for f in groom.feathers if f.skin} - {entry["prim"]})
-    needed = [entry["prim"], *other]
+    # other meshes are named by feathers
+    needed = {entry["prim"]: at.child("prim"), **dict.fromkeys(other, at)}
     path = readers.file(Path(place.source).parent, entry["usd"])
     surfaces = readers.meshes(path, needed, None, entry["rest"], at)
     start = _start(entry, checked, surfaces[0].time_codes_per_second)
@@ -140,7 +141,8 @@ def read_colliders(
             if not entry["prims"] and entry["collection"] is None:
                 at.refuse("names neither prims nor a collection")
             path = readers.file(Path(place.source).parent, entry["usd"])
-            for mesh in readers.meshes(path, entry["prims"], entry["collection"], None, at):
+            prims = {each: at.child("prims").item(k) for k, each in enumerate(entry["prims"])}
+            for mesh in readers.meshes(path, prims, entry["collection"], None, at):
                 if mesh.bones is not None:
                     at.fail(f"{mesh.path} is no Mesh, nothing can touch it")
                 start = _start(entry, checked, mesh.time_codes_per_second)

@@ -6,7 +6,7 @@ answers to the protocols here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -87,14 +87,14 @@ class WindSource(OfScene, Protocol):
 class SceneReaders(GroomReaders):
     """How scenes are read. Each raises InputError, of what stands at the place.
 
-    feathers, skin: see GroomReaders. meshes: (file, prim paths or names, collection,
-    rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd], place). camera:
-    (file, prim path, place) to a featherfx.shot.detail.view.Camera. poses: (file, time code or
-    None, place) to the points (V, 3) m of the feathers' meshes there, or else of their shafts'
-    curves (k, 3), by id.
+    feathers, skin: see GroomReaders. meshes: (file, prim paths or names with the key that names
+    each, collection, rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd],
+    place). camera: (file, prim path, place) to a featherfx.shot.detail.view.Camera. poses: (file,
+    time code or None, place) to the points (V, 3) m of the feathers' meshes there, or else of
+    their shafts' curves (k, 3), by id.
     """
 
-    meshes: Callable[[Path, Sequence[str], str | None, float | None, Place], Any]
+    meshes: Callable[[Path, Mapping[str, Place], str | None, float | None, Place], Any]
     wind: Callable[[Path, dict[str, Any], Place], Any]
     camera: Callable[[Path, str, Place], Any]
     poses: Callable[[Path, float | None, Place], Any]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -48,24 +48,27 @@ Lines = dict[str, Array]
 
 
 def open_meshes(
-    path: Path, prims: Sequence[str], collection: str | None, rest: float | None, place: Place
+    path: Path, prims: Mapping[str, Place], collection: str | None, rest: float | None, place: Place
 ) -> list[AnimatedMesh]:
     """Meshes of a file by prim path, or by name with wild cards, and by collection.
 
-    rest: time code of the rest pose, as in open_mesh. Raises InputError with all problems.
+    prims: with the key that names each. place: of the table. rest: time code of the rest pose, as
+    in open_mesh. Raises InputError with all problems.
     """
     scene, problems = open_scene(path, place.child("usd")), Problems()
-    paths: dict[str, None] = {}
-    for each in prims:
+    paths: dict[str, Place] = {}
+    for each, at in prims.items():
         with problems.collecting():
-            paths |= dict.fromkeys([each] if each.startswith("/") else _by_name(scene, each, place))
+            paths |= dict.fromkeys(
+                [each] if each.startswith("/") else _by_name(scene, each, at), at
+            )
     if collection is not None:
         with problems.collecting():
-            paths |= dict.fromkeys(_by_collection(scene, collection, place))
+            paths |= dict.fromkeys(_by_collection(scene, collection, place), place)
     found = []
-    for each in paths:
+    for each, at in paths.items():
         with problems.collecting():
-            found.append(open_carrier(scene, each, rest, place))
+            found.append(open_carrier(scene, each, rest, at))
     problems.hand_on()
     return found
 
