@@ -284,7 +284,7 @@ def test_skins_that_are_refused(tmp_path, fault):
         featherfx.read_shot(write_shot(tmp_path, SKIN))
     problem = caught.value.problems[0]
     assert problem.source.endswith("shot.toml")
-    assert problem.key == "skin"
+    assert problem.key == ("skin" if fault == "short" else "skin.prim")
     for words in ("/bird/skin", *FAULTS[fault][1:]):
         assert words in problem.message
 
