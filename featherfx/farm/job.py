@@ -22,7 +22,7 @@ from featherfx.farm.places import Shares
 from featherfx.farm.work import BAKE, MERGE, PLAN, Done, Order
 from featherfx.files.content import program_digest
 from featherfx.files.lock import Lock
-from featherfx.usd.types import OutputError
+from featherfx.usd.types import BUSY, OutputError
 from featherfx.usd.write.parts import lock_file
 
 # how often an order is given to a worker when what it writes is refused
@@ -157,10 +157,16 @@ class Job:
         """Shares of an earlier job are gone on with, or removed, only where that is asked for."""
         if not each.shares.begun() or self._options["resume"]:
             return
-        if self._options["overwrite"]:
-            each.shares.remove()
-            return
         message = "a job has begun it; --resume goes on, --overwrite bakes anew"
+        if self._options["overwrite"]:
+            try:
+                lock = Lock(lock_file(each.output))
+            except TimeoutError:
+                message = BUSY
+            else:
+                each.shares.remove()
+                lock.release()
+                return
         each.problems.append(Problem(str(each.output), "", message))
 
     def _order(self, each: _ShotState, what: str, shares: int, **more: Any) -> Order:
@@ -175,8 +181,7 @@ class Job:
             if count > 1:
                 each.shares.begin(count)
         except TimeoutError:
-            message = "another bake is writing this cache; wait for it or choose another name"
-            each.problems.append(Problem(str(each.output), "", message))
+            each.problems.append(Problem(str(each.output), "", BUSY))
             return []
         except OSError as error:
             each.problems.append(Problem(str(error.filename), "", str(error.strerror)))

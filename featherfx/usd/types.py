@@ -58,6 +58,10 @@ class OutputError(InputError):
     """An output cannot be written: where, and why. Nothing was left under the final name."""
 
 
+# what a second bake of a cache is told
+BUSY = "another bake is writing this cache; wait for it or choose another name"
+
+
 class BusyError(OutputError):
     """Another process is writing this output."""
 

@@ -13,7 +13,7 @@ from farm.farm_cases import SerialEngine, options_of, shot_file
 import featherfx
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm.job import Job
-from featherfx.farm.places import PATHS_VARIABLE, mapped, outputs_of
+from featherfx.farm.places import PATHS_VARIABLE, Shares, mapped, outputs_of
 from featherfx.farm.work import BAKE, MERGE, PLAN
 from featherfx.files.lock import Lock
 from featherfx.usd.types import OutputError
@@ -162,7 +162,14 @@ def test_an_output_that_another_bake_writes_is_refused(tmp_path):
     held = Lock(lock_file(tmp_path / "out" / "wing.usdc"))
     with pytest.raises(InputError, match="another bake is writing this cache"):
         work.run()
+    # nor are the shares of a job that runs removed
+    shares = Shares(tmp_path / "out" / "wing.usdc")
+    shares.begin(3)
+    with pytest.raises(InputError, match="another bake is writing this cache"):
+        job(tmp_path, SerialEngine(), overwrite=True).run()
+    assert shares.begun() == 3
     held.release()
+    shares.remove()
     job(tmp_path, engine).run()
     assert sorted(each.name for each in (tmp_path / "out").iterdir()) == ["wing.usdc"]
 

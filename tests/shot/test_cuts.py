@@ -13,10 +13,12 @@ from featherfx.algebra.between import Knots
 from featherfx.errors import InputWarning
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.motion.cuts import CutRoots
-from featherfx.shot.motion.roots import RootFrames, arrived, root_rates
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.motion.roots import RootFrames, Roots, arrived, root_rates
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.simulate import simulate
+from featherfx.shot.types import Motion
 
 SAMPLE = SAMPLES / "flapping_bird" / "shot.toml"
 FRAME = 1.0 / 30.0
@@ -151,3 +153,33 @@ def test_a_collider_that_is_elsewhere_is_no_wall_that_moves():
 def simulate_states(shot):
     simulation = simulate(shot, 1, (1, 1))
     yield [group.state for group in simulation._groups]
+
+
+def keyed(way: float) -> Roots:
+    """Roots of a bird whose body keyframes move within a frame, from rest to rest."""
+    shot = read_shot(SAMPLE)
+    places = {0.0: 0.0, 5 * FRAME: 0.0, 6 * FRAME: way, 9 * FRAME: way}
+    keys = [
+        {"joint": "body", "time": time, "position": [x, 0.0, 0.0], "rotation": [0.0, 0.0, 9.0 * x]}
+        for time, x in places.items()
+    ]
+    return root_motion(replace(shot, motion=Motion("keys", {"keyframes": keys})))
+
+
+def test_keyframes_cut_from_place_to_place_without_swinging():
+    cut, start = keyed(4.6), keyed(0.0).frames(0.0).positions
+    shot = read_shot(SAMPLE)
+    finder = CutRoots(cut, np.array([f.kind.length for f in shot.groom.feathers]), FRAME, 12).finder
+    assert [k for k in range(12) if finder.cut(k).any()] == [5]
+    assert finder.cut(5).all()
+    for frame in (1.0, 3.5, 5.0):
+        np.testing.assert_allclose(cut.frames(frame * FRAME).positions, start, atol=1e-12)
+    there = cut.frames(9 * FRAME).positions
+    for frame in (6.0, 7.5, 12.0):
+        np.testing.assert_allclose(cut.frames(frame * FRAME).positions, there, atol=1e-12)
+
+
+def test_keyframes_that_are_near_each_other_are_one_curve():
+    """A hop of a centimetre in a frame is a motion, at rest before and after nowhere."""
+    hop, start = keyed(0.01), keyed(0.0).frames(0.0).positions
+    assert np.abs(hop.frames(3.5 * FRAME).positions - start).max() > 1e-4

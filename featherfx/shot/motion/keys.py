@@ -9,28 +9,39 @@ both in the frame of the parent joint, whose axes are the groom's at rest.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from featherfx.algebra.rotation import from_angles, quats_to_frames, rotation_spline
 from featherfx.algebra.types import Array
+from featherfx.shot.motion.cuts import FARTHER
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 
 Track = Callable[[float], Array]
 
 
-def keyed(keyframes: Sequence[dict[str, Any]], skeleton: Skeleton) -> PosesOverTime:
-    """Poses through keyframes, in any order, that the reader of the shot has checked."""
+def keyed(
+    keyframes: Sequence[dict[str, Any]], skeleton: Skeleton, frame: float, far: float
+) -> PosesOverTime:
+    """Poses through keyframes, in any order, that the reader of the shot has checked.
+
+    frame: s. far: m, that a joint has to go within a frame, from keyframe to keyframe, to be cut
+    to another place (cuts.py): what is before and after are curves of their own, which one curve
+    through both would swing about.
+    """
     ordered = sorted(keyframes, key=lambda keyframe: keyframe["time"])
     tracks: list[tuple[int, int, Track]] = []
     for joint, name in enumerate(skeleton.names):
+        own = [each for each in ordered if each.get("joint", "") == name]
+        keys = {what: [k for k in own if k.get(what) is not None] for what in _TRACKS}
+        cuts = _cuts(*_values(keys["position"], "position"), frame, far)
         for which, (what, track) in enumerate(_TRACKS.items()):
-            own = [k for k in ordered if k.get("joint", "") == name and k.get(what) is not None]
-            if own:
-                times = np.array([keyframe["time"] for keyframe in own], dtype=np.float64)
-                tracks.append((which, joint, track(times, [keyframe[what] for keyframe in own])))
+            if keys[what]:
+                tracks.append((which, joint, _in_pieces(track, *_values(keys[what], what), cuts)))
 
     def poses(time: float) -> JointPoses:
         found = still_poses(len(skeleton.names))
@@ -41,19 +52,55 @@ def keyed(keyframes: Sequence[dict[str, Any]], skeleton: Skeleton) -> PosesOverT
     return poses
 
 
-def _position_track(times: Array, values: list[Any]) -> Track:
+def _values(keys: Sequence[dict[str, Any]], what: str) -> tuple[Array, list[Any]]:
+    """Times (s) and values of keyframes."""
+    return np.array([key["time"] for key in keys], dtype=np.float64), [key[what] for key in keys]
+
+
+def _cuts(times: Array, places: Sequence[Any], frame: float, far: float) -> list[float]:
+    """s, times between places [3] at which a joint is cut to another one. frame, far: of keyed."""
+    if len(times) < 2:
+        return []
+    intervals, ways = np.diff(times), np.linalg.norm(np.diff(places, axis=0), axis=1)
+    rates = np.concatenate([[0.0], ways / intervals, [0.0]])
+    beside = frame * np.maximum(rates[:-2], rates[2:])
+    cut = (intervals < 1.001 * frame) & (ways > far) & (ways > FARTHER * beside)
+    return [0.5 * (times[k] + times[k + 1]) for k in np.flatnonzero(cut)]
+
+
+def _in_pieces(
+    track: Callable[..., Track], times: Array, values: list[Any], cuts: Sequence[float]
+) -> Track:
+    """A track through values at times (s) that is cut at some."""
+    ends = [0, *np.searchsorted(times, cuts).tolist(), len(times)]
+    pieces = {
+        low: track(times[low:high], values[low:high], low > 0, high < len(times))
+        for low, high in pairwise(ends)
+        if high > low
+    }
+    if len(pieces) == 1:
+        return next(iter(pieces.values()))
+    firsts, tracks = list(pieces), list(pieces.values())
+    # a cut at which this track has no keyframes on one side leaves it whole there
+    begins = [-np.inf, *(cuts[ends.index(low) - 1] for low in firsts[1:])]
+    return lambda time: tracks[bisect_right(begins, time) - 1](time)
+
+
+def _position_track(times: Array, values: list[Any], cut_before: bool, cut_after: bool) -> Track:
     # takes half a second to load, and few shots have keyframes
     from scipy.interpolate import CubicSpline
 
     points = np.array(values, dtype=np.float64)
     if len(times) == 1:
         return lambda time: points[0]
-    spline = CubicSpline(times, points, bc_type="clamped")
+    # at rest at the first and the last keyframe, but not at a cut
+    bounds = tuple((2 if cut else 1, np.zeros(3)) for cut in (cut_before, cut_after))
+    spline = CubicSpline(times, points, bc_type=bounds)
     first, last = times[0], times[-1]
     return lambda time: np.asarray(spline(min(max(time, first), last)))
 
 
-def _rotation_track(times: Array, values: list[Any]) -> Track:
+def _rotation_track(times: Array, values: list[Any], cut_before: bool, cut_after: bool) -> Track:
     return rotation_spline(times, np.stack([_matrix(value) for value in values]))
 
 

@@ -68,7 +68,8 @@ def _unclocked(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
         case "fold":
             return folding(shot.groom, values, source)
         case "keys":
-            return keyed(values["keyframes"], skeleton)
+            far = max(each.kind.length for each in shot.groom.feathers)
+            return keyed(values["keyframes"], skeleton, 1.0 / shot.frames_per_second, far)
         case "swing":
             return swung(skeleton, values, source)
         case "act":

@@ -32,7 +32,7 @@ from featherfx.errors import Problem
 from featherfx.files.lock import Lock
 from featherfx.files.whole import remove_leftovers, temporary_of, write_text
 from featherfx.shot.fingerprint import settings_digest
-from featherfx.usd.types import BusyError, OutputError
+from featherfx.usd.types import BUSY, BusyError, OutputError
 from featherfx.usd.write.output import output_files, parts_folder
 
 MANIFEST = "manifest.usdc"
@@ -115,8 +115,7 @@ class Parts:
         try:
             self._locks.append(Lock(file))
         except TimeoutError as error:
-            message = "another bake is writing this cache; wait for it or choose another name"
-            raise BusyError(Problem(str(output), "", message)) from error
+            raise BusyError(Problem(str(output), "", BUSY)) from error
 
     def _start(self, keep: bool) -> None:
         if keep:
