@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _CALL, _MEET, _QUIET, _OFTEN = 10.0, 60.0, 30.0, 0.2
 
 # what workers of this machine load before their first order, while others are looked at
-_LOADED = ["featherfx.farm.work", "featherfx.baking.loop"]
+_LOADED = ["featherfx.farm.deaf", "featherfx.farm.work", "featherfx.baking.loop"]
 
 _ONE_AT_A_TIME = threading.Lock()
 LOG = logging.getLogger("featherfx.farm")
@@ -140,7 +140,7 @@ class DaskEngine:
         threads = max(1, self._cores // max(1, min(busy, self.workers)))
         if threads != self._threads:
             self._threads = threads
-            self._client.run(allow, threads, wait=False)
+            self._client.run(allow, threads, on_error="ignore")
 
     def hear(self) -> News:
         if self._looks:

@@ -17,6 +17,7 @@ import featherfx
 from featherfx.errors import InputError
 from featherfx.farm import cluster as room
 from featherfx.farm.job import Job
+from featherfx.jit.threads import allow, allowed
 
 distributed = pytest.importorskip("distributed")
 OPTIONS = {"frames": (1, 3), "chunk": 2}
@@ -133,12 +134,17 @@ class FewWorkers:
 
     def __init__(self, *workers):
         self.workers, self.asked, self.cancelled = list(workers), [], []
+        self.threads = []
 
     def subscribe_topic(self, topic, heard):
         pass
 
     def scheduler_info(self, n_workers):
         return {"workers": dict.fromkeys(self.workers)}
+
+    def run(self, function, threads, on_error):
+        assert (function, on_error) == (allow, "ignore")
+        self.threads.append(threads)
 
     def submit(self, *order, key, workers):
         self.asked.append(workers)
@@ -171,6 +177,27 @@ def test_an_order_is_bound_to_others_while_one_of_them_is_there(monkeypatch):
     engine.hear()
     assert client.asked[2:] == [None]
     assert len(client.cancelled) == 1
+
+
+def test_cores_are_shared_out_among_the_workers_that_have_something_to_do():
+    client = FewWorkers("one", "other", "third")
+    engine = room.DaskEngine(lambda: client, 3, cores=6)
+    for busy in (5, 3, 2, 2, 1, 0, 4):
+        engine.share_out(busy)
+    assert client.threads == [2, 3, 6, 2]
+    elsewhere = FewWorkers("one")
+    room.DaskEngine(lambda: elsewhere, 1).share_out(1)
+    assert elsewhere.threads == []
+
+
+def test_one_worker_of_this_machine_takes_what_a_job_tells_it(tmp_path):
+    """And an interrupt from a terminal, which all processes get, is for the command."""
+    with room.opened(None, 1) as engine:
+        engine.share_out(1)
+        client = engine._client
+        cores = os.cpu_count() or 1
+        assert list(client.run(allowed, 1000).values()) == [cores]
+        assert list(client.run(signal.getsignal, signal.SIGINT).values()) == [signal.SIG_IGN]
 
 
 def _small_files() -> None:
