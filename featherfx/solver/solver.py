@@ -16,7 +16,7 @@ from featherfx.jit.compiled import compile_ahead, is_asked_for
 from featherfx.jit.threads import allowed
 from featherfx.limits import MOST_JOBS
 from featherfx.mechanics.model import Loads, Model, no_loads, wind_of_each
-from featherfx.solver.settle.settle import settle
+from featherfx.solver.settle.settle_kernels import Found, make_mixing, settle_some
 from featherfx.solver.settle.take_up import carry_to
 from featherfx.solver.state import State as State
 from featherfx.solver.state import StepReport as StepReport
@@ -43,6 +43,8 @@ COARSE = 0.01
 # feathers that a thread takes at once at most: what Python hands over takes 40 microseconds a call,
 # and an interrupt waits for its end; pieces for each thread at least
 AT_ONCE, PIECES = 32, 8
+# the same of feathers that settle, which may take as long as a hundred steps each
+SETTLED_AT_ONCE = 8
 # of the tolerance of a step, distance from the solution that counts as rest at most
 AT_REST = 1e-2
 
@@ -182,22 +184,16 @@ class Solver:
         near = min(self.settings.newton, AT_REST * self.settings.tolerance)
         new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
         compile_steps(self.model)
-        status = np.zeros(self.model.feathers)
-        iterations = np.zeros(self.model.feathers)
+        found = Found(np.zeros(self.model.feathers), np.zeros(self.model.feathers))
+        goal = float(fraction), float(near)
+        some = range(self.model.feathers) if feathers is None else feathers
 
-        def one(f: int) -> None:
-            status[f], iterations[f] = settle(
-                self.model,
-                loads,
-                f,
-                fraction,
-                new,
-                near,
-                self._work(),
-            )
+        def settle(piece: Indices) -> None:
+            mixing, work = make_mixing(new.points.nodes[0].size), self._work()
+            settle_some(self.model, loads, piece, goal, new, found, mixing, work)
 
-        self.for_each(one, range(self.model.feathers) if feathers is None else feathers)
-        return new, status, iterations
+        self.for_each(settle, pieces(np.array(some, dtype=np.int64), self.jobs, SETTLED_AT_ONCE))
+        return new, found.status, found.iterations
 
     def _work(self) -> Work:
         """Scratch of the calling thread."""
@@ -224,9 +220,9 @@ class Solver:
             done.result()
 
 
-def pieces(feathers: Indices, jobs: int) -> list[Indices]:
-    """Feathers (K,) in pieces that threads take one after the other."""
-    size = max(1, min(AT_ONCE, len(feathers) // (PIECES * jobs) if jobs > 1 else AT_ONCE))
+def pieces(feathers: Indices, jobs: int, most: int = AT_ONCE) -> list[Indices]:
+    """Feathers (K,) in pieces, of `most` at most, that threads take one after the other."""
+    size = max(1, min(most, len(feathers) // (PIECES * jobs) if jobs > 1 else most))
     return [feathers[k : k + size] for k in range(0, len(feathers), size)]
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 import pytest
 from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, random_pose, rod
 
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.node_kernels import area_vectors
-from featherfx.solver.settle.settle import mixed
+from featherfx.solver.settle.settle_kernels import DEPTH, make_mixing, mix
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.status import CONVERGED, NO_REST
 from featherfx.solver.step.integrator_kernels import Factors
@@ -149,11 +147,12 @@ def test_mixing_solves_a_linear_problem_that_plain_iteration_does_not():
     """g(a) = a0 - 9 a - 4 b, ...: slopes beyond 1; three pairs hold all of a plane."""
     matrix, start = np.array([[-9.0, -4.0], [1.0, -5.0]]), np.array([1.0, -2.0])
     solution = np.linalg.solve(np.eye(2) - matrix, start)
-    guess, pairs = np.zeros(2), deque(maxlen=6)
-    for _ in range(8):
-        pairs.append((guess, start + matrix @ guess - guess))
-        guess = mixed(pairs)
-    assert guess == pytest.approx(solution, rel=1e-6)
+    mixing = make_mixing(2)
+    for k in range(8):
+        guess = mixing.next.copy()
+        mixing.guess[k % DEPTH], mixing.change[k % DEPTH] = guess, start + matrix @ guess - guess
+        mix(mixing, min(k + 1, DEPTH), k % DEPTH)
+    assert mixing.next == pytest.approx(solution, rel=1e-6)
 
 
 def settled_in(name, gravity, winds):
@@ -170,16 +169,3 @@ def test_short_steps_that_led_somewhere_are_no_failure():
     winds = [(-7.886022693, 6.875406031, 0.5738588629), (-11.84898351, -17.07790687, 2.343433645)]
     statuses = settled_in("swan_primary", (-1.46498854, -1.101905545, -9.637204613), winds)
     assert set(statuses) <= {CONVERGED, NO_REST}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["swan_primary", "covert", "ornamental_plume"])
-def test_every_wind_is_settled_in(name):
-    """100 directions of gravity and wind, 1 to 30 m/s."""
-    random, found = np.random.default_rng(1), []
-    for _ in range(4):
-        gravity, winds = random.normal(size=3), random.normal(size=(25, 3))
-        gravity *= 9.81 / np.linalg.norm(gravity)
-        winds *= random.uniform(1.0, 30.0, (25, 1)) / np.linalg.norm(winds, axis=1)[:, None]
-        found.extend(settled_in(name, gravity, winds))
-    assert set(found) <= {CONVERGED, NO_REST}

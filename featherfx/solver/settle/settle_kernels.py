@@ -1,0 +1,328 @@
+"""Statics: one feather brought to rest under its loads by ever longer implicit Euler steps.
+
+Each step starts at rest (no velocity is carried over), so the elastic and potential energy can
+only fall; as the step grows, what is left is the equilibrium. Short steps at first keep large
+deformations on a path that Newton can follow.
+
+The pressure of wind follows the vane: it has no energy to be minimised. With the areas and normals
+of the vane held as a, the pose at rest is a minimum and gives areas g(a). At rest g(a) = a, found
+by Anderson's mixing of the last DEPTH pairs (a, r = g(a) - a):
+
+    a+ = a - dA c + s (r - dR c),        c = argmin |r - dR c|
+
+dA, dR their differences from the last one, s MIXED. Taking g(a) itself oscillates from some 3 m/s
+on, because the vane swings through the wind. Source: Anderson 1965; Walker and Ni 2011.
+
+Where that fails the feather is carried along by short steps that start at rest, in air that is
+felt anew before each; they grow while the feather goes on in one way and shrink where it turns
+back. Then mixing is tried once more. A feather that flutters has no rest in wind: it is left in
+the pose that those steps led to.
+"""
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.array_kernels import copy_values
+from featherfx.jit.compiled import kernel
+from featherfx.mechanics.node_kernels import blow
+from featherfx.mechanics.row_kernels import copy_points, points_of
+from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
+from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED
+from featherfx.solver.step.gap_kernels import give_way, slip_of_step
+from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.newton_kernels import UNKNOWN, Goal, minimise
+from featherfx.solver.step.pose_kernels import keep_pose, load_pose
+from featherfx.solver.step.strain_kernels import copy_strains, strains_of
+
+FIRST, LAST, SHORTEST, GROWTH = 1e-2, 1e4, 1e-7, 8.0  # step lengths, s
+ITERATIONS, STEPS = 100, 80
+STATIC = 1e4  # s, a step after which hardly any inertia is left
+DEPTH, MIXED, RIDGE = 6, 0.3, 1e-10
+# part of all areas that counts as no change; mixing steps; as many as may pass without progress
+SETTLED, MIXINGS, PATIENCE = 1e-5, 60, 12
+# in wind: of Newton, a step; number of short steps
+WIND_ITERATIONS, WIND_STEPS = 25, 30
+
+Array = NDArray[np.float64]
+
+
+class Mixing(NamedTuple):
+    """Scratch of mixing K numbers, of which R are a pose's.
+
+    guess, change: (DEPTH, K), pairs, the next one where the oldest was. next: (K,). normal:
+    (DEPTH, DEPTH) and weight: (DEPTH,), of the least squares. before: (R,), where nodes were when
+    the last short step began, and way: (R,), where it led.
+    """
+
+    guess: Array
+    change: Array
+    next: Array
+    normal: Array
+    weight: Array
+    before: Array
+    way: Array
+
+
+def make_mixing(size: int) -> Mixing:
+    """Scratch of K = R = size numbers."""
+    return Mixing(
+        guess=np.zeros((DEPTH, size)),
+        change=np.zeros((DEPTH, size)),
+        next=np.zeros(size),
+        normal=np.zeros((DEPTH, DEPTH)),
+        weight=np.zeros(DEPTH),
+        before=np.zeros(size),
+        way=np.zeros(size),
+    )
+
+
+class Found(NamedTuple):
+    """What came of settling, (F,): Newton's status or NO_REST, and Newton's iterations."""
+
+    status: Array
+    iterations: Array
+
+
+@kernel
+def settle_some(model, loads, feathers, goal, state, found, mixing, work):
+    """Bring feathers (K,) of the state to rest, in place; their velocities become zero.
+
+    goal: the place within the loads' frame, 0..1, and m, distance of a step from its solution.
+    """
+    for f in feathers:
+        found.iterations[f] = 0.0
+        _begin(model, f, state, work)
+        if loads.air[0] > 0.0 and _blows(loads, f):
+            status = _settle_in_wind(model, loads, f, goal, state, found, mixing, work)
+        else:
+            status = _settle_still(model, loads, f, goal, state, found, work)
+        found.status[f] = status
+
+
+@kernel
+def _none(array):
+    flat = array.flat
+    for i in range(array.size):
+        flat[i] = 0.0
+
+
+@kernel
+def _blows(loads, f):
+    """Whether there is any wind at feather f."""
+    for k in range(3):
+        if loads.wind_mean[f, k] != 0.0:
+            return True
+        for wave in range(loads.wind_amplitude.shape[1]):
+            if loads.wind_amplitude[k, wave] != 0.0:
+                return True
+    return False
+
+
+@kernel
+def _begin(model, f, state, work):
+    """Feather f stands still, and its pose is the one now."""
+    for rate in (state.velocity, state.acceleration, state.smoothed):
+        _none(rate.nodes[f])
+        _none(rate.directors[f])
+    _none(state.spin[f])
+    _none(state.coefficient_rate[f])
+    state.step[f] = 0.0
+    rest = work.around.reference
+    _none(rest.rachis)
+    _none(rest.barb)
+    _none(rest.cell)
+    _none(rest.hinge)
+    _none(rest.twist)
+    _none(rest.openness)
+    _load(model, f, state, work)
+    copy_gaps(gaps_of(state.gaps, f), work.around.gaps)
+
+
+@kernel
+def _load(model, f, state, work):
+    """Take the pose that was kept last."""
+    load_pose(model, f, state, work.now)
+    copy_points(points_of(state.points, f), work.now.points)
+
+
+@kernel
+def _keep(model, f, state, work):
+    """The pose now becomes the state's; gaps slip and open as they do after a step."""
+    now, before, after = work.now, work.around.gaps, work.gaps
+    keep_pose(f, now, state)
+    copy_strains(now.strains, strains_of(state.strains, f, 1))
+    if not never_slip(before):
+        slip_of_step(model, f, now.strains.cell, before, after)
+        give_way(model, f, now.strains.cell, before, after)
+        copy_gaps(after, before)
+        copy_gaps(after, gaps_of(state.gaps, f))
+
+
+@kernel
+def _feel_wind(model, loads, f, state, work):
+    """Wind, areas and speeds at the pose now."""
+    time, still = state.time[f], state.velocity.nodes[f]
+    blow(work.now.points.nodes, time, loads, f, still, model.cell_stiffness[f], work.around)
+
+
+@kernel
+def _step(model, loads, f, goal, times, found, work):
+    """One step from rest, in the air around as it is; returns Newton's status.
+
+    times: s, its length, and Newton's iterations at most.
+    """
+    h, limit = times
+    fraction, tolerance = goal
+    copy_points(work.now.points, work.around.target)
+    copy_points(work.now.points, work.around.past)
+    factors = Factors(1.0 / (h * h), 1.0 / h, 0.0)
+    wanted = Goal(tolerance, limit, UNKNOWN, True)
+    solved = minimise(model, loads, f, fraction, factors, wanted, work)
+    found.iterations[f] += solved.iterations
+    return solved.status
+
+
+@kernel
+def _settle_still(model, loads, f, goal, state, found, work):
+    """Ever longer steps; returns Newton's status."""
+    h, status = FIRST, CONVERGED
+    if loads.air[0] > 0.0:
+        _feel_wind(model, loads, f, state, work)
+    for _ in range(STEPS):
+        status = _step(model, loads, f, goal, (h, ITERATIONS), found, work)
+        if status != CONVERGED:
+            h *= 0.25
+            if h < SHORTEST:
+                return status
+            _load(model, f, state, work)
+            continue
+        _keep(model, f, state, work)
+        if h >= LAST:
+            return CONVERGED
+        h *= GROWTH
+    return NOT_CONVERGED if status == CONVERGED else status
+
+
+@kernel
+def _settle_in_wind(model, loads, f, goal, state, found, mixing, work):
+    """Bring a feather to rest; returns CONVERGED, Newton's status or NO_REST."""
+    for attempt in range(2):
+        if _mix(model, loads, f, goal, state, found, mixing, work):
+            return CONVERGED
+        if attempt == 0:
+            _load(model, f, state, work)
+            status = _drift(model, loads, f, goal, state, found, mixing, work)
+            if status != CONVERGED:
+                return status
+    return NO_REST
+
+
+@kernel
+def _mix(model, loads, f, goal, state, found, mixing, work):
+    """Find areas that the pose in them gives back; whether they were found."""
+    area = work.around.area
+    _feel_wind(model, loads, f, state, work)
+    copy_values(area, mixing.next)
+    least, waited = inf, 0
+    for k in range(MIXINGS):
+        guess, change = mixing.guess[k % DEPTH], mixing.change[k % DEPTH]
+        copy_values(mixing.next, guess)
+        copy_values(guess, area)
+        if _step(model, loads, f, goal, (STATIC, WIND_ITERATIONS), found, work) != CONVERGED:
+            return False
+        _feel_wind(model, loads, f, state, work)
+        left, whole, own = 0.0, 0.0, area.flat
+        for i in range(area.size):
+            change[i] = own[i] - guess[i]
+            left += change[i] * change[i]
+            whole += own[i] * own[i]
+        left = sqrt(left)
+        if left <= SETTLED * sqrt(whole):
+            _keep(model, f, state, work)
+            return True
+        waited = 0 if left < 0.9 * least else waited + 1
+        least = min(least, left)
+        if waited > PATIENCE:
+            return False
+        mix(mixing, min(k + 1, DEPTH), k % DEPTH)
+    return False
+
+
+@kernel
+def mix(mixing, count, last):
+    """The next guess from pairs of guesses and changes, to mixing.next.
+
+    count: of the pairs that there are. last: which is the newest; its own weight stays zero.
+    """
+    guess, change, weight = mixing.guess, mixing.change, mixing.weight
+    _least_squares(mixing, count, last)
+    for i in range(guess.shape[1]):
+        value = guess[last, i] + MIXED * change[last, i]
+        for a in range(count):
+            by_guess = guess[last, i] - guess[a, i]
+            value -= weight[a] * (by_guess + MIXED * (change[last, i] - change[a, i]))
+        mixing.next[i] = value
+
+
+@kernel
+def _least_squares(mixing, count, last):
+    """c of the normal equations, with a ridge, to mixing.weight, by Cholesky's factors."""
+    change, normal, weight = mixing.change, mixing.normal, mixing.weight
+    trace = 0.0
+    for a in range(count):
+        weight[a] = 0.0
+        for b in range(a + 1):
+            normal[a, b] = 0.0
+        for i in range(change.shape[1]):
+            by_a = change[last, i] - change[a, i]
+            weight[a] += by_a * change[last, i]
+            for b in range(a + 1):
+                normal[a, b] += by_a * (change[last, i] - change[b, i])
+        trace += normal[a, a]
+    for a in range(count):
+        normal[a, a] += RIDGE * trace
+        if a == last or trace == 0.0:
+            normal[a, a] = 1.0
+        for b in range(a + 1):
+            for c in range(b):
+                normal[a, b] -= normal[a, c] * normal[b, c]
+            normal[a, b] = sqrt(normal[a, a]) if a == b else normal[a, b] / normal[b, b]
+    for a in range(count):
+        for b in range(a):
+            weight[a] -= normal[a, b] * weight[b]
+        weight[a] /= normal[a, a]
+    for a in range(count - 1, -1, -1):
+        for b in range(a + 1, count):
+            weight[a] -= normal[b, a] * weight[b]
+        weight[a] /= normal[a, a]
+
+
+@kernel
+def _drift(model, loads, f, goal, state, found, mixing, work):
+    """Short steps towards rest; returns Newton's status, CONVERGED if any step could be solved."""
+    h, best, steps, nodes = FIRST, NOT_CONVERGED, 0, work.now.points.nodes
+    for _ in range(WIND_STEPS):
+        copy_values(nodes, mixing.before)
+        _feel_wind(model, loads, f, state, work)
+        status = _step(model, loads, f, goal, (h, WIND_ITERATIONS), found, work)
+        best = CONVERGED if best == CONVERGED else status
+        if status != CONVERGED:
+            h *= 0.25
+            if h < SHORTEST:
+                break
+            _load(model, f, state, work)
+            continue
+        _keep(model, f, state, work)
+        goes_on, own = 0.0, nodes.flat
+        for i in range(nodes.size):
+            way = own[i] - mixing.before[i]
+            goes_on += way * mixing.way[i]
+            mixing.way[i] = way
+        if steps > 0:
+            h *= 2.0 if goes_on > 0.0 else 0.5
+        h, steps = min(max(h, 1e3 * SHORTEST), STATIC), steps + 1
+    _load(model, f, state, work)
+    return best
