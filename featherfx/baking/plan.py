@@ -23,6 +23,8 @@ from featherfx.shot.placement import place_feathers
 from featherfx.shot.share import most_shares, share_count
 from featherfx.usd.write.output import check_output, file_problems
 
+# of the environment, in which USD finds files that are not beside those that name them
+_SEARCH = "PXR_AR_DEFAULT_SEARCH_PATH"
 # Characters that a job's name may have at most.
 _NAME_LENGTH = 64
 # of joining, which names files; seconds
@@ -58,7 +60,8 @@ def plan(
     output: of the whole cache, default as for a bake; wing.usdc gives wing.plan.json, whose paths
     are absolute, and wing.openjd.json, whose job has shot, output and every folder of presets that
     is searched here (preset_folders, then those of FEATHERFX_PRESETS and of the user) as
-    parameters. Workers search these and the shipped ones, none of their own.
+    parameters. Workers search these and the shipped ones, none of their own. Where USD has a search
+    path here (PXR_AR_DEFAULT_SEARCH_PATH), items and job have it, too, its folders as parameters.
 
     shares: items that bake, at least 1 and at most the number of feathers; fewer where feathers may
     touch, which is said (InputWarning). task_shares: that a task of the template bakes, by task
@@ -79,19 +82,19 @@ def plan(
         message = f"{shares} is out of range; allowed 1 to {most}, the number of feathers"
         raise InputError(Problem(str(shot_path), "plan", message))
     shares, most = share_count(shot, shares), most_shares(shot)
-    folders = own_folders(preset_folders)
+    folders, search = own_folders(preset_folders), _search_path()
     searched = [*_searched([str(folder) for folder in folders]), *options]
     commands = [
         bake_command(shot_path, output, f"{k}/{shares}", searched) for k in range(1, shares + 1)
     ]
-    paths = _paths(shot_path, output, folders)
-    named = [f"{{{{Param.{each['name']}}}}}" for each in paths if each["name"] in _named(folders)]
+    paths = _paths(shot_path, output, folders, search)
+    named = _parameters(paths, "Presets")
     tasks = (task_shares, round(3600 * task_hours))
     template = job_template(shot.name, (shares, most), tasks, paths, [*_searched(named), *options])
-    texts = {
-        items: work_items(commands, join_command(output, str(shares))),
-        job: template,
-    }
+    work = work_items(commands, join_command(output, str(shares)))
+    if search:
+        work["environment"] = {_SEARCH: os.pathsep.join(map(str, search))}
+    texts = {items: work, job: template}
     for path, content in texts.items():
         write_text(path, json.dumps(content, indent=2) + "\n")
     return list(texts)
@@ -132,23 +135,31 @@ def _searched(folders: Sequence[str]) -> list[str]:
     return [part for folder in (*folders, SHIPPED) for part in ("--presets", folder)]
 
 
-def _named(folders: Sequence[Path]) -> list[str]:
-    """Names of the parameters for folders of presets."""
-    return [f"Presets{k}" for k in range(1, len(folders) + 1)]
+def _search_path() -> list[Path]:
+    """Folders that USD searches, by the environment."""
+    return [
+        Path(os.path.abspath(each)) for each in os.getenv(_SEARCH, "").split(os.pathsep) if each
+    ]
 
 
-def _paths(shot: Path, output: Path, folders: Sequence[Path]) -> list[dict[str, Any]]:
-    """The parameters Shot, Output and Presets1..., which a farm may map to its own paths.
+def _parameters(paths: Sequence[dict[str, Any]], kind: str) -> list[str]:
+    """What stands for the parameters of a kind, by the start of their names."""
+    return [f"{{{{Param.{each['name']}}}}}" for each in paths if each["name"].startswith(kind)]
+
+
+def _paths(
+    shot: Path, output: Path, folders: Sequence[Path], search: Sequence[Path]
+) -> list[dict[str, Any]]:
+    """The parameters Shot, Output, Presets1... and Search1..., which a farm may map to its own
+    paths. folders: of presets. search: of USD.
 
     Defaults of paths are relative to the template's folder, which stands beside the output, and
     must lie within it; what is elsewhere has none, and is named where the job is submitted.
     """
     parameters: list[dict[str, Any]] = []
     given = [("Shot", shot, "FILE", "IN"), ("Output", output, "FILE", "OUT")]
-    given += [
-        (name, folder, "DIRECTORY", "IN")
-        for name, folder in zip(_named(folders), folders, strict=True)
-    ]
+    for kind, several in (("Presets", folders), ("Search", search)):
+        given += [(f"{kind}{k}", each, "DIRECTORY", "IN") for k, each in enumerate(several, 1)]
     for name, path, what, flow in given:
         each = {"name": name, "type": "PATH", "objectType": what, "dataFlow": flow}
         if path.is_relative_to(output.parent):
@@ -198,7 +209,7 @@ def job_template(
             },
             {"name": "Packages", "type": "STRING", "default": ""},
         ],
-        "jobEnvironments": [_installed_packages()],
+        "jobEnvironments": [_installed_packages(), *_searching(_parameters(paths, "Search"))],
         "steps": [
             {
                 "name": "bake",
@@ -224,6 +235,13 @@ def _installed_packages() -> dict[str, Any]:
         "name": "packages",
         "script": {"actions": {"onEnter": action}, "embeddedFiles": [install]},
     }
+
+
+def _searching(folders: Sequence[str]) -> list[dict[str, Any]]:
+    """The environment of the job in which USD searches folders, if there are any."""
+    if not folders:
+        return []
+    return [{"name": "search", "variables": {_SEARCH: os.pathsep.join(folders)}}]
 
 
 def _required(options: Sequence[str]) -> dict[str, Any]:

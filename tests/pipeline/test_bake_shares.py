@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import re
 import shutil
 import subprocess
@@ -166,6 +167,25 @@ def test_a_plan_takes_presets_along(tmp_path, monkeypatch):
     settings = layer.customLayerData["featherfx"]["settings"]
     assert settings["shot.wind.gust"] == "0.1"
     assert float(settings["shot.wind.speed"]) < 33.0
+
+
+def test_a_plan_takes_the_search_path_of_usd_along(tmp_path, monkeypatch):
+    """Items have it as it is here, the template as parameters, which a farm maps to its own."""
+    folders, variable = [tmp_path / "assets", Path("/shared/assets")], "PXR_AR_DEFAULT_SEARCH_PATH"
+    pipeline.plan(WING, tmp_path / "bare.usda", 2)
+    assert "environment" not in json.loads((tmp_path / "bare.plan.json").read_text())
+    monkeypatch.setenv(variable, os.pathsep.join(map(str, folders)))
+    pipeline.plan(WING, tmp_path / "wing.usda", 2)
+    items = json.loads((tmp_path / "wing.plan.json").read_text())
+    assert items["environment"] == {variable: os.pathsep.join(map(str, folders))}
+    template = json.loads((tmp_path / "wing.openjd.json").read_text())
+    first, second = template["parameterDefinitions"][2:4]
+    assert (first["name"], first["type"], first["default"]) == ("Search1", "PATH", "assets")
+    assert second["name"] == "Search2"
+    assert "default" not in second
+    _, search = template["jobEnvironments"]
+    joined = os.pathsep.join(["{{Param.Search1}}", "{{Param.Search2}}"])
+    assert search["variables"] == {variable: joined}
 
 
 def test_the_template_is_an_open_job_description(tmp_path):
@@ -351,9 +371,10 @@ def test_a_template_may_have_a_task_bake_several_shares(tmp_path):
     ]
 
 
-def test_the_reference_implementation_takes_both_templates(tmp_path):
+def test_the_reference_implementation_takes_both_templates(tmp_path, monkeypatch):
     """Where its package openjd-model is installed."""
     model = pytest.importorskip("openjd.model")
+    monkeypatch.setenv("PXR_AR_DEFAULT_SEARCH_PATH", str(tmp_path / "assets"))
     for number, more in enumerate(({}, {"task_shares": 2})):
         path = tmp_path / f"wing{number}.usda"
         pipeline.plan(WING, path, 4, ["--jobs", "2"], **more)
