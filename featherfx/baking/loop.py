@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,11 +55,12 @@ def simulate_and_write(
             to_come = samples - done + task.samples_after
             pace = Pace(to_come, to_come + samples - done)
 
-            def finish(finished: Callable[[], list[tuple[Frame, Checkpoint | None]]]) -> None:
-                found = finished()
-                pace.finished += 1 + len(found)
-                for frame, checkpoint in found:
+            def finish(finished: Callable[[], Iterator[tuple[Frame, Checkpoint | None]]]) -> None:
+                for frame, checkpoint in finished():
                     writing(frame, checkpoint)
+                    pace.finished += 1
+                    del frame, checkpoint  # large, and the next is laid before it comes
+                pace.finished += 1
 
             with writing, Background(finish, 1) as finishing:
                 ahead = simulation.ahead(

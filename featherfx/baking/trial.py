@@ -277,7 +277,8 @@ def _course(shot: Shot, jobs: int, most: float) -> Course:
         warnings.simplefilter("ignore", InputWarning)
         simulation = simulate(part, jobs)
         for finish in simulation.ahead():
-            finish()
+            for _ in finish():
+                pass
             iterations.append(sum(float(r.iterations.sum()) for r in simulation.counted().reports))
             marks.append(time.process_time())
             if marks[-1] - begin > most and len(marks) > FRAMES:

@@ -157,10 +157,11 @@ class Simulation:
 
     def ahead(
         self, saved: Callable[[int], bool] | None = None, accelerations: bool = True
-    ) -> Iterator[Callable[[], list[tuple[Frame, Checkpoint | None]]]]:
+    ) -> Iterator[Callable[[], Iterator[tuple[Frame, Checkpoint | None]]]]:
         """As iterating, with what is left to do for each frame: to be called once, in their order,
-        by any thread, while the next frame is simulated. Gives frames that are finished, each with
-        the checkpoint after it. Raises what iterating raises.
+        by any thread, while the next frame is simulated. Gives frames as they are finished, each
+        with the checkpoint after it, and is to be gone through to its end. Raises what iterating
+        raises.
 
         saved: whether the checkpoint after a sample, counted from the first that is wanted, is
         asked for; all by default. accelerations: whether frames need them. Many samples wait to be
@@ -172,7 +173,7 @@ class Simulation:
             finish = partial(self._finished, reach, accelerations)
             del reach
             if index < self._begin_at:
-                finish()
+                deque(finish(), maxlen=0)
             else:
                 yield finish
             # what it holds is large, and the caller's alone from here on
@@ -182,9 +183,10 @@ class Simulation:
 
     def _finished(
         self, reach: Reach | None, accelerations: bool = True
-    ) -> list[tuple[Frame, Checkpoint | None]]:
-        """The frames that are finished with a sample; None: there is none after the last."""
-        waits, waiting, found = self._samples_ahead if reach else 0, self._waiting, []
+    ) -> Iterator[tuple[Frame, Checkpoint | None]]:
+        """The frames that are finished with a sample; None: there is none after the last. Each is
+        laid when the one before was taken, since frames are large."""
+        waits, waiting = self._samples_ahead if reach else 0, self._waiting
         if reach is not None:
             self._replay.note(reach.sample, reach.solved)
             if self._layers is not None:
@@ -197,9 +199,8 @@ class Simulation:
             if self._layers is not None:
                 poses = self._layers.of(self._wanted, self._layers.lay(self._number(index)))
             if index >= self._begin_at:
-                after = standing and self._with_layers(standing)
-                found.append((self._frame(index, poses), after))
-        return found
+                yield self._frame(index, poses), standing and self._with_layers(standing)
+            del poses, standing
 
     @property
     def _samples_ahead(self) -> int:

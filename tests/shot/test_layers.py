@@ -12,6 +12,7 @@ from shingled import THICKNESS, askew, depths, least_gap, shingles
 
 from featherfx.errors import InputWarning
 from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.layers import layers as laying
 from featherfx.shot.share import share_count
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Contact, Layers, Motion, Shot
@@ -140,7 +141,8 @@ def test_the_same_bytes_by_threads_shares_and_from_a_checkpoint(bakes, tmp_path)
 def test_laid_while_the_next_is_simulated_it_is_the_same(bakes, tmp_path):
     shot, laid, _ = bakes
     with ThreadPoolExecutor(1) as pool:
-        found = [pool.submit(finish) for finish in simulate(shot, jobs=2).ahead()]
+        ahead = simulate(shot, jobs=2).ahead()
+        found = [pool.submit(lambda finish=finish: list(finish())) for finish in ahead]
     frames, checkpoints = zip(*(pair for each in found for pair in each.result()), strict=True)
     checkpoints[2].save(tmp_path / "state.npz")
     resumed = list(simulate(shot, start=Checkpoint.load(tmp_path / "state.npz")))
@@ -148,6 +150,23 @@ def test_laid_while_the_next_is_simulated_it_is_the_same(bakes, tmp_path):
         assert frame.number == other.number
         for points, again in zip(frame.points, other.points, strict=True):
             assert points.tobytes() == again.tobytes()
+
+
+def test_samples_are_laid_one_by_one_up_to_the_last(bakes, monkeypatch):
+    shot, frames, _ = bakes
+    lay, numbers = laying.Layers.lay, []
+
+    def noted(self, frame):
+        numbers.append(frame)
+        return lay(self, frame)
+
+    monkeypatch.setattr(laying.Layers, "lay", noted)
+    taken = 0
+    for finish in simulate(shot).ahead():
+        for frame, _ in finish():
+            taken += 1
+            assert numbers[taken - 1 :] == [frame.number]
+    assert taken == len(frames)
 
 
 def test_samples_that_wait_hold_only_what_is_asked_for(bakes):
