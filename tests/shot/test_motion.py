@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from featherfx.errors import InputError
 from featherfx.groom.keys.preset import STEADY, Clock
 from featherfx.groom.types import Groom, Joint, Placement
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.motion.preroll import RunUp, moves_before
+from featherfx.shot.motion.preroll import NO_RUN_UP, RunUpRoots, run_up_of
 from featherfx.shot.motion.roots import root_rates
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Motion, Quality, Shot, Wind
@@ -35,7 +36,8 @@ FLAP = {
 
 def placement(name, position, joint, rotation=None):
     turn = np.eye(3) if rotation is None else rotation
-    return Placement(name, None, "wing", np.array(position, float), turn, joint)
+    kind = SimpleNamespace(length=0.2)  # all that motions ask of it
+    return Placement(name, kind, "wing", np.array(position, float), turn, joint)
 
 
 def wing_joints():
@@ -392,7 +394,8 @@ def test_motions_of_a_bird_are_smooth_and_move_wings_or_tail(tmp_path, name):
 @pytest.mark.parametrize("name", ACTS)
 def test_motions_of_a_bird_begin_without_a_kick(tmp_path, name):
     """Tips change their speed at first, the run-up included, no faster than later."""
-    motion = RunUp(root_motion(read(tmp_path, f'base = "{name}"')), 0.5)
+    own = root_motion(read(tmp_path, f'base = "{name}"'))
+    motion = RunUpRoots(own, run_up_of(own, 0.5, 1e-3) or NO_RUN_UP)
     times = np.arange(-60, 240) / 96.0
     positions, rotations = sampled(motion, times)
     tips = positions + 0.05 * rotations[:, :, :, 0]
@@ -403,7 +406,7 @@ def test_motions_of_a_bird_begin_without_a_kick(tmp_path, name):
 
 @pytest.mark.parametrize("name", ["hover", "walk", "landing"])
 def test_motions_that_go_on_are_under_way_at_the_first_frame(tmp_path, name):
-    assert moves_before(root_motion(read(tmp_path, f'base = "{name}"')), 0.5, 1e-3)
+    assert run_up_of(root_motion(read(tmp_path, f'base = "{name}"')), 0.5, 1e-3) is not None
 
 
 def test_beside_a_skin_the_body_of_an_act_is_left_to_the_skin(tmp_path):
