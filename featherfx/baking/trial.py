@@ -129,6 +129,8 @@ def _whole(shot: Shot, trials: Sequence[Trial], course: Course | None) -> dict[s
     frame = last.frame * solved
     if course is not None:
         frame = frame * course.harder(last)
+        if others > 1.0 and _pushing(shot).any():
+            frame = frame * max(course.denser(last, work_of(shot)), 1.0)
     once["simulating"] = once["simulating"] + frame * (shot.last_frame - shot.first_frame)
     return once
 
@@ -265,6 +267,16 @@ class Course:
         of_one *= trial.work / self.work
         share = min(of_one * first / float(trial.frame[1]), 1.0)
         return float(1.0 - share + share * self.iterations.mean() / first)
+
+    def denser(self, trial: Trial, work: float) -> float:
+        """What a frame of a shot with so many unknowns takes, over as many times what one of a
+        trial did: feathers that push each other, which are together in a course, hold each other
+        up more than the part of them that a trial has."""
+        alike = self.harder(trial) * float(trial.frame[1]) / trial.work
+        if not alike > 0.0:
+            return 1.0
+        own = float(self.seconds.mean()) + alike * max(work - self.work, 0.0)
+        return own / (alike * work)
 
 
 def _course(shot: Shot, jobs: int, most: float) -> Course:

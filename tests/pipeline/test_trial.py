@@ -47,6 +47,25 @@ def test_frames_that_are_alike_are_not_harder():
     assert course.harder(trial(1000)) == 1.0
 
 
+@pytest.mark.parametrize("each", [0.01, 0.04])
+def test_feathers_that_hold_each_other_up_take_what_they_take_together(each):
+    """Of 1,000 unknowns 400 are tried together, and the others go as in a trial of a few."""
+    course = Course(np.full(20, 7.0), np.full(20, 400.0 * each), work=400.0)
+    tried = replace(trial(100), frame=np.full(2, 0.01 * 100.0), work=100.0)
+    of_all = 400.0 * each + 600.0 * 0.01
+    assert course.denser(tried, 1000.0) == pytest.approx(of_all / (1000.0 * 0.01))
+
+
+def test_of_feathers_that_push_the_course_counts():
+    touching = read_shot(SAMPLES / "flapping_bird" / "shot.toml")
+    few = replace(trial(4), work=200.0)
+    course = Course(np.full(20, 7.0), np.full(20, 10.0), work=400.0)
+    alone = replace(touching, contact=None)
+    found, free = (_whole(each, [few, few], course)["simulating"][1] for each in (touching, alone))
+    frames = touching.last_frame - touching.first_frame
+    assert found > 10.0 * frames > free
+
+
 def test_of_a_shot_that_is_tried_whole_frames_are_added():
     shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
     own = trial(len(shot.groom.feathers))
