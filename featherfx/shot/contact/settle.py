@@ -52,6 +52,12 @@ LEFT = (
 MOST_ITERATIONS = 4000
 # pairs named in a warning
 MOST_NAMED = 3
+# what helps where feathers have no room
+HELP = (
+    "in the groom, [layout] least_size = 0.6 and drop = 0.001 shorten or leave out feathers of"
+    " regions that find no room, and most_tilt and most_lift let them move; or [contact] kinds or"
+    " regions name only what has to push"
+)
 
 
 @dataclass(frozen=True)
@@ -277,9 +283,5 @@ def warn_of_unsettled(
             f"'{pair['feather']}' {1e3 * pair['depth']:.2g} mm in '{pair['other']}'"
             for pair in deep[:MOST_NAMED]
         )
-        said += (
-            f"; they begin in each other, still {', '.join(pairs)}: let [layout] move (most_tilt,"
-            " most_lift), shorten (least_size) or leave out (drop) what finds no room, or [contact]"
-            " kinds or regions leave out what need not push"
-        )
-    warnings.warn(said, InputWarning, stacklevel=2)
+        said += f"; they begin in each other, still {', '.join(pairs)}"
+    warnings.warn(f"{said}: {HELP}", InputWarning, stacklevel=2)
