@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from featherfx.errors import InputError
+from featherfx.errors import InputError, InputWarning
 from featherfx.groom.read.read import read_groom
 from featherfx.groom.types import Groom
 from featherfx.shot.read.read import check_file
@@ -254,6 +255,21 @@ def test_joint_faults(tmp_path: Path) -> None:
     assert "groom.toml: joint[3].name: 'c' is taken by joint[2]" in problems
     assert "groom.toml: joint[0].parent: joint cycle: a -> b -> a" in problems
     assert any("joint[2].parent: no joint 'd'" in each for each in problems)
+
+
+def test_a_mirrored_feather_of_the_other_side_than_its_name_is_told(tmp_path: Path) -> None:
+    left = feather("left_one", "mirror = 'y'")
+    with pytest.warns(
+        InputWarning, match=r"feather\[0\]: 'left_one' is a feather of the right side"
+    ):
+        groom_of(tmp_path, left)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        groom = groom_of(tmp_path, left + "side = 'left'\n")
+    assert {each.id: each.mirrored for each in groom.feathers} == {
+        "left_one": True,
+        "right_one": False,
+    }
 
 
 def test_mirror_needs_a_side_in_the_name(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,7 +14,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from, from_angles, interpolated, parallel, transported
 from featherfx.algebra.types import Array
-from featherfx.errors import all_of
+from featherfx.errors import InputWarning, all_of
 from featherfx.groom.frames import Mirror, along_polyline
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
@@ -86,9 +87,11 @@ def other_side(name: str) -> str | None:
 
 
 def with_mirror_images(drafts: list[Draft], place: Place, mirror: Mirror | None) -> list[Draft]:
-    """The drafts followed by their mirror images; problems where ids name no side."""
-    if mirror is None:
+    """The drafts followed by their mirror images; problems where ids name no side, an InputWarning
+    where they name the other one."""
+    if mirror is None or not drafts:
         return drafts
+    _warn_of_side(drafts[0], place)
     images = []
     for draft in drafts:
         name = other_side(draft.id)
@@ -107,6 +110,18 @@ def with_mirror_images(drafts: list[Draft], place: Place, mirror: Mirror | None)
             )
         )
     return drafts + images
+
+
+def _warn_of_side(draft: Draft, place: Place) -> None:
+    """Feathers of a left wing are those of a right one unless their table says so."""
+    side, other = ("left", "right") if "left" in draft.id else ("right", "left")
+    if side in draft.id and draft.left != (side == "left"):
+        warnings.warn(
+            f"{place.source}: {place.key}: '{draft.id}' is a feather of the {other} side, with its"
+            f" leading vane there; expects side = '{side}', or another id",
+            InputWarning,
+            stacklevel=3,
+        )
 
 
 def _mirrored(turning: Turning | None, mirror: Mirror) -> Turning | None:

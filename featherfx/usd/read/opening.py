@@ -59,8 +59,11 @@ def open_stage(path: str | Path) -> Any:
     if not os.access(path, os.R_OK):
         raise InputError(Problem(str(path), "", "no permission to read it"))
     if Sdf.FileFormat.FindByExtension(str(path)) is None:
-        told = "a TOML file: a groom, shot or preset" if path.suffix == ".toml" else "no USD file"
-        raise InputError(Problem(str(path), "", f"is {told}, expects .usd, .usda or .usdc"))
+        told, more = "no USD file", ""
+        if path.suffix == ".toml":
+            told = "a TOML file: a groom, shot or preset"
+            more = "; `featherfx groom` and `featherfx bake` write one"
+        raise InputError(Problem(str(path), "", f"is {told}, expects .usd, .usda or .usdc{more}"))
     refuse_unfit_usd()
     opened = str(path)
     try:
