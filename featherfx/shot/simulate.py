@@ -447,14 +447,19 @@ class Simulation:
         """poses: of the feathers in its frames, laid."""
         time, number = self._time(index), self._number(index)
         for f, pose in zip(self._wanted.tolist(), poses, strict=True):
-            # a sum is not finite where a part is not, and found in half the time
-            if not all(isfinite(part.sum()) or np.isfinite(part).all() for part in pose.points):
+            # squares have no finite sum where a part is not finite
+            if not all(_finite(part) for part in pose.points):
                 name = self.shot.groom.feathers[f].id
                 raise SimulationError(name, time, "a point is not finite", number)
         if self.shot.wets:
             clumps = [clumping(self.shot, self._wets[f], time) for f in self._wanted.tolist()]
             poses = [replace(p, clumped=each) for p, each in zip(poses, clumps, strict=True)]
         return Frame(number, time, tuple(poses))
+
+
+def _finite(part: Array) -> bool:
+    """Whether all numbers are."""
+    return isfinite(np.vdot(part, part)) or bool(np.isfinite(part).all())
 
 
 def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:
