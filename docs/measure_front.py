@@ -4,9 +4,9 @@ python docs/measure_front.py [--scenes]
 
 The shaken swan primary of the benchmarks: error beside the reference of `featherfx bench`, and
 processor time, of every setting once, and of those near the front five times more, the least. With
---scenes: of draft, of preview, and of these with other rows, columns and tolerances, in scenes of
-other kinds, of which every feather is there four times, so that what a shot costs by itself counts
-as little as in larger ones.
+--scenes: of the presets, and of numbers for all feathers alike, in scenes of other kinds, of which
+every feather is there eight times, so that what a shot costs by itself counts as little as in
+larger ones.
 """
 
 from __future__ import annotations
@@ -35,15 +35,18 @@ RADII = (0.0, 0.5, 0.8)
 NEAR, AGAIN = 1.3, 5
 
 SCENES = ("shake in vacuum", "flap", "gust", "pull", "soft plume")
-FINEST = scenes.Setting(rows=57, columns=12, coefficients=3, tolerance=1e-5)
-COPIES, ROUNDS = 4, 2
-CHANGES: tuple[tuple[str, dict[str, float]], ...] = (
+COPIES, ROUNDS = 8, 1
+NUMBERS = {"error": None, "tolerance": 1e-3}
+CHANGES: tuple[tuple[str, dict[str, float | None]], ...] = (
     ("draft", {}),
-    ("draft", {"simulated_columns": 2, "tolerance": 3.5e-4}),
     ("preview", {}),
-    ("preview", {"simulated_columns": 4}),
-    ("preview", {"simulated_rows": 15, "simulated_columns": 4}),
-    ("preview", {"simulated_rows": 11, "simulated_columns": 4}),
+    ("final", {}),
+    ("draft", NUMBERS),
+    ("draft", NUMBERS | {"simulated_columns": 2, "tolerance": 3.5e-4}),
+    ("preview", NUMBERS | {"coefficients": 1, "simulated_rows": 15, "simulated_columns": 4}),
+    ("preview", NUMBERS | {"tolerance": 1.5e-4}),
+    ("preview", NUMBERS | {"tolerance": 1.5e-4, "simulated_rows": 15, "simulated_columns": 4}),
+    ("final", NUMBERS | {"tolerance": 2e-5}),
 )
 
 Timed = tuple[Shake, ShakeRun, float]
@@ -114,7 +117,7 @@ def many(shot: Shot) -> Shot:
 
 
 def compare() -> None:
-    finest = {name: scenes.run(scenes.at(scene(name), FINEST)) for name in SCENES}
+    finest = {name: scenes.run(scenes.at(scene(name), scenes.FINEST)) for name in SCENES}
     least: dict[tuple[int, str], float] = {}
     errors: dict[tuple[int, str], list[float]] = {}
     for _, (k, (base, change)), name in product(range(ROUNDS), enumerate(CHANGES), SCENES):

@@ -36,7 +36,9 @@ def in_line(count: int, step: np.ndarray, frames: int, **quality: object) -> Sho
         grips=(),
         motion=Motion("shake", swing),
         wind=replace(shot.wind, speed=0.0, gust=0.0),
-        quality=replace(shot.quality, columns=3, coefficients=1, simulated_rows=0, **quality),
+        quality=replace(
+            shot.quality.pushing, columns=3, coefficients=1, simulated_rows=0, **quality
+        ),
     )
 
 

@@ -39,6 +39,7 @@ from featherfx.shot.detail.detail import (
     Resolution,
     load_estimate,
 )
+from featherfx.shot.detail.promise import quality_of
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.share import part_of
 from featherfx.shot.simulate import Simulation, drawn_feathers, simulate
@@ -115,7 +116,7 @@ def shot_error(shot: Shot, feathers: int = LOOKED_AT, jobs: int = 1) -> ShotErro
             " out of the error"
         )
         warnings.warn(text, InputWarning, stacklevel=2)
-    shot = replace(shot, contact=None, layers=None)
+    shot = replace(shot, quality=quality_of(shot), contact=None, layers=None)
     chosen = chosen_feathers(shot, feathers)
     alone = part_of(shot, chosen)
     part = replace(alone, contact=contact)

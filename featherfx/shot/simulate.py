@@ -120,7 +120,8 @@ class Simulation:
         self._through = FollowThrough(shot, drawn, motion, computed)
         self._hooks = Hooks(shot, self._groups)
         self._wets, self._renewed = last_fitting(shot.wets, shot.groom.feathers), list[Group]()
-        self._estimate, self._reached = Estimate(shot, self._groups), Reached(shot)
+        self._estimate = Estimate(shot, self._groups, plan.air)
+        self._reached = Reached(shot)
         self._index = self._first - 1
         # simulated and not yet laid for good; the checkpoint after what was yielded last; figures
         # at the last frame that is wanted

@@ -221,6 +221,7 @@ class Live:
             shot = read_shot(source.shot, (changed, *source.folders))
             quality = read_quality(source.quality, source.folders)
             # the same rows whatever the feather becomes, so that it goes on from where it is
+            quality = quality.pushing
             quality = replace(quality, simulated_rows=max(quality.simulated_rows, 0))
             shot = replace(shot, quality=quality)
             placements = some_of(shot, source.feathers)

@@ -14,7 +14,7 @@ SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 
 def short():
     shot = read_shot(SAMPLE)
-    quality = replace(shot.quality, rows=9, columns=3, coefficients=1)
+    quality = replace(shot.quality.pushing, rows=9, columns=3, coefficients=1)
     return replace(shot, quality=quality, last_frame=shot.first_frame + 5)
 
 

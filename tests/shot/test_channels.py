@@ -24,7 +24,7 @@ SOFT = 1.0
 def shot():
     """The feathers of one wing on a coarse grid, in still air."""
     read = read_shot(SAMPLES / "swan_wing" / "shot.toml")
-    quality = replace(read.quality, rows=11, columns=3, coefficients=1, simulated_rows=0)
+    quality = replace(read.quality.pushing, rows=11, columns=3, coefficients=1, simulated_rows=0)
     return replace(
         read, quality=quality, wind=replace(read.wind, speed=0.0), motion=held(), last_frame=5
     )

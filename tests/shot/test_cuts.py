@@ -99,7 +99,7 @@ def flight(away):
         shot,
         groom=replace(shot.groom, feathers=kept),
         skin=Flight(at_rest, away),
-        quality=replace(shot.quality, rows=7, columns=2, coefficients=1),
+        quality=replace(shot.quality.pushing, rows=7, columns=2, coefficients=1),
         wind=replace(shot.wind, air_density=0.0),
         contact=replace(shot.contact, skin=False),
         layers=None,

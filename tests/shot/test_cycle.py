@@ -37,7 +37,7 @@ def cycling(speed: float = 0.0) -> Shot:
         first_frame=0,
         last_frame=LAST,
         motion=Motion("keys", {"keyframes": keys}),
-        quality=replace(shot.quality, rows=9, columns=3, coefficients=1),
+        quality=replace(shot.quality.pushing, rows=9, columns=3, coefficients=1),
         wind=replace(shot.wind, speed=0.0, gust=0.0, air_density=1.2),
         grips=(),
         cycle=PERIOD,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from places import SAMPLES
 
-from featherfx.shot.detail.detail import load_estimate, simulated_settings
+from featherfx.shot.detail.detail import deflections, load_estimate, simulated_settings
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
@@ -16,12 +16,14 @@ from featherfx.shot.simulate import simulate
 
 def chosen(shot) -> list[int]:
     loads = load_estimate(shot, root_motion(shot))
-    found = simulated_settings(shot, simulate(shot).feathers, loads)
+    feathers = simulate(shot).feathers
+    bent = None if loads is None else deflections(shot, feathers, loads)
+    found = simulated_settings(shot, feathers, loads, bent)
     return [each.coefficients for each in found]
 
 
 def with_coefficients(shot, count):
-    return replace(shot, quality=replace(shot.quality, coefficients=count))
+    return replace(shot, quality=replace(shot.quality.pushing, coefficients=count))
 
 
 def test_a_number_in_the_quality_is_taken_as_it_is():
@@ -31,7 +33,7 @@ def test_a_number_in_the_quality_is_taken_as_it_is():
 
 def test_wind_and_softness_ask_for_more():
     shot = with_coefficients(read_shot(SAMPLES / "breeze" / "shot.toml"), -1)
-    shot = replace(shot, quality=replace(shot.quality, tolerance=2e-5))
+    shot = replace(shot, quality=replace(shot.quality.pushing, tolerance=2e-5))
     calm = replace(shot, wind=replace(shot.wind, speed=0.0))
     assert chosen(shot)[0] > chosen(calm)[0] >= 1
 
@@ -46,7 +48,7 @@ def test_a_grip_asks_for_two():
 def test_the_choice_is_as_good_as_two_more_coefficients():
     """A plume in the wind: the last frames differ by little more than the tolerance."""
     shot = read_shot(SAMPLES / "breeze" / "shot.toml")
-    quality = replace(shot.quality, rows=11, columns=6, tolerance=1e-3)
+    quality = replace(shot.quality.pushing, rows=11, columns=6, tolerance=1e-3)
     shot = replace(shot, quality=quality, last_frame=shot.first_frame + 8)
     shot = with_coefficients(shot, -1)
     count = chosen(shot)[0]

@@ -27,7 +27,12 @@ SHOT = """
 name = "moult"
 groom = "groom.toml"
 frames = [1, 18]
-quality = { base = "draft", rows = 7, columns = 3, tolerance = 2e-5 }
+quality.base = "draft"
+quality.rows = 7
+quality.simulated_rows = 7
+quality.columns = 3
+quality.simulated_columns = 3
+quality.tolerance = 2e-5
 """
 LEAVES = 5
 FREE = f'[[free]]\nfeathers = "falls"\nframe = {LEAVES}\n'

@@ -74,7 +74,7 @@ def feathers(count: int, frames: int, shake: float = 0.0) -> Shot:
         gravity=np.array([0.0, 0.0, -9.81]),
         motion=Motion("shake", swing) if shake else Motion("hold", {}),
         wind=replace(shot.wind, speed=0.0, gust=0.0),
-        quality=replace(shot.quality, rows=13, columns=3, coefficients=1, simulated_rows=0),
+        quality=replace(shot.quality.pushing, rows=13, columns=3, coefficients=1, simulated_rows=0),
     )
 
 
@@ -144,7 +144,9 @@ def test_a_change_adds_less_than_the_bound_however_far_levels_are_apart() -> Non
     """What is shown moves by the levels' own motion, in the shares of before, and dw (b - a)."""
     length, per_frame = 0.2, 2
     fades = Fades(
-        LevelPlan(np.array([[0]] + [[4]] * 500, dtype=np.int8), (), np.zeros(1, dtype=bool)),
+        LevelPlan(
+            np.array([[0]] + [[4]] * 500, dtype=np.int8), (), np.zeros(1, dtype=bool), np.zeros(1)
+        ),
         np.array([length]),
         4,
         per_frame,
@@ -258,7 +260,7 @@ def lying(frames: int) -> Shot:
     shot = replace(
         shot,
         groom=replace(shot.groom, feathers=(below, above)),
-        quality=replace(shot.quality, rows=11),
+        quality=replace(shot.quality.pushing, rows=11),
         contact=Contact(thickness=5e-4),
     )
     distance = (2.0,) * 3 + (1000.0,) * 8 + (2.0,) * frames

@@ -35,7 +35,7 @@ def shaken(frames: int = 6) -> Shot:
         grips=(),
         gravity=np.array([0.0, 0.0, -9.81]),
         motion=Motion("shake", swing),
-        quality=replace(shot.quality, rows=21, columns=4, coefficients=1, simulated_rows=0),
+        quality=replace(shot.quality.pushing, rows=21, columns=4, coefficients=1, simulated_rows=0),
     )
 
 
@@ -175,7 +175,9 @@ def test_rows_follow_stiffness_and_tolerance(stiffer: float) -> None:
     )
     kind = replace(placement.kind, rachis_material=material)
     groom = replace(shot.groom, feathers=(replace(placement, kind=kind),))
-    shot = replace(shot, groom=groom, quality=replace(shot.quality, rows=41, tolerance=1e-4))
+    shot = replace(
+        shot, groom=groom, quality=replace(shot.quality.pushing, rows=41, tolerance=1e-4)
+    )
     auto = replace(shot, quality=replace(shot.quality, simulated_rows=-1))
     simulation, chosen = run(auto)
     _, full = run(shot)
@@ -228,7 +230,7 @@ def test_a_feather_on_an_even_root_coasts_and_stays_where_the_full_result_is(
     shot = replace(
         shot,
         groom=replace(shot.groom, feathers=(replace(damped, kind=kind),)),
-        quality=replace(shot.quality, rows=9, columns=3, tolerance=1e-2),
+        quality=replace(shot.quality.pushing, rows=9, columns=3, tolerance=1e-2),
         wind=replace(shot.wind, speed=0.0, gust=0.0, air_density=density),
     )
     coasting, points = run(shot)
@@ -245,5 +247,7 @@ def test_a_feather_on_an_even_root_coasts_and_stays_where_the_full_result_is(
 
 def test_a_turning_or_accelerated_root_never_coasts() -> None:
     for shot in (led((1.0, 0.0, 0.0), turn=30.0), shaken()):
-        loose = replace(shot, quality=replace(shot.quality, tolerance=0.1, rows=9, columns=3))
+        loose = replace(
+            shot, quality=replace(shot.quality.pushing, tolerance=0.1, rows=9, columns=3)
+        )
         assert run(loose)[0].report["skipped"]["coasting feather frames"] == 0

@@ -28,7 +28,7 @@ def one_feather(speed: float, share: float | None, gust: float = 0.3) -> Shot:
         last_frame=4,
         grips=(),
         wind=wind,
-        quality=replace(shot.quality, rows=9, columns=3, coefficients=1, simulated_rows=0),
+        quality=replace(shot.quality.pushing, rows=9, columns=3, coefficients=1, simulated_rows=0),
         shelters=() if share is None else (Shelter(share=share),),
     )
 

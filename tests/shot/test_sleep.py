@@ -25,7 +25,7 @@ def quiet_shot() -> Shot:
         first_frame=0,
         last_frame=MOVED,
         motion=Motion("hold", {}),
-        quality=replace(shot.quality, rows=9, columns=3, coefficients=1),
+        quality=replace(shot.quality.pushing, rows=9, columns=3, coefficients=1),
         gravity=np.array([0.0, 0.0, -9.81]),
         grips=(),
     )

@@ -37,7 +37,7 @@ def pulled(hooks: str, weaker: float = 1.0) -> Shot:
         groom=replace(shot.groom, feathers=(one,)),
         first_frame=0,
         last_frame=LAST,
-        quality=replace(shot.quality, rows=11, columns=3, coefficients=1, simulated_rows=0),
+        quality=replace(shot.quality.pushing, rows=11, columns=3, coefficients=1, simulated_rows=0),
     )
 
 

@@ -26,7 +26,7 @@ FEATHER = "right_secondary_01"
 def shot():
     """A beating wing on a coarse grid."""
     read = featherfx.read_shot(SAMPLE / "shot.toml")
-    quality = replace(read.quality, rows=11, columns=3, coefficients=1, simulated_rows=0)
+    quality = replace(read.quality.pushing, rows=11, columns=3, coefficients=1, simulated_rows=0)
     return replace(read, quality=quality, last_frame=24)
 
 
@@ -157,7 +157,9 @@ def files(tmp_path):
         path.parent / "groom.toml", path.parent / "shape.usdc", quality="draft", up_axis="Y",
         meters_per_unit=0.01,
     )  # fmt: skip
-    path.write_text(path.read_text().replace('"preview"', '"draft"'))
+    # on the meshes' own grid
+    quality = '{ base = "draft", simulated_rows = 11, simulated_columns = 4 }'
+    path.write_text(path.read_text().replace('"draft"', quality))
     return path
 
 

@@ -38,7 +38,7 @@ SOAKED = Wet(feathers="wet", keys=((0.0, 1.0),))
 def shot():
     """The sample on a coarse grid."""
     read = read_shot(SAMPLE / "shot.toml")
-    quality = replace(read.quality, rows=11, columns=3, coefficients=1, simulated_rows=0)
+    quality = replace(read.quality.pushing, rows=11, columns=3, coefficients=1, simulated_rows=0)
     return replace(read, quality=quality)
 
 

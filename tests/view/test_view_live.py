@@ -105,7 +105,7 @@ def changed(shot, **values):
 
 def test_a_feather_goes_on_from_where_it_was_in_another_shape():
     shot = read_shot(SHOT)
-    quality = replace(read_quality("draft"), simulated_rows=0)
+    quality = replace(read_quality("draft").pushing, simulated_rows=0)
     shot = changed(replace(shot, quality=quality))
     first = simulate(shot, frames=(1, 100))
     frames = iter(first)

@@ -13,7 +13,8 @@ from featherfx._version import __version__
 from featherfx.baking.pipeline import read_shot
 from featherfx.cli.progress import Progress
 from featherfx.lab.bench import experiments, peers
-from featherfx.lab.bench.front import HOW, kept_table, measure, missed
+from featherfx.lab.bench.front import iteration_times, kept_table, measure
+from featherfx.lab.bench.front_fit import HOW, missed
 from featherfx.lab.bench.options import BenchOptions
 from featherfx.lab.bench.report import (
     ResultTable,
@@ -35,7 +36,6 @@ from featherfx.lab.bench.stress import (
     short,
     summary,
 )
-from featherfx.shot.detail.promise import FRONT
 
 TABLES, PEER_TABLES = 8, 2
 QUICK_ROWS, MOST_ROWS = 40, 200
@@ -103,10 +103,13 @@ def _front(options: BenchOptions) -> None:
     rows: list[Row] = []
     with Progress("scenes") as progress:
         for done, name in enumerate(SCENES, 1):
-            rows += measure(name, options.only)
+            rows += measure(name)
             progress(done, len(SCENES))
-    known = json.loads(FRONT.read_text(encoding="utf-8"))["missed"]
-    record = {"how": HOW, "machine": machine(__version__), "missed": known | missed(rows)}
+    record = {
+        "how": HOW,
+        "machine": machine(__version__),
+        "missed": missed(rows, iteration_times()),
+    }
     text = json.dumps(record, indent=1) + "\n"
     if options.output is None:
         click.echo(text, nl=False)

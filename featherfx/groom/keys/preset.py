@@ -68,6 +68,12 @@ class Quality:
         "`coefficients`, `tolerance` and `simulated_rows` overrule it. Default: 0.5 where there is "
         "no `tolerance`, else nothing is promised.",
     ] = None
+    contact_tolerance: Annotated[
+        float | None,
+        Number(1e-9, 0.1, "m"),
+        "`tolerance` where feathers push each other, as these take common steps; no `error` is "
+        "promised then, and what is simulated has the other numbers here. Default: as elsewhere.",
+    ] = None
     max_substeps: Annotated[
         int,
         Number(1, 4096, whole=True),
@@ -128,12 +134,20 @@ class Quality:
             return None if self.tolerance else DEFAULT_ERROR / 100.0
         return self.error / 100.0
 
+    @property
+    def pushing(self) -> Quality:
+        """What holds where feathers push each other."""
+        if self.contact_tolerance is None:
+            return self
+        return replace(self, error=None, tolerance=self.tolerance or self.contact_tolerance)
+
     def with_error(self, error: float) -> Quality:
         """The same meshes, and what is simulated by an error in percent alone."""
         return replace(
             self,
             error=error,
             tolerance=None,
+            contact_tolerance=None,
             coefficients=-1,
             simulated_rows=0,
             simulated_columns=0,

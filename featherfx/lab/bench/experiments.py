@@ -27,6 +27,7 @@ from featherfx.lab.bench.shake import (
 )
 from featherfx.mechanics.resolution import barb_deflection, rachis_deflection
 from featherfx.shot.detail.detail import settings_for
+from featherfx.shot.detail.promise import Bends
 from featherfx.shot.groups import NEWTON_FRACTION
 from featherfx.shot.types import Quality
 
@@ -194,9 +195,10 @@ def quality_shake(kind: FeatherKind, quality: Quality) -> Shake:
     """The shake as a bake of that quality simulates it."""
     feather = build_feather(kind, quality.rows, quality.columns)
     pressure = kind.vane_material.surface_density * ACCELERATION
-    bent = (
-        rachis_deflection(feather, kind, ACCELERATION, 0.0),
-        barb_deflection(feather, kind, pressure),
+    bent = Bends(
+        shaft=rachis_deflection(feather, kind, ACCELERATION, 0.0),
+        barb=barb_deflection(feather, kind, pressure),
+        air=0.0,
     )
     rows, columns, coefficients, tolerance = settings_for(quality, feather, kind, bent, pressure)
     return Shake(

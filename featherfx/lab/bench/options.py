@@ -34,11 +34,7 @@ class BenchOptions:
         least=0.01,
         most=20,
     )
-    only: str = option(
-        "*",
-        "Of --skips: names of skips, with * and ?. Of --front: of rows, columns, coefficients and"
-        " tolerance; what is known of the others stays.",
-    )
+    only: str = option("*", "Of --skips: names of skips, with * and ?.")
     frames: int | None = option(None, "Of --skips and --promise: frames of each.", least=2)
     every: int = option(
         1, "Of --skips and --promise: every n-th feather of each shot alone.", least=1

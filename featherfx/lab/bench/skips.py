@@ -141,7 +141,8 @@ class _Baked(NamedTuple):
 
 
 def _quality(**values: Any) -> Change:
-    return lambda shot: replace(shot, quality=replace(shot.quality, **values))
+    """Numbers, which no error overrules."""
+    return lambda shot: replace(shot, quality=replace(shot.quality.pushing, **values))
 
 
 def _level(level: str) -> Change:

@@ -31,7 +31,15 @@ from featherfx.mechanics.resolution import (
     rows_for,
 )
 from featherfx.shot.detail.guides import GuideRule, skin_corners
-from featherfx.shot.detail.promise import Chosen, chosen_for, rounded_up, stepped_down
+from featherfx.shot.detail.promise import (
+    Bends,
+    Chosen,
+    chosen_for,
+    quality_of,
+    rounded_down,
+    rounded_up,
+    stepped_down,
+)
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.roots import Roots, sampled_rates
 from featherfx.shot.patterns import fits, last_fitting
@@ -80,14 +88,17 @@ class Detailer:
 
     feathers: as the meshes have them. levels: of every feather by [[detail]] and length, where
     nothing is seen; rules: how its guides would be chosen; pinned: (F,) whether no camera changes
-    its level, as of vanes whose slip a new one would lose. Raises InputError for feathers that are
-    not simulated, but pulled.
+    its level, as of vanes whose slip a new one would lose; air: (F,) its share of what bends the
+    shaft, 0 where it was not asked for. Raises InputError for feathers that are not simulated, but
+    pulled.
     """
 
     def __init__(self, shot: Shot, feathers: Sequence[Feather], motion: Roots) -> None:
         self._quality = shot.quality
         loads = load_estimate(shot, motion)
-        self._chosen = simulated_settings(shot, feathers, loads)
+        bent = None if loads is None else deflections(shot, feathers, loads)
+        self.air = np.zeros(len(feathers)) if bent is None else np.array([b.air for b in bent])
+        self._chosen = simulated_settings(shot, feathers, loads, bent)
         pulled, placements = _pulled(shot), shot.groom.feathers
         self.free = np.array(last_fitting(shot.frees, placements)) >= 0
         relative = length_factor(shot)
@@ -157,7 +168,10 @@ def _level(shot: Shot, placement: Placement, relative: float) -> _Given:
 
 
 def simulated_settings(
-    shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate | None
+    shot: Shot,
+    feathers: Sequence[Feather],
+    loads: LoadEstimate | None,
+    bent: Sequence[Bends] | None,
 ) -> list[Chosen]:
     """What is simulated of every feather in full; tolerances are in m.
 
@@ -167,15 +181,16 @@ def simulated_settings(
     tolerance. Loads: three times gravity and inertia of the roots' acceleration, and the pressure
     of the wind with its gusts and of the roots' speed through the air. At least one coefficient,
     because the vane's shear bends barbs as well, and two where a grip or a force pulls, or the air
-    bears the whole feather. feathers: as the meshes have them.
+    bears the whole feather. feathers: as the meshes have them. bent: their `deflections`.
     """
-    quality, tolerance = shot.quality, shot.quality.tolerance
-    if loads is None:
+    quality = quality_of(shot)
+    tolerance = quality.tolerance
+    if loads is None or bent is None:
         assert tolerance is not None
         rows = min(quality.simulated_rows or quality.rows, quality.rows)
         every = Chosen(rows, quality.own_columns, quality.coefficients, tolerance)
         return [_bounded(every, shot, placement.kind) for placement in shot.groom.feathers]
-    bent, pulled = deflections(shot, feathers, loads), _pulled(shot)
+    pulled = _pulled(shot)
     free = last_fitting(shot.frees, shot.groom.feathers)
     found = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
@@ -203,20 +218,25 @@ def settings_for(
     quality: Quality,
     feather: Feather,
     kind: FeatherKind,
-    bent: tuple[float, float],
+    bent: Bends,
     pressure: float,
 ) -> Chosen:
     """What a quality simulates of a feather whose shaft and barbs loads bend so far (m), with so
     much pressure (Pa) on its vane. feather: as the meshes have it."""
     error, tolerance = quality.promised, quality.tolerance
     if error is not None:
-        own = chosen_for(error, *(rounded_up(each / kind.length) for each in bent))
+        shaft, barb = (rounded_up(each / kind.length) for each in bent[:2])
+        own = chosen_for(error, Bends(shaft, barb, rounded_down(bent.air), bent.wrung))
         own = own._replace(tolerance=tolerance or stepped_down(own.tolerance * kind.length))
+        if quality.simulated_columns:
+            own = own._replace(columns=quality.own_columns)
     else:
         assert tolerance is not None
         most = GRID_SCALE * tolerance
         rows = (
-            quality.rows if quality.simulated_rows == 0 else rows_for(bent[0], most, quality.rows)
+            quality.rows
+            if quality.simulated_rows == 0
+            else rows_for(bent.shaft, most, quality.rows)
         )
         count = coefficients_for(feather, kind, _doubled(pressure), most)
         own = Chosen(rows, quality.own_columns, count, tolerance)
@@ -238,26 +258,37 @@ def _doubled(pressure: float) -> float:
     return float(2.0 ** np.ceil(np.log2(max(pressure, 1e-9))))
 
 
-def deflections(
-    shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate
-) -> list[tuple[float, float]]:
-    """m, how far the loads, grips and forces of a shot bend every feather's shaft, and loads its
+def deflections(shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate) -> list[Bends]:
+    """How far (m) the loads, grips and forces of a shot bend every feather's shaft, and loads its
     barbs."""
     # a grip bends the shaft as far as it reaches
     reach = {grip.feather: float(np.linalg.norm(grip.displacement)) for grip in shot.grips}
     reach |= {force.feather: np.inf for force in shot.forces}
+    wrung = _wrung(shot)
     found = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
         kind = placement.kind
-        sag = rachis_deflection(feather, kind, loads.acceleration[f], loads.pressure[f])
-        sag = max(sag, min(reach.get(placement.id, 0.0), kind.length))
-        found.append((sag, barb_deflection(feather, kind, _pressure(kind, loads, f))))
+        inert = rachis_deflection(feather, kind, loads.acceleration[f], 0.0)
+        blown = rachis_deflection(feather, kind, 0.0, loads.pressure[f])
+        share = blown / max(inert + blown, 1e-12)
+        sag = min(max(inert + blown, reach.get(placement.id, 0.0)), kind.length)
+        barb = barb_deflection(feather, kind, _pressure(kind, loads, f))
+        found.append(Bends(sag, barb, share, placement.id in wrung))
     return found
+
+
+def _wrung(shot: Shot) -> set[str]:
+    """Ids of the feathers that a grip pulls across the shaft within the plane of the vane, by half
+    of what it does out of it at least, or a force pulls."""
+    axes = {each.id: each.rotation for each in shot.groom.feathers}
+    across = {each.feather: axes[each.feather].T @ each.displacement for each in shot.grips}
+    pulled = {name for name, way in across.items() if abs(way[1]) > 0.5 * abs(way[2])}
+    return pulled | {force.feather for force in shot.forces}
 
 
 def load_estimate(shot: Shot, motion: Roots) -> LoadEstimate | None:
     """The loads that decide what the solver is to choose; None where it chooses nothing."""
-    quality, wind = shot.quality, shot.wind
+    quality, wind = quality_of(shot), shot.wind
     chosen = CHOSEN_BY_SOLVER in (quality.coefficients, quality.simulated_rows)
     if not chosen and quality.promised is None:
         return None

@@ -9,7 +9,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.feather.types import RowPoints, stacked
-from featherfx.shot.detail.promise import front
+from featherfx.shot.detail.promise import front, quality_of
 from featherfx.shot.groups import Group
 from featherfx.shot.types import Shot
 from featherfx.solver.solver import StepReport
@@ -18,11 +18,12 @@ from featherfx.solver.solver import StepReport
 class Estimate:
     """Kept up frame by frame, of the feathers that are simulated in full.
 
-    Nothing is kept of frames that another simulation computed.
+    air: (F,) of all feathers, its share of what bends the shaft. Nothing is kept of frames that
+    another simulation computed.
     """
 
-    def __init__(self, shot: Shot, groups: Sequence[Group]) -> None:
-        self._promised = shot.quality.promised
+    def __init__(self, shot: Shot, groups: Sequence[Group], air: Array) -> None:
+        self._promised = quality_of(shot).promised
         self._groups = {id(group): group for group in groups if group.level == "full"}
         self._rest = {
             k: _seen(stacked([f.rest for f in g.feathers])) for k, g in self._groups.items()
@@ -30,6 +31,7 @@ class Estimate:
         self._lengths = {
             k: np.array([f.station[-1] for f in g.feathers]) for k, g in self._groups.items()
         }
+        self._air = {k: air[g.members] for k, g in self._groups.items()}
         # of the length: largest deflections of shaft and barbs, and largest error of a step
         self._worst = {k: np.zeros((len(g.members), 3)) for k, g in self._groups.items()}
 
@@ -62,13 +64,10 @@ class Estimate:
         known, found = front(), []
         for k, group in self._groups.items():
             shaft, barb, step = self._worst[k].T
-            n, m, c = group.resolution.rows, group.resolution.columns, group.resolution.coefficients
-            space = (
-                known.rows.estimated(n, shaft)
-                + known.columns.estimated(m, barb)
-                + known.coefficients.estimated(max(c, 1), barb)
-            )
-            found.append(np.hypot(space, known.of_steps(step)))
+            own = group.resolution
+            grid = own.rows, own.columns, max(own.coefficients, 1)
+            steps = known.steps.by(step, self._air[k])
+            found.append(np.hypot(known.after.by(grid, shaft, barb), steps))
         return found
 
 

@@ -10,7 +10,7 @@ a threshold does not flicker. Levels depend on frames only, not on what was simu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -37,11 +37,13 @@ _SEEN_BYTES = 300
 @dataclass(frozen=True)
 class LevelPlan:
     """table: (frames, F) numbers of levels; one row where none changes. resolutions: per feather,
-    of the levels that it ever has, the first frame's first. free: (F,) which leave their roots."""
+    of the levels that it ever has, the first frame's first. free: (F,) which leave their roots.
+    air: (F,) its share of what bends their shafts."""
 
     table: Numbers
     resolutions: tuple[tuple[Resolution, ...], ...]
     free: Flags
+    air: Array
 
     @property
     def changes(self) -> bool:
@@ -68,7 +70,8 @@ class LevelPlan:
         rigid[played] = False
         table = np.where(rigid, np.int8(NUMBER["rigid"]), self.table)
         kept = zip(self.resolutions, others, strict=True)
-        return LevelPlan(table, tuple(() if other else each for each, other in kept), self.free)
+        resolutions = tuple(() if other else each for each, other in kept)
+        return replace(self, table=table, resolutions=resolutions)
 
     @property
     def steady(self) -> Indices:
@@ -100,7 +103,7 @@ def level_plan(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> LevelP
     chosen = with_guides(shot, wanted, detailer.rules)
     guides = np.flatnonzero([a != b for a, b in zip(wanted, chosen, strict=True)])
     table[:, guides] = np.where(table[:, guides] == NUMBER["guided"], 0, table[:, guides])
-    return LevelPlan(table, _resolutions(detailer, table), detailer.free)
+    return LevelPlan(table, _resolutions(detailer, table), detailer.free, detailer.air)
 
 
 def _resolutions(detailer: Detailer, table: Numbers) -> tuple[tuple[Resolution, ...], ...]:

@@ -1,35 +1,59 @@
 """What is simulated of a feather for an error that is asked for, and what error that then has.
 
-`front.json` is what `featherfx bench --front` measured on six kinds of scene: how much so many
-rows, columns and coefficients miss of the finest, by how far loads were estimated to bend shaft and
-barbs, what steps of a tolerance miss of the shortest, each not more in HELD of the feathers; and
-what each costs. Too few rows, columns or coefficients bend a feather alike and in the same places,
-so what they miss adds up (docs/detail.md); steps err at other times, so their square is added. Of
-all settings whose sum stays below the error asked for, the one that costs least is chosen.
-Afterwards the sum is taken again (estimate.py), with how far the feather did bend and the largest
-error of a step.
+`front.json` is what `featherfx bench --front` measured on six kinds of scene, as powers: what a
+number of rows, columns or coefficients misses of the finest is
+
+    factor number^-order bend^exponent
+
+of the length, where bend is how far shaft (rows) or barbs are estimated to bend by the loads; what
+steps of a tolerance miss is factor tolerance^exponent e^(-air share), where share is the air's part
+of what bends the shaft: air takes from a vibration what a step erred, and without air errors add
+up. Too few rows, columns or coefficients bend a feather alike and in the same places, so what they
+miss adds up (docs/detail.md); steps err at other times, so their square is added. Of all settings
+whose sum stays below the error asked for, the one that costs least is chosen. Afterwards the sum is
+taken again (estimate.py), with how far the feather did bend and the largest error of a step.
+
+Vanes that are pulled within their plane may buckle, and what rows miss of that is far more, and
+falls slower; it has a power of its own.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from functools import lru_cache
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.groom.keys.preset import Quality
 from featherfx.shot.types import Shot
 
 FRONT = Path(__file__).with_name("front.json")
-# of an error that is asked for, what is planned with: samples then keep to it (docs/detail.md)
-MARGIN = 0.5
+# of an error that is asked for, what is planned with: the powers are those of the middle feather,
+# and few of the samples' err by more than four times as much. Of less than so much, less, as what
+# feathers err by falls slower than what is planned (docs/detail.md)
+MARGIN, FINE = 0.25, 0.015
 # steps of tolerances, so that feathers of about one length stay together
 TOLERANCES_AN_OCTAVE = 2
+# what is chosen from, the finest last: few enough that feathers of one kind stay together
+ROWS = (6, 8, 11, 15, 21, 29, 41, 57)
+COLUMNS = (2, 3, 4, 6, 8, 12)
+COEFFICIENTS = (1, 2, 3)
+
+
+class Bends(NamedTuple):
+    """How far loads bend a feather's shaft and its barbs, and the air's share of what bends the
+    shaft, 0 to 1. wrung: whether a grip or a force pulls within the plane of the vane, which may
+    buckle then."""
+
+    shaft: float
+    barb: float
+    air: float
+    wrung: bool = False
 
 
 class Chosen(NamedTuple):
@@ -42,110 +66,129 @@ class Chosen(NamedTuple):
     tolerance: float
 
 
-class Resolved(NamedTuple):
-    """What a number of rows, columns or coefficients costs and misses. cost: by number, of a step,
-    over the least. factor, exponent: f by number and q of an error f d^q where d is how far loads
-    are estimated to bend shaft or barbs; afterwards the same of how far they did; of the length."""
+class Missed(NamedTuple):
+    """What a number of rows, columns or coefficients misses, of the length."""
 
-    cost: dict[int, float]
-    factor: dict[int, float]
+    factor: float
+    order: float
     exponent: float
-    after: tuple[dict[int, float], float]
 
-    def expected(self, number: int, bend: float) -> float:
-        return float(self.factor[number] * bend**self.exponent)
+    def by(self, number: Array | float, bend: Array | float) -> Array:
+        """bend: of the length."""
+        return np.asarray(
+            self.factor
+            * np.asarray(number, float) ** -self.order
+            * np.asarray(bend) ** self.exponent
+        )
 
-    def estimated(self, number: int, bend: Array) -> Array:
-        """Also of a number between those that were measured."""
-        factors, exponent = self.after
-        known = sorted(factors)
-        logs = np.interp(np.log(number), np.log(known), np.log([factors[n] for n in known]))
-        return np.asarray(np.exp(logs) * bend**exponent)
+
+class MissedBySteps(NamedTuple):
+    """What steps of a tolerance miss, both of the length."""
+
+    factor: float
+    exponent: float
+    air: float
+
+    def by(self, tolerance: Array | float, share: Array | float) -> Array:
+        """tolerance: or the largest error of a step. share: the air's."""
+        damped = np.exp(-self.air * np.asarray(share))
+        return np.asarray(self.factor * np.asarray(tolerance) ** self.exponent * damped)
+
+    def tolerance_for(self, error: float, share: float) -> float:
+        """Tolerance of steps that leads to an error of the trajectory."""
+        return float((error * math.exp(self.air * share) / self.factor) ** (1.0 / self.exponent))
+
+
+class Grid(NamedTuple):
+    """What rows, columns and coefficients miss."""
+
+    rows: Missed
+    columns: Missed
+    coefficients: Missed
+
+    def by(self, grid: tuple[int, int, int], shaft: Array | float, barb: Array | float) -> Array:
+        """grid: rows, columns, coefficients. shaft, barb: how far they bend, of the length."""
+        rows, columns, coefficients = grid
+        ends = self.columns.by(columns, barb) + self.coefficients.by(coefficients, barb)
+        return self.rows.by(rows, shaft) + ends
+
+
+class Work(NamedTuple):
+    """Time of an iteration: each + rows (1 + column columns + coefficient coefficients), in that of
+    a row; and the power of the number of steps by one over the tolerance."""
+
+    each: float
+    column: float
+    coefficient: float
+    steps: float
+
+    def by(self, grid: tuple[int, int, int]) -> float:
+        rows, columns, coefficients = grid
+        return self.each + rows * (1.0 + self.column * columns + self.coefficient * coefficients)
 
 
 class Front(NamedTuple):
-    """What was measured. steps: factor and exponent of the trajectory's error by the tolerance of
-    steps; tolerances: the finest and the coarsest that was measured; all of the length."""
+    """What was measured. before: by how far loads are estimated to bend the middle feather; after:
+    by how far feathers did, not less in HELD of them (lab/bench/front_fit.py). wrung: of rows, of
+    vanes that are pulled within their plane. tolerances: the finest and the coarsest that are
+    trusted, of the length."""
 
-    rows: Resolved
-    columns: Resolved
-    coefficients: Resolved
-    steps: tuple[float, float]
+    before: Grid
+    after: Grid
+    wrung: Missed
+    steps: MissedBySteps
+    work: Work
     tolerances: tuple[float, float]
-
-    def of_steps(self, tolerance: Array | float) -> Array:
-        """Error of the trajectory by the tolerance, or the largest error, of a step."""
-        factor, exponent = self.steps
-        return np.asarray(factor * np.asarray(tolerance) ** exponent)
-
-    def tolerance_for(self, error: float) -> float:
-        """Tolerance of steps that leads to an error of the trajectory."""
-        factor, exponent = self.steps
-        return float(np.clip((error / factor) ** (1.0 / exponent), *self.tolerances))
 
 
 @lru_cache
 def front() -> Front:
     """What was measured on the scenes."""
     found = json.loads(FRONT.read_text(encoding="utf-8"))["missed"]
-    steps = found["steps"]
-    return Front(
-        rows=_resolved(found["rows"]),
-        columns=_resolved(found["columns"]),
-        coefficients=_resolved(found["coefficients"]),
-        steps=(steps["factor"], steps["exponent"]),
-        tolerances=(steps["finest"], steps["coarsest"]),
+    before, after = (
+        Grid(*(Missed(**found[when][name]) for name in Grid._fields))
+        for when in ("before", "after")
     )
-
-
-def _resolved(found: Mapping[str, Any]) -> Resolved:
-    tables = found["cost"], found["before"]["factor"], found["after"]["factor"]
-    cost, before, after = (
-        _filled({int(number): value for number, value in table.items()}) for table in tables
-    )
-    return Resolved(cost, before, found["before"]["exponent"], (after, found["after"]["exponent"]))
-
-
-def _filled(table: Mapping[int, float]) -> dict[int, float]:
-    """With numbers between those that were measured."""
-    known = sorted(table)
-    between = [round(math.sqrt(a * b)) for a, b in pairwise(known)]
-    numbers = sorted({*known, *between})
-    logs = np.interp(np.log(numbers), np.log(known), np.log([table[n] for n in known]))
-    return dict(zip(numbers, np.exp(logs).tolist(), strict=True))
+    steps, work = MissedBySteps(**found["steps"]), Work(**found["work"])
+    wrung, (finest, coarsest) = Missed(**found["wrung"]), found["tolerances"]
+    return Front(before, after, wrung, steps, work, (finest, coarsest))
 
 
 @lru_cache(maxsize=4096)
-def chosen_for(error: float, shaft: float, barb: float) -> Chosen:
-    """The cheapest setting that keeps to an error where loads bend shaft and barbs so far; all are
-    shares of the length. The finest where none does."""
+def chosen_for(error: float, bends: Bends) -> Chosen:
+    """The cheapest setting that keeps to an error; errors and bends are shares of the length. The
+    finest where none does."""
     known, best, least = front(), None, math.inf
-    finest = known.tolerances[0]
-    grids = product(known.rows.cost, known.columns.cost, known.coefficients.cost)
-    for n, m, c in grids:
-        parts = (
-            known.rows.expected(n, shaft),
-            known.columns.expected(m, barb),
-            known.coefficients.expected(c, barb),
-        )
-        left = (MARGIN * error) ** 2 - sum(parts) ** 2
-        if left <= float(known.of_steps(finest)) ** 2:
+    (finest, coarsest), planned = known.tolerances, planned_with(error)
+    missed = known.before._replace(rows=known.wrung) if bends.wrung else known.before
+    for grid in product(ROWS, COLUMNS, COEFFICIENTS):
+        left = planned**2 - float(missed.by(grid, bends.shaft, bends.barb)) ** 2
+        if left <= float(known.steps.by(finest, bends.air)) ** 2:
             continue
-        tolerance = known.tolerance_for(math.sqrt(left))
-        work = known.rows.cost[n] * known.columns.cost[m] * known.coefficients.cost[c]
-        # steps are of third order in their error
-        cost = work * tolerance ** (-1.0 / 3.0)
+        tolerance = min(known.steps.tolerance_for(math.sqrt(left), bends.air), coarsest)
+        cost = known.work.by(grid) * tolerance**-known.work.steps
         if cost < least:
-            best, least = Chosen(n, m, c, tolerance), cost
-    if best is None:
-        grid = max(known.rows.cost), max(known.columns.cost), max(known.coefficients.cost)
-        best = Chosen(*grid, known.tolerance_for(MARGIN * error))
-    return best
+            best, least = Chosen(*grid, tolerance), cost
+    if best is not None:
+        return best
+    tolerance = known.steps.tolerance_for(planned, bends.air)
+    kept = min(max(tolerance, finest), coarsest)
+    return Chosen(ROWS[-1], COLUMNS[-1], COEFFICIENTS[-1], kept)
+
+
+def planned_with(error: float) -> float:
+    """What settings are chosen by, for an error that is asked for."""
+    return MARGIN * error * math.sqrt(min(error / FINE, 1.0))
 
 
 def rounded_up(fraction: float) -> float:
-    """A deflection as what is chosen for is: alike within a tenth, never less."""
-    return 1.1 ** math.ceil(math.log(max(fraction, 1e-6), 1.1))
+    """A deflection as what is chosen for is: alike within a quarter, never less."""
+    return 1.25 ** math.ceil(math.log(max(fraction, 1e-6), 1.25))
+
+
+def rounded_down(share: float) -> float:
+    """A share of the air as what is chosen for is: alike within a fifth, never more."""
+    return math.floor(5.0 * share) / 5.0
 
 
 def stepped_down(tolerance: float) -> float:
@@ -154,13 +197,21 @@ def stepped_down(tolerance: float) -> float:
     return float(2.0**octaves)
 
 
+def quality_of(shot: Shot) -> Quality:
+    """The quality that a shot's feathers are simulated by: where they push each other, its numbers
+    if it has any for that."""
+    return shot.quality if shot.contact is None else shot.quality.pushing
+
+
 def common_tolerance(shot: Shot) -> float:
-    """m, of what concerns all feathers of a shot: contact, sleep and cycles. Without a tolerance,
-    what half the error asked for leaves a feather of the median length."""
-    quality = shot.quality
+    """m, of what concerns all feathers of a shot: contact, and whether roots begin at rest. Without
+    a tolerance, what half the error asked for leaves a feather of the median length."""
+    quality = shot.quality.pushing
     if quality.tolerance is not None:
         return quality.tolerance
     error = quality.promised
     assert error is not None
     length = float(np.median([each.kind.length for each in shot.groom.feathers] or [1.0]))
-    return length * front().tolerance_for(0.5 * error)
+    known = front()
+    tolerance = known.steps.tolerance_for(0.5 * error, 0.0)
+    return length * float(np.clip(tolerance, *known.tolerances))
