@@ -44,7 +44,7 @@ _TAIL_LIFT = 0.006  # of the longest, from pair to pair: the pigeon's as counted
 _TAIL_DEEP = 0.4  # of the width of the root, all pairs together at most, as in trains; by eye
 # feathers are laid over each other where the groom does not say how (chosen on the pigeon)
 _LAYOUT = {
-    "most_tilt": 40.0,
+    "most_tilt": 35.0,
     "most_tilt_placed": 0.0,
     "most_lift": 5e-3,
     "least_size": 0.3,

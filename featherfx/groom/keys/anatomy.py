@@ -155,11 +155,11 @@ class PartOfBody:
         "Feathers on a square as wide as they are long; 0: bare.",
     ] = 9.0
     width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
-    tilt: Annotated[float, Number(-90, 90, "deg"), "Angle between shaft and skin."] = 5.0
+    tilt: Annotated[float, Number(-90, 90, "deg"), "Angle between shaft and skin."] = 4.0
     curl: Annotated[float, Number(-360, 360, "deg"), "Added to the camber of the shafts."] = 3.0
     uneven: Annotated[
         float, Number(0, 0.3), "Standard deviation of lengths, relative; 50 deg of it of turns."
-    ] = 0.06
+    ] = 0.03
 
 
 _PART = Table(keys_of(PartOfBody), "table of a part of the body")

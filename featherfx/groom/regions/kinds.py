@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import dots
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
+from featherfx.groom.regions.lying import BARB_ROOT, bends_of_skin
 from featherfx.groom.regions.rules import GroomSkin, Rule, presence
 from featherfx.groom.regions.scatter import hashed, uniform
 from featherfx.groom.skin.points import SurfacePoints
@@ -40,13 +40,8 @@ class RegionKinds:
 
     @property
     def barb_cambers(self) -> Array:
-        """(K,) deg, means of the guides of both vanes."""
-        return np.array(
-            [
-                np.mean([guide.camber for guide in kind.leading.guides + kind.trailing.guides])
-                for kind in self.kinds
-            ]
-        )
+        """(K,) deg, of the barbs that end where vanes are widest, means of both vanes."""
+        return np.array([np.mean(_cambers_at(BARB_ROOT, kind)) for kind in self.kinds])
 
     def weights(self, points: SurfacePoints) -> Array:
         """(N, K) probabilities of the kinds at places; the first kind where there is none."""
@@ -90,6 +85,15 @@ def region_kinds(
     return RegionKinds(tuple(choices), tuple(kinds), tuple(amounts))
 
 
+def _cambers_at(position: float, kind: FeatherKind) -> list[float]:
+    """deg, of the vanes that a kind has. position: along the shaft, 0 to 1."""
+    return [
+        float(np.interp(position, [g.position for g in guides], [g.camber for g in guides]))
+        for guides in (kind.leading.guides, kind.trailing.guides)
+        if guides
+    ]
+
+
 def _as_table(given: str | dict[str, Any]) -> dict[str, Any]:
     """A kind as a table with all its keys."""
     if isinstance(given, dict):
@@ -107,10 +111,7 @@ _VARIANT_STREAM = 22
 # steps in which a blend between regions passes, so that shapes repeat there, too
 _WIDTH_STEP = 0.1
 _CURL_STEP = 10.0  # deg
-_HOLLOW_STEP = 10.0  # deg
-# a skin that falls off further is not followed; and where a vane's side is, in feather lengths
-_MOST_TURNING = 45.0  # deg
-_SIDE = 0.2
+_HOLLOW_STEP = 5.0  # deg
 
 
 def normal_draws(entry: dict[str, Any], name: str, numbers: Indices) -> Array:
@@ -139,7 +140,7 @@ def shapes(
     width, curl = blend["width"], blend["curl"]
     hollow = np.zeros(len(points))
     if follow:
-        along, across = _turning(points, direction, blend["length"])
+        along, across = bends_of_skin(points, direction, blend["length"])
         curl = curl + follow * (along - cambers[0])
         hollow = follow * (across - cambers[1])
     if variants:
@@ -153,23 +154,3 @@ def shapes(
 
 def _stepped(values: Array, step: float) -> Array:
     return np.asarray(step * np.round(values / step))
-
-
-def _turning(points: SurfacePoints, direction: Array, length: Array) -> tuple[Array, Array]:
-    """(N,) deg, by which the skin falls off beneath feathers: to the tip, and to their sides.
-
-    At least 0. Where the skin ends before the tip does, what the first half shows counts.
-    """
-    half = _fall(points, 0.5 * length[:, None] * direction)
-    along = np.minimum(_fall(points, length[:, None] * direction), 2.0 * half)
-    side = _SIDE * length[:, None] * np.cross(points.normal, direction)
-    across = 0.5 * (_fall(points, side) + _fall(points, -side))
-    return along, across
-
-
-def _fall(points: SurfacePoints, way: Array) -> Array:
-    """(N,) deg, by which the skin's normal leans towards a way (N, 3) m, at its end."""
-    normals = points.surface.normals_near(points.position + way)
-    ahead = dots(normals, way) / np.linalg.norm(way, axis=1)
-    up = dots(normals, points.normal)
-    return np.clip(np.degrees(np.arctan2(ahead, up)), 0.0, _MOST_TURNING)

@@ -23,6 +23,7 @@ from featherfx.groom.read.drafts import CurveReader, Draft
 from featherfx.groom.read.drawn import SceneReader
 from featherfx.groom.read.space import SkinsReader, Space
 from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, region_kinds, shapes
+from featherfx.groom.regions.lying import Bends, laid_along
 from featherfx.groom.regions.rules import (
     GroomSkin,
     Presence,
@@ -247,7 +248,11 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     direction = _directions(region, blend["flow"], points, draws["turn"])
     cambers = region.kinds.cambers[own], region.kinds.barb_cambers[own]
     width, curl, hollow = shapes(entry, blend, direction, points, found.number, cambers)
-    rotations = _tilted(direction, points.normal, blend["tilt"] + draws["tilt"])
+    tilt = blend["tilt"] + draws["tilt"]
+    rotations = _tilted(direction, points.normal, tilt)
+    if entry["follow"]:
+        bends = Bends(cambers[0] + curl, cambers[1] + hollow)
+        rotations = laid_along(points, rotations, blend["length"], tilt, bends)
     scales = blend["length"] * (1.0 + draws["length"]) / region.kinds.lengths[own]
     left = np.full(len(points), entry["side"] == "left")
     if entry["side"] == "auto":

@@ -120,6 +120,13 @@ class SkinSurface:
         found = self._products[near]
         return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
+    def heights_near(self, points: Array) -> Array:
+        """(N,) m, of points (N, 3) m over the planes of the triangles that normals_near takes."""
+        _, near = self._tree.query(points)
+        found = self._products[near]
+        above = dots(points - self.corners[near, 0], found)
+        return np.asarray(above / np.linalg.norm(found, axis=1))
+
     def buried(self, points: SurfacePoints) -> Flags:
         """(N,) whether places lie inside the body, as they do where it passes through itself."""
         if not len(crossing_triangles(self.source.points, self.source.triangles)):
