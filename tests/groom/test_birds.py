@@ -170,6 +170,16 @@ def tip(feather):
     return feather.position + feather.kind.length * way
 
 
+def test_spread_wings_stand_at_their_landmarks(tmp_path):
+    """Moved off the body as folded ones are, they left a gap to it."""
+    thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)
+    kind = f'type = {{ base = "pigeon", {thin} }}\nfold = 0'
+    groom = read_groom(changed(tmp_path, r"^type.*", kind))
+    at = {joint.name: joint.position for joint in groom.joints}
+    assert at["right_wing_shoulder"] == pytest.approx((0.04, -0.042, 0.205))
+    assert at["left_wing_shoulder"] == pytest.approx((0.04, 0.042, 0.205))
+
+
 @pytest.mark.usefixtures("wings_as_typed")
 def test_sizes_follow_the_body(bird, tmp_path):
     thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)

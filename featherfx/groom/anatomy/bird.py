@@ -52,6 +52,7 @@ _LAYOUT = {
 }
 _SIDE_TILT = 15.0  # deg, that the breast's sides stand up more before folded wings; by eye
 _UNEVEN = 0.04  # of feathers of a disc
+_SPREAD = 0.1  # fold, up to which a wing that does not open stands at its landmark, not as it lies
 _HIDES = 0.9  # fold, from which on a wing hides the flank
 _BORDER = 0.5  # of a feather's length, over which parts pass into each other
 _BORDERS = {"thigh": 0.1}  # where legs are bare below, no single feathers
@@ -91,7 +92,7 @@ def hatch(
     tail = _tail(entry, kind["tail"], points, axes, scale) if kind["tail"]["count"] else None
     body = _body(parts["skin"], place, read, tail, points["tail"], axes)
     wings = [_wing(entry, wing, side, points, axes, scale) for side in ("right", "left")]
-    if body is not None:
+    if body is not None and (entry["fold"] > _SPREAD or entry["opens"]):
         wings = _lying(wings, body)
     parts["wing"] += [(at, each) for each in wings]
     if tail is not None:
