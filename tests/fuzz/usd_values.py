@@ -90,7 +90,8 @@ def _spoilt(random: Random, layer: Sdf.Layer, spec: Sdf.AttributeSpec) -> None:
     def change(array: np.ndarray) -> np.ndarray:
         if array.size and array.dtype.kind == "f":
             odd = (np.nan, np.inf, -np.inf, 1e30, 3e38, -1.0, 0.0)
-            array.flat[random.integers(array.size)] = odd[random.integers(len(odd))]
+            with np.errstate(over="ignore"):
+                array.flat[random.integers(array.size)] = odd[random.integers(len(odd))]
         return array
 
     _change(layer, spec, random, change)
