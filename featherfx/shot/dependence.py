@@ -22,12 +22,14 @@ from featherfx.mechanics.batch import is_guarded, may_slip
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.levels import LevelPlan, level_plan
 from featherfx.shot.direction.channels import acting
+from featherfx.shot.direction.roots import shares_of
 from featherfx.shot.direction.targets import targets_of
 from featherfx.shot.islands import ALONE, pushing_islands
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.motion.roots import Roots
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.types import Shot
@@ -50,7 +52,7 @@ def motion_dependences(shot: Shot) -> list[str]:
     motion = root_motion(shot)
     plan = level_plan(shot, drawn, motion)
     common = digest(_common(shot))
-    texts = digests([common, *each] for each in _each(shot, plan))
+    texts = digests([common, *each] for each in _each(shot, plan, motion))
     if shot.contact is not None:
         texts = _with_islands(shot, pushing_islands(shot, drawn, motion), texts)
     return _with_guides(shot, plan, texts)
@@ -110,7 +112,7 @@ def _common(shot: Shot) -> list[Any]:
     return [*found, shot.groom.joints, surfaces]
 
 
-def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
+def _each(shot: Shot, plan: LevelPlan, motion: Roots) -> list[list[Any]]:
     """What counts for each feather by itself."""
     placements = shot.groom.feathers
     shelter = exposures(shot).tolist()
@@ -120,7 +122,7 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
         [each[number] if number >= 0 else None for number in last_fitting(each, placements)]
         for each in (shot.wets, shot.frees)
     ]
-    directed, brought = acting(shot), targets_of(shot)
+    directed, share, brought = acting(shot), shares_of(motion, len(placements)), targets_of(shot)
     pulls: dict[str, list[Any]] = {}
     for grip in shot.grips:
         pulls.setdefault(grip.feather, []).append(grip)
@@ -136,7 +138,7 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
             plan.table[:, f],
             guarded[f],
             [each[f] for each in rules],
-            directed[f],
+            [directed[f], float(share[f])],
             brought[f],
         ]
         for f, placement in enumerate(placements)

@@ -28,6 +28,7 @@ from featherfx.shot.detail.estimate import Estimate
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.detail.promise import common_tolerance
+from featherfx.shot.direction.roots import warn_of_shares
 from featherfx.shot.direction.targets import Reached
 from featherfx.shot.direction.through import FollowThrough
 from featherfx.shot.energy import Energy, energy_of
@@ -473,6 +474,7 @@ def _from_preroll(shot: Shot, subframes: int) -> tuple[Shot, Roots, int]:
     """A shot, what moves its roots, and the number of its first sample: below 0 where the motion
     does not begin at rest."""
     motion, preroll = root_motion(shot), shot.preroll / shot.frames_per_second
+    warn_of_shares(shot, motion)
     tolerance = common_tolerance(shot)
     run_up = run_up_of(motion, preroll, tolerance)
     if run_up is None:

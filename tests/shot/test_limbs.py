@@ -14,8 +14,8 @@ from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.groom.read.read import read_groom
 from featherfx.shot.motion.flap import folding
 from featherfx.shot.motion.joints import joint_roots, roots_at_rest, skeleton_of
-from featherfx.shot.motion.limbs import carried, limbs_of
-from featherfx.shot.motion.motion import moving_limbs, root_motion
+from featherfx.shot.motion.limbs import carried, limbs_of, moving_limbs
+from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.roots import RootFrames
 
 GROOM = """

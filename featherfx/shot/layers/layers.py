@@ -56,7 +56,7 @@ from featherfx.shot.layers.types import (
     Stack,
     Vanes,
 )
-from featherfx.shot.motion.motion import moving_limbs
+from featherfx.shot.motion.limbs import moving_limbs
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
@@ -162,13 +162,28 @@ class Layers:
         has to be. poses: taken out of the list, since they are large. duration: s since the sample
         before; 0 at the first. accelerations: whether the laid poses have them; else they are of no
         rows."""
-        points, lifts = stacked([pose.points for pose in poses]), self.lifts
+        points = stacked([pose.points for pose in poses])
         second = [pose.accelerations if accelerations else _NO_ROWS for pose in poses]
         rates = _single([pose.velocities for pose in poses]), _single(second)
         gaps = [pose.gaps for pose in poses]
         poses.clear()
         del second
-        marks = _marks(points, skin)
+        self._lay_as_asked(points, skin, duration)
+        self._waiting.append(Asked(points, rates, gaps, skin, duration, self._kept()))
+
+    def depths_of(self, points: RowPoints, skin: Array) -> Array:
+        """(K,) thicknesses, how deep pairs of the stack that touch are where the needed feathers
+        are laid from nothing at a pose, over a skin (V, 3) m; 0 for those that are clear. For
+        layers that lay nothing else."""
+        self.lifts.lift[:] = 0.0
+        self._marks = np.zeros_like(self._marks)
+        self._lay_as_asked(points, skin, 0.0)
+        found = np.where(self.lifts.touching != 0, self.lifts.depths, 0.0)
+        return np.maximum(found, 0.0)
+
+    def _lay_as_asked(self, points: RowPoints, skin: Array, duration: float) -> None:
+        """Lay a sample as it has to be; the first until it rests."""
+        lifts, marks = self.lifts, _marks(points, skin)
         kept = float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0
         for _ in range(1 if duration > 0.0 else 1 + PASSES):
             lifts.same[:], self._marks = marks == self._marks, marks
@@ -176,7 +191,6 @@ class Layers:
             self._lay(lifts, points, skin, kept)
             if not lifts.moved.any():
                 break
-        self._waiting.append(Asked(points, rates, gaps, skin, duration, self._kept()))
 
     def lay(self, frame: float) -> list[FeatherPose]:
         """Poses of the needed feathers at the first sample that was asked for and is not yet laid

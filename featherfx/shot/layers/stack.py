@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from heapq import heapify, heappop, heappush
 from typing import Any
@@ -77,23 +77,31 @@ def _seen_at_rest(
     """(K,) m, how deep the upper feather of each pair is below the lower one, and by how many
     points it is over it, less those by which it is under it. Of all pairs, also of those that lie
     the other way round, up to a depth over their length."""
+    count = len(stack.pairs)
+    depth, votes = np.zeros(count), np.zeros(count, dtype=np.int64)
+    for laps in laps_at_rest(stack, vanes, rest, deepest):
+        below = laps["base"] - laps["clear"]
+        np.maximum.at(depth, laps["pair"], below)
+        np.add.at(votes, laps["pair"], np.where(below > 0.0, -1, 1))
+    return depth, votes
+
+
+def laps_at_rest(
+    stack: Stack, vanes: Vanes, rest: RowPoints, deepest: float
+) -> Iterator[NDArray[Any]]:
+    """Laps of all pairs at rest, up to heights of NEAR and a depth over their length, some at a
+    time: laps of all pairs at once would be the most that a bake holds."""
     length = vanes.row.sum(axis=1)
     pose, every = pose_like(rest, vanes.present.shape), np.ones(len(stack.pairs), dtype=np.int8)
     lift_points_of_all(vanes, rest, pose, (0, len(length)))
     seen = vanes._replace(deepest=deepest * length)
     follow = NEAR * float((length / vanes.half).max(initial=0.0))
-    # part by part: laps of all pairs at once would be the most that a bake holds
     scratch, count = scratch_of(vanes, PAIRS_AT_ONCE), len(stack.pairs)
-    depth, votes = np.zeros(count), np.zeros(count, dtype=np.int64)
     for begin in range(0, count, PAIRS_AT_ONCE):
         span = begin, min(begin + PAIRS_AT_ONCE, count)
         found = find_laps(seen, stack, pose, follow, (span, every), scratch.laps, scratch.seen)
         laps = scratch.laps[:found]
-        laps = laps[laps["beside"] <= vanes.half[laps["upper"]] + vanes.half[laps["lower"]]]
-        below = laps["base"] - laps["clear"]
-        np.maximum.at(depth, laps["pair"], below)
-        np.add.at(votes, laps["pair"], np.where(below > 0.0, -1, 1))
-    return depth, votes
+        yield laps[laps["beside"] <= vanes.half[laps["upper"]] + vanes.half[laps["lower"]]]
 
 
 def _by_votes(pairs: Indices, votes: Indices, order: Indices) -> Stack:

@@ -18,6 +18,7 @@ from featherfx.shot.motion.joints import JointPoses, Skeleton, joint_roots, skel
 from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.read.sources import MovingSurface
+from featherfx.shot.types import Shot
 
 
 @dataclass(frozen=True)
@@ -144,3 +145,11 @@ def on_bones(groom: Groom, skin: BoundSkin) -> Roots:
     joints = np.array(list(bones), dtype=np.int64)
     own = _Bones(skeleton, joints, middles, ribbons, binding, used, skin.start)
     return _WingRoots(skin, joint_roots(groom, skeleton, own.poses), np.array(members))
+
+
+def moving_limbs(shot: Shot) -> Indices:
+    """(F,) which limb moves each feather beside the skin of a shot, 0 for none."""
+    skin = shot.skin
+    if skin is not None and (shot.motion.of_limbs or on_bones(shot.groom, skin) is not skin):
+        return limbs_of(shot.groom)
+    return np.zeros(len(shot.groom.feathers), dtype=np.int64)

@@ -22,7 +22,7 @@ from featherfx.shot.motion.joints import (
     swung,
 )
 from featherfx.shot.motion.keys import keyed
-from featherfx.shot.motion.limbs import carried, limbs_of, on_bones
+from featherfx.shot.motion.limbs import carried, on_bones
 from featherfx.shot.motion.roots import SAMPLES, Roots, arrived
 from featherfx.shot.types import Motion, Shot
 from featherfx.solver.step.root_path import RootPath
@@ -42,14 +42,6 @@ def root_motion(shot: Shot) -> Roots:
         return directed(shot, joint_roots(shot.groom, skeleton, poses))
     limbs = joint_roots(shot.groom, skeleton, _without_body(poses))
     return directed(shot, carried(shot.groom, shot.skin, limbs))
-
-
-def moving_limbs(shot: Shot) -> Indices:
-    """(F,) which limb moves each feather beside the skin of a shot, 0 for none."""
-    skin = shot.skin
-    if skin is not None and (shot.motion.of_limbs or on_bones(shot.groom, skin) is not skin):
-        return limbs_of(shot.groom)
-    return np.zeros(len(shot.groom.feathers), dtype=np.int64)
 
 
 def _poses(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
