@@ -33,6 +33,8 @@ from featherfx.groom.types import FeatherKind
 VANE, SHAFT = (0.80, 0.76, 0.69), (0.42, 0.33, 0.24)
 # of the vanes' colour, what a shaft without one of its own has; chosen by eye
 _SHAFT = 0.55
+# of patterns that name none; chosen by eye
+SIZES = {"bars": 0.4, "spots": 0.02, "eye": 0.08, "fringe": 0.01, "streak": 0.01}
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,7 @@ def _cover(pattern: Pattern, calamus: float, places: Array) -> Array:
     spacing = (end - start) / pattern.number
     nearest = np.clip(np.round((along - start) / spacing - 0.5), 0, pattern.number - 1)
     middle = start + (nearest + 0.5) * spacing
-    size = pattern.size
+    size = SIZES.get(pattern.kind, 0.0) if pattern.size is None else pattern.size
     match pattern.kind:
         case "gradient":
             return faded((along - start) / (end - start))

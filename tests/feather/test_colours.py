@@ -127,3 +127,9 @@ def test_halfway_kinds_have_halfway_colours():
     assert blended(first, KIND, 0.75).colour == Colour()
     spots = replace(first, colour=replace(first.colour, patterns=(bar(kind="spots"),)))
     assert blended(first, spots, 0.75).colour.patterns == (bar(kind="spots"),)
+
+
+@pytest.mark.parametrize("kind", ["bars", "spots", "fringe", "eye", "streak"])
+def test_a_mark_without_a_size_leaves_most_of_a_feather_as_it_is(kind):
+    _, _, light, _ = shades(bar(kind=kind))
+    assert 0.01 < (light < 0.5).mean() < 0.5
