@@ -27,8 +27,6 @@ from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.estimate import Estimate
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import level_plan
-from featherfx.shot.detail.promise import common_tolerance
-from featherfx.shot.direction.roots import warn_of_shares
 from featherfx.shot.direction.targets import Reached
 from featherfx.shot.direction.through import FollowThrough
 from featherfx.shot.energy import Energy, energy_of
@@ -48,13 +46,12 @@ from featherfx.shot.layers.types import Laid
 from featherfx.shot.loads.types import Grip
 from featherfx.shot.loads.wet import clumping
 from featherfx.shot.motion.cuts import cut_roots
-from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.motion.preroll import RunUpRoots, run_up_of
-from featherfx.shot.motion.roots import RootFrames, Roots, root_rates
+from featherfx.shot.motion.roots import RootFrames, root_rates
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.replay import Replay
 from featherfx.shot.reshaped import reshaped
 from featherfx.shot.settled import moving_with_roots
+from featherfx.shot.start import from_preroll
 from featherfx.shot.together import (
     Together,
     contact_memory,
@@ -95,7 +92,7 @@ class Simulation:
         replay: Replay | None = None,
     ) -> None:
         self._subframes, self._counts = subframes, Counts()
-        self.shot, motion, self._first = _from_preroll(shot, subframes)
+        self.shot, motion, self._first = from_preroll(shot, subframes)
         self._motion = motion = cut_roots(self.shot, motion)
         shot, drawn = self.shot, drawn_feathers(shot)
         chosen = range(len(drawn)) if wanted is None else wanted
@@ -468,20 +465,6 @@ def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:
     """All feathers of a shot on the grid of its quality. Raises InputError."""
     rows, columns = shot.quality.rows, shot.quality.columns
     return tuple(feathers_of(shot.groom.feathers, rows, columns))
-
-
-def _from_preroll(shot: Shot, subframes: int) -> tuple[Shot, Roots, int]:
-    """A shot, what moves its roots, and the number of its first sample: below 0 where the motion
-    does not begin at rest."""
-    motion, preroll = root_motion(shot), shot.preroll / shot.frames_per_second
-    warn_of_shares(shot, motion)
-    tolerance = common_tolerance(shot)
-    run_up = run_up_of(motion, preroll, tolerance)
-    if run_up is None:
-        return shot, motion, 0
-    colliders = tuple(each.brought_up(run_up, tolerance) for each in shot.colliders)
-    begun = replace(shot, colliders=colliders, run_up=run_up)
-    return begun, RunUpRoots(motion, run_up), -shot.preroll * subframes
 
 
 def simulate(
