@@ -376,6 +376,29 @@ def test_a_folder_that_others_can_write_to_is_not_used(run_kernels, tmp_path, co
     assert run_kernels(tmp_path / "here", **trusted)[1] == NONE
 
 
+READ_ONLY = """
+import os
+access = os.access
+os.access = lambda path, mode, **how: mode != os.W_OK and access(path, mode, **how)
+"""
+
+
+@needs_posix
+@pytest.mark.parametrize("lacks", ["", "total", "mean"])
+def test_a_folder_that_can_only_be_read_is_loaded_from(
+    run_kernels, tmp_path, compiled_once, lacks
+):
+    """What it lacks is compiled, told once, and not kept."""
+    shutil.copytree(compiled_once[1], tmp_path / "cache")
+    for file in (tmp_path / "cache").rglob(f"*.{lacks}-*") if lacks else ():
+        file.unlink()
+    before = sorted((tmp_path / "cache").rglob("*"))
+    value, rest = run_kernels(tmp_path / "here", before=READ_ONLY)
+    assert (value, rest) == ("4.0", NONE.replace("[]", f"['{lacks}']" if lacks else "[]"))
+    assert run_kernels.stderr.count("no permission to write to") == bool(lacks)
+    assert sorted((tmp_path / "cache").rglob("*")) == before
+
+
 @needs_posix
 def test_who_may_write_above_a_folder_counts(tmp_path):
     folder = tmp_path / "above" / "cache"

@@ -20,7 +20,7 @@ from featherfx.baking.bake import bake
 from featherfx.baking.check import check
 from featherfx.baking.samples import sample_names
 from featherfx.errors import InputError, SimulationError
-from featherfx.files.cache_folder import doubt, wanted_folder
+from featherfx.files.cache_folder import wanted_folder
 from featherfx.files.shipped import shipped
 
 NAME = "featherfx"
@@ -126,20 +126,14 @@ def _usd(problems: list[str]) -> dict[str, Any] | None:
 
 def _cache(problems: list[str]) -> dict[str, Any]:
     """The folder of compiled code. One that cannot be used costs time, and is told as a problem."""
-    from featherfx.jit.cache import root_folder
+    from featherfx.jit.cache import can_be_loaded, unkept
     from featherfx.jit.shipped import unused
     from featherfx.jit.told import seconds_to_come
 
     wanted = wanted_folder()
-    try:
-        fault = doubt(wanted)
-    except OSError as error:
-        fault = error.strerror or str(error)
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        used = root_folder() == wanted
-    if not used:
-        problems.append(f"{wanted}: {fault or '; '.join(str(each.message) for each in told)}")
+    used = can_be_loaded(wanted)
+    if fault := unkept():
+        problems.append(f"{wanted}: {fault}")
     files = [each for each in wanted.rglob("*") if each.is_file()] if used else []
     return {
         "folder": str(wanted),

@@ -6,13 +6,15 @@ asked for, not those of the functions that it calls. Nothing else about a file c
 anew elsewhere, it finds its machine code. These folders are in $FEATHERFX_CACHE, else in the
 system's own folder for caches of a user (on Linux $XDG_CACHE_HOME/featherfx, else
 ~/.cache/featherfx), else in one that is removed when the process ends. Folders that others can
-write to are not used (files/trust.py), unless $FEATHERFX_TRUSTED_CACHE names them. What is in them:
-stored.py.
+write to are not used (files/trust.py), unless $FEATHERFX_TRUSTED_CACHE names them. What is there of
+one that this user cannot write to is loaded; what it lacks is compiled by every run. What is in
+them: stored.py.
 """
 
 from __future__ import annotations
 
 import atexit
+import contextlib
 import hashlib
 import os
 import re
@@ -61,38 +63,64 @@ def _digest(source: Path) -> str:
 
 @cache
 def _fault(folder: Path) -> str:
-    """Why a folder, made if need be, cannot hold machine code; empty if it can."""
+    """Why nothing can be loaded from a folder, made if need be; empty if it can."""
     try:
         if fault := doubt(folder):
             return fault
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     except OSError as error:
         return f"{folder}: {error.strerror or error}"
-    return "" if os.access(folder, os.W_OK) else f"no permission to write to {folder}"
+    return "" if os.access(folder, os.R_OK | os.X_OK) else f"no permission to read {folder}"
+
+
+def can_be_loaded(folder: Path) -> bool:
+    """Whether machine code is loaded from a folder, where there is some."""
+    return not _fault(folder)
+
+
+@cache
+def unkept() -> str:
+    """Why what is compiled here is not kept, in words; empty if it is."""
+    wanted = wanted_folder()
+    if fault := _fault(wanted):
+        return f"machine code is not kept, and is compiled anew by every run: {fault}"
+    if os.access(wanted, os.W_OK):
+        return ""
+    return f"no permission to write to {wanted}: machine code that it lacks is compiled by every run"
 
 
 @cache
 def root_folder() -> Path:
     """Folder that holds the caches of all sources: the one asked for, else the user's own, else one
-    for this process, with a warning that says why."""
+    for this process, with a warning that says why where nothing can be loaded from the other."""
     wanted = wanted_folder()
-    fault = _fault(wanted)
-    if not fault:
+    if not unkept():
         return wanted
     folder = Path(tempfile.mkdtemp(prefix="featherfx-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    warnings.warn(
-        f"machine code is not kept, and is compiled anew by every run: {fault}",
-        InputWarning,
-        stacklevel=2,
-    )
+    if _fault(wanted):
+        warnings.warn(unkept(), InputWarning, stacklevel=2)
     return folder
 
 
 @cache
 def cache_folder(source: Path) -> Path:
-    """Folder of the compiled kernels of a source file."""
-    return root_folder() / _digest(source)
+    """Folder of the compiled kernels of a source file. What is there of one that can only be read
+    is linked into that of this process."""
+    name, wanted = _digest(source), wanted_folder()
+    folder = root_folder() / name
+    if root_folder() != wanted and not _fault(wanted):
+        with contextlib.suppress(OSError):
+            folder.mkdir(mode=0o700)
+            for file in (wanted / name).iterdir():
+                (folder / file.name).symlink_to(file.absolute())
+    return folder
+
+
+def warn_if_unkept() -> None:
+    """Tell once, where something is compiled, that it is not kept beside what is loaded."""
+    if unkept() and can_be_loaded(wanted_folder()):
+        warn_once(unkept())
 
 
 @cache

@@ -20,7 +20,7 @@ from typing import Any
 from numba.core import event
 
 from featherfx.jit import shipped
-from featherfx.jit.cache import ROOT, cache_folder
+from featherfx.jit.cache import ROOT, cache_folder, warn_if_unkept
 from featherfx.jit.crew import LISTENERS, WAITING, Need, crew
 from featherfx.phases import Account, accounts
 
@@ -85,6 +85,7 @@ class Compiling(event.Listener):
         self._done: dict[str, float] = {}
 
     def on_start(self, event: Any) -> None:
+        warn_if_unkept()
         with self._lock:
             self._depth += 1
             if self._depth > 1:
