@@ -385,9 +385,7 @@ os.access = lambda path, mode, **how: mode != os.W_OK and access(path, mode, **h
 
 @needs_posix
 @pytest.mark.parametrize("lacks", ["", "total", "mean"])
-def test_a_folder_that_can_only_be_read_is_loaded_from(
-    run_kernels, tmp_path, compiled_once, lacks
-):
+def test_a_folder_that_can_only_be_read_is_loaded_from(run_kernels, tmp_path, compiled_once, lacks):
     """What it lacks is compiled, told once, and not kept."""
     shutil.copytree(compiled_once[1], tmp_path / "cache")
     for file in (tmp_path / "cache").rglob(f"*.{lacks}-*") if lacks else ():

@@ -86,7 +86,9 @@ def unkept() -> str:
         return f"machine code is not kept, and is compiled anew by every run: {fault}"
     if os.access(wanted, os.W_OK):
         return ""
-    return f"no permission to write to {wanted}: machine code that it lacks is compiled by every run"
+    return (
+        f"no permission to write to {wanted}: machine code that it lacks is compiled by every run"
+    )
 
 
 @cache
