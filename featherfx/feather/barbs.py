@@ -21,16 +21,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from featherfx.algebra.monotone import monotone
 from featherfx.feather.outline import (
     distance_outside,
-    monotone,
     opening,
     outline_curve,
     ray_lengths,
 )
-from featherfx.feather.rachis import Rachis, turn, turned
+from featherfx.feather.rachis import Rachis
 from featherfx.feather.splits import splay, strips_of
 from featherfx.feather.types import LEADING, Array
+from featherfx.groom.course import turn, turned
 from featherfx.groom.splits import Split
 from featherfx.groom.types import BarbGuide, FeatherKind
 

@@ -1,10 +1,4 @@
-"""The shaft at rest: stations of the rows, positions, frames and sections.
-
-Barbs at rest are curves whose frame turns at a constant rate, and so is a rachis without a course.
-A frame R(s) with dR/ds = R [k] for a constant k turns to R(s) = exp(s [k]), and its first
-axis sweeps out the position s V(s k) e1, both in closed form (Rodrigues), so that a curve is exact
-at any number of points. A rachis with a course is made of such pieces, always the same ones.
-"""
+"""The shaft at rest: stations of the rows, positions, frames and sections."""
 
 from __future__ import annotations
 
@@ -12,15 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from featherfx.feather.outline import monotone
 from featherfx.feather.types import Array
-from featherfx.groom.types import FeatherKind, RachisShape
-
-# Below this angle the closed form of (angle - sin(angle)) / angle^3 loses digits to cancellation;
-# five terms of its series are exact to rounding there.
-_SERIES_BELOW = 0.25
-# pieces of constant rate that a shaft with a course of its own is made of
-_PIECES = 256
+from featherfx.groom.course import shaft
+from featherfx.groom.types import FeatherKind
 
 
 @dataclass(frozen=True)
@@ -69,86 +57,3 @@ def build_rachis(kind: FeatherKind, rows: int) -> Rachis:
         height=kind.rachis_material.flattening * width,
         first_vane_row=first_vane_row,
     )
-
-
-def shaft(shape: RachisShape, along: Array) -> tuple[Array, Array]:
-    """(K, 3, 3) frames, and (K, 3) mean tangents as of `turn`, at shares (K,) of the length."""
-    if not shape.course:
-        return turn(along[:, None] * _arc(shape))
-    knots = np.linspace(0.0, 1.0, _PIECES + 1)
-    turnings = knots[:, None] * _arc(shape) + _course(shape, knots)
-    frames, means = turn(np.diff(turnings, axis=0))
-    frame, place = np.eye(3), np.zeros(3)
-    begun = [(frame, place)]
-    for step, mean in zip(frames, means, strict=True):
-        place = place + frame @ mean / _PIECES
-        frame = frame @ step
-        begun.append((frame, place))
-    piece = np.clip((along * _PIECES).astype(int), 0, _PIECES - 1)
-    rest = along[:, None] * _arc(shape) + _course(shape, along) - turnings[piece]
-    turned, mean = turn(rest)
-    before = np.array([begun[k][0] for k in piece])
-    way = (along - knots[piece])[:, None]
-    ends = np.array([begun[k][1] for k in piece]) + way * np.einsum("kij,kj->ki", before, mean)
-    straight = np.where(along[:, None] > 0.0, ends, [1.0, 0.0, 0.0])
-    return before @ turned, straight / np.where(along > 0.0, along, 1.0)[:, None]
-
-
-def turned(shape: RachisShape, start: Array, way: Array) -> Array:
-    """(K, 3) rad by which the frame turns from shares (K,) of the length on, over ways (K,) in
-    lengths; past the tip the arc goes on."""
-    arc = way[:, None] * _arc(shape)
-    if not shape.course:
-        return arc
-    places = _course(shape, np.concatenate([start, start + way]))
-    return arc + places[len(start) :] - places[: len(start)]
-
-
-def _arc(shape: RachisShape) -> Array:
-    """(3,) rad that the frame turns by from base to tip, without its course.
-
-    Positive rotation about d2 lowers the tangent (ventral), about d3 turns it to the leading side:
-    hence the sign of the sweep.
-    """
-    return np.radians([shape.twist, shape.camber, -shape.sweep])
-
-
-def _course(shape: RachisShape, along: Array) -> Array:
-    """(K, 3) rad, turnings of the course from the base to shares (K,) of the length."""
-    places, camber, sweep, twist = np.array(shape.course).T
-    values = np.radians(np.stack([twist, camber, -sweep], axis=1))
-    if len(places) == 1:
-        return np.zeros((len(along), 3))
-    at = np.clip(np.concatenate([[0.0], along]), places[0], places[-1])
-    found = monotone(places, values, at)
-    return found[1:] - found[0]
-
-
-def turn(rotation_vector: Array) -> tuple[Array, Array]:
-    """Frames and mean tangents after turning steadily by the given rotation vectors.
-
-    rotation_vector: (..., 3) rad, in the frame of the curve's start.
-    Returns (..., 3, 3) frames, columns d1, d2, d3, and (..., 3) the mean of d1 on the way: arc
-    length times mean tangent is the position.
-    """
-    x, y, z = np.moveaxis(np.asarray(rotation_vector, dtype=np.float64), -1, 0)
-    skew = np.zeros((*x.shape, 3, 3))
-    skew[..., 0, 1], skew[..., 0, 2], skew[..., 1, 2] = -z, y, -x
-    skew[..., 1, 0], skew[..., 2, 0], skew[..., 2, 1] = z, -y, x
-    squared = skew @ skew
-    angle = np.sqrt(x * x + y * y + z * z)
-    first = np.sinc(angle / np.pi)[..., None, None]
-    second = 0.5 * np.sinc(angle / (2.0 * np.pi))[..., None, None] ** 2
-    third = _third_coefficient(angle)[..., None]
-    frame = np.eye(3) + first * skew + second * squared
-    mean_tangent = second[..., 0] * skew[..., 0] + third * squared[..., 0]
-    mean_tangent[..., 0] += 1.0
-    return frame, mean_tangent
-
-
-def _third_coefficient(angle: Array) -> Array:
-    """(angle - sin(angle)) / angle^3, accurate down to zero."""
-    q = angle * angle
-    series = (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0 * (1.0 - q / 110.0)))) / 6.0
-    safe = np.maximum(angle, _SERIES_BELOW)
-    return np.where(angle < _SERIES_BELOW, series, (safe - np.sin(safe)) / safe**3)

@@ -10,7 +10,8 @@ from feather_kinds import NO_VANE, SWAN_PRIMARY, feather_kind
 from scipy.spatial.transform import Rotation
 
 from featherfx.feather.build import build_feather
-from featherfx.feather.rachis import build_rachis, row_stations, turn, turned
+from featherfx.feather.rachis import build_rachis, row_stations
+from featherfx.groom.course import turn, turned
 
 
 def test_camber_alone_is_an_arc_towards_ventral():

@@ -93,13 +93,67 @@ def test_cubic_curves_run_through_their_ends(tmp_path, basis):
     np.testing.assert_allclose(points[-1, 0], control[-1], atol=6e-3)
 
 
-def test_curves_that_are_no_arcs_warn(tmp_path):
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_curves_that_are_no_arcs_keep_their_shape(tmp_path, mirror):
+    """The built shaft passes within 1 % of the length of each drawn point; an arc has no course."""
     stage = new_stage(tmp_path / "bird.usda")
-    x = np.linspace(0, 0.2, 21)
-    wave = np.column_stack([x, 0 * x, 0.03 * np.sin(2 * np.pi * x / 0.2)])
-    add_curves(stage, "/c", [arc(), wave], ids=["good", "wave"])
+    x = np.linspace(0, 0.2, 41)
+    wave = np.column_stack([x, 0 * x, 0.02 * np.sin(3 * np.pi * x / 0.2)])
+    screw = np.column_stack([x, 0.02 * np.cos(30 * x) - 0.02, 0.02 * np.sin(30 * x)])
+    corner = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.18, 0, 0.05]])
+    curves = [arc(), wave, screw, corner]
+    prim = add_curves(stage, "/c", curves, ids=["arc", "wave", "screw", "corner"])
+    add_matrix(prim, np.diag([1.0, mirror, 1.0, 1.0]))
     stage.Save()
-    with pytest.warns(featherfx.errors.InputWarning, match=r"off by more than 2% .*: 'wave' \d"):
+    groom = featherfx.read_groom(tmp_path / "bird.usda")
+    assert [len(each.kind.rachis.course) > 0 for each in groom.feathers] == [
+        False,
+        True,
+        True,
+        True,
+    ]
+    for number, curve in enumerate(curves):
+        drawn, own = curve * [1, mirror, 1], groom.feathers[number]
+        length = np.linalg.norm(np.diff(drawn, axis=0), axis=1).sum()
+        assert own.kind.length == pytest.approx(length, rel=1e-6)
+        (points, _), _ = built(groom, number)
+        shaft = fine(points[:, 0])
+        near = np.linalg.norm(shaft[:, None] - drawn, axis=-1).min(axis=0)
+        assert near.max() < 0.01 * length
+        np.testing.assert_allclose(points[-1, 0], drawn[-1], atol=0.01 * length)
+
+
+def fine(line):
+    """A polyline with more points between."""
+    at = np.linspace(0, len(line) - 1, 1001)
+    return np.stack([np.interp(at, np.arange(len(line)), each) for each in line.T], axis=1)
+
+
+def test_a_drawn_shaft_has_no_course_of_its_kind(tmp_path):
+    """The course of a kind is no part of what is drawn; one of an override is."""
+    stage = new_stage(tmp_path / "bird.usda")
+    add_curves(stage, "/c", [arc()], kind="curly", ids=["a"])
+    stage.Save()
+    (tmp_path / "presets/feather").mkdir(parents=True)
+    course = "course = [[0, 0, 0, 0], [1, 0, 40, 0]]"
+    preset = f'base = "covert"\n[rachis]\n{course}\n'
+    (tmp_path / "presets/feather/curly.toml").write_text(preset)
+    (tmp_path / "groom.toml").write_text('name = "g"\nusd = { file = "bird.usda" }\n')
+    folders = [tmp_path / "presets"]
+    assert not featherfx.read_groom(tmp_path / "groom.toml", folders).feathers[0].kind.rachis.course
+    with (tmp_path / "groom.toml").open("a") as file:
+        file.write("[overrides.a]\nrachis.course = [[0, 0, 0, 0], [1, 0, 30, 0]]\n")
+    kind = featherfx.read_groom(tmp_path / "groom.toml", folders).feathers[0].kind
+    assert kind.rachis.course == ((0, 0, 0, 0), (1, 0, 30, 0))
+
+
+def test_curves_that_no_shaft_follows_warn(tmp_path):
+    stage = new_stage(tmp_path / "bird.usda")
+    number = np.arange(401)
+    zigzag = np.column_stack([0.001 * number, 0 * number, 0.01 * (number % 2)])
+    add_curves(stage, "/c", [arc(), zigzag], ids=["good", "zigzag"])
+    stage.Save()
+    with pytest.warns(featherfx.errors.InputWarning, match=r"off by more than 1% .*: 'zigzag' \d"):
         featherfx.read_groom(tmp_path / "bird.usda")
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
-from featherfx.feather.rachis import turn
+from featherfx.groom.course import turn
 
 TYPES = Sdf.ValueTypeNames
 

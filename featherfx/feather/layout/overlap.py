@@ -14,7 +14,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots
-from featherfx.feather.rachis import shaft, turn
+from featherfx.groom.course import shaft, turn
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Placement, RachisShape
 

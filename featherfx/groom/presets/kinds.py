@@ -193,7 +193,8 @@ class Change(NamedTuple):
     """What a feather changes of its kind.
 
     scale: factor of the size; materials follow the kind's `scaling`. width: factor of the vanes'
-    widths. camber, sweep: deg, added to the shaft's. hollow: deg, added to the camber of all barbs.
+    widths. camber, sweep: deg, added to the shaft's. course: in place of its own, where not None.
+    hollow: deg, added to the camber of all barbs.
     wrap: of the leading and the trailing vane, what their barbs are bent to, not added: length of
     the kind over the radius of a cylinder along the shaft; 0 leaves them. stiffness, weight:
     factors of all stiffnesses and all masses. patterns: of the splits that the leading and the
@@ -205,6 +206,7 @@ class Change(NamedTuple):
     width: float = 1.0
     camber: float = 0.0
     sweep: float = 0.0
+    course: tuple[tuple[float, float, float, float], ...] | None = None
     hollow: float = 0.0
     wrap: tuple[float, float] = (0.0, 0.0)
     stiffness: float = 1.0
@@ -225,6 +227,7 @@ def adjusted(kind: FeatherKind, change: Change) -> FeatherKind:
         diameter_tip=kind.rachis.diameter_tip * scale,
         camber=kind.rachis.camber + change.camber,
         sweep=kind.rachis.sweep + change.sweep,
+        course=kind.rachis.course if change.course is None else change.course,
     )
     shaped = replace(
         kind,

@@ -20,13 +20,20 @@ from featherfx.groom.keys.preset import FEATHER
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Table
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
+from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.condensed import DrawnBarbs, DrawnVanes, vanes_of
 from featherfx.groom.read.drafts import Draft, DrawnShape, belonging
-from featherfx.groom.read.rachis_curve import curved_up, fit_curve, without_repeats
+from featherfx.groom.read.rachis_curve import (
+    MOST_DEVIATION,
+    curved_up,
+    fit_arc,
+    fit_course,
+    without_repeats,
+)
+from featherfx.groom.read.tightest import tightest
 from featherfx.groom.types import FeatherKind
 
-_MOST_DEVIATION = 0.02  # share of the length
 _MOST_NAMED = 10
 _SHORTEST, _LONGEST = 1e-4, 10.0  # m; beyond, a stage has another unit than it says
 
@@ -82,19 +89,20 @@ def drawn_drafts(
 
 
 def _warn_of_bends(path: Path, drafts: list[Draft]) -> None:
-    """Warn of drawn curves that an arc follows badly."""
+    """Warn of drawn curves that a shaft follows badly."""
     far = [
         (draft.shape.fit.deviation / draft.shape.fit.length, draft.id)
         for draft in drafts
         if draft.shape is not None and draft.shape.bent
     ]
-    far = sorted((each for each in far if each[0] > _MOST_DEVIATION), reverse=True)
+    far = sorted((each for each in far if each[0] > MOST_DEVIATION), reverse=True)
     if far:
         named = ", ".join(f"'{name}' {off:.1%}" for off, name in far[:_MOST_NAMED])
         more = f" and {len(far) - _MOST_NAMED} more" if len(far) > _MOST_NAMED else ""
         warnings.warn(
-            f"{path}: shafts at rest are arcs, these curves are off by more than "
-            f"{_MOST_DEVIATION:.0%} of their length: {named}{more}",
+            f"{path}: these curves turn more often or more sharply than shaft and vanes can; what"
+            f" is taken for them is off by more than {MOST_DEVIATION:.0%} of their length: "
+            f"{named}{more}",
             InputWarning,
             stacklevel=2,
         )
@@ -122,20 +130,20 @@ def _draft(
         fault = "there is none, and the curve is straight" if up is None else "lies along the curve"
         at.child(_named(entry, "up")).refuse(f"{fault}; give up vectors, or up in the groom")
     choice = _choice(kind, vanes, at, store)
-    fit = fit_curve(points, up) if len(points) >= 2 else None
+    fit, bent = fit_arc(points, up) if len(points) >= 2 else None, entry["shape"] == "curve"
     if fit is not None and not _SHORTEST <= fit.length <= _LONGEST:
         message = f"{fit.length:.3g} m long, allowed {_SHORTEST:g} to {_LONGEST:g} m; do unit and "
         at.child("points").refuse(message + "transforms of the stage hold?")
+    if fit is not None and bent and fit.deviation > MOST_DEVIATION * fit.length:
+        fit = fit_course(fit, points, up, tightest(store.kind(choice)))
     return Draft(
         id=name,
         choice=choice,
         position=points[0],
-        rotation=frames_from(
-            fit.direction if fit is not None and entry["shape"] == "curve" else start, up
-        ),
+        rotation=frames_from(fit.direction if fit is not None and bent else start, up),
         scale=feather.scale * entry["scale"],
         place=at,
-        shape=None if fit is None else DrawnShape(fit, choice, entry["shape"] == "curve"),
+        shape=None if fit is None else DrawnShape(fit, choice, bent),
         skin=feather.skin,
         skin_uv=feather.skin_uv,
         **belonging(entry) | {"left": left, "region": feather.region or entry["region"]},
@@ -183,22 +191,23 @@ def _up(feather: DrawnFeather, entry: dict[str, Any], points: Array) -> Array | 
     return curved_up(points) if len(points) > 2 else None
 
 
-def drawn_changes(draft: Draft, kind: FeatherKind, store: KindStore) -> tuple[float, float, float]:
-    """Factor of length and changes of camber and sweep (deg) that make a kind fit its drawing.
+def drawn_changes(draft: Draft, kind: FeatherKind, store: KindStore) -> tuple[float, Change]:
+    """Factor of length, and changes of the shaft, that make a kind fit its drawing.
 
     What an override has changed stays as it is. Raises InputError.
     """
     shape = draft.shape
     if shape is None:
-        return 1.0, 0.0, 0.0
+        return 1.0, Change()
     base = store.kind(shape.choice)
     fit, rachis = shape.fit, base.rachis
     factor = fit.length / kind.length if kind.length == base.length else 1.0
     if not shape.bent:
-        return factor, 0.0, 0.0
-    sweep = -fit.sweep if draft.left else fit.sweep
-    return (
-        factor,
-        fit.camber - rachis.camber if kind.rachis.camber == rachis.camber else 0.0,
-        sweep - rachis.sweep if kind.rachis.sweep == rachis.sweep else 0.0,
+        return factor, Change()
+    side = -1.0 if draft.left else 1.0
+    course = tuple((place, camber, side * sweep, 0.0) for place, camber, sweep, _ in fit.course)
+    return factor, Change(
+        camber=fit.camber - rachis.camber if kind.rachis.camber == rachis.camber else 0.0,
+        sweep=side * fit.sweep - rachis.sweep if kind.rachis.sweep == rachis.sweep else 0.0,
+        course=course if kind.rachis.course == rachis.course else None,
     )

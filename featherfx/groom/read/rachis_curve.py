@@ -1,24 +1,33 @@
 """Shafts drawn as curves: points of splines, lengths, and the feather shape that fits them best.
 
-A rachis at rest is an arc whose frame turns steadily (camber and sweep). A drawn curve is replaced
-by the arc that turns as the curve does on average, in the least-squares sense over its length:
-heading angles about two axes that are carried along the curve are fitted by straight lines.
+A rachis at rest is an arc whose frame turns steadily (camber and sweep), with a course where that
+is not enough. A drawn curve is replaced by the arc that turns as the curve does on average, in the
+least-squares sense over its length: heading angles about two axes that are carried along the curve
+are fitted by straight lines. Where this arc is off by more than 1 % of the length, they are fitted
+by broken lines instead, of the fewest pieces that come near enough.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array
+from featherfx.groom.course import shaft, turn
+from featherfx.groom.types import RachisShape
 
 _STEPS = 8  # points per cubic segment
 _LEAST_BEND = 1.0  # deg; a curve of less is straight
+MOST_DEVIATION = 0.01  # share of the length; a curve that an arc misses by more has a course
+_NEAR = 0.005  # share of the length that a course is made to keep to
+_PIECES = (8, 16, 32, 64, 128, 192)  # of a course, which has 200 points at most
+_SAMPLES = 768  # of the headings that a course is fitted to
 # rows: power of t; columns: control points (Foley et al., Computer Graphics, chapter 11)
 _BASES = {
     "bezier": (np.array([[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]), 1.0, 3),
@@ -30,18 +39,20 @@ BASES = tuple(_BASES)
 
 @dataclass(frozen=True)
 class FittedCurve:
-    """The arc that stands for a drawn shaft.
+    """The arc, with its course where it has one, that stands for a drawn shaft.
 
     length: m, of the drawn curve. direction: (3,) unit, of the arc at the root. camber, sweep: deg,
     in the frame of the arc's root whose z axis leans to the given up vector, positive to -z and to
-    -y. deviation: m, largest distance of a drawn point from the arc at the same length.
+    -y. course: as of a RachisShape, without twist. deviation: m, largest distance of a drawn point
+    from the shaft at the same length.
     """
 
     length: float
     direction: Array
     camber: float
     sweep: float
-    deviation: float
+    course: tuple[tuple[float, float, float, float], ...] = ()
+    deviation: float = 0.0
 
 
 def spline_points(control: Array, basis: str, pinned: bool) -> Array:
@@ -90,20 +101,88 @@ def curved_up(points: Array) -> Array | None:
     return np.asarray(outer / size) if size > 1e-6 else None
 
 
-def fit_curve(points: Array, up: Array) -> FittedCurve:
+def fit_arc(points: Array, up: Array) -> FittedCurve:
     """Fit an arc to a polyline (k, 3) m of different points; up: (3,), not along its start."""
+    start, sizes, headings = _carried(points, up)
+    length = float(sizes.sum())
+    middle = (np.cumsum(sizes) - 0.5 * sizes) / length
+    lines = np.array([_line(middle, each, sizes) for each in headings.T])
+    camber, sweep = np.degrees(lines[:, 1]).tolist()
+    arc = FittedCurve(length, _tilted(start, lines[:, 0]), camber, sweep)
+    return replace(arc, deviation=_deviation(points, sizes, up, arc))
+
+
+def fit_course(arc: FittedCurve, points: Array, up: Array, tightest: Array) -> FittedCurve:
+    """The arc of a polyline, with a course where the arc is off by more than MOST_DEVIATION.
+
+    tightest: (n,) rad per length, the most that the shaft may turn within the vane's plane at even
+    shares of its length; no course turns more.
+    """
+    start, sizes, headings = _carried(points, up)
+    best, ends = arc, np.cumsum(sizes) / arc.length
+    for pieces in _PIECES:
+        if best.deviation <= (_NEAR if best.course else MOST_DEVIATION) * arc.length:
+            break
+        turnings = _broken_line(pieces) @ headings[_sampled(ends)]
+        found = _with_course(arc, start, up, turnings)
+        found = replace(found, deviation=_deviation(points, sizes, up, found))
+        if found.deviation < best.deviation and _turns_within(found, tightest):
+            best = found
+    return best
+
+
+def _carried(points: Array, up: Array) -> tuple[Array, Array, Array]:
+    """Frame (3, 3) of the first leg of a polyline, and lengths (k,) m and headings (k, 2) rad of
+    all in the frame that is carried along."""
     steps = np.diff(points, axis=0)
     sizes = np.linalg.norm(steps, axis=1)
-    length = float(sizes.sum())
     tangents = steps / sizes[:, None]
     start = frames_from(tangents[0], up)
-    middle = (np.cumsum(sizes) - 0.5 * sizes) / length
-    down, back = _headings(tangents, start)
-    camber, sweep = _line(middle, down, sizes), _line(middle, back, sizes)
-    tilt = np.array([np.cos(camber[0]) * np.cos(sweep[0]), -np.sin(sweep[0]), -np.sin(camber[0])])
-    direction = start @ (tilt / np.linalg.norm(tilt))
-    arc = (length, direction, float(np.degrees(camber[1])), float(np.degrees(sweep[1])))
-    return FittedCurve(*arc, _deviation(points, sizes, up, arc))
+    return start, sizes, np.stack(_headings(tangents, start), axis=1)
+
+
+def _turns_within(fit: FittedCurve, tightest: Array) -> bool:
+    places, _, sweep, _ = np.array(fit.course).T
+    turning = np.diff(sweep) / np.diff(places) + fit.sweep
+    at = np.linspace(0.0, 1.0, len(tightest))
+    piece = np.clip(np.searchsorted(places, at, side="right") - 1, 0, len(turning) - 1)
+    return bool((np.abs(np.radians(turning[piece])) <= tightest).all())
+
+
+def _tilted(start: Array, heading: Array) -> Array:
+    """(3,) unit, where a curve goes that has turned by heading (2,) rad in its frame (3, 3)."""
+    down, back = heading
+    tilt = np.array([np.cos(down) * np.cos(back), -np.sin(back), -np.sin(down)])
+    return np.asarray(start @ (tilt / np.linalg.norm(tilt)))
+
+
+def _sampled(ends: Array) -> Array:
+    """(_SAMPLES,) numbers of the legs of a polyline, that end at shares (k,), at even places."""
+    places = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    return np.minimum(np.searchsorted(ends, places), len(ends) - 1)
+
+
+@lru_cache(maxsize=len(_PIECES))
+def _broken_line(pieces: int) -> Array:
+    """(pieces + 1, _SAMPLES): from values at even places to the corners of the broken line of even
+    pieces that fits them best."""
+    places = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * pieces
+    hats = np.maximum(1.0 - np.abs(places[:, None] - np.arange(pieces + 1)), 0.0)
+    return np.linalg.solve(hats.T @ hats, hats.T)
+
+
+def _with_course(arc: FittedCurve, start: Array, up: Array, turnings: Array) -> FittedCurve:
+    """An arc with a course, that has turned by (n, 2) rad from a frame (3, 3) at even places."""
+    (down, back), places = turnings[0], np.linspace(0.0, 1.0, len(turnings))
+    carried, _ = turn(np.array([0.0, down, -back]))
+    root = start @ carried
+    # the frame of the feather is rolled against the one that is carried along the curve
+    _, roll_cosine, roll_sine = root.T @ frames_from(root[:, 0], up)[:, 1]
+    rolled = np.array([[roll_cosine, roll_sine], [-roll_sine, roll_cosine]])
+    turned = np.degrees((turnings - turnings[0]) * [1.0, -1.0] @ rolled.T) * [1.0, -1.0]
+    rest = turned - places[:, None] * [arc.camber, arc.sweep]
+    course = np.column_stack([places, rest, np.zeros(len(places))])
+    return replace(arc, direction=root[:, 0], course=tuple(map(tuple, course.tolist())))
 
 
 def _headings(tangents: Array, start: Array) -> tuple[Array, Array]:
@@ -150,27 +229,10 @@ def _line(x: Array, y: Array, weights: Array) -> tuple[float, float]:
     return float(mean_y - rise * mean_x), float(rise)
 
 
-def _deviation(
-    points: Array, sizes: Array, up: Array, arc: tuple[float, Array, float, float]
-) -> float:
-    length, direction, camber, sweep = arc
-    fraction = np.concatenate([[0.0], np.cumsum(sizes)]) / length
-    axis = np.radians([0.0, camber, -sweep])
-    drawn = (points - points[0]) @ frames_from(direction, up)
-    return float(np.linalg.norm(drawn - length * arc_points(fraction, axis), axis=1).max())
-
-
-def arc_points(fraction: Array, turning: Array) -> Array:
-    """(k, 3) points of a unit arc along x that turns by `turning` (rad), at fractions (k,)."""
-    angle = float(np.linalg.norm(turning))
-    if angle < 1e-9:
-        return fraction[:, None] * np.array([1.0, 0.0, 0.0])
-    axis = turning / angle
-    along = axis * axis[0]
-    across = np.array([1.0, 0.0, 0.0]) - along
-    sine, cosine = np.sin(fraction * angle) / angle, (1.0 - np.cos(fraction * angle)) / angle
-    return np.asarray(
-        fraction[:, None] * along
-        + sine[:, None] * across
-        + cosine[:, None] * np.cross(axis, [1.0, 0.0, 0.0])
-    )
+def _deviation(points: Array, sizes: Array, up: Array, fit: FittedCurve) -> float:
+    share = np.concatenate([[0.0], np.cumsum(sizes)]) / fit.length
+    shape = RachisShape(1.0, 1.0, camber=fit.camber, sweep=fit.sweep, course=fit.course)
+    _, mean = shaft(shape, np.minimum(share, 1.0))
+    drawn = (points - points[0]) @ frames_from(fit.direction, up)
+    apart = np.linalg.norm(drawn - fit.length * share[:, None] * mean, axis=1)
+    return float(apart.max())

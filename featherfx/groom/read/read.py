@@ -339,19 +339,20 @@ def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Pla
 def _placement(draft: Draft, rotation: Array, change: list[float], store: KindStore) -> Placement:
     """change: drawn of a feather, of each column of _drawn. Raises InputError."""
     kind = store.kind(draft.choice)
-    drawn = drawn_changes(draft, kind, store)
-    scale = draft.scale * drawn[0] * (1.0 + change[0])
-    shape = Change(
+    factor, drawn = drawn_changes(draft, kind, store)
+    scale = draft.scale * factor * (1.0 + change[0])
+    shape = drawn._replace(
         width=draft.width * (1.0 + change[1]),
-        camber=drawn[1] + draft.curl + change[2],
-        sweep=drawn[2],
+        camber=drawn.camber + draft.curl + change[2],
         hollow=draft.hollow,
         wrap=draft.wrap,
         stiffness=draft.stiffness,
         weight=draft.weight,
         patterns=_patterns(draft.id, kind),
         angle=change[4],
-        **{name: 1.0 + change[k] for k, name in enumerate(_MATTER[1:], start=5)},
+        across=1.0 + change[5],
+        along=1.0 + change[6],
+        thickness=1.0 + change[7],
     )
     prototype = store.adjusted(kind, shape)
     return Placement(
