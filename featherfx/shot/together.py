@@ -230,8 +230,8 @@ _SUMMED = (
 def contact_report(islands: Sequence[Together]) -> dict[str, Any]:
     """Figures of the contact of all islands so far, in SI units."""
     reports = [each.contact.report() for each in islands]
-    if len(reports) < 2:
-        return reports[0] if reports else {}
+    if not reports:
+        return {}
     found = {name: _of_all(name, [each[name] for each in reports]) for name in reports[0]}
     rounds = sum(each["mean_rounds"] * each["steps"] for each in reports)
     return found | {"mean_rounds": rounds / max(found["steps"], 1), "islands": len(reports)}

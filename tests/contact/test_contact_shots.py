@@ -79,6 +79,7 @@ def test_flapping_bird_keeps_its_feathers_apart():
     assert 0.0 < left[-1] < 0.5 * left[0]
     contact = simulation.report["contact"]
     assert contact["steps"] == 9 * 12
+    assert contact["islands"] == 1
     assert contact["most_contacts"] > 20
     # what is asked: below one thickness; what is got: a fifth of it
     assert contact["worst_depth"] < 0.5 * THICKNESS

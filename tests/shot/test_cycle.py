@@ -122,6 +122,14 @@ def test_a_cycle_of_the_wrong_length_is_told() -> None:
     np.testing.assert_array_equal(points, run(replace(cycling(), cycle=0))[1])
 
 
+def test_feathers_that_do_not_become_periodic_are_told() -> None:
+    """Of a tolerance that four cycles do not come within."""
+    shot = replace(cycling(), last_frame=4 * PERIOD)
+    strict = replace(shot, quality=replace(shot.quality, tolerance=1e-9, max_substeps=8))
+    with pytest.warns(InputWarning, match="none has become periodic; over the last 6 they changed"):
+        assert repeated(run(strict)[0]) == 0
+
+
 def test_gusts_are_never_replayed() -> None:
     shot = cycling()
     windy = replace(shot, wind=replace(shot.wind, speed=2.0, gust=0.3), last_frame=4 * PERIOD)

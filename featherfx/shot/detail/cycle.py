@@ -52,12 +52,13 @@ class Cycle:
     """
 
     def __init__(self, period: int, tolerance: float, feathers: int) -> None:
-        self.period, self._tolerance = period, tolerance
+        self.period, self.tolerance = period, tolerance
         self._kept: deque[_Sample] = deque(maxlen=period)
         # (F,) m, distances from a cycle before, of two cycles
         self._changes: deque[Array] = deque(maxlen=2 * period)
         self._playing = np.zeros(feathers, dtype=np.bool_)
-        self.met = False
+        # whether what acts has repeated, and whether anything was replayed
+        self.met = self.played = False
 
     def repeating(self, path: RootPath, loads: Loads) -> Flags:
         """(F,) which feathers replay the sample that a path leads to."""
@@ -73,7 +74,7 @@ class Cycle:
         ratio[known & (now == 0.0)] = 0.0
         # where they do not shrink, the limit is that of no change at all
         left = now * ratio / np.maximum(1.0 - ratio, 1e-12)
-        steady = known & (now <= self._tolerance) & (left <= self._tolerance)
+        steady = known & (now <= self.tolerance) & (left <= self.tolerance)
         self._playing = self._same(_inputs(path, loads)) & (self._playing | steady)
         return self._playing
 
@@ -88,6 +89,7 @@ class Cycle:
     def replayed(self, state: State, flags: Flags, path: RootPath, duration: float) -> State:
         """The state after a sample, s later, that the feathers with a flag replay."""
         old, new = self._kept[0], state.copy()
+        self.played |= bool(flags.any())
         for array, past in zip(new.arrays().values(), old.state.arrays().values(), strict=True):
             array[flags] = past[flags]
         new.time[flags] = state.time[flags] + duration
@@ -110,6 +112,11 @@ class Cycle:
         self._changes.append(change)
         self._kept.append(_Sample(state, inputs, place))
 
+    def changes(self) -> Array:
+        """(F,) m, by which feathers changed over the last cycle; infinite where something else
+        acted on them."""
+        return np.asarray(np.stack(tuple(self._changes)[-self.period :]).max(axis=0))
+
     def _same(self, inputs: Array) -> Flags:
         """(F,) whether what acts is what acted a cycle before."""
         past = self._kept[0].inputs
@@ -120,6 +127,7 @@ class Cycle:
     def memory(self) -> dict[str, NDArray[Any]]:
         """What is kept between frames, for checkpoints."""
         found: dict[str, NDArray[Any]] = {"playing": self._playing, "met": np.array(self.met)}
+        found["played"] = np.array(self.played)
         if self._kept:
             states, inputs, places = zip(*self._kept, strict=True)
             found |= {"changes": np.stack(self._changes), "inputs": np.stack(inputs)}
@@ -131,6 +139,7 @@ class Cycle:
     def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `memory` gave."""
         self._playing, self.met = memory["playing"], bool(memory["met"])
+        self.played = bool(memory["played"])
         if "inputs" in memory:
             stacked = zip(*(memory[name] for name in State.names()), strict=True)
             states = (State.of(dict(zip(State.names(), each, strict=True))) for each in stacked)
@@ -177,15 +186,29 @@ def restore(cycles: Sequence[Cycle | None], memory: Mapping[str, NDArray[Any]]) 
 
 
 def warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> None:
-    """InputWarning if nothing repeated after a cycle of so many frames, of done frames in all."""
-    if frames and done > 2 * frames and not any(cycle and cycle.met for cycle in cycles):
-        if not any(cycles):
-            message = "cycle: hooks that slip, and feathers in contact whose level changes, do not"
-            message += " repeat, so no feather is replayed"
-            warnings.warn(InputWarning(message), stacklevel=2)
-            return
+    """InputWarning if nothing was replayed after a cycle of so many frames, of done in all."""
+    if not frames or done <= 2 * frames:
+        return
+    known = [cycle for cycle in cycles if cycle is not None]
+    if not known:
+        message = "cycle: hooks that slip, and feathers in contact whose level changes, do not"
+        message += " repeat, so no feather is replayed"
+        warnings.warn(InputWarning(message), stacklevel=2)
+    elif not any(cycle.met for cycle in known):
         message = f"cycle: root, wind and forces of no feather repeat after {frames} frames"
         warnings.warn(InputWarning(message), stacklevel=2)
+    elif not any(cycle.played for cycle in known):
+        changes = np.concatenate([cycle.changes() for cycle in known])
+        changes = changes[np.isfinite(changes)]
+        # what only sleeps needs no word
+        if changes.any():
+            message = (
+                f"cycle: no feather is replayed: within {done} frames none has become periodic;"
+                f" over the last {frames} they changed by {1e3 * changes.min():.2g} to"
+                f" {1e3 * changes.max():.2g} mm, allowed {1e3 * known[0].tolerance:.2g} (the"
+                " tolerance of the quality), all of those that may touch together"
+            )
+            warnings.warn(InputWarning(message), stacklevel=2)
 
 
 def _inputs(path: RootPath, loads: Loads) -> Array:
