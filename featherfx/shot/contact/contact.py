@@ -24,6 +24,7 @@ from featherfx.shot.contact.aside import Partners, aside, forgotten, put_back
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.contact.mend import Stepper, Surroundings
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
+from featherfx.shot.contact.raised import raised_points
 from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
 from featherfx.shot.contact.steps import FrameSteps, StepRules
 from featherfx.shot.detail.promise import common_tolerance
@@ -124,10 +125,14 @@ class ShotContact:
             newton=NEWTON_FRACTION * common_tolerance(shot),
         )
         self.solver = ContactSolver(solvers, candidates, halves, settings)
-        self._at_rest = len(candidates.pairs)
+        self._at_rest, self._raised = len(candidates.pairs), every.raised
         self._encounters = Encounters(every.pairs, len(placements))
         self.tally = Tally()
-        nodes = [np.stack(rest.nodes[low:high]) for low, high in pairwise(grids.first)]
+        above = [
+            raised_points(*each)
+            for each in zip(rest.nodes, placements, self._raised.tolist(), strict=True)
+        ]
+        nodes = [np.stack(above[low:high]) for low, high in pairwise(grids.first)]
         over = FeathersOver(order, grids.together(nodes), rest.lengths)
         self.bodies = Bodies(shot, over)
         self._rules = self._step_rules()
@@ -218,7 +223,9 @@ class ShotContact:
     def settle(self, states: Sequence[State], loads: Sequence[Loads], idle: Flags) -> list[State]:
         """Bring layered feathers to rest against each other by long damped steps. idle: as in
         advance."""
-        found = settled_together(self.solver, self.bodies, states, loads, self.names, idle)
+        found = settled_together(
+            self.solver, self.bodies, states, loads, self.names, idle, self._raised
+        )
         self.tally.rest_depth, self.tally.settled_depth = found.rest_depth, found.depth
         self._unresolved = self._still_deep()
         warn_of_unsettled(found, self.names, self._unresolved)
@@ -257,6 +264,7 @@ class ShotContact:
             "shortest_step": tally.shortest if tally.intervals else 0.0,
             "mean_rounds": tally.rounds / max(tally.intervals, 1),
             "feather_solves": tally.solves,
+            "feathers_raised_before_settling": int(np.count_nonzero(self._raised)),
             "depth_at_rest": tally.rest_depth,
             "depth_after_settling": tally.settled_depth,
             "crossed_pairs": len(self._crossed),

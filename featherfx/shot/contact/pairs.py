@@ -6,7 +6,9 @@ order holds instead. What does not overlap at rest gets its
 order through feathers between (over the one that is over the other). Where two cut through each
 other, about half of each on either side, the larger half tells, unless that would close a ring:
 without an order each node would stay on its side, and the two crossed. Feathers that are
-far from each other at rest and come near later have no order: each stays on its side.
+far from each other at rest and come near later have no order: each stays on its side. Two that grow
+back to back, as on both sides of a wing, each belong under the other, whatever their poses say; where
+these have passed through each other, `raised` says how far to turn them up before they settle.
 """
 
 from __future__ import annotations
@@ -37,6 +39,9 @@ NEAR = 0.1
 CLEAR = 0.2
 # depth at rest, over the shorter feather's length, that an order may ask to be undone
 DEEP = 0.05
+# cosine between the backs of two feathers that grow on both sides of something; rad, most that such
+# are turned up by
+OPPOSED, MOST_RAISED = -0.5, 1.0
 
 
 class FeathersAtRest(NamedTuple):
@@ -53,11 +58,13 @@ class FeathersAtRest(NamedTuple):
 class Layered(NamedTuple):
     """Feathers that may meet. pairs, order: as Candidates', each pair in both roles. crossed: (N,)
     m, how far at rest both feathers of a pair without an order are through each other, on the side
-    where it is less; 0 of all others."""
+    where it is less; 0 of all others. raised: (F,) rad, how far feathers have to be turned up about
+    their roots to be clear of those that they grow back to back with and are through."""
 
     pairs: Indices
     order: Indices
     crossed: Array
+    raised: Array
 
 
 def layered_pairs(rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids) -> Layered:
@@ -160,9 +167,41 @@ def _order_at_rest(
     lean = np.where(cut & (order == 0), np.sign(both), 0.0).astype(np.int64)
     lean = np.where(_depths(lean, agree, votes) > DEEP * shorter[:half], 0, lean)
     order = _through_others(pairs[:half], order, agree, lean)
+    beneath = -_agree(normals, rest.dorsal)[host]
+    apart = _back_to_back(pairs[:half], rest) & (total > 0.0)
+    passed = apart & (_depths(beneath, agree, votes) > DEEP * shorter[:half])
+    order = np.where(apart, beneath, order)
+    raised = _raised(pairs[:half][passed], rest)
     through = np.minimum(votes.above, votes.below)
     crossed = np.where(order == 0, np.minimum(through[:half], through[half:]), 0.0)
-    return Layered(pairs, np.concatenate([order, -agree * order]), np.tile(crossed, 2))
+    return Layered(pairs, np.concatenate([order, -agree * order]), np.tile(crossed, 2), raised)
+
+
+def _back_to_back(pairs: Indices, rest: FeathersAtRest) -> NDArray[np.bool_]:
+    """(P,) which of some pairs (P, 2) have roots beneath each other, and backs turned away."""
+    dorsal, roots = rest.dorsal, np.stack([points[0, 0] for points in rest.nodes])
+    guest, host = pairs.T
+    way = roots[guest] - roots[host]
+    away = np.einsum("pk,pk->p", dorsal[guest], dorsal[host]) < OPPOSED
+    beneath = np.einsum("pk,pk->p", dorsal[host], way) <= 0.0
+    return np.asarray(away & beneath & (np.einsum("pk,pk->p", dorsal[guest], way) >= 0.0))
+
+
+def _raised(pairs: Indices, rest: FeathersAtRest) -> Array:
+    """(F,) rad, Layered.raised of pairs (P, 2) that are back to back and through each other: what
+    brings a feather's nodes over the plane between them that goes through its root."""
+    up, angle = np.zeros((len(rest.lengths), 3)), np.zeros(len(rest.lengths))
+    apart = rest.dorsal[pairs[:, 0]] - rest.dorsal[pairs[:, 1]]
+    np.add.at(up, pairs[:, 0], apart)
+    np.add.at(up, pairs[:, 1], -apart)
+    for k in np.unique(pairs):
+        normal = up[k] / np.linalg.norm(up[k])
+        from_root = (rest.nodes[k] - rest.nodes[k][0, 0]).reshape(-1, 3)
+        height = from_root @ normal
+        along = np.linalg.norm(from_root - height[:, None] * normal, axis=1)
+        far = along > DEEP * rest.lengths[k]
+        angle[k] = np.arctan2(-height[far], along[far]).max(initial=0.0)
+    return np.minimum(angle, MOST_RAISED)
 
 
 def _depths(order: Indices, agree: Indices, votes: _Votes) -> Array:

@@ -7,7 +7,7 @@ others than is left, is only solved again where others push it.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -21,10 +21,11 @@ from featherfx.phases import phase
 from featherfx.shot.contact.aside import aside, put_back
 from featherfx.shot.contact.bodies import Bodies
 from featherfx.shot.contact.mend import EASY
+from featherfx.shot.contact.raised import Lowering, held_roots, turned_up
 from featherfx.solver.contact.interval import ContactReport, ContactSolver, Led, Manner
 from featherfx.solver.solver import raise_if_failed
 from featherfx.solver.state import State
-from featherfx.solver.step.root_path import hold_roots
+from featherfx.solver.step.root_path import RootPath
 
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
@@ -34,6 +35,8 @@ _Tried = tuple[list[State], Array, ContactReport]
 
 # lengths of the steps, s, and the most of each
 STEPS, MOST_STEPS = (0.01, 0.1, 1.0), 8
+# steps of the shortest kind in which what was turned up is led down
+LOWERING = 8
 # what one that cannot be solved is cut to, and the shortest tried, s
 CUT, SHORTEST = 0.25, 1e-5
 # Newton iterations of one solve, over those of a step that is easy, in steps longer than the first
@@ -82,9 +85,11 @@ def settled_together(
     loads: Sequence[Loads],
     names: Sequence[str],
     idle: Flags,
+    raised: Array,
 ) -> Settled:
     """The batches in balance with their loads and each other, from the given states on, but for the
-    idle (B,), which are computed in other batches.
+    idle (B,), which are computed in other batches. raised: (B,) rad, how far feathers are turned up
+    first, and led back down from (raised.py).
 
     Raises SimulationError where a feather cannot be solved. One that finds no balance is left on
     its way (warn_of_unsettled).
@@ -98,6 +103,8 @@ def settled_together(
     )
     quiet, moved = resting, np.zeros(len(names))
     left = _Left()
+    if raised.any():
+        current = steps.lowered(current, raised)
     with phase("settling", len(STEPS) * MOST_STEPS, at_most=True) as done:
         for stage, longest in enumerate(STEPS):
             h, cut = longest, False
@@ -160,6 +167,23 @@ class _Steps:
         self._thickness = 2.0 * float(solver.surfaces.half.max(initial=0.0))
         self._nobody = np.zeros(len(names), dtype=np.bool_)
         self.spent = np.zeros(len(names))
+        self._paths_of: Callable[[Sequence[State]], list[RootPath]] = held_roots
+
+    def lowered(self, states: Sequence[State], raised: Array) -> list[State]:
+        """Feathers turned up by angles (B,) in rad and led down again, with what touches them."""
+        time, grids = float(states[0].time[0]), self._solver.grids
+        models = [solver.model for solver in self._solver.solvers]
+        current, lowering = turned_up(states, models, grids, raised), Lowering(states)
+        nobody = self._nobody.copy()
+        for number in range(LOWERING):
+            self._paths_of = lowering.paths(1.0 / (LOWERING - number))
+            new, _, _ = self.take(current, STEPS[0], nobody, False)
+            put_back(new, current, self._idle, grids.first)
+            current = [_stopped(state, time) for state in new]
+            self._bodies.begun = True
+        self._paths_of = held_roots
+        self.spent[:] = 0.0
+        return current
 
     def take(
         self, states: Sequence[State], h: float, resting: Flags, apart: bool
@@ -229,7 +253,7 @@ class _Steps:
                 else np.where(self._idle[:, None, None, None], led.start, nodes)
             )
             led = Led(~(held | self._idle), nodes, nodes)
-        paths = [hold_roots(state) for state in states]
+        paths = self._paths_of(states)
         walls = self._bodies.walls(states, now, now, solver.settings.margin)
         manner = Manner(resting=resting, yielding=yielding, led=led, settling=True)
         if CUT * h >= SHORTEST:
