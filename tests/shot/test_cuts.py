@@ -136,7 +136,7 @@ class Board:
 
 def test_a_collider_that_is_elsewhere_is_no_wall_that_moves():
     shot = flight(np.zeros(3))
-    feathers = FeathersOver(np.arange(2), np.zeros((2, 1, 1, 3)), np.full(2, 0.3))
+    feathers = FeathersOver(np.arange(2), np.zeros((2, 1, 1, 3)), np.full(2, 0.3), np.zeros((2, 3)))
     bodies = Bodies(replace(shot, colliders=(TimedSurface(Board(), 0.0),)), feathers)
     bodies.begun = True
     states = next(iter(simulate_states(shot)))

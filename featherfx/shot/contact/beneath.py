@@ -17,19 +17,23 @@ from featherfx.solver.contact.wall import outward
 
 # distance at rest, over a feather's length, from which on a node is not held off the skin
 NEAR = 0.3
+# triangles among which one that faces as asked for is looked for
+MOST_NEAR = 16
 
 
 class SkinBeneath:
     """One surface of a skin under points (N, 3) m of feathers that grow on it, at rest.
 
     mesh: its triangles, seen from outside. triangle: (N,) that each point is over; height: (N,) m,
-    of the point over it.
+    of the point over it. up: (N, 3), where the triangle has to face, 0 where that is all one: a
+    point may be nearer to the middle of one on the other side of something thin.
     """
 
-    def __init__(self, surface: TimedSurface, points: Array) -> None:
+    def __init__(self, surface: TimedSurface, points: Array, up: Array | None = None) -> None:
         self._surface, rest = surface, np.ascontiguousarray(surface.surface.rest, dtype=np.float64)
         given = surface.surface.triangles
-        found = kept("beneath", [rest, given, points], lambda: _over(rest, given, points))
+        up = np.zeros((1, 3)) if up is None else up
+        found = kept("beneath", [rest, given, points, up], lambda: _over(rest, given, points, up))
         self.mesh = SkinMesh(found["triangles"], found["beside"])
         self.triangle, self.height = found["triangle"], found["height"]
 
@@ -55,11 +59,18 @@ def surfaces_under(
     ]
 
 
-def _over(rest: Array, given: Indices, points: Array) -> dict[str, Any]:
+def _over(rest: Array, given: Indices, points: Array, up: Array) -> dict[str, Any]:
     triangles = outward(given, rest).astype(np.int64)
     mesh = SkinMesh(triangles, _beside(triangles))
     tree = search_tree(rest[triangles].mean(axis=1))
     triangle, height = tree.query(points)[1].astype(np.int64), np.zeros(len(points))
+    facing = np.flatnonzero(np.broadcast_to(up.any(axis=1), len(points)))
+    if len(facing):
+        near = tree.query(points[facing], k=min(MOST_NEAR, len(triangles)))[1]
+        near = near.reshape(len(facing), -1).astype(np.int64)
+        a, b, c = (rest[triangles[near, k]] for k in range(3))
+        fits = np.einsum("pik,pk->pi", np.cross(b - a, c - a), up[facing]) > 0.0
+        triangle[facing] = near[np.arange(len(facing)), fits.argmax(axis=1)]
     bind_nodes(points, rest, mesh, triangle, height)
     return {**mesh._asdict(), "triangle": triangle, "height": height}
 

@@ -25,11 +25,13 @@ DEPTH = 0.02
 
 class FeathersOver(NamedTuple):
     """Feathers that may meet bodies. members: (B,) numbers in the groom. rest:
-    (B, n, 1 + 2 m, 3) m, their nodes at rest, in the world. lengths: (B,) m."""
+    (B, n, 1 + 2 m, 3) m, their nodes at rest, in the world. lengths: (B,) m. up: (B, 3), where the
+    skin under a feather faces, 0 where only its nodes tell."""
 
     members: Indices
     rest: Array
     lengths: Array
+    up: Array
 
 
 class Bodies:
@@ -126,9 +128,10 @@ def _skins(
         if surface.surface.bones is None:
             own = np.zeros(feathers.rest.shape[:3], dtype=bool)
             own[members] = feathers.rest[members].any(axis=3)
-            beneath = SkinBeneath(surface, feathers.rest[own])
+            feather = np.nonzero(own)[0]
+            beneath = SkinBeneath(surface, feathers.rest[own], feathers.up[feather])
             under = np.full(own.shape, -1)
-            near = np.abs(beneath.height) < NEAR * feathers.lengths[np.nonzero(own)[0]]
+            near = np.abs(beneath.height) < NEAR * feathers.lengths[feather]
             under[own] = np.where(near, beneath.triangle, -1)
             found.append((cut_surfaces(shot, [surface], least)[0], beneath.mesh, under))
     return found

@@ -117,7 +117,7 @@ class ShotContact:
         candidates = Candidates(every.pairs[others], every.order[others])
         self._thickness = float(thickness.min())
         self._crossed = self._through_each_other(candidates.pairs, every.crossed[others])
-        _warn_of_crossed(self._crossed)
+        _warn_of_crossed(self._crossed, bool((rest.ranks >= 0).any()))
         settings = ContactSettings(
             friction=self.contact.friction,
             margin=MARGIN * float(thickness.max()),
@@ -133,7 +133,8 @@ class ShotContact:
             for each in zip(rest.nodes, placements, self._raised.tolist(), strict=True)
         ]
         nodes = [np.stack(above[low:high]) for low, high in pairwise(grids.first)]
-        over = FeathersOver(order, grids.together(nodes), rest.lengths)
+        up = np.where(self._raised[:, None] > 0.0, rest.dorsal, 0.0)
+        over = FeathersOver(order, grids.together(nodes), rest.lengths, up)
         self.bodies = Bodies(shot, over)
         self._rules = self._step_rules()
         self._proposal = 0.0
@@ -304,8 +305,12 @@ def _deepest_first(depths: Mapping[tuple[str, str], float], least: float) -> lis
     return [{"feather": one, "other": other, "depth": -depth} for depth, one, other in left]
 
 
-def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]]) -> None:
-    """Say which feathers stay through each other because nothing tells which is over which."""
+def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
+    """Say which feathers stay through each other because nothing tells which is over which. laid:
+    whether a layout laid any."""
+    helps = (
+        "let [layout] lay them" if laid else "add a [layout] table to the groom, which lays them"
+    )
     if crossed:
         first, more = crossed[0], len(crossed) - 1
         warnings.warn(
@@ -313,7 +318,7 @@ def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]]) -> None:
             f" at rest, by {1e3 * first['depth']:.2g} mm"
             + (f", and so do {more} more pairs" if more else "")
             + "; nothing tells which is over which, so contact leaves them crossed: move or turn"
-            " one, or let [layout] lay them",
+            f" one, or {helps}",
             InputWarning,
             stacklevel=2,
         )

@@ -6,9 +6,9 @@ order holds instead. What does not overlap at rest gets its
 order through feathers between (over the one that is over the other). Where two cut through each
 other, about half of each on either side, the larger half tells, unless that would close a ring:
 without an order each node would stay on its side, and the two crossed. Feathers that are
-far from each other at rest and come near later have no order: each stays on its side. Two that grow
-back to back, as on both sides of a wing, each belong under the other, whatever their poses say; where
-these have passed through each other, `raised` says how far to turn them up before they settle.
+far from each other at rest and come near later have no order: each stays on its side. Two that
+grow back to back, as on both sides of a wing, each belong under the other, whatever their poses
+say; where these are through each other, `raised` says how far to turn them up before they settle.
 """
 
 from __future__ import annotations
@@ -178,13 +178,15 @@ def _order_at_rest(
 
 
 def _back_to_back(pairs: Indices, rest: FeathersAtRest) -> NDArray[np.bool_]:
-    """(P,) which of some pairs (P, 2) have roots beneath each other, and backs turned away."""
+    """(P,) which of some pairs (P, 2) have roots beneath each other, or nearly so, and backs turned
+    away."""
     dorsal, roots = rest.dorsal, np.stack([points[0, 0] for points in rest.nodes])
     guest, host = pairs.T
     way = roots[guest] - roots[host]
     away = np.einsum("pk,pk->p", dorsal[guest], dorsal[host]) < OPPOSED
-    beneath = np.einsum("pk,pk->p", dorsal[host], way) <= 0.0
-    return np.asarray(away & beneath & (np.einsum("pk,pk->p", dorsal[guest], way) >= 0.0))
+    slack = DEEP * rest.lengths[pairs].min(axis=1)
+    beneath = np.einsum("pk,pk->p", dorsal[host], way) <= slack
+    return np.asarray(away & beneath & (np.einsum("pk,pk->p", dorsal[guest], way) >= -slack))
 
 
 def _raised(pairs: Indices, rest: FeathersAtRest) -> Array:

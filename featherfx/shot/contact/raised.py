@@ -1,8 +1,9 @@
 """Feathers that settle from a pose turned up about their roots.
 
-Coverts above and below a thin wing may curl through it at rest, and through each other. From there no
-step leads out: points beyond the wing stay beyond, on its other side. So such feathers are turned up
-until they are clear, and their roots are led down again while contact holds what they meet.
+Coverts above and below a thin wing may curl through it at rest, and through each other. From there
+no step leads out: points beyond the wing stay beyond, on its other side. So such feathers are
+turned up until they are clear, and their roots are led down again while contact holds what they
+meet.
 """
 
 from __future__ import annotations
