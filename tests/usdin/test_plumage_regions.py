@@ -237,6 +237,11 @@ BAD = [
     ("count = 10\nwhere = [{ primvar = 'toop' }]", "direction = [1, 0, 0]", "did you mean 'top'"),
     ("count = 10\nwhere = [{ subset = 'front' }]", "direction = [1, 0, 0]", "known: back"),
     ("count = 10\nwhere = [{ image = 'a.png' }]", "direction = [1, 0, 0]", "no primvars:st"),
+    (
+        "count = 10\nwhere = [{ image = 'a.png' }]",
+        "direction = [1, 0, 0]",
+        "a.png: there is no such file",
+    ),
     ("count = 10\nwhere = [{ x = [1, 0] }]", "direction = [1, 0, 0]", "the lower bound comes"),
     ("count = 10\nwhere = [{ soft = 1 }]", "direction = [1, 0, 0]", "expects one of primvar"),
     ("count = 10", "curves = ['/nothing']", "no prim /nothing"),

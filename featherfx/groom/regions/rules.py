@@ -106,10 +106,16 @@ def painted_colours(value: str, skin: GroomSkin, at: Place) -> Rule:
 
 
 def _image(path: Path, surface: SkinSurface, at: Place, mode: str = "L") -> tuple[Rule, Any]:
+    corners, picture = all_of(
+        partial(_texture_places, surface, at), partial(surface.source.image, path, at, mode)
+    )
+    return (lambda points: _bilinear(picture, points.interpolated(corners))), (corners, picture)
+
+
+def _texture_places(surface: SkinSurface, at: Place) -> Array:
     if surface.source.st is None:
         at.refuse(f"{surface.source.path} has no primvars:st")
-    corners, picture = surface.source.st, surface.source.image(path, at, mode)
-    return (lambda points: _bilinear(picture, points.interpolated(corners))), (corners, picture)
+    return surface.source.st
 
 
 def _bilinear(grey: Array, st: Array) -> Array:
