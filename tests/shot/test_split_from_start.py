@@ -27,7 +27,8 @@ def write_shot(folder: Path, what: str, more: str = "") -> Path:
     path.write_text(
         f'name = "split"\ngroom = "groom.toml"\nframes = [1, {LAST}]\nmotion = "hold"\n'
         'wind = "calm"\ngravity = [0, 0, 0]\n'
-        'quality = { base = "preview", rows = 11, columns = 3, coefficients = 1 }\n'
+        'quality = { base = "preview", rows = 11, columns = 3, coefficients = 1, '
+        "simulated_rows = 11, simulated_columns = 3 }\n"
         + (f'[overrides]\n"*" = {{ {what} }}\n' if what else "")
         + '[[force]]\nfeather = "feather"\nrow = 0.6\ncolumn = 1.0\nside = "trailing"\n'
         "force = [0, 0, 0.02]\nkeys = [[0, 0], [0.2, 1]]\n" + more

@@ -39,6 +39,9 @@ NEAR = 0.1
 CLEAR = 0.2
 # depth at rest, over the shorter feather's length, that an order may ask to be undone
 DEEP = 0.05
+# the same where it is only the larger half of two that cut through each other that tells: such a row
+# of feathers came apart at 0.020 (docs/log.md), one at 0.029 found no balance
+LEANING = 0.025
 # cosine between the backs of two feathers that grow on both sides of something; rad, most that such
 # are turned up by
 OPPOSED, MOST_RAISED = -0.5, 1.0
@@ -165,7 +168,7 @@ def _order_at_rest(
         order = np.where(_depths(order, agree, votes) > DEEP * shorter[:half], other, order)
     cut = np.minimum(votes.above[:half], votes.below[:half]) > 0.0
     lean = np.where(cut & (order == 0), np.sign(both), 0.0).astype(np.int64)
-    lean = np.where(_depths(lean, agree, votes) > DEEP * shorter[:half], 0, lean)
+    lean = np.where(_depths(lean, agree, votes) > LEANING * shorter[:half], 0, lean)
     order = _through_others(pairs[:half], order, agree, lean)
     beneath = -_agree(normals, rest.dorsal)[host]
     apart = _back_to_back(pairs[:half], rest) & (total > 0.0)
