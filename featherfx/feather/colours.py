@@ -26,15 +26,13 @@ from featherfx.algebra.types import Array
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, RACHIS, TRAILING, BarbCurves, Feather, barb_slice
 from featherfx.files.content import stable_number
-from featherfx.groom.looks import Colour, Pattern
+from featherfx.groom.looks import SIZES, Colour, Pattern
 from featherfx.groom.types import FeatherKind
 
 # linear, of keratin without colours
 VANE, SHAFT = (0.80, 0.76, 0.69), (0.42, 0.33, 0.24)
 # of the vanes' colour, what a shaft without one of its own has; chosen by eye
 _SHAFT = 0.55
-# of patterns that name none; chosen by eye
-SIZES = {"bars": 0.4, "spots": 0.02, "eye": 0.08, "fringe": 0.01, "streak": 0.01}
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,9 @@ _PLACE = Number(0, 1)
 _FILM = Number(0, 3e-6, "m")
 _COLOUR = ArrayOf(Number(0, 1), 3, 3)
 Shade = tuple[float, float, float]
+# of patterns that name none; chosen by eye
+SIZES = {"bars": 0.4, "spots": 0.02, "eye": 0.08, "fringe": 0.01, "streak": 0.01}
+_DEFAULTS = ", ".join(f"{size:g} of {kind}" for kind, size in SIZES.items())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +37,8 @@ class Pattern:
         float | None,
         Number(0.001, 1),
         "Of bars the share of their distance that is dark; of spots and eye the radius, of fringe "
-        "and streak the width, a share of the feather's length; default: 0.4 of bars, 0.02 of "
-        "spots, 0.08 of an eye, 0.01 of fringe and streak.",
+        "and streak the width, a share of the feather's length; default: "
+        f"{_DEFAULTS}.",
     ] = None
     soft: Annotated[float, _PLACE, "Share of the size over which its border fades."] = 0.3
     strength: Annotated[float, _PLACE, "How far it covers what is below."] = 1.0

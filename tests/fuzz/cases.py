@@ -19,10 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 SECONDS = 60  # of processor time, beyond which a case hangs
-PATIENCE, IDLE = (
-    600.0,
-    0.1,
-)  # s on the clock in which a case that takes no more of the processor hangs
+# s on the clock in which a case that takes no more of the processor hangs
+PATIENCE, IDLE = 600.0, 0.1
 MEMORY = 4 << 30  # bytes of a case
 FINE = ("done", "refused")
 

@@ -9,7 +9,7 @@ from feather_kinds import RACHIS_MATERIAL, VANE_MATERIAL
 from scipy.spatial.transform import Rotation
 
 from featherfx.feather.build import build_feather
-from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
+from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneMaterial, VaneShape
 from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.state import nodal_rest_state
@@ -18,6 +18,24 @@ from featherfx.mechanics.vane_rest import end_corrections
 
 LENGTH = 0.35
 VANE = replace(VANE_MATERIAL, loss_factor=0.0)
+
+
+def isotropic(young: float, thickness: float) -> VaneMaterial:
+    """A plate without Poisson effect, alike along barbs and across them. young: Pa; thickness: m,
+    or other units that fit."""
+    bending = young * thickness**3 / 12.0
+    return VaneMaterial(
+        along=young,
+        across=young,
+        shear=0.5 * young,
+        thickness=thickness,
+        surface_density=1.0,
+        barb_bending_normal=bending,
+        barb_bending_in_plane=0.0,
+        barb_taper=0.0,
+        bending_across=bending,
+        loss_factor=0.0,
+    )
 
 
 def curved_kind() -> FeatherKind:

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from nodal_cases import at_rest, end_row_loads, strip_models
+from nodal_cases import at_rest, end_row_loads, isotropic, strip_models
 
-from featherfx.groom.types import VaneMaterial
 from featherfx.lab.nodal.solver import NodalSolver
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings
@@ -16,18 +15,7 @@ BENDING = YOUNG * THICKNESS**3 / 12.0
 def plate(elements, columns, length=LENGTH, width=WIDTH):
     """A cantilever clamped in the middle between its first two rows, which is second order."""
     spacing = length / (elements - 0.5)
-    vane = VaneMaterial(
-        along=YOUNG,
-        across=YOUNG,
-        shear=0.5 * YOUNG,
-        thickness=THICKNESS,
-        surface_density=1.0,
-        barb_bending_normal=BENDING,
-        barb_bending_in_plane=0.0,
-        barb_taper=0.0,
-        bending_across=BENDING,
-        loss_factor=0.0,
-    )
+    vane = isotropic(YOUNG, THICKNESS)
     pinned = np.zeros((elements + 1, 1 + 2 * columns), dtype=bool)
     pinned[:2] = True
     start = 0.5 * spacing

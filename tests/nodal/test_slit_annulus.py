@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from nodal_cases import at_rest, end_row_loads
+from nodal_cases import at_rest, end_row_loads, isotropic
 
 from featherfx.feather.surface import vane_surface
 from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice
-from featherfx.groom.types import VaneMaterial
 from featherfx.lab.feathers.strip import NO_SHAFT, strip_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver
@@ -18,7 +17,6 @@ from featherfx.solver.solver import Settings
 
 INNER, OUTER, THICKNESS, YOUNG = 6.0, 10.0, 0.03, 21e6
 MIDDLE, HALF = 0.5 * (INNER + OUTER), 0.5 * (OUTER - INNER)
-BENDING = YOUNG * THICKNESS**3 / 12.0
 # N, all along the edge
 FULL = 0.8 * (OUTER - INNER)
 
@@ -53,18 +51,7 @@ def ring(rows: int, columns: int) -> Feather:
 
 def lifted(rows: int, columns: int, shares: tuple[float, ...]) -> np.ndarray:
     """Lifts of the inner and the outer corner under the last of these shares of the load."""
-    vane = VaneMaterial(
-        along=YOUNG,
-        across=YOUNG,
-        shear=0.5 * YOUNG,
-        thickness=THICKNESS,
-        surface_density=1.0,
-        barb_bending_normal=BENDING,
-        barb_bending_in_plane=0.0,
-        barb_taper=0.0,
-        bending_across=BENDING,
-        loss_factor=0.0,
-    )
+    vane = isotropic(YOUNG, THICKNESS)
     feather, kind = ring(rows, columns), strip_kind(2.0 * np.pi * MIDDLE, vane)
     model = make_model([feather], [kind], 0)
     pinned = np.zeros((rows + 1, 1 + 2 * columns), dtype=np.bool_)

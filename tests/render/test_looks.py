@@ -192,8 +192,7 @@ def test_raised_wings_are_seen_from_above_and_not_along_their_vanes():
     turn = np.radians(35)
     inner, outer = (0.1, 0.0), (0.1 + np.cos(turn), np.sin(turn))
     corners = [(x, side * y, z) for side in (1, -1) for y, z in (inner, outer) for x in (0, -0.2)]
-    # both wound so that they look upwards
-    triangles = np.array([[0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7]])
+    triangles = np.array([[0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7]])  # all look upwards
     right, up = axes_of("auto", np.array(corners), triangles)
     assert np.cross(right, up)[2] > 0.8
 

@@ -103,7 +103,7 @@ def settle_some(model, loads, feathers, goal, state, found, mixing, work):
 
 
 @kernel
-def _none(array):
+def _clear(array):
     flat = array.flat
     for i in range(array.size):
         flat[i] = 0.0
@@ -125,18 +125,18 @@ def _blows(loads, f):
 def _begin(model, f, state, work):
     """Feather f stands still, and its pose is the one now."""
     for rate in (state.velocity, state.acceleration, state.smoothed):
-        _none(rate.nodes[f])
-        _none(rate.directors[f])
-    _none(state.spin[f])
-    _none(state.coefficient_rate[f])
+        _clear(rate.nodes[f])
+        _clear(rate.directors[f])
+    _clear(state.spin[f])
+    _clear(state.coefficient_rate[f])
     state.step[f] = 0.0
     rest = work.around.reference
-    _none(rest.rachis)
-    _none(rest.barb)
-    _none(rest.cell)
-    _none(rest.hinge)
-    _none(rest.twist)
-    _none(rest.openness)
+    _clear(rest.rachis)
+    _clear(rest.barb)
+    _clear(rest.cell)
+    _clear(rest.hinge)
+    _clear(rest.twist)
+    _clear(rest.openness)
     _load(model, f, state, work)
     copy_gaps(gaps_of(state.gaps, f), work.around.gaps)
 
