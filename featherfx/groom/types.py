@@ -16,7 +16,7 @@ from typing import Annotated
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import POINT
-from featherfx.groom.keys.values import ArrayOf, Default, Number, Table, Text, keys_of
+from featherfx.groom.keys.values import ArrayOf, Default, Key, Number, Table, Text, keys_of
 from featherfx.groom.looks import BarbLook, Colour
 
 # least share of the barbs that a split is deep
@@ -49,6 +49,19 @@ class RachisShape:
         "For a shaft that is no arc, what it turns by besides, in degrees from the base: [share of "
         "its length, camber, sweep, twist] in ascending shares, smooth between.",
     ] = ()
+
+
+# of [rachis]: its fields, and a line that stands for some of them
+SHAFT = keys_of(RachisShape) | {
+    "line": Key(
+        ArrayOf(ArrayOf(Number(-1e4, 1e4), 2, 3), 0, 200),
+        "Centre line of the shaft in place of `camber`, `sweep` and `course`: a smooth curve "
+        "through points [x, y] or [x, y, z] from the follicle to the tip, y to the leading side, z "
+        "dorsal, in any unit, since `length` says how long it is. It is followed within 1 % of "
+        "the length, and turned so that it leaves the follicle along x. Empty: none.",
+        (),
+    )
+}
 
 
 @dataclass(frozen=True)
@@ -313,7 +326,7 @@ class FeatherKind:
     rachis_material: Annotated[
         RachisMaterial, Preset("material/rachis", keys_of(RachisMaterial)), "Material of the shaft."
     ]
-    rachis: Annotated[RachisShape, "Shape of the shaft at rest."]
+    rachis: Annotated[RachisShape, Table(SHAFT), "Shape of the shaft at rest."]
     leading: Annotated[VaneShape, "The leading vane."]
     trailing: Annotated[VaneShape, "The trailing vane."]
     colour: Annotated[Colour, "How it is coloured.", Default({})] = Colour()

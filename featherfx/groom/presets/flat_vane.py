@@ -32,7 +32,7 @@ def _intersections(first: Array, second: Array) -> Flags:
     return np.asarray(inside & (np.abs(determinant) > 1e-14))
 
 
-def crossing_segments(outline: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
+def crossing_segments(outline: Sequence[tuple[float, float]] | Array) -> list[tuple[int, int]]:
     """Pairs of segments of an outline, not neighbours, that meet."""
     points = np.asarray(outline, dtype=float).reshape(-1, 2)
     meets = np.triu(_intersections(points, points), 2)

@@ -12,6 +12,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
+from featherfx.groom.presets.lines import along_line
 from featherfx.groom.presets.scaling import dialled, materials_resized, varied
 from featherfx.groom.splits import split_faults
 from featherfx.groom.types import (
@@ -55,6 +56,7 @@ def _colour(values: dict[str, Any]) -> Colour:
 def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
     """The kind that a finished feather tree describes. Raises InputError."""
     values, problems = plain(tree), Problems()
+    line = values["rachis"].pop("line")
     place = replace(place, problems=problems)
     kind = FeatherKind(
         name=name,
@@ -93,6 +95,9 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
         source = _source(tree, "rachis", "diameter_tip")
         at = Place(source, place.child("rachis.diameter_tip").key, place.problems)
         at.fail(f"{tip:g} is out of range, allowed up to diameter_base = {base:g} m")
+    if line and not len(problems):
+        at = Place(_source(tree, "rachis", "line"), place.child("rachis").key, place.problems)
+        kind = along_line(kind, line, at.child("line"))
     _check_hooks(kind.vane_material, tree, place)
     if kind.vane_material.ribbon:
         _check_ribbon(kind, tree, place)

@@ -142,11 +142,18 @@ def _carried(points: Array, up: Array) -> tuple[Array, Array, Array]:
 
 
 def _turns_within(fit: FittedCurve, tightest: Array) -> bool:
+    return bool((turning_within(fit, len(tightest)) <= tightest).all())
+
+
+def turning_within(fit: FittedCurve, count: int) -> Array:
+    """(count,) rad per length that a shaft turns within the vane's plane, at even shares of it."""
+    if not fit.course:
+        return np.full(count, abs(np.radians(fit.sweep)))
     places, _, sweep, _ = np.array(fit.course).T
     turning = np.diff(sweep) / np.diff(places) + fit.sweep
-    at = np.linspace(0.0, 1.0, len(tightest))
+    at = np.linspace(0.0, 1.0, count)
     piece = np.clip(np.searchsorted(places, at, side="right") - 1, 0, len(turning) - 1)
-    return bool((np.abs(np.radians(turning[piece])) <= tightest).all())
+    return np.abs(np.radians(turning[piece]))
 
 
 def _tilted(start: Array, heading: Array) -> Array:

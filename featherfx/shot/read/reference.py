@@ -23,7 +23,7 @@ from featherfx.groom.keys.anatomy import (
 )
 from featherfx.groom.keys.values import REQUIRED, Key, Table, Tables, keys_of
 from featherfx.groom.looks import BarbLook, Colour, Pattern
-from featherfx.groom.types import BarbGuide, Hooked, RachisShape, Splits, VaneShape
+from featherfx.groom.types import SHAFT, BarbGuide, Hooked, Splits, VaneShape
 from featherfx.shot.read import keys as shot_keys
 
 _HEAD = """# Reference: every key of shots, grooms and presets
@@ -99,7 +99,7 @@ _GROOM = (
 )
 _FAMILIES = (
     ("### feather preset", preset_keys.FEATHER),
-    ("### [rachis] of a feather preset", keys_of(RachisShape)),
+    ("### [rachis] of a feather preset", SHAFT),
     ("### [leading] and [trailing] of a feather preset", keys_of(VaneShape)),
     ("### guides of a vane", keys_of(BarbGuide)),
     ("### [hooked] of a vane", keys_of(Hooked)),
