@@ -14,8 +14,12 @@ from featherfx.feather.build import repeated_shapes
 from featherfx.feather.shapes import feathers_of
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MOST_TRIED, irregular
+from featherfx.shot.detail.levels import level_plan
+from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file
+from featherfx.shot.simulate import drawn_feathers
+from featherfx.shot.types import Shot
 
 
 def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
@@ -53,7 +57,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
     if "groom" in keys:
         shot = read_shot(path, folders)
         groom, grid = shot.groom, shot.quality
-        tasks.append(lambda: root_motion(shot))
+        tasks.append(lambda: _try_motion(shot))
     elif {"feather", "row", "table", "usd", "region"} & keys.keys():
         groom, grid = read_groom(path, folders), read_quality("final", folders)
     else:
@@ -68,3 +72,12 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
     except InputError as error:
         return list(error.problems)
     return []
+
+
+def _try_motion(shot: Shot) -> None:
+    """Fit the motion of a shot to its joints, and files of its targets to its feathers. Raises
+    InputError."""
+    motion = root_motion(shot)
+    if any(target.shape != "rest" for target in shot.targets):
+        drawn = drawn_feathers(shot)
+        refuse_other_shapes(shot, drawn, level_plan(shot, drawn, motion).resolutions, motion)

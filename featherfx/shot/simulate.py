@@ -27,6 +27,7 @@ from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.estimate import Estimate
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import level_plan
+from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.direction.targets import Reached
 from featherfx.shot.direction.through import FollowThrough
 from featherfx.shot.energy import Energy, energy_of
@@ -101,6 +102,7 @@ class Simulation:
         self._layers = Layers(shot, drawn, self._wanted, jobs) if shot.layers else None
         computed = self._layers.needed if self._layers else self._wanted
         plan = level_plan(shot, drawn, motion)
+        refuse_other_shapes(shot, drawn, plan.resolutions, motion)
         carried = Carried(shot, drawn, plan.of("guided"), plan.leading, computed)
         self._replay = replay = replay or Replay()
         asked = np.setdiff1d(np.union1d(computed, carried.guides), replay.numbers)

@@ -15,6 +15,7 @@ from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.preroll import NO_RUN_UP, RunUpRoots, run_up_of
 from featherfx.shot.motion.roots import root_rates
 from featherfx.shot.read.read import read_shot
+from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Motion, Quality, Shot, Wind
 
 MIRROR = np.diag((1.0, -1.0, 1.0))
@@ -98,6 +99,25 @@ def largest_jump_of_rate(motion, end, samples=4000):
     return np.abs(np.diff(rate, axis=0)).max() / np.abs(rate).max()
 
 
+ONE = """
+name = "g"
+[[feather]]
+id = "f"
+kind = "%s"
+position = [0, 0, 0]
+direction = [1, 0, 0]
+up = [0, 0, 1]
+"""
+SHAKEN = """
+name = "s"
+groom = "groom.toml"
+frames = [1, 10]
+wind = "calm"
+motion = "shake"
+quality = "preview"
+"""
+
+
 def test_hold_leaves_every_root_where_the_groom_has_it():
     groom = wing_groom()
     positions, rotations = motion_of("hold", {}, groom).frames(3.21)
@@ -106,7 +126,7 @@ def test_hold_leaves_every_root_where_the_groom_has_it():
 
 
 def test_shake_is_a_sine_along_the_direction_that_starts_at_rest():
-    values = {"amplitude": 0.05, "frequency": 3.0, "direction": [0.0, 3.0, 4.0]}
+    values = {"amplitude": 0.05, "frequency": 3.0, "direction": [0.0, 3.0, 4.0], "rise": 0.25}
     motion, rest = motion_of("shake", values), motion_of("hold", {}).frames(0.0)
     for time in (0.1, 0.2513, 1.7):
         positions, rotations = motion.frames(time)
@@ -117,6 +137,20 @@ def test_shake_is_a_sine_along_the_direction_that_starts_at_rest():
     near = np.abs(motion.frames(step)[0] - rest[0]).max()
     assert near < 1e-6 * 0.05 * 6.0 * np.pi * step
     assert largest_jump_of_rate(motion, 1.0) < 0.02
+
+
+@pytest.mark.parametrize("kind", ["swan_primary", "ostrich_plume"])
+def test_a_shake_begins_without_throwing_tips(tmp_path, kind):
+    (tmp_path / "groom.toml").write_text(ONE % kind)
+    (tmp_path / "shot.toml").write_text(SHAKEN)
+    speeds = [
+        np.linalg.norm(frame.poses[0].velocities.nodes[:, 0], axis=1)
+        for frame in simulate(read_shot(tmp_path / "shot.toml"), subframes=8)
+    ]
+    root, tip = np.max(speeds, axis=0)[[0, -1]]
+    # the greatest speed of a sine
+    assert root == pytest.approx(0.02 * 2.0 * np.pi * 3.0, rel=0.01)
+    assert tip < 1.5 * root
 
 
 def test_flap_starts_at_rest_in_the_pose_of_phase_zero():
@@ -330,7 +364,8 @@ def test_a_clock_starts_quickens_and_fades_a_motion():
 
 
 def test_a_swing_turns_joints_there_and_back():
-    values = {"joints": "elbow_?", "axis": [0, 0, 2 / 2], "angle": 30, "frequency": 2, "lag": 0.0}
+    values = {"joints": "elbow_?", "axis": [0, 0, 1], "angle": 30, "frequency": 2}
+    values |= {"lag": 0.0, "rise": 1.0}
     rest, motion = motion_of("hold", {}).frames(0.0)[1], motion_of("swing", values)
     for time, angle in ((0.625, 30.0), (0.75, 0.0), (0.875, -30.0)):
         turn = Rotation.from_euler("z", angle, degrees=True).as_matrix()

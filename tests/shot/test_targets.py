@@ -259,6 +259,28 @@ def test_another_topology_is_refused(files):
 
 
 @pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("simulated_columns = 4", "rows = 15, columns = 4", r"'.*' in shape\.usdc has \d+ points"),
+        ('"shape.usdc"', '"drawn.usda"', r"drawn\.usda has no feather 'right_.*'; \d+ more of its"),
+    ],
+)
+def test_check_says_what_a_bake_does_of_shapes_of_other_feathers(files, old, new, told):
+    curves_file(files.parent / "drawn.usda", {FEATHER: np.eye(3)})
+    path = with_target(files, 'shape = "shape.usdc"\nkeys = [[1, 1]]\nfeathers = "right_primary*"')
+    assert featherfx.check(path) == []
+    path.write_text(path.read_text().replace(old, new))
+    problems = featherfx.check(path)
+    with pytest.raises(InputError, match=told) as caught:
+        simulate(featherfx.read_shot(path))
+    assert list(caught.value.problems) == problems
+    assert [each.key for each in problems] == ["target[0].shape"]
+    # what is not simulated feels no target
+    path.write_text(f'{path.read_text()}\n[[detail]]\nlevel = "rigid"\n')
+    assert featherfx.check(path) == []
+
+
+@pytest.mark.parametrize(
     ("text", "told"),
     [
         ("keys = [[1, 0], [4, 1.5]]", r"target\[0\].keys\[1\]\[1\]: 1.5 is out of range"),

@@ -223,6 +223,9 @@ def _angle(meaning: str, default: Any = REQUIRED) -> Key:
     return Key(Number(-180, 180, "deg"), meaning, default)
 
 
+# within less than a period roots are faster at first than later, and feathers are thrown
+RISE = Key(Number(0.01, 1000), "Periods within which it rises from rest to its amplitude.", 1.0)
+
 _MOTION: dict[str, Key] = {}
 _KINDS: dict[str, dict[str, Key]] = {}
 _PRESET = Preset("motion", _MOTION, _KINDS)  # its keys follow: a motion may be made of motions
@@ -233,6 +236,7 @@ MOTIONS: dict[str, dict[str, Key]] = {
         "amplitude": Key(Number(0, 100, "m"), "Amplitude of the shake."),
         "frequency": Key(Number(0.001, 1000, "Hz"), "Shakes per second."),
         "direction": Key(Direction(), "Direction of the shake."),
+        "rise": RISE,
     },
     "flap": {
         "period": Key(Number(0.001, 1000, "s"), "Duration of a wing beat."),
@@ -270,9 +274,10 @@ MOTIONS: dict[str, dict[str, Key]] = {
             "",
         ),
         "axis": Key(Direction(), "Axis through the joint, in the groom's axes."),
-        "angle": Key(Number(0, 180, "deg"), "Amplitude; it starts from rest within 1/4 period."),
+        "angle": Key(Number(0, 180, "deg"), "Amplitude."),
         "frequency": Key(Number(0.001, 1000, "Hz"), "Swings per second."),
         "lag": Key(Number(-1, 1), "Share of a swing by which it comes later.", 0.0),
+        "rise": RISE,
     },
     "act": {
         "parts": Key(

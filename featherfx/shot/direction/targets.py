@@ -24,12 +24,11 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputError, InputWarning, Problem
-from featherfx.feather.density import density_map
-from featherfx.feather.types import Feather, RowPoints, Surface
+from featherfx.errors import InputWarning
+from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.direction.channels import Curve
-from featherfx.shot.direction.shafts import along_line, why_no_shaft
+from featherfx.shot.direction.shapes import shape_of
 from featherfx.shot.motion.roots import Roots, arrived
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import Shot, Target
@@ -143,14 +142,15 @@ def pulls_of(
     """The targets of a batch; None where no target is about any of its feathers.
 
     drawn: all feathers of the shot on the meshes' grid. feathers: of the batch, as simulated.
-    model: of the batch. Raises InputError for shapes of another topology.
+    model: of the batch.
     """
     found, known = [], dict[bytes, float]()
-    for number, target in enumerate(shot.targets):
+    for target in shot.targets:
         chosen = [k for k, f in enumerate(members) if fits(target, shot.groom.feathers[f])]
         if chosen:
             local = [
-                _shape(shot, number, int(members[k]), drawn, feathers[k], motion) for k in chosen
+                shape_of(shot, target, int(f), drawn[f], feathers[k], motion)
+                for k, f in zip(chosen, members[chosen], strict=True)
             ]
             length = np.array([feathers[k].station[-1] for k in chosen])
             first = np.array([_first_square(model, k, known) for k in chosen])
@@ -196,64 +196,6 @@ def _first_square(model: Model, k: int, known: dict[bytes, float]) -> float:
     if key not in known:
         known[key] = first_frequency(model, k) ** 2
     return known[key]
-
-
-def _shape(
-    shot: Shot, number: int, f: int, drawn: Sequence[Feather], own: Feather, motion: Roots
-) -> Array:
-    """(n, 1 + 2 m, 3) m, nodes of a target's shape in the root frame of a feather, on its grid."""
-    target, placement = shot.targets[number], shot.groom.feathers[f]
-    if target.points is None and target.lines is None:
-        return own.rest.nodes
-    name, meshes, lines = placement.id, target.points or {}, target.lines or {}
-    position, rotation = placement.position, placement.rotation
-    if target.frame is not None:
-        frames = motion.frames(shot.time_of(target.frame))
-        position, rotation = frames.positions[f], frames.rotations[f]
-    why = f"{target.shape} has no feather '{name}'"
-    if name in meshes:
-        points, surface = meshes[name], drawn[f].surface
-        if len(points) == len(surface.row):
-            shape = _row_points(surface, (points - position) @ rotation, drawn[f])
-            same = drawn[f].cell.shape == own.cell.shape
-            return shape.nodes if same else density_map(drawn[f], own)(shape).nodes
-        why = (
-            f"'{name}' in {target.shape} has {len(points)} points; this shot's mesh has"
-            f" {len(surface.row)}, of the quality's rows and columns"
-        )
-    elif name in lines:
-        line = (lines[name] - position) @ rotation
-        wrong = why_no_shaft(line, float(own.station[-1]))
-        if not wrong:
-            return along_line(own, line)
-        why = f"the curve of '{name}' in {target.shape} {wrong}"
-    raise InputError(Problem(str(shot.source), f"target[{number}].shape", why))
-
-
-def _row_points(surface: Surface, points: Array, feather: Feather) -> RowPoints:
-    """Nodes, and directors (fitted to the tube of the shaft), of a mesh's points (V, 3).
-
-    Nodes that the mesh does not show are carried along by the directors of their row.
-    """
-    rest = feather.rest
-    on_node = np.flatnonzero((surface.offset == 0.0).all(axis=1))[::-1]
-    shaft = rest.nodes[:, 0].copy()
-    of_shaft = on_node[surface.node[on_node] == 0]
-    shaft[surface.row[of_shaft]] = points[of_shaft]
-    directors = rest.directors.copy()
-    for row in range(feather.rows):
-        around = np.flatnonzero((surface.row == row) & (surface.offset != 0.0).any(axis=1))
-        if len(around) >= 2:
-            apart = points[around] - shaft[row]
-            directors[row] = np.linalg.lstsq(surface.offset[around], apart, rcond=None)[0]
-    before, after = (
-        np.concatenate([np.cross(each[:, :1], each[:, 1:]), each], axis=1)
-        for each in (rest.directors, directors)
-    )
-    parts = (rest.nodes - rest.nodes[:, :1]) @ np.linalg.inv(before)
-    nodes = shaft[:, None] + parts @ after
-    nodes[surface.row[on_node], surface.node[on_node]] = points[on_node]
-    return RowPoints(nodes, directors)
 
 
 class Reached:

@@ -211,23 +211,23 @@ def held(joints: int) -> PosesOverTime:
     return lambda time: still
 
 
-def shaken(joints: int, amplitude: float, frequency: float, direction: Array) -> PosesOverTime:
-    """The whole groom swings by amplitude (m) along direction, from rest within 1/4 period."""
-    axis = np.asarray(direction, dtype=np.float64)
-    axis = axis / np.linalg.norm(axis)
+def shaken(joints: int, values: Mapping[str, Any]) -> PosesOverTime:
+    """The whole groom swings along a line, from rest. values: of the motion."""
+    axis = np.asarray(values["direction"], dtype=np.float64)
+    way = values["amplitude"] / np.linalg.norm(axis) * axis
 
     def poses(time: float) -> JointPoses:
         found = still_poses(joints)
-        periods = max(time, 0.0) * frequency
-        swing = math.sin(2.0 * math.pi * periods) * smooth_step(4.0 * periods)
-        found.displacements[0] = amplitude * swing * axis
+        periods = max(time, 0.0) * values["frequency"]
+        swing = math.sin(2.0 * math.pi * periods) * smooth_step(periods / values["rise"])
+        found.displacements[0] = swing * way
         return found
 
     return poses
 
 
 def swung(skeleton: Skeleton, values: Mapping[str, Any], source: str) -> PosesOverTime:
-    """Joints swing about an axis, from rest within 1/4 period. values: of the motion.
+    """Joints swing about an axis, from rest. values: of the motion.
 
     source: of the shot, for messages. Raises InputError where none of the joints is there.
     """
@@ -242,7 +242,8 @@ def swung(skeleton: Skeleton, values: Mapping[str, Any], source: str) -> PosesOv
     def poses(time: float) -> JointPoses:
         found = still_poses(len(skeleton.names))
         swings = max(time, 0.0) * values["frequency"]
-        way = math.sin(2.0 * math.pi * (swings - values["lag"])) * smooth_step(4.0 * swings)
+        way = math.sin(2.0 * math.pi * (swings - values["lag"]))
+        way *= smooth_step(swings / values["rise"])
         found.rotations[moved] = from_rotation_vector(way * axis)
         return found
 

@@ -54,7 +54,7 @@ def _unclocked(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
         case "hold":
             return held(joints)
         case "shake":
-            return shaken(joints, values["amplitude"], values["frequency"], values["direction"])
+            return shaken(joints, values)
         case "flap":
             return flapping(shot.groom, values, source)
         case "fold":

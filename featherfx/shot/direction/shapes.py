@@ -1,0 +1,108 @@
+"""Shapes of pose targets: whether a file's mesh or curve is one of a feather, and its nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from featherfx.algebra.types import Array
+from featherfx.errors import Problem, require
+from featherfx.feather.density import density_map
+from featherfx.feather.types import Feather, RowPoints
+from featherfx.shot.detail.detail import Resolution
+from featherfx.shot.detail.levels import simulated
+from featherfx.shot.direction.shafts import along_line, why_no_shaft
+from featherfx.shot.motion.roots import Roots
+from featherfx.shot.patterns import fits
+from featherfx.shot.types import Shot, Target
+
+
+def refuse_other_shapes(
+    shot: Shot,
+    drawn: Sequence[Feather],
+    resolutions: Sequence[Sequence[Resolution]],
+    motion: Roots,
+) -> None:
+    """Raise InputError with a problem of every target whose file lacks feathers that are simulated,
+    or has other shapes than theirs.
+
+    drawn: all feathers of the shot on the meshes' grid. resolutions: of the levels that each has.
+    """
+    felt = [f for f, each in enumerate(resolutions) if simulated(each)]
+    problems = []
+    for number, target in enumerate(shot.targets):
+        own = [f for f in felt if fits(target, shot.groom.feathers[f])]
+        faults = [why for f in own if (why := _fault(shot, target, f, drawn[f], motion))]
+        if faults:
+            more = f"; {len(faults) - 1} more of its feathers do not fit" if faults[1:] else ""
+            key = f"target[{number}].shape"
+            problems.append(Problem(str(shot.source), key, faults[0] + more))
+    require(*problems)
+
+
+def _fault(shot: Shot, target: Target, f: int, drawn: Feather, motion: Roots) -> str:
+    """What keeps the file of a target from telling a feather's shape; empty where nothing does."""
+    name, meshes, lines = shot.groom.feathers[f].id, target.points or {}, target.lines or {}
+    if target.points is None and target.lines is None:
+        return ""
+    if name in meshes:
+        found, own = len(meshes[name]), len(drawn.surface.row)
+        if found == own:
+            return ""
+        mesh = f"'{name}' in {target.shape} has {found} points; this shot's mesh has {own}"
+        return f"{mesh}, of the quality's rows and columns"
+    if name in lines:
+        wrong = why_no_shaft(_on_root(shot, target, f, lines[name], motion), drawn.station[-1])
+        return f"the curve of '{name}' in {target.shape} {wrong}" if wrong else ""
+    return f"{target.shape} has no feather '{name}'"
+
+
+def _on_root(shot: Shot, target: Target, f: int, points: Array, motion: Roots) -> Array:
+    """Points (..., 3) m of a target's file as a feather's root sees them."""
+    position, rotation = shot.groom.feathers[f].position, shot.groom.feathers[f].rotation
+    if target.frame is not None:
+        frames = motion.frames(shot.time_of(target.frame))
+        position, rotation = frames.positions[f], frames.rotations[f]
+    return np.asarray((points - position) @ rotation)
+
+
+def shape_of(
+    shot: Shot, target: Target, f: int, drawn: Feather, own: Feather, motion: Roots
+) -> Array:
+    """(n, 1 + 2 m, 3) m, nodes of a target's shape in the root frame of a feather, as it is drawn
+    and as it is simulated, on the grid of the latter. What fits has been asked before."""
+    name = shot.groom.feathers[f].id
+    if target.points is not None and name in target.points:
+        shape = _row_points(_on_root(shot, target, f, target.points[name], motion), drawn)
+        same = drawn.cell.shape == own.cell.shape
+        return shape.nodes if same else density_map(drawn, own)(shape).nodes
+    if target.lines is not None and name in target.lines:
+        return along_line(own, _on_root(shot, target, f, target.lines[name], motion))
+    return own.rest.nodes
+
+
+def _row_points(points: Array, feather: Feather) -> RowPoints:
+    """Nodes, and directors (fitted to the tube of the shaft), of a mesh's points (V, 3).
+
+    Nodes that the mesh does not show are carried along by the directors of their row.
+    """
+    rest, surface = feather.rest, feather.surface
+    on_node = np.flatnonzero((surface.offset == 0.0).all(axis=1))[::-1]
+    shaft = rest.nodes[:, 0].copy()
+    of_shaft = on_node[surface.node[on_node] == 0]
+    shaft[surface.row[of_shaft]] = points[of_shaft]
+    directors = rest.directors.copy()
+    for row in range(feather.rows):
+        around = np.flatnonzero((surface.row == row) & (surface.offset != 0.0).any(axis=1))
+        if len(around) >= 2:
+            apart = points[around] - shaft[row]
+            directors[row] = np.linalg.lstsq(surface.offset[around], apart, rcond=None)[0]
+    before, after = (
+        np.concatenate([np.cross(each[:, :1], each[:, 1:]), each], axis=1)
+        for each in (rest.directors, directors)
+    )
+    parts = (rest.nodes - rest.nodes[:, :1]) @ np.linalg.inv(before)
+    nodes = shaft[:, None] + parts @ after
+    nodes[surface.row[on_node], surface.node[on_node]] = points[on_node]
+    return RowPoints(nodes, directors)
