@@ -19,11 +19,12 @@ from featherfx.feather.barb_looks import drawn_barbs
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.colours import colours_of
 from featherfx.feather.hooked import hooked_fraction
+from featherfx.feather.profiles import in_cells
 from featherfx.feather.render import barb_diameters, render_feather
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Array, Feather, RowMap
 from featherfx.groom.looks import look_text
-from featherfx.groom.types import FeatherKind, Groom, Placement
+from featherfx.groom.types import FeatherKind, Groom, Placement, Profile
 from featherfx.limits import refuse_beyond_memory
 from featherfx.mechanics.batch import may_slip
 from featherfx.phases import phase
@@ -66,6 +67,7 @@ def entries_of(
                 placement.kind, np.linspace(0.0, 1.0, feather.columns + 1)[1:]
             ),
             vane_stiffness=_vane_stiffness(placement.kind),
+            stiffened=_stiffened(placement.kind, feather),
             held=held[id(shape[0]), shape[1]],
             hooked=not static and may_slip(placement.kind),
             colours=(
@@ -176,13 +178,28 @@ def _held(kind: FeatherKind, feather: Feather, static: bool) -> Array | None:
     split = static and feather.split.size > 0
     if not loose and not split:
         return None
-    held = np.ones(len(feather.surface.triangles))
     fractions = hooked_fraction(kind, feather)
     if split:
         fractions = np.where(feather.split, 0.0, fractions)
+    return _on_faces(feather, fractions)
+
+
+def _stiffened(kind: FeatherKind, feather: Feather) -> Array | None:
+    """(T,) factors of the vane's stiffness at each triangle; None where all are 1."""
+    vane = kind.vane_material
+    profiles = vane.thickness_profile, vane.across_profile
+    if profiles == (Profile(), Profile()):
+        return None
+    thick, across = (in_cells(each, kind, feather) for each in profiles)
+    return _on_faces(feather, np.broadcast_to(thick * across, feather.cell.shape))
+
+
+def _on_faces(feather: Feather, values: Array) -> Array:
+    """(T,) what cells (2, n-1, m, 2) have; 1 on the shaft."""
+    faces = np.ones(len(feather.surface.triangles))
     # faces of vanes come first, in the order of cells
-    held[: np.count_nonzero(feather.cell)] = fractions[feather.cell]
-    return held
+    faces[: np.count_nonzero(feather.cell)] = values[feather.cell]
+    return faces
 
 
 def drawn_entries(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from featherfx.feather.profiles import at_places, middles
 from featherfx.feather.types import Array, Feather
 from featherfx.groom.types import FeatherKind
 
@@ -13,18 +14,9 @@ def hooked_fraction(kind: FeatherKind, feather: Feather) -> Array:
 
     feather: of that kind, at any size.
     """
-    base = kind.calamus * feather.station[-1]
-    middle = 0.5 * (feather.station[1:] + feather.station[:-1])
-    along_shaft = (middle - base) / (feather.station[-1] - base)
-    along_barb = (np.arange(feather.columns) + 0.5) / feather.columns
-    sides = []
-    for vane in (kind.leading, kind.trailing):
-        shaft, barb = (
-            np.interp(place, *np.transpose(curve)) if curve else np.ones(len(place))
-            for curve, place in (
-                (vane.hooked.shaft, along_shaft),
-                (vane.hooked.barb, along_barb),
-            )
-        )
-        sides.append(np.outer(shaft, barb))
+    along_shaft, along_barb = middles(kind, feather)
+    sides = [
+        np.outer(at_places(each.hooked.shaft, along_shaft), at_places(each.hooked.barb, along_barb))
+        for each in (kind.leading, kind.trailing)
+    ]
     return np.repeat(np.stack(sides)[..., None], 2, axis=3)

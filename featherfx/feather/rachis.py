@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from featherfx.feather.profiles import at_places
 from featherfx.feather.types import Array
 from featherfx.groom.course import shaft
 from featherfx.groom.types import FeatherKind
@@ -49,6 +50,7 @@ def build_rachis(kind: FeatherKind, rows: int) -> Rachis:
     frame, mean_tangent = shaft(shape, along)
     difference = shape.diameter_base - shape.diameter_tip
     width = shape.diameter_tip + difference * (1.0 - along) ** shape.taper
+    width = width * at_places(shape.diameter_profile, along)
     return Rachis(
         station=station,
         position=station[:, None] * mean_tangent,

@@ -11,6 +11,7 @@ from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
 from featherfx.feather.lips import Strands
+from featherfx.feather.profiles import at_places
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
@@ -95,7 +96,8 @@ def barb_diameters(kind: FeatherKind, along: Array) -> Array:
     """(K,) m, diameters of a barb at places (K,) from 0, its root, to 1."""
     material = kind.vane_material
     thinning = np.maximum((1.0 - along) ** (0.25 * material.barb_taper), _THINNEST)
-    return np.asarray(material.thickness * thinning)
+    thick = at_places(material.thickness_profile.barb, along)
+    return np.asarray(material.thickness * thinning * thick)
 
 
 def _without_splits(kind: FeatherKind) -> FeatherKind:

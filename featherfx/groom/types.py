@@ -22,6 +22,11 @@ from featherfx.groom.looks import BarbLook, Colour
 # least share of the barbs that a split is deep
 LEAST_DEPTH = 0.01
 
+Curve = tuple[tuple[float, float], ...]
+LEAST_FACTOR, MOST_FACTOR = 1e-3, 1e3
+_FACTORS = ArrayOf(ArrayOf(Number(0, MOST_FACTOR), 2, 2), 0, 50)
+_FACTORS_MEAN = "[share, factor], straight between points and constant beyond; empty: 1."
+
 _TURNING = Number(-360, 360, "deg")
 _HALF_TURNING = Number(-180, 180, "deg")
 _BENT = Number(-120, 120, "deg")
@@ -48,6 +53,9 @@ class RachisShape:
         ArrayOf(ArrayOf(Number(-360, 360), 4, 4), 0, 200),
         "For a shaft that is no arc, what it turns by besides, in degrees from the base: [share of "
         "its length, camber, sweep, twist] in ascending shares, smooth between.",
+    ] = ()
+    diameter_profile: Annotated[
+        Curve, _FACTORS, f"Factors of the diameter along the shaft's length: {_FACTORS_MEAN}"
     ] = ()
 
 
@@ -101,6 +109,16 @@ class Hooked:
         tuple[tuple[float, float], ...],
         _CURVE,
         "The same along each barb from its root (0) to its end (1); both are multiplied.",
+    ] = ()
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Factors of a figure of the vane: a curve along the shaft times one along the barbs."""
+
+    shaft: Annotated[Curve, _FACTORS, f"Along the vane's length: {_FACTORS_MEAN}"] = ()
+    barb: Annotated[
+        Curve, _FACTORS, f"Along each barb, from its root (0) to its end (1): {_FACTORS_MEAN}"
     ] = ()
 
 
@@ -225,6 +243,18 @@ class VaneMaterial:
     bending_across: Annotated[
         float, Number(0, 10, "N m"), "Bending modulus of the vane across the barbs."
     ]
+    thickness_profile: Annotated[
+        Profile,
+        "Factors of the thickness from place to place. Mass per area goes with it, bending of "
+        "barbs and across them with its cube; contact keeps to `thickness`.",
+        Default({}),
+    ] = Profile()
+    across_profile: Annotated[
+        Profile, "Factors of `across`, `shear` and `bending_across`.", Default({})
+    ] = Profile()
+    along_profile: Annotated[
+        Profile, "Factors of `along` and of the bending of barbs.", Default({})
+    ] = Profile()
     twist_ratio: Annotated[
         float,
         Number(0, 1e4),
@@ -291,6 +321,9 @@ class RachisMaterial:
 
     young: Annotated[float, Number(1e3, 1e12, "Pa"), "Young's modulus of the cortex."]
     shear: Annotated[float, Number(1e3, 1e12, "Pa"), "Shear modulus of the cortex."]
+    modulus_profile: Annotated[
+        Curve, _FACTORS, f"Factors of both moduli along the shaft's length: {_FACTORS_MEAN}"
+    ] = ()
     wall: Annotated[float, Number(0.01, 1), "Share of the radius that is cortex; 1 is solid."]
     flattening: Annotated[
         float, Number(0.05, 20), "Height of the section (across the vane) over its width."

@@ -3,7 +3,8 @@
     kappa(s) = (1/L) sum_c q_c P_c(s),     integral_0^1 b(s) P_c P_d ds = delta_cd
 
 s = arc length / L from the rachis, b(s) = max((1 - s)^taper, 0.05) the stiffness relative to the
-root's. The energy of a barb with root stiffness B is then 1/2 (B / L) sum_c q_c^2.
+root's, times what the profiles of its material make of it. The energy of a barb with root stiffness
+B is then 1/2 (B / L) sum_c q_c^2.
 
 A barb is clamped at the rachis and free at its end, where no moment acts: its curvature is M / b
 with the moments
@@ -17,15 +18,28 @@ in this order (Gram and Schmidt), fewer shapes are the first of more.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 FLOOR = 0.05
 SAMPLES = 2000
 
+Factors = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-def curvature_shapes(count: int, joints: int, taper: float) -> NDArray[np.float64]:
+
+def stiffness_along(taper: float, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K,) b at places (K,) of a barb without factors of its own."""
+    return np.maximum((1.0 - places) ** taper, FLOOR)
+
+
+def curvature_shapes(
+    count: int, joints: int, taper: float, factors: Factors | None = None
+) -> NDArray[np.float64]:
     """(count, joints) share of every shape's turn that falls on each joint of a barb.
+
+    factors: of b, at places of the barb, where it has any.
 
     A barb of m segments has a joint at its root and one between any two segments. Each segment has
     the mean direction of the arc that it stands for, so the nodes of a small deflection are where
@@ -34,8 +48,10 @@ def curvature_shapes(count: int, joints: int, taper: float) -> NDArray[np.float6
     if not count:
         return np.zeros((0, joints))
     step = 1.0 / SAMPLES
-    s = (np.arange(SAMPLES) + 0.5) * step
-    stiffness = np.maximum((1.0 - s) ** taper, FLOOR)
+    s = np.asarray((np.arange(SAMPLES) + 0.5) * step, dtype=np.float64)
+    stiffness = stiffness_along(taper, s)
+    if factors is not None:
+        stiffness = stiffness * factors(s)
     powers = np.array((2, 1, *range(3, count + 1))[:count], dtype=float)
     curvatures = (1.0 - s)[:, None] ** powers / stiffness[:, None]
     _, triangle = np.linalg.qr(np.sqrt(stiffness * step)[:, None] * curvatures)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, rotatio
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import dots
 from featherfx.feather.hooked import hooked_fraction
+from featherfx.feather.profiles import at_places, barb_bending, in_cells, vane_shares
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
@@ -97,15 +99,15 @@ def make_model(
     """Constant arrays of feathers that share a grid.
 
     feathers, kinds: one each per feather of the batch; all feathers have equal rows and columns
-    and all kinds the same barb taper. coefficients: per barb and direction, 0 for rigid barbs, at
-    most one a column: turns of more joints than there are would move nothing.
+    and all kinds the same `barb_course`. coefficients: per barb and direction, 0 for rigid barbs,
+    at most one a column: turns of more joints than there are would move nothing.
     touching: whether loose barbs do not pass through each other.
     Where a kind's barbs are clamped elastically, all get one more: see clamped_shapes.
     Damping is left at zero: featherfx.solver.step.modes.with_damping adds it. Roots are held.
     """
     columns = feathers[0].columns
     coefficients = min(coefficients, columns)
-    taper = kinds[0].vane_material.barb_taper
+    vane = kinds[0].vane_material
     elastic = any(has_elastic_clamp(kind) for kind in kinds)
     guarded = any(is_guarded(kind, touching) for kind in kinds)
     known: dict[tuple[int, FeatherKind], _Constants] = {}
@@ -121,7 +123,8 @@ def make_model(
     if not guarded:
         stacked["cell_guard"] = np.zeros((len(parts), 0, 0, 0, 0, 0))
     slips = any(may_slip(kind) for kind in kinds)
-    shapes = curvature_shapes(coefficients, columns, taper)
+    factors = partial(barb_bending, vane)
+    shapes = curvature_shapes(coefficients, columns, vane.barb_taper, factors)
     return Model(
         held=np.ones(len(parts), dtype=np.bool_),
         shapes=clamped_shapes(shapes) if elastic else shapes,
@@ -147,6 +150,12 @@ def has_elastic_clamp(kind: FeatherKind) -> bool:
     """Whether the barbs turn at their roots."""
     vane = kind.vane_material
     return vane.barb_clamp_normal > 0.0 or vane.barb_clamp_in_plane > 0.0
+
+
+def barb_course(kind: FeatherKind) -> Hashable:
+    """What the shapes of bent barbs depend on: how their stiffness changes along them."""
+    vane = kind.vane_material
+    return vane.barb_taper, vane.along_profile.barb, vane.thickness_profile.barb
 
 
 def may_slip(kind: FeatherKind) -> bool:
@@ -180,7 +189,7 @@ def _guard(feather: Feather, kind: FeatherKind, touching: bool) -> Array:
     loose = 1.0 if _may_open(kind) else (1.0 - held) * (touching and not vane.ribbon)
     modulus = np.where(fibres, FIBRE_GUARD * loose, own)
     area = cells_at_rest(feather)[1] * cell_weights(feather.columns)[..., 0]
-    stiffness = GUARD_SCALE * vane.thickness * area * modulus
+    stiffness = GUARD_SCALE * _thickness(feather, kind) * area * modulus
     return np.stack([stiffness, np.where(fibres, FIBRE_SHARE, 1.0)], axis=-1)
 
 
@@ -194,8 +203,11 @@ def _constants(
     cell_rest, cell_area = cells_at_rest(feather)
     vane = kind.vane_material
     held = _held(feather, kind)
-    held_area = (held * cell_area)[..., None] * cell_weights(feather.columns)
-    hinge_rest, hinge_stiffness = hinges_at_rest(feather, held, vane.bending_across)
+    across = held * in_cells(vane.across_profile, kind, feather)
+    thick = in_cells(vane.thickness_profile, kind, feather)
+    held_area = (across * thick * cell_area)[..., None] * cell_weights(feather.columns)
+    bending = across * thick**3
+    hinge_rest, hinge_stiffness = hinges_at_rest(feather, bending, vane.bending_across)
     twist_rest, twist_stiffness = twists_at_rest(feather, cell_area)
     return _Constants(
         length=length,
@@ -216,7 +228,7 @@ def _constants(
         * vane.twist_ratio
         * vane.bending_across
         * twist_stiffness
-        * held[..., 0],
+        * bending[..., 0],
         mass=_mass(feather, kind, cell_area, length),
         rotary_inertia=_rotary_inertia(feather, kind, length),
         shaft_area=feather.width * _row_length(length),
@@ -230,6 +242,12 @@ def _held(feather: Feather, kind: FeatherKind) -> Array:
         # its stiffness is all in the shaft's
         return np.full(feather.cell.shape, LEAST_HOOKED)
     return np.maximum(hooked_fraction(kind, feather), LEAST_HOOKED)
+
+
+def _thickness(feather: Feather, kind: FeatherKind) -> Array:
+    """(n-1, m, 1) m, of the vane in the middle of each cell."""
+    vane = kind.vane_material
+    return vane.thickness * in_cells(vane.thickness_profile, kind, feather)
 
 
 def _stacked_hooks(feathers: Sequence[Feather], kinds: Sequence[FeatherKind]) -> Hooks:
@@ -246,7 +264,8 @@ def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
     """
     cell_rest, cell_area = cells_at_rest(feather)
     vane, held = kind.vane_material, _held(feather, kind)
-    volume = vane.thickness * (cell_area * held)[..., None] * cell_weights(feather.columns)
+    own = _thickness(feather, kind) * cell_area * held
+    volume = own[..., None] * cell_weights(feather.columns)
     scatter = np.random.default_rng(SCATTER_SEED).normal(size=cell_area.shape[:2])
     weaker = np.exp(vane.hook_scatter * scatter)[:, :, None, None, None]
     strength = vane.hook_strength / vane.hook_yield_across
@@ -260,7 +279,8 @@ def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
     if vane.hooks == "closed":
         limit[:] = NEVER
     loose = held <= LEAST_HOOKED
-    stiffness = volume * np.array([vane.across, vane.shear])
+    factors = in_cells(vane.across_profile, kind, feather)[..., None]
+    stiffness = volume * factors * np.array([vane.across, vane.shear])
     there = (stiffness > 0.0) & ~loose[..., None]
     strains = np.divide(stiffness, limit, out=np.zeros_like(limit), where=there)
     limit[loose] = 0.0
@@ -321,6 +341,9 @@ def _rachis_stiffness(feather: Feather, kind: FeatherKind, length: Array) -> Arr
     width = 0.5 * (feather.width[:-1] + feather.width[1:])
     height = 0.5 * (feather.height[:-1] + feather.height[1:])
     stretch, bend = shaft_stiffness(width, height, kind.rachis_material)
+    middle = 0.5 * (feather.station[:-1] + feather.station[1:]) / feather.station[-1]
+    modulus = at_places(kind.rachis_material.modulus_profile, middle)[:, None]
+    stretch, bend = stretch * modulus, bend * modulus
     strip = _strip_width(feather, kind)[:, None]
     flat = strip_stiffness(strip[:, 0], kind.vane_material)
     stretch, bend = (
@@ -358,7 +381,9 @@ def vane_mass(feather: Feather, kind: FeatherKind, cell_area: Array | None = Non
     columns = feather.columns
     cell_area = cells_at_rest(feather)[1] if cell_area is None else cell_area
     mass = np.zeros((feather.rows, 1 + 2 * columns))
-    third = cell_area * kind.vane_material.surface_density / 3.0
+    density = kind.vane_material.surface_density
+    thick = in_cells(kind.vane_material.thickness_profile, kind, feather)
+    third = cell_area * thick * density / 3.0
     for side in range(2):
         node = np.zeros((feather.rows, columns + 1))
         first, second = third[side, :, :, 0], third[side, :, :, 1]
@@ -424,6 +449,9 @@ def _barb_stiffness(feather: Feather, kind: FeatherKind, coefficients: int, elas
         stiff = plate * (float(length.max()) / vane.thickness) ** 2
         vane = replace(vane, barb_bending_normal=plate, barb_bending_in_plane=stiff)
     scale = np.divide(feather.barb_span, length, out=np.zeros_like(length), where=length > 0)
+    roots = vane_shares(kind, feather.station)
+    thick = at_places(vane.thickness_profile.shaft, roots)
+    scale = scale * at_places(vane.along_profile.shaft, roots) * thick**3
     parts = []
     for bending, clamp in (
         (vane.barb_bending_normal, vane.barb_clamp_normal),

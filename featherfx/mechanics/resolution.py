@@ -23,9 +23,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from featherfx.feather.profiles import at_places, barb_bending, vane_shares
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
-from featherfx.mechanics.barb_shapes import FLOOR
+from featherfx.mechanics.barb_shapes import stiffness_along
 from featherfx.mechanics.section import shaft_mass, shaft_stiffness, strip_stiffness
 
 # share of the deflection that C = 0, 1, ... coefficients miss
@@ -33,6 +34,7 @@ MISSED = (1.0, 0.16, 0.004, 0.0006, 0.0001)
 # c of the rows, and the numbers of them that are chosen from: each twice the work of the second
 # before, few enough that feathers of one kind stay together
 ROWS_MISSED = 7.0
+_EVEN = (np.arange(200) + 0.5) / 200
 ROWS = (6, 8, 11, 15, 21, 29, 41, 57, 81, 113, 161, 225, 321)
 
 
@@ -41,11 +43,14 @@ def barb_deflection(feather: Feather, kind: FeatherKind, pressure: float) -> flo
     vane = kind.vane_material
     if vane.ribbon:
         return 0.0
-    s = (np.arange(200) + 0.5) / 200
-    stiffness = np.maximum((1.0 - s) ** vane.barb_taper, FLOOR)
+    s = _EVEN
+    stiffness = stiffness_along(vane.barb_taper, s) * barb_bending(vane, s)
     flexibility = float(np.mean((1.0 - s) ** 3 / (2.0 * stiffness)))
     length = float(feather.barb_length.max())
-    deflection = pressure * length**4 / vane.barb_bending_normal * flexibility
+    shares = np.linspace(0.0, 1.0, feather.rows)
+    thick = at_places(vane.thickness_profile.shaft, shares)
+    weakest = (at_places(vane.along_profile.shaft, shares) * thick**3).min()
+    deflection = pressure * length**4 / (vane.barb_bending_normal * weakest) * flexibility
     return min(deflection, length)
 
 
@@ -81,14 +86,17 @@ def rachis_deflection(
     """m, how far the tip goes under an acceleration (m/s^2) across the vane and a pressure (Pa)."""
     section = kind.rachis_material
     line, _, _ = shaft_mass(feather.width, feather.height, section)
+    s = feather.station
     _, bending = shaft_stiffness(feather.width, feather.height, section)
+    bending = bending * at_places(section.modulus_profile, s / s[-1])[:, None]
     width = vane_width(feather)
     if kind.vane_material.ribbon:
         _, flat = strip_stiffness(width, kind.vane_material)
         bending = np.where(width[:, None] > 0.0, flat, bending)
-    on_vane = kind.vane_material.surface_density * acceleration + pressure
-    load = line * acceleration + width * on_vane
-    s = feather.station
+    thick = kind.vane_material.thickness_profile
+    on_shaft = at_places(thick.shaft, vane_shares(kind, s))
+    density = kind.vane_material.surface_density * on_shaft * np.mean(at_places(thick.barb, _EVEN))
+    load = line * acceleration + width * (density * acceleration + pressure)
     step = np.diff(s)
 
     def beyond(values: np.ndarray) -> np.ndarray:

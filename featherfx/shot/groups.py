@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from featherfx.feather.types import Feather, RowMap
 from featherfx.files.store import kept
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Placement, Splits
-from featherfx.mechanics.batch import has_elastic_clamp, make_model, may_slip, resized
+from featherfx.mechanics.batch import barb_course, has_elastic_clamp, make_model, may_slip, resized
 from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
 from featherfx.shot.detail.cycle import Cycle
@@ -124,7 +124,7 @@ class _Alike(NamedTuple):
 
     island: int
     resolution: Resolution
-    taper: float
+    taper: Hashable
     clamp: bool
     hooked: bool
     exposure: float
@@ -157,7 +157,7 @@ def make_groups(
         kind = placement.kind
         for resolution in resolutions[index]:
             if resolution.level not in CARRIED:
-                taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
+                taper, clamp = barb_course(kind), has_elastic_clamp(kind)
                 island = int(islands[index])
                 hooked = _slips(kind, resolution)
                 rules = exposed[index], wets[index], frees[index], blown.weights[index]

@@ -79,6 +79,7 @@ class FeatherEntry:
         feather.
     barbs: drawn as curves besides; their points are at rest in the world frame.
     vane_stiffness: N/m, thickness times modulus across the barbs and in shear, for the energy.
+    stiffened: per triangle, factors of both; None: 1.
     held: per triangle, share of barbules that are hooked at rest; None: all.
     barb_widths: (m,) m, diameters of a barb at its nodes, root to end, the root left out.
     hooked: whether the state of its hooks is written: the share that holds to 0 (open), and their
@@ -103,6 +104,7 @@ class FeatherEntry:
     points_map: RowMap | None = None
     barbs: BarbCurves | None = None
     vane_stiffness: tuple[float, float] = (0.0, 0.0)
+    stiffened: Array | None = None
     held: Array | None = None
     hooked: bool = False
     wet: bool = False

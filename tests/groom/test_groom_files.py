@@ -276,6 +276,23 @@ def test_mirror_needs_a_side_in_the_name(tmp_path: Path) -> None:
     assert 'must hold "left" or "right"' in found(tmp_path, feather("a", "mirror = 'y'"))[0]
 
 
+def test_blends_have_the_profiles_of_both(tmp_path: Path) -> None:
+    folder = tmp_path / "presets" / "feather"
+    folder.mkdir(parents=True)
+    text = "rachis_material.modulus_profile = {}\nvane_material.along_profile.barb = {}\n"
+    for name, curve in (("one", "[[0, 1], [1, 3]]"), ("other", "[[0.5, 2]]")):
+        (folder / f"{name}.toml").write_text(f'base = "primary"\n{text.format(curve, curve)}')
+    (tmp_path / "groom.toml").write_text(
+        'name = "g"\n[[row]]\nid = "r"\nkind = ["one", "other"]\ncount = 3\nblend = true\n'
+        "first = { position = [0, 0, 0], direction = [1, 0, 0], up = [0, 0, 1] }\n"
+        "last = { position = [0, 1, 0], direction = [1, 0, 0], up = [0, 0, 1] }\n"
+    )
+    middle = read_groom(tmp_path / "groom.toml", [tmp_path / "presets"]).feathers[1].kind
+    halfway = ((0.0, 1.5), (0.5, 2.0), (1.0, 2.5))
+    assert middle.rachis_material.modulus_profile == halfway
+    assert middle.vane_material.along_profile.barb == halfway
+
+
 def test_blend_of_unlike_kinds(tmp_path: Path) -> None:
     text = ROW.replace('"swan_primary"\ncount', '["swan_primary", "covert"]\ncount')
     problems = found(tmp_path, text + "blend = true\n")

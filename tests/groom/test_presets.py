@@ -225,6 +225,20 @@ VANE_FAULTS = [
     ),
     ("vane_material = { ribbon = true, bending_across = 0 }", "allowed: above 0 N m"),
     ("vane_material = { ribbon = true, poisson = 0.6 }", "0.6 is out of range, allowed 0 to 0.5"),
+    (
+        "vane_material = { ribbon = true, across_profile.shaft = [[0, 2]] }",
+        "vane_material.across_profile: not for vane_material.ribbon = true",
+    ),
+    (
+        "vane_material.along_profile.barb = [[0.5, 1], [0.5, 2]]",
+        "vane_material.along_profile.barb[1][0]: 0.5 is out of order or range, allowed: 0 to 1",
+    ),
+    ("rachis.diameter_profile = [[1.5, 1]]", "rachis.diameter_profile[0][0]: 1.5 is out of order"),
+    (
+        "rachis_material.modulus_profile = [[0, 1], [1, 0]]",
+        "rachis_material.modulus_profile[1][1]: 0 is out of range, allowed 0.001 to 1000",
+    ),
+    ("vane_material.thickness_profile.shaft = [[0]]", "shaft[0]: has 1 items, allowed 2"),
     ("leading.hooked.barb = [[0.5, 1.2]]", "1.2 is out of range, allowed 0 to 1"),
     ("rachis.diameter_tip = 0.02", "allowed up to diameter_base = 0.007 m"),
 ]

@@ -66,8 +66,11 @@ _VANE_STRENGTHS = (
     "along", "across", "shear", "surface_density", "barb_bending_normal", "barb_bending_in_plane",
     "bending_across", "twist_ratio", "loss_factor", "compression_guard", "barb_clamp_normal",
     "barb_clamp_in_plane", "hook_yield_across", "hook_yield_shear", "hook_strength", "poisson",
+    "thickness_profile", "across_profile", "along_profile",
 )  # fmt: skip
-_SHAFT_STRENGTHS = ("young", "shear", "cortex_density", "core_density", "loss_factor")
+_SHAFT_STRENGTHS = (
+    "young", "shear", "modulus_profile", "cortex_density", "core_density", "loss_factor",
+)  # fmt: skip
 _OF_KIND = ("kind", "prototype", "size")
 
 

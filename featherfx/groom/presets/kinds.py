@@ -16,9 +16,13 @@ from featherfx.groom.presets.lines import along_line
 from featherfx.groom.presets.scaling import dialled, materials_resized, varied
 from featherfx.groom.splits import split_faults
 from featherfx.groom.types import (
+    LEAST_FACTOR,
+    MOST_FACTOR,
     BarbGuide,
+    Curve,
     FeatherKind,
     Hooked,
+    Profile,
     RachisMaterial,
     RachisShape,
     Splits,
@@ -26,7 +30,9 @@ from featherfx.groom.types import (
     VaneShape,
 )
 
-Curve = tuple[tuple[float, float], ...]
+# tables of a vane's material, of a curve along the shaft and one along the barbs
+_PROFILES = "thickness_profile", "across_profile", "along_profile"
+_ALONG = "shaft", "barb"
 
 
 def _source(tree: Tree, *path: str) -> str:
@@ -48,6 +54,11 @@ def _vane(values: dict[str, Any]) -> VaneShape:
     )
 
 
+def _vane_material(values: dict[str, Any]) -> VaneMaterial:
+    profiles = {name: Profile(**values[name]) for name in _PROFILES}
+    return VaneMaterial(**{**values, **profiles})
+
+
 def _colour(values: dict[str, Any]) -> Colour:
     patterns = (Pattern(**each) for each in values["patterns"])
     return Colour(**{**values, "patterns": tuple(patterns)})
@@ -67,7 +78,7 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
         rachis=RachisShape(**values["rachis"]),
         leading=_vane(values["leading"]),
         trailing=_vane(values["trailing"]),
-        vane_material=VaneMaterial(**values["vane_material"]),
+        vane_material=_vane_material(values["vane_material"]),
         rachis_material=RachisMaterial(**values["rachis_material"]),
         colour=_colour(values["colour"]),
         barbs=BarbLook(**values["barbs"]),
@@ -99,6 +110,7 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
         at = Place(_source(tree, "rachis", "line"), place.child("rachis").key, place.problems)
         kind = along_line(kind, line, at.child("line"))
     _check_hooks(kind.vane_material, tree, place)
+    _check_profiles(kind, tree, place)
     if kind.vane_material.ribbon:
         _check_ribbon(kind, tree, place)
     problems.hand_on()
@@ -118,6 +130,30 @@ def _check_hooks(vane: VaneMaterial, tree: Tree, place: Place) -> None:
     Place(source, key, place.problems).fail(message)
 
 
+def _check_profiles(kind: FeatherKind, tree: Tree, place: Place) -> None:
+    """Points of curves of factors ascend within 0 to 1, and no figure vanishes anywhere."""
+    curves = {
+        "rachis.diameter_profile": kind.rachis.diameter_profile,
+        "rachis_material.modulus_profile": kind.rachis_material.modulus_profile,
+    }
+    for name in _PROFILES:
+        profile = getattr(kind.vane_material, name)
+        curves |= {f"vane_material.{name}.{each}": getattr(profile, each) for each in _ALONG}
+    for key, curve in curves.items():
+        source = _source(tree, *key.split(".")) if curve else ""
+        at = Place(
+            place.source if source == "default" else source, place.child(key).key, place.problems
+        )
+        for index, (share, factor) in enumerate(curve):
+            before = curve[index - 1][0] if index else -1.0
+            if not before < share <= 1.0:
+                told = "allowed: 0 to 1, each above the one before it"
+                at.item(index).item(0).fail(f"{share:g} is out of order or range, {told}")
+            if factor < LEAST_FACTOR:
+                told = f"allowed {LEAST_FACTOR:g} to {MOST_FACTOR:g}"
+                at.item(index).item(1).fail(f"{factor:g} is out of range, {told}")
+
+
 def _check_ribbon(kind: FeatherKind, tree: Tree, place: Place) -> None:
     """A ribbon is one sheet, which bends."""
     sheet, sides = "vane_material.ribbon = true, a strip without gaps", ("leading", "trailing")
@@ -127,6 +163,11 @@ def _check_ribbon(kind: FeatherKind, tree: Tree, place: Place) -> None:
         for side, shape in zip(sides, shapes, strict=True)
         for key, there in (("splits", shape.is_split), ("hooked", shape.hooked != Hooked()))
         if there
+    ]
+    faults += [
+        (f"vane_material.{name}", f"not for {sheet}; allowed: none")
+        for name in _PROFILES
+        if getattr(vane, name) != Profile()
     ]
     if vane.hooks != "closed":
         message = f"'{vane.hooks}' is not for {sheet}; allowed: closed"
@@ -299,8 +340,8 @@ def blended(first: Any, second: Any, weight: float) -> Any:
     if isinstance(first, RachisShape) and first.course != second.course:
         nearer = (first if weight < 0.5 else second).course
         return blended(replace(first, course=nearer), replace(second, course=nearer), weight)
-    if isinstance(first, Hooked):
-        return Hooked(
+    if isinstance(first, (Hooked, Profile)):
+        return type(first)(
             _blended_curve(first.shaft, second.shaft, weight),
             _blended_curve(first.barb, second.barb, weight),
         )
@@ -309,7 +350,9 @@ def blended(first: Any, second: Any, weight: float) -> Any:
     if is_dataclass(first) and not isinstance(first, type):
         return type(first)(
             **{
-                each.name: blended(getattr(first, each.name), getattr(second, each.name), weight)
+                each.name: _BLENDS.get(each.name, blended)(
+                    getattr(first, each.name), getattr(second, each.name), weight
+                )
                 for each in fields(first)
             }
         )
@@ -340,7 +383,7 @@ def _blended_colour(first: Colour, second: Colour, weight: float) -> Colour:
 
 
 def _blended_curve(first: Curve, second: Curve, weight: float) -> Curve:
-    """Halfway shares that are hooked, at the places of both."""
+    """Halfway values, at the places of both."""
     if not first and not second:
         return ()
     places = np.unique([place for place, _ in (*first, *second)])
@@ -350,3 +393,7 @@ def _blended_curve(first: Curve, second: Curve, weight: float) -> Curve:
     ]
     halfway = (1.0 - weight) * ends[0] + weight * ends[1]
     return tuple(zip(places.tolist(), halfway.tolist(), strict=True))
+
+
+# fields that are curves by themselves, whose points may differ in number
+_BLENDS = {"diameter_profile": _blended_curve, "modulus_profile": _blended_curve}

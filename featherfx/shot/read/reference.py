@@ -23,7 +23,7 @@ from featherfx.groom.keys.anatomy import (
 )
 from featherfx.groom.keys.values import REQUIRED, Key, Table, Tables, keys_of
 from featherfx.groom.looks import BarbLook, Colour, Pattern
-from featherfx.groom.types import SHAFT, BarbGuide, Hooked, Splits, VaneShape
+from featherfx.groom.types import SHAFT, BarbGuide, Hooked, Profile, Splits, VaneShape
 from featherfx.shot.read import keys as shot_keys
 
 _HEAD = """# Reference: every key of shots, grooms and presets
@@ -111,6 +111,7 @@ _FAMILIES = (
         (f"### {family} preset", preset_keys.FAMILIES[family].keys)
         for family in ("material/vane", "material/rachis", "quality", "wind")
     ),
+    ("### profiles of a vane's material", keys_of(Profile)),
     ("### motion preset", {"kind": preset_keys.KIND} | keys_of(preset_keys.Clock)),
     *((f"### motion of kind {kind}", keys) for kind, keys in preset_keys.MOTIONS.items() if keys),
     ("### folds of a motion", preset_keys.FOLD),

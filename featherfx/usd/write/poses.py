@@ -279,6 +279,8 @@ class PosedFeather:
             density = out[MESH, ENERGY_DENSITY]
             surface_kernels.energy_density(across, shear, *self._entry.vane_stiffness, density)
             density *= self.held
+            if self._entry.stiffened is not None:
+                density *= self._entry.stiffened[: len(density)]
 
     def _note_hooks(self, out: Written, hooked: Array | None, slip: Array | None = None) -> None:
         """Which lips are open, and hooks and slip of each face; None for hooks that all hold."""
