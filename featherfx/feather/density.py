@@ -11,7 +11,8 @@ are cubic Hermite weights with slopes of parabolas through three neighbours: onc
 differentiable, local, and fixed, unlike monotone ones. frame(s) has the columns r'(s), d2(s) and
 d3(s), all linear in the coarse points, and c is chosen so that the rest shape comes out. So the
 map is linear, the same for positions and their rates; rest shape and rigid motions are exact, and
-so is every barb of a coarse row that is a fine row, too.
+so is every barb of a coarse row that is a fine row, too. Barbs are a little longer or shorter than
+at rest then; `carried` gives each piece its length (barb_length_kernels.py).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from featherfx.feather.barb_length_kernels import keep_lengths
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
@@ -45,7 +47,17 @@ def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:
     interpolated = RowPoints(
         scipy.sparse.vstack([along.rachis, *nodes]), scipy.sparse.vstack(along.directors)
     )
-    return RowMap(*map(along.completed, interpolated, fine.rest))
+    points, axes = map(along.completed, interpolated, fine.rest)
+    return RowMap(points, axes, _pieces(fine))
+
+
+def carried(
+    to_fine: RowMap, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
+) -> tuple[RowPoints, RowPoints, RowPoints]:
+    """Points and their first and second rates on another grid, its barbs as long as at rest."""
+    found = to_fine(points), to_fine(velocities), to_fine(accelerations)
+    keep_lengths(to_fine.pieces, *(each.nodes for each in found))
+    return found
 
 
 def scaled_map(unit: RowMap, size: float, rows: int) -> RowMap:
@@ -56,7 +68,8 @@ def scaled_map(unit: RowMap, size: float, rows: int) -> RowMap:
     """
     if size == 1.0:
         return unit
-    return RowMap(scaled_points(unit.nodes, size, rows), _scaled(unit.directors, 1 / size, 1, rows))
+    directors = _scaled(unit.directors, 1 / size, 1, rows)
+    return RowMap(scaled_points(unit.nodes, size, rows), directors, size * unit.pieces)
 
 
 def scaled_points(unit: PointMap, size: float, rows: int) -> PointMap:
@@ -187,6 +200,13 @@ def _barb_nodes(coarse: Feather, fine: Feather, side: int, rachis: Any, parts: b
     offsets = [_node(coarse, node)[grown] - root for node in range(barb.start, barb.stop)]
     spread = scipy.sparse.kron(along[1:, 1:], scipy.sparse.csr_array(weights), format="csr")
     return (roots + spread @ scipy.sparse.vstack(offsets)).tocsr()
+
+
+def _pieces(feather: Feather) -> Array:
+    """(n, 2 m) m, as of RowMap."""
+    nodes, m = feather.rest.nodes, feather.columns
+    before = nodes[:, [0, *range(1, m), 0, *range(m + 1, 2 * m)]]
+    return np.asarray(np.linalg.norm(nodes[:, 1:] - before, axis=-1))
 
 
 def _reach(feather: Feather, side: int) -> Array:

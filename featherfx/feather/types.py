@@ -188,10 +188,12 @@ class PointMap:
 
 
 class RowMap(NamedTuple):
-    """A linear map to the nodes and directors of another grid."""
+    """A linear map to the nodes and directors of another grid. pieces: (n, 2 m) m, the lengths of
+    its barbs' pieces at rest, node by node, of the piece that ends there."""
 
     nodes: PointMap
     directors: PointMap
+    pieces: Array
 
     def __call__(self, values: RowPoints) -> RowPoints:
         return RowPoints(self.nodes(values), self.directors(values))

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import featherfx
 from featherfx.feather.build import build_feather, scaled
-from featherfx.feather.density import density_map, hermite_weights, scaled_map
+from featherfx.feather.density import carried, density_map, hermite_weights, scaled_map
 from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import RowPoints, barb_slice, both, turned
 from featherfx.shot.placement import place
@@ -101,6 +101,42 @@ def test_a_bent_feather_converges_with_the_simulated_rows(swan):
         errors.append(error.max() / swan.length)
     assert errors[1] < 2e-3
     assert errors[2] < 0.6 * errors[1] < 0.36 * errors[0]
+
+
+def pieces(feather, nodes):
+    """(2, n, m) of the barbs that there are, over their lengths at rest."""
+    found = []
+    for each in (nodes, feather.rest.nodes):
+        barbs = [each[:, barb_slice(side, feather.columns)] for side in (0, 1)]
+        chains = [np.concatenate([each[:, :1], barb], axis=1) for barb in barbs]
+        found.append(np.linalg.norm(np.diff(chains, axis=2), axis=-1))
+    there = feather.barb_length > 0.0
+    return found[0][there] / found[1][there]
+
+
+@pytest.mark.parametrize("sample", ["swan_wing", "breeze"])
+def test_barbs_keep_their_lengths_on_another_grid_and_rates_are_those_of_the_places(sample):
+    kind, step = kind_of(sample), 1e-4
+    coarse, fine = build_feather(kind, 8, 3), build_feather(kind, 21, 6)
+    to_fine = density_map(coarse, fine)
+
+    def pose(time):
+        turn = Rotation.from_rotvec([time, 0.0, 2.0 * time]).as_matrix()
+        return place(bent(coarse, np.sin(3.0 * time)), np.array([time, 0.3, 0.0]), turn)
+
+    before, now, after = (pose(0.4 + k * step) for k in (-1, 0, 1))
+    rate = both(lambda a, b: (b - a) / (2.0 * step), before, after)
+    second = both(lambda a, b, c: (a - 2.0 * b + c) / step**2, before, now, after)
+    points, rates, seconds = carried(to_fine, now, rate, second)
+    linear = to_fine(now).nodes
+    assert np.abs(pieces(fine, linear) - 1.0).max() > 1e-3
+    assert np.abs(pieces(fine, points.nodes) - 1.0).max() < 1e-12
+    assert np.abs(points.nodes - linear).max() < 3e-3 * kind.length
+    a, b, c = (carried(to_fine, each, rate, second)[0].nodes for each in (before, now, after))
+    assert rates.nodes == pytest.approx((c - a) / (2.0 * step), abs=1e-5)
+    assert seconds.nodes == pytest.approx((a - 2.0 * b + c) / step**2, abs=1e-4)
+    still = carried(to_fine, coarse.rest, *[both(np.zeros_like, coarse.rest)] * 2)
+    assert still[0].nodes == pytest.approx(fine.rest.nodes, abs=1e-14)
 
 
 def test_interpolation_is_smooth_and_reproduces_parabolas():

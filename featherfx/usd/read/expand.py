@@ -23,6 +23,7 @@ from pxr import Usd, UsdGeom
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Flags
 from featherfx.errors import InputError, Problem, require
+from featherfx.feather.barb_length_kernels import keep_lengths
 from featherfx.feather.barb_looks import clumped, drawn_barbs
 from featherfx.feather.build import scaled
 from featherfx.feather.density import density_map, scaled_map, scaled_points
@@ -244,7 +245,8 @@ class _Shafts:
                 scaled_map(each.to_fine or density_map(each.fine, each.fine), float(s), int(n))
                 for each, s, n in zip(grown, scales, rows_written, strict=True)
             ]
-            joined = [scipy.sparse.vstack([part.matrix for part in each]) for each in maps]
+            joined = [scipy.sparse.vstack([part.matrix for part in each[:2]]) for each in maps]
+            self._pieces = np.concatenate([each.pieces for each in maps])
             self._map = scipy.sparse.block_diag(joined, format="csr")
         self._barb_sides, self._to_barbs = [np.zeros(0, dtype=np.int64)] * len(counts), None
         self._drawn: list[BarbCurves] = []
@@ -320,6 +322,7 @@ class _Shafts:
         if self._map is not None:
             flat = self._map @ self._flat(nodes, directors)
             nodes, directors = self._split(flat)
+            keep_lengths(self._pieces, nodes, np.zeros_like(nodes), np.zeros_like(nodes))
         along, up = (self._offset[:, k, None] * directors[self._row, k] for k in range(2))
         return self._placed(nodes[self._row, self._node] + along + up, code)
 

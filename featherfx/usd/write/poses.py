@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.barb_looks import clumped
+from featherfx.feather.density import carried
 from featherfx.feather.detail import detail_of, thinning
 from featherfx.feather.lips import Lips, carried_rates
 from featherfx.feather.types import (
@@ -19,7 +20,6 @@ from featherfx.feather.types import (
     TRAILING,
     Feather,
     PointMap,
-    RowMap,
     RowPoints,
     Surface,
     barb_slice,
@@ -182,18 +182,19 @@ class PosedFeather:
         if own is None and found != expected:
             raise ValueError(f"'{self.id}': {found}, not {expected} nodes")
         points = self._from_origin(given.points)
-        rates = {"velocities": given.velocities}
-        if self._accelerations:
-            rates[ACCELERATIONS] = given.accelerations
+        moving = points, given.velocities, given.accelerations
+        names = ("velocities", ACCELERATIONS)[: 1 + self._accelerations]
+        rates = dict(zip(names, moving[1:], strict=False))
         self._note_hooks(out, self._hooked(given), given.gaps.slip if given.gaps else None)
         for key in self.keys.wet:
             out[key][:] = given.clumped[WET.index(key[1])]
         self._surface.carry(points)
-        finite = self._place(out, _mapped(own, points))
-        for name, values in rates.items():
+        mesh, *changes = map(_plain_points, carried(own, *moving) if own else moving)
+        finite = self._place(out, mesh)
+        for (name, values), drawn in zip(rates.items(), changes, strict=False):
             second = values if name == ACCELERATIONS else None
             self._surface.carry_rates(points, given.velocities, second)
-            finite &= self._rates(out, name, _mapped(own, values))
+            finite &= self._rates(out, name, drawn)
         return finite & self._barbs(out, points, rates, given) if self.has_barbs else finite
 
     def _barbs(
@@ -465,11 +466,6 @@ def strain_rest(surface: Surface, edges: NDArray[np.int32], points: Array) -> tu
     rest = np.zeros(corners.shape)
     rest[sound] = np.column_stack([1.0 / edge[sound], along[sound], 1.0 / height[sound]])
     return corners, rest
-
-
-def _mapped(points_map: RowMap | None, values: RowPoints) -> RowPoints:
-    """Points or rates of what is drawn, from those of a frame."""
-    return _plain_points(values if points_map is None else points_map(values))
 
 
 def _plain_points(values: RowPoints) -> RowPoints:
