@@ -1,12 +1,12 @@
 """Barbs of one vane at rest, traced on the flattened feather and carried onto the rachis.
 
 A barb leaves its row's rachis point at the barb angle and turns at a constant rate, by `curl`
-within the vane and by `camber` towards ventral over its whole length. Because the whole turning
-is given, and not its rate, the end of a flat barb of any length lies on one ray from its root: the
-chord, half a curl off the root's direction. Where that ray meets the outline gives the length
-without iteration. The outline near a vane's base is steeper than barbs are, so the first ones
-would cut it off in a straight edge; where the base is rounded they grow to the outline instead, as
-a quarter of an ellipse of the way.
+within the vane and by `camber` towards ventral over its whole length, and besides by the courses
+of its guides. Because the whole turning is given, and not its rate, the end of a flat barb of any
+length lies on one ray from its root: the chord, of an arc half a curl off the root's direction.
+Where that ray meets the outline gives the length without iteration. The outline near a vane's base
+is steeper than barbs are, so the first ones would cut it off in a straight edge; where the base is
+rounded they grow to the outline instead, as a quarter of an ellipse of the way.
 
 A barb is carried onto the curved shaft by turning it, on top of its own curl and camber, as much
 as the shaft turns over the stretch that the flat barb reaches forward. Its length and its angle at
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from featherfx.feather.outline import (
 from featherfx.feather.rachis import Rachis
 from featherfx.feather.splits import splay, strips_of
 from featherfx.feather.types import LEADING, Array
-from featherfx.groom.course import turn, turned
+from featherfx.groom.course import BARB_PIECES, bends, chord, turn, turned, wound
 from featherfx.groom.splits import Split
 from featherfx.groom.types import BarbGuide, FeatherKind
 
@@ -39,6 +40,8 @@ from featherfx.groom.types import BarbGuide, FeatherKind
 # over the outline between its root and its end.
 SHORTEST_BARB = 1e-3
 _LARGEST_BULGE = 0.02
+# until points of a barb that is no arc are equally far apart, to about 1e-4 of it
+_CHORD_ROUNDS = 6
 
 
 @dataclass(frozen=True)
@@ -57,17 +60,39 @@ class Barbs:
     flat: Array
 
 
+class _Shapes(NamedTuple):
+    """How barbs turn. angles: (3, n) rad, angle, curl and camber. course: (n, P + 1, 2) rad, curl
+    and camber besides at even shares of their lengths; None where all are arcs."""
+
+    angles: Array
+    course: Array | None = None
+
+
 def interpolate_guides(guides: tuple[BarbGuide, ...], position: Array) -> Array:
     """(3, n) rad: barb angle, curl and camber at positions (n,), 0 to 1 along the vane.
 
     Monotone cubic between guides, constant before the first and after the last.
     """
     values = np.radians([[g.angle, g.curl, g.camber] for g in guides])
+    return np.ascontiguousarray(_between(guides, values, position).T)
+
+
+def interpolate_courses(guides: tuple[BarbGuide, ...], position: Array) -> Array | None:
+    """(n, P + 1, 2) rad: curl and camber of the courses of barbs at positions (n,), at even shares
+    of their lengths; None where all are arcs."""
+    if not any(guide.course for guide in guides):
+        return None
+    along = np.linspace(0.0, 1.0, BARB_PIECES + 1)
+    values = np.stack([bends(guide, along).ravel() for guide in guides])
+    return _between(guides, values, position).reshape(len(position), len(along), 2)
+
+
+def _between(guides: tuple[BarbGuide, ...], values: Array, position: Array) -> Array:
+    """(n, c) at positions (n,) of what guides have, (G, c)."""
     if len(guides) == 1:
-        return np.repeat(values.T, len(position), axis=1)
+        return np.repeat(values, len(position), axis=0)
     places = np.array([guide.position for guide in guides])
-    clipped = np.clip(position, places[0], places[-1])
-    return np.ascontiguousarray(monotone(places, values, clipped).T)
+    return monotone(places, values, np.clip(position, places[0], places[-1]))
 
 
 def trace_barbs(
@@ -87,13 +112,15 @@ def trace_barbs(
         return signs * turned(kind.rachis, rachis.station / kind.length, way / kind.length)
 
     if not vane.outline:
-        return _place(np.zeros((3, len(x))), np.zeros(len(x)), x, turning, columns), []
+        return _place(_Shapes(np.zeros((3, len(x)))), np.zeros(len(x)), x, turning, columns), []
     vane_length = (1.0 - kind.calamus) * kind.length
     angles = interpolate_guides(vane.guides, x / vane_length)
+    course = interpolate_courses(vane.guides, x / vane_length)
     curve = outline_curve(vane.outline, vane.rounded_tip) * [vane_length, kind.length]
     if splits:
         angles[1] += _splay(kind, splits, x, angles, curve)
-    chord_angle = angles[0] - 0.5 * angles[1]
+    shapes = _Shapes(angles, course)
+    chord_angle, part = chord(angles[0], angles[1], None if course is None else course[..., 0])
     backward = (np.sin(chord_angle) <= 0.0) & (x >= 0.0)
     messages = [
         f"barbs turn back across the rachis at position {x[i] / vane_length:.3g}: "
@@ -101,13 +128,12 @@ def trace_barbs(
         "allowed: 0 < angle - curl / 2 < 180 deg"
         for i in np.flatnonzero(backward)[:1]
     ]
-    chord = ray_lengths(curve, x, chord_angle, 1e-9 * kind.length)
-    arc_length = chord / np.sinc(angles[1] / (2.0 * np.pi))
+    arc_length = ray_lengths(curve, x, chord_angle, 1e-9 * kind.length) / part
     if vane.rounded_base > 0.0:
         begin = max(vane.outline[0][0], 0.0)
         arc_length = arc_length * opening((x / vane_length - begin) / vane.rounded_base)
     kept = (x >= 0.0) & ~backward & (arc_length >= SHORTEST_BARB * kind.length)
-    barbs = _place(angles, np.where(kept, arc_length, 0.0), x, turning, columns)
+    barbs = _place(shapes, np.where(kept, arc_length, 0.0), x, turning, columns)
     return barbs, messages + _bulges(barbs, curve, x / vane_length, kind.length)
 
 
@@ -131,33 +157,80 @@ def without_barb(barbs: Barbs, row: int) -> Barbs:
 
 
 def _place(
-    angles: Array,
+    shapes: _Shapes,
     arc_length: Array,
     x: Array,
     turning: Callable[[Array], Array],
     columns: int,
 ) -> Barbs:
-    """Barbs from their angles (3, n) rad, lengths (n,) m and roots (n,) m.
+    """Barbs from their shapes, lengths (n,) m and roots (n,) m.
 
     turning: (n, 3) rad that the shaft turns by from the roots on over ways (n,) m.
     """
-    angle, curl, camber = angles
+    angle, curl, camber = shapes.angles
     none = np.zeros_like(angle)
     root_frame, _ = turn(np.stack((none, none, angle), axis=-1))
-    along = np.linspace(0.0, 1.0, columns + 1)[:, None]
-    arc = arc_length[:, None, None] * along
-    _, tangent = turn(np.stack((none, none, -curl), axis=-1)[:, None] * along)
-    flat = np.einsum("nab,njb->nja", root_frame, arc * tangent)
+    rate = np.stack((none, none, -curl), axis=-1)
+    course = shapes.course
+    level = None if course is None else course * [1.0, 0.0]
+    flat_way, _ = _nodes(rate, level, arc_length, columns)
+    flat = np.einsum("nab,njb->nja", root_frame, flat_way)
     forward = flat[:, -1, 0]
     followed = np.einsum("nba,nb->na", root_frame, turning(forward))
-    bent, tangent = turn((np.stack((none, camber, -curl), axis=-1) + followed)[:, None] * along)
+    rate = np.stack((none, camber, -curl), axis=-1) + followed
+    way, dorsal = _nodes(rate, course, arc_length, columns)
     flat[..., 0] += x[:, None]
     return Barbs(
         arc_length=arc_length,
-        local=np.einsum("nab,njb->nja", root_frame, arc * tangent),
-        dorsal=np.einsum("nab,njb->nja", root_frame, bent[..., 2]),
+        local=np.einsum("nab,njb->nja", root_frame, way),
+        dorsal=np.einsum("nab,njb->nja", root_frame, dorsal),
         flat=flat,
     )
+
+
+def _nodes(
+    rate: Array, course: Array | None, arc_length: Array, columns: int
+) -> tuple[Array, Array]:
+    """(n, m + 1, 3) m, nodes of barbs in the frames of their roots, and the vane's upper side.
+
+    rate: (n, 3) rad that they turn by evenly. course: (n, P + 1, 2) as in _Shapes.
+    """
+    along = np.linspace(0.0, 1.0, columns + 1)[:, None]
+    if course is None:
+        frames, tangent = turn(rate[:, None] * along)
+        return arc_length[:, None, None] * along * tangent, frames[..., 2]
+    turnings = rate[:, None] * np.linspace(0.0, 1.0, course.shape[1])[:, None]
+    turnings[..., 1:] += np.stack((course[..., 1], -course[..., 0]), axis=-1)
+    frames, places = wound(turnings)
+    shares = _even_chords(places, columns)
+    nodes, dorsal = _sampled(places, shares), _sampled(frames[..., 2], shares)
+    steps = np.diff(nodes, axis=1)
+    chords = np.linalg.norm(steps, axis=2, keepdims=True)
+    # equal to the last digit, as segments of a barb are
+    steps *= chords.mean(axis=1, keepdims=True) / chords
+    nodes = np.concatenate((nodes[:, :1], np.cumsum(steps, axis=1)), axis=1)
+    dorsal /= np.linalg.norm(dorsal, axis=2, keepdims=True)
+    return arc_length[:, None, None] * nodes, dorsal
+
+
+def _even_chords(places: Array, columns: int) -> Array:
+    """(n, m + 1) shares of curves (n, P + 1, 3) whose points are equally far apart."""
+    even = np.linspace(0.0, 1.0, columns + 1)
+    shares = np.repeat(even[None], len(places), axis=0)
+    for _ in range(_CHORD_ROUNDS):
+        chords = np.linalg.norm(np.diff(_sampled(places, shares), axis=1), axis=2)
+        gone = np.concatenate((np.zeros((len(places), 1)), np.cumsum(chords, axis=1)), axis=1)
+        gone /= gone[:, -1:]
+        shares = np.stack([np.interp(even, *pair) for pair in zip(gone, shares, strict=True)])
+    return shares
+
+
+def _sampled(values: Array, shares: Array) -> Array:
+    """(n, K, 3) of values (n, P + 1, 3) at even shares, straight between, at shares (n, K)."""
+    at = shares * (values.shape[1] - 1)
+    low = np.clip(at.astype(int), 0, values.shape[1] - 2)
+    rows, part = np.arange(len(values))[:, None], (at - low)[..., None]
+    return np.asarray((1.0 - part) * values[rows, low] + part * values[rows, low + 1])
 
 
 def _bulges(barbs: Barbs, curve: Array, position: Array, length: float) -> list[str]:

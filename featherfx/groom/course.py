@@ -8,17 +8,21 @@ at any number of points. A rachis with a course is made of such pieces, always t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from featherfx.algebra.monotone import monotone
 from featherfx.algebra.types import Array
-from featherfx.groom.types import RachisShape
+from featherfx.groom.types import BarbGuide, RachisShape
 
 # Below this angle the closed form of (angle - sin(angle)) / angle^3 loses digits to cancellation;
 # five terms of its series are exact to rounding there.
 _SERIES_BELOW = 0.25
 # pieces of constant rate that a shaft with a course of its own is made of
 _PIECES = 256
+# the same of a barb
+BARB_PIECES = 64
 
 
 def shaft(shape: RachisShape, along: Array) -> tuple[Array, Array]:
@@ -27,21 +31,62 @@ def shaft(shape: RachisShape, along: Array) -> tuple[Array, Array]:
         return turn(along[:, None] * _arc(shape))
     knots = np.linspace(0.0, 1.0, _PIECES + 1)
     turnings = knots[:, None] * _arc(shape) + _course(shape, knots)
-    frames, means = turn(np.diff(turnings, axis=0))
-    frame, place = np.eye(3), np.zeros(3)
-    begun = [(frame, place)]
-    for step, mean in zip(frames, means, strict=True):
-        place = place + frame @ mean / _PIECES
-        frame = frame @ step
-        begun.append((frame, place))
+    frames, places = wound(turnings)
     piece = np.clip((along * _PIECES).astype(int), 0, _PIECES - 1)
     rest = along[:, None] * _arc(shape) + _course(shape, along) - turnings[piece]
     turned, mean = turn(rest)
-    before = np.array([begun[k][0] for k in piece])
+    before = frames[piece]
     way = (along - knots[piece])[:, None]
-    ends = np.array([begun[k][1] for k in piece]) + way * np.einsum("kij,kj->ki", before, mean)
+    ends = places[piece] + way * np.einsum("kij,kj->ki", before, mean)
     straight = np.where(along[:, None] > 0.0, ends, [1.0, 0.0, 0.0])
     return before @ turned, straight / np.where(along > 0.0, along, 1.0)[:, None]
+
+
+def wound(turnings: Array) -> tuple[Array, Array]:
+    """Frames (..., P + 1, 3, 3) and places (..., P + 1, 3) in lengths along curves of even pieces.
+
+    turnings: (..., P + 1, 3) rad, from the curve's start; each piece turns at a constant rate.
+    """
+    steps, means = turn(np.diff(turnings, axis=-2))
+    pieces = steps.shape[-3]
+    frames = np.zeros((*turnings.shape[:-1], 3, 3))
+    places = np.zeros(turnings.shape)
+    frames[..., 0, :, :] = np.eye(3)
+    for k in range(pieces):
+        before = frames[..., k, :, :]
+        way = (before @ means[..., k, :, None])[..., 0] / pieces
+        places[..., k + 1, :] = places[..., k, :] + way
+        frames[..., k + 1, :, :] = before @ steps[..., k, :, :]
+    return frames, places
+
+
+def bends(guide: BarbGuide, along: Array) -> Array:
+    """(K, 2) rad, curl and camber of a barb's course from its root to shares (K,) of its length."""
+    if len(guide.course) < 2:
+        return np.zeros((len(along), 2))
+    return _from_the_first(guide.course, np.radians(np.array(guide.course)[:, 1:]), along)
+
+
+def chord(angle: Array, curl: Array, bent: Array | None = None) -> tuple[Array, Array]:
+    """(n,) rad, the way that flat barbs go from root to end, and (n,) its share of their lengths.
+
+    angle, curl: (n,) rad. bent: (n, P + 1) rad, curl of their courses at even shares.
+    """
+    if bent is None:
+        return angle - 0.5 * curl, np.sinc(curl / (2.0 * np.pi))
+    along = np.linspace(0.0, 1.0, bent.shape[1])
+    ways = np.exp(1j * (angle[:, None] - curl[:, None] * along - bent))
+    mean = 0.5 * (ways[:, 1:] + ways[:, :-1]).mean(axis=1)
+    return np.angle(mean), np.abs(mean)
+
+
+def chord_angle(guide: BarbGuide) -> float:
+    """deg, the way that a flat barb goes from root to end."""
+    if not guide.course:
+        return guide.angle - 0.5 * guide.curl
+    bent = bends(guide, np.linspace(0.0, 1.0, BARB_PIECES + 1))[None, :, 0]
+    (way,), _ = chord(np.radians([guide.angle]), np.radians([guide.curl]), bent)
+    return float(np.degrees(way))
 
 
 def turned(shape: RachisShape, start: Array, way: Array) -> Array:
@@ -69,6 +114,12 @@ def _course(shape: RachisShape, along: Array) -> Array:
     values = np.radians(np.stack([twist, camber, -sweep], axis=1))
     if len(places) == 1:
         return np.zeros((len(along), 3))
+    return _from_the_first(shape.course, values, along)
+
+
+def _from_the_first(course: Sequence[Sequence[float]], values: Array, along: Array) -> Array:
+    """(K, c) what values (n, c) at the shares of a course have changed by from 0 to shares (K,)."""
+    places = np.array([point[0] for point in course])
     at = np.clip(np.concatenate([[0.0], along]), places[0], places[-1])
     found = monotone(places, values, at)
     return found[1:] - found[0]

@@ -30,6 +30,7 @@ _FACTORS_MEAN = "[share, factor], straight between points and constant beyond; e
 _TURNING = Number(-360, 360, "deg")
 _HALF_TURNING = Number(-180, 180, "deg")
 _BENT = Number(-120, 120, "deg")
+BARB_ANGLE = Number(5, 120, "deg")
 
 
 @dataclass(frozen=True)
@@ -81,11 +82,34 @@ class BarbGuide:
     """
 
     position: Annotated[float, Number(0, 1), "Root of the barb as a share of the vane's length."]
-    angle: Annotated[
-        float, Number(5, 120, "deg"), "Barb angle between rachis and barb, at the root."
-    ]
+    angle: Annotated[float, BARB_ANGLE, "Barb angle between rachis and barb, at the root."]
     curl: Annotated[float, _BENT, "Turning of the barb towards the rachis tip."] = 0.0
     camber: Annotated[float, _BENT, "Turning of the barb towards ventral."] = 0.0
+    course: Annotated[
+        tuple[tuple[float, float, float], ...],
+        ArrayOf(ArrayOf(Number(-360, 360), 3, 3), 0, 200),
+        "For a barb that is no arc, what it turns by besides, in degrees from its root: [share of "
+        "its length, curl, camber] in ascending shares, smooth between.",
+    ] = ()
+
+
+# of a guide: its fields, and a line that stands for some of them
+GUIDE = keys_of(BarbGuide)
+GUIDE |= {
+    "angle": replace(
+        GUIDE["angle"],
+        meaning=GUIDE["angle"].meaning + " Given wherever there is no `line`.",
+        default=None,
+    ),
+    "line": Key(
+        ArrayOf(ArrayOf(Number(-1e4, 1e4), 2, 2), 0, 200),
+        "The barb in place of `angle`, `curl` and `course`: a smooth curve through points [x, y] "
+        "from its root on, seen from above, x along the shaft to the tip, y away from it, in any "
+        "unit, since the outline says where it ends. It is followed within 1 % of its length. "
+        "Empty: none.",
+        (),
+    ),
+}
 
 
 _PLACE = Number(0, 1)
@@ -183,7 +207,7 @@ class VaneShape:
     ]
     guides: Annotated[
         tuple[BarbGuide, ...],
-        ArrayOf(Table(keys_of(BarbGuide), "table of a guide"), 0, 100),
+        ArrayOf(Table(GUIDE, "table of a guide"), 0, 100),
         "Barb guides in ascending position; barbs in between are interpolated.",
     ] = ()
     rounded_base: Annotated[

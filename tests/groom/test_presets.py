@@ -194,6 +194,7 @@ VANE_FAULTS = [
         "the barbs of guides 0 and 1 cross within the vane",
     ),
     ("leading.outline = []\ntrailing.outline = []", "both vanes are empty"),
+    ("leading.outline = [[0, 0], [0.5, 0], [1, 0]]", "leading.outline: is 0 wide everywhere"),
     (
         "vane_material.hook_yield_across = 2e4",
         "vane_material.hook_strength: 19200 is out of range, allowed: at least the yield stress",

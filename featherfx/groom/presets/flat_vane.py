@@ -2,7 +2,7 @@
 
 Lengths are shares of the feather's length; x runs along the rachis from the first barb on, y away
 from it. A guide's barb leaves the rachis at its angle and turns by `curl` over the way to the
-outline, at constant curvature.
+outline, at constant curvature, and by its course besides.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags
+from featherfx.groom.course import bends
 from featherfx.groom.types import BarbGuide, VaneShape
 
 _STEPS = 48
@@ -44,6 +45,8 @@ def _arcs(guides: Sequence[BarbGuide], vane_length: float, lengths: Array) -> Ar
     along = np.linspace(0.0, 1.0, _STEPS + 1)
     middle = 0.5 * (along[1:] + along[:-1])
     heading = np.radians([guide.angle - guide.curl * middle for guide in guides])
+    if any(guide.course for guide in guides):
+        heading -= [bends(guide, middle)[:, 0] for guide in guides]
     steps = np.stack((np.cos(heading), np.sin(heading)), axis=2)
     steps *= (lengths / _STEPS)[:, None, None]
     start = [[[guide.position * vane_length, 0.0]] for guide in guides]

@@ -8,17 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from featherfx.groom.course import chord_angle
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
-from featherfx.groom.presets.lines import along_line
+from featherfx.groom.presets.lines import along_line, guide_along_line
 from featherfx.groom.presets.scaling import dialled, materials_resized, varied
 from featherfx.groom.splits import split_faults
 from featherfx.groom.types import (
     LEAST_FACTOR,
     MOST_FACTOR,
-    BarbGuide,
     Curve,
     FeatherKind,
     Hooked,
@@ -43,10 +43,19 @@ def _source(tree: Tree, *path: str) -> str:
     return value.source if isinstance(value, Sourced) else ""
 
 
-def _vane(values: dict[str, Any]) -> VaneShape:
+def _at(tree: Tree, place: Place, *path: str) -> Place:
+    """Where the value at a path stands, or would."""
+    source = _source(tree, *path)
+    source = place.source if source in ("", "default") else source
+    return Place(source, place.child(".".join(path)).key, place.problems)
+
+
+def _vane(tree: Tree, side: str, place: Place) -> VaneShape:
+    values, at = plain(tree[side]), _at(tree, place, side, "guides")
+    guides = enumerate(values["guides"])
     return VaneShape(
         outline=tuple(values["outline"]),
-        guides=tuple(BarbGuide(**guide) for guide in values["guides"]),
+        guides=tuple(guide_along_line(each, at.item(index)) for index, each in guides),
         rounded_base=values["rounded_base"],
         rounded_tip=values["rounded_tip"],
         hooked=Hooked(**values["hooked"]),
@@ -69,6 +78,8 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
     values, problems = plain(tree), Problems()
     line = values["rachis"].pop("line")
     place = replace(place, problems=problems)
+    leading, trailing = (_vane(tree, side, place) for side in ("leading", "trailing"))
+    problems.hand_on()
     kind = FeatherKind(
         name=name,
         length=values["length"],
@@ -76,8 +87,8 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
         barb_spacing=values["barb_spacing"],
         scaling=values["scaling"],
         rachis=RachisShape(**values["rachis"]),
-        leading=_vane(values["leading"]),
-        trailing=_vane(values["trailing"]),
+        leading=leading,
+        trailing=trailing,
         vane_material=_vane_material(values["vane_material"]),
         rachis_material=RachisMaterial(**values["rachis_material"]),
         colour=_colour(values["colour"]),
@@ -107,8 +118,7 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
         at = Place(source, place.child("rachis.diameter_tip").key, place.problems)
         at.fail(f"{tip:g} is out of range, allowed up to diameter_base = {base:g} m")
     if line and not len(problems):
-        at = Place(_source(tree, "rachis", "line"), place.child("rachis").key, place.problems)
-        kind = along_line(kind, line, at.child("line"))
+        kind = along_line(kind, line, _at(tree, place, "rachis", "line"))
     _check_hooks(kind.vane_material, tree, place)
     _check_profiles(kind, tree, place)
     if kind.vane_material.ribbon:
@@ -140,10 +150,7 @@ def _check_profiles(kind: FeatherKind, tree: Tree, place: Place) -> None:
         profile = getattr(kind.vane_material, name)
         curves |= {f"vane_material.{name}.{each}": getattr(profile, each) for each in _ALONG}
     for key, curve in curves.items():
-        source = _source(tree, *key.split(".")) if curve else ""
-        at = Place(
-            place.source if source == "default" else source, place.child(key).key, place.problems
-        )
+        at = _at(tree, place, *key.split("."))
         for index, (share, factor) in enumerate(curve):
             before = curve[index - 1][0] if index else -1.0
             if not before < share <= 1.0:
@@ -176,9 +183,7 @@ def _check_ribbon(kind: FeatherKind, tree: Tree, place: Place) -> None:
         message = "0 is out of range for a ribbon, which bends with it; allowed: above 0 N m"
         faults.append(("vane_material.bending_across", message))
     for key, message in faults:
-        source = _source(tree, *key.split("."))
-        source = place.source if source in ("", "default") else source
-        Place(source, place.child(key).key, place.problems).fail(message)
+        _at(tree, place, *key.split(".")).fail(message)
 
 
 def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
@@ -196,6 +201,12 @@ def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
                 f"({positions[index - 1]:g}); guides are in ascending position"
             )
             faults.append((f"guides[{index}].position", message))
+    for index, guide in enumerate(vane.guides):
+        for point, (before, after) in enumerate(pairwise(guide.course), start=1):
+            if after[0] <= before[0]:
+                message = f"{after[0]:g} is not above the point before it ({before[0]:g})"
+                key = f"guides[{index}].course[{point}][0]"
+                faults.append((key, f"{message}; points ascend"))
     if faults:
         return faults
     for index in barbs_cross(vane, 1.0 - kind.calamus):
@@ -227,6 +238,10 @@ def _outline_faults(vane: VaneShape) -> list[tuple[str, str]]:
     for index, (_, y) in enumerate(outline):
         if y < 0:
             faults.append((f"outline[{index}][1]", f"{y:g} is out of range, allowed 0 to 1.5"))
+    if all(y == 0 for _, y in outline):
+        faults.append(
+            ("outline", "is 0 wide everywhere; allowed: a point with y above 0 (or none)")
+        )
     if len(outline) >= 2 and outline[0][0] >= outline[-1][0]:
         faults.append(("outline", "ends at or before its start; it runs from base to tip"))
     for first, second in crossing_segments(outline):
@@ -311,7 +326,7 @@ def _wrapped(vane: VaneShape, wrap: float) -> VaneShape:
     places, widths = zip(*vane.outline, strict=True)
     guides = []
     for guide in vane.guides:
-        angle = np.radians(guide.angle - 0.5 * guide.curl)  # of the middle of the barb
+        angle = np.radians(chord_angle(guide))
         width = 0.0
         for _ in range(4):  # out to where the barb meets the outline; ends have no barbs
             end = guide.position + width / np.tan(angle)
@@ -331,15 +346,10 @@ def blended(first: Any, second: Any, weight: float) -> Any:
 
     weight: of the second, 0 to 1. Raises ValueError where the two hold tuples of different lengths.
     """
-    if isinstance(first, str):
-        return first if weight < 0.5 else second
-    if isinstance(first, (Splits, BarbLook)):
-        return first if weight < 0.5 else second  # half of a split, or of a clump, is none
+    if isinstance(first, (str, Splits, BarbLook)):
+        return _nearer(first, second, weight)  # half of a split, or of a clump, is none
     if isinstance(first, Colour):
         return _blended_colour(first, second, weight)
-    if isinstance(first, RachisShape) and first.course != second.course:
-        nearer = (first if weight < 0.5 else second).course
-        return blended(replace(first, course=nearer), replace(second, course=nearer), weight)
     if isinstance(first, (Hooked, Profile)):
         return type(first)(
             _blended_curve(first.shaft, second.shaft, weight),
@@ -395,5 +405,13 @@ def _blended_curve(first: Curve, second: Curve, weight: float) -> Curve:
     return tuple(zip(places.tolist(), halfway.tolist(), strict=True))
 
 
-# fields that are curves by themselves, whose points may differ in number
-_BLENDS = {"diameter_profile": _blended_curve, "modulus_profile": _blended_curve}
+def _nearer(first: Any, second: Any, weight: float) -> Any:
+    return first if weight < 0.5 else second
+
+
+# fields whose points may differ in number
+_BLENDS = {
+    "diameter_profile": _blended_curve,
+    "modulus_profile": _blended_curve,
+    "course": _nearer,
+}

@@ -1,9 +1,10 @@
-"""Shafts that a preset draws as a line through points: the turnings that stand for them."""
+"""Shafts and barbs that a preset draws as lines through points, as turnings."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from featherfx.algebra.monotone import monotone
 from featherfx.algebra.rotation import parallel
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place
+from featherfx.groom.keys.values import expected
 from featherfx.groom.presets.flat_vane import crossing_segments
 from featherfx.groom.read.rachis_curve import (
     MOST_DEVIATION,
@@ -20,10 +22,12 @@ from featherfx.groom.read.rachis_curve import (
     turning_within,
 )
 from featherfx.groom.read.tightest import tightest
-from featherfx.groom.types import FeatherKind
+from featherfx.groom.types import BARB_ANGLE, BarbGuide, FeatherKind
 
 # points of a line for each that is given, as of an outline
 _SAMPLES_PER_SPAN = 24
+# deg, of a guide whose own cannot be told
+_ANY_ANGLE = 60.0
 _DORSAL = np.array([0.0, 0.0, 1.0])
 
 Line = tuple[tuple[float, ...], ...]
@@ -34,7 +38,6 @@ def along_line(kind: FeatherKind, line: Line, place: Place) -> FeatherKind:
     if not _sound(line, place):
         return kind
     points = _curve(line)
-    points = points / np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
     if parallel(points[1] - points[0], _DORSAL):
         place.fail("leaves the follicle square to the vane; allowed: any way but along z")
         return kind
@@ -45,6 +48,33 @@ def along_line(kind: FeatherKind, line: Line, place: Place) -> FeatherKind:
         return kind
     shape = replace(kind.rachis, camber=fit.camber, sweep=fit.sweep, course=fit.course)
     return replace(kind, rachis=shape)
+
+
+def guide_along_line(values: dict[str, Any], place: Place) -> BarbGuide:
+    """A guide of its checked keys. place: of the guide, for faults."""
+    line, own = values["line"], {k: each for k, each in values.items() if k != "line"}
+    if not line:
+        if own["angle"] is None:
+            place.child("angle").fail(f"missing, expects {expected(BARB_ANGLE)}, or a line")
+            own["angle"] = _ANY_ANGLE
+        return BarbGuide(**own)
+    at = place.child("line")
+    fit = _fitted_barb(line) if _sound(line, at) else None
+    if fit is None:
+        return BarbGuide(**{**own, "angle": _ANY_ANGLE})
+    angle = float(np.degrees(np.arctan2(fit.direction[1], fit.direction[0])))
+    if not BARB_ANGLE.low <= angle <= BARB_ANGLE.high:
+        at.fail(f"leaves the shaft at {angle:.0f} deg, allowed {BARB_ANGLE.allowed()}")
+    if fit.deviation > MOST_DEVIATION:
+        off = f"the barb would be off by {fit.deviation:.1%} of its length; allowed: up to 1 %"
+        at.fail(f"turns more often or more sharply than a course of 200 points: {off}")
+    course = tuple((share, sweep, 0.0) for share, _, sweep, _ in fit.course)
+    return BarbGuide(**{**own, "angle": angle, "curl": fit.sweep, "course": course})
+
+
+def _fitted_barb(line: Line) -> FittedCurve:
+    points = _curve(line)
+    return fit_course(fit_arc(points, _DORSAL), points, _DORSAL, np.full(2, np.inf))
 
 
 def _sound(line: Line, place: Place) -> bool:
@@ -70,11 +100,13 @@ def _lifted(line: Line) -> Array:
 
 
 def _curve(line: Line) -> Array:
-    """(K, 3) a smooth curve through the points, as of an outline: a monotone cubic of the chord."""
+    """(K, 3) a smooth curve through the points, as of an outline a monotone cubic of the chord, in
+    lengths of it."""
     points = _lifted(line)
     chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     at = np.linspace(chord[:-1], chord[1:], _SAMPLES_PER_SPAN, endpoint=False, axis=1).ravel()
-    return np.concatenate([monotone(chord, points, at), points[-1:]])
+    curve = np.concatenate([monotone(chord, points, at), points[-1:]])
+    return np.asarray(curve / np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
 
 
 def _too_sharp(arc: FittedCurve, points: Array, most: Array, fit: FittedCurve) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.groom.course import chord_angle
 from featherfx.groom.types import FeatherKind, VaneShape
 
 # of the turning that leaves no area: below it no vane folds of waves, screws and corners of shafts
@@ -35,7 +36,7 @@ def _bend(vane: VaneShape, calamus: float, along: Array) -> Array:
         np.interp(
             along,
             [guide.position for guide in vane.guides],
-            [guide.angle - 0.5 * guide.curl for guide in vane.guides],
+            [chord_angle(guide) for guide in vane.guides],
         )
     )
     places, widths = np.array(vane.outline).T

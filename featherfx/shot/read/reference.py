@@ -23,7 +23,7 @@ from featherfx.groom.keys.anatomy import (
 )
 from featherfx.groom.keys.values import REQUIRED, Key, Table, Tables, keys_of
 from featherfx.groom.looks import BarbLook, Colour, Pattern
-from featherfx.groom.types import SHAFT, BarbGuide, Hooked, Profile, Splits, VaneShape
+from featherfx.groom.types import GUIDE, SHAFT, Hooked, Profile, Splits, VaneShape
 from featherfx.shot.read import keys as shot_keys
 
 _HEAD = """# Reference: every key of shots, grooms and presets
@@ -101,7 +101,7 @@ _FAMILIES = (
     ("### feather preset", preset_keys.FEATHER),
     ("### [rachis] of a feather preset", SHAFT),
     ("### [leading] and [trailing] of a feather preset", keys_of(VaneShape)),
-    ("### guides of a vane", keys_of(BarbGuide)),
+    ("### guides of a vane", GUIDE),
     ("### [hooked] of a vane", keys_of(Hooked)),
     ("### [splits] of a vane", keys_of(Splits)),
     ("### [colour] of a feather preset", keys_of(Colour)),
