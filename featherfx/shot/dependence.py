@@ -54,7 +54,7 @@ def motion_dependences(shot: Shot) -> list[str]:
     common = digest(_common(shot))
     texts = digests([common, *each] for each in _each(shot, plan, motion))
     if shot.contact is not None:
-        texts = _with_islands(shot, pushing_islands(shot, drawn, motion), texts)
+        texts = _with_islands(shot, pushing_islands(shot, drawn, motion, plan), texts)
     return _with_guides(shot, plan, texts)
 
 

@@ -199,7 +199,7 @@ def _group(
     as_drawn = grid == (some[0].rows, some[0].columns)
     feathers = some if as_drawn else feathers_of(placements, *grid)
     pushes = shot.contact is not None and key.island != ALONE
-    model = _model(placements, feathers, resolution, pushes)
+    model = model_of(placements, feathers, resolution, pushes)
     positions, rotations = motion.frames(time)
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
@@ -219,7 +219,7 @@ def _group(
         island=key.island,
         members=members,
         feathers=feathers,
-        maps=_maps(placements, feathers, some),
+        maps=maps_between(placements, feathers, some),
         names=[p.id for p in placements],
         grips=grips_of([p.id for p in placements], shot.grips),
         forces=[
@@ -256,7 +256,7 @@ def pulled(group: Group, pulls: Sequence[tuple[Grip, Array]]) -> list[tuple[int,
     return found
 
 
-def _model(
+def model_of(
     placements: Sequence[Placement],
     feathers: Sequence[Feather],
     resolution: Resolution,
@@ -265,7 +265,8 @@ def _model(
     """Constant arrays of a batch: made once for feathers of one shape, or of one shape and size
     where their materials do not follow from the size.
 
-    touching: whether loose barbs do not pass through each other.
+    touching: whether loose barbs do not pass through each other. Of what is not solved, nothing is
+    damped.
     """
     units = [_of_unit_size(each, resolution) for each in placements]
     shapes: list[tuple[Any, ...]] = [
@@ -286,6 +287,8 @@ def _model(
         ]
         kinds = [_as_simulated(unit or placement.kind, resolution) for placement, unit, _ in own]
         model = make_model(some, kinds, resolution.coefficients, touching)
+        if resolution.level in CARRIED:
+            return model.arrays()
         compile_steps(model)  # while this process finds frequencies
         return with_damping(model, kinds).arrays()
 
@@ -369,10 +372,10 @@ def pose_of(group: Group, k: int) -> FeatherPose:
     return FeatherPose(*carried(to_mesh, points, *rates))
 
 
-def _maps(
+def maps_between(
     placements: Sequence[Placement], simulated: list[Feather], drawn: list[Feather]
 ) -> list[RowMap | None]:
-    """From the simulated grids to the drawn ones; None where they are the same."""
+    """From the simulated grids to those drawn; None where they are the same."""
     known: dict[tuple[int, bool], RowMap] = {}
     found: list[RowMap | None] = []
     for placement, coarse, fine in zip(placements, simulated, drawn, strict=True):

@@ -12,10 +12,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import Feather
 from featherfx.shot.contact.pairs import REACH
+from featherfx.shot.detail.guides import guide_weights
+from featherfx.shot.detail.levels import LevelPlan
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.roots import Roots
 from featherfx.shot.patterns import may_touch
@@ -29,22 +32,44 @@ ALONE = -1
 SMALL, MOST_OF_SMALL = 8, 16
 
 
-def pushing_islands(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> Indices:
+def pushing_islands(
+    shot: Shot, drawn: Sequence[Feather], motion: Roots, plan: LevelPlan
+) -> Indices:
     """(F,) number of every feather's island in a shot with contact, from 0, in the order of their
     first feathers; ALONE for feathers that its contact leaves out, which join no islands either.
 
-    drawn: all feathers of the shot on one grid. motion: of their roots.
+    drawn: all feathers of the shot on one grid. motion: of their roots. plan: of their levels.
     """
     assert shot.contact is not None
     found = np.full(len(drawn), ALONE)
     some = np.flatnonzero(may_touch(shot, shot.contact))
     if len(some):
-        found[some] = _islands_of(shot, drawn, motion, some)
+        found[some] = _few(_led_together(shot, plan, some, _near(shot, drawn, motion, some)))
     return found
 
 
-def _islands_of(shot: Shot, drawn: Sequence[Feather], motion: Roots, some: Indices) -> Indices:
-    """The same of some feathers, by their numbers, as if the others were not there."""
+def _led_together(shot: Shot, plan: LevelPlan, some: Indices, island: Indices) -> Indices:
+    """The islands (S,) of some feathers, those made one of which one follows guides in the other:
+    it pushes feathers of both."""
+    assert shot.contact is not None
+    guided = plan.of("guided")
+    if not shot.contact.obstacles or not len(guided) or island.max() == 0:
+        return island
+    guides, weights = guide_weights(shot, guided, plan.leading)
+    pairs, own = weights.tocoo(), np.full(len(shot.groom.feathers), ALONE)
+    own[some] = island
+    ends = own[guided[pairs.row]], own[guides[pairs.col]]
+    both = (ends[0] != ALONE) & (ends[1] != ALONE)
+    links = np.ones(int(both.sum())), (ends[0][both], ends[1][both])
+    count = int(island.max()) + 1
+    graph = scipy.sparse.coo_array(links, shape=(count, count))
+    joint = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][island]
+    _, first, number = np.unique(joint, return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(first))[number])
+
+
+def _near(shot: Shot, drawn: Sequence[Feather], motion: Roots, some: Indices) -> Indices:
+    """(S,) island of some feathers, by their numbers: of those that come near each other."""
     chosen = [(drawn[f], shot.groom.feathers[f]) for f in some.tolist()]
     nodes = [
         place(feather.rest, own.position, own.rotation).nodes.reshape(-1, 3)
@@ -63,15 +88,17 @@ def _islands_of(shot: Shot, drawn: Sequence[Feather], motion: Roots, some: Indic
             break
         now = motion.frames(frame / shot.frames_per_second)[0][some]
         island = _come_near(island, now - radius, now + radius)
-    return _few(island)
+    return island
 
 
-def with_pushing(shot: Shot, drawn: Sequence[Feather], asked: Indices) -> tuple[Indices, Indices]:
+def with_pushing(
+    shot: Shot, drawn: Sequence[Feather], plan: LevelPlan, asked: Indices
+) -> tuple[Indices, Indices]:
     """Numbers of some feathers and of all that may push them, and the island of each feather of
     the shot."""
     if shot.contact is None:
         return asked, np.zeros(len(drawn), dtype=np.int64)
-    islands = pushing_islands(shot, drawn, root_motion(shot))
+    islands = pushing_islands(shot, drawn, root_motion(shot), plan)
     pushed = np.isin(islands, islands[asked]) & (islands != ALONE)
     return np.union1d(asked, np.flatnonzero(pushed)), islands
 

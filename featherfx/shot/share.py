@@ -130,10 +130,12 @@ def shot_islands(shot: Shot) -> Indices:
     """(F,) island of every feather of a shot whose feathers push each other, below 0 for those that
     push nothing."""
     # compiled code, which shares without contact do without
+    from featherfx.shot.detail.levels import level_plan
     from featherfx.shot.islands import pushing_islands
     from featherfx.shot.motion.motion import root_motion
 
-    return pushing_islands(shot, _drawn(shot), root_motion(shot))
+    drawn, motion = _drawn(shot), root_motion(shot)
+    return pushing_islands(shot, drawn, motion, level_plan(shot, drawn, motion))
 
 
 def _drawn(shot: Shot) -> list[Feather]:

@@ -106,9 +106,9 @@ class Simulation:
         carried = Carried(shot, drawn, plan.of("guided"), plan.leading, computed)
         self._replay = replay = replay or Replay()
         asked = np.setdiff1d(np.union1d(computed, carried.guides), replay.numbers)
-        solved, islands = with_pushing(shot, drawn, asked)
+        solved, islands = with_pushing(shot, drawn, plan, asked)
         self.resolutions: list[Resolution] = [plan.resolutions[f][0] for f in self._wanted]
-        plan = plan.part(solved, replay.numbers)
+        whole, plan = plan, plan.part(solved, replay.numbers)
         self._groups = make_groups(
             shot, drawn, plan.resolutions, motion, jobs, islands, self._time(self._first)
         )
@@ -116,7 +116,9 @@ class Simulation:
             give_cycles(shot, self._groups, plan.changes, subframes)
         groups = self._groups
         self._levels = LevelRun(shot, plan, drawn, groups, motion, carried, replay, subframes)
-        self._islands, self._alone = islands_together(shot, self._groups, motion, self._levels)
+        self._islands, self._alone = islands_together(
+            shot, self._groups, motion, self._levels, whole, islands
+        )
         self._through = FollowThrough(shot, drawn, motion, computed)
         self._hooks = Hooks(shot, self._groups)
         self._wets, self._renewed = last_fitting(shot.wets, shot.groom.feathers), list[Group]()

@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.types import Flags
+from featherfx.algebra.types import Flags, Indices
 from featherfx.mechanics.model import Loads
 from featherfx.shot.alone import Alone
 from featherfx.shot.contact.contact import MOST_NAMED, ShotContact
+from featherfx.shot.contact.obstacles import Obstacles, obstacles_of
 from featherfx.shot.counts import Advanced, Bounds
 from featherfx.shot.detail.cycle import SLACK, repeats_together
 from featherfx.shot.detail.level_run import LevelRun
+from featherfx.shot.detail.levels import LevelPlan
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.groups import Group, loads_within
 from featherfx.shot.islands import ALONE
@@ -27,12 +29,18 @@ from featherfx.solver.solver import RootPath
 
 class Together:
     """Batches of one island (islands.py), whose states it brings on. groups: at least one. levels:
-    of detail; what is computed at another one stands aside."""
+    of detail; what is computed at another one stands aside. obstacles: of the island."""
 
     def __init__(
-        self, shot: Shot, groups: Sequence[Group], motion: Roots, levels: LevelRun
+        self,
+        shot: Shot,
+        groups: Sequence[Group],
+        motion: Roots,
+        levels: LevelRun,
+        obstacles: Obstacles,
     ) -> None:
         self._shot, self.groups, self._motion, self._levels = shot, groups, motion, levels
+        self._obstacles = obstacles
         # what contact kept after the samples that the batches' cycles keep
         self._kept: deque[dict[str, Any]] = deque()
         self._led: tuple[tuple[float, float], list[RootPath]] = (np.nan, np.nan), []
@@ -42,6 +50,7 @@ class Together:
             [group.members for group in groups],
             [group.level for group in groups],
             [feather for group in groups for feather in group.feathers],
+            obstacles,
         )
 
     @property
@@ -109,13 +118,14 @@ class Together:
         return Advanced(reports, resting=number)
 
     def _repeats(self, paths: Sequence[RootPath], loads: Sequence[Loads], end: float) -> bool:
-        """Whether all feathers do what they did a cycle before, and colliders, which are then
-        where they were, do as well."""
+        """Whether all feathers do what they did a cycle before, and colliders and obstacles, which
+        are then where they were, do as well."""
         cycles = [group.cycle for group in self.groups]
         if not repeats_together(cycles, paths, loads):
             return False
         before = end - self._shot.cycle / self._shot.frames_per_second
         moved = [each.points(end) - each.points(before) for each in self._shot.colliders]
+        moved += [self._obstacles.way(before, end)] if self._obstacles.count else []
         if moved:
             known = zip(cycles, paths, strict=True)
             moved += [cycle.ways(path) for cycle, path in known if cycle is not None]
@@ -188,17 +198,27 @@ class Together:
 
 
 def islands_together(
-    shot: Shot, groups: Sequence[Group], motion: Roots, levels: LevelRun
+    shot: Shot,
+    groups: Sequence[Group],
+    motion: Roots,
+    levels: LevelRun,
+    plan: LevelPlan,
+    islands: Indices,
 ) -> tuple[list[Together], list[Alone]]:
-    """The islands of a shot, of their batches, and batches of feathers that push nothing."""
+    """The islands of a shot, of their batches, and batches of feathers that push nothing. plan: of
+    all feathers of the shot; islands: (F,) of each, or ALONE."""
     if shot.contact is None:
         return [], [Alone(shot, group, levels) for group in groups]
     own: dict[int, list[Group]] = {}
     for group in groups:
         own.setdefault(group.island, []).append(group)
     alone = own.pop(ALONE, [])
-    islands = [Together(shot, some, motion, levels) for some in own.values()]
-    return islands, [Alone(shot, group, levels) for group in alone]
+    found = []
+    for number, some in own.items():
+        members = np.flatnonzero(islands == number)
+        obstacles = obstacles_of(shot, plan, members, some, motion, levels)
+        found.append(Together(shot, some, motion, levels, obstacles))
+    return found, [Alone(shot, group, levels) for group in alone]
 
 
 def contact_memory(islands: Sequence[Together]) -> dict[str, NDArray[Any]]:
@@ -221,7 +241,7 @@ def restore_contact(islands: Sequence[Together], memory: Mapping[str, NDArray[An
 
 # figures of several islands as one: their sum, their least, one of them; else the largest
 _SUMMED = (
-    "nodes_grown_into_bodies", "pairs", "ordered_pairs", "most_contacts", "steps",
+    "nodes_grown_into_bodies", "obstacles", "pairs", "ordered_pairs", "most_contacts", "steps",
     "repeated_steps", "steps_with_contacts_off", "feather_solves", "unresolved_pairs",
     "crossed_pairs",
 )  # fmt: skip

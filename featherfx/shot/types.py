@@ -315,6 +315,11 @@ class Contact:
         "Whether feathers are kept off the skin that they grow on, where a shot has one: pushed by "
         "it, and laid above it in what is written.",
     ] = True
+    obstacles: Annotated[
+        bool,
+        "Whether guided and rigid feathers push those that are simulated, but for the guides that "
+        "they follow; nothing pushes them.",
+    ] = True
 
 
 # samples that may wait: each is 13 kB of a feather on 11 rows of 9 nodes

@@ -20,9 +20,10 @@ from featherfx.errors import InputWarning
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
-from featherfx.shot.contact.aside import Partners, aside, forgotten, put_back
+from featherfx.shot.contact.aside import Partners, forgotten, put_back
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.contact.mend import Stepper, Surroundings
+from featherfx.shot.contact.obstacles import Obstacles
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
 from featherfx.shot.contact.raised import raised_points
 from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
@@ -88,7 +89,8 @@ class ShotContact:
     """Advances all batches of a shot together.
 
     solvers: of the batches. members: per batch, places in the groom; levels: per batch, of detail.
-    feathers: as simulated, batch after batch.
+    feathers: as simulated, batch after batch. obstacles: what else they meet, bodies behind all
+    others.
     """
 
     def __init__(
@@ -98,10 +100,15 @@ class ShotContact:
         members: Sequence[NDArray[np.int64]],
         levels: Sequence[str],
         feathers: Sequence[Feather],
+        obstacles: Obstacles,
     ) -> None:
         assert shot.contact is not None
-        self.shot, self.contact = shot, shot.contact
-        order = np.concatenate(members)
+        self.shot, self.contact, self._obstacles = shot, shot.contact, obstacles
+        solvers = [*solvers, *(each.solver for each in obstacles.batches)]
+        members = [*members, *(each.members for each in obstacles.batches)]
+        levels = [*levels, *(each.level for each in obstacles.batches)]
+        feathers = [*feathers, *(one for each in obstacles.batches for one in each.feathers)]
+        self._order = order = np.concatenate(members)
         self._partners = Partners(order, np.repeat(levels, [len(each) for each in members]))
         placements = [shot.groom.feathers[k] for k in order]
         self.names = [placement.id for placement in placements]
@@ -112,8 +119,7 @@ class ShotContact:
         models, halves = [solver.model for solver in solvers], 0.5 * thickness
         grids = grids_of(models)
         every = layered_pairs(rest, surfaces_of(models, grids, halves), grids)
-        # a feather does not touch itself at another level of detail
-        others = order[every.pairs[:, 0]] != order[every.pairs[:, 1]]
+        others = self._may_touch(every.pairs)
         candidates = Candidates(every.pairs[others], every.order[others])
         self._thickness = float(thickness.min())
         self._crossed = self._through_each_other(candidates.pairs, every.crossed[others])
@@ -125,7 +131,9 @@ class ShotContact:
             newton=NEWTON_FRACTION * common_tolerance(shot),
         )
         self.solver = ContactSolver(solvers, candidates, halves, settings)
-        self._at_rest, self._raised = len(candidates.pairs), every.raised
+        led = np.arange(len(order)) >= len(order) - obstacles.count
+        self._at_rest = len(candidates.pairs)
+        self._raised = np.where(led, 0.0, every.raised)
         self._encounters = Encounters(every.pairs, len(placements))
         self.tally = Tally()
         above = [
@@ -134,11 +142,17 @@ class ShotContact:
         ]
         nodes = [np.stack(above[low:high]) for low, high in pairwise(grids.first)]
         up = np.where(self._raised[:, None] > 0.0, rest.dorsal, 0.0)
-        over = FeathersOver(order, grids.together(nodes), rest.lengths, up)
+        over = FeathersOver(np.where(led, -1, order), grids.together(nodes), rest.lengths, up)
         self.bodies = Bodies(shot, over)
         self._rules = self._step_rules()
         self._proposal = 0.0
         self._unresolved: list[dict[str, Any]] = []
+
+    def _may_touch(self, pairs: Indices) -> Flags:
+        """(N,) which pairs (N, 2) of bodies may touch: no feather touches itself at another
+        level."""
+        others = self._order[pairs[:, 0]] != self._order[pairs[:, 1]]
+        return others & self._obstacles.may_touch(pairs, self._order)
 
     def _step_rules(self) -> StepRules:
         quality = self.shot.quality
@@ -184,29 +198,40 @@ class ShotContact:
         that are computed in another batch meanwhile, and stay as they are.
         """
         steps = FrameSteps(self._rules, start, end, self._proposal)
-        around = Surroundings(loads_of, paths_of, self.bodies)
+        obstacles, grids = self._obstacles, self.solver.grids
+        around = Surroundings(
+            lambda begin, stop: [*loads_of(begin, stop), *obstacles.loads()],
+            lambda begin, stop: [*paths_of(begin, stop), *obstacles.paths()],
+            self.bodies,
+        )
         self.solver.begin_frame()
         stepper = Stepper(self.solver, self._rules, around, steps.spend, steps.tired)
-        current, parts, resting = list(states), [], resting.copy()
+        current, parts, resting = list(states), [], self._with_obstacles(resting, True)
+        idle = self._with_obstacles(idle, False)
+        aside = obstacles.all_idle(idle)
         while steps.left():
             span = steps.span
-            self._meet(current, paths_of(span.start, span.end), span.length)
-            apart = self._partners.apart(self.solver.candidates.pairs, idle)
+            ends = obstacles.go(current, span.start, span.end)
+            whole = [*current, *obstacles.states]
+            self._meet(whole, around.paths(span.start, span.end), span.length)
+            apart = self._partners.apart(self.solver.candidates.pairs, aside)
             if apart is not None:
                 self.solver.leave_out(apart)
-            led = aside(self.solver.grids, current, idle)
-            if led is not None:
-                self.solver.memory = forgotten(self.solver.memory, self.solver.candidates, idle)
-            done = stepper.step(current, span, resting & ~idle, led)
-            put_back(done.states, current, idle, self.solver.grids.first)
+            if aside.any():
+                self.solver.memory = forgotten(self.solver.memory, self.solver.candidates, aside)
+            led = obstacles.led(grids, whole, idle, ends)
+            done = stepper.step(whole, span, resting & ~idle, led)
+            put_back(done.states, whole, idle, grids.first)
+            obstacles.arrive(ends)
             steps.accepted(done.states, done.reports, done.contact[0][1], done.tries > 0)
-            current = _slept(done.states, done.reports, paths_of(span.start, span.end), span.length)
+            current, reports = obstacles.solved(done.states), done.reports[: len(states)]
+            current = _slept(current, reports, paths_of(span.start, span.end), span.length)
             resting &= np.concatenate([report.steps for report in done.reports]) == 0.0
             self.bodies.begun = True
             for length, contact in done.contact:
                 self.tally.add(contact, length, self._rules.wrong(contact))
             self.tally.repeated += done.tries
-            parts.append(done.reports)
+            parts.append(reports)
         self._proposal = steps.proposal
         _warn_of(steps.tired(), self.names, start)
         return current, [_summed(batch) for batch in zip(*parts, strict=True)]
@@ -214,23 +239,40 @@ class ShotContact:
     def _meet(self, states: Sequence[State], paths: Sequence[RootPath], duration: float) -> None:
         """Take on pairs of feathers that come to meet within a duration (s)."""
         pairs = self._encounters.new(states, paths, duration, self.solver.settings.margin)
+        pairs = pairs[self._may_touch(pairs)]
         if len(pairs):
             self.solver.add_pairs(pairs)
 
     def stirred(self, states: Sequence[State], start: float, end: float) -> bool:
-        """Whether a moving body comes near any feather from start to end (s)."""
-        return self.bodies.approach(states, start, end, self.solver.settings.margin)
+        """Whether a moving body comes near any feather from start to end (s), or an obstacle's root
+        moves."""
+        margin = self.solver.settings.margin
+        return not self._obstacles.still(start, end) or self.bodies.approach(
+            states, start, end, margin
+        )
+
+    def _with_obstacles(self, flags: Flags, value: bool) -> Flags:
+        """Flags of all bodies from those of what is solved."""
+        return np.concatenate([flags, np.full(self._obstacles.count, value)])
 
     def settle(self, states: Sequence[State], loads: Sequence[Loads], idle: Flags) -> list[State]:
         """Bring layered feathers to rest against each other by long damped steps. idle: as in
         advance."""
+        obstacles = self._obstacles
         found = settled_together(
-            self.solver, self.bodies, states, loads, self.names, idle, self._raised
+            self.solver,
+            self.bodies,
+            [*states, *obstacles.states],
+            [*loads, *obstacles.loads()],
+            self.names,
+            self._with_obstacles(idle, False),
+            self._raised,
+            obstacles,
         )
         self.tally.rest_depth, self.tally.settled_depth = found.rest_depth, found.depth
         self._unresolved = self._still_deep()
         warn_of_unsettled(found, self.names, self._unresolved)
-        return found.states
+        return obstacles.solved(found.states)
 
     def _still_deep(self) -> list[dict[str, Any]]:
         """Pairs that are in each other by more than the tolerance, the deepest first."""
@@ -256,6 +298,7 @@ class ShotContact:
         return {
             "bodies": self.bodies.count,
             "nodes_grown_into_bodies": int(np.count_nonzero(self.solver.memory.inside)),
+            "obstacles": self._obstacles.count,
             "pairs": len(self.solver.candidates.pairs) // 2,
             "ordered_pairs": int(np.count_nonzero(self.solver.candidates.order)) // 2,
             "most_contacts": tally.contacts,
@@ -282,7 +325,7 @@ class ShotContact:
             "step": np.array(self._proposal),
             "met": self.solver.candidates.pairs[self._at_rest :],
         }
-        return self.solver.memory._asdict() | known
+        return self.solver.memory._asdict() | known | self._obstacles.memory()
 
     def restore(self, memory: dict[str, Any]) -> None:
         """Take over what `memory` gave."""
@@ -297,6 +340,7 @@ class ShotContact:
         since stay known."""
         self.solver.memory = Memory(*(memory[name] for name in Memory._fields))
         self._proposal = float(memory["step"])
+        self._obstacles.restore(memory)
 
 
 def _deepest_first(depths: Mapping[tuple[str, str], float], least: float) -> list[dict[str, Any]]:

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from featherfx.errors import InputWarning
 from featherfx.mechanics.model import Loads
 from featherfx.phases import phase
-from featherfx.shot.contact.aside import aside, put_back
+from featherfx.shot.contact.aside import put_back
 from featherfx.shot.contact.bodies import Bodies
 from featherfx.shot.contact.mend import EASY
+from featherfx.shot.contact.obstacles import Obstacles
 from featherfx.shot.contact.raised import Lowering, held_roots, turned_up
 from featherfx.solver.contact.interval import ContactReport, ContactSolver, Led, Manner
 from featherfx.solver.solver import raise_if_failed
@@ -86,19 +87,21 @@ def settled_together(
     names: Sequence[str],
     idle: Flags,
     raised: Array,
+    obstacles: Obstacles,
 ) -> Settled:
     """The batches in balance with their loads and each other, from the given states on, but for the
-    idle (B,), which are computed in other batches. raised: (B,) rad, how far feathers are turned up
-    first, and led back down from (raised.py).
+    idle (B,), which are computed in other batches; obstacles, the batches behind all others, go
+    along. raised: (B,) rad, how far feathers are turned up first, and led back down from
+    (raised.py).
 
     Raises SimulationError where a feather cannot be solved. One that finds no balance is left on
     its way (warn_of_unsettled).
     """
     time = float(states[0].time[0])
-    current = [_stopped(state, time) for state in states]
+    current = obstacles.beside([_stopped(state, time) for state in states], time)
     rest_depth, depth = None, 0.0
     steps, resting = (
-        _Steps(solver, bodies, loads, names, idle),
+        _Steps(solver, bodies, loads, names, idle, obstacles),
         np.zeros(len(names), dtype=np.bool_),
     )
     quiet, moved = resting, np.zeros(len(names))
@@ -117,8 +120,8 @@ def settled_together(
                 cut |= bool((lengths < h).any())
                 left.step(stage, number)
                 put_back(new, current, idle, solver.grids.first)
-                moved = _moves(new, current)
-                current = [_stopped(state, time) for state in new]
+                new = obstacles.beside([_stopped(state, time) for state in new], time)
+                moved, current = _moves(new, current), new
                 bodies.begun = True
                 rest_depth = contact.start_depth if rest_depth is None else rest_depth
                 depth = contact.depth
@@ -161,9 +164,10 @@ class _Steps:
         loads: Sequence[Loads],
         names: Sequence[str],
         idle: Flags,
+        obstacles: Obstacles,
     ) -> None:
         self._solver, self._bodies, self._loads = solver, bodies, loads
-        self._names, self._idle = names, idle
+        self._names, self._idle, self._obstacles = names, idle, obstacles
         self._thickness = 2.0 * float(solver.surfaces.half.max(initial=0.0))
         self._nobody = np.zeros(len(names), dtype=np.bool_)
         self.spent = np.zeros(len(names))
@@ -244,15 +248,12 @@ class _Steps:
     ) -> _Tried:
         """One step of h (s) of what is neither held nor idle."""
         solver, now = self._solver, float(states[0].time[0])
-        led = aside(solver.grids, states, self._idle)
-        if held.any():
+        led = self._obstacles.led(solver.grids, states, self._idle)
+        if held.any() and led is None:
             nodes = solver.grids.together([state.points.nodes for state in states])
-            nodes = (
-                nodes
-                if led is None
-                else np.where(self._idle[:, None, None, None], led.start, nodes)
-            )
-            led = Led(~(held | self._idle), nodes, nodes)
+            led = Led(~held, nodes, nodes)
+        elif held.any() and led is not None:
+            led = led._replace(free=led.free & ~held)
         paths = self._paths_of(states)
         walls = self._bodies.walls(states, now, now, solver.settings.margin)
         manner = Manner(resting=resting, yielding=yielding, led=led, settling=True)
@@ -261,6 +262,7 @@ class _Steps:
             manner = manner._replace(iterations=EASY if h <= STEPS[0] else PATIENT * EASY)
         new, reports, contact = solver.interval(states, self._loads, paths, h, walls, manner)
         self.spent += np.concatenate([report.iterations for report in reports])
+        new = [*self._obstacles.solved(new), *self._obstacles.solved(states, False)]
         return new, np.concatenate([report.status for report in reports]), contact
 
     def _off(self, contact: ContactReport) -> Flags:

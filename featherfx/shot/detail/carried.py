@@ -28,7 +28,7 @@ def rigid_poses(
     """
     members = np.array(list(feathers), dtype=np.int64)
     local = stacked([feather.rest for feather in feathers.values()])
-    world = [_turned(r, local).shifted(p) for p, r in rates_of(motion, members, start, end)]
+    world = [turned_by(r, local).shifted(p) for p, r in rates_of(motion, members, start, end)]
     return _by_number(members, world)
 
 
@@ -114,10 +114,10 @@ def seen_from_roots(world: Sequence[RowPoints], roots: Sequence[RootFrames]) -> 
     (p, r), (p1, r1), (p2, r2) = roots
     back = r.swapaxes(1, 2)
     x, x1, x2 = (values.shifted(-place) for values, place in zip(world, (p, p1, p2), strict=True))
-    y = _turned(back, x)
-    y1 = _turned(back, both(np.subtract, x1, _turned(r1, y)))
-    turning = _turned(r2, y), _turned(r1, y1)
-    y2 = _turned(back, both(lambda x, second, first: x - second - 2.0 * first, x2, *turning))
+    y = turned_by(back, x)
+    y1 = turned_by(back, both(np.subtract, x1, turned_by(r1, y)))
+    turning = turned_by(r2, y), turned_by(r1, y1)
+    y2 = turned_by(back, both(lambda x, second, first: x - second - 2.0 * first, x2, *turning))
     return [y, y1, y2]
 
 
@@ -125,10 +125,10 @@ def in_world(local: Sequence[RowPoints], roots: Sequence[RootFrames]) -> list[Ro
     """The inverse of seen_from_roots."""
     (p, r), (p1, r1), (p2, r2) = roots
     y, y1, y2 = local
-    first = _turned(r1, y).shifted(p1), _turned(r, y1)
-    second = _turned(r2, y).shifted(p2), _turned(r1, y1), _turned(r, y2)
+    first = turned_by(r1, y).shifted(p1), turned_by(r, y1)
+    second = turned_by(r2, y).shifted(p2), turned_by(r1, y1), turned_by(r, y2)
     return [
-        _turned(r, y).shifted(p),
+        turned_by(r, y).shifted(p),
         both(np.add, *first),
         both(lambda a, b, c: a + 2.0 * b + c, *second),
     ]
@@ -139,7 +139,7 @@ def _flat(vectors: Array) -> Array:
     return vectors.reshape(len(vectors), -1, 3)
 
 
-def _turned(matrices: Array, points: RowPoints) -> RowPoints:
+def turned_by(matrices: Array, points: RowPoints) -> RowPoints:
     """Points of F feathers times matrices (F, 3, 3)."""
     back = matrices.swapaxes(1, 2)
     return both(lambda part: (_flat(part) @ back).reshape(part.shape), points)
