@@ -20,7 +20,7 @@ from featherfx.feather.types import Feather, RowMap, RowPoints, stacked
 from featherfx.mechanics.model import Loads, no_loads
 from featherfx.shot.contact.aside import aside
 from featherfx.shot.detail.carried import turned_by
-from featherfx.shot.detail.detail import CARRIED, Resolution
+from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.level_run import LevelRun
@@ -269,9 +269,10 @@ def obstacles_of(
         used = np.unique(weights.indices)
         guides, weights = guides[used], weights[:, used]
     rigid = np.intersect1d(plan.of("rigid"), members)
-    grid = (shot.quality.rows, shot.quality.own_columns)
     chosen = (("guided", guided), ("rigid", rigid))
-    some = [_batch(shot, level, own, grid) for level, own in chosen if len(own)]
+    # what steps are held to follows from those that are solved
+    settings = groups[0].solver.settings
+    some = [_batch(shot, level, own, settings) for level, own in chosen if len(own)]
     if weights is None or not len(guided):
         return Obstacles(some, nothing, None, motion, levels)
     pairs = weights.tocoo()
@@ -282,25 +283,19 @@ def obstacles_of(
     return Obstacles(some, follows, lead, motion, levels)
 
 
-def _grid(plan: LevelPlan, members: Indices) -> tuple[int, int]:
-    """Rows and columns of obstacles: as of the finest among some feathers."""
-    own = [
-        (each.rows, each.columns)
-        for f in members.tolist()
-        for each in plan.resolutions[f]
-        if each.level in CARRIED
-    ]
-    return max((rows for rows, _ in own), default=0), max((m for _, m in own), default=0)
-
-
-def _batch(shot: Shot, level: str, members: Indices, grid: tuple[int, int]) -> Batch:
-    """Feathers at a level on a grid of rows and columns. Their model tells contact where vanes are
-    and how stiff; nothing is solved with it."""
-    placements = [shot.groom.feathers[f] for f in members.tolist()]
+def _batch(shot: Shot, level: str, members: Indices, settings: Settings) -> Batch:
+    """Feathers at a level, on the grid of the meshes: on half of it a bent vane is a millimetre
+    elsewhere. Their model tells contact where vanes are and how stiff; nothing is solved with it.
+    """
+    placements, grid = [shot.groom.feathers[f] for f in members.tolist()], _grid_of(shot)
     feathers = feathers_of(placements, *grid)
     resolution = Resolution(level, *grid, 0, 1.0)
     model = model_of(placements, feathers, resolution, True)
-    return Batch(level, members, feathers, Solver(model, Settings()))
+    return Batch(level, members, feathers, Solver(model, settings))
+
+
+def _grid_of(shot: Shot) -> tuple[int, int]:
+    return shot.quality.rows, shot.quality.own_columns
 
 
 def _guides_of(

@@ -1,0 +1,98 @@
+"""Guided and rigid feathers are obstacles of simulated ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from shingled import in_line, least_gap
+
+from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.frames import Frame
+from featherfx.shot.share import shot_islands
+from featherfx.shot.simulate import Simulation, simulate
+from featherfx.shot.types import Contact, Detail, Shelter, Shot
+
+THICKNESS = 5e-4
+LAST = 4
+
+
+def pressed(level: str, obstacles: bool = True) -> Shot:
+    """A feather 4 mm over another one at a level of detail, in a wind from above that the guide of
+    that, 0.3 m aside, is sheltered from; roots swing together."""
+    shot = in_line(3, np.array([0.0, 0.0, 0.004]), LAST, rows=11)
+    guide, beneath, above = shot.groom.feathers
+    feathers = (
+        replace(above, id="above", region="wing"),
+        replace(beneath, id="beneath", rank=beneath.rank - 9),
+        replace(guide, id="guide", position=np.array([0.0, 0.3, 0.0]), rank=-1),
+    )
+    return replace(
+        shot,
+        groom=replace(shot.groom, feathers=feathers),
+        details=(Detail(feathers="beneath", level=level, every=0),),
+        shelters=(Shelter(feathers="guide", share=1.0),),
+        contact=Contact(THICKNESS, obstacles=obstacles),
+        wind=replace(shot.wind, speed=6.0, direction=np.array([0.0, 0.0, -1.0]), gust=0.0),
+    )
+
+
+@cache
+def simulated(level: str, obstacles: bool, jobs: int = 1) -> tuple[Simulation, list[Frame]]:
+    simulation = simulate(pressed(level, obstacles), jobs)
+    return simulation, list(simulation)
+
+
+def gaps(frames: list[Frame]) -> list[float]:
+    """m, of the feather above over the one beneath."""
+    return [least_gap(frame.points[0], frame.points[1]) for frame in frames]
+
+
+@pytest.mark.parametrize("level", ["rigid", "guided"])
+def test_what_is_not_simulated_holds_what_is_pressed_onto_it(level):
+    _, without = simulated(level, False)
+    assert max(gaps(without)) < -0.015
+    simulation, frames = simulated(level, True)
+    contact = simulation.report["contact"]
+    assert contact["obstacles"] == 1
+    assert contact["worst_depth"] < 0.2 * THICKNESS
+    # between the places where it was looked for, a guided one behind its guide by a step
+    assert min(gaps(frames)) > 0.8 * THICKNESS
+    # and is moved by nothing, but that its guide takes other steps
+    for frame, other in zip(frames, without, strict=True):
+        assert np.abs(frame.points[1] - other.points[1]).max() < 1e-3
+
+
+def test_threads_change_nothing_and_a_checkpoint_holds_where_obstacles_are(tmp_path):
+    _, frames = simulated("guided", True)
+    _, others = simulated("guided", True, 2)
+    simulation = simulate(pressed("guided"), 1, (0, 2))
+    list(simulation)
+    simulation.checkpoint().save(tmp_path / "state.npz")
+    start = Checkpoint.load(tmp_path / "state.npz")
+    rest = list(simulate(pressed("guided"), 1, (3, LAST), start=start))
+    for frame, other in zip(frames, [*others[:3], *rest], strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(frame.points, other.points, strict=True))
+    assert all(map(np.array_equal, frames[-1].points, others[-1].points))
+
+
+def test_a_guide_passes_what_follows_it():
+    """Else each would lift the other."""
+    shot = pressed("guided")
+    above, beneath, _ = shot.groom.feathers
+    groom = replace(shot.groom, feathers=(replace(above, region="coat"), beneath))
+    simulation = simulate(replace(shot, groom=groom), 1, (0, 1))
+    list(simulation)
+    contact = simulation.report["contact"]
+    assert contact["obstacles"] == 1
+    assert contact["pairs"] == 0
+
+
+def test_a_follower_is_of_the_island_of_its_guides():
+    shot = pressed("guided")
+    feathers = list(shot.groom.feathers)
+    feathers[2] = replace(feathers[2], position=np.array([0.0, 30.0, 0.0]))
+    far = replace(shot, groom=replace(shot.groom, feathers=tuple(feathers)))
+    assert set(shot_islands(far)) == {0}
