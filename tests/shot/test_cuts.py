@@ -155,28 +155,35 @@ def simulate_states(shot):
     yield [group.state for group in simulation._groups]
 
 
-def keyed(way: float) -> Roots:
-    """Roots of a bird whose body keyframes move within a frame, from rest to rest."""
+def keyed(way: float, turn: float = 9.0, after: float = 0.0) -> Roots:
+    """Roots of a bird whose body keyframes move within a frame, from rest to rest. turn: deg, for
+    each metre; after: s, from the next frame to the keyframe there."""
     shot = read_shot(SAMPLE)
-    places = {0.0: 0.0, 5 * FRAME: 0.0, 6 * FRAME: way, 9 * FRAME: way}
+    places = {0.0: 0.0, 5 * FRAME: 0.0, 6 * FRAME + after: way, 9 * FRAME: way}
     keys = [
-        {"joint": "body", "time": time, "position": [x, 0.0, 0.0], "rotation": [0.0, 0.0, 9.0 * x]}
+        {"joint": "body", "time": time, "position": [x, 0.0, 0.0], "rotation": [0.0, 0.0, turn * x]}
         for time, x in places.items()
     ]
     return root_motion(replace(shot, motion=Motion("keys", {"keyframes": keys})))
 
 
-def test_keyframes_cut_from_place_to_place_without_swinging():
-    cut, start = keyed(4.6), keyed(0.0).frames(0.0).positions
+@pytest.mark.parametrize(
+    ("way", "turn", "after"), [(4.6, 9.0, 0.0), (4.6, 9.0, 7e-5), (1e-4, 9e5, 7e-5)]
+)
+def test_keyframes_cut_from_place_to_place_without_swinging(way, turn, after):
+    """By 4.6 m, with a key just after its frame, or by a quarter turn alone."""
+    cut, start = keyed(way, turn, after), keyed(0.0).frames(0.0)
     shot = read_shot(SAMPLE)
     finder = CutRoots(cut, np.array([f.kind.length for f in shot.groom.feathers]), FRAME, 12).finder
     assert [k for k in range(12) if finder.cut(k).any()] == [5]
     assert finder.cut(5).all()
     for frame in (1.0, 3.5, 5.0):
-        np.testing.assert_allclose(cut.frames(frame * FRAME).positions, start, atol=1e-12)
-    there = cut.frames(9 * FRAME).positions
+        for found, at_rest in zip(cut.frames(frame * FRAME), start, strict=True):
+            np.testing.assert_allclose(found, at_rest, atol=1e-12)
+    there = cut.frames(9 * FRAME)
     for frame in (6.0, 7.5, 12.0):
-        np.testing.assert_allclose(cut.frames(frame * FRAME).positions, there, atol=1e-12)
+        for found, then in zip(cut.frames(frame * FRAME), there, strict=True):
+            np.testing.assert_allclose(found, then, atol=1e-12)
 
 
 def test_keyframes_that_are_near_each_other_are_one_curve():

@@ -16,12 +16,21 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import from_angles, quats_to_frames, rotation_spline
+from featherfx.algebra.rotation import (
+    from_angles,
+    quats_to_frames,
+    rotation_spline,
+    rotation_vectors,
+)
 from featherfx.algebra.types import Array
 from featherfx.shot.motion.cuts import FARTHER
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 
 Track = Callable[[float], Array]
+
+# frames from keyframe to keyframe within which a cut is: times of frames are rounded; rad, that
+# takes the end of a feather as far as it is long
+WITHIN, TURN = 1.5, np.pi / 3.0
 
 
 def keyed(
@@ -30,15 +39,19 @@ def keyed(
     """Poses through keyframes, in any order, that the reader of the shot has checked.
 
     frame: s. far: m, that a joint has to go within a frame, from keyframe to keyframe, to be cut
-    to another place (cuts.py): what is before and after are curves of their own, which one curve
-    through both would swing about.
+    to another place (cuts.py), or turn so far that the end of a feather of that length goes as far:
+    what is before and after are curves of their own, which one curve through both would swing
+    about.
     """
     ordered = sorted(keyframes, key=lambda keyframe: keyframe["time"])
     tracks: list[tuple[int, int, Track]] = []
     for joint, name in enumerate(skeleton.names):
         own = [each for each in ordered if each.get("joint", "") == name]
         keys = {what: [k for k in own if k.get(what) is not None] for what in _TRACKS}
-        cuts = _cuts(*_values(keys["position"], "position"), frame, far)
+        times, values = _values(keys["position"], "position")
+        ways = np.linalg.norm(np.diff(np.reshape(values, (-1, 3)), axis=0), axis=1)
+        turned, turns = _values(keys["rotation"], "rotation")
+        cuts = sorted({*_cuts(times, ways, frame, far), *_cuts(turned, _angles(turns), frame, TURN)})
         for which, (what, track) in enumerate(_TRACKS.items()):
             if keys[what]:
                 tracks.append((which, joint, _in_pieces(track, *_values(keys[what], what), cuts)))
@@ -57,14 +70,22 @@ def _values(keys: Sequence[dict[str, Any]], what: str) -> tuple[Array, list[Any]
     return np.array([key["time"] for key in keys], dtype=np.float64), [key[what] for key in keys]
 
 
-def _cuts(times: Array, places: Sequence[Any], frame: float, far: float) -> list[float]:
-    """s, times between places [3] at which a joint is cut to another one. frame, far: of keyed."""
+def _angles(values: Sequence[Any]) -> Array:
+    """rad, between rotations and the next ones."""
+    frames = np.reshape([_matrix(each) for each in values], (-1, 3, 3))
+    steps = rotation_vectors(frames[1:] @ frames[:-1].transpose(0, 2, 1))
+    return np.asarray(np.linalg.norm(steps, axis=1))
+
+
+def _cuts(times: Array, ways: Array, frame: float, far: float) -> list[float]:
+    """s, times between keyframes at which a joint is cut to another pose, where the way from one
+    to the next is far. frame: s."""
     if len(times) < 2:
         return []
-    intervals, ways = np.diff(times), np.linalg.norm(np.diff(places, axis=0), axis=1)
+    intervals = np.diff(times)
     rates = np.concatenate([[0.0], ways / intervals, [0.0]])
     beside = frame * np.maximum(rates[:-2], rates[2:])
-    cut = (intervals < 1.001 * frame) & (ways > far) & (ways > FARTHER * beside)
+    cut = (intervals < WITHIN * frame) & (ways > far) & (ways > FARTHER * beside)
     return [0.5 * (times[k] + times[k + 1]) for k in np.flatnonzero(cut)]
 
 
