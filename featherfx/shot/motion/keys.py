@@ -51,7 +51,9 @@ def keyed(
         times, values = _values(keys["position"], "position")
         ways = np.linalg.norm(np.diff(np.reshape(values, (-1, 3)), axis=0), axis=1)
         turned, turns = _values(keys["rotation"], "rotation")
-        cuts = sorted({*_cuts(times, ways, frame, far), *_cuts(turned, _angles(turns), frame, TURN)})
+        cuts = sorted(
+            {*_cuts(times, ways, frame, far), *_cuts(turned, _angles(turns), frame, TURN)}
+        )
         for which, (what, track) in enumerate(_TRACKS.items()):
             if keys[what]:
                 tracks.append((which, joint, _in_pieces(track, *_values(keys[what], what), cuts)))
