@@ -12,7 +12,7 @@ import numpy as np
 from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, rotation_vectors
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import dots
-from featherfx.feather.hooked import hooked_fraction
+from featherfx.feather.hooked import hooked_stiffness
 from featherfx.feather.profiles import at_places, barb_bending, in_cells, vane_shares
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
@@ -241,7 +241,7 @@ def _held(feather: Feather, kind: FeatherKind) -> Array:
     if kind.vane_material.ribbon:
         # its stiffness is all in the shaft's
         return np.full(feather.cell.shape, LEAST_HOOKED)
-    return np.maximum(hooked_fraction(kind, feather), LEAST_HOOKED)
+    return np.maximum(hooked_stiffness(kind, feather), LEAST_HOOKED)
 
 
 def _thickness(feather: Feather, kind: FeatherKind) -> Array:

@@ -9,7 +9,7 @@ import pytest
 from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind
 
 from featherfx.feather.build import build_feather, scaled
-from featherfx.feather.hooked import hooked_fraction
+from featherfx.feather.hooked import hooked_stiffness
 from featherfx.feather.types import RACHIS
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape
@@ -102,7 +102,7 @@ def test_shaft_mass_converges_to_the_integral_of_the_taper():
 def test_cells_cover_the_vane(name):
     feather, model = preset_batch(name, 21, 6)
     vane = preset_kind(name).vane_material
-    share = hooked_fraction(preset_kind(name), feather) * (not vane.ribbon)
+    share = hooked_stiffness(preset_kind(name), feather) * (not vane.ribbon)
     held = np.maximum(share, LEAST_HOOKED)[..., None] * cell_weights(6)
     area = model.cell_stiffness[0] / vane.thickness / np.array([vane.across, vane.shear]) / held
     assert area[..., 0].sum() == pytest.approx(vane_area(feather), rel=1e-12)

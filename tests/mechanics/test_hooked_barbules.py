@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from featherfx.feather.build import build_feather
+from featherfx.feather.hooked import hooked_stiffness, in_series
 from featherfx.groom.presets.kinds import blended
 from featherfx.groom.types import Hooked
 from featherfx.lab.feathers.feather import feather_kind
@@ -44,7 +45,7 @@ def test_stiffness_is_the_share_of_what_is_hooked_and_masses_stay():
 
 def test_the_curves_are_places_along_the_vane_and_along_the_barb():
     """Hooked beyond the middle of the vane, and of each barb its inner half."""
-    kind = kind_with(shaft=((0.5, 0.0), (0.500001, 1.0)), barb=((0.5, 1.0), (0.500001, 0.0)))
+    kind = kind_with(shaft=((0.499999, 0.0), (0.5, 1.0)), barb=((0.5, 1.0), (0.500001, 0.0)))
     feather = build_feather(kind, 13, 4)
     whole, model = model_of(WHOLE), model_of(kind)
     ratio = model.cell_stiffness[0, 1, ..., 0] / np.where(feather.cell[1], 1.0, np.nan)
@@ -55,6 +56,24 @@ def test_the_curves_are_places_along_the_vane_and_along_the_barb():
     known = np.isfinite(ratio)
     expected = np.broadcast_to(expected[..., None], ratio.shape)
     np.testing.assert_allclose(ratio[known], expected[known], rtol=1e-9)
+
+
+def test_strips_hang_one_on_the_next_whatever_the_rows():
+    """Compliances add up: as much of the vane stretches alike on any rows, and where barbs of a
+    strip are loose, none of it holds."""
+    kind = kind_with(shaft=((0.3, 0.05), (0.7, 1.0)))
+    found = []
+    for rows in (7, 12, 41):
+        feather = build_feather(kind, rows, 4)
+        share = hooked_stiffness(kind, feather)[1, :, 0, 0]
+        found.append((np.diff(feather.station) / kind.length / share).sum())
+    ramp = 0.4 * np.log(20.0) / 0.95
+    exact = kind.calamus / 0.05 + (1.0 - kind.calamus) * (0.3 / 0.05 + ramp + 0.3)
+    assert found == pytest.approx([exact] * 3, rel=1e-12)
+    # rows 0.1 of the vane apart, the strip from 0.6 to 0.7 loose in part
+    ends = np.linspace(0.0, 1.0, 11)
+    held = in_series(((0.61, 0.0), (0.65, 1.0)), ends)
+    np.testing.assert_array_equal(held, np.where(ends[:-1] > 0.65, 1.0, 0.0))
 
 
 def test_strength_and_its_energy_go_with_the_share_and_strains_at_yield_do_not():

@@ -16,7 +16,7 @@ import numpy as np
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import Problem, require
-from featherfx.feather.hooked import hooked_fraction
+from featherfx.feather.hooked import hooked_stiffness
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.nodal.plate import barb_hinges, hinge_places, oriented_hinges, plate_tables
@@ -158,7 +158,7 @@ def _one(
     vane = kind.vane_material
     present = feather.barb_length > 0.0
     area = np.where(feather.cell, model.cell_stiffness[f, ..., 0], 0.0)
-    held = np.maximum(hooked_fraction(kind, feather), LEAST_HOOKED)
+    held = np.maximum(hooked_stiffness(kind, feather), LEAST_HOOKED)
     area = area / (vane.across * vane.thickness * held * cell_weights(feather.columns)[..., 0])
     nodes = np.ascontiguousarray(feather.rest.nodes)
     rotation = frames_to_quats(row_frames(feather.rest.directors))
