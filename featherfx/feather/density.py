@@ -33,6 +33,7 @@ from featherfx.feather.types import (
     RowMap,
     RowPoints,
     barb_slice,
+    both,
 )
 
 
@@ -40,9 +41,11 @@ def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:
     """Map from the rows of one feather to those of another of the same kind and side.
 
     Neither has to have more rows or columns than the other. parts: whether strips between rows may
-    part, so that a barb follows those on either side of it alone, linearly.
+    part, so that a barb follows those on either side of it alone, linearly; so it does where there
+    are fewer rows than before, as the next but one may be loose and hang elsewhere.
     """
     along = _Along(coarse, fine)
+    parts = parts or fine.rows < coarse.rows
     nodes = [_barb_nodes(coarse, fine, side, along.rachis, parts) for side in (LEADING, TRAILING)]
     interpolated = RowPoints(
         scipy.sparse.vstack([along.rachis, *nodes]), scipy.sparse.vstack(along.directors)
@@ -51,10 +54,16 @@ def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:
     return RowMap(points, axes, _pieces(fine))
 
 
-def carried(
+def carried(to_fine: RowMap, points: RowPoints) -> RowPoints:
+    """Points on another grid, its barbs as long as at rest."""
+    still = both(np.zeros_like, points)
+    return carried_moving(to_fine, points, still, still)[0]
+
+
+def carried_moving(
     to_fine: RowMap, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
 ) -> tuple[RowPoints, RowPoints, RowPoints]:
-    """Points and their first and second rates on another grid, its barbs as long as at rest."""
+    """The same with their first and second rates."""
     found = to_fine(points), to_fine(velocities), to_fine(accelerations)
     keep_lengths(to_fine.pieces, *(each.nodes for each in found))
     return found
@@ -96,7 +105,7 @@ def farthest(
     grown = np.repeat(coarse.barb_length.T > 0.0, coarse.columns, axis=1)
     there = np.concatenate([np.ones((coarse.rows, 1), dtype=np.bool_), grown], axis=1)
     ways = [
-        np.linalg.norm(a.nodes - to_coarse(b).nodes, axis=-1)[there].max()
+        np.linalg.norm(a.nodes - carried(to_coarse, b).nodes, axis=-1)[there].max()
         for a, b in zip(points, wanted, strict=True)
     ]
     return float(max(ways))

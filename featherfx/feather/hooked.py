@@ -1,7 +1,7 @@
 """Where the barbs of a vane are hooked at rest: the share of barbules that hold, place by place.
 
-What a strip between two rows has of the stiffness of a whole one is not the share in its middle. The
-barbs that it stands for hang one on the next, so compliances add up: over a strip from a to b
+What a strip between two rows has of the stiffness of a whole one is not the share in its middle.
+The barbs that it stands for hang one on the next, so compliances add up: over a strip from a to b
 
     share = (b - a) / integral ds / h(s),    h the share along the shaft,
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather.build import build_feather
-from featherfx.feather.density import carried, density_map, scaled_map
+from featherfx.feather.density import carried_moving, density_map, scaled_map
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.store import kept
@@ -369,7 +369,7 @@ def pose_of(group: Group, k: int) -> FeatherPose:
     if to_mesh is None:
         gaps = state.gaps_of(k) if group.solver.model.hooked else None
         return FeatherPose(points, rates[0], rates[1], gaps)
-    return FeatherPose(*carried(to_mesh, points, *rates))
+    return FeatherPose(*carried_moving(to_mesh, points, *rates))
 
 
 def maps_between(

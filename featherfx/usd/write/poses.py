@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.barb_looks import clumped
-from featherfx.feather.density import carried
+from featherfx.feather.density import carried_moving
 from featherfx.feather.detail import detail_of, thinning
 from featherfx.feather.lips import Lips, carried_rates
 from featherfx.feather.types import (
@@ -189,7 +189,7 @@ class PosedFeather:
         for key in self.keys.wet:
             out[key][:] = given.clumped[WET.index(key[1])]
         self._surface.carry(points)
-        mesh, *changes = map(_plain_points, carried(own, *moving) if own else moving)
+        mesh, *changes = map(_plain_points, carried_moving(own, *moving) if own else moving)
         finite = self._place(out, mesh)
         for (name, values), drawn in zip(rates.items(), changes, strict=False):
             second = values if name == ACCELERATIONS else None
