@@ -74,10 +74,10 @@ def test_a_feather_that_lies_far_beneath_what_it_should_lie_over_stays_there():
             np.testing.assert_array_equal(points, before)
 
 
-def pushed_beneath_a_large_one(limb=(0, 0)):
-    """A small feather that goes beneath a large one by 0.7 of its length within a frame, both
-    slanted, so that boxes along the axes meet: their plumage and axes, poses as they were and as
-    they were laid. limb: which moves each."""
+def pushed_beneath_a_large_one(limb=(0, 0), depth=0.7):
+    """A small feather that goes beneath a large one within a frame, both slanted, so that boxes
+    along the axes meet: their plumage and axes, poses as they were and as they were laid. limb:
+    which moves each. depth: of the small one's length."""
     shot = shingles(2)
     small, large = shot.groom.feathers
     kind, back = adjusted(large.kind, Change(scale=3.0)), np.array([small.kind.length, 0.0, 0.0])
@@ -90,7 +90,7 @@ def pushed_beneath_a_large_one(limb=(0, 0)):
     plumage = layers.Layers(shot, drawn, np.arange(2), 1)
     plumage.vanes = plumage.vanes._replace(limb=np.array(limb))
     lay(plumage, [upper, lower], none, 0.0, 0.0)
-    way = -0.7 * small.kind.length * slant[:, 2]
+    way = -depth * small.kind.length * slant[:, 2]
     sunk = replace(upper, points=upper.points.shifted(way))
     laid = lay(plumage, [sunk, lower], none, 1.0, 1.0 / shot.frames_per_second)
     return plumage, slant, small, (sunk, lower), laid
@@ -121,6 +121,18 @@ def test_what_a_limb_carries_away_is_not_lifted_to_where_it_lay():
         lifts[limb] = farthest(laid[0], sunk) / small.kind.length
     assert lifts[1, 1] > 0.65
     assert max(lifts[1, 0], lifts[0, 1]) < 0.05, lifts
+
+
+@pytest.mark.parametrize(
+    ("depth", "over"), [(0.08, True), (0.12, True), (0.15, False), (0.18, False), (0.3, False)]
+)
+def test_what_a_limb_carries_is_laid_over_or_left_whole(depth, over):
+    """There is no depth at which a part of it is undone: that much would be left in the other."""
+    plumage, _, small, (sunk, _), laid = pushed_beneath_a_large_one((1, 0), depth)
+    assert plumage.report()["written_depth"]["worst"] < 0.5
+    lift = farthest(laid[0], sunk) / small.kind.length
+    # it begins above the large one, so less than the depth is to be made up for
+    assert lift > 0.7 * depth if over else lift < 0.01, lift
 
 
 def test_lifts_do_not_add_up_over_all_that_lie_beneath():

@@ -33,6 +33,16 @@ position = [0.1, 0, 0]
 direction = [-1, 0, 0]
 up = [0, 0, 1]
 """
+TAIL = """
+[[tail]]
+id = "tail"
+position = [-0.1, 0, 0]
+direction = [-1, 0, 0]
+up = [0, 0, 1]
+count = 4
+lengths = [0.05]
+root_width = 0.01
+"""
 KEYS = [{"time": 0.0, "fold": 1.0}, {"time": 1.0, "fold": 0.2}]
 
 
@@ -82,6 +92,18 @@ def test_each_feather_is_of_a_limb_or_of_the_skin(tmp_path):
     assert sides["breast"] == 0
     assert sorted([sides["right"], sides["left"]]) == [1, 2]
     assert all(number == sides[id.split("_")[0]] for id, number in found.items())
+
+
+def test_wings_leave_what_they_lie_on_and_tails_do_not(tmp_path):
+    (tmp_path / "groom.toml").write_text(GROOM + TAIL)
+    (tmp_path / "shot.toml").write_text(
+        'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\nmotion = "fold"\n'
+    )
+    shot = featherfx.read_shot(tmp_path / "shot.toml")
+    leaves = moving_limbs(replace(shot, skin=Skin(roots_at_rest(shot.groom)))) > 0
+    for each, own in zip(shot.groom.feathers, leaves, strict=True):
+        assert own == ("wing" in each.id), each.id
+    assert not moving_limbs(shot).any()
 
 
 def test_a_bowed_wing_opens_to_where_the_groom_has_it(tmp_path):

@@ -24,7 +24,7 @@ from featherfx.solver.contact.wall_kernels import weighted
 BESIDE, FADE = 1.0, 3.0
 # least cosine between a lift and the normal that it is to act along
 LEAST_COSINE = 0.5
-# of the depth that is undone, that of feathers of which one is carried away by a limb
+# of the depth that is undone, up to which feathers keep their order of which a limb carries one
 CARRIED_BY = 0.1
 # parts into which the rim between two rows is divided
 RIM_PARTS = 3
@@ -43,10 +43,21 @@ def most_laps(rows, nodes):
 
 @kernel
 def _deepest(vanes, one, other):
-    """m, depth of a pair that is undone. What a limb carries leaves where it lay at rest, and says
-    nothing of who is over whom where it comes by again."""
-    least = min(vanes.deepest[one], vanes.deepest[other])
-    return least if vanes.limb[one] == vanes.limb[other] else CARRIED_BY * least
+    """m, depth of a pair that is undone."""
+    return min(vanes.deepest[one], vanes.deepest[other])
+
+
+@kernel
+def _has_left(vanes, upper, lower, laps, start, count):
+    """Whether laps from start to count are of a pair that a limb has brought so far through each
+    other that its order says nothing any more: it has left where it lay, and comes by again."""
+    if vanes.limb[upper] == vanes.limb[lower]:
+        return False
+    most = CARRIED_BY * _deepest(vanes, upper, lower)
+    for k in range(start, count):
+        if laps[k].base - laps[k].clear > most:
+            return True
+    return False
 
 
 @kernel
@@ -318,6 +329,8 @@ def find_laps(vanes, stack, pose, follow, sought, laps, seen):
             count, near = _nodes_of(vanes, pose, bodies, margin, laps, count, seen)
             if near:
                 count = _edges_of(vanes, pose, bodies, margin, laps, count, seen)
+        if _has_left(vanes, upper, lower, laps, start, count):
+            count = start
         for k in range(start, count):
             laps[k].pair = pair
     return count

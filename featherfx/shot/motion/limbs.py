@@ -148,8 +148,12 @@ def on_bones(groom: Groom, skin: BoundSkin) -> Roots:
 
 
 def moving_limbs(shot: Shot) -> Indices:
-    """(F,) which limb moves each feather beside the skin of a shot, 0 for none."""
-    skin = shot.skin
-    if skin is not None and (shot.motion.of_limbs or on_bones(shot.groom, skin) is not skin):
-        return limbs_of(shot.groom)
-    return np.zeros(len(shot.groom.feathers), dtype=np.int64)
+    """(F,) which wing moves each feather beside the skin of a shot, 0 for none. Tails and crests
+    open where they are, and leave nothing that they lie on or under."""
+    skin, limbs = shot.skin, limbs_of(shot.groom)
+    if skin is None or not (shot.motion.of_limbs or on_bones(shot.groom, skin) is not skin):
+        return np.zeros_like(limbs)
+    shoulders = {each.name for each in shot.groom.joints if each.role == "shoulder"}
+    firsts = _first_joints(shot.groom)
+    leaves = [firsts.get(each.joint) in shoulders for each in shot.groom.feathers]
+    return np.where(leaves, limbs, 0)
