@@ -53,11 +53,10 @@ def _has_left(vanes, upper, lower, laps, start, count):
     other that its order says nothing any more: it has left where it lay, and comes by again."""
     if vanes.limb[upper] == vanes.limb[lower]:
         return False
-    most = CARRIED_BY * _deepest(vanes, upper, lower)
+    depth = 0.0
     for k in range(start, count):
-        if laps[k].base - laps[k].clear > most:
-            return True
-    return False
+        depth = max(depth, laps[k].base - laps[k].clear)
+    return depth > CARRIED_BY * _deepest(vanes, upper, lower)
 
 
 @kernel
