@@ -318,6 +318,10 @@ def test_faults_of_a_bird_are_told(tmp_path, old, new, message):
         ("right_shoulder", "left_shoulder", "is to the right of right_shoulder: are the two"),
         ("breast", "vent", "is behind vent: are the two exchanged?"),
         ("beak", "nape", "is behind nape"),
+        ("crown", "nape", "crown: is behind nape"),
+        ("vent", "tail", "vent: is behind tail"),
+        ("nape", "breast", "nape: is below breast"),
+        ("left_heel", "right_heel", "left_heel: is to the right of right_heel"),
         ("beak", "tail", "beak: is behind tail"),
     ],
 )

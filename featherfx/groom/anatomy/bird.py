@@ -59,8 +59,16 @@ _BORDERS = {"thigh": 0.1}  # where legs are bare below, no single feathers
 _ROOM = {"thigh": 0.4}  # of a length, free beneath; where legs move, more than the 0.3 elsewhere
 _SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
 _FARTHEST = 1.5  # ways from beak to tail, that a landmark may be away from the nearer of them
-# axes (forward, left) along which a landmark has to be ahead of another
-_AHEAD = (1, "left_shoulder", "right_shoulder"), (0, "breast", "vent"), (0, "beak", "nape")
+# axes (forward, left, up) along which a landmark has to be ahead of another
+_AHEAD = (
+    (1, "left_shoulder", "right_shoulder"),
+    (1, "left_heel", "right_heel"),
+    (0, "breast", "vent"),
+    (0, "beak", "nape"),
+    (0, "crown", "nape"),
+    (0, "vent", "tail"),
+    (2, "nape", "breast"),
+)
 _UP = 0.0, 0.0, 1.0
 _BEAK = 0.42  # of the way from beak to crown: bare
 
@@ -160,13 +168,14 @@ def _axes(points: Points, up: tuple[float, ...], place: Place) -> Array:
     wrong = [
         (axis, name, back)
         for axis, name, back in _AHEAD
-        if float((points[name] - points[back]) @ axes[:, axis]) <= 0.0
+        if {name, back} <= points.keys()
+        and float((points[name] - points[back]) @ axes[:, axis]) <= 0.0
     ]
     if {"left_shoulder", "breast"} <= {name for _, name, _ in wrong}:
         # forward is from the tail to the shoulders
         place.child("beak").refuse("is behind tail: are the two exchanged?")
     for axis, name, back in wrong:
-        side = ("behind", "to the right of")[axis]
+        side = ("behind", "to the right of", "below")[axis]
         place.child(name).refuse(f"is {side} {back}: are the two exchanged?")
     return axes
 
