@@ -154,6 +154,11 @@ BUILDS = {
         legs=Legs(0.005, -0.09, 0.0085, 1.0),
     ),
 }
+BUILDS["owl_flying"] = BUILDS["owl"]._replace(  # stretched out, its legs drawn up
+    neck=((0.045, 0.012),),
+    lean=-14.0,
+    legs=BUILDS["owl"].legs._replace(heel=0.104, sole=0.088, toes=0.7),
+)
 NECK = np.array((0.06, 0.0, 0.2))  # where it begins
 REAR = np.array((0.1, 0.038, 0.053))
 FRONT = np.array(((0.056, 0, 0.173), (0.048, 0.051, 0.053)))

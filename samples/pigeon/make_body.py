@@ -2,7 +2,7 @@
 
 python samples/pigeon/make_body.py [OUT.usdc [BIRD]]
 
-BIRD is pigeon, gull, owl, sparrow, parrot, peacock, swan or ostrich, as bodies.py has them; the
+BIRD is pigeon, gull, owl, owl_flying, sparrow, parrot, peacock, swan or ostrich, of bodies.py; the
 landmarks of a groom's [bird] are printed.
 Folded wings are no part of the shape: they are feathers alone. samples/first_bird has the same one.
 
