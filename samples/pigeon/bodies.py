@@ -49,7 +49,7 @@ class Build(NamedTuple):
     second for a head as large as the pigeon's. head: factor of its radii, beak: of its length,
     thickness, and how far it points down. eye: radius, m, of a head as large as the pigeon's, and
     how far it looks forward, 0 to 1. bare: radii of the eye, between which feathers begin. lean:
-    deg, how far it stands up more.
+    deg, how far it stands up more. rump: (forward, up) m, where it ends, before roots of coverts.
     """
 
     size: float
@@ -62,6 +62,7 @@ class Build(NamedTuple):
     colours: Colours = Colours()
     bare: tuple[float, float] = (1.5, 2.1)
     lean: float = 0.0
+    rump: tuple[float, float] = (-0.13, 0.131)
     legs: Legs = Legs()
 
 
@@ -140,6 +141,7 @@ BUILDS = {
         (1.7, 1.5, 1.3),
         (0.0036, 0.2),
         _SWAN._replace(iris=_DARK),
+        rump=(-0.108, 0.139),
         legs=Legs(0.1, 0.068, 0.006, 1.0, webbed=True),
     ),
     "ostrich": Build(
@@ -157,7 +159,8 @@ BUILDS = {
 BUILDS["owl_flying"] = BUILDS["owl"]._replace(  # stretched out, its legs drawn up
     neck=((0.045, 0.012),),
     lean=-14.0,
-    legs=BUILDS["owl"].legs._replace(heel=0.104, sole=0.088, toes=0.7),
+    rump=(-0.112, 0.138),
+    legs=BUILDS["owl"].legs._replace(heel=0.104, sole=0.088, toes=0.6),
 )
 NECK = np.array((0.06, 0.0, 0.2))  # where it begins
 REAR = np.array((0.1, 0.038, 0.053))
@@ -237,7 +240,7 @@ def parts(points, build=BUILDS["pigeon"]):
     """
     x, y, z = np.moveaxis(points, -1, 0)
     right = np.stack([x, np.abs(y), z], axis=-1)  # both sides at once, on the left
-    trunk, upright = np.array(build.trunk), leant(build, points, -1.0)
+    trunk, upright, rump = np.array(build.trunk), leant(build, points, -1.0), build.rump
     # broad before the folded wings, slimmer where they lie
     torso = union(
         ellipsoid(upright, (-0.012, 0, 0.168), REAR * trunk, 17),
@@ -253,7 +256,7 @@ def parts(points, build=BUILDS["pigeon"]):
         "neck": np.min([capsule(points, *each) for each in necks], axis=0),
         "head": ellipsoid(points, skull_of(build), skull, -8),
         "beak": capsule(points, *beak(build), *horn),
-        "rump": capsule(upright, (-0.06, 0, 0.157), (-0.13, 0, 0.131), 0.034, 0.011),
+        "rump": capsule(upright, (-0.06, 0, 0.157), (rump[0], 0, rump[1]), 0.034, 0.011),
         "leg": np.min([capsule(right, *each) for each in bones(build)], axis=0),
     }
 

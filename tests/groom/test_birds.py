@@ -5,17 +5,23 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from crossed import crossed
 from places import SAMPLES
 from pxr import Usd, UsdGeom
 
 from featherfx.api import scene_readers
 from featherfx.errors import InputError
+from featherfx.groom.anatomy import lie
 from featherfx.groom.anatomy.lie import Body
+from featherfx.groom.anatomy.wing import wing_type
 from featherfx.groom.keys.anatomy import PARTS
+from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.presets.library import Library
 from featherfx.groom.presets.presets import list_presets
 from featherfx.groom.read.read import read_groom as read_groom_file
 
@@ -203,6 +209,29 @@ def test_a_train_of_many_feathers_is_not_deeper_than_its_root_is_wide(tmp_path):
     roots = np.array([f.position for f in groom.feathers if f.id.startswith("tail_")])
     assert len(roots) == 150
     assert np.ptp(roots[:, 2]) < np.ptp(roots[:, 1])
+
+
+@pytest.mark.usefixtures("wings_as_typed")
+@pytest.mark.parametrize(("kind", "most"), [("ostrich", 25), ("peacock", 75)])
+def test_few_feathers_of_large_shut_tails_pass_through_each_other(tmp_path, kind, most):
+    """Laid flat, without an arch, it is 513 and 270 pairs."""
+    bare = ", ".join(f"parts.{part}.cover = 0" for part in PARTS)
+    groom = read_groom(changed(tmp_path, r"^type.*", f'type = {{ base = "{kind}", {bare} }}'))
+    tail = [f for f in groom.feathers if f.id.startswith("tail_")]
+    assert 0 < len(crossed(tail, 11, 4)) < most
+
+
+def test_folded_wings_stay_off_the_body_as_far_as_their_type_says(bird, monkeypatch):
+    monkeypatch.setattr(lie, "_best", lambda fit: np.array([60.0, 7, 20, 78, 0, 0, 0]))
+    monkeypatch.setattr(lie, "kept", lambda name, inputs, make: make())
+    body, shoulder = Body(bird.skin, np.eye(3), np.zeros(3)), np.array([0.04, -0.042, 0.205])
+    kind = wing_type({"base": "pigeon"}, Place("", "", Problems()), Library((), Problems()))
+    near, far = (
+        lie.lie_on(replace(kind, clear=clear), shoulder, 1.0, body, 0.0)[1]
+        for clear in (kind.clear, kind.clear + 0.1)
+    )
+    moved = np.linalg.norm(far - near) / max(kind.primaries.lengths)
+    assert 0.1 <= moved < 0.15  # aslant to the skin
 
 
 @pytest.mark.usefixtures("wings_as_typed")

@@ -87,7 +87,7 @@ def test_memory_goes_with_the_feathers():
 
 
 def test_each_region_has_its_share_of_a_trial_and_neighbours_stay_together():
-    shot = read_shot(SAMPLES / "owl_flight" / "shot.toml")
+    shot = read_shot(SAMPLES / "pigeon" / "full.toml")
     feathers = shot.groom.feathers
     chosen = _some(shot, 100)
     regions = [each.region for each in feathers]

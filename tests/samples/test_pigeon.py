@@ -6,16 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from crossed import crossed
 from places import SAMPLES
 from pxr import Usd, UsdGeom
 
 from featherfx.api import read_groom, scene_readers
 from featherfx.baking.pipeline import bake, check
 from featherfx.errors import InputWarning
-from featherfx.feather.crossings import crossings_of, patches_of
 from featherfx.feather.layout.layout import laid_out, measured
-from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import RACHIS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
 from featherfx.groom.skin.faults import signed_volume, skin_faults
@@ -56,7 +54,10 @@ def maker():
         return importlib.import_module("make_body")
 
 
-@pytest.mark.parametrize("bird", ["gull", "owl", "sparrow", "parrot", "peacock", "swan", "ostrich"])
+OTHERS = ["gull", "owl", "owl_flying", "sparrow", "parrot", "peacock", "swan", "ostrich"]
+
+
+@pytest.mark.parametrize("bird", OTHERS)
 def test_bodies_of_other_birds_are_whole(maker, tmp_path, bird):
     maker.make(tmp_path / f"{bird}.usdc", bird)
     made = skin_of(tmp_path / f"{bird}.usdc")
@@ -66,6 +67,12 @@ def test_bodies_of_other_birds_are_whole(maker, tmp_path, bird):
         if "eye" not in name:
             near = np.linalg.norm(made.rest - place, axis=1).min()
             assert near < 0.03 * maker.BUILDS[bird].size, name
+
+
+def test_the_script_makes_the_owl_in_flight(maker, tmp_path):
+    maker.make(tmp_path / "body.usdc", "owl_flying")
+    made, kept = (skin_of(each / "body.usdc") for each in (tmp_path, SAMPLES / "owl_flight"))
+    assert np.abs(made.rest - kept.rest).max() < 1e-6
 
 
 def test_the_script_makes_the_skin_that_is_there(skin, maker, tmp_path):
@@ -101,21 +108,6 @@ def assert_clear(report):
     assert (report.gaps < 0).mean() < 0.01
     assert report.gaps.min() > -1e-3
     assert report.skin_gaps.min() > -1e-3
-
-
-def crossed(feathers, rows=41, columns=10):
-    """Ids of pairs whose vanes pass through each other."""
-    parts, points = [], []
-    for number, (place, built) in enumerate(
-        zip(feathers, feathers_of(feathers, rows, columns), strict=True)
-    ):
-        surface = built.surface
-        faces = surface.triangles[surface.part != RACHIS]
-        at = place.position + surface.points(built.rest) @ np.asarray(place.rotation).T
-        parts.append((at, faces, np.zeros(len(faces), bool), number))
-        points.append(at)
-    found = crossings_of(np.concatenate(points), patches_of(parts))
-    return [tuple(feathers[k].id for k in pair) for pair in found.owners.tolist()]
 
 
 def test_feathers_of_a_folded_wing_do_not_cross(groom):

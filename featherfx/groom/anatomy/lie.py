@@ -23,7 +23,6 @@ from featherfx.phases import phase
 
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the body
 _WEIGHTS = np.array([3.0, 1.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of leading edge and these
-_CLEAR = 0.029  # of the wing's longest feather, at least to the body
 _NEAR = 0.06  # of it, up to which a wing leaves no room for feathers below
 _EDGE = 0.16  # of a feather's length, from its shaft to the edge of its inner vane
 # deg, allowed: roof, tuck, bow, beyond which vanes part, shoulder, and camber beyond the type's
@@ -180,7 +179,7 @@ class _Fit:
         points = _shafts(kind, self.scale, flight)
         for _ in range(8):
             gap = self.body.gaps((points + shift).reshape(-1, 3)).min()
-            shift = shift + (self.below + _CLEAR * self.longest - gap) * dorsal
+            shift = shift + (self.below + kind.clear * self.longest - gap) * dorsal
         outwards = frames[:, :, 1] * np.sign(frames[:, :, 1] @ across)[:, None]
         points = points + shift
         inner = points - _EDGE * (sizes[:, None] * outwards)[:, None]

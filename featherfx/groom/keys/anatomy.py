@@ -111,6 +111,11 @@ class WingType:
         Number(0, 150, "deg"),
         "How far the folded wing bends round the body, from its innermost feather to the wrist.",
     ] = 0.0
+    clear: Annotated[
+        float,
+        Number(0, 1),
+        "Of the longest feather: how far the shafts of a folded wing stay off the body.",
+    ] = 0.029
     innermost: Annotated[
         tuple[float, float], _SPREAD_FOLDED, "Innermost feather, against the forearm."
     ]

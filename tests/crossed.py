@@ -1,0 +1,22 @@
+"""Feathers that pass through each other, as they are placed."""
+
+import numpy as np
+
+from featherfx.feather.crossings import crossings_of, patches_of
+from featherfx.feather.shapes import feathers_of
+from featherfx.feather.types import RACHIS
+
+
+def crossed(feathers, rows=41, columns=10):
+    """Ids of pairs whose vanes pass through each other."""
+    parts, points = [], []
+    for number, (place, built) in enumerate(
+        zip(feathers, feathers_of(feathers, rows, columns), strict=True)
+    ):
+        surface = built.surface
+        faces = surface.triangles[surface.part != RACHIS]
+        at = place.position + surface.points(built.rest) @ np.asarray(place.rotation).T
+        parts.append((at, faces, np.zeros(len(faces), bool), number))
+        points.append(at)
+    found = crossings_of(np.concatenate(points), patches_of(parts))
+    return [tuple(feathers[k].id for k in pair) for pair in found.owners.tolist()]
