@@ -98,6 +98,32 @@ def test_pictures_have_the_colours_of_points(folder, group):
         assert np.ptp(np.array(painted), axis=0).max() > 0.2  # there is something to see
 
 
+def test_each_vane_has_a_place_of_its_own(folder):
+    """The middle of no face lies in another one, of all vanes of a cache; the vanes of a feather
+    have half its chart each."""
+    stage = Usd.Stage.Open(str(folder / "all.usdc"))
+    primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/all/feathers/all"))
+    corners = np.array(UsdGeom.Mesh(primvars.GetPrim()).GetFaceVertexIndicesAttr().Get())
+    side = np.array(primvars.GetPrimvar("side").Get())
+    vane = side < 2
+    faces, side = corners.reshape(-1, 3)[vane], side[vane]
+    st, atlas = (np.array(primvars.GetPrimvar(name).Get()) for name in ("st", "atlas"))
+    assert st[faces[side == 0], 0].min() == st[faces[side == 1], 0].max() == 0.5
+    a, b, c = np.moveaxis(atlas[faces].astype(float), 1, 0)
+
+    def left_of(start, end, points):
+        way = end - start
+        return way[:, None, 0] * (points[None, :, 1] - start[:, None, 1]) - way[:, None, 1] * (
+            points[None, :, 0] - start[:, None, 0]
+        )
+
+    middle = (a + b + c) / 3.0
+    turns = np.stack([left_of(*ends, middle) for ends in ((a, b), (b, c), (c, a))])
+    within = (turns > 0.0).all(axis=0) | (turns < 0.0).all(axis=0)
+    assert len(faces) > 1500
+    assert (within == np.eye(len(faces), dtype=bool)).all()
+
+
 def test_each_feather_has_a_chart_of_its_own(folder):
     stage = Usd.Stage.Open(str(folder / "all.usdc"))
     primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/all/rachises/all_rachis"))
