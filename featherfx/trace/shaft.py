@@ -2,7 +2,7 @@
 
 Barbs run across the shaft, so a blur along the feather leaves little of them and all of the shaft.
 The path along which the second derivative across is greatest is found by dynamic programming, and
-smoothed by a polynomial from which single stretches may be off (Huber 1964).
+smoothed by a line from which single stretches may be off (Huber 1964).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.polynomial import Chebyshev
+import scipy
 from scipy import ndimage
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
@@ -26,9 +26,9 @@ _ALONG, _SCALES = 0.02, (1.0, 0.7, 0.45, 0.3)
 _LEAST_CONTRAST = 2.5
 # times as wide as at its base, up to where a feather is calamus
 _STILL_BARE = 1.4
-# of the polynomial that the path is smoothed by: up to six inflections; pixels from it beyond which
+# waves of the path that are shorter than a share of it are evened out; pixels from it beyond which
 # a place of the path counts less, and how often it is fitted
-_DEGREE, _OFF, _FITS = 8, 2.0, 5
+_WAVE, _OFF, _FITS = 0.2, 2.0, 5
 _FINE = 2001
 
 
@@ -74,12 +74,26 @@ def shaft_of(laid: Laid, source: str) -> ShaftLine:
 
 
 def _smooth(along: Array, path: Array, shown: Array) -> Array:
-    """(U,) a polynomial through the path (U,), which counts by how much it shows (U,)."""
-    weight = shown
+    """(U,) the smooth line nearest to the path (U,), which counts by how much it shows (U,): least
+    squares with a penalty on third differences (Whittaker 1923)."""
+    rough, weight = _roughness(len(path)), shown
     for _ in range(_FITS):
-        smooth = np.asarray(Chebyshev.fit(along, path, _DEGREE, w=weight)(along))
+        bands = rough.copy()
+        bands[-1] += weight
+        smooth = np.asarray(scipy.linalg.solveh_banded(bands, weight * path))
         weight = shown / np.maximum(1.0, np.abs(smooth - path) / _OFF)
     return smooth
+
+
+def _roughness(count: int) -> Array:
+    """(4, count) the upper bands of the penalty's matrix."""
+    shape = count - 3, count
+    third = scipy.sparse.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=shape)
+    matrix = (_WAVE * count / (2.0 * np.pi)) ** 6 * (third.T @ third)
+    bands = np.zeros((4, count))
+    for k in range(4):
+        bands[3 - k, k:] = matrix.diagonal(k)
+    return bands
 
 
 def _bare(mask: Flags) -> tuple[Flags, float]:

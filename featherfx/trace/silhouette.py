@@ -2,7 +2,8 @@
 
 The silhouette is what differs from the ground (or is opaque): the largest connected piece, holes
 filled, beyond the border's own noise, and Otsu's threshold (1979) at most. The ground is the border
-of the picture, carried on inwards as light falls off on paper: a polynomial of degree 2.
+of the picture, carried on inwards as light falls off on paper, a polynomial of degree 2, and what
+that misses of the ground around the feather.
 """
 
 from __future__ import annotations
@@ -29,6 +30,9 @@ _LEAST_APART, _NOISE = 0.03, 2.0
 _GRAIN, _BLUR = 1.0, 2
 # of the border's distances from the ground's fit, times the middle one that still belong to it
 _OUTLYING, _FITS = 3.0, 4
+# what the fit misses of the ground is evened out over shares of the picture's longer side, one
+# after the other, at every fourth pixel; what counts as far from where it is known. Chosen by eye
+_REACHES, _COARSER, _FAR = (0.12, 0.06, 0.03), 4, 0.01
 # times as long as wide
 _LEAST_SLENDER = 1.5
 
@@ -149,7 +153,39 @@ def _border(shape: tuple[int, ...]) -> Flags:
 
 
 def _ground(colours: Array) -> Array:
-    """(H, W, 3) what colours (H, W, 3) were without a feather, from their border.
+    """(H, W, 3) what colours (H, W, 3) were without a feather, from their border and, once that
+    tells what is the feather, from all that is not."""
+    even = _even_ground(colours)
+    some = (slice(None, None, _COARSER),) * 2
+    few = ndimage.gaussian_filter(colours - even, (0.5 * _COARSER, 0.5 * _COARSER, 0.0))[some]
+    missed = np.zeros_like(few)
+    for step, share in enumerate(_REACHES):
+        apart = np.linalg.norm(few - missed, axis=-1) / np.sqrt(3.0)
+        # first what is surely none of the ground, as the fit may be off by more than its noise
+        least = _least_apart(apart, apart[_border(apart.shape)]) if step else _otsu(apart.round(6))
+        reach = share * max(few.shape)
+        beside = ~ndimage.binary_dilation(apart > least, iterations=max(round(0.1 * reach), 1))
+        missed = missed + _spread(few - missed, beside, reach)
+    rows, columns = (np.arange(count) / _COARSER for count in colours.shape[:2])
+    at = np.meshgrid(rows, columns, indexing="ij")
+    parts = [
+        ndimage.map_coordinates(each, at, order=1, mode="nearest")
+        for each in np.moveaxis(missed, -1, 0)
+    ]
+    return even + np.stack(parts, axis=-1)
+
+
+def _spread(left: Array, beside: Flags, reach: float) -> Array:
+    """(H, W, 3) what is left (H, W, 3) beside a feather, evened out over a reach in pixels and
+    carried on beneath it; nothing far from what is known."""
+    known = beside.astype(np.float64)
+    weight = ndimage.gaussian_filter(known, reach) + _FAR
+    sums = ndimage.gaussian_filter(known[..., None] * left, (reach, reach, 0.0))
+    return np.asarray(sums / weight[..., None])
+
+
+def _even_ground(colours: Array) -> Array:
+    """(H, W, 3) a polynomial of degree 2 through the border of colours (H, W, 3).
 
     A quarter of the border may be something else, such as a feather that is cut: what is further
     off than three times the middle one is left out, and the rest is fitted again.

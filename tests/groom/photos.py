@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageOps
 
 from featherfx.feather.build import build_feather
 
@@ -60,3 +60,12 @@ def picture(
         pixels = pixels + rng.normal(scale=noise, size=pixels.shape)
         image = Image.fromarray(np.clip(pixels, 0, 255).astype(np.uint8))
     return image, shaft
+
+
+def vignetted(image, share, margin=100):
+    """With more ground around it, and corners darker by a share, as the fourth power of the way
+    there from the middle."""
+    pixels = np.asarray(ImageOps.expand(image, margin, GROUND), dtype=np.float64)
+    rows, columns = (np.linspace(-0.5, 0.5, size) for size in pixels.shape[:2])
+    way = 2.0 * (rows[:, None] ** 2 + columns**2)
+    return Image.fromarray((pixels * (1.0 - share * way**2)[..., None]).astype(np.uint8))

@@ -73,6 +73,19 @@ def test_a_feather_is_found_again(tmp_path, text, turn, mirrored, dusk):
     assert ((over == (255, 190, 0)).all(axis=-1)).sum() > 500  # the shaft is drawn
 
 
+@pytest.mark.parametrize("base", ["swan_primary", "tail_feather"])
+def test_corners_that_lie_in_the_dark_are_no_feather(tmp_path, base):
+    """Light that falls off as the fourth power of the way from the middle, which no parabola does,
+    on a shaft with three inflections."""
+    bent = "rachis.sweep = 0\nrachis.course = [[0, 0, 0, 0], [0.15, 0, 0, 0], [0.4, 0, 22, 0],"
+    bent += " [0.7, 0, -20, 0], [0.8, 0, -18, 0], [1, 0, 16, 0]]\n"
+    true = kind(f'base = "{base}"\nlength = 0.35\n{bent if base == "swan_primary" else ""}')
+    image, _ = photos.picture(true, 0.5, size=500, noise=4.0)
+    result, _ = traced(tmp_path, photos.vignetted(image, 0.3))
+    assert result.exit_code == 0, result.output
+    assert float(result.output.split("within ")[1].split(" %")[0]) < 1.0
+
+
 def test_a_calamus_that_grain_hides_is_found(tmp_path):
     """Its colour is about as far from the ground as the grain of single pixels."""
     true = kind('base = "swan_primary"\n')
