@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import json
 import mmap
 import sys
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ from featherfx.baking.options import BakeOptions, takes
 from featherfx.baking.task import prepare
 from featherfx.baking.types import Task
 from featherfx.files.collecting import seldom_collected
+from featherfx.files.memory import give_back_memory
 from featherfx.files.whole import Standing, into, remove_leftovers, standing, write_all
 from featherfx.phases import Account, account, phase
 from featherfx.usd.write.resume import tidy
@@ -182,8 +181,7 @@ def resident_bytes(release: bool = False) -> int:
     """
     if release:
         gc.collect()
-        with suppress(AttributeError, OSError, TypeError):
-            ctypes.CDLL(None).malloc_trim(0)
+        give_back_memory()
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
         return pages * mmap.PAGESIZE

@@ -14,6 +14,7 @@ from featherfx.baking.types import Task
 from featherfx.errors import Problem
 from featherfx.files.background import Background
 from featherfx.files.collecting import seldom_collected
+from featherfx.files.memory import give_back_memory
 from featherfx.jit.told import TELLER
 from featherfx.phases import phase
 from featherfx.shot.checkpoint import Checkpoint
@@ -31,58 +32,70 @@ def simulate_and_write(
 
     notify: called with the samples done and their number.
     """
-    options, samples, sink = task.options, task.samples, Sink(task)
+    sink = Sink(task)
     TELLER.works = ("bake",) if task.shot.contact is None else ("bake", "contact")
     try:
         with sink:
-            taken_over, start = 0, None
-            if options.resume:
-                with phase("building", silent=True):
-                    taken_over, state = sink.writer.samples_done, sink.writer.state
-                start = Checkpoint.load(state) if state else None
-            done = taken_over
-            wanted, replay = _simulated(task, sink, start), replay_of(task, start)
-            with phase("building"), seldom_collected():
-                simulation = simulate(
-                    task.whole, options.jobs, task.frames, options.subframes, start, wanted, replay
-                )
-            notify(done, samples)
-            # where nothing is gone on with, it is built while feathers settle
-            sink.begin()
-            sink.compare(simulation.laid)
-            writing = Background(sink.write, 1)  # frames of a plumage are large
-
-            to_come = samples - done + task.samples_after
-            pace = Pace(to_come, to_come + samples - done)
-
-            def finish(finished: Callable[[], Iterator[tuple[Frame, Checkpoint | None]]]) -> None:
-                for frame, checkpoint in finished():
-                    writing(frame, checkpoint)
-                    pace.finished += 1
-                    del frame, checkpoint  # large, and the next is laid before it comes
-                pace.finished += 1
-
-            with writing, Background(finish, 1) as finishing:
-                ahead = simulation.ahead(
-                    lambda sample: sink.writer.ends_chunk(sample), options.accelerations
-                )
-                with phase("simulating", silent=True) as told:
-                    for finished in ahead if done < samples else ():
-                        with phase("writing" if writing.is_full else "simulating", silent=True):
-                            finishing.wait()
-                        finishing(finished)
-                        del finished  # holds a sample
-                        pace.simulated += 1
-                        told(pace.simulated, pace.left(finishing))
-                        if done < samples:
-                            done += 1
-                            notify(done, samples)
-                    finishing.wait()
-                with phase("writing"):
-                    writing.close()
-            sink.tell()
+            found = _written_to(sink, task, notify)
+            # all that was simulated is let go by now; the writer's end needs as much of its own
+            give_back_memory()
+            return found
     except KeyboardInterrupt as error:
         raise KeyboardInterrupt(sink.state) from error
+
+
+def _written_to(
+    sink: Sink, task: Task, notify: Callable[[int, int], None]
+) -> tuple[int, dict[str, Any]]:
+    """All samples, as simulate_and_write; the writer then lacks only its end."""
+    options, samples = task.options, task.samples
+    taken_over, start = 0, None
+    if options.resume:
+        with phase("building", silent=True):
+            taken_over, state = sink.writer.samples_done, sink.writer.state
+        start = Checkpoint.load(state) if state else None
+    done = taken_over
+    wanted, replay = _simulated(task, sink, start), replay_of(task, start)
+    with phase("building"), seldom_collected():
+        simulation = simulate(
+            task.whole, options.jobs, task.frames, options.subframes, start, wanted, replay
+        )
+    notify(done, samples)
+    # where nothing is gone on with, it is built while feathers settle
+    sink.begin()
+    sink.compare(simulation.laid)
+    writing = Background(sink.write, 1)  # frames of a plumage are large
+
+    to_come = samples - done + task.samples_after
+    pace = Pace(to_come, to_come + samples - done)
+
+    def finish(finished: Callable[[], Iterator[tuple[Frame, Checkpoint | None]]]) -> None:
+        for frame, checkpoint in finished():
+            writing.wait()  # so that no other waits meanwhile
+            writing(frame, checkpoint)
+            pace.finished += 1
+            del frame, checkpoint  # large, and the next is laid before it comes
+        pace.finished += 1
+
+    with writing, Background(finish, 1) as finishing:
+        ahead = simulation.ahead(
+            lambda sample: sink.writer.ends_chunk(sample), options.accelerations
+        )
+        with phase("simulating", silent=True) as told:
+            for finished in ahead if done < samples else ():
+                with phase("writing" if writing.is_waited_for else "simulating", silent=True):
+                    finishing.wait()
+                finishing(finished)
+                del finished  # holds a sample
+                pace.simulated += 1
+                told(pace.simulated, pace.left(finishing))
+                if done < samples:
+                    done += 1
+                    notify(done, samples)
+            finishing.wait()
+        with phase("writing"):
+            writing.close()
+    sink.tell()
     beside = {
         "writing_beside": writing.seconds,
         "writing_processor_seconds": writing.processor_seconds,

@@ -17,7 +17,7 @@ serves positions, velocities and accelerations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -52,6 +52,10 @@ class RowPoints(NamedTuple):
     def at(self, place: Any) -> RowPoints:
         """Those at a place of the leading axes."""
         return RowPoints(self.nodes[place], self.directors[place])
+
+    def each(self) -> Iterator[RowPoints]:
+        """Those at every place of the first axis."""
+        return map(RowPoints, self.nodes, self.directors)
 
     def assign(self, other: RowPoints) -> None:
         """Set both, in place."""

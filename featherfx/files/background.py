@@ -16,7 +16,7 @@ class Background:
     exception of the function is raised by the caller's next call or at the end, and no later call
     is made. Where a block of it raises itself, calls that wait are made all the same: a bake that
     is interrupted keeps what it has simulated. seconds: spent in the function so far, and
-    processor_seconds: of its thread.
+    processor_seconds: of its thread. is_waited_for: whether somebody waits for it.
     """
 
     def __init__(self, function: Callable[..., object], room: int = 2) -> None:
@@ -24,6 +24,7 @@ class Background:
         self._queue: Queue[tuple[Any, ...] | None] = Queue(room)
         self._error: BaseException | None = None
         self.seconds = self.processor_seconds = 0.0
+        self.is_waited_for = False
         self._thread = Thread(target=self._run, name="featherfx writer", daemon=True)
         self._thread.start()
 
@@ -34,14 +35,11 @@ class Background:
         self._raise()
         self._queue.put(arguments)
 
-    @property
-    def is_full(self) -> bool:
-        """Whether the next call would have to wait."""
-        return self._queue.full()
-
     def wait(self) -> None:
         """Return when all calls so far are done; raises as the next call would."""
+        self.is_waited_for = True
         self._queue.join()
+        self.is_waited_for = False
         self._raise()
 
     def close(self) -> None:

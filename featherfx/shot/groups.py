@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import carried_moving, density_map, scaled_map
 from featherfx.feather.shapes import feathers_of
@@ -362,14 +362,22 @@ def loads_within(
     return sheltered(loads, group.exposure, way, end - start)
 
 
-def pose_of(group: Group, k: int) -> FeatherPose:
-    """Points and rates of a group's feather on the grid of the meshes."""
-    state, to_mesh = group.state, group.maps[k]
-    points, *rates = (each.at(k) for each in (state.points, state.velocity, state.acceleration))
-    if to_mesh is None:
-        gaps = state.gaps_of(k) if group.solver.model.hooked else None
-        return FeatherPose(points, rates[0], rates[1], gaps)
-    return FeatherPose(*carried_moving(to_mesh, points, *rates))
+def poses_of(group: Group, some: Flags) -> dict[int, FeatherPose]:
+    """Points and rates of some of a group's feathers (F,), by their numbers, on the grid of the
+    meshes."""
+    state, hooked, found = group.state, group.solver.model.hooked, dict[int, FeatherPose]()
+    given = zip(
+        group.members.tolist(), some.tolist(), state.points.each(), state.velocity.each(),
+        state.acceleration.each(), group.maps, strict=True,
+    )  # fmt: skip
+    for k, (f, is_wanted, points, velocity, acceleration, to_mesh) in enumerate(given):
+        if is_wanted and to_mesh is None:
+            gaps = state.gaps_of(k) if hooked else None
+            found[f] = FeatherPose(points, velocity, acceleration, gaps)
+        elif is_wanted and to_mesh is not None:
+            moving = carried_moving(to_mesh, points, velocity, acceleration)
+            found[f] = FeatherPose(*moving)
+    return found
 
 
 def maps_between(

@@ -11,7 +11,7 @@ from test_contact_shots import THICKNESS, baked, bird
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Motion
-from featherfx.solver.contact.meeting_kernels import joined, meeting
+from featherfx.solver.contact.meeting_kernels import cover_ways, joined, meeting
 
 PAIR = "right_primary_03", "left_primary_03"
 
@@ -124,3 +124,20 @@ def test_thousands_of_boxes_at_one_place_are_no_millions_of_pairs():
     tracemalloc.stop()
     assert np.array_equal(parts, np.repeat(np.arange(3), 20_000))
     assert peak < 20e6
+
+
+def test_boxes_cover_the_ways_of_feathers_and_of_their_roots():
+    rng = np.random.default_rng(10)
+    nodes, velocity = rng.normal(size=(2, 5, 4, 7, 3))
+    samples = np.cumsum(rng.normal(size=(5, 6, 6)), axis=1)
+    low, high = np.empty((2, 5, 3))
+    cover_ways(nodes, velocity, samples, 0.3, 0.01, low, high)
+    for f in range(5):
+        points = nodes[f].reshape(-1, 3)
+        size = np.linalg.norm(np.ptp(points, axis=0))
+        led = np.abs(samples[f] - samples[f, 0]).max(axis=0)
+        by_root = led[:3] + led[3:].sum() * size
+        by_itself = 0.3 * np.abs(velocity[f]).max(axis=(0, 1))
+        way = np.maximum(by_root, by_itself) + 0.01
+        assert np.allclose(low[f], points.min(axis=0) - way, atol=1e-12)
+        assert np.allclose(high[f], points.max(axis=0) + way, atol=1e-12)

@@ -5,18 +5,20 @@ from __future__ import annotations
 import shutil
 import threading
 import warnings
+import weakref
 from pathlib import Path
 
 import pytest
 
 import featherfx
-from featherfx.baking import pipeline, sink
+from featherfx.baking import loop, pipeline, sink
 from featherfx.errors import InputError, Problem
 from featherfx.feather import shapes
 from featherfx.feather.layout import layout
 from featherfx.shot import groups
 from featherfx.shot.contact import pairs
 from featherfx.shot.layers import stack
+from featherfx.usd.write.write import CacheWriter
 
 GROOM = """
 name = "crowded"
@@ -170,3 +172,22 @@ def test_where_it_cannot_be_found_nothing_is_written(shot, monkeypatch):
     with pytest.raises(InputError, match="is no more"):
         baked(shot, "one")
     assert not (shot.parent / "one" / "crowd.usdc").exists()
+
+
+def test_what_was_simulated_is_gone_when_the_writer_ends(shot, monkeypatch):
+    simulations, standing = [], []
+    simulate, end = loop.simulate, CacheWriter._finish
+
+    def noted(*given):
+        simulation = simulate(*given)
+        simulations.append(weakref.ref(simulation))
+        return simulation
+
+    def ended(writer):
+        standing.extend(each() for each in simulations)
+        end(writer)
+
+    monkeypatch.setattr(loop, "simulate", noted)
+    monkeypatch.setattr(CacheWriter, "_finish", ended)
+    baked(shot, "first")
+    assert standing == [None]

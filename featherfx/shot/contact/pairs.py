@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.files.store import kept
-from featherfx.solver.contact.meeting_kernels import meeting
+from featherfx.solver.contact.meeting_kernels import cover_ways, meeting
 from featherfx.solver.contact.search import Searcher
 from featherfx.solver.contact.surfaces import WALL_FIT, Grids, moving_bodies, no_memory
 from featherfx.solver.contact.types import Candidates, Search, VaneSurfaces
@@ -114,19 +114,13 @@ class Encounters:
     ) -> Indices:
         """(N, 2) pairs, in both roles, of feathers that were not known to meet, and may within a
         duration (s) as they and their roots move; they are known from now on. margin: m."""
-        low, high = [], []
+        low, high = np.empty((2, self._bodies, 3))
+        first = 0
         for state, path in zip(states, paths, strict=True):
-            nodes = _by_node(state.points.nodes)
-            least, most = nodes.min(axis=0), nodes.max(axis=0)
-            size = np.linalg.norm(most - least, axis=1)
-            led = np.abs(path.samples - path.samples[:, :1]).max(axis=1)
-            way = np.abs(_by_node(state.velocity.nodes)).max(axis=0) * duration
-            way = np.maximum(
-                way, led[:, :3] + led[:, 3:].sum(axis=1, keepdims=True) * size[:, None]
-            )
-            low.append(least - way - margin)
-            high.append(most + way + margin)
-        fresh = meeting(np.concatenate(low), np.concatenate(high))
+            nodes, velocity = state.points.nodes, state.velocity.nodes
+            own = slice(first, first := first + len(nodes))
+            cover_ways(nodes, velocity, path.samples, duration, margin, low[own], high[own])
+        fresh = meeting(low, high)
         codes = self._codes(fresh)
         place = np.minimum(np.searchsorted(self._known, codes), len(self._known) - 1)
         fresh = fresh[self._known[place] != codes] if len(self._known) else fresh
@@ -134,11 +128,6 @@ class Encounters:
         if len(both):
             self.know(both)
         return both
-
-
-def _by_node(values: Array) -> Array:
-    """(N, F, 3) of the N nodes of feathers (F, n, 1 + 2 m, 3): extremes are found faster there."""
-    return np.ascontiguousarray(values.reshape(len(values), -1, 3).swapaxes(0, 1))
 
 
 def _order_at_rest(

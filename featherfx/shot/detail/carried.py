@@ -99,11 +99,8 @@ def rates_of(motion: Roots, members: Indices, start: float, end: float) -> list[
 
 
 def _by_number(members: Indices, world: Sequence[RowPoints]) -> dict[int, FeatherPose]:
-    points, velocities, accelerations = world
-    return {
-        int(f): FeatherPose(points.at(k), velocities.at(k), accelerations.at(k))
-        for k, f in enumerate(members)
-    }
+    poses = map(FeatherPose, *(each.each() for each in world))
+    return dict(zip(members.tolist(), poses, strict=True))
 
 
 def seen_from_roots(world: Sequence[RowPoints], roots: Sequence[RootFrames]) -> list[RowPoints]:

@@ -12,7 +12,7 @@ from featherfx.shot.detail.carried import Carried, rigid_poses
 from featherfx.shot.detail.changes import Fades, LevelChange, take_level_up
 from featherfx.shot.detail.levels import NUMBER, LevelPlan
 from featherfx.shot.frames import FeatherPose
-from featherfx.shot.groups import Group, loads_within, pose_of
+from featherfx.shot.groups import Group, loads_within, poses_of
 from featherfx.shot.islands import ALONE
 from featherfx.shot.motion.motion import root_path
 from featherfx.shot.motion.roots import RootFrames, Roots
@@ -171,8 +171,8 @@ class LevelRun:
         found = {(f, int(self.fades.now[f])): pose for f, pose in self._replay.poses(index).items()}
         for group in self._groups:
             level = NUMBER[group.level]
-            for k in np.flatnonzero(self.active(group)):
-                found[int(group.members[k]), level] = pose_of(group, int(k))
+            own = poses_of(group, self.active(group))
+            found |= {(f, level): pose for f, pose in own.items()}
         rigid = {int(f): self._drawn[f] for f in every[self.fades.active(every, _RIGID)]}
         if rigid:
             moved = rigid_poses(rigid, self._motion, start, end)

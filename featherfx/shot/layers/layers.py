@@ -214,10 +214,8 @@ class Layers:
                 _along((lifts.lift - before) / duration, pose.way),
                 out=velocities.nodes,
             )
-        return [
-            FeatherPose(laid.at(k), velocities.at(k), accelerations.at(k), own)
-            for k, own in enumerate(gaps)
-        ]
+        rows = (each.each() for each in (laid, velocities, accelerations))
+        return list(map(FeatherPose, *rows, gaps))
 
     def _eased_lift(self, asked: Array, before: Array, duration: float) -> Array:
         """(F, n, 2 m + 1) m, lifts no lower than asked for that come down slowly from those before,

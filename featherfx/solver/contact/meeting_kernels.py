@@ -3,6 +3,8 @@ it ends (sweep and prune, Baraff 1992)."""
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 
 from featherfx.jit.compiled import kernel
@@ -35,6 +37,44 @@ def joined(parts: Indices, low: Array, high: Array) -> Indices:
     order = np.argsort(low[:, 0], kind="stable")
     _join(order, low, high, leader, np.empty_like(order))
     return np.unique(leader, return_inverse=True)[1]
+
+
+@kernel
+def cover_ways(nodes, velocity, samples, duration, margin, low, high):
+    """Boxes that feathers do not leave within a duration (s) as they, and their roots, move.
+
+    nodes, velocity: (F, n, 1 + 2 m, 3) m and m/s. samples: (F, K, 6) m and rad, of their roots'
+    paths. margin: m, that boxes are larger by. Written: low, high, (F, 3) m.
+    """
+    for f in range(nodes.shape[0]):
+        square, turn = 0.0, 0.0
+        for k in range(3):
+            least, most = nodes[f, 0, 0, k], nodes[f, 0, 0, k]
+            for i in range(nodes.shape[1]):
+                for p in range(nodes.shape[2]):
+                    least = min(least, nodes[f, i, p, k])
+                    most = max(most, nodes[f, i, p, k])
+            low[f, k], high[f, k] = least, most
+            square += (most - least) ** 2
+            turn += _farthest(samples, f, 3 + k)
+        size = sqrt(square)
+        for k in range(3):
+            fastest = 0.0
+            for i in range(nodes.shape[1]):
+                for p in range(nodes.shape[2]):
+                    fastest = max(fastest, abs(velocity[f, i, p, k]))
+            way = max(fastest * duration, _farthest(samples, f, k) + turn * size)
+            low[f, k] -= way + margin
+            high[f, k] += way + margin
+
+
+@kernel
+def _farthest(samples, f, k):
+    """How far one number of a root's path goes from its first value."""
+    farthest = 0.0
+    for at in range(1, samples.shape[1]):
+        farthest = max(farthest, abs(samples[f, at, k] - samples[f, 0, k]))
+    return farthest
 
 
 @kernel

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from featherfx.solver.contact.find_kernels import find_contacts, refit
 from featherfx.solver.contact.ground_kernels import find_ground_contacts
+from featherfx.solver.contact.memory_kernels import remember
 from featherfx.solver.contact.types import (
     CONTACT,
     Bytes,
@@ -55,22 +56,10 @@ class Found(NamedTuple):
         start: of an interval that goes on. Its poses so far tell no sides but where a force held
         them; all others are as they were.
         """
-        contacts, (_, rows, columns) = self.contacts, memory.wall.shape
-        on_wall, wall = contacts["host"] < 0, np.zeros_like(memory.wall)
-        guest, row, column, force = (
-            contacts[name][on_wall] for name in ("guest", "row", "column", "guest_force")
-        )
-        wall[guest, row, column] = force
-        held = (contacts["guest_force"] > 0.0) | (contacts["host_force"] > 0.0)
-        if start is None:
-            # what is deep belongs on its side, whether it is pressed or not
-            held |= contacts["gap"] < contacts["spared"]
-            # behind the pairs, what walls have
-            held |= contacts["side"] != np.append(order, 0)[contacts["pair"]]
-        kept = contacts[held & ~on_wall]
-        key = (kept["pair"] * rows + kept["row"]) * columns + kept["column"]
-        force = np.stack([kept["guest_force"], kept["host_force"]], axis=1)
-        side = kept["side"].astype(np.int8)
+        wall, number = np.zeros_like(memory.wall), self.number
+        key, force, side = np.empty(number, "i8"), np.empty((number, 2)), np.empty(number, "i1")
+        count = remember(self.touch, number, order, start is not None, key, force, side, wall)
+        key, force, side = key[:count], force[:count], side[:count]
         if start is not None:
             idle = ~np.isin(start.key, key)
             key = np.concatenate([key, start.key[idle]])
