@@ -5,9 +5,10 @@ many workers from what its orders took.
 
 Shares are islands of feathers that touch: one for each bird, in the 12 common steps a frame of
 samples/flapping_bird, so that birds take alike. The job is run with each number of
-workers on this machine, and of its time by the clock is told what baking takes, which more workers
-share, and what is the same for any number of them: loading, starting and ending them, looking,
-merging. Times of the schedule are of the processor, so that other work on the machine counts less.
+workers on as many cores of this machine, since one worker would lay and write on a second core, and
+of its time by the clock is told what baking takes, which more workers share, and what is the same
+for any number of them: loading, starting and ending them, looking, merging. The first job of a shot
+does not know which of its birds takes longest; the others do. Times of the schedule are of the processor, so that other work on the machine counts less.
 For many workers, orders of the run with most workers are given out as a job gives them, each to
 whoever is free: looking at a shot, its shares, chunks that are merged, and what completes it. A
 flock of more birds has as many shares of the mean, and looking, merging and completing take as much
@@ -19,6 +20,7 @@ from __future__ import annotations
 import argparse
 import heapq
 import json
+import os
 import subprocess
 import sys
 import time
@@ -71,11 +73,14 @@ def measured(folder: Path, frames: int, chunk: int, row: int, workers: int) -> d
     out.mkdir(parents=True, exist_ok=True)
     shot, report = flock(folder, BIRDS, 1.5, STEPS, frames=frames, row=row), out / "report.json"
     command = f"-m featherfx bake {shot} -o {out} --report {report} --overwrite --engine dask"
-    # else one worker would have all cores
-    jobs = " --jobs 1" if workers == 1 else ""
-    options = f"--workers {workers} --shares {BIRDS} --chunk {chunk}{jobs}"
+    options = f"--workers {workers} --shares {BIRDS} --chunk {chunk}"
+    own = sorted(os.sched_getaffinity(0))[:workers]
     begin = time.perf_counter()
-    subprocess.run([sys.executable, *command.split(), *options.split()], check=True)
+    subprocess.run(
+        [sys.executable, *command.split(), *options.split()],
+        check=True,
+        preexec_fn=lambda: os.sched_setaffinity(0, own),
+    )
     seconds = time.perf_counter() - begin
     found: dict[str, Any] = json.loads(report.read_text())
     loading = {"loading": seconds - found["wall_seconds"]}

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm.engine import BEGUN, DONE, FAILED, LOST, PROGRESS, QUIET, News
 from featherfx.farm.work import PLAN, Order, work
-from featherfx.jit.threads import allow
+from featherfx.jit.threads import allow, cores
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -210,9 +210,9 @@ def opened(scheduler: str | None, workers: int | None) -> Iterator[DaskEngine]:
     with contextlib.ExitStack() as stack:
         if scheduler is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="featherfx-dask-"))
-            count = workers or os.cpu_count() or 1
+            count = workers or cores()
             connect = stack.enter_context(_local(distributed, count, folder))
-            yield DaskEngine(connect, count, starting=True, cores=os.cpu_count() or 1)
+            yield DaskEngine(connect, count, starting=True, cores=cores())
         else:
             client = stack.enter_context(_client(distributed, scheduler, workers or 1))
             there = client.scheduler_info(n_workers=-1)["workers"]

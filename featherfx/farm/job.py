@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, Problem, SimulationError
+from featherfx.farm import past
 from featherfx.farm.engine import DONE, FAILED, LOST, PROGRESS, QUIET, Engine, News
 from featherfx.farm.places import Shares
 from featherfx.farm.work import BAKE, MERGE, PLAN, Done, Order
@@ -39,7 +40,8 @@ class _ShotState:
 
     looked: times of looking at it. left: shares that are not baked yet. baked: reports of the
     others. chunks, pieces: that are merged one by one, and reports of those that are there.
-    problems: that ended it.
+    problems: that ended it. past: processor s of a sample of each share in an earlier job, none
+    where they are not known.
     """
 
     shot: Path
@@ -54,6 +56,7 @@ class _ShotState:
     merged: dict[str, Any] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     lock: Lock | None = None
+    past: list[float] = field(default_factory=list)
 
     @property
     def name(self) -> str:
@@ -123,10 +126,9 @@ class Job:
             self._look_at_all()
             self._engine.meet()
             self._looked_at = self._baked_at = time.perf_counter()
-            # the largest first, so that none of them is begun last, by one worker alone
-            begun = [(each, *part) for each in self._shots for part in self._begin(each)]
+            begun = [(each, part) for each in self._shots for part in self._begin(each)]
             self._engine.share_out(len(begun))
-            for each, order, _ in sorted(begun, key=lambda part: -part[2]):
+            for each, order in self._longest_first(begun):
                 self._give(each, order)
             self._until_all_are_heard()
         finally:
@@ -173,8 +175,25 @@ class Job:
         shot, output = str(each.shot), str(each.output)
         return Order(what, shot, output, self._options, shares, program_digest(), **more)
 
-    def _begin(self, each: _ShotState) -> list[tuple[Order, int]]:
-        """Make room for a shot; its shares, with the samples of all their feathers."""
+    def _longest_first(
+        self, begun: Sequence[tuple[_ShotState, Order]]
+    ) -> list[tuple[_ShotState, Order]]:
+        """Shares of shots in the order in which they are given out, so that no long one is begun
+        last, by one worker alone: by what each took before, and where that is not known by its
+        feathers and samples."""
+        known = [each for each in self._shots if each.past]
+        feathers = sum(sum(each.plan["sizes"]) for each in known)
+        mean = sum(sum(each.past) for each in known) / feathers if known else 1.0
+
+        def work(begun: tuple[_ShotState, Order]) -> float:
+            each, place = begun[0], begun[1].share - 1
+            of_sample = each.past[place] if each.past else mean * each.plan["sizes"][place]
+            return float(each.plan["samples"] * of_sample)
+
+        return sorted(begun, key=work, reverse=True)
+
+    def _begin(self, each: _ShotState) -> list[Order]:
+        """Make room for a shot; its shares."""
         count, chunk = each.plan["shares"], each.plan["chunk"]
         try:
             each.lock = Lock(lock_file(each.output))
@@ -188,10 +207,10 @@ class Job:
             return []
         if count == 1:
             each.release()  # its bake takes it itself
-        each.left, samples = count, each.plan["samples"]
+        each.left, each.past = count, past.seconds_of(each.shot, each.plan["sizes"])
         return [
-            (self._order(each, BAKE, count, share=share, chunk=chunk), samples * size)
-            for share, size in enumerate(each.plan["sizes"], 1)
+            self._order(each, BAKE, count, share=share, chunk=chunk)
+            for share in range(1, count + 1)
         ]
 
     def _give(self, each: _ShotState, order: Order) -> None:
@@ -260,6 +279,8 @@ class Job:
             each.baked.append({"share": order.share, **told, **done.report, **done.times})
             each.left -= 1
             self._baked_at = time.perf_counter()
+            if each.left == 0:
+                _note(each)
             if each.left == 0 and order.shares > 1:
                 self._merge(each)
             elif each.left == 0:
@@ -337,3 +358,14 @@ class Job:
         merging = {**each.merged, "pieces": each.pieces} if each.merged else {}
         parts = {"looking": each.looked, "shares": shares, "merging": merging}
         return {**plan, "output": str(each.output), **parts}
+
+
+def _note(each: _ShotState) -> None:
+    """Remember for later jobs what shares took, where each was baked whole by one worker."""
+    whole = all(
+        not share["samples_taken_over"] and not share["workers_lost"] for share in each.baked
+    )
+    if whole and each.plan["samples"]:
+        shares = sorted(each.baked, key=lambda share: int(share["share"]))
+        took = [share["processor_seconds"] / each.plan["samples"] for share in shares]
+        past.note(each.shot, each.plan["sizes"], took)

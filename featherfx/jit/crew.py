@@ -26,6 +26,7 @@ from numba.core import event
 
 from featherfx.errors import InputError, Problem
 from featherfx.jit.cache import root_folder
+from featherfx.jit.threads import cores
 
 # more would mostly wait for the largest kernel
 MOST_COMPILERS = 4
@@ -54,8 +55,7 @@ def compilers() -> int:
     if not given:
         # elsewhere sys.executable is the program that hosts this one
         python = Path(sys.executable or "").stem.startswith("python")
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        return min(cores or 1, MOST_COMPILERS) if python else 1
+        return min(cores(), MOST_COMPILERS) if python else 1
     if not given.isdecimal() or not 1 <= int(given) <= 64:
         raise InputError(Problem(VARIABLE, "", f"is {given!r}, allowed: 1 to 64"))
     return int(given)

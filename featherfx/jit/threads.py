@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 from featherfx.limits import MOST_JOBS
 
 _allowed = [MOST_JOBS]
@@ -16,3 +18,10 @@ def allow(threads: int) -> None:
 def allowed(jobs: int) -> int:
     """Threads of so many that may be taken now, at least one."""
     return max(1, min(jobs, _allowed[0]))
+
+
+def cores() -> int:
+    """Cores that this process may use, of those that the machine has."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -17,7 +17,7 @@ import featherfx
 from featherfx.errors import InputError
 from featherfx.farm import cluster as room
 from featherfx.farm.job import Job
-from featherfx.jit.threads import allow, allowed
+from featherfx.jit.threads import allow, allowed, cores
 
 distributed = pytest.importorskip("distributed")
 OPTIONS = {"frames": (1, 3), "chunk": 2}
@@ -195,8 +195,7 @@ def test_one_worker_of_this_machine_takes_what_a_job_tells_it(tmp_path):
     with room.opened(None, 1) as engine:
         engine.share_out(1)
         client = engine._client
-        cores = os.cpu_count() or 1
-        assert list(client.run(allowed, 1000).values()) == [cores]
+        assert list(client.run(allowed, 1000).values()) == [cores()]
         assert list(client.run(signal.getsignal, signal.SIGINT).values()) == [signal.SIG_IGN]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,8 @@ from farm.farm_cases import SerialEngine, options_of, shot_file
 
 import featherfx
 from featherfx.errors import InputError, Problem, SimulationError
+from featherfx.farm import job as job_module
+from featherfx.farm import past
 from featherfx.farm.job import Job
 from featherfx.farm.places import PATHS_VARIABLE, Shares, mapped, outputs_of
 from featherfx.farm.work import BAKE, MERGE, PLAN
@@ -81,6 +84,32 @@ def test_what_is_most_work_is_given_out_first(tmp_path):
         Job(shots, outputs, options_of(**OPTIONS), engine, 1, lambda done, total: None).run()
     names = [Path(order.shot).stem for order, _ in engine.given if order.what == BAKE]
     assert names == ["swan_wing", "feather_pull"]
+
+
+def test_what_took_longest_before_is_given_out_first(tmp_path, monkeypatch):
+    """Once all shares of a shot were baked, whole; a share that was not says nothing."""
+    monkeypatch.setenv("FEATHERFX_CACHE", str(tmp_path / "cache"))
+    done, shot = job_module.Done, tmp_path / "wing.toml"
+
+    class Timed(SerialEngine):
+        def _carry_out(self, number, order, avoid):
+            super()._carry_out(number, order, avoid)
+            took = {1: 3.0, 2: 9.0, 3: 6.0}.get(order.share, 1.0)
+            if isinstance(self._news[-1].value, done):
+                times = {"wall_seconds": 1.0, "processor_seconds": took}
+                news = self._news.pop()
+                self._news.append(replace(news, value=replace(news.value, times=times)))
+
+    def order_of(engine, **options):
+        job(tmp_path, engine, **options).run()
+        return [order.share for order, _ in engine.given if order.what == BAKE]
+
+    assert order_of(Timed()) == [1, 2, 3]
+    assert past.seconds_of(shot, [7, 7, 6]) == [1.0, 3.0, 2.0]
+    assert order_of(Timed(), overwrite=True) == [2, 3, 1]
+    # of other shares nothing is known
+    assert past.seconds_of(shot, [10, 10]) == []
+    assert order_of(Timed(), shares=2, overwrite=True) == [1, 2]
 
 
 def test_what_cannot_be_written_is_tried_by_another_worker_and_then_given_up(tmp_path, single):
