@@ -8,7 +8,8 @@ samples/flapping_bird, so that birds take alike. The job is run with each number
 workers on as many cores of this machine, since one worker would lay and write on a second core, and
 of its time by the clock is told what baking takes, which more workers share, and what is the same
 for any number of them: loading, starting and ending them, looking, merging. The first job of a shot
-does not know which of its birds takes longest; the others do. Times of the schedule are of the processor, so that other work on the machine counts less.
+does not know which of its birds takes longest; the others do. Times of the schedule are of the
+processor, so that other work on the machine counts less.
 For many workers, orders of the run with most workers are given out as a job gives them, each to
 whoever is free: looking at a shot, its shares, chunks that are merged, and what completes it. A
 flock of more birds has as many shares of the mean, and looking, merging and completing take as much
