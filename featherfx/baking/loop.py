@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,18 @@ from featherfx.baking.sink import Sink
 from featherfx.baking.types import Task
 from featherfx.errors import Problem
 from featherfx.files.background import Background
-from featherfx.files.collecting import seldom_collected
+from featherfx.files.collecting import seldom_collected, set_aside
 from featherfx.files.memory import give_back_memory
 from featherfx.jit.told import TELLER
 from featherfx.phases import phase
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.frames import Frame
 from featherfx.shot.replay import Replay
-from featherfx.shot.simulate import simulate
+from featherfx.shot.simulate import Simulation, simulate
 from featherfx.usd.types import OutputError
+
+# feathers from which on what they are made of is worth setting aside
+MANY = 500
 
 
 def simulate_and_write(
@@ -64,6 +68,22 @@ def _written_to(
     # where nothing is gone on with, it is built while feathers settle
     sink.begin()
     sink.compare(simulation.laid)
+    many = len(task.whole.groom.feathers) >= MANY
+    with set_aside() if many else nullcontext():
+        writing = _frames_written(sink, task, simulation, done, notify)
+    sink.tell()
+    beside = {
+        "writing_beside": writing.seconds,
+        "writing_processor_seconds": writing.processor_seconds,
+    }
+    return taken_over, simulation.report | beside | _told(task, wanted, replay)
+
+
+def _frames_written(
+    sink: Sink, task: Task, simulation: Simulation, done: int, notify: Callable[[int, int], None]
+) -> Background:
+    """Go through a simulation and write the samples that are not done; what wrote them."""
+    samples = task.samples
     writing = Background(sink.write, 1)  # frames of a plumage are large
 
     to_come = samples - done + task.samples_after
@@ -79,7 +99,7 @@ def _written_to(
 
     with writing, Background(finish, 1) as finishing:
         ahead = simulation.ahead(
-            lambda sample: sink.writer.ends_chunk(sample), options.accelerations
+            lambda sample: sink.writer.ends_chunk(sample), task.options.accelerations
         )
         with phase("simulating", silent=True) as told:
             for finished in ahead if done < samples else ():
@@ -95,12 +115,7 @@ def _written_to(
             finishing.wait()
         with phase("writing"):
             writing.close()
-    sink.tell()
-    beside = {
-        "writing_beside": writing.seconds,
-        "writing_processor_seconds": writing.processor_seconds,
-    }
-    return taken_over, simulation.report | beside | _told(task, wanted, replay)
+    return writing
 
 
 def _simulated(task: Task, sink: Sink, start: Checkpoint | None) -> Sequence[int]:

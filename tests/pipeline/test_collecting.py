@@ -6,7 +6,7 @@ import gc
 
 import pytest
 
-from featherfx.files.collecting import seldom_collected
+from featherfx.files.collecting import seldom_collected, set_aside
 
 
 @pytest.fixture
@@ -39,3 +39,15 @@ def test_what_is_off_stays_off(usual):
     with seldom_collected():
         assert gc.get_threshold()[0] == 0
     assert gc.get_threshold() == (0, 10, 10)
+
+
+def test_what_is_there_is_set_aside_until_it_is_left():
+    kept = [[] for _ in range(1000)]
+    with pytest.raises(ValueError, match="broken"), set_aside():
+        known = gc.get_freeze_count()
+        assert known > len(kept)
+        with set_aside():
+            pass
+        assert gc.get_freeze_count() == known
+        raise ValueError("broken")
+    assert gc.get_freeze_count() == 0
