@@ -41,13 +41,28 @@ def test_what_is_off_stays_off(usual):
     assert gc.get_threshold() == (0, 10, 10)
 
 
-def test_what_is_there_is_set_aside_until_it_is_left():
-    kept = [[] for _ in range(1000)]
-    with pytest.raises(ValueError, match="broken"), set_aside():
-        known = gc.get_freeze_count()
-        assert known > len(kept)
+@pytest.fixture
+def nothing_aside():
+    """The tests have set aside what they import."""
+    gc.unfreeze()
+    yield
+    gc.freeze()
+
+
+def test_what_is_there_is_set_aside_until_it_is_left(nothing_aside):
+    def broken():
         with set_aside():
-            pass
-        assert gc.get_freeze_count() == known
-        raise ValueError("broken")
+            assert gc.get_freeze_count() > 1000
+            raise ValueError("broken")
+
+    with pytest.raises(ValueError, match="broken"):
+        broken()
     assert gc.get_freeze_count() == 0
+
+
+def test_what_somebody_has_set_aside_stays_so():
+    gc.freeze()
+    known = gc.get_freeze_count()
+    with set_aside():
+        assert gc.get_freeze_count() == known
+    assert gc.get_freeze_count() == known
