@@ -131,7 +131,7 @@ def test_a_loop_of_another_period_is_refused(tmp_path):
         (["--speed", "1", "--loop", "3"], 2, "one of"),
         (["--keys", "1:1,a"], 2, "no list of keys"),
         (["--keys", "1:1"], 1, "at least two"),
-        (["--keys", "1:1,1:4"], 1, "do not increase"),
+        (["--keys", "1:1,5:4,3:6"], 1, "new frame 3 after 5"),
         (["--keys", "1:1,9:99"], 1, "frame 99, the cache has 1 to 32"),
         (["--keys", "1:1,1e9:4"], 1, "at most 1000000"),
         (["--speed", "0"], 1, "above 0"),

@@ -67,8 +67,9 @@ def along_keys(keys: Sequence[tuple[float, float]], range_: tuple[float, float])
     new, old = ([key[k] for key in keys] for k in (0, 1))
     if len(keys) < 2:
         raise _wrong("keys", "needs at least two of them, NEW:OLD each")
-    if any(after <= before for before, after in pairwise(new)):
-        raise _wrong("keys", "have new frames that do not increase")
+    for before, after in pairwise(new):
+        if after <= before:
+            raise _wrong("keys", f"have new frame {after:g} after {before:g}, it has to be later")
     for each in old:
         if not range_[0] <= each <= range_[1]:
             raise _wrong(
