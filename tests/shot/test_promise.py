@@ -49,10 +49,31 @@ def test_less_error_and_softer_feathers_take_more_work():
 
 def test_what_is_chosen_is_expected_to_keep_the_error():
     known = front()
-    for error, air in ((0.02, 0.0), (0.01, 0.4), (0.005, 0.8)):
-        chosen = chosen_for(error, Bends(0.03, 0.02, air))
-        space = known.before.by(chosen[:3], 0.03, 0.02)
+    for error, shaft, air in ((0.02, 0.03, 0.0), (0.01, 0.03, 0.4), (0.005, 0.1, 0.8)):
+        bends = Bends(shaft, 0.02, air)
+        chosen = chosen_for(error, bends)
+        space = known.before.by(chosen[:3], shaft, 0.02)
+        assert not known.calms(bends)
         assert np.hypot(space, known.steps.by(chosen.tolerance, air)) <= 1.001 * planned_with(error)
+
+
+def test_calm_feathers_take_less_and_the_less_they_bend_the_less_rows_miss():
+    """Damped by air, and bent by less than any of the scenes in air."""
+    known = front()
+    calm = Bends(0.9 * known.calm[0], 0.5 * known.calm[1], 0.6)
+    assert known.calms(calm)
+    lively = [
+        calm._replace(air=0.4),
+        calm._replace(wrung=True),
+        calm._replace(shaft=1.1 * known.calm[0]),
+        calm._replace(barb=1.1 * known.calm[1]),
+    ]
+    for bends in lively:
+        assert not known.calms(bends)
+        assert work(chosen_for(0.005, bends)) > 1.3 * work(chosen_for(0.005, calm))
+    rows = [known.expected(calm._replace(shaft=d)).rows.by(8, d) for d in (0.01, 0.02, 0.04)]
+    assert rows[1] / rows[0] > 2.0
+    assert rows[2] / rows[1] > 2.0
 
 
 def test_air_takes_longer_steps_and_wrung_vanes_more_rows():

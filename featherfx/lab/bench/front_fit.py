@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from featherfx.algebra.types import Array
 from featherfx.lab.bench.report import Row
-from featherfx.shot.detail.promise import Front, Grid, Missed, MissedBySteps, Work
+from featherfx.shot.detail.promise import CALM_AIR, Front, Grid, Missed, MissedBySteps, Work
 
 HOW = (
     "Written by featherfx bench --front. On every scene of featherfx/lab/bench/scenes.py rows,"
@@ -20,7 +20,7 @@ HOW = (
     " barbs, before: as estimated from the loads, for the middle feather, after: as simulated, not"
     " less in nine of ten; steps miss factor tolerance^exponent e^(-air share). work: time of an"
     " iteration, each + rows (1 + column columns + coefficient coefficients). wrung: of rows, of"
-    " vanes that are pulled within their plane."
+    " vanes that are pulled within their plane. calm: least deflections of shaft and barbs in air."
 )
 # of feathers and scenes, in how many what is estimated afterwards is not less than what they miss
 HELD = 0.9
@@ -77,7 +77,9 @@ def missed(rows: Sequence[Row], times: Mapping[tuple[int, int, int], float]) -> 
     off = np.quantile(np.log(after.error / after.missed(held, steps)), HELD)
     held = Grid(*(each._replace(factor=each.factor * float(np.exp(off))) for each in held))
     tolerances = TRUSTED * float(before.tolerance.min()), float(before.tolerance.max())
-    found = Front(grid, held, _wrung(wrung), steps, _work(times), tolerances)
+    blown = before.air >= CALM_AIR
+    calm = float(before.shaft[blown].min()), float(before.barb[blown].min())
+    found = Front(grid, held, _wrung(wrung), steps, _work(times), tolerances, calm)
     return {
         "before": {name: each._asdict() for name, each in found.before._asdict().items()},
         "after": {name: each._asdict() for name, each in found.after._asdict().items()},
@@ -85,6 +87,7 @@ def missed(rows: Sequence[Row], times: Mapping[tuple[int, int, int], float]) -> 
         "steps": found.steps._asdict(),
         "work": found.work._asdict(),
         "tolerances": list(found.tolerances),
+        "calm": list(found.calm),
     }
 
 

@@ -15,6 +15,10 @@ taken again (estimate.py), with how far the feather did bend and the largest err
 
 Vanes that are pulled within their plane may buckle, and what rows miss of that is far more, and
 falls slower; it has a power of its own.
+
+Feathers that air damps and that bend less than any of the scenes in air are calm: neither buckling
+nor flutter scatters what they err by, and what rows and coefficients miss is in proportion to how
+far they bend, as in linear bending.
 """
 
 from __future__ import annotations
@@ -37,6 +41,9 @@ FRONT = Path(__file__).with_name("front.json")
 # and few of the samples' err by more than four times as much. Of less than so much, less, as what
 # feathers err by falls slower than what is planned (docs/detail.md)
 MARGIN, FINE = 0.25, 0.015
+# the same of calm feathers, which err by a third of it at most (docs/detail.md), and least share of
+# the air for them
+CALM_MARGIN, CALM_AIR = 0.5, 0.5
 # steps of tolerances, so that feathers of about one length stay together
 TOLERANCES_AN_OCTAVE = 2
 # what is chosen from, the finest last: few enough that feathers of one kind stay together
@@ -80,6 +87,10 @@ class Missed(NamedTuple):
             * np.asarray(number, float) ** -self.order
             * np.asarray(bend) ** self.exponent
         )
+
+    def times(self, share: float) -> Missed:
+        """So much of it."""
+        return self._replace(factor=share * self.factor)
 
 
 class MissedBySteps(NamedTuple):
@@ -131,7 +142,8 @@ class Front(NamedTuple):
     """What was measured. before: by how far loads are estimated to bend the middle feather; after:
     by how far feathers did, not less in HELD of them (lab/bench/front_fit.py). wrung: of rows, of
     vanes that are pulled within their plane. tolerances: the finest and the coarsest that are
-    trusted, of the length."""
+    trusted, of the length. calm: least deflections of shaft and barbs of the scenes in air, of the
+    length."""
 
     before: Grid
     after: Grid
@@ -139,6 +151,22 @@ class Front(NamedTuple):
     steps: MissedBySteps
     work: Work
     tolerances: tuple[float, float]
+    calm: tuple[float, float]
+
+    def calms(self, bends: Bends) -> bool:
+        """Whether a feather is calm."""
+        less = bends.shaft < self.calm[0] and bends.barb < self.calm[1]
+        return less and bends.air >= CALM_AIR and not bends.wrung
+
+    def expected(self, bends: Bends) -> Grid:
+        """What rows, columns and coefficients miss of a feather."""
+        rows, columns, coefficients = self.before
+        if bends.wrung:
+            rows = self.wrung
+        elif self.calms(bends):
+            rows = rows.times(bends.shaft / self.calm[0])
+            coefficients = coefficients.times(bends.barb / self.calm[1])
+        return Grid(rows, columns, coefficients)
 
 
 @lru_cache
@@ -151,7 +179,7 @@ def front() -> Front:
     )
     steps, work = MissedBySteps(**found["steps"]), Work(**found["work"])
     wrung, (finest, coarsest) = Missed(**found["wrung"]), found["tolerances"]
-    return Front(before, after, wrung, steps, work, (finest, coarsest))
+    return Front(before, after, wrung, steps, work, (finest, coarsest), tuple(found["calm"]))
 
 
 @lru_cache(maxsize=4096)
@@ -159,8 +187,8 @@ def chosen_for(error: float, bends: Bends) -> Chosen:
     """The cheapest setting that keeps to an error; errors and bends are shares of the length. The
     finest where none does."""
     known, best, least = front(), None, math.inf
-    (finest, coarsest), planned = known.tolerances, planned_with(error)
-    missed = known.before._replace(rows=known.wrung) if bends.wrung else known.before
+    (finest, coarsest), missed = known.tolerances, known.expected(bends)
+    planned = CALM_MARGIN * error if known.calms(bends) else planned_with(error)
     for grid in product(ROWS, COLUMNS, COEFFICIENTS):
         left = planned**2 - float(missed.by(grid, bends.shaft, bends.barb)) ** 2
         if left <= float(known.steps.by(finest, bends.air)) ** 2:
