@@ -15,7 +15,7 @@ from featherfx.baking.types import Task
 from featherfx.errors import Problem
 from featherfx.files.background import Background
 from featherfx.files.collecting import seldom_collected, set_aside
-from featherfx.files.memory import give_back_memory
+from featherfx.files.memory import give_back_memory, keep_arrays_apart
 from featherfx.jit.told import TELLER
 from featherfx.phases import phase
 from featherfx.shot.checkpoint import Checkpoint
@@ -26,6 +26,8 @@ from featherfx.usd.types import OutputError
 
 # feathers from which on what they are made of is worth setting aside
 MANY = 500
+# the same of memory over time: what is freed is found again at a cost, some hundredths of a bake
+VERY_MANY = 10_000
 
 
 def simulate_and_write(
@@ -59,6 +61,8 @@ def _written_to(
             taken_over, state = sink.writer.samples_done, sink.writer.state
         start = Checkpoint.load(state) if state else None
     done = taken_over
+    if len(task.whole.groom.feathers) >= VERY_MANY:
+        keep_arrays_apart()
     wanted, replay = _simulated(task, sink, start), replay_of(task, start)
     with phase("building"), seldom_collected():
         simulation = simulate(

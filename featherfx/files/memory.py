@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 from contextlib import suppress
 from typing import Any
+
+# of mallopt (malloc.h): what is larger comes from the system by itself; bytes
+_MMAP_THRESHOLD, _LARGE = -3, 1 << 18
 
 
 def give_back_memory() -> None:
@@ -13,3 +17,12 @@ def give_back_memory() -> None:
     system: Any = ctypes
     with suppress(AttributeError, OSError, TypeError):
         system.CDLL(None).malloc_trim(0)
+
+
+def keep_arrays_apart() -> None:
+    """From now on let every array of more than 256 kB go back to the system when it is freed, where
+    that can be asked: among smaller ones that stay, what is free is soon too small for the next."""
+    if sys.platform == "linux":
+        system: Any = ctypes
+        with suppress(AttributeError, OSError):
+            system.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
