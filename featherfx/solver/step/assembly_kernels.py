@@ -27,6 +27,7 @@ from featherfx.mechanics.turn_guard_kernels import (
 from featherfx.solver.step.closing_kernels import followed
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes
 from featherfx.solver.vane.assembly_kernels import add_rows, subtract_barb_forces
+from featherfx.solver.vane.crushed_hinge_kernels import add_crushed_hinges
 from featherfx.solver.vane.force_kernels import add_vane_forces
 from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, WHOLE, damped_stress
 
@@ -152,6 +153,7 @@ def _add_vane(model, f, damping, wanted, work):
     subtract_barb_forces(model, f, damping, pose, reference, work.force, work.axes, system.right)
     if wanted == FORCES_ONLY:
         return
+    add_crushed_hinges(model, f, damping, pose.strains, work.around, work.vane)
     barb_jacobians(model.shapes, pose, work.axes, work.jacobian)
     add_rows(model, f, damping, wanted == WHOLE, work)
 

@@ -93,6 +93,8 @@ def _crush_hinges(i, side, hinges, damping, vane, cells):
         strain = fold, slope * openness, by_angle, by_openness
         _crush(j, strain, cells, shrink, on_own, on_up, on_down)
         cells[place_of(j, FOLD) + HINGE_STRESS] = 0.0
+        # of the elastic part; that of damping: crushed_hinge_kernels
+        cells[place_of(j, FOLD) + HINGE_WEIGHT] = stiffness
 
 
 @loop_kernel
