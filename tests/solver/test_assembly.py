@@ -169,6 +169,21 @@ def dense(band):
     return matrix
 
 
+@pytest.mark.parametrize("signed", [False, True])
+def test_the_matrix_knows_how_damping_holds_crushed_hinges(signed):
+    """They may turn while their triangles open, so that openness times fold stays."""
+    trial = loaded("swan_primary", 10, crumpled=4.0, rows=7, columns=3, coefficients=1)
+    trial.factors = Factors(0.0, 0.0, 1e9)
+    strains, scale = trial.work.now.strains, 1e-4 * scales(trial.model)
+    trial.work.around.reference.assign(strains)
+    assert 0.0 < strains.openness[:, 1:-1].min() < 0.3
+    trial.assembled(signed)
+    matrix, middle = dense(trial.work.system.band), trial.energy(0.0 * scale)
+    for direction in scale * np.random.default_rng(4).normal(size=(8, len(scale))):
+        bend = trial.energy(direction) + trial.energy(-direction) - 2.0 * middle
+        assert direction @ matrix @ direction == pytest.approx(bend, rel=2e-3)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_gauss_newton_hessian_is_positive_definite_far_from_rest(seed):
     trial = loaded("swan_primary", seed, rows=7, columns=3)

@@ -34,6 +34,8 @@ PATH_SAMPLES = 5
 GRAVITY = 9.81
 ROOTS = ("held", "moved", "spun", "jumped", "moved and spun")
 POSES = ("at rest", "bent", "wrung", "crumpled")
+# of the tolerance, distance from a step's solution, as of the strictest bakes, those with contact
+SOLVED = 1e-3
 # largest turn between two rows and largest barb coefficient of a start pose, rad
 POSE_ANGLES = {"at rest": 0.0, "bent": 0.05, "wrung": 0.5, "crumpled": np.pi}
 
@@ -71,10 +73,8 @@ def draw_case(seed: int, most_rows: int = 200) -> Case:
     state = _start(model, random, POSE_ANGLES[pose])
     loads = _loads(random, windy)
     paths = _paths(state, random, root, duration, drawn.kind.length)
-    settings = Settings(
-        tolerance=log_uniform(random, 1e-5, 1e-1) * drawn.kind.length,
-        newton=1e-6 * drawn.kind.length,
-    )
+    tolerance = log_uniform(random, 1e-5, 1e-1) * drawn.kind.length
+    settings = Settings(tolerance, newton=max(1e-6 * drawn.kind.length, SOLVED * tolerance))
     numbers = _numbers(drawn, model, loads, settings, duration)
     numbers |= {"pose": pose, "root": root}
     still = root == "held" and not windy
