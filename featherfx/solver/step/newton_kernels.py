@@ -70,8 +70,6 @@ TRIES, CUT = 8, (0.1, 0.5)
 FIRST_SHIFT, GROWTH, LAST_SHIFT = 0.25, 4.0, 100.0
 STABLE, NONE, ALONE = -1.0, -2.0, -3.0
 CREPT = 4
-# of the energy, what sums of it are rounded by at most
-ROUNDING = 1e-12
 # part of a step below which its matrix was too far from the energy
 SHORT = 0.2
 # a kept matrix is given up when a step is longer than this part of the one before
@@ -284,7 +282,7 @@ def _search(model, loads, f, fraction, factors, level, tolerance, work):
         add_increment(model.length[f], now, step, scale, trial, gradient)
         new = evaluate(model, loads, f, fraction, factors, trial, work.around)
         move = largest_move(now.points, trial.points, model.length[f, 0]) / scale
-        slack = ROUNDING * (abs(energy) + abs(new))
+        slack = 1e-9 * (abs(energy) + abs(new))
         if isfinite(new) and (new <= energy + slack or move < tolerance):
             return new, move, scale
         scale = _nearer(scale, new - energy, slope)
