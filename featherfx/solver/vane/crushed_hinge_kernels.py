@@ -2,8 +2,8 @@
 
 Their energy is 1/2 k w^2 (g^2 + q (t - t_r)^2), with the openness w (vane_bending_kernels). The
 elastic part is the square of one strain, w g, whose stiffness is summed with that of other hinges;
-the other one is that of another, w (t - t_r), and resists a hinge that turns as its triangle opens so
-that w g stays. Without it such a turn would seem to cost nothing, and Newton would go too far.
+the other one is that of another, w (t - t_r), and resists a hinge that turns as its triangle opens
+so that w g stays. Without it such a turn would seem to cost nothing, and Newton would go too far.
 """
 
 from featherfx.algebra.vec3_kernels import accumulate
@@ -24,8 +24,10 @@ def _add(block, j, weight, left, right):
 
 @kernel
 def _add_square(blocks, i, j, weight, slopes):
-    """What a strain of hinge j on row i's barb adds to the blocks (n, 6, 3, 3 S) of its side. slopes:
-    (4, 3), its gradient by nodes."""
+    """What a strain of hinge j on row i's barb adds to the blocks (n, 6, 3, 3 S) of its side.
+
+    slopes: (4, 3), its gradient by nodes.
+    """
     start, end, above, below = slopes[0], slopes[1], slopes[2], slopes[3]
     _add(blocks[i, OWN], j, 0.5 * weight, start, start)
     _add(blocks[i, OWN], j + 1, 0.5 * weight, end, end)
