@@ -49,7 +49,8 @@ class Build(NamedTuple):
     second for a head as large as the pigeon's. head: factor of its radii, beak: of its length,
     thickness, and how far it points down. eye: radius, m, of a head as large as the pigeon's, and
     how far it looks forward, 0 to 1. bare: radii of the eye, between which feathers begin. lean:
-    deg, how far it stands up more. rump: (forward, up) m, where it ends, before roots of coverts.
+    deg, how far it stands up more. rump: (forward, up) m, where it ends, before roots of coverts. shoulder: forward
+    and up, m, where wings leave the trunk.
     """
 
     size: float
@@ -64,10 +65,11 @@ class Build(NamedTuple):
     lean: float = 0.0
     rump: tuple[float, float] = (-0.13, 0.131)
     legs: Legs = Legs()
+    shoulder: tuple[float, float] = (0.04, 0.205)
 
 
 _YELLOW, _HORN = (0.65, 0.38, 0.03), (0.12, 0.09, 0.06)
-_GULL = Colours((0.55, 0.56, 0.58), _YELLOW, _YELLOW, (0.55, 0.30, 0.25), (0.70, 0.60, 0.25))
+_GULL = Colours((0.86, 0.86, 0.85), _YELLOW, _YELLOW, (0.55, 0.30, 0.25), (0.70, 0.60, 0.25))
 _OWL = Colours((0.62, 0.56, 0.48), _HORN, _HORN, (0.35, 0.28, 0.18), (0.020, 0.012, 0.008))
 _SPARROW = Colours((0.24, 0.19, 0.14), _HORN, _HORN, (0.40, 0.24, 0.16), (0.03, 0.02, 0.01))
 _PARROT = Colours((0.16, 0.30, 0.10), (0.10, 0.09, 0.09), (0.5, 0.46, 0.4), _HORN, (0.6, 0.3, 0.04))
@@ -88,6 +90,7 @@ BUILDS = {
         colours=_GULL,
         lean=-4.0,
         legs=Legs(thick=0.005, toes=1.05, webbed=True),
+        shoulder=(0.0219, 0.2038),
     ),
     "owl": Build(
         0.95,
@@ -284,14 +287,14 @@ def eye(build):
 def landmarks(build):
     """Those of a groom's [bird], (3,) m by name, at the bird's size."""
     skull, (long, wide, deep) = skull_of(build), build.trunk
-    middle, _ = eye(build)
+    (ahead, up), (middle, _) = build.shoulder, eye(build)
     found = {
         "beak": beak(build)[1],
         "crown": skull + build.head * np.array((0.001, 0, 0.022)),
         "nape": skull + build.head * np.array((-0.023, 0, 0.005)),
         "breast": leant(build, (0.055 + 0.05 * long, 0, 0.185)),
-        "right_shoulder": leant(build, (0.04, -0.042 * wide, 0.205)),
-        "left_shoulder": leant(build, (0.04, 0.042 * wide, 0.205)),
+        "right_shoulder": leant(build, (ahead, -0.042 * wide, up)),
+        "left_shoulder": leant(build, (ahead, 0.042 * wide, up)),
         "vent": leant(build, (-0.075, 0, 0.168 - 0.053 * deep)),
         "tail": leant(build, (-0.134, 0, 0.138)),
         "right_heel": np.array((-0.008, -0.0285 * wide, build.legs.bare + 0.005)),

@@ -380,3 +380,13 @@ def test_a_bird_has_the_colours_of_its_preset_below_the_overrides(bird, tmp_path
     found = {feather.region: feather.kind.colour for feather in read_groom(path).feathers}
     assert found.pop("belly").base == (1.0, 0.0, 0.0)
     assert found == {region: shade for region, shade in shades.items() if region != "belly"}
+
+
+@pytest.mark.usefixtures("wings_as_typed")
+def test_a_crest_grows_from_the_skin_not_within_the_skull(tmp_path):
+    bird = read_groom(changed(tmp_path, '"pigeon"', '"parrot"'))
+    body = Body(bird.skin, np.eye(3), np.zeros(3))
+    gaps = body.gaps(np.array([f.position for f in bird.feathers if f.region == "crest"]))
+    # between triangles of 4 mm; its line from landmark to landmark is 10 mm deep in the skull
+    assert gaps.min() > -3e-4
+    assert gaps.max() < 2e-3

@@ -7,6 +7,7 @@ between landmarks, so they fit any skin. What a bird becomes are tables of a gro
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,11 +16,13 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from, from_rotation_vector, parallel
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of
 from featherfx.groom.anatomy.fans import closed_fan
 from featherfx.groom.anatomy.lie import Beneath, Body, beneath, lie_on
 from featherfx.groom.anatomy.remiges import shut
 from featherfx.groom.anatomy.wing import wing_type
+from featherfx.groom.frames import along_polyline
 from featherfx.groom.keys.anatomy import PARTS, WingType
 from featherfx.groom.keys.groom import CREST, TAIL, WING
 from featherfx.groom.keys.problems import INVALID, Place
@@ -70,6 +73,7 @@ _AHEAD = (
     (2, "nape", "breast"),
 )
 _UP = 0.0, 0.0, 1.0
+_ON_CREST = 9  # points of its line that are put onto the skin
 _BEAK = 0.42  # of the way from beak to crown: bare
 
 
@@ -98,7 +102,8 @@ def hatch(
     stays = "right_wing" not in points and entry["fold"] == 1.0 and not entry["opens"]
     wing = shut(wing) if stays else wing
     tail = _tail(entry, kind["tail"], points, axes, scale) if kind["tail"]["count"] else None
-    body = _body(parts["skin"], place, read, tail, points["tail"], axes)
+    skin = _skin(parts["skin"], place, read, points["tail"], axes)
+    body = skin if skin is None or tail is None else _with_tail(skin, tail)
     wings = [_wing(entry, wing, side, points, axes, scale) for side in ("right", "left")]
     if body is not None and (entry["fold"] > _SPREAD or entry["opens"]):
         wings = _lying(wings, body)
@@ -106,7 +111,7 @@ def hatch(
     if tail is not None:
         parts["tail"].append((at, tail))
     if kind["crest"]["count"]:
-        parts["crest"].append((at, _crest(entry, kind["crest"], points, axes, scale)))
+        parts["crest"].append((at, _crest(entry, kind["crest"], points, axes, scale, skin)))
     sites = _sites(points, axes)
     if body is not None and entry["fold"] > _HIDES and not entry["opens"]:
         found = [_beneath(each, body) for each in wings]
@@ -180,26 +185,27 @@ def _axes(points: Points, up: tuple[float, ...], place: Place) -> Array:
     return axes
 
 
-def _body(
+def _skin(
     skin: dict[str, Any],
     place: Place,
     read: SkinsReader | None,
-    tail: dict[str, Any] | None,
     middle: Array,
     axes: Array,
 ) -> Body | None:
-    """What folded wings lie on: skin and tail; None without a reader, or after problems."""
+    """The skin, as what things lie on; None without a reader, or after problems."""
     if read is None or skin is INVALID:
         return None
     with place.problems.collecting():
         at = place.child("skin")
         found = read(skin, {skin["prim"]: at.child("prim")}, Path(place.source).parent, at)
         source = found[skin["prim"]]
-        corners = source.points[source.triangles]
-        if tail is not None:
-            corners = np.concatenate([corners, closed_fan(tail)])
-        return Body(corners, axes, middle)
+        return Body(source.points[source.triangles], axes, middle)
     return None
+
+
+def _with_tail(skin: Body, tail: dict[str, Any]) -> Body:
+    """What folded wings lie on."""
+    return replace(skin, corners=np.concatenate([skin.corners, closed_fan(tail)]))
 
 
 def _wing(
@@ -276,15 +282,27 @@ def _tail(
 
 
 def _crest(
-    entry: dict[str, Any], kind: dict[str, Any], points: Points, axes: Array, scale: float
+    entry: dict[str, Any],
+    kind: dict[str, Any],
+    points: Points,
+    axes: Array,
+    scale: float,
+    skin: Body | None,
 ) -> dict[str, Any]:
     front = points["beak"] + 0.7 * (points["crown"] - points["beak"])
-    path = tuple(tuple(each) for each in (front, points["crown"], points["nape"]))
+    path = along_polyline(
+        np.array([front, points["crown"], points["nape"]]), np.linspace(0.0, 1.0, _ON_CREST)
+    )
+    if skin is not None:  # landmarks are few, and skulls round
+        outwards = unit(path - points["crown"] + _distance(points, "crown", "nape") * axes[:, 2])
+        most = _distance(points, "beak", "crown")
+        ways = [skin.way_out(*each, most) for each in zip(path, outwards, strict=True)]
+        path = path + np.array(ways)[:, None] * outwards
     own = {name: kind[name] for name in ("kind", "count", "width", "angles")}
     return _filled(
         CREST,
         id="crest",
-        path=path,
+        path=_tuples(path),
         direction=tuple(-axes[:, 0]),
         up=tuple(axes[:, 2]),
         lengths=tuple(scale * np.array(kind["lengths"])),

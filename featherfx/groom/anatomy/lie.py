@@ -30,6 +30,7 @@ _BOUNDS = ((25.0, 95.0), (-15.0, 30.0), (0.0, 25.0), (60.0, 100.0), (0.0, 12.0))
 _STEPS, _STARTS = 250, 3
 _APART = 0.9  # tenths of the longest feather, from the middle of the back to either wing
 _ASIDE, _ABOVE = 0.7, 0.5  # tenths, from the plane of symmetry, and over the tail behind its root
+_OUTWARDS = 65  # places that are asked on a way out of a body
 _MOVED = 0.3  # weight of ways from the landmark, against gaps
 
 
@@ -64,6 +65,12 @@ class Body:
         beside = np.sqrt(np.maximum(distance**2 - above**2, 0.0))
         # past an edge of the body, where a plane says nothing
         return np.where(beside > 2.0 * np.sqrt(size), distance, above)
+
+    def way_out(self, start: Array, way: Array, most: float) -> float:
+        """m, from a point (3,) along a unit way (3,) to where the body ends, up to most m."""
+        ways = np.linspace(0.0, most, _OUTWARDS)
+        inside = self.gaps(start + ways[:, None] * way) < 0.0
+        return float(ways[min(int(inside.nonzero()[0].max(initial=-1)) + 1, len(ways) - 1)])
 
 
 def lie_on(
