@@ -49,8 +49,8 @@ class Build(NamedTuple):
     second for a head as large as the pigeon's. head: factor of its radii, beak: of its length,
     thickness, and how far it points down. eye: radius, m, of a head as large as the pigeon's, and
     how far it looks forward, 0 to 1. bare: radii of the eye, between which feathers begin. lean:
-    deg, how far it stands up more. rump: (forward, up) m, where it ends, before roots of coverts. shoulder: forward
-    and up, m, where wings leave the trunk.
+    deg, how far it stands up more. rump: (forward, up) m, where it ends, before roots of coverts.
+    shoulder: forward and up, m, where wings leave the trunk.
     """
 
     size: float
