@@ -4,14 +4,8 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from featherfx.groom.types import (
-    BarbGuide,
-    FeatherKind,
-    RachisMaterial,
-    RachisShape,
-    VaneMaterial,
-    VaneShape,
-)
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
+from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 
 VANE_MATERIAL = VaneMaterial(
     along=3.6e8,

@@ -15,14 +15,8 @@ from PIL import Image
 
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import LEADING, RACHIS, TRAILING, Feather
-from featherfx.groom.types import (
-    BarbGuide,
-    FeatherKind,
-    RachisMaterial,
-    RachisShape,
-    VaneMaterial,
-    VaneShape,
-)
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
+from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 
 COLOURS = {LEADING: "#1f6fb4", TRAILING: "#c4502c", RACHIS: "#3c3a36"}
 KIND = FeatherKind(

@@ -24,7 +24,8 @@ from featherfx.feather.render import barb_diameters, render_feather
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Array, Feather, RowMap
 from featherfx.groom.looks import look_text
-from featherfx.groom.types import FeatherKind, Groom, Placement, Profile
+from featherfx.groom.materials import Profile
+from featherfx.groom.types import FeatherKind, Groom, Placement
 from featherfx.limits import refuse_beyond_memory
 from featherfx.mechanics.batch import may_slip
 from featherfx.phases import phase

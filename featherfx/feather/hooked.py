@@ -15,7 +15,8 @@ import numpy as np
 
 from featherfx.feather.profiles import at_places, middles, vane_shares
 from featherfx.feather.types import Array, Feather
-from featherfx.groom.types import Curve, FeatherKind
+from featherfx.groom.materials import Curve
+from featherfx.groom.types import FeatherKind
 
 # shares are not less along the shaft, so that loose barbs are compliant, not apart; what is left of
 # a strip then counts as nothing below this

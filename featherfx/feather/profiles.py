@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from featherfx.feather.types import Array, Feather
-from featherfx.groom.types import Curve, FeatherKind, Profile, VaneMaterial
+from featherfx.groom.materials import Curve, Profile, VaneMaterial
+from featherfx.groom.types import FeatherKind
 
 
 def at_places(curve: Curve, places: Array) -> Array:

@@ -18,14 +18,10 @@ from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import POINT
 from featherfx.groom.keys.values import ArrayOf, Default, Key, Number, Table, Text, keys_of
 from featherfx.groom.looks import BarbLook, Colour
+from featherfx.groom.materials import FACTORS, FACTORS_MEAN, Curve, RachisMaterial, VaneMaterial
 
 # least share of the barbs that a split is deep
 LEAST_DEPTH = 0.01
-
-Curve = tuple[tuple[float, float], ...]
-LEAST_FACTOR, MOST_FACTOR = 1e-3, 1e3
-_FACTORS = ArrayOf(ArrayOf(Number(0, MOST_FACTOR), 2, 2), 0, 50)
-_FACTORS_MEAN = "[share, factor], straight between points and constant beyond; empty: 1."
 
 _TURNING = Number(-360, 360, "deg")
 _HALF_TURNING = Number(-180, 180, "deg")
@@ -56,7 +52,7 @@ class RachisShape:
         "its length, camber, sweep, twist] in ascending shares, smooth between.",
     ] = ()
     diameter_profile: Annotated[
-        Curve, _FACTORS, f"Factors of the diameter along the shaft's length: {_FACTORS_MEAN}"
+        Curve, FACTORS, f"Factors of the diameter along the shaft's length: {FACTORS_MEAN}"
     ] = ()
 
 
@@ -133,16 +129,6 @@ class Hooked:
         tuple[tuple[float, float], ...],
         _CURVE,
         "The same along each barb from its root (0) to its end (1); both are multiplied.",
-    ] = ()
-
-
-@dataclass(frozen=True)
-class Profile:
-    """Factors of a figure of the vane: a curve along the shaft times one along the barbs."""
-
-    shaft: Annotated[Curve, _FACTORS, f"Along the vane's length: {_FACTORS_MEAN}"] = ()
-    barb: Annotated[
-        Curve, _FACTORS, f"Along each barb, from its root (0) to its end (1): {_FACTORS_MEAN}"
     ] = ()
 
 
@@ -231,130 +217,6 @@ class VaneShape:
     def is_split(self) -> bool:
         """Whether it has splits from the start."""
         return bool(self.splits.places or self.splits.number)
-
-
-_STIFFNESS = Number(1e-10, 10, "N m")
-_YIELD = Number(1.0, 1e9, "Pa")
-_COMPLIANCE = Number(0, 1e9, "rad/N")
-_LOSS = Number(0, 2)
-_LOSS_MEANS = "Damping: tangent of the loss angle at the feather's first frequency."
-
-
-@dataclass(frozen=True, kw_only=True)
-class VaneMaterial:
-    """The vane as a barb-and-barbule membrane (references: Jouve 2024, tables 5.1, 5.2, 6.1).
-
-    Both barb stiffnesses are those at the barb's root, and floored at 5 % of it further out. Barbs
-    stay straight where the vane bends across them.
-    """
-
-    along: Annotated[float, Number(1e2, 1e12, "Pa"), "Modulus of the vane along the barbs."]
-    across: Annotated[float, Number(1e-6, 1e10, "Pa"), "Modulus across the barbs (barbules)."]
-    shear: Annotated[float, Number(0, 1e10, "Pa"), "Shear modulus, against engineering shear."]
-    thickness: Annotated[float, Number(1e-6, 0.01, "m"), "Thickness of the vane."]
-    surface_density: Annotated[float, Number(1e-5, 10, "kg/m^2"), "Mass of the vane per area."]
-    barb_bending_normal: Annotated[
-        float, _STIFFNESS, "Bending stiffness of barbs out of the vane, per metre of vane."
-    ]
-    barb_bending_in_plane: Annotated[
-        float, _STIFFNESS, "Bending stiffness of barbs within the vane, per metre of vane."
-    ]
-    barb_taper: Annotated[
-        float,
-        Number(0, 5),
-        "Exponent p: both barb stiffnesses fall as (1 - s)^p to the barb's end.",
-    ] = 0.0
-    bending_across: Annotated[
-        float, Number(0, 10, "N m"), "Bending modulus of the vane across the barbs."
-    ]
-    thickness_profile: Annotated[
-        Profile,
-        "Factors of the thickness from place to place. Mass per area goes with it, bending of "
-        "barbs and across them with its cube; contact keeps to `thickness`.",
-        Default({}),
-    ] = Profile()
-    across_profile: Annotated[
-        Profile, "Factors of `across`, `shear` and `bending_across`.", Default({})
-    ] = Profile()
-    along_profile: Annotated[
-        Profile, "Factors of `along` and of the bending of barbs.", Default({})
-    ] = Profile()
-    twist_ratio: Annotated[
-        float,
-        Number(0, 1e4),
-        "Twist modulus D_66 of the vane over `bending_across`; 0.5 is that of a plate without "
-        "Poisson's effect. On barbs at an angle to the shaft twist is that between the barbs' "
-        "direction and the shaft's.",
-    ] = 0.5
-    ribbon: Annotated[
-        bool,
-        "Whether shaft and vanes are one flat strip, as a single long barb or a filoplume: "
-        "developable where it is thin, it bends with `bending_across`, twists at the cost of its "
-        "curvature and lets the air at its width. Both vanes together are its width; hooks and "
-        "the moduli of barbs and membrane do not count, nor what the shaft bears.",
-    ] = False
-    poisson: Annotated[float, Number(0, 0.5), "Poisson's ratio of a ribbon."] = 0.3
-    loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
-    compression_guard: Annotated[
-        float,
-        Number(0, 1e12, "Pa"),
-        "Modulus of a penalty on lost area, so that the vane wrinkles before it closes; 0: none.",
-    ] = 0.0
-    barb_clamp_normal: Annotated[
-        float,
-        _COMPLIANCE,
-        "Compliance of the barbs' roots out of the vane: turn under 1 N m per metre of vane; 0: "
-        "rigid.",
-    ] = 0.0
-    barb_clamp_in_plane: Annotated[
-        float, _COMPLIANCE, "The same for turns of the barbs' roots within the vane."
-    ] = 0.0
-    hooks: Annotated[
-        str,
-        Text(("closed", "slip", "open")),
-        "What hooks between barbs do under load: hold; slip and keep the slip; slip, then open.",
-    ] = "closed"
-    hook_yield_across: Annotated[
-        float, _YIELD, "Stress across the barbs at which hooks begin to slip."
-    ] = 6e3
-    hook_yield_shear: Annotated[float, _YIELD, "The same in shear."] = 4e3
-    hook_strength: Annotated[
-        float, _YIELD, "Stress across the barbs at which a gap opens; the yield stress or more."
-    ] = 1.92e4
-    hook_slip: Annotated[
-        float, Number(0, 0.01, "m"), "Slip of a gap on the way from yield to strength."
-    ] = 2.5e-5
-    hook_release: Annotated[
-        float,
-        Number(1e-8, 0.01, "m"),
-        "Opening over which a gap that gives way loses its strength.",
-    ] = 5e-5
-    hook_heal: Annotated[
-        float,
-        Number(0, 1e3, "1/s"),
-        "Rate at which open gaps whose edges touch hook again by themselves.",
-    ] = 0.0
-    hook_scatter: Annotated[
-        float, Number(0, 0.5), "Deviation of the strength from gap to gap, a share of it."
-    ] = 0.05
-
-
-@dataclass(frozen=True, kw_only=True)
-class RachisMaterial:
-    """The shaft's keratin cortex around a light core."""
-
-    young: Annotated[float, Number(1e3, 1e12, "Pa"), "Young's modulus of the cortex."]
-    shear: Annotated[float, Number(1e3, 1e12, "Pa"), "Shear modulus of the cortex."]
-    modulus_profile: Annotated[
-        Curve, _FACTORS, f"Factors of both moduli along the shaft's length: {_FACTORS_MEAN}"
-    ] = ()
-    wall: Annotated[float, Number(0.01, 1), "Share of the radius that is cortex; 1 is solid."]
-    flattening: Annotated[
-        float, Number(0.05, 20), "Height of the section (across the vane) over its width."
-    ] = 1.0
-    cortex_density: Annotated[float, Number(1, 2e4, "kg/m^3"), "Density of the cortex."]
-    core_density: Annotated[float, Number(0, 2e4, "kg/m^3"), "Density of the core."] = 0.0
-    loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.groom.types import RachisMaterial, VaneMaterial
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
 
 # bending of a strip within its plane over that out of it, at most: more shows nowhere (by 4e-4 of
 # the length in the strip of docs/hooks.md), but Newton's method takes 30 times as many iterations

@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 
 from featherfx.feather.build import build_feather
-from featherfx.groom.types import (
-    BarbGuide,
-    FeatherKind,
-    RachisMaterial,
-    RachisShape,
-    VaneMaterial,
-    VaneShape,
-)
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
+from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings, Solver, hold_roots

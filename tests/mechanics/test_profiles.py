@@ -11,8 +11,8 @@ from scipy.integrate import quad
 from trial_batches import assembled, at_origin, random_pose
 
 from featherfx.feather.build import build_feather, scaled
+from featherfx.groom.materials import Profile
 from featherfx.groom.presets.kinds import Change, adjusted
-from featherfx.groom.types import Profile
 from featherfx.mechanics.barb_shapes import curvature_shapes
 from featherfx.mechanics.batch import barb_course, make_model, resized
 from featherfx.mechanics.model import no_loads

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherfx.groom.types import RachisMaterial
+from featherfx.groom.materials import RachisMaterial
 from featherfx.mechanics.section import shaft_mass, shaft_stiffness
 
 SOLID = RachisMaterial(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from featherfx.groom.types import VaneMaterial
+from featherfx.groom.materials import VaneMaterial
 from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.solver.step.modes import frequencies

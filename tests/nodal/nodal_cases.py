@@ -9,7 +9,8 @@ from feather_kinds import RACHIS_MATERIAL, VANE_MATERIAL
 from scipy.spatial.transform import Rotation
 
 from featherfx.feather.build import build_feather
-from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneMaterial, VaneShape
+from featherfx.groom.materials import VaneMaterial
+from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.state import nodal_rest_state

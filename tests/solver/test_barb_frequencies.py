@@ -11,7 +11,7 @@ from numpy.polynomial import Legendre, Polynomial
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
-from featherfx.groom.types import VaneMaterial
+from featherfx.groom.materials import VaneMaterial
 from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.mechanics.barb_shapes import FLOOR
 from featherfx.mechanics.batch import make_model

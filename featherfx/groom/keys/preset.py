@@ -22,7 +22,8 @@ from featherfx.groom.keys.values import (
     keys_of,
     vector,
 )
-from featherfx.groom.types import FeatherKind, RachisMaterial, VaneMaterial
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
+from featherfx.groom.types import FeatherKind
 
 _LENGTH = Number(0, 100, "m")
 # percent

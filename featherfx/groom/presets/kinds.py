@@ -11,24 +11,20 @@ import numpy as np
 from featherfx.groom.course import chord_angle
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.looks import BarbLook, Colour, Pattern
+from featherfx.groom.materials import (
+    LEAST_FACTOR,
+    MOST_FACTOR,
+    Curve,
+    Profile,
+    RachisMaterial,
+    VaneMaterial,
+)
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
 from featherfx.groom.presets.lines import along_line, guide_along_line
 from featherfx.groom.presets.scaling import dialled, materials_resized, varied
 from featherfx.groom.splits import split_faults
-from featherfx.groom.types import (
-    LEAST_FACTOR,
-    MOST_FACTOR,
-    Curve,
-    FeatherKind,
-    Hooked,
-    Profile,
-    RachisMaterial,
-    RachisShape,
-    Splits,
-    VaneMaterial,
-    VaneShape,
-)
+from featherfx.groom.types import FeatherKind, Hooked, RachisShape, Splits, VaneShape
 
 # tables of a vane's material, of a curve along the shaft and one along the barbs
 _PROFILES = "thickness_profile", "across_profile", "along_profile"

@@ -36,7 +36,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TypeVar
 
-from featherfx.groom.types import FeatherKind, RachisMaterial, VaneMaterial
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
+from featherfx.groom.types import FeatherKind
 
 Material = TypeVar("Material", VaneMaterial, RachisMaterial)
 

@@ -13,14 +13,8 @@ from featherfx.algebra.types import Array
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
-from featherfx.groom.types import (
-    BarbGuide,
-    FeatherKind,
-    RachisMaterial,
-    RachisShape,
-    VaneMaterial,
-    VaneShape,
-)
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
+from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.solver import RootPath, Settings, hold_roots

@@ -30,7 +30,8 @@ from featherfx.algebra.types import Array
 from featherfx.errors import require
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
-from featherfx.groom.types import FeatherKind, RachisMaterial, VaneMaterial, VaneShape
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
+from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.lab.declare import Range, out_of_range, value
 from featherfx.lab.feathers.feather import barb_strain, feather_kind
 from featherfx.lab.nodal.model import nodal_model

@@ -20,7 +20,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require
-from featherfx.groom.types import VaneMaterial
+from featherfx.groom.materials import VaneMaterial
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, value
 from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.lab.nodal.model import nodal_model

@@ -27,7 +27,8 @@ from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require
 from featherfx.feather.surface import vane_surface
 from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice
-from featherfx.groom.types import FeatherKind, RachisMaterial, RachisShape, VaneMaterial, VaneShape
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
+from featherfx.groom.types import FeatherKind, RachisShape, VaneShape
 from featherfx.lab.declare import Range, out_of_range, value
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver

@@ -17,7 +17,8 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require
-from featherfx.groom.types import FeatherKind, VaneMaterial
+from featherfx.groom.materials import VaneMaterial
+from featherfx.groom.types import FeatherKind
 from featherfx.lab.declare import value
 from featherfx.lab.networks.network import FibreNetwork, homogenised
 

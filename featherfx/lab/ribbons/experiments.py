@@ -15,14 +15,8 @@ import numpy as np
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem, require
 from featherfx.feather.build import build_feather
-from featherfx.groom.types import (
-    BarbGuide,
-    FeatherKind,
-    RachisMaterial,
-    RachisShape,
-    VaneMaterial,
-    VaneShape,
-)
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
+from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 from featherfx.lab.declare import FINITE, NOT_NEGATIVE, POSITIVE, out_of_range, part, value
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.motion import Air, Pace, RibbonMotion

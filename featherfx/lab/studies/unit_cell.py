@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import root
 
 from featherfx.errors import SimulationError
-from featherfx.groom.types import VaneMaterial
+from featherfx.groom.materials import VaneMaterial
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.networks.network import (
     FibreNetwork,

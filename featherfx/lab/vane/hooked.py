@@ -23,7 +23,8 @@ from scipy.ndimage import label
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import Problem, require
 from featherfx.feather.types import Feather, RowPoints, Surface
-from featherfx.groom.types import FeatherKind, Hooked, Splits, VaneMaterial
+from featherfx.groom.materials import VaneMaterial
+from featherfx.groom.types import FeatherKind, Hooked, Splits
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, value
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.mechanics.batch import make_model

@@ -23,7 +23,8 @@ from featherfx.groom.keys.anatomy import (
 )
 from featherfx.groom.keys.values import REQUIRED, Key, Table, Tables, keys_of
 from featherfx.groom.looks import BarbLook, Colour, Pattern
-from featherfx.groom.types import GUIDE, SHAFT, Hooked, Profile, Splits, VaneShape
+from featherfx.groom.materials import Profile
+from featherfx.groom.types import GUIDE, SHAFT, Hooked, Splits, VaneShape
 from featherfx.shot.read import keys as shot_keys
 
 _HEAD = """# Reference: every key of shots, grooms and presets
