@@ -96,3 +96,25 @@ def test_a_follower_is_of_the_island_of_its_guides():
     feathers[2] = replace(feathers[2], position=np.array([0.0, 30.0, 0.0]))
     far = replace(shot, groom=replace(shot.groom, feathers=tuple(feathers)))
     assert set(shot_islands(far)) == {0}
+
+
+def test_a_share_by_island_has_the_same_bytes_with_obstacles():
+    shot = pressed("rigid")
+    above, beneath, _ = shot.groom.feathers
+    feathers = tuple(
+        replace(one, id=f"{one.id}_{k}", position=one.position + [0.0, aside, 0.0])
+        for k, aside in enumerate((0.0, 0.05, 0.1, 0.15, 30.0, 30.05, 30.1, 30.15))
+        for one in (above, beneath)
+    )
+    birds = replace(
+        shot,
+        groom=replace(shot.groom, feathers=feathers),
+        details=(Detail(feathers="beneath*", level="rigid", every=0),),
+    )
+    assert shot_islands(birds).tolist() == [0] * 8 + [1] * 8
+    whole = simulate(birds, 2, (0, 1))
+    share = simulate(birds, 1, (0, 1), wanted=range(8, 16))
+    for frame, part in zip(whole, share, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(frame.points[8:], part.points, strict=True))
+    assert whole.report["contact"]["obstacles"] == 8
+    assert share.report["contact"]["obstacles"] == 4
