@@ -102,7 +102,7 @@ def test_a_share_by_island_has_the_same_bytes_with_obstacles():
     shot = pressed("rigid")
     above, beneath, _ = shot.groom.feathers
     feathers = tuple(
-        replace(one, id=f"{one.id}_{k}", position=one.position + [0.0, aside, 0.0])
+        replace(one, id=f"{one.id}_{k}", position=one.position + np.array([0.0, aside, 0.0]))
         for k, aside in enumerate((0.0, 0.05, 0.1, 0.15, 30.0, 30.05, 30.1, 30.15))
         for one in (above, beneath)
     )
