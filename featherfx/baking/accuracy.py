@@ -28,7 +28,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.api import Folders, read_quality, read_shot
 from featherfx.errors import InputWarning, all_of
-from featherfx.feather.density import farthest
+from featherfx.feather.lengths import farthest
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.resolution import rachis_deflection
 from featherfx.phases import phase

@@ -12,18 +12,16 @@ differentiable, local, and fixed, unlike monotone ones. frame(s) has the columns
 d3(s), all linear in the coarse points, and c is chosen so that the rest shape comes out. So the
 map is linear, the same for positions and their rates; rest shape and rigid motions are exact, and
 so is every barb of a coarse row that is a fine row, too. Barbs are a little longer or shorter than
-at rest then; `carried` gives each piece its length (barb_length_kernels.py).
+at rest then; lengths.py gives each piece its length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import scipy
 
-from featherfx.feather.barb_length_kernels import keep_lengths
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
@@ -33,7 +31,6 @@ from featherfx.feather.types import (
     RowMap,
     RowPoints,
     barb_slice,
-    both,
 )
 
 
@@ -52,21 +49,6 @@ def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:
     )
     points, axes = map(along.completed, interpolated, fine.rest)
     return RowMap(points, axes, _pieces(fine))
-
-
-def carried(to_fine: RowMap, points: RowPoints) -> RowPoints:
-    """Points on another grid, its barbs as long as at rest."""
-    still = both(np.zeros_like, points)
-    return carried_moving(to_fine, points, still, still)[0]
-
-
-def carried_moving(
-    to_fine: RowMap, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
-) -> tuple[RowPoints, RowPoints, RowPoints]:
-    """The same with their first and second rates."""
-    found = to_fine(points), to_fine(velocities), to_fine(accelerations)
-    keep_lengths(to_fine.pieces, *(each.nodes for each in found))
-    return found
 
 
 def scaled_map(unit: RowMap, size: float, rows: int) -> RowMap:
@@ -94,21 +76,6 @@ def _scaled(unit: PointMap, of_nodes: float, of_directors: float, rows: int) -> 
     nodes = matrix.shape[1] - 2 * rows
     matrix.data *= np.where(matrix.indices < nodes, of_nodes, of_directors)
     return PointMap(matrix, unit.shape)
-
-
-def farthest(
-    coarse: Feather, fine: Feather, points: Sequence[RowPoints], wanted: Sequence[RowPoints]
-) -> float:
-    """m, largest distance of the nodes of a coarse feather from where a fine one has them, in any
-    of some poses; nodes of barbs that are not there do not count."""
-    to_coarse = density_map(fine, coarse)
-    grown = np.repeat(coarse.barb_length.T > 0.0, coarse.columns, axis=1)
-    there = np.concatenate([np.ones((coarse.rows, 1), dtype=np.bool_), grown], axis=1)
-    ways = [
-        np.linalg.norm(a.nodes - carried(to_coarse, b).nodes, axis=-1)[there].max()
-        for a, b in zip(points, wanted, strict=True)
-    ]
-    return float(max(ways))
 
 
 class _Along:

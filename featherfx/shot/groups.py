@@ -10,7 +10,8 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.build import build_feather
-from featherfx.feather.density import carried_moving, density_map, scaled_map
+from featherfx.feather.density import density_map, scaled_map
+from featherfx.feather.lengths import carried_moving
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.store import kept

@@ -12,12 +12,11 @@ from scipy.spatial.transform import Rotation
 import featherfx
 from featherfx.feather.build import build_feather, scaled
 from featherfx.feather.density import (
-    carried,
-    carried_moving,
     density_map,
     hermite_weights,
     scaled_map,
 )
+from featherfx.feather.lengths import carried, carried_moving
 from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import RowPoints, barb_slice, both, turned
 from featherfx.shot.placement import place

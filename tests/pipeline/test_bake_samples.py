@@ -89,7 +89,8 @@ def test_accelerations_are_second_differences_of_the_points(tmp_path):
         'motion = "shake"\nwind = "calm"\nquality = "preview"\n'
     )
     errors = []
-    for subframes in (8, 32):
+    # at 32 the rounding of written points is as much
+    for subframes in (4, 16):
         path = tmp_path / f"s{subframes}.usdc"
         featherfx.bake(shot, path, subframes=subframes, accelerations=True)
         moving, step = mesh(path), 1 / (24 * subframes)
@@ -97,8 +98,8 @@ def test_accelerations_are_second_differences_of_the_points(tmp_path):
         points = np.array([moving.GetPointsAttr().Get(code) for code in codes], dtype=float)
         given = np.array([moving.GetAccelerationsAttr().Get(code) for code in codes])
         found = (points[2:] - 2 * points[1:-1] + points[:-2]) / step**2
-        late = slice(3 * subframes, None)  # the start of the shake is a kick
+        late = slice(3 * subframes, None)  # from rest to the shake
         apart = np.sqrt(((found - given[1:-1])[late] ** 2).mean())
         errors.append(apart / np.sqrt((found[late] ** 2).mean()))
-    assert errors[1] < 0.015
-    assert errors[1] < errors[0] / 5
+    assert errors[1] < 0.005
+    assert errors[1] < errors[0] / 10

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.feather.density import farthest
+from featherfx.feather.lengths import farthest
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.lab.bench.report import ResultTable, Row

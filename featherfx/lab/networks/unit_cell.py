@@ -17,7 +17,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require
-from featherfx.groom.materials import VaneMaterial
+from featherfx.groom.materials import Profile, VaneMaterial
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.declare import value
 from featherfx.lab.networks.network import FibreNetwork, homogenised
@@ -272,7 +272,15 @@ def vane_text(vane: VaneMaterial, source: str) -> str:
     """A vane material as the text of a preset file. source: the feather whose barbs it has."""
     lines = [f"# Vane from a cell of barbs and barbules, with the barbs of {source}.", ""]
     for each in fields(vane):
-        value = getattr(vane, each.name)
-        told = f"{value:.9g}" if isinstance(value, float) else json.dumps(value)
-        lines.append(f"{each.name} = {told}")
+        lines.append(f"{each.name} = {_told(getattr(vane, each.name))}")
     return "\n".join(lines) + "\n"
+
+
+def _told(value: float | str | Profile) -> str:
+    """A value as TOML has it."""
+    if isinstance(value, Profile):
+        curves = (
+            f"{each.name} = {json.dumps(getattr(value, each.name))}" for each in fields(value)
+        )
+        return f"{{ {', '.join(curves)} }}"
+    return f"{value:.9g}" if isinstance(value, float) else json.dumps(value)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.barb_looks import clumped
-from featherfx.feather.density import carried_moving
 from featherfx.feather.detail import detail_of, thinning
+from featherfx.feather.lengths import carried_moving
 from featherfx.feather.lips import Lips, carried_rates
 from featherfx.feather.types import (
     LEADING,
