@@ -97,6 +97,7 @@ class Obstacles:
     ) -> None:
         self.batches, self._follows, self._guides = list(batches), follows, guides
         self._motion, self._levels = motion, levels
+        self._members = np.concatenate([follows[:0], *(each.members for each in batches)])
         self.states = [self._at_rest(each) for each in self.batches]
         self._standing = [np.zeros(len(each.members), dtype=np.bool_) for each in self.batches]
 
@@ -215,14 +216,14 @@ class Obstacles:
     def still(self, start: float, end: float) -> bool:
         """Whether the roots of all obstacles are at end (s) where they were at start."""
         frames = arrived(self._motion, start), self._motion.frames(end)
-        members = np.concatenate([each.members for each in self.batches] or [self._follows[:0]])
-        return all(np.array_equal(a[members], b[members]) for a, b in zip(*frames, strict=True))
+        return all(
+            np.array_equal(a[self._members], b[self._members]) for a, b in zip(*frames, strict=True)
+        )
 
     def way(self, start: float, end: float) -> Array:
         """How far roots and directions of all are at end (s) from where they were at start."""
-        frames = self._motion.frames(start), self._motion.frames(end)
-        members = np.concatenate([each.members for each in self.batches] or [self._follows[:0]])
-        ways = [(b[members] - a[members]).ravel() for a, b in zip(*frames, strict=True)]
+        frames, own = (self._motion.frames(start), self._motion.frames(end)), self._members
+        ways = [(b[own] - a[own]).ravel() for a, b in zip(*frames, strict=True)]
         return np.concatenate(ways)
 
     def memory(self) -> dict[str, Any]:
