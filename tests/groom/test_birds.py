@@ -302,6 +302,29 @@ def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
             assert min(np.linalg.norm(each) for each in away.values()) > 0.012
 
 
+@pytest.mark.usefixtures("wings_as_typed")
+def test_a_cheek_is_below_and_behind_the_eyes_and_feathers_begin_where_the_bill_ends(tmp_path):
+    thin = ", ".join(f"parts.{part}.cover = 3" for part in PARTS)
+    own = 'parts.cheek = { kind = "contour", length = 0.006 }'
+    kind = f'type = {{ base = "pigeon", {own}, {thin}, bill = BILL }}'
+    eyes = "right_eye = [0.128, -0.018, 0.289]\nleft_eye = [0.128, 0.018, 0.289]\n"
+
+    def grown(bill, eyes=eyes):
+        path = changed(tmp_path, "^type.*", kind.replace("BILL", str(bill)))
+        path.write_text(path.read_text() + eyes)
+        return read_groom(path).feathers
+
+    found = grown(0.3)
+    cheeks = np.array([f.position for f in found if f.region == "cheek"])
+    assert len(cheeks) > 10
+    assert cheeks[:, 2].mean() < 0.28  # m, the eyes 9 mm higher
+    assert cheeks[:, 0].mean() < 0.128
+    assert 0.3 < (cheeks[:, 1] > 0.0).mean() < 0.7
+    assert "cheek" not in {f.region for f in grown(0.3, "")}
+    front = [max(f.position[0] for f in each if f.region == "face") for each in (found, grown(0.8))]
+    assert front[1] < front[0] - 0.005
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -36,7 +36,8 @@ Points = dict[str, Array]
 # of what lies over what, wings being -4 to 9: breast, neck and mantle over the wings' roots, what
 # wings lie on below; chosen by eye
 _LAYERS = {
-    **dict.fromkeys(("face", "crown", "throat", "nape", "foreneck", "breast", "mantle"), 30),
+    **dict.fromkeys(("face", "cheek", "crown", "throat", "nape"), 30),
+    **dict.fromkeys(("foreneck", "breast", "mantle"), 30),
     "rim": 31,
     "disc": 32,
     "scapular": 20,
@@ -74,7 +75,8 @@ _AHEAD = (
 )
 _UP = 0.0, 0.0, 1.0
 _ON_CREST = 9  # points of its line that are put onto the skin
-_BEAK = 0.42  # of the way from beak to crown: bare
+_HORN, _FACE = -0.2, 0.2  # sites on either side of where the bill ends, of the way to the crown
+_CHEEK = 0.5  # of the way from the middle of both eyes to the nape
 
 
 def hatch(
@@ -112,7 +114,8 @@ def hatch(
         parts["tail"].append((at, tail))
     if kind["crest"]["count"]:
         parts["crest"].append((at, _crest(entry, kind["crest"], points, axes, scale, skin)))
-    sites = _sites(points, axes)
+    sites = _sites(points, axes, kind["bill"])
+    sites |= _cheeks(points) if kind["parts"]["cheek"] is not None else {}
     if body is not None and entry["fold"] > _HIDES and not entry["opens"]:
         found = [_beneath(each, body) for each in wings]
         sites["below_wing"] = np.concatenate([each.well for each in found])
@@ -126,8 +129,8 @@ def hatch(
     ]
     breast = kind["parts"]["breast"]
     parts_of = kind["parts"] | {"breast_side": breast | {"tilt": breast["tilt"] + _SIDE_TILT}}
-    for name in (*PARTS, "breast_side"):
-        if parts_of[name]["cover"] > 0.0 and name in sites and len(sites[name]):
+    for name in (*PARTS, "cheek", "breast_side"):
+        if len(sites.get(name, ())) and parts_of[name]["cover"] > 0.0:
             region = _region(name, parts_of[name], sites, points, scale)
             region["where"] += bare + disc.outside + (above if name == "scapular" else ())
             parts["region"].append((at.child(f"type.parts.{name}"), region))
@@ -313,10 +316,11 @@ def _crest(
     )
 
 
-def _sites(points: Points, axes: Array) -> dict[str, Array]:
+def _sites(points: Points, axes: Array, bill: float) -> dict[str, Array]:
     """(k, 3) m, the sites of each part, of the bare beak and feet, and of where the tail leaves.
 
-    Shares between landmarks are chosen by eye.
+    bill: where it ends, of the way from the tip of the beak to the crown. Shares between landmarks
+    are chosen by eye.
     """
     p = points
     right, left = p["right_shoulder"], p["left_shoulder"]
@@ -327,8 +331,8 @@ def _sites(points: Points, axes: Array) -> dict[str, Array]:
         return np.asarray(first + fraction * (second - first))
 
     found = {
-        "beak": [p["beak"], between(p["beak"], p["crown"], _BEAK - 0.2)],
-        "face": [between(p["beak"], p["crown"], _BEAK + 0.2)],
+        "beak": [p["beak"], between(p["beak"], p["crown"], bill + _HORN)],
+        "face": [between(p["beak"], p["crown"], bill + _FACE)],
         "crown": [p["crown"]],
         "nape": [p["nape"], between(p["nape"], top, 0.35)],
         "throat": [between(p["beak"], p["breast"], 0.35)],
@@ -361,6 +365,17 @@ def _sites(points: Points, axes: Array) -> dict[str, Array]:
             found.setdefault("thigh", []).append(between(heel, hip, 0.4))
             found.setdefault("foot", []).append(heel)
     return {name: np.array(each) for name, each in found.items()}
+
+
+def _cheeks(points: Points) -> dict[str, Array]:
+    """Sites of the cheeks, below and behind either eye; none without eyes. By eye."""
+    if not {"right_eye", "left_eye"} <= points.keys():
+        return {}
+    right, left = points["right_eye"], points["left_eye"]
+    back = _CHEEK * (points["nape"] - 0.5 * (right + left))
+    down = 0.5 * (right + left) - points["crown"]
+    sites = [eye + way for eye in (right, left) for way in (0.9 * down, 0.7 * down + back)]
+    return {"cheek": np.array(sites)}
 
 
 def _region(

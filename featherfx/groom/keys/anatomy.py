@@ -168,6 +168,11 @@ class PartOfBody:
 
 
 _PART = Table(keys_of(PartOfBody), "table of a part of the body")
+_CHEEK = Key(
+    _PART,
+    "Below and behind the eyes, if these are among the landmarks; without it others meet there.",
+    None,
+)
 
 
 @dataclass(frozen=True)
@@ -279,7 +284,16 @@ BIRD_TYPE = {
     "tail": Key(Table(keys_of(TailOfBird), "table of a tail"), "Its tail."),
     "crest": Key(Table(keys_of(CrestOfBird), "table of a crest"), "Its crest.", {}),
     "disc": Key(Table(keys_of(DiscOfBird), "table of a disc"), "The disc of its face.", {}),
-    "parts": Key(Table({name: Key(_PART, f"The {name}.") for name in PARTS}), "Its coat."),
+    "bill": Key(
+        Number(0.0, 0.9),
+        "How far the bill reaches, of the way from the tip of the beak to the crown: no feathers "
+        "grow before that, nor where `bare` of [bird] says so.",
+        0.42,
+    ),
+    "parts": Key(
+        Table({name: Key(_PART, f"The {name}.") for name in PARTS} | {"cheek": _CHEEK}),
+        "Its coat.",
+    ),
     "colours": Key(
         Named(Table(keys_of(Colour))),
         'Its colours by feather id, with * and ? as wild cards: "breast*" = { base = [1, 1, 1] }. '

@@ -189,7 +189,7 @@ class Library:
     def _finish_key(self, key: Key, value: Any, place: Place) -> Any:
         if isinstance(key.type, Preset) and value is not None:
             return self.merged(key.type.family, value, place)
-        if isinstance(key.type, Table):
+        if isinstance(key.type, Table) and (value is not None or key.default is not None):
             return self._finish(key.type, value or {}, place)
         if value is not None:
             return value
