@@ -3,7 +3,8 @@
 All threads of a team call the same kernel. What is to be done is numbered, and each thread takes
 the next number when it is free (`ticket`); where all must be done before anyone goes on, they
 `meet`, and where one part must be, they wait for that (`say_done`, `wait_for`). A thread that waits
-gives way to others after a while.
+sleeps for moments after a while: to a core that has nothing to run comes a thread of the team that
+stands in line at another one, behind one that lays or writes.
 """
 
 from __future__ import annotations
@@ -22,17 +23,16 @@ from featherfx.jit.compiled import kernel
 
 # numbers of one cache line, so that counters do not disturb each other
 LINE = 8
-# looks at a meeting before a thread gives way
-LOOKS = 2000
+# looks at a meeting before a thread sleeps, and for how many millionths of a second then
+LOOKS, MOMENT = 4000, 20
 # counters of a team that are not tickets: who has arrived, and how often all have met
 ARRIVED, MET, OWN = 0, 1, 2
 
 _SYSTEM: Any = ctypes
-_GIVE_WAY = (
-    _SYSTEM.windll.kernel32.SwitchToThread if os.name == "nt" else _SYSTEM.CDLL(None).sched_yield
-)
-binding.add_symbol("featherfx_give_way", ctypes.cast(_GIVE_WAY, ctypes.c_void_p).value)
-_give_way = types.ExternalFunction("featherfx_give_way", types.int32())
+# Windows sleeps for thousandths at the least, so its threads give way, whatever number they are given
+_SLEEP = _SYSTEM.windll.kernel32.SwitchToThread if os.name == "nt" else _SYSTEM.CDLL(None).usleep
+binding.add_symbol("featherfx_sleep", ctypes.cast(_SLEEP, ctypes.c_void_p).value)
+_sleep = types.ExternalFunction("featherfx_sleep", types.int32(types.uint32))
 
 
 def new_team(kinds: int) -> NDArray[np.int64]:
@@ -80,7 +80,7 @@ def meet(team, size):
     while _fetch_add(team, MET * LINE, 0) == before:
         looks += 1
         if looks >= LOOKS:
-            _give_way()
+            _sleep(MOMENT)
 
 
 @kernel
@@ -96,4 +96,4 @@ def wait_for(done, part, times):
     while _fetch_add(done, part, 0) < times:
         looks += 1
         if looks >= LOOKS:
-            _give_way()
+            _sleep(MOMENT)

@@ -240,6 +240,12 @@ def test_bodies_that_touch_differ_in_colour():
     assert sorted(bodies.tolist()) == np.flatnonzero(active).tolist()
 
 
+def test_an_island_of_half_of_all_bodies_is_shared_by_threads():
+    island = np.repeat([0, 1, 2, -1], [20, 8, 12, 3])
+    assert islands_before(3, island, 1).alone.tolist() == [0, 2, 1]
+    assert islands_before(3, island, 2).alone.tolist() == [1]
+
+
 def in_one_island(active):
     """Marks of bodies of which some are to be solved."""
     bodies = len(active)

@@ -194,9 +194,10 @@ def test_a_wing_at_rest_sleeps_as_a_whole():
 
 
 def test_threads_change_nothing():
-    first, second = (baked(half_wing(bird()), 2, jobs)[1] for jobs in (1, 2))
-    for a, b in zip(first, second, strict=True):
-        assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
+    one, *others = (baked(half_wing(bird()), 2, jobs)[1] for jobs in (1, 2, 3))
+    for some in others:
+        for a, b in zip(one, some, strict=True):
+            assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
 
 
 def test_fewer_threads_from_some_frame_on_change_nothing():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from featherfx.jit.compiled import kernel
-from featherfx.jit.team import forget_tickets, meet, new_team, ticket
+from featherfx.jit.team import forget_tickets, meet, new_team, say_done, ticket, wait_for
 from featherfx.jit.views import viewed, views_of
 
 
@@ -83,3 +83,28 @@ def test_a_team_shares_the_work_and_waits_for_all(size):
         thread.join()
     assert (done == 60).all()
     assert wrong[0] == 0
+
+
+@kernel
+def one_by_one(team, values, done):
+    """Each place of `values` is the sum of all before it, and one more."""
+    while True:
+        at = ticket(team, 0)
+        if at >= values.shape[0]:
+            return
+        total = 1
+        for other in range(at):
+            wait_for(done, other, 1)
+            total += values[other]
+        values[at] = total
+        say_done(done, at)
+
+
+def test_a_thread_waits_for_the_parts_that_it_needs():
+    team, values, done = new_team(1), np.zeros(40, dtype=np.int64), np.zeros(40, dtype=np.int64)
+    threads = [Thread(target=one_by_one, args=(team, values, done)) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert values.tolist() == [2**k for k in range(40)]

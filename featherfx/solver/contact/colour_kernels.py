@@ -68,7 +68,7 @@ def colour_some(touching, marks, islands, colours):
         colours.taken_by[c], colours.first[c] = -1, 0
     colours.first[bodies + 1] = 0
     for body in range(bodies):
-        colours.colour[body] = -1
+        colours.colour[body], colours.done[body] = -1, 0
         if marks.active[body] == 0 or islands.open[marks.island[body]] == 0:
             continue
         own = _give_colour(body, 0, touching, marks.active, colours)

@@ -37,8 +37,9 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Bytes = NDArray[np.int8]
 
-# bodies of an island that one thread solves by itself, over its share of all, at most
-UNEVEN = 1.2
+# bodies of an island that one thread solves by itself, over its share of all, at most: rounds of a
+# larger one may take it longer than all else takes the others
+UNEVEN = 0.5
 
 
 class Team:
@@ -249,6 +250,7 @@ def no_colours(bodies: int) -> Colours:
         first=np.zeros(bodies + 2, dtype=np.int64),
         number=np.zeros(1, dtype=np.int64),
         colour=np.zeros(bodies, dtype=np.int64),
+        done=np.zeros(bodies, dtype=np.int64),
         taken_by=np.zeros(bodies + 1, dtype=np.int64),
     )
 

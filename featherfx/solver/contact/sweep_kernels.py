@@ -2,8 +2,8 @@
 
 In a round every body that is not done is solved anew from the interval's start, against the planes
 of what it touches and with the forces that those felt last. Bodies of one colour do not touch each
-other: the threads take them one by one, and meet before the next colour. So no result depends on
-how many threads there are. What belongs together (an island) has rounds of its own: it is done
+other: the threads take them one by one, colour after colour, and wait for those of earlier colours
+that a body touches. So no result depends on how many threads there are. What belongs together (an island) has rounds of its own: it is done
 when all its contacts are solved, or after so many rounds. A body that cannot be solved stays where
 it was last, and the others meet it as they meet a wall.
 """
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.array_kernels import copy_values
 from featherfx.jit.compiled import kernel
-from featherfx.jit.team import forget_tickets, meet, ticket
+from featherfx.jit.team import forget_tickets, meet, say_done, ticket, wait_for
 from featherfx.jit.views import Views, viewed
 from featherfx.solver.contact.colour_kernels import colour_island, colour_some
 from featherfx.solver.contact.list_kernels import (
@@ -94,12 +94,14 @@ class Islands(NamedTuple):
 
 class Colours(NamedTuple):
     """The bodies of a round by colours: bodies[first[c]] to bodies[first[c + 1] - 1]; first
-    (B + 2,), number: (1,) of colours. colour, taken_by: (B,), (B + 1,) scratch."""
+    (B + 2,), number: (1,) of colours. colour: (B,) of each, -1 of others. done: (B,) whether it is
+    solved in this round. taken_by: (B + 1,) scratch."""
 
     bodies: Indices
     first: Indices
     number: Indices
     colour: Indices
+    done: Indices
     taken_by: Indices
 
 
@@ -264,6 +266,18 @@ def _solve(body, thread, reach, sweep):
 
 
 @kernel
+def _solve_after(body, thread, reach, sweep):
+    """Solve one body when all that it touches of earlier colours are solved in this round."""
+    (first, near), colours = sweep.touching, sweep.colours
+    for at in range(first[body], first[body + 1]):
+        other = near[at]
+        if 0 <= colours.colour[other] < colours.colour[body]:
+            wait_for(colours.done, other, 1)
+    _solve(body, thread, reach, sweep)
+    say_done(colours.done, body)
+
+
+@kernel
 def _measure(team, size, kind, sweep):
     """All contacts in the pose now."""
     count = sweep.contacts
@@ -383,15 +397,9 @@ def solve_rounds(thread, team, size, sweep):
         if colours.number[0] == 0:
             return
         number += 1
-        reach = _reach(number, sweep)
-        for c in range(colours.number[0]):
-            if c > 0:
-                meet(team, size)
-                kind = 1 - kind
-                if thread == 0:
-                    forget_tickets(team, 1 - kind)
-            while True:
-                at = colours.first[c] + ticket(team, kind)
-                if at >= colours.first[c + 1]:
-                    break
-                _solve(colours.bodies[at], thread, reach, sweep)
+        reach, count = _reach(number, sweep), colours.first[colours.number[0]]
+        while True:
+            at = ticket(team, kind)
+            if at >= count:
+                break
+            _solve_after(colours.bodies[at], thread, reach, sweep)
