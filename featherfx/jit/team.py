@@ -29,7 +29,7 @@ LOOKS, MOMENT = 4000, 20
 ARRIVED, MET, OWN = 0, 1, 2
 
 _SYSTEM: Any = ctypes
-# Windows sleeps for thousandths at the least, so its threads give way, whatever number they are given
+# Windows sleeps for thousandths at the least, so its threads give way, however long they are told
 _SLEEP = _SYSTEM.windll.kernel32.SwitchToThread if os.name == "nt" else _SYSTEM.CDLL(None).usleep
 binding.add_symbol("featherfx_sleep", ctypes.cast(_SLEEP, ctypes.c_void_p).value)
 _sleep = types.ExternalFunction("featherfx_sleep", types.int32(types.uint32))

@@ -33,7 +33,7 @@ from featherfx.solver.contact.wall_kernels import find_wall_contacts
 
 FIRST_ROOM = 1024
 # points of guests that are one piece of work, at the least, and pieces for each thread
-LEAST_POINTS, PIECES = 20_000, 8
+LEAST_POINTS, PIECES = 20_000, 20
 
 ForEach = Callable[[Callable[[int], None], Iterable[int]], None]
 

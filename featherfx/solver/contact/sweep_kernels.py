@@ -3,9 +3,9 @@
 In a round every body that is not done is solved anew from the interval's start, against the planes
 of what it touches and with the forces that those felt last. Bodies of one colour do not touch each
 other: the threads take them one by one, colour after colour, and wait for those of earlier colours
-that a body touches. So no result depends on how many threads there are. What belongs together (an island) has rounds of its own: it is done
-when all its contacts are solved, or after so many rounds. A body that cannot be solved stays where
-it was last, and the others meet it as they meet a wall.
+that a body touches. So no result depends on how many threads there are. What belongs together (an
+island) has rounds of its own: it is done when all its contacts are solved, or after so many rounds.
+A body that cannot be solved stays where it was last, and the others meet it as they meet a wall.
 """
 
 from typing import NamedTuple
