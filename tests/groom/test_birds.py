@@ -336,6 +336,12 @@ def test_a_cheek_is_below_and_behind_the_eyes_and_feathers_begin_where_the_bill_
             "right_wing = [[0, -1, 0], [1, -1, 0], [0, -2, 0]]\nright_heel",
             "left_wing",
         ),
+        ("^left_heel.*", "", "landmarks.left_heel: missing, right_heel is there"),
+        (
+            "^beak = .*",
+            "beak = [1.66, 0, 0.272]",
+            "landmarks.beak: is 1.49 m off the skin; allowed 0.45 m",
+        ),
         (r"\[skin\]\nusd.*\nprim.*", "", "bird: stands without [skin]"),
         (
             r'^type = "pigeon"',

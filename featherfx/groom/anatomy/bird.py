@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_from, from_rotation_vector, parallel
+from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of
 from featherfx.groom.anatomy.fans import closed_fan
+from featherfx.groom.anatomy.landmarks import Points, axes_of, check_on_skin, distance
 from featherfx.groom.anatomy.lie import Beneath, Body, beneath, lie_on
 from featherfx.groom.anatomy.remiges import shut
 from featherfx.groom.anatomy.wing import wing_type
@@ -30,8 +31,6 @@ from featherfx.groom.keys.regions import FLOW, LAYOUT, REGION, SPREAD, WHERE
 from featherfx.groom.keys.values import Key
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.space import SkinsReader
-
-Points = dict[str, Array]
 
 # of what lies over what, wings being -4 to 9: breast, neck and mantle over the wings' roots, what
 # wings lie on below; chosen by eye
@@ -62,17 +61,6 @@ _BORDER = 0.5  # of a feather's length, over which parts pass into each other
 _BORDERS = {"thigh": 0.1}  # where legs are bare below, no single feathers
 _ROOM = {"thigh": 0.4}  # of a length, free beneath; where legs move, more than the 0.3 elsewhere
 _SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
-_FARTHEST = 1.5  # ways from beak to tail, that a landmark may be away from the nearer of them
-# axes (forward, left, up) along which a landmark has to be ahead of another
-_AHEAD = (
-    (1, "left_shoulder", "right_shoulder"),
-    (1, "left_heel", "right_heel"),
-    (0, "breast", "vent"),
-    (0, "beak", "nape"),
-    (0, "crown", "nape"),
-    (0, "vent", "tail"),
-    (2, "nape", "breast"),
-)
 _UP = 0.0, 0.0, 1.0
 _ON_CREST = 9  # points of its line that are put onto the skin
 _HORN, _FACE = -0.2, 0.2  # sites on either side of where the bill ends, of the way to the crown
@@ -95,16 +83,18 @@ def hatch(
     points = {k: np.array(v) for k, v in entry["landmarks"].items() if v is not None}
     given = sourced(entry["type"], at.source)
     axes, tree = all_of(
-        partial(_axes, points, entry["up"] or _UP, at.child("landmarks")),
+        partial(axes_of, points, entry["up"] or _UP, at.child("landmarks")),
         partial(library.merged, "bird", given, at.child("type")),
     )
     kind = plain(tree)
-    scale = entry["scale"] or _distance(points, "beak", "tail") / kind["length"]
+    scale = entry["scale"] or distance(points, "beak", "tail") / kind["length"]
     wing = wing_type(kind["wing"], at.child("type.wing"), library)
     stays = "right_wing" not in points and entry["fold"] == 1.0 and not entry["opens"]
     wing = shut(wing) if stays else wing
     tail = _tail(entry, kind["tail"], points, axes, scale) if kind["tail"]["count"] else None
     skin = _skin(parts["skin"], place, read, points["tail"], axes)
+    if skin is not None:
+        check_on_skin(points, skin.corners, at.child("landmarks"))
     body = skin if skin is None or tail is None else _with_tail(skin, tail)
     wings = [_wing(entry, wing, side, points, axes, scale) for side in ("right", "left")]
     if body is not None and (entry["fold"] > _SPREAD or entry["opens"]):
@@ -145,47 +135,6 @@ def hatch(
 def _filled(keys: Mapping[str, Key], **values: Any) -> dict[str, Any]:
     """A checked table: values, and the defaults of other keys."""
     return {name: key.default for name, key in keys.items()} | values
-
-
-def _distance(points: Points, first: str, second: str) -> float:
-    return float(np.linalg.norm(points[first] - points[second]))
-
-
-def _axes(points: Points, up: tuple[float, ...], place: Place) -> Array:
-    """(3, 3) forward along the trunk, left and up. Raises InputError."""
-    wings = [name for name in ("right_wing", "left_wing") if name in points]
-    if len(wings) == 1:
-        missing = "left_wing" if wings[0] == "right_wing" else "right_wing"
-        place.child(missing).refuse(f"missing, {wings[0]} has its landmarks")
-    flat = [(name, point) for name, point in points.items() if point.ndim == 1]
-    size = max(_distance(points, "beak", "tail"), 1e-9)
-    for k, (name, point) in enumerate(flat):
-        for other, there in flat[:k]:
-            if np.linalg.norm(point - there) < 1e-3 * size:
-                place.child(name).refuse(f"is at the place of {other}")
-    shoulders = 0.5 * (points["right_shoulder"] + points["left_shoulder"])
-    forward = shoulders - points["tail"]
-    if parallel(forward, up):
-        place.child("tail").refuse("is right below or above the shoulders; set `up`")
-    axes = frames_from(forward, up)
-    for name, point in flat:
-        away = min(float(np.linalg.norm(point - points[end])) for end in ("beak", "tail"))
-        if away > _FARTHEST * size:
-            told = f"is {away:.3g} m from beak and tail, which are {size:.3g} m apart"
-            place.child(name).refuse(f"{told}; allowed {_FARTHEST:g} times that")
-    wrong = [
-        (axis, name, back)
-        for axis, name, back in _AHEAD
-        if {name, back} <= points.keys()
-        and float((points[name] - points[back]) @ axes[:, axis]) <= 0.0
-    ]
-    if {"left_shoulder", "breast"} <= {name for _, name, _ in wrong}:
-        # forward is from the tail to the shoulders
-        place.child("beak").refuse("is behind tail: are the two exchanged?")
-    for axis, name, back in wrong:
-        side = ("behind", "to the right of", "below")[axis]
-        place.child(name).refuse(f"is {side} {back}: are the two exchanged?")
-    return axes
 
 
 def _skin(
@@ -297,8 +246,8 @@ def _crest(
         np.array([front, points["crown"], points["nape"]]), np.linspace(0.0, 1.0, _ON_CREST)
     )
     if skin is not None:  # landmarks are few, and skulls round
-        outwards = unit(path - points["crown"] + _distance(points, "crown", "nape") * axes[:, 2])
-        most = _distance(points, "beak", "crown")
+        outwards = unit(path - points["crown"] + distance(points, "crown", "nape") * axes[:, 2])
+        most = distance(points, "beak", "crown")
         ways = [skin.way_out(*each, most) for each in zip(path, outwards, strict=True)]
         path = path + np.array(ways)[:, None] * outwards
     own = {name: kind[name] for name in ("kind", "count", "width", "angles")}

@@ -121,7 +121,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     scenes = _scenes(parts, groom, place, readers)
     limbs = motion is not None and motion.of_limbs
     limbs &= any(feather.turning is not None for feather in groom.feathers)
-    if "motion" in raw and parts["skin"] is not None and not limbs:
+    if motion is not None and "motion" in raw and parts["skin"] is not None and not limbs:
         message = (
             "stands beside [skin], which moves the roots; a fold, flap or act of wings, tails "
         )
