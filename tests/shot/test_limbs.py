@@ -11,6 +11,7 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 
 import featherfx
 from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.errors import InputError
 from featherfx.groom.read.read import read_groom
 from featherfx.shot.motion.flap import folding
 from featherfx.shot.motion.joints import joint_roots, roots_at_rest, skeleton_of
@@ -199,3 +200,18 @@ def test_a_skeleton_folds_a_wing_to_where_landmarks_have_it(tmp_path, skin):
     (part,) = shot.skin.parts
     boneless = replace(part, surface=SimpleNamespace(bones=None))
     assert not moving_limbs(replace(shot, skin=replace(shot.skin, parts=(boneless,)))).any()
+
+
+def test_a_skeleton_with_one_wing_does_not_carry_two(tmp_path):
+    """Both wings went with the bones of the right one."""
+    write_skeleton(tmp_path / "bones.usda")
+    names = ("shoulder", "elbow", "wrist", "tip")
+    joints = (f'{name} = {{ joint = "{path}" }}' for name, path in zip(names, JOINTS, strict=True))
+    skin = '[skin]\nusd = "bones.usda"\nprim = "/bird/skeleton"\n'
+    wing = 'name = "w"\n[[wing]]\nid = "right_wing"\ntype = "pigeon"\nmirror = "y"'
+    (tmp_path / "groom.toml").write_text("\n".join([wing, *joints, skin]))
+    (tmp_path / "shot.toml").write_text(
+        'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n' + skin
+    )
+    with pytest.raises(InputError, match="'left_wing_.*has the skeleton one wing only"):
+        root_motion(featherfx.read_shot(tmp_path / "shot.toml"))

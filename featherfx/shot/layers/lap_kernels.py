@@ -24,6 +24,8 @@ from featherfx.solver.contact.wall_kernels import weighted
 BESIDE, FADE = 1.0, 3.0
 # least cosine between a lift and the normal that it is to act along
 LEAST_COSINE = 0.5
+# of the depth that is undone, lift up to which all is given that is asked for; none at twice that depth
+WHOLE = 1.5
 # of the depth that is undone, up to which feathers keep their order of which a limb carries one
 CARRIED_BY = 0.1
 # parts into which the rim between two rows is divided
@@ -122,7 +124,8 @@ def _lap(vanes, pose, bodies, point, place, margin, lap):
         base -= side * lap.weight[q] * lift[host, row, column]
     lap.upper, lap.lower = (guest, host) if above else (host, guest)
     # what would need too much of a lift is left, little by little
-    lap.share = fade * max(0.0, min(1.0, 2.0 - base / (deepest * (lap.own if above else total))))
+    lifts = base / (deepest * (lap.own if above else total))
+    lap.share = fade * max(0.0, min(1.0, (2.0 - lifts) / (2.0 - WHOLE)))
     lap.above, lap.base = 1 if above else 0, base
     lap.node[0], lap.node[1], lap.after[0], lap.after[1] = node[0], node[1], after[0], after[1]
     lap.part = part

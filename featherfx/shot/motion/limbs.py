@@ -7,11 +7,13 @@ bones of wings go with its bones, and feathers between forearm and hand turn as 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
+from featherfx.errors import InputError, Problem
 from featherfx.groom.skin.skin import Binding, bind, follow
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.joints import JointPoses, Skeleton, joint_roots, skeleton_of
@@ -19,6 +21,10 @@ from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.read.sources import MovingSurface
 from featherfx.shot.types import Shot
+
+
+# times as far as another wing's bone, from which on one is beside the bone that bears both
+_ASIDE = 4.0
 
 
 @dataclass(frozen=True)
@@ -141,10 +147,37 @@ def on_bones(groom: Groom, skin: BoundSkin) -> Roots:
         return skin
     middles = np.array(list(bones.values()))
     binding = bind(middles, ribbons.rest, ribbons.triangles)
+    _refuse_one_wing([groom.joints[k - 1].name for k in bones], groom, ribbons, binding)
     used, skeleton = ribbons.triangles[binding.used], skeleton_of(groom)
     joints = np.array(list(bones), dtype=np.int64)
     own = _Bones(skeleton, joints, middles, ribbons, binding, used, skin.start)
     return _WingRoots(skin, joint_roots(groom, skeleton, own.poses), np.array(members))
+
+
+def _refuse_one_wing(
+    names: Sequence[str], groom: Groom, ribbons: MovingSurface, binding: Binding
+) -> None:
+    """Raise InputError where a bone of a skeleton carries a wing's that it lies on, and one of
+    another wing that is far from it: as where the skeleton has one wing only. names: of B joints."""
+    firsts, bone, away = _first_joints(groom), ribbons.face[binding.triangle], binding.distance
+    for near in np.argsort(away, kind="stable"):
+        others = np.flatnonzero((bone == bone[near]) & (away > _ASIDE * away[near]))
+        for far in others[np.argsort(-away[others], kind="stable")]:
+            length = float(np.linalg.norm(_way_of(names[far], groom)))
+            if firsts[names[far]] != firsts[names[near]] and away[far] > length:
+                told = (
+                    f"the bone nearest to '{names[far]}' is {away[far]:.3g} m away and is that of "
+                    f"'{names[near]}', {away[near]:.3g} m away: has the skeleton one wing only? "
+                    "Name joints of both sides, or leave out `skeleton` or that wing"
+                )
+                raise InputError(Problem(ribbons.path, "joints", told))
+
+
+def _way_of(name: str, groom: Groom) -> Array:
+    """(3,) m, from a joint of a wing to the middle of its bone, twice."""
+    joint = next(each for each in groom.joints if each.name == name)
+    assert joint.bone is not None
+    return 2.0 * (np.array(joint.bone) - np.array(joint.position))
 
 
 def moving_limbs(shot: Shot) -> Indices:
