@@ -74,13 +74,15 @@ def test_a_feather_that_lies_far_beneath_what_it_should_lie_over_stays_there():
             np.testing.assert_array_equal(points, before)
 
 
-def pushed_beneath_a_large_one(limb=(0, 0), depth=0.7):
+def pushed_beneath_a_large_one(limb=(0, 0), depth=0.7, size=3.0, behind=1.0):
     """A small feather that goes beneath a large one within a frame, both slanted, so that boxes
     along the axes meet: their plumage and axes, poses as they were and as they were laid. limb:
-    which moves each. depth: of the small one's length."""
+    which moves each. depth: of the small one's length; size: of the large one, over that, and
+    behind: how far its root stands behind."""
     shot = shingles(2)
     small, large = shot.groom.feathers
-    kind, back = adjusted(large.kind, Change(scale=3.0)), np.array([small.kind.length, 0.0, 0.0])
+    kind = adjusted(large.kind, Change(scale=size))
+    back = np.array([behind * small.kind.length, 0.0, 0.0])
     feathers = small, replace(large, kind=kind, prototype=None, position=-back)
     shot = replace(shot, groom=replace(shot.groom, feathers=feathers))
     poses, none = next(iter(simulate(replace(shot, layers=None)))).poses, np.zeros((0, 3))
@@ -111,6 +113,13 @@ def test_a_feather_that_is_pushed_beneath_another_is_laid_over_it():
     assert (worst["feather"], worst["frame"]) == (small.id, 1.0)
     assert worst["lift"] == pytest.approx(farthest(laid[0], sunk))
     assert worst["of_length"] == pytest.approx(worst["lift"] / plumage.vanes.row[0].sum())
+
+
+def test_what_needs_a_lift_of_more_than_its_length_is_laid_all_the_same():
+    """Lifts faded out from a length on, and left a tenth of it in the other."""
+    plumage, _, small, (sunk, _), laid = pushed_beneath_a_large_one((0, 0), 1.1, 8.0, 1.5)
+    assert 1.05 < farthest(laid[0], sunk) / small.kind.length < 1.5
+    assert plumage.report()["written_depth"]["worst"] < 0.5
 
 
 def test_what_a_limb_carries_away_is_not_lifted_to_where_it_lay():

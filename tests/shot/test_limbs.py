@@ -213,5 +213,5 @@ def test_a_skeleton_with_one_wing_does_not_carry_two(tmp_path):
     (tmp_path / "shot.toml").write_text(
         'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n' + skin
     )
-    with pytest.raises(InputError, match="'left_wing_.*has the skeleton one wing only"):
+    with pytest.raises(InputError, match="has the skeleton one wing only"):
         root_motion(featherfx.read_shot(tmp_path / "shot.toml"))

@@ -24,7 +24,7 @@ from featherfx.solver.contact.wall_kernels import weighted
 BESIDE, FADE = 1.0, 3.0
 # least cosine between a lift and the normal that it is to act along
 LEAST_COSINE = 0.5
-# of the depth that is undone, lift up to which all is given that is asked for; none at twice that depth
+# of the depth that is undone, lift up to which all is given that is asked for; none at twice it
 WHOLE = 1.5
 # of the depth that is undone, up to which feathers keep their order of which a limb carries one
 CARRIED_BY = 0.1

@@ -22,7 +22,6 @@ from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.read.sources import MovingSurface
 from featherfx.shot.types import Shot
 
-
 # times as far as another wing's bone, from which on one is beside the bone that bears both
 _ASIDE = 4.0
 
@@ -158,7 +157,7 @@ def _refuse_one_wing(
     names: Sequence[str], groom: Groom, ribbons: MovingSurface, binding: Binding
 ) -> None:
     """Raise InputError where a bone of a skeleton carries a wing's that it lies on, and one of
-    another wing that is far from it: as where the skeleton has one wing only. names: of B joints."""
+    another wing that is far from it: the skeleton has one wing only. names: of B joints."""
     firsts, bone, away = _first_joints(groom), ribbons.face[binding.triangle], binding.distance
     for near in np.argsort(away, kind="stable"):
         others = np.flatnonzero((bone == bone[near]) & (away > _ASIDE * away[near]))
