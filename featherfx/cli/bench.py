@@ -24,6 +24,7 @@ from featherfx.lab.bench.options import BenchOptions
     featherfx bench --skips samples/pigeon/shot.toml --only "*guided" --frames 8
     featherfx bench --stress --cases 1000 --seed 1000 -o measured
     featherfx bench --stress --cases 200 --seed 7 --json
+    featherfx bench --stress --hooks --cases 200
     """,
 )
 @options_of(BenchOptions, *(each.name for each in fields(BenchOptions) if each.metadata))
@@ -52,6 +53,8 @@ def bench(**values: Any) -> None:
         raise click.UsageError("--frames and --every go with --skips or --promise")
     if options.only != "*" and not (options.skips or options.front):
         raise click.UsageError("--only goes with --skips or --front")
+    if options.hooks and not options.stress:
+        raise click.UsageError("--hooks goes with --stress")
     if options.as_json and not options.stress:
         raise click.UsageError("--json goes with --stress")
     from featherfx.cli.lab.benchmarks import run_benchmarks

@@ -40,6 +40,9 @@ MOST_ITERATIONS = 20_000
 HARD = 12
 # of the feather's length, error that a step may not exceed where it can be shorter
 COARSE = 0.01
+# the same, distance from its solution at which a step is taken where a frame must end; what Newton
+# adds to a hard matrix overstates it
+UNSOLVED = 100.0
 # feathers that a thread takes at once at most: what Python hands over takes 40 microseconds a call,
 # and an interrupt waits for its end; pieces for each thread at least
 AT_ONCE, PIECES = 32, 8
@@ -72,7 +75,7 @@ class Settings:
 def step_settings(settings: Settings, duration: float, length: float = 1.0) -> StepSettings:
     """Settings as the kernels take them, of a frame of duration (s).
 
-    length: m, of a feather; 1 where coarse is to be a part of it.
+    length: m, of a feather; 1 where coarse and unsolved are to be parts of it.
     """
     return StepSettings(
         duration=float(duration),
@@ -84,6 +87,7 @@ def step_settings(settings: Settings, duration: float, length: float = 1.0) -> S
         iterations=NEWTON_ITERATIONS,
         hard=HARD,
         most_iterations=int(settings.max_iterations),
+        unsolved=UNSOLVED * float(length),
     )
 
 
@@ -227,17 +231,23 @@ def pieces(feathers: Indices, jobs: int, most: int = AT_ONCE) -> list[Indices]:
 
 
 def raise_if_failed(
-    status: Array, time: Array, names: Sequence[str], most: int = MOST_ITERATIONS
+    status: Array,
+    time: Array,
+    names: Sequence[str],
+    most: int = MOST_ITERATIONS,
+    cause_of: Callable[[int], str] | None = None,
 ) -> None:
     """SimulationError for the first feather with a status; it tells how many more there are.
 
-    most: Settings.max_iterations.
+    most: Settings.max_iterations. cause_of: what is amiss with a feather, where it is (overload).
     """
     bad = np.flatnonzero(status != CONVERGED)
     if len(bad) == 0:
         return
     first = int(bad[0])
     reason = reason_of(int(status[first]), most)
+    cause = cause_of(first) if cause_of is not None else ""
+    reason += f"; {cause}" if cause else ""
     if len(bad) > 1:
         reason += f" (and {len(bad) - 1} more feathers)"
     raise SimulationError(names[first], float(time[first]), reason)

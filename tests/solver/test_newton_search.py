@@ -82,7 +82,7 @@ def test_a_try_without_a_full_step_is_not_near_its_solution():
     near = nearly_solved.py_func
 
     def after(move):
-        return near(Solved(NOT_CONVERGED, 32, 20, move, UNKNOWN), 1e-3)
+        return near(Solved(NOT_CONVERGED, 32, 20, move, UNKNOWN), 1e-3, 0.0)
 
     assert after(inf) == NOT_CONVERGED
     assert after(2e-5) == NOT_CONVERGED
@@ -101,8 +101,8 @@ def test_an_iteration_with_a_matrix_at_hand_counts_as_a_quarter():
 
 
 def test_steps_that_are_dear_get_fewer():
-    settings = StepSettings(1.0, 1.0 / 4096.0, 0.0, 1e-4, 1e-2, 1e-6, 32, 12, 20_000)
-    cheap = shortest_now.py_func(settings, 0.5, 2000, 8_000)
-    dear = shortest_now.py_func(settings, 0.5, 400, 8_000)
+    settings = StepSettings(1.0, 1.0 / 4096.0, 0.0, 1e-4, 1e-2, 1e-6, 32, 12, 20_000, 0.0)
+    cheap = shortest_now.py_func(settings, 0.5, 2000, 8_000, 0.0)
+    dear = shortest_now.py_func(settings, 0.5, 400, 8_000, 0.0)
     assert cheap == pytest.approx(0.5 * 12.0 / 8_000)
     assert dear == pytest.approx(0.5 * 60.0 / 8_000)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from pathlib import Path
 from typing import Any
 
 import click
@@ -63,7 +62,7 @@ def run_benchmarks(options: BenchOptions) -> None:
             tables.append(kept_table(shots, options.error, progress, *rest_of))
     elif options.stress:
         rows = QUICK_ROWS if options.quick else MOST_ROWS
-        outcome = _stress(options.seeds, jobs, rows, output)
+        outcome = _stress(options, jobs, rows)
     else:
         extent = experiments.QUICK if options.quick else experiments.FULL
         with Progress("tables") as progress:
@@ -120,8 +119,9 @@ def _front(options: BenchOptions) -> None:
         click.echo(file)
 
 
-def _stress(seeds: range, jobs: int, most_rows: int, folder: Path | None) -> dict[str, Any]:
+def _stress(options: BenchOptions, jobs: int, most_rows: int) -> dict[str, Any]:
     """Run the cases that the folder does not have yet; the summary of all that it then has."""
+    folder, hooks = options.output, options.hooks
     records = read_records(folder) if folder is not None else {}
 
     def keep(outcome: CaseOutcome) -> None:
@@ -130,5 +130,6 @@ def _stress(seeds: range, jobs: int, most_rows: int, folder: Path | None) -> dic
             append_record(folder, records[outcome.seed])
 
     with Progress("cases") as progress:
-        run_seeds([s for s in seeds if s not in records], jobs, most_rows, progress, keep)
+        left = [seed for seed in options.seeds if seed not in records]
+        run_seeds(left, jobs, most_rows, hooks, progress, keep)
     return summary([records[seed] for seed in sorted(records)])

@@ -46,9 +46,10 @@ class BenchOptions:
     )
     as_json: bool = option(
         False,
-        "Of --stress: cases, stopped, violations, over_tolerance_share and seconds as JSON.",
+        "Of --stress: counts, times and the cases that stopped, with their causes, as JSON.",
         flag="--json",
     )
+    hooks: bool = option(False, "Of --stress: vanes that slip, split and are zipped up.")
     seed: int = option(0, "First one.", least=0)
     jobs: int | None = option(None, "Threads.  [default: all cores]", least=1)
     output: Path | None = None

@@ -17,8 +17,10 @@ import numpy as np
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import both
 from featherfx.lab.bench.cases import Case, draw_case, pose_of
+from featherfx.lab.bench.hooked_cases import zipped
 from featherfx.mechanics.model import Loads, Model
-from featherfx.solver.solver import Solver, StepReport
+from featherfx.solver.overload import overload, specific_energy
+from featherfx.solver.solver import COARSE, Solver, StepReport
 from featherfx.solver.state import State
 from featherfx.solver.status import CONVERGED, TOO_MUCH_WORK, reason_of
 from featherfx.solver.step.energy_kernels import elastic_energy
@@ -36,18 +38,21 @@ COUNTED = ("steps", "iterations", "rejected", "failed", "fallbacks", "forced")
 class CaseOutcome:
     """What became of a case.
 
-    seed, numbers: of the case. status: 0 or why the solver stopped; frame: in which frame.
+    seed, numbers: of the case. status: 0 or why the solver stopped; frame: in which frame. cause:
+    what of the input stopped it, empty where nothing is known of.
     steps, iterations, rejected, failed, fallbacks, forced: sums over the frames (StepReport).
     energy_gain: largest growth of kinetic and potential energy over a frame, share of all there is;
     None where work is done. unexplained_gain: the same without what the integrator had held in its
     accelerations (solver/step/energy_promise_kernels.py), which frames with steps over the
-    tolerance may not give back. violations: what must never happen and did. seconds: processor
+    tolerance may not give back. unsolved: largest distance of a step from its solution, share of
+    the length. violations: what must never happen and did. seconds: processor
     time.
     """
 
     seed: int
     numbers: dict[str, Any]
     status: int = 0
+    cause: str = ""
     frame: int = 0
     steps: int = 0
     iterations: int = 0
@@ -57,6 +62,7 @@ class CaseOutcome:
     forced: int = 0
     energy_gain: float | None = None
     unexplained_gain: float | None = None
+    unsolved: float = 0.0
     violations: list[str] = field(default_factory=list)
     seconds: float = 0.0
 
@@ -88,10 +94,13 @@ def run_case(case: Case) -> CaseOutcome:
     gains, unexplained = [], []
     with Solver(case.model, case.settings) as solver:
         for frame, path in enumerate(case.paths):
+            if case.strokes:
+                state = zipped(case.model, state, case.strokes[frame])
             before = state.copy()
             new, report = solver.step(state, case.loads, path, case.duration)
             outcome.frame = frame
             _count(outcome, report)
+            outcome.unsolved = max(outcome.unsolved, float(report.move[0]) / case.numbers["length"])
             outcome.violations += _broken_promises(case, before, state, new, report)
             if case.still:
                 gains.append(_energy_gain(case, state, new))
@@ -99,6 +108,8 @@ def run_case(case: Case) -> CaseOutcome:
                 unexplained.append(gains[-1] - held)
             state = new
             if outcome.status != CONVERGED:
+                both_ends = (specific_energy(case.model, each, 0) for each in (before, new))
+                outcome.cause = overload(max(both_ends))
                 break
     if gains:
         outcome.energy_gain, outcome.unexplained_gain = max(gains), max(unexplained)
@@ -165,17 +176,19 @@ def run_seeds(
     seeds: Iterable[int],
     jobs: int = 1,
     most_rows: int = 200,
+    hooks: bool = False,
     progress: Callable[[int, int], None] | None = None,
     keep: Callable[[CaseOutcome], None] | None = None,
 ) -> list[CaseOutcome]:
     """Outcomes of the cases of the seeds, in their order.
 
-    progress: called as (done, total). keep: called with each outcome as soon as it is there.
+    most_rows, hooks: of draw_case. progress: called as (done, total). keep: called with each
+    outcome as soon as it is there.
     """
     listed = list(seeds)
 
     def one(seed: int) -> CaseOutcome:
-        return run_case(draw_case(seed, most_rows))
+        return run_case(draw_case(seed, most_rows, hooks))
 
     with ThreadPoolExecutor(jobs) as pool:
         futures = [pool.submit(one, seed) for seed in listed]
@@ -198,6 +211,8 @@ def as_record(outcome: CaseOutcome) -> dict[str, Any]:
 
 
 FILE = "stress_cases.jsonl"
+# that records of earlier versions may lack
+NEEDED = "unexplained_gain", "cause", "unsolved"
 Record = dict[str, Any]
 
 
@@ -215,7 +230,7 @@ def read_records(folder: Path) -> dict[int, Record]:
     for number, line in enumerate(lines[:-1], 1):
         try:
             record = json.loads(line)
-            found[int(record["seed"])] = {"unexplained_gain": record["unexplained_gain"]} | record
+            found[int(record["seed"])] = {name: record[name] for name in NEEDED} | record
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
                 Problem(str(path), f"line {number}", "not a record of a case; remove the file")
@@ -248,7 +263,9 @@ def summary(records: Sequence[Record]) -> Record:
         "ok": verdicts["ok"],
         "sub_stepped": verdicts["sub-stepped"],
         "stopped": verdicts["stopped"],
+        "stopped_by_the_input": sum(bool(r["cause"]) for r in records),
         **{f"stopped: {reason}": count for reason, count in sorted(reasons.items())},
+        "with_unsolved_steps": sum(r["unsolved"] > COARSE for r in records),
         "violations": sum(bool(r["violations"]) for r in records),
         "still_cases": len(gains),
         "still_cases_rippling": sum(g > ENERGY_SLACK for g in gains),
@@ -260,7 +277,14 @@ def summary(records: Sequence[Record]) -> Record:
         "iterations": sum(r["iterations"] for r in records),
         **_seconds([r["seconds"] for r in records]),
         "worst": ranked[:WORST],
+        "stopped_cases": [_stop_of(r) for r in records if r["status"] != CONVERGED],
     }
+
+
+def _stop_of(record: Record) -> Record:
+    """Which case stopped, in which frame, why, and what of its input is the cause."""
+    reason = _reason(record["status"])
+    return {name: record[name] for name in ("seed", "frame", "cause")} | {"reason": reason}
 
 
 def short(summed: Record) -> Record:
@@ -269,9 +293,13 @@ def short(summed: Record) -> Record:
     return {
         "cases": summed["cases"],
         "stopped": summed["stopped"],
+        "stopped_by_the_input": summed["stopped_by_the_input"],
+        "with_unsolved_steps": summed["with_unsolved_steps"],
         "violations": summed["violations"],
         "over_tolerance_share": summed["steps_over_tolerance"] / max(summed["steps"], 1),
         "seconds": summed["seconds_a_case"] * summed["cases"],
+        "median_seconds": summed["median_seconds"],
+        "stopped_cases": summed["stopped_cases"],
     }
 
 

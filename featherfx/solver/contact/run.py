@@ -163,6 +163,7 @@ class Run:
             iterations=NEWTON_ITERATIONS,
             hard=HARD,
             most_iterations=min(settings.max_iterations, iterations),
+            unsolved=0.0,
         )
 
     def marks(self, island: Indices, fresh: Flags, soft: Bytes) -> Marks:

@@ -61,15 +61,18 @@ from featherfx.solver.step.retry_kernels import (
     BACKWARD,
     FOLLOW,
     GO_ON,
+    LATEST,
     TAKEN,
     Attempt,
     Outcome,
     after_step,
     count_try,
+    is_pressed,
     judge,
     next_step,
     shortest_now,
     stop,
+    unsolved_allowed,
     work_of,
 )
 from featherfx.solver.step.root_kernels import root_at
@@ -195,7 +198,9 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     before, after = state.points.nodes[f], now.points.nodes
     passed = barbs_pass(model, f, before, after, now.strains.cell, around.gaps)
     excess = max(error, settings.tolerance * max(slipped, PASSED if passed else 0.0))
-    status = nearly_solved(solved, excess)
+    status = nearly_solved(solved, excess, unsolved_allowed(attempt, settings))
+    if status != solved.status:
+        error, excess = max(error, solved.move), max(excess, solved.move)
     keeps, energy = 1.0, attempt.promise.energy
     if attempt.promise.alone and status == CONVERGED:
         growth = 0.0
@@ -245,21 +250,25 @@ def advance(model, loads, f, path, state, settings, work, report):
     duration, left = settings.duration, settings.most_iterations
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
     done, taken, way, pace, before = 0.0, 0, GO_ON, pace_of(work.kept.pace), 0.0
+    recent, begun = 0.0, left
     keep_pace(UNKNOWN, work.kept.pace)
     found = UNKNOWN
     promise = promise_of(model, loads, f, path, duration, state)
     while done < duration * (1.0 - 1e-9):
         if left <= 0:
             return stop(report, f, TOO_MUCH_WORK)
+        pressed, limit = is_pressed(settings, left), min(settings.iterations, left)
+        if pressed and left < settings.iterations:
+            h, way, limit = duration - done, BACKWARD, settings.iterations
         step, fraction = next_step(h, done, duration)
         if state.step[f] <= 0.0:
             way = max(way, FOLLOW)  # there are no rates to go on with
         radius = EULER if way == BACKWARD else settings.spectral_radius
-        floor, limit = shortest_now(settings, done, taken, left), min(settings.iterations, left)
+        floor = shortest_now(settings, done, taken, left, recent)
         last = state.step[f]
         bend = BEND * (step + last) / (last + before) if before > 0.0 else 0.0
         promise = for_step(promise, model, f, step, state)
-        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, pace, bend)
+        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, pace, bend, pressed)
         outcome = _try(model, loads, f, path, attempt, state, settings, work)
         verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
         count_try(report, f, verdict, attempt, outcome, settings)
@@ -270,9 +279,14 @@ def advance(model, loads, f, path, state, settings, work, report):
             slow_down(outcome.keeps, promise.drift, points_of(state.velocity, f))
             promise, done = with_energy(promise, outcome.energy - released), done + step
             taken, before = taken + 1, last if pace.inertia > 0.0 else 0.0
+            recent, begun = recent + LATEST * (begun - left - recent), left
             h, way = after_step(GO_ON, attempt, outcome, settings)
         elif h == 0.0:
-            return stop(report, f, outcome.status)
+            if pressed or settings.unsolved == 0.0:
+                return stop(report, f, outcome.status)
+            # no shorter one is solved either
+            left, h = (settings.most_iterations - 1) // 2, floor
+            begun = left
     state.proposal[f] = h
     if work.kept.plain.shape[0] > 0:
         keep_pace(found, work.kept.pace)

@@ -471,12 +471,13 @@ def minimise(model, loads, f, fraction, factors, goal, work):
 
 
 @kernel
-def nearly_solved(solved, error):
+def nearly_solved(solved, error, allowed):
     """Its status, or CONVERGED where Newton ended close to the minimum.
 
     error: m, of the step, far above its distance from the solution; within a part of the tolerance
     alone, short steps would end with accelerations, and energy in them, that are not there.
+    allowed: m, a distance that is close enough whatever the error.
     """
-    if solved.status == NOT_CONVERGED and solved.move <= NEARLY * error:
+    if solved.status == NOT_CONVERGED and solved.move <= max(NEARLY * error, allowed):
         return CONVERGED
     return solved.status

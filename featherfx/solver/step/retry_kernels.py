@@ -9,6 +9,12 @@ steps may be as short as their errors ask, which what is struck or starts at ful
 moment; the others share evenly what is left of the frame, however large their errors. Implicit
 Euler is also taken where such a step misses the tolerance by far: the other method may gain energy
 from motions that it does not resolve.
+
+Once half of a frame's work is spent, its end comes first: a step that Newton does not solve is
+tried by implicit Euler at once, and that is taken as far as its iterations have brought it. Its
+distance from the solution counts as its error. Such a pose is one that feathers can have, of less
+energy than the one before, as it was come to downwards from there. What work there is in the end
+goes into one step to the frame's end. Where feathers touch, unsolved steps are done again.
 """
 
 from math import ceil
@@ -31,6 +37,8 @@ SMALLEST, CUT = 1e6, 0.25
 # either costs more in steps that are done again than it saves, as a vibration that turns round has
 # no error for a moment (docs/log.md)
 SAFETY, GROWTH = 0.7, 1.5
+# part that the last step's work has in the mean of the last ones
+LATEST = 0.5
 # a next step that would be within this range of the last one is as long, so that its matrix serves,
 # where a frame has more than two
 STEADY = 0.8, 1.25
@@ -47,7 +55,8 @@ class StepSettings(NamedTuple):
     tolerance: m, error of a step. coarse: m, error that no step may have where it can be shorter.
     newton: m, distance from a step's solution that counts as converged. iterations: Newton's of a
     try at most. hard: work beyond which the next step is not made longer. most_iterations: work of
-    the whole frame (work_of).
+    the whole frame (work_of). unsolved: m, distance from its solution at which a step is taken
+    where the frame must end.
     """
 
     duration: float
@@ -59,13 +68,14 @@ class StepSettings(NamedTuple):
     iterations: int
     hard: int
     most_iterations: int
+    unsolved: float
 
 
 @kernel
 def settings_of(frame, length):
     """Settings of a frame for a feather with rachis elements length (n-1,), m.
 
-    frame: StepSettings whose coarse is a part of the feather's length.
+    frame: StepSettings whose coarse and unsolved are parts of the feather's length.
     """
     total = 0.0
     for i in range(length.shape[0]):
@@ -80,6 +90,7 @@ def settings_of(frame, length):
         frame.iterations,
         frame.hard,
         frame.most_iterations,
+        frame.unsolved * total,
     )
 
 
@@ -87,7 +98,7 @@ class Attempt(NamedTuple):
     """A try of a step: its length h (s), the length below which none is tried for its error (floor,
     s), the fraction of the frame at its end, GO_ON, FOLLOW or BACKWARD (way), the spectral radius,
     Newton iterations at most (limit), the Promise, the Pace of the try before, how much of the last
-    change of the rates the prediction adds to them (bend)."""
+    change of the rates the prediction adds to them (bend), whether the frame must end (pressed)."""
 
     h: float
     floor: float
@@ -98,6 +109,7 @@ class Attempt(NamedTuple):
     promise: Promise
     pace: Pace
     bend: float
+    pressed: bool
 
 
 class Outcome(NamedTuple):
@@ -156,15 +168,27 @@ def stop(report, f, status):
 
 
 @kernel
-def shortest_now(settings, done, taken, left):
+def shortest_now(settings, done, taken, left, recent):
     """Length (s) below which no step is tried for its error, once so many steps have brought the
-    frame to done (s) and so much work is left."""
+    frame to done (s) and so much work is left. recent: work that the last ones took each."""
     most = settings.duration / settings.shortest
     if 2.0 * (taken + 1) <= most and 2 * left >= settings.most_iterations:
         return FINEST * settings.shortest
-    spent = (settings.most_iterations - left) / max(taken, 1)
+    spent = max(recent, (settings.most_iterations - left) / max(taken, 1))
     count = min(most - taken, left / max(SET_ASIDE, RESERVE * spent))
     return (settings.duration - done) / max(1.0, count)
+
+
+@kernel
+def is_pressed(settings, left):
+    """Whether a frame with so much work left must end."""
+    return settings.unsolved > 0.0 and 2 * left < settings.most_iterations
+
+
+@kernel
+def unsolved_allowed(attempt, settings):
+    """Distance (m) from its solution at which a try is taken although Newton did not converge."""
+    return settings.unsolved if attempt.pressed and attempt.way == BACKWARD else 0.0
 
 
 @kernel
@@ -200,7 +224,8 @@ def judge(h, first, attempt, outcome, settings):
         # another start of Newton would find the same
         way = max(way, FOLLOW)
     if outcome.status != CONVERGED:
-        way = BACKWARD if step < 0.999 * shortest and way < BACKWARD else way + 1
+        last = step < 0.999 * shortest or attempt.pressed
+        way = BACKWARD if last and way < BACKWARD else way + 1
         if way <= BACKWARD:
             return FAILED, h, way
         return FAILED, shorter if shorter >= smallest else 0.0, first
@@ -209,7 +234,8 @@ def judge(h, first, attempt, outcome, settings):
     lost = error > LOST * tolerance
     if lost and way != BACKWARD:
         return REJECTED, h, BACKWARD
-    if lost and error > settings.coarse and shorter > smallest:
+    far = error > settings.coarse and not attempt.pressed
+    if lost and far and shorter > smallest:
         return REJECTED, shorter, way
     return TAKEN, h, way
 
@@ -218,12 +244,13 @@ def judge(h, first, attempt, outcome, settings):
 def after_step(first, attempt, outcome, settings):
     """The next (h, way) where a step was taken; arguments as in judge."""
     tolerance, error = settings.tolerance, outcome.excess
-    most = 1.0 if work_of(outcome) > settings.hard or error > LOST * tolerance else GROWTH
+    pressed, hard = attempt.pressed, work_of(outcome) > settings.hard
+    most = 1.0 if not pressed and (hard or error > LOST * tolerance) else GROWTH
     wanted = _length_for(error, tolerance, attempt.h, 0.5, most)
     several = attempt.h < 0.4 * settings.duration
     if several and STEADY[0] * attempt.h < wanted < STEADY[1] * attempt.h:
         wanted = attempt.h
     h = max(min(attempt.floor, most * attempt.h), wanted)
-    cut = attempt.way == BACKWARD and attempt.h < 0.999 * settings.shortest
-    way = BACKWARD if cut else first
+    cut = attempt.h < 0.999 * settings.shortest or (pressed and hard)
+    way = BACKWARD if cut and attempt.way == BACKWARD else first
     return h, way

@@ -53,7 +53,7 @@ def start_acceleration(model, loads, f, path, settings, state, work):
     """
     given, duration = state.proposal[f], settings.duration
     limit = min(START_ITERATIONS, settings.iterations)
-    floor = shortest_now(settings, 0.0, 0, settings.most_iterations)
+    floor = shortest_now(settings, 0.0, 0, settings.most_iterations, 0.0)
     h = given if 0.0 < given < duration else duration
     before = strains_of(state.strains, f, 0)
     copy_gaps(gaps_of(state.gaps, f), work.around.gaps)
