@@ -240,10 +240,14 @@ def test_bodies_that_touch_differ_in_colour():
     assert sorted(bodies.tolist()) == np.flatnonzero(active).tolist()
 
 
-def test_an_island_of_half_of_all_bodies_is_shared_by_threads():
-    island = np.repeat([0, 1, 2, -1], [20, 8, 12, 3])
-    assert islands_before(3, island, 1).alone.tolist() == [0, 2, 1]
-    assert islands_before(3, island, 2).alone.tolist() == [1]
+def test_threads_share_islands_that_are_large_beside_all_others():
+    island = np.repeat([0, 1, 2, -1], [50, 30, 20, 3])
+    assert islands_before(3, island, 1).alone.tolist() == [0, 1, 2]
+    assert islands_before(3, island, 2).alone.tolist() == [1, 2]
+    # of few bodies, two that are alike
+    island = np.repeat([0, 1], [10, 10])
+    assert islands_before(2, island, 2).alone.tolist() == [0, 1]
+    assert islands_before(1, np.zeros(10, dtype=np.int64), 2).alone.tolist() == []
 
 
 def in_one_island(active):

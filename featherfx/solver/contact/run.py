@@ -37,9 +37,10 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Bytes = NDArray[np.int8]
 
-# bodies of an island that one thread solves by itself, over its share of all, at most: rounds of a
-# larger one may take it longer than all else takes the others
-UNEVEN = 0.5
+# bodies of an island that one thread solves by itself, over its share of all, at most: of many
+# bodies, whose rounds may take it longer than all else takes the others, and of fewer than those,
+# of which threads that share them often wait for each other
+UNEVEN, UNEVEN_OF_FEW, MANY = 0.75, 1.2, 32
 
 
 class Team:
@@ -234,13 +235,14 @@ def islands_before(count: int, island: Indices, jobs: int) -> Islands:
     bodies = np.argsort(island, kind="stable")[np.count_nonzero(island < 0) :]
     sizes = np.bincount(island[bodies], minlength=count)
     order = np.argsort(-sizes, kind="stable")
+    most = np.where(sizes < MANY, UNEVEN_OF_FEW, UNEVEN) * max(1, len(bodies))
     return Islands(
         rounds=np.zeros(count, dtype=np.int64),
         worst=np.zeros(count),
         open=np.ones(count, dtype=np.int8),
         bodies=bodies,
         first=np.concatenate([[0], np.cumsum(sizes)]),
-        alone=order[sizes[order] * jobs <= UNEVEN * max(1, len(bodies))] if jobs > 1 else order,
+        alone=order[(sizes * jobs <= most)[order]] if jobs > 1 else order,
     )
 
 

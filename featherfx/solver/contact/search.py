@@ -33,7 +33,9 @@ from featherfx.solver.contact.wall_kernels import find_wall_contacts
 
 FIRST_ROOM = 1024
 # points of guests that are one piece of work, at the least, and pieces for each thread
-LEAST_POINTS, PIECES = 20_000, 20
+LEAST_POINTS, PIECES = 5_000, 20
+# contacts that threads put together beside each other, at the least
+MANY = 5_000
 
 ForEach = Callable[[Callable[[int], None], Iterable[int]], None]
 
@@ -203,7 +205,8 @@ class Searcher:
         def put(k: int) -> None:
             _copy(parts[k], touch[first[k] : first[k + 1]])
 
-        self._for_each(put, range(len(parts)))
+        for_each = self._for_each if first[-1] > MANY else _one_by_one
+        for_each(put, range(len(parts)))
         return Found(touch, first[-1])
 
 
