@@ -21,6 +21,7 @@ from featherfx.jit.threads import allowed
 from featherfx.mechanics.model import Loads
 from featherfx.solver.contact.colour_kernels import islands_of, neighbours
 from featherfx.solver.contact.list_kernels import add_forces, list_by_body, soften
+from featherfx.solver.contact.move_kernels import largest_moves
 from featherfx.solver.contact.run import Run, Team, islands_before, no_colours
 from featherfx.solver.contact.search import Found, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
@@ -175,7 +176,7 @@ class ContactSolver:
         bodies = self.grids.bodies
         widest = max(self.solvers, key=lambda solver: solver.jobs)
         self._searcher = Searcher(candidates, self.surfaces, widest.jobs, widest.for_each)
-        self._team = Team(solvers, self.grids, widest.jobs)
+        self._team = Team(solvers, self.grids)
         self._colours = no_colours(bodies)
         self._thinnest = 2.0 * float(np.min(halves, initial=np.inf))
         thickest = float(np.max(halves, initial=np.finfo(float).tiny))
@@ -235,6 +236,7 @@ class ContactSolver:
             soft[yielding] = 1
         before, forces = Found(new_touch(1), 0), np.zeros(self.grids.bodies)
         margin, off = self._margin.copy(), np.zeros(self.grids.bodies)
+        moved = np.zeros(self.grids.bodies)
         for number in range(SEARCHES):
             searched = run.now.copy()
             looked = stale if number else free
@@ -245,7 +247,7 @@ class ContactSolver:
                 stale = self._changed(stale, forces, soft) & free
             solved = self._solve(run, stale & (off == 0.0), soft, off > 0.0)
             rounds += int(solved.islands.rounds.max(initial=0))
-            moved = _largest_moves(run.now, searched, free)
+            largest_moves(run.now, searched, free, moved)
             worst = solved.marks.worst
             off = np.where(worst > lost, worst, off)
             stale, before = (moved >= margin) & ~run.failed() & (off == 0.0), self.found
@@ -428,13 +430,3 @@ class ContactSolver:
             near = neighbours(self.candidates.pairs[touching], self.grids.bodies)
             self._touching = touching, near
         return self._touching[1]
-
-
-def _largest_moves(after: Array, before: Array, free: Flags) -> Array:
-    """(B,) m, how far any node of each body that is free (B,) is in one pose (B, n, 1 + 2 m, 3)
-    from the other; no other has moved."""
-    found, some = np.zeros(len(free)), slice(None) if free.all() else free
-    ways = after[some] - before[some]
-    np.abs(ways, out=ways)
-    found[some] = ways.reshape(len(ways), -1).max(axis=1, initial=0.0)
-    return found

@@ -41,16 +41,21 @@ Bytes = NDArray[np.int8]
 # bodies, whose rounds may take it longer than all else takes the others, and of fewer than those,
 # of which threads that share them often wait for each other
 UNEVEN, UNEVEN_OF_FEW, MANY = 0.75, 1.2, 32
+# bodies from which on threads make states of batches ready
+WORTH_IT = 300
 
 
 class Team:
     """Threads that sweep over batches, and what each of them and each batch needs for that.
 
-    solvers: of the batches, with the same settings. grids: theirs. jobs: threads.
+    solvers: of the batches, with the same settings, of which one that has most threads lends them.
+    grids: theirs.
     """
 
-    def __init__(self, solvers: Sequence[Solver], grids: Grids, jobs: int) -> None:
-        self.solvers, self.grids, self.jobs = tuple(solvers), grids, jobs
+    def __init__(self, solvers: Sequence[Solver], grids: Grids) -> None:
+        self.solvers, self.grids = tuple(solvers), grids
+        self._lender = max(solvers, key=lambda solver: solver.jobs)
+        self.jobs = jobs = self._lender.jobs
         self._pool = ThreadPoolExecutor(jobs - 1) if jobs > 1 else None
         models = [solver.model for solver in solvers]
         self.models = views_of(models)
@@ -67,6 +72,15 @@ class Team:
         if self._rooms is None:
             self._rooms = StateRooms(states)
         return self._rooms
+
+    def for_each_batch(self, function: Callable[[int], None]) -> None:
+        """Call a function with the number of each batch, by all threads where that is worth it."""
+        batches = range(len(self.solvers))
+        if self.grids.bodies < WORTH_IT:
+            for batch in batches:
+                function(batch)
+        else:
+            self._lender.for_each(function, batches)
 
     def forget(self) -> None:
         """Begin anew with all matrices, as a bake does that goes on from here."""
@@ -127,23 +141,27 @@ class Run:
         shares: Array,
     ) -> None:
         self._team, self.duration, self._loads, self._free = team, duration, loads, free
-        grids, bodies = team.grids, pairwise(team.grids.first)
-        own = [free[low:high] for low, high in bodies]
-        rooms = team.rooms(states)
+        rooms, grids = team.rooms(states), team.grids
         self._before = rooms.before
         # neither touches memory yet
         self._after = rooms.made(np.empty if free.all() else np.zeros)
         self.old, self.new = self._before.states, self._after.states
-        for state, given, some in zip(self.old, states, own, strict=True):
-            put(given, state, some)
-        for solver, state, path, some in zip(team.solvers, self.old, paths, own, strict=True):
-            carry_to(solver.model, state, path, some)
-        self.start = grids.together([state.points.nodes for state in self.old], free)
-        velocity = grids.together([state.velocity.nodes for state in self.old], free)
-        carried = grids.together(
-            [_carried(*each) for each in zip(self.old, paths, own, strict=True)], free
-        )
-        self.now = _headed(self.start, velocity, carried, shares, duration, free)
+        self.start, self.now = np.zeros((*shares.shape, 3)), np.zeros((*shares.shape, 3))
+
+        def begin(batch: int) -> None:
+            low, high = grids.first[batch : batch + 2].tolist()
+            state, path = self.old[batch], paths[batch]
+            put(states[batch], state, free[low:high])
+            carry_to(team.solvers[batch].model, state, path, free[low:high])
+            own = np.flatnonzero(free[low:high])
+            some = own if len(own) < high - low else slice(None)
+            nodes, velocity = state.points.nodes[some], state.velocity.nodes[some]
+            own_shares = grids.of(shares, batch, some)
+            grids.put(nodes, batch, some, self.start)
+            headed = _headed(nodes, velocity, path.samples[some], own_shares, duration)
+            grids.put(headed, batch, some, self.now)
+
+        team.for_each_batch(begin)
         self._acting: Held | None = None
         self._room = 0
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
@@ -258,44 +276,22 @@ def no_colours(bodies: int) -> Colours:
     )
 
 
-def _headed(
-    start: Array, velocity: Array, carried: Array, shares: Array, duration: float, free: Flags
-) -> Array:
-    """(B, n, 1 + 2 m, 3) m, where the nodes of bodies that are free (B,) are headed in a duration
-    (s), and others start: on with their velocity, and a share of what they are then from where they
-    would be carried. Velocity and carried are written over."""
-    whole = bool(free.all())
-    some = slice(None) if whole else free
-    ahead, found = velocity[some], carried[some]
-    ahead *= duration
-    ahead += start[some]
-    found -= ahead
-    found *= shares[some, ..., None]
-    found += ahead
-    if whole:
-        return found
-    now = start.copy()
-    now[free] = found
-    return now
-
-
-def _carried(state: State, path: RootPath, free: Flags) -> Array:
-    """(F, n, 1 + 2 m, 3) m, nodes of some feathers (F,) carried rigidly to where their roots' paths
-    end, as if every feather had one; zero of the others."""
-    whole = bool(free.all())
-    some = slice(None) if whole else free
-    nodes, samples = state.points.nodes[some], path.samples[some]
+def _headed(nodes: Array, velocity: Array, samples: Array, shares: Array, duration: float) -> Array:
+    """(F, n, 1 + 2 m, 3) m, where nodes are headed in a duration (s): on with their velocity, and
+    a share (F, n, 1 + 2 m) of what they are then from where their roots would carry them rigidly,
+    along samples (F, K, 6)."""
     turns = vectors_to_frames(samples[:, -1, 3:])
     # one product a feather: many times as fast as one a row
     flat = len(nodes), nodes.shape[1] * nodes.shape[2], 3
     away = (nodes - samples[:, :1, None, :3]).reshape(flat) @ turns.swapaxes(1, 2)
-    carried = away.reshape(nodes.shape)
-    carried += samples[:, -1:, None, :3]
-    if whole:
-        return np.asarray(carried)
-    found = np.zeros(state.points.nodes.shape)
-    found[free] = carried
-    return found
+    found = away.reshape(nodes.shape)
+    found += samples[:, -1:, None, :3]
+    ahead = velocity * duration
+    ahead += nodes
+    found -= ahead
+    found *= shares[..., None]
+    found += ahead
+    return np.asarray(found)
 
 
 def _planes(room: int) -> Contacts:

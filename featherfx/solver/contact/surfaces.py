@@ -70,6 +70,12 @@ class Grids:
         own[bodies, :, : 1 + m] = values[:, :, : 1 + m]
         own[bodies, :, trailing : trailing + m] = values[:, :, 1 + m :]
 
+    def of(self, values: Array, batch: int, bodies: Indices | slice) -> Array:
+        """(k, n, 1 + 2 m, ...) values of some bodies (counted in their batch) from those of all."""
+        m, trailing = int(self.columns[batch]), 1 + self.most_columns
+        own = values[self.first[batch] : self.first[batch + 1], : self.rows[batch]][bodies]
+        return np.concatenate([own[:, :, : 1 + m], own[:, :, trailing : trailing + m]], axis=2)
+
     def together(self, parts: Sequence[Array], free: Flags | None = None) -> Array:
         """(B, most rows, 1 + 2 most columns, ...) from one (F, n, 1 + 2 m, ...) per batch; zero of
         bodies that are not free (B,)."""
