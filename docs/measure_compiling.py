@@ -56,23 +56,22 @@ def measured(work: Callable[[], None]) -> tuple[float, list[tuple[str, float, fl
     """Seconds in all, and per entry: its name, seconds of types and lowering, seconds of LLVM."""
     from numba.core.codegen import JITCodeLibrary
 
-    from featherfx.jit.inner import Kernel
+    from featherfx.jit import inner
     from featherfx.jit.told import name_of
 
     entries: list[tuple[str, float, float]] = []
     own = threading.local()  # threads of a bake wait for each other's compiling
-    compile_entry, finalize = Kernel.compile, JITCodeLibrary.finalize
+    compile_entry, finalize = inner.compile_entry, JITCodeLibrary.finalize
 
-    def compile_timed(self: Any, signature: Any) -> Any:
+    def compile_timed(kernel: Any, types: Any) -> Any:
         stack, begin = vars(own).setdefault("stack", []), time.thread_time()
         # of this entry: LLVM's seconds, and those of entries compiled meanwhile
         stack.append([0.0, 0.0])
-        code = compile_entry(self, signature)
-        passed, (llvm, inner) = time.thread_time() - begin, stack.pop()
+        code = compile_entry(kernel, types)
+        passed, (llvm, nested) = time.thread_time() - begin, stack.pop()
         if stack:
             stack[-1][1] += passed
-        if llvm:  # else it was there
-            entries.append((name_of(self.py_func), passed - llvm - inner, llvm))
+        entries.append((name_of(kernel.py_func), passed - llvm - nested, llvm))
         return code
 
     def finalize_timed(self: Any) -> None:
@@ -83,7 +82,7 @@ def measured(work: Callable[[], None]) -> tuple[float, list[tuple[str, float, fl
             # loading code that calls others has these compiled first
             stack[-1][0] += time.thread_time() - begin - (stack[-1][1] - before)
 
-    Kernel.compile, JITCodeLibrary.finalize = compile_timed, finalize_timed
+    inner.compile_entry, JITCodeLibrary.finalize = compile_timed, finalize_timed
     begin = time.process_time()
     work()
     return time.process_time() - begin, entries

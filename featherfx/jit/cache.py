@@ -19,13 +19,11 @@ import hashlib
 import os
 import re
 import shutil
+import sys
 import tempfile
 import warnings
 from functools import cache
 from pathlib import Path
-
-import llvmlite
-import numba
 
 from featherfx.errors import InputWarning
 from featherfx.files.cache_folder import doubt, wanted_folder
@@ -33,7 +31,17 @@ from featherfx.files.cache_folder import doubt, wanted_folder
 ROOT = Path(__file__).resolve().parents[1]
 # how kernels are compiled, and what is stored of them
 COMPILER = tuple(
-    ROOT / "jit" / f"{name}.py" for name in ("plain", "inner", "lowering", "parts", "stored")
+    ROOT / f"{name}.py"
+    for name in (
+        "algebra/lane_types",
+        "jit/entry",
+        "jit/lowering",
+        "jit/parts",
+        "jit/plain",
+        "jit/stored",
+        "jit/team_types",
+        "jit/view_types",
+    )
 )
 
 
@@ -53,9 +61,21 @@ def _imported(source: Path) -> frozenset[Path]:
     return frozenset(found)
 
 
+@cache
+def version_of(package: str) -> str:
+    """Version of an installed package, without importing it, by the name of the folder that tells
+    of it: importlib.metadata takes some MiB to read what is in it."""
+    for place in sys.path:
+        for found in Path(place or ".").glob(f"{package}-*.dist-info"):
+            return found.name.removesuffix(".dist-info").partition("-")[2]
+    from importlib.metadata import version
+
+    return version(package)
+
+
 def _digest(source: Path) -> str:
     """Short name of all that the machine code of a source file depends on."""
-    digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__}".encode())
+    digest = hashlib.sha256(" ".join(map(version_of, ("numba", "llvmlite"))).encode())
     for part in (*COMPILER, *sorted(_imported(source))):
         digest.update(part.read_bytes())
     return digest.hexdigest()[:16]

@@ -22,8 +22,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-from numba.core import event
-
 from featherfx.errors import InputError, Problem
 from featherfx.jit.cache import root_folder
 from featherfx.jit.threads import cores
@@ -124,6 +122,8 @@ class Crew:
                 self._waiting.remove(need)
             if need not in self._begun:
                 return
+        from numba.core import event
+
         with event.trigger_event(WAITING, need):
             self._wait(need, compile_here)
 

@@ -55,12 +55,12 @@ class KernelLowering(NativeLowering):
         return KernelLower
 
 
-def pipeline_of(state: Any) -> Any:
-    """numba's own steps of compiling, with KernelLowering."""
+def pipeline_of(state: Any, lowering: type[KernelLowering]) -> Any:
+    """numba's own steps of compiling, with another step to intermediate code."""
     steps = DefaultPassBuilder.define_nopython_pipeline(state).passes
     manager = PassManager("nopython")
     manager.passes.extend(
-        (KernelLowering if step is NativeLowering else step, says) for step, says in steps
+        (lowering if step is NativeLowering else step, says) for step, says in steps
     )
     manager.finalize()
     return manager

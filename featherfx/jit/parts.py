@@ -30,17 +30,21 @@ from numba.core.imputils import user_function
 from numba.core.registry import CPUDispatcher
 
 from featherfx.jit.crew import Need, crew, is_helper
-from featherfx.jit.lowering import pipeline_of
+from featherfx.jit.entry import WRAPPER, EntryLowering
+from featherfx.jit.lowering import KernelLowering, pipeline_of
+from featherfx.jit.plain import OPTIONS as PLAIN_OPTIONS
+from featherfx.jit.type_text import text_of_types
 
 Types = tuple[Any, ...]
 # untyped: dispatchers bind like methods, which their attributes in a class are not meant to
 Dispatcher: Any = CPUDispatcher
 
 
+# kernels allocate nothing, so counting references to arrays would only cost time
+OPTIONS = PLAIN_OPTIONS | {"nopython": True, "_nrt": False, "no_cfunc_wrapper": True}
+PART_OPTIONS = OPTIONS | {"no_cpython_wrapper": True}
 # parts are finished after those that they call
 _NUMBERS = itertools.count()
-# name of numba's modules for the function that takes arguments from Python
-WRAPPER = "wrapper"
 # Loops along barbs have 4 to 16 turns: processors with vectors of eight numbers are better off with
 # four, for there is less of a rest that is done one by one.
 VECTORS = '"prefer-vector-width"="256"'
@@ -80,15 +84,6 @@ class EntryLibrary(Library):
                 function.attributes.add("optnone")
         super().add_ir_module(ir_module)
 
-    def serialize_using_object_code(self) -> Any:
-        """As numba does it, but of the intermediate code, which is for callers, only the names:
-        others call the part of this name."""
-        names = "\n".join(
-            f'define void @"{each.name}"() {{ ret void }}' for each in self.get_defined_functions()
-        )
-        code = binding.parse_assembly(names).as_bitcode()
-        return self.name, "object", (self._get_compiled_object(), code)
-
     def finalize(self) -> None:
         # LLVM leaves out what nothing calls yet when it is linked, so callers come first. A part
         # may list what its own simplified code no longer calls, so the order of lists will not do.
@@ -108,7 +103,7 @@ class EntryCompiler(CompilerBase):
         state = self.state
         state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
-        return [pipeline_of(state)]
+        return [pipeline_of(state, EntryLowering)]
 
 
 class PartCompiler(CompilerBase):
@@ -121,7 +116,7 @@ class PartCompiler(CompilerBase):
         state.flags.no_compile = True
         state.flags.noalias = state.flags.forceinline = self.apart
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        return [pipeline_of(state)]
+        return [pipeline_of(state, KernelLowering)]
 
 
 class ApartCompiler(PartCompiler):
@@ -163,23 +158,19 @@ class Declared(NamedTuple):
 
 
 class Shared(Called):
-    """A kernel as others see it that call its machine code; entry: the kernel for Python.
-
-    returns: None, bool, int, float or a NamedTuple of these.
-    """
+    """A kernel as others see it that call its machine code; entry: the kernel for Python."""
 
     entry: Any
-    returns: Any
 
     @global_compiler_lock
     def compile(self, sig: Any) -> Any:
         args = tuple(sigutils.normalize_signature(sig)[0])
         if args not in self.overloads:
             need = Need(self.py_func.__module__, self.py_func.__name__, args)
-            if not self.entry.is_there(args):
+            if not self.entry.is_there(text_of_types(args)):
                 crew().ask(need)
-            returned = _type_of(self.returns)
-            described = ExternalFunctionDescriptor(_symbol(need), returned, args)
+            returned = declared_type(self.entry.returns)
+            described = ExternalFunctionDescriptor(symbol_of(need), returned, args)
             key = object()
             call = _calling(user_function(described, ()), need)
             self.targetctx.insert_func_defn([(call, key, call.signature)])
@@ -187,13 +178,13 @@ class Shared(Called):
         return self.overloads[args].entry_point
 
 
-def _type_of(returned: Any) -> Any:
+def declared_type(returned: Any) -> Any:
     """What a shared kernel returns, as numba has it."""
     plain = {None: types.none, bool: types.boolean, int: types.int64, float: types.float64}
     if returned in plain:
         return plain[returned]
     fields = get_type_hints(returned).values()
-    return types.NamedTuple(tuple(map(_type_of, fields)), returned)
+    return types.NamedTuple(tuple(map(declared_type, fields)), returned)
 
 
 def kernel_of(need: Need) -> Any:
@@ -206,18 +197,13 @@ def load(need: Need) -> None:
     """Make the machine code of a shared kernel known to what is about to be loaded."""
     entry = kernel_of(need)
     if is_helper():
-        binding.add_symbol(_symbol(need), id(entry))  # never called here
+        binding.add_symbol(symbol_of(need), id(entry))  # never called here
         return
-    entry.compile(need.args)
-    result = entry.overloads[need.args]
-    found, declared = result.signature.return_type, _type_of(entry.linked.returns)
-    if found != declared:
-        raise TypeError(f"{need.module}.{need.name} returns {found}, declared: {declared}")
-    address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
-    binding.add_symbol(_symbol(need), address)
+    binding.add_symbol(symbol_of(need), entry.for_types(text_of_types(need.args), need.args).own)
 
 
-def _symbol(need: Need) -> str:
+def symbol_of(need: Need) -> str:
+    """By what machine code calls a shared kernel."""
     digest = hashlib.sha256(repr(need.args).encode()).hexdigest()[:16]
     return f"{need.module}.{need.name}.{digest}"
 

@@ -11,8 +11,9 @@ import sys
 from collections.abc import Callable
 from typing import BinaryIO
 
-from featherfx.jit import parts
 from featherfx.jit.crew import Need, received, send, work_for
+from featherfx.jit.parts import kernel_of
+from featherfx.jit.type_text import text_of_types
 
 
 class Upstream:
@@ -36,5 +37,7 @@ def main() -> None:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     work_for(Upstream(answers))
     while isinstance(need := received(sys.stdin.buffer), Need):
-        parts.kernel_of(need).compile(need.args)
+        kernel, text = kernel_of(need), text_of_types(need.args)
+        if not kernel.is_there(text):
+            kernel.compile_for(text, need.args)
         send(answers, True)

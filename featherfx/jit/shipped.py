@@ -7,14 +7,13 @@ is not found, and is compiled.
 
 from __future__ import annotations
 
-import os
+import platform
 import sys
 from functools import cache
-from typing import Any, NamedTuple
-
-from llvmlite import binding
+from typing import NamedTuple
 
 from featherfx.files.trust import distrust
+from featherfx.jit import processor
 from featherfx.jit.cache import ROOT, cache_folder
 
 FOLDER = ROOT / "_machine_code"
@@ -26,15 +25,12 @@ class Processor(NamedTuple):
     name: str
     needs: tuple[str, ...]
 
-    def magic_tuple(self) -> tuple[str, str, str]:
-        """As numba's own target tells what it compiles for: system, processor, further features."""
-        return binding.get_process_triple(), self.name, ""
-
 
 # by architecture, the fastest first; x86-64-v3: Haswell, Zen and later (x86-64 psABI, table 3.1)
 _V3 = ("avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2")
 PROCESSORS = {
     "x86_64": (Processor("x86-64-v3", _V3),),
+    "AMD64": (Processor("x86-64-v3", _V3),),
     "aarch64": (Processor("generic", ("neon",)),),
     "arm64": (Processor("generic", ("neon",)),),
 }
@@ -42,17 +38,15 @@ PROCESSORS = {
 
 def of_this_machine() -> tuple[Processor, ...]:
     """The kinds of machine code that this processor can run."""
-    has: Any = binding.get_host_cpu_features()
-    family = PROCESSORS.get(binding.get_process_triple().partition("-")[0], ())
-    return tuple(each for each in family if all(has.get(need) for need in each.needs))
+    family = PROCESSORS.get(platform.machine(), ())
+    return tuple(each for each in family if processor.has(each.needs))
 
 
 @cache
 def fitting() -> tuple[Processor, ...]:
     """The kinds of machine code to look for among what came with the program: none where there is
     nothing, or where the user has numba compile for another processor."""
-    asked = any(os.environ.get(f"NUMBA_CPU_{each}") for each in ("NAME", "FEATURES"))
-    return of_this_machine() if FOLDER.is_dir() and not asked else ()
+    return of_this_machine() if FOLDER.is_dir() and not processor.asked_for() else ()
 
 
 def unused() -> str:

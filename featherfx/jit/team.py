@@ -14,12 +14,10 @@ import os
 from typing import Any
 
 import numpy as np
-from llvmlite import binding
-from numba.core import cgutils, types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
+from featherfx.jit.late import Late, give
 
 # numbers of one cache line, so that counters do not disturb each other
 LINE = 8
@@ -31,8 +29,8 @@ ARRIVED, MET, OWN = 0, 1, 2
 _SYSTEM: Any = ctypes
 # Windows sleeps for thousandths at the least, so its threads give way, however long they are told
 _SLEEP = _SYSTEM.windll.kernel32.SwitchToThread if os.name == "nt" else _SYSTEM.CDLL(None).usleep
-binding.add_symbol("featherfx_sleep", ctypes.cast(_SLEEP, ctypes.c_void_p).value)
-_sleep = types.ExternalFunction("featherfx_sleep", types.int32(types.uint32))
+SLEEP, SLEEP_SYMBOL = ctypes.cast(_SLEEP, ctypes.c_void_p).value or 0, "featherfx_sleep"
+give(SLEEP_SYMBOL, SLEEP)
 
 
 def new_team(kinds: int) -> NDArray[np.int64]:
@@ -40,18 +38,8 @@ def new_team(kinds: int) -> NDArray[np.int64]:
     return np.zeros((OWN + kinds) * LINE, dtype=np.int64)
 
 
-@intrinsic
-def _fetch_add(typing_context: Any, counters: Any, place: Any, more: Any) -> Any:
-    """Add to a counter at once; what it was before."""
-
-    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(counters)(context, builder, arguments[0])
-        at = cgutils.get_item_pointer(
-            context, builder, counters, array, [arguments[1]], wraparound=False
-        )
-        return builder.atomic_rmw("add", at, arguments[2], "seq_cst")
-
-    return types.int64(counters, types.intp, types.int64), code
+_fetch_add = Late("featherfx.jit.team_types", "fetch_add")
+_sleep = Late("featherfx.jit.team_types", "sleep")
 
 
 @kernel

@@ -17,8 +17,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba.core import event
-
 from featherfx.jit import shipped
 from featherfx.jit.cache import ROOT, cache_folder, warn_if_unkept
 from featherfx.jit.crew import LISTENERS, WAITING, Need, crew
@@ -70,10 +68,10 @@ def _missing(works: Iterable[str]) -> dict[str, float]:
     return {name: seconds for name, seconds in kernels.items() if not is_stored(name)}
 
 
-class Compiling(event.Listener):
+class Compiling:
     """Tells all open accounts of the kernels that are compiled, one after another.
 
-    works: what is about to be done, by its names in seconds.json.
+    works: what is about to be done, by its names in seconds.json. inner.py has it hear of events.
     """
 
     def __init__(self) -> None:
@@ -169,6 +167,4 @@ def _numbered(name: str, before: Iterable[str]) -> str:
 
 
 TELLER = Compiling()
-event.register("numba:compile", TELLER)
-event.register(WAITING, TELLER)
 LISTENERS.append(TELLER.compiled_elsewhere)

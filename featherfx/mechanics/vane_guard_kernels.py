@@ -23,6 +23,7 @@ Source: Kikuuwe et al. 2009 in the form of Jouve 2024, eq. 6.6; the derivatives 
 from math import sqrt
 
 from featherfx.jit.compiled import kernel, loop_kernel
+from featherfx.jit.views import shaped
 
 ROUNDING = 1e-3  # d
 SMALLEST = 0.5 * ROUNDING  # of J^2, below which J goes on linearly in it
@@ -93,7 +94,7 @@ def is_pressed(guard, strains):
     count = guard.size // 2
     if count == 0:
         return False
-    return _pressed(guard.reshape(guard.size), strains.reshape(strains.size), count) > 0
+    return _pressed(shaped(guard, (guard.size,)), shaped(strains, (strains.size,)), count) > 0
 
 
 @kernel

@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.array_kernels import copy_values
 from featherfx.jit.compiled import kernel, loop_kernel
+from featherfx.jit.views import shaped
 from featherfx.mechanics.model import Gaps
 from featherfx.mechanics.vane_guard_kernels import area_ratio, ratio_slopes
 
@@ -220,11 +221,12 @@ def all_hold(model, f, cell, gaps):
     """
     if never_slip(gaps):
         return True
-    hooked, slip = gaps.hooked.reshape(gaps.hooked.size), gaps.slip.reshape(gaps.slip.size)
+    hooked = shaped(gaps.hooked, (gaps.hooked.size,))
+    slip = shaped(gaps.slip, (gaps.slip.size,))
     if _others(hooked, 1.0, hooked.size) + _others(slip, 0.0, slip.size) > 0:
         return False
     bounds = model.hooks.bounds[f, 0], model.hooks.bounds[f, 1]
-    return _strained(cell.reshape(cell.size), bounds, hooked.size) == 0
+    return _strained(shaped(cell, (cell.size,)), bounds, hooked.size) == 0
 
 
 class GapRow(NamedTuple):

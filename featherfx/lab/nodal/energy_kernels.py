@@ -8,6 +8,7 @@ inextensible add p e with the multiplier p.
 """
 
 from featherfx.jit.compiled import kernel
+from featherfx.jit.views import shaped
 from featherfx.lab.nodal.barb_stretch_kernels import stretch_strain
 from featherfx.lab.nodal.plate_kernels import hinge_of
 from featherfx.lab.nodal.turns_kernels import barb_turns, hinge_turns
@@ -78,7 +79,7 @@ def nodal_strains(model, nodal, f, pose, frame):
     rest = nodal.bend_rest[f].flat
     for a in range(at_cells - at_turns):
         strains[at_turns + a] -= rest[a]
-    cells = strains[at_cells:at_hinges].reshape((2, rows - 1, columns, 2, 2))
+    cells = shaped(strains[at_cells:at_hinges], (2, rows - 1, columns, 2, 2))
     cell_strains(model, f, points, cells)
     hinge_turns(points, nodal.hinge_active[f], strains[at_hinges:])
     rest = nodal.hinge_rest[f].flat

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.jit.team import new_team
 from featherfx.jit.threads import allowed
-from featherfx.jit.views import Held, Kind, Views, views_of
+from featherfx.jit.views import Held, views_of
 from featherfx.mechanics.model import Contacts, Loads, wind_of_each
 from featherfx.solver.contact.state_rooms import StateRooms, put
 from featherfx.solver.contact.surfaces import Grids
@@ -65,7 +65,6 @@ class Team:
         self.batch = np.repeat(np.arange(len(models)), counts)
         self.place = np.concatenate([np.arange(count) for count in counts])
         self._rooms: StateRooms | None = None
-        self._entries: dict[tuple[Kind, ...], Callable[..., None]] = {}
 
     def rooms(self, states: Sequence[State]) -> StateRooms:
         """Where states of the batches find room; given some."""
@@ -90,15 +89,11 @@ class Team:
     def solve(self, sweep: Sweep) -> None:
         """All rounds of a sweep, by all threads."""
         counters, size = new_team(KINDS), allowed(self.jobs)
-        # of the types in a sweep only those of views may change, and it takes long to tell them
-        kinds = tuple(each.kind for each in sweep.batches if isinstance(each, Views))
-        if kinds not in self._entries:
-            types = tuple(map(solve_rounds.typeof_pyval, (0, counters, size, sweep)))
-            self._entries[kinds] = solve_rounds.compile(types)
-        rounds = self._entries[kinds]
         pool = self._pool
-        others = [pool.submit(rounds, k, counters, size, sweep) for k in range(1, size) if pool]
-        rounds(0, counters, size, sweep)
+        others = [
+            pool.submit(solve_rounds, k, counters, size, sweep) for k in range(1, size) if pool
+        ]
+        solve_rounds(0, counters, size, sweep)
         for other in others:
             other.result()
 

@@ -13,6 +13,7 @@ from math import sqrt
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import load, put, spread
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
+from featherfx.jit.views import shaped
 
 BLOCK = 8  # columns; `_column` and `_eight` are written out for this many
 
@@ -142,7 +143,7 @@ def factorise(band, panel):
     size, width = band.shape
     if width < LANES:
         return _factorise_narrow(band)
-    flat = band.reshape(band.size)
+    flat = shaped(band, (band.size,))
     for start in range(0, size, BLOCK):
         count = min(BLOCK, size - start)
         _line_up(band, start, count, panel)

@@ -17,6 +17,7 @@ from featherfx.algebra.rotation_kernels import (
 )
 from featherfx.algebra.vec3_kernels import add, scale, store
 from featherfx.jit.compiled import kernel, shared_kernel
+from featherfx.jit.views import shaped
 from featherfx.mechanics.barb_kernels import barb_axes, barb_jacobian, barb_points, root_jacobian
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
 from featherfx.mechanics.row_kernels import copy_points, points_of
@@ -77,7 +78,7 @@ def barb_jacobians(shapes, pose, axes, jacobian):
         for side in range(2):
             start, nodes = 1 + side * columns, pose.points.nodes[i]
             root, points = nodes[0], nodes[start : start + columns]
-            barb = jacobian[i, side].reshape((wide, 3, size))
+            barb = shaped(jacobian[i, side], (wide, 3, size))
             root_jacobian(root, points, barb)
             barb_jacobian(axes[side, i], shapes, root, points, barb)
 

@@ -12,6 +12,7 @@ from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import follow, lane, load, put, spread, transposed, where_there
 from featherfx.algebra.vec3_kernels import sub
 from featherfx.jit.compiled import kernel, loop_kernel
+from featherfx.jit.views import shaped
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_bending_kernels import angles_and_openness, wrapped
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
@@ -202,7 +203,7 @@ def _some(line, j, count):
 def _hinge_strains(model, f, points, reference, strains):
     """Dihedral angles and openness; reference: (2, n, m)."""
     columns, size = reference.shape[2], points.shape[1] * 3
-    flat = points.reshape(points.size)
+    flat = shaped(points, (points.size,))
     strains.hinge[:] = 0.0
     strains.openness[:] = 1.0
     for side in range(2 if columns > 0 else 0):
