@@ -105,7 +105,8 @@ def carry_out(task: Task, notify: Callable[[int, int], None]) -> dict[str, Any]:
     """Do a task; returns its report without times. notify: as on_frame of bake."""
     if not task.finished:
         # the solver takes its time to load, which a finished cache does without
-        from featherfx.baking.loop import simulate_and_write
+        with seldom_collected():
+            from featherfx.baking.loop import simulate_and_write
 
         taken_over, figures = simulate_and_write(task, notify)
         return {**_summary(task, taken_over), **figures}

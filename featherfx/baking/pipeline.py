@@ -8,6 +8,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from featherfx.files.collecting import seldom_collected
+
 if TYPE_CHECKING:
     from featherfx.api import read_shot as read_shot
     from featherfx.baking.accuracy import error_of as error_of
@@ -48,5 +50,7 @@ _HOMES = {
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
+        # all of what is loaded stays
+        with seldom_collected():
+            return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

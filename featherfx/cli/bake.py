@@ -28,6 +28,7 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
+from featherfx.files.collecting import seldom_collected
 from featherfx.limits import MOST_JOBS, MOST_SHARES, TASK_HOURS
 from featherfx.usd.write.options import StageOptions
 
@@ -371,7 +372,8 @@ def bake_many(
 ) -> None:
     """Bake shots as one job and say what came of it."""
     # an extra, which takes its time to load
-    from featherfx.farm.bake_many import bake_many as bake
+    with seldom_collected():
+        from featherfx.farm.bake_many import bake_many as bake
 
     if options["jobs"] is None:
         # workers of this machine share its cores (Engine.share_out)

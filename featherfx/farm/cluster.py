@@ -41,6 +41,11 @@ LOG = logging.getLogger("featherfx.farm")
 _WORKER_LOG = logging.getLogger("distributed.worker.featherfx")
 
 
+def is_at_work() -> bool:
+    """Whether this process carries out an order."""
+    return _ONE_AT_A_TIME.locked()
+
+
 class Withdrawn(Exception):
     """The order was taken back."""
 
