@@ -14,6 +14,7 @@ from featherfx.mechanics.model import Loads
 from featherfx.shot.alone import Alone
 from featherfx.shot.contact.contact import MOST_NAMED, ShotContact
 from featherfx.shot.contact.obstacles import Obstacles, obstacles_of
+from featherfx.shot.contact.sunk import warn_of_sunk
 from featherfx.shot.counts import Advanced, Bounds
 from featherfx.shot.detail.cycle import SLACK, repeats_together
 from featherfx.shot.detail.level_run import LevelRun
@@ -213,6 +214,7 @@ def islands_together(
     for group in groups:
         own.setdefault(group.island, []).append(group)
     alone = own.pop(ALONE, [])
+    warn_of_sunk(shot, motion)
     found = []
     for number, some in own.items():
         members = np.flatnonzero(islands == number)

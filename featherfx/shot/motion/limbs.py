@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.groom.skin.skin import Binding, bind, follow
 from featherfx.groom.types import Groom
@@ -87,6 +87,17 @@ def _first_joints(groom: Groom) -> dict[str, str]:
             first = joint_of[first.parent]
         firsts[joint.name] = first.name
     return firsts
+
+
+def of_wings(groom: Groom) -> Flags:
+    """(F,) which feathers of a groom are carried by the joints of a wing."""
+    joint_of, winged = {joint.name: joint for joint in groom.joints}, {"": False}
+    for joint in groom.joints:
+        first = joint
+        while first.parent and first.role != "shoulder":
+            first = joint_of[first.parent]
+        winged[joint.name] = first.role == "shoulder"
+    return np.array([winged[each.joint] for each in groom.feathers], dtype=bool)
 
 
 @dataclass(frozen=True)
