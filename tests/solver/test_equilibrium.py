@@ -56,6 +56,16 @@ def test_a_settled_feather_stays_where_it_is_and_settles_at_once():
     assert np.abs(again.points.nodes - settled.points.nodes).max() < 1e-8
 
 
+def test_a_feather_that_bends_little_settles_in_few_iterations():
+    """One long step does, and one more that sees that it did; in wind one for each guess of it."""
+    _, model = preset_batch("covert")
+    for loads, most in ((no_loads(1, EARTH), 7), (in_wind(0.0, 0.5, 1.0), 9)):
+        with Solver(model, Settings()) as solver:
+            _, status, iterations = solver.equilibrium(at_origin(model), loads)
+        assert status[0] == 0
+        assert iterations[0] <= most
+
+
 def test_the_unloaded_equilibrium_of_a_disturbed_feather_is_its_rest_shape():
     _, model = preset_batch("covert")
     disturbed = random_pose(model, np.random.default_rng(1), 0.02, 0.05)

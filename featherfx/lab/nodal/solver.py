@@ -20,7 +20,7 @@ from featherfx.lab.nodal.state import NodalState, NodalWork, make_nodal_work
 from featherfx.lab.nodal.step_kernels import NodalFrame, keep_state, load_state, nodal_advance
 from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.mechanics.node_kernels import blow
-from featherfx.solver.settle.settle_kernels import FIRST, GROWTH, LAST, SHORTEST, STEPS
+from featherfx.solver.settle.settle_kernels import FIRST, GROWTH, SHORTEST, STATIC, STEPS
 from featherfx.solver.solver import HARD, RootPath, Settings, StepReport, step_settings
 from featherfx.solver.state import no_steps
 from featherfx.solver.status import CONVERGED
@@ -40,8 +40,8 @@ def nodal_settle(
 ) -> tuple[int, int]:
     """Bring feather f of the state to rest, in place, by ever longer implicit Euler steps.
 
-    As settle_some of solver/settle/settle_kernels.py. method: of its steps. Returns (Newton status,
-    iterations).
+    As settle_some of solver/settle/settle_kernels.py, without its first long step. method: of its
+    steps. Returns (Newton status, iterations).
     """
     around, now = work.around, work.now
     points = *state.velocity, *state.acceleration, *state.smoothed
@@ -65,7 +65,7 @@ def nodal_settle(
                 break
             continue
         keep_state(f, state, work)
-        if h >= LAST:
+        if h >= STATIC:
             break
         h *= GROWTH
     state.strains[f, 1] = state.strains[f, 0]

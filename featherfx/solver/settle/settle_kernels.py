@@ -1,7 +1,8 @@
-"""Statics: one feather brought to rest under its loads by ever longer implicit Euler steps.
+"""Statics: one feather brought to rest under its loads by implicit Euler steps.
 
-Each step starts at rest (no velocity is carried over), so the elastic and potential energy can
-only fall; as the step grows, what is left is the equilibrium. Short steps at first keep large
+One step so long that hardly any inertia is left does for most; where Newton does not find its end,
+ever longer ones do. Each starts at rest (no velocity is carried over), so the elastic and potential
+energy can only fall; as the step grows, what is left is the equilibrium. Short steps keep large
 deformations on a path that Newton can follow.
 
 The pressure of wind follows the vane: it has no energy to be minimised. With the areas and normals
@@ -10,7 +11,8 @@ by Anderson's mixing of the last DEPTH pairs (a, r = g(a) - a):
 
     a+ = a - dA c + s (r - dR c),        c = argmin |r - dR c|
 
-dA, dR their differences from the last one, s MIXED. Taking g(a) itself oscillates from some 3 m/s
+dA, dR their differences from the last one, s MIXED. Each pose is found with the matrix of the one
+before, where that still serves. Taking g(a) itself oscillates from some 3 m/s
 on, because the vane swings through the wind. Source: Anderson 1965; Walker and Ni 2011.
 
 Where that fails the feather is carried along by short steps that start at rest, in air that is
@@ -33,16 +35,17 @@ from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED
 from featherfx.solver.step.gap_kernels import give_way, slip_of_step
 from featherfx.solver.step.integrator_kernels import Factors
-from featherfx.solver.step.newton_kernels import UNKNOWN, Goal, minimise
+from featherfx.solver.step.newton_kernels import UNKNOWN, Goal, minimise, pace_after
 from featherfx.solver.step.pose_kernels import keep_pose, load_pose
 from featherfx.solver.step.strain_kernels import copy_strains, strains_of
 
-FIRST, LAST, SHORTEST, GROWTH = 1e-2, 1e4, 1e-7, 8.0  # step lengths, s
+FIRST, SHORTEST, GROWTH = 1e-2, 1e-7, 8.0  # step lengths, s
 ITERATIONS, STEPS = 100, 80
 STATIC = 1e4  # s, a step after which hardly any inertia is left
 DEPTH, MIXED, RIDGE = 6, 0.3, 1e-10
-# part of all areas that counts as no change; mixing steps; as many as may pass without progress
-SETTLED, MIXINGS, PATIENCE = 1e-5, 60, 12
+# part of all areas that counts as no change, and where the pose has not changed by more than it may
+# be wrong; mixing steps; as many as may pass without progress
+SETTLED, NEARLY, MIXINGS, PATIENCE = 1e-5, 1e-4, 60, 12
 # in wind: of Newton, a step; number of short steps
 WIND_ITERATIONS, WIND_STEPS = 25, 30
 
@@ -53,8 +56,8 @@ class Mixing(NamedTuple):
     """Scratch of mixing K numbers, of which R are a pose's.
 
     guess, change: (DEPTH, K), pairs, the next one where the oldest was. next: (K,). normal:
-    (DEPTH, DEPTH) and weight: (DEPTH,), of the least squares. before: (R,), where nodes were when
-    the last short step began, and way: (R,), where it led.
+    (DEPTH, DEPTH) and weight: (DEPTH,), of the least squares. before: (R,), where nodes were after
+    the last solution or when the last short step began, and way: (R,), where it led.
     """
 
     guess: Array
@@ -169,40 +172,43 @@ def _feel_wind(model, loads, f, state, work):
 
 
 @kernel
-def _step(model, loads, f, goal, times, found, work):
-    """One step from rest, in the air around as it is; returns Newton's status.
+def _step(model, loads, f, goal, times, pace, found, work):
+    """One step from rest, in the air around as it is; returns Newton's Solved.
 
-    times: s, its length, and Newton's iterations at most.
+    times: s, its length, and Newton's iterations at most. pace: of the step before, whose matrix
+    may serve, or UNKNOWN.
     """
     h, limit = times
     fraction, tolerance = goal
     copy_points(work.now.points, work.around.target)
     copy_points(work.now.points, work.around.past)
     factors = Factors(1.0 / (h * h), 1.0 / h, 0.0)
-    wanted = Goal(tolerance, limit, UNKNOWN, True)
+    wanted = Goal(tolerance, limit, pace, True)
     solved = minimise(model, loads, f, fraction, factors, wanted, work)
     found.iterations[f] += solved.iterations
-    return solved.status
+    return solved
 
 
 @kernel
 def _settle_still(model, loads, f, goal, state, found, work):
-    """Ever longer steps; returns Newton's status."""
-    h, status = FIRST, CONVERGED
+    """Two steps that leave hardly any inertia, after ever longer ones if need be; returns Newton's
+    status."""
     if loads.air[0] > 0.0:
         _feel_wind(model, loads, f, state, work)
-    for _ in range(STEPS):
-        status = _step(model, loads, f, goal, (h, ITERATIONS), found, work)
+    h, limit, status, rests = STATIC, WIND_ITERATIONS, CONVERGED, False
+    for k in range(STEPS):
+        status = _step(model, loads, f, goal, (h, limit), UNKNOWN, found, work).status
         if status != CONVERGED:
-            h *= 0.25
+            h, limit = FIRST if k == 0 else 0.25 * h, ITERATIONS
             if h < SHORTEST:
                 return status
             _load(model, f, state, work)
             continue
         _keep(model, f, state, work)
-        if h >= LAST:
+        if rests:
             return CONVERGED
-        h *= GROWTH
+        rests = h >= STATIC
+        h *= 1.0 if rests else GROWTH
     return NOT_CONVERGED if status == CONVERGED else status
 
 
@@ -223,24 +229,28 @@ def _settle_in_wind(model, loads, f, goal, state, found, mixing, work):
 @kernel
 def _mix(model, loads, f, goal, state, found, mixing, work):
     """Find areas that the pose in them gives back; whether they were found."""
-    area = work.around.area
+    area, nodes = work.around.area, work.now.points.nodes
     _feel_wind(model, loads, f, state, work)
     copy_values(area, mixing.next)
-    least, waited = inf, 0
+    least, waited, pace = inf, 0, UNKNOWN
     for k in range(MIXINGS):
         guess, change = mixing.guess[k % DEPTH], mixing.change[k % DEPTH]
         copy_values(mixing.next, guess)
         copy_values(guess, area)
-        if _step(model, loads, f, goal, (STATIC, WIND_ITERATIONS), found, work) != CONVERGED:
+        solved = _step(model, loads, f, goal, (STATIC, WIND_ITERATIONS), pace, found, work)
+        if solved.status != CONVERGED:
             return False
+        pace = pace_after(solved.iterations, solved.pace)
         _feel_wind(model, loads, f, state, work)
         left, whole, own = 0.0, 0.0, area.flat
+        still = k > 0 and _has_stayed(nodes, mixing.before, goal)
+        copy_values(nodes, mixing.before)
         for i in range(area.size):
             change[i] = own[i] - guess[i]
             left += change[i] * change[i]
             whole += own[i] * own[i]
         left = sqrt(left)
-        if left <= SETTLED * sqrt(whole):
+        if left <= (NEARLY if still else SETTLED) * sqrt(whole):
             _keep(model, f, state, work)
             return True
         waited = 0 if left < 0.9 * least else waited + 1
@@ -249,6 +259,16 @@ def _mix(model, loads, f, goal, state, found, mixing, work):
             return False
         mix(mixing, min(k + 1, DEPTH), k % DEPTH)
     return False
+
+
+@kernel
+def _has_stayed(nodes, before, goal):
+    """Whether no coordinate is further from where it was than a step may be from its solution."""
+    _, tolerance = goal
+    own, stayed = nodes.flat, True
+    for i in range(nodes.size):
+        stayed &= abs(own[i] - before[i]) <= tolerance
+    return stayed
 
 
 @kernel
@@ -307,7 +327,7 @@ def _drift(model, loads, f, goal, state, found, mixing, work):
     for _ in range(WIND_STEPS):
         copy_values(nodes, mixing.before)
         _feel_wind(model, loads, f, state, work)
-        status = _step(model, loads, f, goal, (h, WIND_ITERATIONS), found, work)
+        status = _step(model, loads, f, goal, (h, WIND_ITERATIONS), UNKNOWN, found, work).status
         best = CONVERGED if best == CONVERGED else status
         if status != CONVERGED:
             h *= 0.25
