@@ -10,6 +10,7 @@ from trial_batches import at_origin, preset_batch
 
 from featherfx.mechanics.model import no_loads, wind_of_each
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED
+from featherfx.solver.step.energy_promise_kernels import Promise
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import (
     ALONE,
@@ -23,7 +24,16 @@ from featherfx.solver.step.newton_kernels import (
     nearly_solved,
 )
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.step.retry_kernels import Outcome, StepSettings, shortest_now, work_of
+from featherfx.solver.step.retry_kernels import (
+    TAKEN,
+    Attempt,
+    Outcome,
+    StepSettings,
+    judge,
+    next_step,
+    shortest_now,
+    work_of,
+)
 from featherfx.solver.work import make_work
 
 nearer, stiffer = _nearer.py_func, _stiffer.py_func
@@ -106,3 +116,16 @@ def test_steps_that_are_dear_get_fewer():
     dear = shortest_now.py_func(settings, 0.5, 400, 8_000, 0.0)
     assert cheap == pytest.approx(0.5 * 12.0 / 8_000)
     assert dear == pytest.approx(0.5 * 60.0 / 8_000)
+
+
+def test_a_step_as_short_as_it_may_be_is_not_rejected_for_its_error():
+    """Steps that are evenly divided are a little longer than was wanted."""
+    settings = StepSettings(1.0, 1.0 / 4096.0, 0.0, 1e-4, 1e-2, 1e-6, 32, 12, 20_000, 1.0)
+    floor = shortest_now.py_func(settings, 0.0, 0, 20_000, 0.0)
+    step, fraction = next_step.py_func(floor, 0.0, 1.0)
+    assert floor < step
+    promise = Promise(False, (0.0, 0.0, 0.0), 0.0, 0.0, inf)
+    tried = Attempt(step, floor, fraction, 2, 0.0, 32, promise, UNKNOWN, 0.0, False)
+    erring = outcome(2, 2)._replace(error=5e-4, excess=5e-4)
+    verdict, _, _ = judge.py_func(floor, 0, tried, erring, settings)
+    assert verdict == TAKEN

@@ -45,6 +45,9 @@ STEADY = 0.8, 1.25
 # a step for its error alone over a regular one, at least; work set aside for a step, and over what
 # those of the frame have taken in the mean
 FINEST, SET_ASIDE, RESERVE = 1e-4, 12.0, 2.0
+# part of a wanted length that its steps are divided by, and of the shortest one that a step is no
+# longer than that is no longer cut: more than one over the former, or it is tried over and over
+EVEN, AS_SHORT = 0.999, 1.01
 
 
 class StepSettings(NamedTuple):
@@ -196,7 +199,7 @@ def next_step(h, done, duration):
     """Length (s) of a step if at most h is wanted, and the fraction of the frame (duration, of
     which done have passed, s) at its end: what is left is divided evenly."""
     left = duration - done
-    count = ceil(0.999 * left / h)
+    count = ceil(EVEN * left / h)
     if count <= 1:
         return left, 1.0
     step = left / count
@@ -229,7 +232,7 @@ def judge(h, first, attempt, outcome, settings):
         if way <= BACKWARD:
             return FAILED, h, way
         return FAILED, shorter if shorter >= smallest else 0.0, first
-    if error > tolerance and step > 1.001 * floor:
+    if error > tolerance and step > AS_SHORT * floor:
         return REJECTED, max(floor, _length_for(error, tolerance, step, 0.2, 1.0)), first
     lost = error > LOST * tolerance
     if lost and way != BACKWARD:
