@@ -50,7 +50,8 @@ class Build(NamedTuple):
     thickness, and how far it points down. eye: radius, m, of a head as large as the pigeon's, and
     how far it looks forward, 0 to 1. bare: radii of the eye, between which feathers begin. lean:
     deg, how far it stands up more. rump: (forward, up) m, where it ends, before roots of coverts.
-    shoulder: forward and up, m, where wings leave the trunk.
+    shoulder: forward and up, m, where wings leave the trunk. breast: m, how far its front is moved
+    forwards, and factor of its breadth.
     """
 
     size: float
@@ -66,6 +67,7 @@ class Build(NamedTuple):
     rump: tuple[float, float] = (-0.13, 0.131)
     legs: Legs = Legs()
     shoulder: tuple[float, float] = (0.04, 0.205)
+    breast: tuple[float, float] = (0.0, 1.0)
 
 
 _YELLOW, _HORN = (0.65, 0.38, 0.03), (0.12, 0.09, 0.06)
@@ -102,6 +104,8 @@ BUILDS = {
         colours=_OWL,
         bare=(0.95, 1.25),
         lean=25.0,
+        rump=(-0.118, 0.135),
+        breast=(0.006, 1.1),
         legs=Legs(0.082, 0.048, 0.0062, 0.8, down=True),
     ),
     "sparrow": Build(
@@ -163,6 +167,7 @@ BUILDS["owl_flying"] = BUILDS["owl"]._replace(  # stretched out, its legs drawn 
     neck=((0.045, 0.012),),
     lean=-14.0,
     rump=(-0.112, 0.138),
+    breast=(0.0, 1.0),
     legs=BUILDS["owl"].legs._replace(heel=0.104, sole=0.088, toes=0.6),
 )
 NECK = np.array((0.06, 0.0, 0.2))  # where it begins
@@ -245,13 +250,14 @@ def parts(points, build=BUILDS["pigeon"]):
     right = np.stack([x, np.abs(y), z], axis=-1)  # both sides at once, on the left
     trunk, upright, rump = np.array(build.trunk), leant(build, points, -1.0), build.rump
     # broad before the folded wings, slimmer where they lie
+    (ahead, broad), (middle, radii) = build.breast, FRONT
     torso = union(
         ellipsoid(upright, (-0.012, 0, 0.168), REAR * trunk, 17),
-        ellipsoid(upright, FRONT[0], FRONT[1] * trunk, 30),
+        ellipsoid(upright, middle + np.array((ahead, 0, 0)), radii * trunk * (1, broad, 1), 30),
     )
     path = neck(build)
-    radii = np.linspace(build.slim[0], 0.95 * build.slim[1] * build.head, len(path))
-    necks = zip(path, path[1:], radii, radii[1:], strict=False)
+    thick = np.linspace(build.slim[0], 0.95 * build.slim[1] * build.head, len(path))
+    necks = zip(path, path[1:], thick, thick[1:], strict=False)
     skull = (0.0265, 0.0205, 0.0215) * np.full(3, build.head)
     horn = 0.0075 * build.beak[1], 0.0035 * build.beak[1]
     return {
@@ -292,7 +298,7 @@ def landmarks(build):
         "beak": beak(build)[1],
         "crown": skull + build.head * np.array((0.001, 0, 0.022)),
         "nape": skull + build.head * np.array((-0.023, 0, 0.005)),
-        "breast": leant(build, (0.055 + 0.05 * long, 0, 0.185)),
+        "breast": leant(build, (0.055 + 0.05 * long + build.breast[0], 0, 0.185)),
         "right_shoulder": leant(build, (ahead, -0.042 * wide, up)),
         "left_shoulder": leant(build, (ahead, 0.042 * wide, up)),
         "vent": leant(build, (-0.075, 0, 0.168 - 0.053 * deep)),

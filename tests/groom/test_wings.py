@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from featherfx.algebra.rotation import from_rotation_vector, rotation_vectors
 from featherfx.baking.groom import export_groom
 from featherfx.errors import InputError
 from featherfx.groom.presets.presets import list_presets
 from featherfx.groom.read.read import read_groom
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.flap import folding
-from featherfx.shot.motion.joints import joint_roots, skeleton_of
+from featherfx.shot.motion.joints import joint_roots, skeleton_of, still_poses
 from featherfx.usd.check.crossings import count_crossings
 
 WING = """
@@ -293,3 +294,34 @@ def test_no_vane_passes_through_another(tmp_path: Path, text: str) -> None:
     export_groom(tmp_path / "groom.toml", tmp_path / "wing.usdc", quality="draft", instances=False)
     (found,) = count_crossings(tmp_path / "wing.usdc")
     assert found["crossings"] == 0, found["worst"]
+
+
+def test_feathers_of_the_upper_arm_take_a_share_of_what_the_forearm_leaves_the_plane(tmp_path):
+    groom = groom_of(tmp_path, WING + "fold = 0\n")
+    skeleton = skeleton_of(groom)
+    elbow = skeleton.names.index("right_wing_elbow")
+    hinge = groom.joints[elbow - 1].hinge
+    hinge = hinge / np.linalg.norm(hinge)
+    aside = np.cross(hinge, (0.0, 1.0, 0.0))
+    rows = {name: [] for name in ("tertials", "secondaries")}
+    for number, feather in enumerate(groom.feathers):
+        if feather.region in rows:
+            rows[feather.region].append(number)
+
+    def turned(axis):
+        poses = still_poses(len(skeleton.names))
+        poses.rotations[elbow] = from_rotation_vector(np.radians(20.0) * axis)
+        roots = joint_roots(groom, skeleton, lambda time: poses).frames(0.0)
+        rest = np.array([each.rotation for each in groom.feathers])
+        return np.degrees(rotation_vectors(roots.rotations @ rest.swapaxes(1, 2)))
+
+    within = turned(hinge)
+    for row in rows.values():
+        assert within[row] == pytest.approx(np.tile(20.0 * hinge, (len(row), 1)), abs=1e-9)
+    tilted = turned(aside / np.linalg.norm(aside))
+    assert np.linalg.norm(tilted[rows["secondaries"]], axis=1) == pytest.approx(20.0)
+    inwards = sorted(rows["tertials"], key=lambda number: groom.feathers[number].id)
+    shares = np.linalg.norm(tilted[inwards], axis=1) / 20.0
+    assert (np.diff(shares) < 0.0).all()
+    # from half beside the elbow to half of that in the middle of the upper arm
+    assert shares[[0, -1]] == pytest.approx([0.48, 0.225], abs=1e-6)

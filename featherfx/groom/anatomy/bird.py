@@ -55,6 +55,7 @@ _LAYOUT = {
 }
 _SIDE_TILT = 15.0  # deg, that the breast's sides stand up more before folded wings; by eye
 _UNEVEN = 0.04  # of feathers of a disc
+_RIMLESS = 0.5  # of a disc's radius, around the tip of the beak, which its rim would hide; by eye
 _SPREAD = 0.1  # fold, up to which a wing that does not open stands at its landmark, not as it lies
 _HIDES = 0.9  # fold, from which on a wing hides the flank
 _BORDER = 0.5  # of a feather's length, over which parts pass into each other
@@ -392,11 +393,12 @@ def _disc(kind: dict[str, Any], points: Points, scale: float) -> _Disc:
             WHERE, sphere={"centre": eye, "radius": size}, soft=0.15 * radius, invert=invert
         )
 
+    bill = ball(tuple(points["beak"]), _RIMLESS * radius, invert=True)
     regions = []
     for side, own, other in zip(sides, eyes, eyes[::-1], strict=True):
         near = _filled(WHERE, nearest={"to": (own,), "than": (other,)})
         within = ball(own, radius)
-        edge = (ball(own, radius + 0.5 * rim), ball(own, radius - 0.25 * rim, invert=True))
+        edge = (ball(own, radius + 0.5 * rim), ball(own, radius - 0.25 * rim, invert=True), bill)
         for part, where, prefix in (("disc", (within,), ""), ("rim", edge, "rim_")):
             regions.append(
                 _coat(

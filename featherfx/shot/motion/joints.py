@@ -24,6 +24,8 @@ from featherfx.groom.anatomy.bow import bow_fraction
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.roots import RootFrames
 
+_TILTED = 0.5  # of a forearm's tilt, that a feather beside the elbow takes; measured on an owl
+
 
 class JointPoses(NamedTuple):
     """rotations: (J, 3, 3), about the pivots, and displacements: (J, 3) m, of joints against their
@@ -145,6 +147,61 @@ def _bows(groom: Groom, index: dict[str, int]) -> Bows | None:
 
 
 @dataclass(frozen=True)
+class Tilts:
+    """How T of the feathers, on the upper arms of wings, tilt with forearms that leave the plane.
+
+    In that plane they turn with the forearm, as all feathers do. Out of it each turns by its share
+    alone: with the whole tilt, roots that stay in the upper arm's plane, side by side, would swap
+    the order in which their vanes lie.
+
+    members: (T,). arms, forearms: (T,) joints. dorsal: (T, 3) units at rest. shares: (T,).
+    """
+
+    members: Indices
+    arms: Indices
+    forearms: Indices
+    dorsal: Array
+    shares: Array
+
+    def lessened(self, turns: Array, rotations: Array) -> Array:
+        """Turns (F, 3, 3) without what is not theirs. rotations: (J, 3, 3), as carriers have."""
+        arm, forearm = rotations[self.arms], rotations[self.forearms]
+        relative = rotation_vectors(arm.swapaxes(1, 2) @ forearm)
+        within = dots(relative, self.dorsal)[:, None] * self.dorsal
+        own = within + self.shares[:, None] * (relative - within)
+        own, _ = motions(np.concatenate([own, np.zeros_like(own)], axis=1))
+        result = turns.copy()
+        result[self.members] = arm @ own @ forearm.swapaxes(1, 2) @ turns[self.members]
+        return result
+
+
+def _tilts(groom: Groom, skeleton: Skeleton, index: dict[str, int]) -> Tilts | None:
+    joints = {joint.name: joint for joint in groom.joints}
+    members, arms, forearms, dorsal, shares = [], [], [], [], []
+    for number, feather in enumerate(groom.feathers):
+        if feather.turning is None:
+            continue
+        forearm = joints.get(feather.turning.joints[0])
+        if forearm is None or forearm.role != "elbow" or forearm.parent != feather.joint:
+            continue
+        arm, there = index[feather.joint], index[forearm.name]
+        if forearm.hinge is None or not forearm.hinge.any():
+            continue
+        bone = skeleton.pivots[there] - skeleton.pivots[arm]
+        way = (feather.turning.anchor - skeleton.pivots[arm]) @ bone / (bone @ bone)
+        members.append(number)
+        arms.append(arm)
+        forearms.append(there)
+        dorsal.append(forearm.hinge / np.linalg.norm(forearm.hinge))
+        shares.append(_TILTED * float(np.clip(way, 0.0, 1.0)))
+    if not members:
+        return None
+    return Tilts(
+        np.array(members), np.array(arms), np.array(forearms), np.array(dorsal), np.array(shares)
+    )
+
+
+@dataclass(frozen=True)
 class JointRoots:
     """The F roots of a groom on its joints.
 
@@ -162,6 +219,7 @@ class JointRoots:
     at_rest: RootFrames
     poses: PosesOverTime
     bows: Bows | None = None
+    tilts: Tilts | None = None
 
     def frames(self, time: float) -> RootFrames:
         """Root frames at a time in s.
@@ -174,6 +232,8 @@ class JointRoots:
         turns = shared_turns(
             rotations[self.between[:, 0]], rotations[self.between[:, 1]], self.fractions
         )
+        if self.tilts is not None:
+            turns = self.tilts.lessened(turns, rotations)
         positions = _applied(rotations[self.joints], self.anchors) + shifts[self.joints]
         positions += _applied(turns, self.at_rest.positions - self.anchors)
         flat = RootFrames(positions, turns @ self.at_rest.rotations)
@@ -195,7 +255,8 @@ def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> Joint
     bows = _bows(groom, index)
     if bows is not None:
         at_rest = bows.straightened(at_rest)
-    return JointRoots(skeleton, joints, between, fractions, anchors, at_rest, poses, bows)
+    tilts = _tilts(groom, skeleton, index)
+    return JointRoots(skeleton, joints, between, fractions, anchors, at_rest, poses, bows, tilts)
 
 
 def roots_at_rest(groom: Groom) -> RootFrames:
