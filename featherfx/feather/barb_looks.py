@@ -26,10 +26,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from featherfx.algebra.sparse import from_scipy
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import linear_weights
 from featherfx.feather.render import barb_curves
-from featherfx.feather.types import Array, BarbCurves, Feather, Indices, PointMap
+from featherfx.feather.types import Array, BarbCurves, Feather, Indices
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import BarbLook
 from featherfx.groom.types import FeatherKind
@@ -72,13 +73,13 @@ def _dressed(
     beside = _beside(barbs, smooth @ points)
     within = scipy.sparse.diags_array(across) @ beside @ smooth + smooth
     dorsal = scipy.sparse.diags_array(out) @ _dorsal(barbs, feather)
-    matrix = within @ barbs.points_map.matrix + dorsal
+    matrix = within @ barbs.points_map.matrix.of_scipy(barbs.points_map.width) + dorsal
     rest = np.concatenate([part.reshape(-1, 3) for part in feather.rest])
     return replace(
         barbs,
         points=(within @ points + dorsal @ rest).reshape(barbs.points.shape),
         st=(shorter @ barbs.st.reshape(-1, 2)).reshape(barbs.st.shape),
-        points_map=PointMap(matrix.tocsr(), barbs.points_map.shape),
+        points_map=replace(barbs.points_map, matrix=from_scipy(matrix)),
     )
 
 

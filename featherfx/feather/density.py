@@ -17,11 +17,12 @@ at rest then; lengths.py gives each piece its length.
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-import scipy
 
+from featherfx.algebra.sparse import rows_of
+from featherfx.algebra.types import Indices
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
@@ -29,7 +30,6 @@ from featherfx.feather.types import (
     Feather,
     PointMap,
     RowMap,
-    RowPoints,
     barb_slice,
 )
 
@@ -41,14 +41,7 @@ def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:
     part, so that a barb follows those on either side of it alone, linearly; so it does where there
     are fewer rows than before, as the next but one may be loose and hang elsewhere.
     """
-    along = _Along(coarse, fine)
-    parts = parts or fine.rows < coarse.rows
-    nodes = [_barb_nodes(coarse, fine, side, along.rachis, parts) for side in (LEADING, TRAILING)]
-    interpolated = RowPoints(
-        scipy.sparse.vstack([along.rachis, *nodes]), scipy.sparse.vstack(along.directors)
-    )
-    points, axes = map(along.completed, interpolated, fine.rest)
-    return RowMap(points, axes, _pieces(fine))
+    return _Between(coarse, fine, parts or fine.rows < coarse.rows).map()
 
 
 def scaled_map(unit: RowMap, size: float, rows: int) -> RowMap:
@@ -72,40 +65,88 @@ def _scaled(unit: PointMap, of_nodes: float, of_directors: float, rows: int) -> 
     """A map of `rows` rows with what goes from nodes, and from directors, times a factor each."""
     if of_nodes == of_directors:
         return unit
-    matrix = unit.matrix.copy()
-    nodes = matrix.shape[1] - 2 * rows
-    matrix.data *= np.where(matrix.indices < nodes, of_nodes, of_directors)
-    return PointMap(matrix, unit.shape)
+    factors = np.full(unit.width, float(of_directors))
+    factors[: unit.width - 2 * rows] = of_nodes
+    return replace(unit, matrix=unit.matrix.scaled(factors))
 
 
-class _Along:
-    """Interpolation along the rachis. rachis: (N, K) sparse, K nodes and directors of the coarse
-    feather, and directors: the same for d2 and d3."""
+class _Between:
+    """What a fine feather's rows take from those of a coarse one next to them.
 
-    def __init__(self, coarse: Feather, fine: Feather) -> None:
-        weights, slopes = map(scipy.sparse.csr_array, hermite_weights(coarse.station, fine.station))
-        self.rachis = weights @ _node(coarse, 0)
-        self.directors = [weights @ _director(coarse, k) for k in range(2)]
-        self._frame = [slopes @ _node(coarse, 0), *self.directors]
-        self._rest = np.concatenate([part.reshape(-1, 3) for part in coarse.rest])
-        axes = [axis @ self._rest for axis in self._frame]
-        self._rest_frame = np.stack(axes, axis=-1)
+    Of N fine rows each takes from a window of w coarse ones alone. first: (N,) the first of those;
+    values, slopes: (N, w) weights of the shaft's; barbs: per side (N, w), of barbs' nodes.
+    """
 
-    def completed(self, interpolation: Any, rest: Array) -> PointMap:
-        """An interpolation with what it misses of the rest shape, in the frame of each row.
+    def __init__(self, coarse: Feather, fine: Feather, parts: bool) -> None:
+        self.coarse, self.fine = coarse, fine
+        weights = hermite_weights(coarse.station, fine.station)
+        barbs = [_barb_weights(coarse, fine, side, parts) for side in (LEADING, TRAILING)]
+        used = np.any([each != 0.0 for each in (*weights, *barbs)], axis=0)
+        low, high = used.argmax(axis=1), coarse.rows - used[:, ::-1].argmax(axis=1)
+        width = int((high - low).max())
+        self.first = np.minimum(low, coarse.rows - width)
+        window = self.first[:, None] + np.arange(width)
+        taken = [np.take_along_axis(each, window, axis=1) for each in (*weights, *barbs)]
+        self.values, self.slopes, *self.barbs = taken
+        # coarse nodes and directors of each window, (N, w, 3 + 2 m, 3) at rest
+        self.rest = np.concatenate(coarse.rest, axis=1)[window]
+        self._window = window
 
-        interpolation: (B N, K), B points of all N rows, point by point. rest: (N, B, 3).
-        """
-        by_point = rest.swapaxes(0, 1)
-        missing = by_point - (interpolation @ self._rest).reshape(by_point.shape)
-        parts = np.linalg.solve(self._rest_frame, missing[..., None])[..., 0].reshape(-1, 3)
-        for axis, part in zip(self._frame, parts.T, strict=True):
-            repeated = scipy.sparse.vstack([axis] * len(by_point))
-            interpolation = interpolation + scipy.sparse.diags_array(part) @ repeated
-        by_row = np.arange(len(parts)).reshape(by_point.shape[:2]).T.ravel()
-        matrix = interpolation.tocsr()[by_row]
-        matrix.eliminate_zeros()
-        return PointMap(matrix, rest.shape)
+    def map(self) -> RowMap:
+        """To all nodes and directors."""
+        fine, size = self.fine, 1 + 2 * self.coarse.columns
+        nodes = self._empty(1 + 2 * fine.columns)
+        nodes[..., 0] = self.values[:, None]
+        along, _ = hermite_weights(*(_places(each) for each in (self.coarse, fine)))
+        for side, weights in zip((LEADING, TRAILING), self.barbs, strict=True):
+            own, given = (barb_slice(side, each.columns) for each in (fine, self.coarse))
+            spread = along[None, 1:, None, 1:] * weights[:, None, :, None]
+            nodes[:, own, :, given] = spread
+            nodes[:, own, :, 0] -= spread.sum(axis=-1)
+        axes = self._empty(2)
+        for k in range(2):
+            axes[:, k, :, size + k] = self.values
+        points, directors = map(self._completed, (nodes, axes), fine.rest)
+        return RowMap(points, directors, _pieces(fine))
+
+    def _empty(self, points: int) -> Array:
+        """(N, B, w, 3 + 2 m) weights, for B points a row."""
+        return np.zeros((self.fine.rows, points, *self.rest.shape[1:3]))
+
+    def _completed(self, weights: Array, rest: Array) -> PointMap:
+        """The map by weights with what it misses of the rest shape (N, B, 3), in the frame of each
+        row."""
+        size = 1 + 2 * self.coarse.columns
+        frame = np.stack(
+            [
+                np.einsum("kw,kwd->kd", own, self.rest[:, :, at])
+                for own, at in ((self.slopes, 0), (self.values, size), (self.values, size + 1))
+            ],
+            axis=-1,
+        )
+        missing = rest - np.einsum("kbwc,kwcd->kbd", weights, self.rest)
+        parts = np.linalg.solve(frame[:, None], missing[..., None])[..., 0]
+        for part, own, at in (
+            (0, self.slopes, 0),
+            (1, self.values, size),
+            (2, self.values, size + 1),
+        ):
+            weights[..., at] += parts[..., part, None] * own[:, None]
+        rows = weights.shape[0] * weights.shape[1]
+        columns = np.broadcast_to(self._columns()[:, None], weights.shape)
+        matrix = rows_of(weights.reshape(rows, -1), columns.reshape(rows, -1))
+        return PointMap(matrix, rest.shape, self.coarse.rows * (size + 2))
+
+    def _columns(self) -> Indices:
+        """(N, w, 3 + 2 m), where nodes and directors of the windows are among all coarse ones."""
+        n, size = self.coarse.rows, 1 + 2 * self.coarse.columns
+        nodes = np.arange(n * size).reshape(n, size)
+        directors = n * size + np.arange(2 * n).reshape(n, 2)
+        return np.concatenate([nodes, directors], axis=1)[self._window]
+
+
+def _places(feather: Feather) -> Array:
+    return np.linspace(0.0, 1.0, feather.columns + 1)
 
 
 def linear_weights(knots: Array, places: Array) -> Array:
@@ -157,25 +198,18 @@ def _slope_weights(step: Array) -> Array:
     return np.concatenate((2.0 * chord[:1] - inner[:1], inner, 2.0 * chord[-1:] - inner[-1:]))
 
 
-def _barb_nodes(coarse: Feather, fine: Feather, side: int, rachis: Any, parts: bool) -> Any:
-    """(M N, K) sparse, the interpolated nodes of one side, node by node from the root on.
-
-    parts: as in density_map.
-    """
-    roots = scipy.sparse.vstack([rachis] * fine.columns).tocsr()
+def _barb_weights(coarse: Feather, fine: Feather, side: int, parts: bool) -> Array:
+    """(N, n) weights of coarse barbs for fine ones; parts: as in density_map."""
+    found = np.zeros((fine.rows, coarse.rows))
     grown = np.flatnonzero(coarse.barb_length[side] > 0.0)
-    if len(grown) == 0:
-        return roots
-    knots = coarse.station[grown]
-    weights = hermite_weights(knots, fine.station)[0]
-    if parts:
-        weights = linear_weights(knots, fine.station)
-    weights = _reach(fine, side)[:, None] * weights / _reach(coarse, side)[grown]
-    along, _ = hermite_weights(*(np.linspace(0.0, 1.0, f.columns + 1) for f in (coarse, fine)))
-    root, barb = _node(coarse, 0)[grown], barb_slice(side, coarse.columns)
-    offsets = [_node(coarse, node)[grown] - root for node in range(barb.start, barb.stop)]
-    spread = scipy.sparse.kron(along[1:, 1:], scipy.sparse.csr_array(weights), format="csr")
-    return (roots + spread @ scipy.sparse.vstack(offsets)).tocsr()
+    if len(grown):
+        knots = coarse.station[grown]
+        weights = hermite_weights(knots, fine.station)[0]
+        if parts:
+            weights = linear_weights(knots, fine.station)
+        weights = _reach(fine, side)[:, None] * weights / _reach(coarse, side)[grown]
+        found[:, grown] = weights
+    return found
 
 
 def _pieces(feather: Feather) -> Array:
@@ -190,21 +224,3 @@ def _reach(feather: Feather, side: int) -> Array:
     nodes = feather.rest.nodes
     end = barb_slice(side, feather.columns).stop - 1
     return np.asarray(np.linalg.norm(nodes[:, end] - nodes[:, 0], axis=1))
-
-
-def _node(feather: Feather, node: int) -> Any:
-    """(n, K) sparse: one node of every row."""
-    size = 1 + 2 * feather.columns
-    return _picked(feather, np.arange(feather.rows) * size + node)
-
-
-def _director(feather: Feather, k: int) -> Any:
-    """(n, K) sparse: one director of every row."""
-    nodes = feather.rows * (1 + 2 * feather.columns)
-    return _picked(feather, nodes + 2 * np.arange(feather.rows) + k)
-
-
-def _picked(feather: Feather, places: Any) -> Any:
-    rows = feather.rows
-    shape = rows, rows * (3 + 2 * feather.columns)
-    return scipy.sparse.csr_array((np.ones(rows), (np.arange(rows), places)), shape=shape)

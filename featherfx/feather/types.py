@@ -24,6 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.sparse import Rows
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -176,19 +178,20 @@ class Feather:
 
 @dataclass(frozen=True)
 class PointMap:
-    """A linear map of nodes and directors. matrix: (K, n (3 + 2 m)) sparse, all nodes first, row by
-    row. shape: of the result, (..., 3): K points, or their rates."""
+    """A linear map of nodes and directors. matrix: (K, n (3 + 2 m)), all nodes first, row by row.
+    shape: of the result, (..., 3): K points, or their rates. width: n (3 + 2 m)."""
 
-    matrix: Any
+    matrix: Rows
     shape: tuple[int, ...]
+    width: int
 
     def __call__(self, values: RowPoints) -> Array:
         flat = np.concatenate([each.reshape(-1, 3) for each in values])
-        return np.asarray(self.matrix @ flat).reshape(self.shape)
+        return (self.matrix @ flat).reshape(self.shape)
 
     def picked(self, points: Indices) -> PointMap:
         """The map to some of the points alone. points: (k,) or (k, l), into the K points."""
-        return PointMap(self.matrix[points.ravel()], (*points.shape, 3))
+        return PointMap(self.matrix.picked(points.ravel()), (*points.shape, 3), self.width)
 
 
 class RowMap(NamedTuple):

@@ -245,7 +245,10 @@ class _Shafts:
                 scaled_map(each.to_fine or density_map(each.fine, each.fine), float(s), int(n))
                 for each, s, n in zip(grown, scales, rows_written, strict=True)
             ]
-            joined = [scipy.sparse.vstack([part.matrix for part in each[:2]]) for each in maps]
+            joined = [
+                scipy.sparse.vstack([part.matrix.of_scipy(part.width) for part in each[:2]])
+                for each in maps
+            ]
             self._pieces = np.concatenate([each.pieces for each in maps])
             self._map = scipy.sparse.block_diag(joined, format="csr")
         self._barb_sides, self._to_barbs = [np.zeros(0, dtype=np.int64)] * len(counts), None
@@ -259,7 +262,9 @@ class _Shafts:
             ]
             self._barb_sides = [each.side for each in curves]
             parts = [
-                scaled_points(each.points_map, float(s), int(n)).matrix
+                scaled_points(each.points_map, float(s), int(n)).matrix.of_scipy(
+                    each.points_map.width
+                )
                 for each, s, n in zip(curves, scales, rows_written, strict=True)
             ]
             self._to_barbs = scipy.sparse.block_diag(parts, format="csr")
