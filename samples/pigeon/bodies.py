@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+HOOK_STEPS = 6
 ROUNDING = 0.012  # m, radius over which parts pass into each other
 
 
@@ -51,7 +52,8 @@ class Build(NamedTuple):
     how far it looks forward, 0 to 1. bare: radii of the eye, between which feathers begin. lean:
     deg, how far it stands up more. rump: (forward, up) m, where it ends, before roots of coverts.
     shoulder: forward and up, m, where wings leave the trunk. breast: m, how far its front is moved
-    forwards, and factor of its breadth.
+    forwards, and factor of its breadth. hook: deg, that the upper bill turns down,
+    over a lower one.
     """
 
     size: float
@@ -68,13 +70,14 @@ class Build(NamedTuple):
     legs: Legs = Legs()
     shoulder: tuple[float, float] = (0.04, 0.205)
     breast: tuple[float, float] = (0.0, 1.0)
+    hook: float = 0.0
 
 
 _YELLOW, _HORN = (0.65, 0.38, 0.03), (0.12, 0.09, 0.06)
 _GULL = Colours((0.86, 0.86, 0.85), _YELLOW, _YELLOW, (0.55, 0.30, 0.25), (0.70, 0.60, 0.25))
 _OWL = Colours((0.62, 0.56, 0.48), _HORN, _HORN, (0.35, 0.28, 0.18), (0.020, 0.012, 0.008))
 _SPARROW = Colours((0.24, 0.19, 0.14), _HORN, _HORN, (0.40, 0.24, 0.16), (0.03, 0.02, 0.01))
-_PARROT = Colours((0.16, 0.30, 0.10), (0.10, 0.09, 0.09), (0.5, 0.46, 0.4), _HORN, (0.6, 0.3, 0.04))
+_PARROT = Colours((0.06, 0.13, 0.04), (0.10, 0.09, 0.09), (0.5, 0.46, 0.4), _HORN, (0.6, 0.3, 0.04))
 _PEACOCK = Colours((0.04, 0.10, 0.16), _HORN, _HORN, (0.30, 0.26, 0.20), (0.10, 0.05, 0.02))
 _SWAN = Colours((0.80, 0.79, 0.77), (0.62, 0.20, 0.03), (0.02, 0.02, 0.02), (0.03, 0.03, 0.03))
 _OSTRICH = Colours((0.20, 0.15, 0.13), (0.42, 0.30, 0.22), (0.42, 0.30, 0.22), (0.42, 0.30, 0.24))
@@ -83,16 +86,19 @@ _S_NECK = (0.035, 0.02), (0.034, 0.075), (0.004, 0.14), (0.012, 0.2), (0.05, 0.2
 BUILDS = {
     "pigeon": Build(1.0),
     "gull": Build(
-        1.5,
-        (1.08, 1.0, 0.95),
-        ((0.062, 0.062),),
-        head=1.05,
-        beak=(1.3, 1.2, 1.0),
-        eye=(0.0038, 0.2),
+        1.3,
+        (1.08, 1.15, 0.97),
+        ((0.05, 0.073),),
+        head=1.1,
+        beak=(1.4, 1.3, 0.3),
+        eye=(0.0042, 0.2),
         colours=_GULL,
-        lean=-4.0,
-        legs=Legs(thick=0.005, toes=1.05, webbed=True),
-        shoulder=(0.0219, 0.2038),
+        lean=-10.0,
+        rump=(-0.118, 0.1355),
+        legs=Legs(thick=0.0042, toes=1.05, webbed=True),
+        shoulder=(0.045, 0.207),
+        hook=35.0,
+        breast=(0.012, 1.05),
     ),
     "owl": Build(
         0.95,
@@ -122,13 +128,15 @@ BUILDS = {
         0.95,
         (0.95, 1.0, 1.0),
         ((0.035, 0.055),),
-        head=1.15,
-        beak=(0.75, 1.9, 1.9),
-        eye=(0.0036, 0.2),
+        head=1.25,
+        beak=(0.85, 1.5, 0.0),
+        eye=(0.0044, 0.2),
         colours=_PARROT,
-        bare=(1.6, 2.2),
+        bare=(1.3, 1.8),
         lean=22.0,
+        rump=(-0.118, 0.1345),
         legs=Legs(0.085, 0.055, 0.006, 0.9),
+        hook=100.0,
     ),
     "peacock": Build(
         2.3,
@@ -259,22 +267,44 @@ def parts(points, build=BUILDS["pigeon"]):
     thick = np.linspace(build.slim[0], 0.95 * build.slim[1] * build.head, len(path))
     necks = zip(path, path[1:], thick, thick[1:], strict=False)
     skull = (0.0265, 0.0205, 0.0215) * np.full(3, build.head)
-    horn = 0.0075 * build.beak[1], 0.0035 * build.beak[1]
     return {
         "torso": torso,
         "neck": np.min([capsule(points, *each) for each in necks], axis=0),
         "head": ellipsoid(points, skull_of(build), skull, -8),
-        "beak": capsule(points, *beak(build), *horn),
+        "beak": np.min([capsule(points, *each) for each in horns(build)], axis=0),
         "rump": capsule(upright, (-0.06, 0, 0.157), (rump[0], 0, rump[1]), 0.034, 0.011),
         "leg": np.min([capsule(right, *each) for each in bones(build)], axis=0),
     }
 
 
+def bill(build):
+    """(K, 3) m, along the middle of the upper bill, from its root to its tip."""
+    root = skull_of(build) + build.head * np.array((0.018, 0.0, -0.002))
+    way = build.beak[0] * np.array((0.031, 0.0, -0.011 * build.beak[2]))
+    if not build.hook:
+        return np.stack([root, root + way])
+    turns = np.radians(build.hook) * (np.arange(HOOK_STEPS) + 0.5) / HOOK_STEPS
+    ahead = np.cos(turns) * way[0] + np.sin(turns) * way[2]
+    up = np.cos(turns) * way[2] - np.sin(turns) * way[0]
+    steps = np.stack([ahead, np.zeros(HOOK_STEPS), up], axis=1) / HOOK_STEPS
+    return root + np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+
+
 def beak(build):
     """Its root and tip, (3,) m."""
-    skull = skull_of(build)
-    root = skull + build.head * np.array((0.018, 0.0, -0.002))
-    return root, root + build.beak[0] * np.array((0.031, 0.0, -0.011 * build.beak[2]))
+    path = bill(build)
+    return path[0], path[-1]
+
+
+def horns(build):
+    """(start, end, radius there and here) of the bill's capsules, m."""
+    path, thick = bill(build), build.beak[1]
+    radii = thick * np.linspace(0.0075, 0.0015 if build.hook else 0.0035, len(path))
+    yield from zip(path, path[1:], radii, radii[1:], strict=False)
+    if build.hook:
+        below = path[0] - (0.0, 0.0, 0.006 * thick)
+        tip = path[len(path) // 2] - (0.0, 0.0, 0.006 * thick)
+        yield below, tip, 0.0045 * thick, 0.0025 * thick
 
 
 def eye(build):

@@ -234,6 +234,17 @@ def test_folded_wings_stay_off_the_body_as_far_as_their_type_says(bird, monkeypa
     assert 0.1 <= moved < 0.15  # aslant to the skin
 
 
+def test_the_upper_arm_of_a_folded_wing_turns_about_that_of_its_type(bird):
+    """A gull's would not have come down to the back from a pigeon's."""
+    library = Library((), Problems())
+    body, shoulder = Body(bird.skin, np.eye(3), np.zeros(3)), np.array([0.04, -0.042, 0.205])
+    for base, put in (("pigeon", 78.0), ("gull", 95.0)):
+        kind = wing_type({"base": base}, Place("", "", Problems()), library)
+        fit = lie._Fit(kind, shoulder, 0.5, body, 0.0)
+        ends = [fit.placed(np.array([60.0, 0, 10, far, 0, 0, 0]))[0] for far in (0.0, 180.0)]
+        assert [each.shoulder[1] for each in ends] == [put - 18.0, put + 22.0]
+
+
 @pytest.mark.usefixtures("wings_as_typed")
 @pytest.mark.parametrize("space", ["", '[space]\nof = "skin"\nleft = "x"\n'])
 def test_a_body_with_y_up_in_centimetres_gets_the_same_bird(tmp_path, space):

@@ -69,6 +69,19 @@ def test_bodies_of_other_birds_are_whole(maker, tmp_path, bird):
             assert near < 0.03 * maker.BUILDS[bird].size, name
 
 
+def test_bills_hook_over_as_their_build_says(maker):
+    bodies = importlib.import_module("bodies")
+    for bird in ("parrot", "gull"):
+        build = maker.BUILDS[bird]
+        path = bodies.bill(build)
+        ways = np.diff(path, axis=0) @ ((1, 0), (0, 0), (0, 1))
+        turned = np.degrees(np.arctan2(-ways[:, 1], ways[:, 0]))
+        steps = build.hook * (len(ways) - 1) / len(ways)
+        assert turned[-1] - turned[0] == pytest.approx(steps)
+        assert (maker.distance(path[:-1], build) < 0.0).all()
+        assert (maker.distance(path[-1:] + 0.004, build) > 0.0).all()
+
+
 def test_the_script_makes_the_owl_in_flight(maker, tmp_path):
     maker.make(tmp_path / "body.usdc", "owl_flying")
     made, kept = (skin_of(each / "body.usdc") for each in (tmp_path, SAMPLES / "owl_flight"))

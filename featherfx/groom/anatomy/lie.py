@@ -25,8 +25,8 @@ _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the 
 _WEIGHTS = np.array([3.0, 1.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of leading edge and these
 _NEAR = 0.06  # of it, up to which a wing leaves no room for feathers below
 _EDGE = 0.16  # of a feather's length, from its shaft to the edge of its inner vane
-# deg, allowed: roof, tuck, bow, beyond which vanes part, shoulder, and camber beyond the type's
-_BOUNDS = ((25.0, 95.0), (-15.0, 30.0), (0.0, 25.0), (60.0, 100.0), (0.0, 12.0))
+# deg, allowed: roof, tuck, bow, beyond which vanes part, shoulder and camber beyond the type's
+_BOUNDS = ((25.0, 95.0), (-15.0, 30.0), (0.0, 25.0), (-18.0, 22.0), (0.0, 12.0))
 _STEPS, _STARTS = 250, 3
 _APART = 0.9  # tenths of the longest feather, from the middle of the back to either wing
 _ASIDE, _ABOVE = 0.7, 0.5  # tenths, from the plane of symmetry, and over the tail behind its root
@@ -162,10 +162,9 @@ class _Fit:
         values: (7,) roof, tuck, bow, shoulder and added camber, deg, and the ways down and back
         from the landmark, in tenths of the longest feather.
         """
-        roof, tuck, bow, back, camber = (
-            float(np.clip(value, *allowed))
-            for value, allowed in zip(values[:5], _BOUNDS, strict=True)
-        )
+        put = np.array([0.0, 0.0, 0.0, self.kind.shoulder[1], 0.0])
+        least, most = np.array(_BOUNDS).T + put
+        roof, tuck, bow, back, camber = np.clip(values[:5], least, most).tolist()
         kind = replace(
             self.kind,
             roof=(self.kind.roof[0], roof),
