@@ -10,8 +10,9 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.build import build_feather
-from featherfx.feather.density import density_map, scaled_map
+from featherfx.feather.density import scaled_map
 from featherfx.feather.lengths import carried_moving
+from featherfx.feather.maps import unit_maps
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.store import kept
@@ -46,6 +47,8 @@ NEWTON_FRACTION = 0.1
 # the same where forces of contact follow from the poses, so that feathers in balance come to rest;
 # and m, a small part of what any gap may be off, below which that says nothing
 CONTACT_NEWTON_FRACTION, CONTACT_NEWTON = 1e-3, 2e-7
+# places of a groom whose maps are kept together
+PART = 128
 
 
 @dataclass
@@ -220,7 +223,7 @@ def _group(
         island=key.island,
         members=members,
         feathers=feathers,
-        maps=maps_between(placements, feathers, some),
+        maps=maps_between(members, placements, feathers, some),
         names=[p.id for p in placements],
         grips=grips_of([p.id for p in placements], shot.grips),
         forces=[
@@ -382,23 +385,30 @@ def poses_of(group: Group, some: Flags) -> dict[int, FeatherPose]:
 
 
 def maps_between(
-    placements: Sequence[Placement], simulated: list[Feather], drawn: list[Feather]
+    members: Indices,
+    placements: Sequence[Placement],
+    simulated: Sequence[Feather],
+    drawn: Sequence[Feather],
 ) -> list[RowMap | None]:
-    """From the simulated grids to those drawn; None where they are the same."""
+    """From the simulated grids to those drawn; None where they are the same. members: numbers in
+    the groom, ascending."""
+    if not placements or simulated[0].cell.shape == drawn[0].cell.shape:
+        return [None] * len(placements)
+    coarse, fine = simulated[0], drawn[0]
+    grids = (coarse.rows, coarse.columns), (fine.rows, fine.columns)
+    # one map for all feathers that differ in size only; a wind in which some feathers are simulated
+    # otherwise leaves most parts of a groom as they were
     known: dict[tuple[int, bool], RowMap] = {}
+    for part in np.split(np.arange(len(members)), np.flatnonzero(np.diff(members // PART)) + 1):
+        own = {}
+        for placement in (placements[k] for k in part):
+            shape = placement.prototype or placement.kind
+            if (id(shape), placement.mirrored) not in known:
+                own[id(shape), placement.mirrored] = shape, placement.mirrored
+        known |= zip(own, unit_maps(tuple(own.values()), *grids), strict=True)
     found: list[RowMap | None] = []
-    for placement, coarse, fine in zip(placements, simulated, drawn, strict=True):
-        if coarse.cell.shape == fine.cell.shape:
-            found.append(None)
-            continue
-        # one map for all feathers that differ in size only
-        shape = placement.prototype or placement.kind
-        key = id(shape), placement.mirrored
-        if key not in known:
-            known[key] = density_map(
-                build_feather(shape, coarse.rows, coarse.columns, placement.mirrored),
-                build_feather(shape, fine.rows, fine.columns, placement.mirrored),
-            )
+    for placement in placements:
+        unit = known[id(placement.prototype or placement.kind), placement.mirrored]
         size = placement.size if placement.prototype is not None else 1.0
-        found.append(scaled_map(known[key], size, coarse.rows))
+        found.append(scaled_map(unit, size, coarse.rows))
     return found

@@ -317,6 +317,7 @@ def _guides_of(
         leading = np.flatnonzero(np.isin(group.members, guides)).tolist()
         chosen = group.members[leading].tolist()
         maps = maps_between(
+            group.members[leading],
             [placements[f] for f in chosen],
             [group.feathers[k] for k in leading],
             [by_number[f] for f in chosen],

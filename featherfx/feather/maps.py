@@ -1,0 +1,72 @@
+"""Maps from what is simulated to what is drawn, of many shapes; kept, since each takes long."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import scipy
+
+from featherfx.feather.build import build_feather
+from featherfx.feather.density import density_map
+from featherfx.feather.types import PointMap, RowMap
+from featherfx.files.store import Arrays, kept
+from featherfx.groom.types import FeatherKind
+
+Grid = tuple[int, int]
+# of a sparse matrix
+_PARTS = "data", "indices", "indptr"
+
+
+def unit_maps(shapes: Sequence[tuple[FeatherKind, bool]], coarse: Grid, fine: Grid) -> list[RowMap]:
+    """The density map of each shape, a kind and whether it is mirrored, from a grid (rows and
+    columns) to another one."""
+    if not shapes:
+        return []
+
+    def compute() -> Arrays:
+        return _packed(
+            [
+                density_map(
+                    build_feather(kind, *coarse, mirrored), build_feather(kind, *fine, mirrored)
+                )
+                for kind, mirrored in shapes
+            ]
+        )
+
+    return _unpacked(kept("maps", [tuple(shapes), coarse, fine], compute), len(shapes))
+
+
+def _packed(maps: Sequence[RowMap]) -> Arrays:
+    """The arrays of one name of all maps end to end, and their sizes."""
+    found: dict[str, Any] = {"pieces": np.stack([each.pieces for each in maps])}
+    for name in ("nodes", "directors"):
+        own = [getattr(each, name) for each in maps]
+        found[f"{name}.sizes"] = np.array([each.matrix.shape for each in own])
+        found[f"{name}.shapes"] = np.array([each.shape for each in own])
+        for part in _PARTS:
+            arrays = [getattr(each.matrix, part) for each in own]
+            found[f"{name}.{part}"] = np.concatenate(arrays)
+            found[f"{name}.{part}.ends"] = np.cumsum([len(each) for each in arrays])
+    return found
+
+
+def _unpacked(arrays: Mapping[str, Any], count: int) -> list[RowMap]:
+    """What _packed was given."""
+    parts = {}
+    for name in ("nodes", "directors"):
+        cut = [
+            np.split(arrays[f"{name}.{part}"], arrays[f"{name}.{part}.ends"][:-1])
+            for part in _PARTS
+        ]
+        parts[name] = [
+            PointMap(
+                scipy.sparse.csr_array(each, shape=tuple(arrays[f"{name}.sizes"][k].tolist())),
+                tuple(arrays[f"{name}.shapes"][k].tolist()),
+            )
+            for k, each in enumerate(zip(*cut, strict=True))
+        ]
+    return [
+        RowMap(parts["nodes"][k], parts["directors"][k], arrays["pieces"][k]) for k in range(count)
+    ]
