@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import scipy
 
+from featherfx.algebra.sparse import Rows
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
 from featherfx.feather.types import PointMap, RowMap
@@ -15,8 +15,6 @@ from featherfx.files.store import Arrays, kept
 from featherfx.groom.types import FeatherKind
 
 Grid = tuple[int, int]
-# of a sparse matrix
-_PARTS = "data", "indices", "indptr"
 
 
 def unit_maps(shapes: Sequence[tuple[FeatherKind, bool]], coarse: Grid, fine: Grid) -> list[RowMap]:
@@ -43,9 +41,9 @@ def _packed(maps: Sequence[RowMap]) -> Arrays:
     found: dict[str, Any] = {"pieces": np.stack([each.pieces for each in maps])}
     for name in ("nodes", "directors"):
         own = [getattr(each, name) for each in maps]
-        found[f"{name}.sizes"] = np.array([each.matrix.shape for each in own])
+        found[f"{name}.widths"] = np.array([each.width for each in own])
         found[f"{name}.shapes"] = np.array([each.shape for each in own])
-        for part in _PARTS:
+        for part in Rows._fields:
             arrays = [getattr(each.matrix, part) for each in own]
             found[f"{name}.{part}"] = np.concatenate(arrays)
             found[f"{name}.{part}.ends"] = np.cumsum([len(each) for each in arrays])
@@ -58,12 +56,13 @@ def _unpacked(arrays: Mapping[str, Any], count: int) -> list[RowMap]:
     for name in ("nodes", "directors"):
         cut = [
             np.split(arrays[f"{name}.{part}"], arrays[f"{name}.{part}.ends"][:-1])
-            for part in _PARTS
+            for part in Rows._fields
         ]
         parts[name] = [
             PointMap(
-                scipy.sparse.csr_array(each, shape=tuple(arrays[f"{name}.sizes"][k].tolist())),
+                Rows(*each),
                 tuple(arrays[f"{name}.shapes"][k].tolist()),
+                int(arrays[f"{name}.widths"][k]),
             )
             for k, each in enumerate(zip(*cut, strict=True))
         ]
