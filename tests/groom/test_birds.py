@@ -212,13 +212,14 @@ def test_a_train_of_many_feathers_is_not_deeper_than_its_root_is_wide(tmp_path):
 
 
 @pytest.mark.usefixtures("wings_as_typed")
-@pytest.mark.parametrize(("kind", "most"), [("ostrich", 25), ("peacock", 75)])
-def test_few_feathers_of_large_shut_tails_pass_through_each_other(tmp_path, kind, most):
-    """Laid flat, without an arch, it is 513 and 270 pairs."""
+@pytest.mark.parametrize(("kind", "count", "most"), [("ostrich", 50, 25), ("peacock", 180, 0)])
+def test_few_feathers_of_large_shut_tails_pass_through_each_other(tmp_path, kind, count, most):
+    """Laid flat, without an arch, it is 513 and 270 pairs; of a train as one fan 60."""
     bare = ", ".join(f"parts.{part}.cover = 0" for part in PARTS)
     groom = read_groom(changed(tmp_path, r"^type.*", f'type = {{ base = "{kind}", {bare} }}'))
     tail = [f for f in groom.feathers if f.id.startswith("tail_")]
-    assert 0 < len(crossed(tail, 11, 4)) < most
+    assert len(tail) == count
+    assert len(crossed(tail, 11, 4)) <= most
 
 
 def test_folded_wings_stay_off_the_body_as_far_as_their_type_says(bird, monkeypatch):
@@ -430,3 +431,16 @@ def test_a_crest_grows_from_the_skin_not_within_the_skull(tmp_path):
     # between triangles of 4 mm; its line from landmark to landmark is 10 mm deep in the skull
     assert gaps.min() > -3e-4
     assert gaps.max() < 2e-3
+
+
+@pytest.mark.usefixtures("wings_as_typed")
+def test_a_mantle_begins_where_the_neck_of_its_type_ends(tmp_path):
+    """The ostrich's reached up the back of its neck."""
+    thin = ", ".join(f"parts.{part}.cover = 0" for part in PARTS if part not in ("nape", "mantle"))
+    highest = []
+    for neck in (0.5, 0.75, 1.0):
+        kind = f'type = {{ base = "pigeon", {thin}, tail.count = 0, neck = {neck} }}'
+        groom = read_groom(changed(tmp_path, "^type.*", kind))
+        mantle = [f.position[2] for f in groom.feathers if f.region == "mantle"]
+        highest.append(np.quantile(mantle, 0.9))
+    assert highest[0] > highest[1] + 2e-3 > highest[2] + 4e-3, highest

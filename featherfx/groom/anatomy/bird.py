@@ -18,7 +18,7 @@ from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of
-from featherfx.groom.anatomy.fans import closed_fan
+from featherfx.groom.anatomy.fans import THIN, closed_fan
 from featherfx.groom.anatomy.landmarks import Points, axes_of, check_on_skin, distance
 from featherfx.groom.anatomy.lie import Beneath, Body, beneath, lie_on
 from featherfx.groom.anatomy.remiges import shut
@@ -64,6 +64,7 @@ _ROOM = {"thigh": 0.4}  # of a length, free beneath; where legs move, more than 
 _SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
 _UP = 0.0, 0.0, 1.0
 _ON_CREST = 9  # points of its line that are put onto the skin
+_NAPE = 0.4  # of the way to the shoulders, from the lowest site of the nape to the mantle's first
 _HORN, _FACE = -0.2, 0.2  # sites on either side of where the bill ends, of the way to the crown
 _CHEEK = 0.5  # of the way from the middle of both eyes to the nape
 
@@ -105,7 +106,7 @@ def hatch(
         parts["tail"].append((at, tail))
     if kind["crest"]["count"]:
         parts["crest"].append((at, _crest(entry, kind["crest"], points, axes, scale, skin)))
-    sites = _sites(points, axes, kind["bill"])
+    sites = _sites(points, axes, kind["bill"], kind["neck"])
     sites |= _cheeks(points) if kind["parts"]["cheek"] is not None else {}
     if body is not None and entry["fold"] > _HIDES and not entry["opens"]:
         found = [_beneath(each, body) for each in wings]
@@ -216,7 +217,9 @@ def _tail(
 ) -> dict[str, Any]:
     turned = from_rotation_vector(-np.radians(kind["droop"]) * axes[:, 1]) @ axes
     own = {name: kind[name] for name in ("kind", "count", "width", "angles", "arch", "coverts")}
-    pairs = max(kind["count"] // 2, 1)
+    # rows of a train lie on each other along their whole length, others end where the tail does
+    rows = 1.0 + THIN * sum(row["side"] == "above" and row["length"] > 1 for row in kind["coverts"])
+    pairs = max(kind["count"] // 2, 1) * rows
     lift = min(_TAIL_LIFT * max(kind["lengths"]), _TAIL_DEEP * kind["root_width"] / pairs)
     return _filled(
         TAIL,
@@ -266,11 +269,11 @@ def _crest(
     )
 
 
-def _sites(points: Points, axes: Array, bill: float) -> dict[str, Array]:
+def _sites(points: Points, axes: Array, bill: float, neck: float) -> dict[str, Array]:
     """(k, 3) m, the sites of each part, of the bare beak and feet, and of where the tail leaves.
 
-    bill: where it ends, of the way from the tip of the beak to the crown. Shares between landmarks
-    are chosen by eye.
+    bill: where it ends, of the way from the tip of the beak to the crown. neck: where the mantle
+    begins, of the way from the nape to the shoulders. Shares are chosen by eye.
     """
     p = points
     right, left = p["right_shoulder"], p["left_shoulder"]
@@ -284,14 +287,14 @@ def _sites(points: Points, axes: Array, bill: float) -> dict[str, Array]:
         "beak": [p["beak"], between(p["beak"], p["crown"], bill + _HORN)],
         "face": [between(p["beak"], p["crown"], bill + _FACE)],
         "crown": [p["crown"]],
-        "nape": [p["nape"], between(p["nape"], top, 0.35)],
+        "nape": [p["nape"], between(p["nape"], top, neck - _NAPE)],
         "throat": [between(p["beak"], p["breast"], 0.35)],
         "foreneck": [between(p["beak"], p["breast"], 0.7)],
         "breast": [
             p["breast"],
             *(between(p["breast"], each, way) for each in (right, left) for way in (0.55, 0.85)),
         ],
-        "mantle": [top, between(p["nape"], top, 0.75)],
+        "mantle": [top, between(p["nape"], top, neck)],
         "scapular": [
             between(between(each, top, 0.3), p["tail"], fraction)
             for each in (right, left)

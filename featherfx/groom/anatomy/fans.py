@@ -60,7 +60,7 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
 
 
 _SIDES = ((1.0, "right"), (-1.0, "left"))
-_THIN = 0.6  # lift of coverts beside that of tail feathers; by eye
+THIN = 0.6  # lift of coverts beside that of tail feathers; by eye
 _CLEAR = 0.01  # of the tail's length, from a covert's tip to what it lies on; by eye
 
 
@@ -88,7 +88,7 @@ class _TailRow:
 
 def _tail_coverts(entry: dict[str, Any]) -> list[_TailRow]:
     """Rows from the tail outwards: each lies on the plane of the one before it."""
-    longest, lift = max(entry["lengths"]), _THIN * entry["lift"]
+    longest, lift = max(entry["lengths"]), THIN * entry["lift"]
     pairs = entry["count"] // 2 - 0.5
     rows = []
     for side in ("above", "below"):

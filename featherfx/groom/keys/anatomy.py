@@ -180,7 +180,7 @@ class TailCovertRow:
     """A row of tail coverts, one for each tail feather, with which it fans."""
 
     name: Annotated[str, Text(), "Part of ids and, with `s`, label: upper_tail_covert."]
-    length: Annotated[float, Number(0.01, 2), "Length as a share of the tail feather's."]
+    length: Annotated[float, Number(0.01, 10), "Length as a share of the tail feather's."]
     ahead: Annotated[
         float, Number(0, 1), "From root to root towards the body, in lengths of the tail feather."
     ]
@@ -284,6 +284,12 @@ BIRD_TYPE = {
     "tail": Key(Table(keys_of(TailOfBird), "table of a tail"), "Its tail."),
     "crest": Key(Table(keys_of(CrestOfBird), "table of a crest"), "Its crest.", {}),
     "disc": Key(Table(keys_of(DiscOfBird), "table of a disc"), "The disc of its face.", {}),
+    "neck": Key(
+        Number(0.4, 1.0),
+        "Uppermost middle of the mantle, of the way from the nape to the shoulders; feathers of "
+        "the nape reach 0.2 less far.",
+        0.75,
+    ),
     "bill": Key(
         Number(0.0, 0.9),
         "How far the bill reaches, of the way from the tip of the beak to the crown: no feathers "
