@@ -26,13 +26,15 @@ class Colours(NamedTuple):
 
 
 class Legs(NamedTuple):
-    """heel, sole: heights, m. thick: radius, m. toes: of the pigeon's length. webbed: whether skin
-    spans three of them. down: whether feathers go on below the heel, to the toes."""
+    """heel, sole: heights, m. thick: radius, m. toes: of the pigeon's length. claws: m, beyond
+    their ends. webbed: whether skin spans three of them. down: whether feathers go on below the
+    heel, to the toes."""
 
     heel: float = 0.083
     sole: float = 0.043
     thick: float = 0.0046
     toes: float = 1.0
+    claws: float = 0.009
     webbed: bool = False
     down: bool = False
 
@@ -112,7 +114,7 @@ BUILDS = {
         lean=25.0,
         rump=(-0.118, 0.135),
         breast=(0.006, 1.1),
-        legs=Legs(0.082, 0.048, 0.0062, 0.8, down=True),
+        legs=Legs(0.082, 0.048, 0.0062, 0.8, 0.014, down=True),
     ),
     "sparrow": Build(
         0.36,
@@ -226,24 +228,33 @@ def skull_of(build):
     return neck(build)[-1]
 
 
+def toes(build):
+    """Middle of the left foot, (3,) m, and the ends of its toes, (T, 3) m; the hind one is last."""
+    own = build.legs
+    sole = np.array((0.0, 0.03 * build.trunk[1], own.sole + 0.006))
+    low = np.array((0.0, 0.0, 0.002))
+    ways = np.array(((0.033, 0.006, 0.0), (0.027, -0.016, 0.0), (-0.02, 0.0, 0.0)))
+    ends = sole - low + own.toes * ways
+    if own.webbed:
+        outer = sole - low + 0.8 * own.toes * np.array((0.024, 0.024, 0.0))
+        ends = np.concatenate([outer[None], ends])
+    return sole, ends
+
+
 def bones(build):
     """(start, end, radius there and here) of the left leg's capsules, m."""
     own, wide = build.legs, build.trunk[1]
     knee = np.array((0.0, 0.028 * wide, own.heel + 0.02))
     heel = np.array((-0.012, 0.029 * wide, own.heel))
-    sole = np.array((0.0, 0.03 * wide, own.sole + 0.006))
-    low = np.array((0.0, 0.0, 0.002))
-    ways = np.array(((0.033, 0.006, 0.0), (0.027, -0.016, 0.0), (-0.02, 0.0, 0.0)))
-    toes = sole - low + own.toes * ways
+    sole, ends = toes(build)
     yield (0.005, 0.026 * wide, 0.122), knee, 0.021, 1.7 * own.thick
     yield knee, heel, 1.1 * own.thick, 1.1 * own.thick
     yield heel, sole, 1.1 * own.thick, own.thick
-    for toe in toes:
+    for toe in ends[-3:]:
         yield sole, toe, own.thick, 0.95 * own.thick
     if own.webbed:
-        outer = sole - low + 0.8 * own.toes * np.array((0.024, 0.024, 0.0))
-        yield sole, outer, own.thick, 0.95 * own.thick
-        for first, second in ((outer, toes[0]), (toes[0], toes[1])):
+        yield sole, ends[0], own.thick, 0.95 * own.thick
+        for first, second in ((ends[0], ends[1]), (ends[1], ends[2])):
             for share in (0.25, 0.5, 0.75):
                 web = first + share * (second - first)
                 yield sole, sole + 0.85 * (web - sole), 0.8 * own.thick, 0.6 * own.thick

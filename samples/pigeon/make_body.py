@@ -1,4 +1,4 @@
-"""Makes body.usdc: the skin of a walking pigeon, as one closed mesh on a skeleton, and its eyes.
+"""Makes body.usdc: the skin of a walking pigeon, as one closed mesh on a skeleton, eyes and claws.
 
 python samples/pigeon/make_body.py [OUT.usdc [BIRD]]
 
@@ -28,6 +28,7 @@ from bodies import (
     neck,
     parts,
     smooth,
+    toes,
 )
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
@@ -82,6 +83,36 @@ def eye_mesh(build):
         np.concatenate([left, left * (1.0, -1.0, 1.0)]),
         np.concatenate([faces, faces[:, ::-1] + len(left)]),
         np.concatenate([own, own]),
+    )
+
+
+def claw_mesh(build):
+    """Points (V, 3) m, faces (F, 4), and linear colours (V, 3) of all claws, at the bird's size:
+    cones that bend down beyond the ends of the toes."""
+    sole, ends = toes(build)
+    along = np.linspace(0.0, 1.0, 7)
+    around = np.radians(np.arange(0, 360, 36))
+    points, faces = [], []
+    for end in ends:
+        way = (end - sole) * (1.0, 1.0, 0.0)
+        way /= np.linalg.norm(way)
+        side = np.cross((0.0, 0.0, 1.0), way)
+        thick, long = build.legs.thick, build.legs.claws + build.legs.thick
+        # from within the toe, out of the upper half of its end, down to the ground
+        lift = 0.35 * thick - (0.8 * thick) * along**2
+        middle = end + long * along[:, None] * way + lift[:, None] * np.array((0.0, 0.0, 1.0))
+        wide = 0.55 * thick * np.sqrt(1.0 - 0.97 * along)
+        ring = np.cos(around)[:, None] * side + np.sin(around)[:, None] * np.array((0.0, 0.0, 1.0))
+        own = middle[:, None] + wide[:, None, None] * ring
+        number = sum(map(len, points)) + np.arange(own[..., 0].size).reshape(own.shape[:2])
+        quads = [number[:-1], np.roll(number, -1, 1)[:-1], np.roll(number, -1, 1)[1:], number[1:]]
+        points.append(own.reshape(-1, 3))
+        faces.append(np.stack(quads, axis=-1).reshape(-1, 4))
+    left, own = build.size * np.concatenate(points), np.concatenate(faces)
+    return (
+        np.concatenate([left, left * (1.0, -1.0, 1.0)]),
+        np.concatenate([own, own[:, ::-1] + len(left)]),
+        np.tile(build.colours.bill, (2 * len(left), 1)),
     )
 
 
@@ -229,14 +260,26 @@ def skin_colours(points, shares, build):
     down, bill, cere, leg, _ = (np.array(each) for each in build.colours)
     root, tip = beak(build)
     along = (points - root) @ (tip - root) / ((tip - root) @ (tip - root))
+    below = root[2] + along * (tip[2] - root[2]) - points[:, 2]
     thigh = smooth(points[:, 2], build.legs.bare - 0.006, build.legs.bare + 0.006)  # feathered skin
     feet, horn = shares["leg"] * (1.0 - thigh), shares["beak"]
-    share = smooth(along, 0.3, 0.4)[:, None]
+    # above the root of the bill alone
+    share = np.maximum(smooth(along, 0.3, 0.4), smooth(below, -0.0015, 0.0005))[:, None]
     own = share * bill + (1.0 - share) * cere
     return (1.0 - feet - horn)[:, None] * down + feet[:, None] * leg + horn[:, None] * own
 
 
-def bind_skeleton(stage, mesh, eyes, points, shares):
+def bind_rigidly(skeleton, mesh, joints):
+    """joints: (V,) of the points, or (1,) of all of them."""
+    api = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+    api.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
+    whole = len(joints) == 1
+    api.CreateJointIndicesPrimvar(whole, 1).Set(Vt.IntArray.FromNumpy(joints.astype(np.int32)))
+    api.CreateJointWeightsPrimvar(whole, 1).Set([1.0] * len(joints))
+    api.CreateGeomBindTransformAttr(Gf.Matrix4d(1.0))
+
+
+def bind_skeleton(stage, mesh, eyes, claws, points, shares):
     skeleton = UsdSkel.Skeleton.Define(stage, "/pigeon/skeleton")
     paths = {}
     for name, (parent, _) in JOINTS.items():
@@ -260,11 +303,10 @@ def bind_skeleton(stage, mesh, eyes, points, shares):
     shaped = Vt.FloatArray.FromNumpy(values.astype(np.float32).ravel())
     api.CreateJointWeightsPrimvar(False, 3).Set(shaped)
     api.CreateGeomBindTransformAttr(Gf.Matrix4d(1.0))
-    api = UsdSkel.BindingAPI.Apply(eyes.GetPrim())
-    api.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
-    api.CreateJointIndicesPrimvar(True, 1).Set([list(JOINTS).index("head")])
-    api.CreateJointWeightsPrimvar(True, 1).Set([1.0])
-    api.CreateGeomBindTransformAttr(Gf.Matrix4d(1.0))
+    bind_rigidly(skeleton, eyes, np.full(1, list(JOINTS).index("head")))
+    left, right = list(JOINTS).index("leg_left"), list(JOINTS).index("leg_right")
+    count = len(claws.GetPointsAttr().Get())
+    bind_rigidly(skeleton, claws, np.where(np.arange(count) < count // 2, left, right))
     animation = UsdSkel.Animation.Define(stage, "/pigeon/skeleton/walk")
     animation.CreateJointsAttr(list(paths.values()))
     for frame in range(FRAMES):
@@ -299,8 +341,9 @@ def make(path, bird="pigeon"):
     colours = skin_colours(points, shares, build)
     mesh = define_mesh(stage, "body", build.size * points, faces, colours, maps)
     eyes = define_mesh(stage, "eyes", *eye_mesh(build))
+    claws = define_mesh(stage, "claws", *claw_mesh(build))
     if bird == "pigeon":
-        bind_skeleton(stage, mesh, eyes, points, shares)
+        bind_skeleton(stage, mesh, eyes, claws, points, shares)
     stage.GetRootLayer().Save()
     return len(points), len(faces)
 

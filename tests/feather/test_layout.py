@@ -219,6 +219,34 @@ def test_the_skin_is_cleared(kind):
     assert report.raised[0] > 5.0
 
 
+@pytest.mark.parametrize("height", [0.002, 0.008])
+def test_a_grown_feather_is_not_pierced_by_the_skin_between_its_samples(kind, height):
+    """A needle that no sample is over: the feather is raised, or left out where that is high."""
+    base = 1e-4 * np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0]]) + (-0.0112, 0.0017, -0.01)
+    apex = np.array([-0.0112, 0.0017, height])
+    needle = [[base[0], base[1], apex], [base[1], base[2], apex], [base[2], base[0], apex]]
+    corners = np.array([*needle, [(0.05, -0.05, -0.01), (0.05, 0.05, -0.01), (-0.1, 0, -0.01)]])
+    feather = placed(kind, "a", (0, 0, 0), grown=True)
+
+    def pierced(groom):
+        (built,) = feathers_of(groom.feathers, 21, 6)
+        vanes = built.surface.triangles[built.surface.part != 2]
+        points = built.surface.points(built.points) @ groom.feathers[0].rotation.T
+        vane = trimesh.Trimesh(points + groom.feathers[0].position, vanes, process=False)
+        hits, _, _ = vane.ray.intersects_location([base.mean(axis=0)], [(0.0, 0.0, 1.0)])
+        return hits[:, 2].min(initial=np.inf) < height
+
+    groom = groom_of(feather, skin=corners, most_lift=0.0)
+    assert measured(groom).skin_gaps[0] > 0.0
+    assert pierced(groom)
+    result, report = laid_out(limited(groom, drop=1e-4, least_size=0.9))
+    if height < 0.005:
+        assert report.dropped == ()
+        assert not pierced(result)
+    else:
+        assert report.dropped == ("a",)
+
+
 def test_what_cannot_be_resolved_is_reported(kind):
     feathers = field(kind)
     limits = {"most_tilt_placed": 0.0, "most_lift": 0.0}

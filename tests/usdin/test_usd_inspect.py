@@ -34,8 +34,9 @@ def test_the_body_of_the_pigeon():
     assert code == 0
     assert (found["meters_per_unit"], found["up_axis"]) == (1.0, "Z")
     assert (found["start"], found["end"], found["time_codes_per_second"]) == (1, 96, 24)
-    mesh, eyes, skeleton = found["prims"]
+    mesh, eyes, claws, skeleton = found["prims"]
     assert (eyes["path"], eyes["skeleton"]) == ("/pigeon/eyes", "/pigeon/skeleton")
+    assert (claws["path"], claws["skeleton"]) == ("/pigeon/claws", "/pigeon/skeleton")
     stage = Usd.Stage.Open(str(SAMPLES / "pigeon/body.usdc"))
     body = UsdGeom.Mesh(stage.GetPrimAtPath(mesh["path"]))
     points, faces = len(body.GetPointsAttr().Get(1)), len(body.GetFaceVertexCountsAttr().Get())

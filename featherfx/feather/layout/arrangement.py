@@ -13,7 +13,7 @@ from featherfx.algebra.raster import nodes_within
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.feather.build import repeated_shapes
-from featherfx.feather.crossings import Patches, crossings_of, patches_of
+from featherfx.feather.crossings import BODY, Patches, crossings_of, patches_of
 from featherfx.feather.layout.move_kernels import all_gaps, count_cover
 from featherfx.feather.layout.overlap import Strips
 from featherfx.feather.shapes import built_shapes
@@ -122,29 +122,34 @@ class Arrangement(NamedTuple):
 
 
 class Meshes:
-    """The vanes of F feathers as meshes of V points. points: (V, 3) in feather lengths. owner:
-    (V,) whose each is, in order. Only what has moved since the last look is compared again."""
+    """The vanes of F feathers as meshes of V points, and a skin of S beneath. points:
+    (V, 3) in feather lengths. owner: (V,) whose each is, in order. skin: (S, 3) m, the last points
+    of the patches, of BODY. Only what has moved since the last look is compared again."""
 
-    def __init__(self, points: Array, owner: Indices, patches: Patches) -> None:
+    def __init__(self, points: Array, owner: Indices, skin: Array, patches: Patches) -> None:
         self._points, self._owner, self._patches = points, owner, patches
         self._first = np.flatnonzero(np.diff(owner, prepend=-1))
-        self._world, self._found = np.full_like(points, np.nan), np.zeros((0, 2), dtype=np.int64)
+        self._world = np.concatenate([np.full_like(points, np.nan), skin])
+        self._found = np.zeros((0, 2), dtype=np.int64)
 
     def crossed(self, feathers: Arrangement) -> Indices:
-        """(K, 2) kept feathers that pass through each other where they are, the lower number
-        first."""
-        world = np.empty_like(self._points)
-        for begin in range(0, len(world), _AT_ONCE):
-            some = slice(begin, begin + _AT_ONCE)
+        """(K, 2) kept feathers that pass through each other where they are, or through the skin,
+        the lower number first, BODY for the skin."""
+        world, count = self._world.copy(), len(self._points)
+        for begin in range(0, count, _AT_ONCE):
+            some = slice(begin, min(begin + _AT_ONCE, count))
             own = self._owner[some]
             turned = np.einsum("vij,vj->vi", feathers.rotation[own], self._points[some])
             world[some] = feathers.place[own] + feathers.size[own, None] * turned
-        moved = np.logical_or.reduceat((world != self._world).any(axis=1), self._first)
+        changed = (world[:count] != self._world[:count]).any(axis=1)
+        # the skin is the last
+        moved = np.append(np.logical_or.reduceat(changed, self._first), False)
+        kept = np.append(feathers.kept, True)
         jobs = os.cpu_count() or 1
-        again = crossings_of(world, self._patches, jobs, moved & feathers.kept).owners
+        again = crossings_of(world, self._patches, jobs, moved & kept).owners
         known = self._found[~moved[self._found].any(axis=1)]
         self._world, self._found = world, np.unique(np.concatenate([known, again]), axis=0)
-        return self._found[feathers.kept[self._found].all(axis=1)]
+        return self._found[kept[self._found].all(axis=1)]
 
 
 def _vanes(feather: Feather, length: float) -> tuple[Array, Indices]:
@@ -154,19 +159,24 @@ def _vanes(feather: Feather, length: float) -> tuple[Array, Indices]:
     return surface.points(feather.rest)[used] / length, corners.reshape(-1, 3)
 
 
-def arrangement_of(feathers: Sequence[Placement]) -> tuple[Arrangement, Meshes]:
-    """Feathers as they are placed, and their vanes. Raises InputError for shapes that cannot be
-    built."""
+def _built_on(feathers: Sequence[Placement]) -> tuple[list[tuple[Feather, float]], Indices]:
+    """The shapes of feathers, each with its length (m), and (F,) which is whose."""
     first, shape = repeated_shapes(feathers)
     kinds = tuple((feathers[k].prototype or feathers[k].kind, feathers[k].mirrored) for k in first)
     shapes = built_shapes(kinds, _ROWS, _COLUMNS)
     built = [(each, kind.length) for each, (kind, _) in zip(shapes, kinds, strict=True)]
+    return built, np.array(shape)
+
+
+def arrangement_of(feathers: Sequence[Placement]) -> Arrangement:
+    """Feathers as they are placed. Raises InputError for shapes that cannot be built."""
+    built, shape = _built_on(feathers)
     frame = np.array([feather.rotation for feather in feathers])
     root = np.array([feather.position for feather in feathers])
     size = np.array([feather.kind.length for feather in feathers])
-    arrangement = Arrangement(
+    return Arrangement(
         maps=height_maps(built),
-        shape=np.array(shape),
+        shape=shape,
         root=root,
         frame=frame,
         moves=np.zeros((len(feathers), 3)),
@@ -179,14 +189,19 @@ def arrangement_of(feathers: Sequence[Placement]) -> tuple[Arrangement, Meshes]:
         relation=np.zeros((3, 4)),
         nearest=np.zeros((2, 2)),
     )
-    return arrangement, _meshes([_vanes(*each) for each in built], shape)
 
 
-def _meshes(vanes: Sequence[tuple[Array, Indices]], shape: Sequence[int]) -> Meshes:
+def meshes_of(feathers: Sequence[Placement], skin: Array | None) -> Meshes:
+    """The vanes of feathers over a skin's corners (T, 3, 3) m."""
+    below = np.zeros((0, 3)) if skin is None else skin.reshape(-1, 3)
+    faces = np.arange(len(below)).reshape(-1, 3)
+    built, shape = _built_on(feathers)
+    vanes = [_vanes(*each) for each in built]
     chosen = [vanes[k] for k in shape]
-    patches = patches_of([(p, t, np.zeros(len(t), bool), f) for f, (p, t) in enumerate(chosen)])
+    parts = [(p, t, np.zeros(len(t), bool), f) for f, (p, t) in enumerate(chosen)]
+    patches = patches_of([*parts, (below, faces, np.zeros(len(faces), bool), BODY)])
     owner = np.repeat(np.arange(len(chosen)), [len(points) for points, _ in chosen])
-    return Meshes(np.concatenate([points for points, _ in chosen]), owner, patches)
+    return Meshes(np.concatenate([points for points, _ in chosen]), owner, below, patches)
 
 
 class SkinPlanes:

@@ -20,12 +20,15 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning
+from featherfx.feather.crossings import BODY
 from featherfx.feather.layout.arrangement import (
     Arrangement,
     Meshes,
     SkinPlanes,
     arrangement_of,
+    meshes_of,
 )
+from featherfx.feather.layout.choosing import among, covering
 from featherfx.feather.layout.move_kernels import (
     ANY_TRAVEL,
     Limits,
@@ -199,10 +202,12 @@ class Laid(NamedTuple):
 
 def _laid(groom: Groom, layout: Layout) -> Laid:
     skin = None if groom.skin is None else SkinPlanes(groom.skin)
-    feathers, meshes = arrangement_of(groom.feathers)
+    feathers = arrangement_of(groom.feathers)
+    meshes = meshes_of(groom.feathers, groom.skin)
     with phase("layout", _SHORTENED if layout.drop is None else _PARTED[-1]) as done:
         restless = np.ones(len(feathers.size), dtype=np.bool_)
-        solving = _Solving(feathers, meshes, skin, layout, done, restless)
+        sunk = np.zeros(len(restless), dtype=np.int64)
+        solving = _Solving(feathers, meshes, skin, layout, done, restless, sunk)
         pairs, order = solving.solve(strips_of(groom.feathers))
     return _result(feathers, np.argsort(order), pairs, skin)
 
@@ -248,8 +253,9 @@ class _Solving:
 
     done: is told of parts, those that were not needed counted as done. crossed: pairs as keys, one
     for every time that their meshes were found to pass through each other: so many clearances more
-    are between them, since samples and maps miss what a corner pierces. met: the pairs of the last
-    settling, as keys; restless: (F,) what has not come to rest, or is wanted otherwise since.
+    are between them, since samples and maps miss what a corner pierces. sunk: (F,) likewise how
+    often their meshes passed through the skin. met: the pairs of the last settling, as keys;
+    restless: (F,) what has not come to rest, or is wanted otherwise since.
     """
 
     feathers: Arrangement
@@ -258,6 +264,7 @@ class _Solving:
     layout: Layout
     done: Done
     restless: Flags
+    sunk: Indices
     crossed: list[Indices] = field(default_factory=list)
     met: list[Indices] = field(default_factory=list)
 
@@ -338,7 +345,7 @@ class _Solving:
         turn = grain / feathers.placed_size
         return Limits(
             clearance=layout.clearance * (1.0 + self._times_crossed(pairs).astype(float)),
-            ground=layout.clearance,
+            ground=layout.clearance * (1.0 + self.sunk.astype(float)),
             slack=_SLACK * layout.clearance,
             least=np.stack([-0.5 * tilt, -tilt, np.zeros(len(tilt))], axis=1),
             most=np.stack([tilt, tilt, lift], axis=1),
@@ -347,7 +354,7 @@ class _Solving:
 
     def _travel(self, pairs: Indices) -> Travel:
         keys, none = self._keys(pairs), np.zeros(len(self.restless))
-        new = ~_among(keys, np.concatenate([*self.met, keys[:0]]))
+        new = ~among(keys, np.concatenate([*self.met, keys[:0]]))
         look = self.restless[pairs].any(axis=1) | new
         self.met[:] = [keys]
         return Travel(
@@ -366,13 +373,24 @@ class _Solving:
         keys, found = self._keys(pairs), np.sort(np.concatenate([*self.crossed, _NO_PAIRS[:, 0]]))
         return np.searchsorted(found, keys, "right") - np.searchsorted(found, keys)
 
+    def _through(self) -> tuple[Indices, Indices]:
+        """(K, 2) feathers whose meshes pass through each other, and (L,) grown ones through the
+        skin."""
+        found = self.meshes.crossed(self.feathers)
+        skin = found[:, 0] == BODY
+        sunk = found[skin, 1]
+        return found[~skin], sunk[self.feathers.grown[sunk]]
+
     def _part_meshes(self, pairs: Indices, order: Indices) -> None:
         """Ask for more clearance where meshes pass through each other although samples do not."""
         for _ in range(_MOST_PARTED):
-            keys = self._keys(self.meshes.crossed(self.feathers))
-            wider = _among(self._keys(pairs), keys)
+            found, sunk = self._through()
+            keys = self._keys(found)
+            wider = among(self._keys(pairs), keys)
+            self.restless[sunk] = True
             if not (wider.any() or self.restless.any()):
                 return
+            self.sunk[sunk] += 1
             self.crossed.append(keys)
             self.restless[pairs[wider]] = True
             self._settle(pairs, order, _SWEEPS_PER_ROUND)
@@ -407,13 +425,15 @@ class _Solving:
         """
         feathers, grown = self.feathers, self.feathers.grown
         low = feathers.kept & grown & (feathers.heights(self.skin) < -depth)
+        through, sunk = self._through()
+        low[sunk] |= crossed
         pairs = pairs[(feathers.kept & ~low)[pairs].all(axis=1)]
         gaps, _ = feathers.gaps(pairs)
-        deep, through = gaps < -depth, self.meshes.crossed(feathers)
+        deep = gaps < -depth
         through = through[~low[through].any(axis=1)]
         depths = np.append(-gaps[deep], np.zeros(len(through)))
         must = np.append(np.ones(deep.sum(), np.bool_), np.full(len(through), crossed))
-        chosen = low | _covering(np.concatenate([pairs[deep], through]), depths, must, grown)
+        chosen = low | covering(np.concatenate([pairs[deep], through]), depths, must, grown)
         least = self.layout.least_size * feathers.placed_size
         shorter = chosen & (feathers.size > least) & (not last)
         feathers.size[shorter] = np.maximum(_SHORTER_STILL * feathers.size, least)[shorter]
@@ -423,37 +443,13 @@ class _Solving:
         return bool(chosen.any())
 
 
-def _among(keys: Indices, known: Indices) -> Flags:
-    """(K,) which keys are among those that are known."""
-    known = np.sort(known)
-    return np.searchsorted(known, keys, "right") > np.searchsorted(known, keys)
-
-
-def _covering(pairs: Indices, depths: Array, must: Flags, grown: Flags) -> Flags:
-    """(F,) grown feathers of which every pair (K, 2) that must and has one holds one: those in most
-    pairs first, whether these must or not."""
-    chosen = np.zeros(len(grown), dtype=np.bool_)
-    keep = grown[pairs].any(axis=1)
-    pairs, depths, must = pairs[keep], depths[keep], must[keep]
-    while must.any():
-        # the depth decides between feathers of as many pairs
-        weight = np.repeat(1.0 + depths / (max(depths.max(), 1e-9) * (len(depths) + 1)), 2)
-        count = np.bincount(pairs.ravel(), weights=weight, minlength=len(grown))
-        may = np.intersect1d(pairs[must], np.flatnonzero(grown))
-        worst = int(may[np.argmax(count[may])])
-        chosen[worst] = True
-        left = (pairs != worst).all(axis=1)
-        pairs, depths, must = pairs[left], depths[left], must[left]
-    return chosen
-
-
 def measured(groom: Groom) -> LayoutReport:
     """What lies over what in a groom as it is, without any change to it."""
 
     def compute() -> dict[str, Any]:
         skin = None if groom.skin is None else SkinPlanes(groom.skin)
         pairs, order = shingle_pairs(strips_of(groom.feathers))
-        return _result(arrangement_of(groom.feathers)[0], np.argsort(order), pairs, skin)._asdict()
+        return _result(arrangement_of(groom.feathers), np.argsort(order), pairs, skin)._asdict()
 
     return _report(groom, Laid(**kept("overlap", [groom.feathers, groom.skin], compute)))
 
@@ -463,7 +459,7 @@ def cover(groom: Groom) -> float:
 
     def compute() -> dict[str, Any]:
         pairs, _ = shingle_pairs(strips_of(groom.feathers))
-        return {"cover": arrangement_of(groom.feathers)[0].cover(pairs)}
+        return {"cover": arrangement_of(groom.feathers).cover(pairs)}
 
     return float(kept("cover", [groom.feathers], compute)["cover"])
 

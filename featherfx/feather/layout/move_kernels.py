@@ -47,13 +47,13 @@ class Neighbours(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """clearance: (K,) m, wanted between the feathers of each pair; ground: m, over the skin. slack:
-    m, what may lack of either. least, most: (F, 3) bounds of raise (rad), roll (rad) and lift (m),
-    and grain: (F, 3), of which moves are multiples. So what a feather is moved by others, far away,
-    dies out, instead of fading over all that hang together."""
+    """clearance: (K,) m, wanted between the feathers of each pair; ground: (F,) m, over the skin.
+    slack: m, what may lack of either. least, most: (F, 3) bounds of raise (rad), roll (rad) and
+    lift (m), and grain: (F, 3), of which moves are multiples. So what a feather is moved by others,
+    far away, dies out, instead of fading over all that hang together."""
 
     clearance: NDArray[np.float64]
-    ground: float
+    ground: NDArray[np.float64]
     slack: float
     least: NDArray[np.float64]
     most: NDArray[np.float64]
@@ -235,7 +235,7 @@ def clear_skin(feathers, f, planes, limits, travel):
     travel.landed[f] = travel.gone[f]
     at = feathers.nearest[0]
     for _ in range(SKIN_TRIES):
-        lack = limits.ground - skin_gap(feathers, f, planes)
+        lack = limits.ground[f] - skin_gap(feathers, f, planes)
         if lack <= limits.slack:
             break
         shift(feathers, f, at, lack / ease(at, feathers.size[f]), limits, travel)
