@@ -426,6 +426,39 @@ def test_a_numba_of_unknown_inner_classes_compiles_as_it_does(run_kernels, tmp_p
     assert SpecifierSet(bound.removeprefix("numba")) == TRIED
 
 
+BY_NUMBA = """
+import numba
+numba.__version__ = "99.0"
+import numpy as np
+from typing import NamedTuple
+from featherfx.algebra.lanes import load, put
+from featherfx.jit.compiled import kernel
+from featherfx.jit.views import shaped, viewed, views_of
+
+
+class Line(NamedTuple):
+    values: np.ndarray
+
+
+@kernel
+def double(views):
+    values = shaped(viewed(views, 0).values, (4,))
+    put(values, 0, 2.0 * load(values, 0))
+
+
+held = views_of([Line(np.arange(4.0).reshape(2, 2))])
+double(held.views)
+print(held.tuples[0].values.tolist())
+"""
+
+
+def test_what_kernels_have_of_their_own_is_known_to_such_a_numba():
+    done = subprocess.run(
+        [sys.executable, "-c", BY_NUMBA], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "[[0.0, 2.0], [4.0, 6.0]]\n"
+
+
 needs_posix = pytest.mark.skipif(os.name == "nt", reason="modes of files are POSIX")
 
 

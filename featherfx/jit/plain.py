@@ -11,6 +11,8 @@ from typing import Any
 
 import numba
 
+from featherfx.jit.late import import_all
+
 # No "nnan" or "ninf": the solver's checks for values that are not finite must keep their meaning.
 FAST_MATH = {"contract", "reassoc", "nsz", "arcp"}
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FAST_MATH}
@@ -18,6 +20,7 @@ OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FA
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function of arrays and scalars without Python objects."""
+    import_all()
     return numba.njit(**OPTIONS)(function)
 
 

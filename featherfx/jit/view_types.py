@@ -7,7 +7,14 @@ from typing import Any
 from numba import typeof
 from numba.core import cgutils, types
 from numba.core.errors import TypingError
-from numba.extending import intrinsic, models, register_model, typeof_impl
+from numba.extending import (
+    NativeValue,
+    intrinsic,
+    models,
+    register_model,
+    typeof_impl,
+    unbox,
+)
 from numba.np import arrayobj
 
 from featherfx.jit.forms import Kind
@@ -27,6 +34,12 @@ register_model(KindType)(models.OpaqueModel)
 @typeof_impl.register(Kind)
 def _typeof_kind(value: Any, context: Any) -> Any:
     return KindType(typeof(value.like))
+
+
+@unbox(KindType)
+def _unbox_kind(kind: Any, value: Any, context: Any) -> Any:
+    """For kernels that are compiled by numba's own ways (plain.py)."""
+    return NativeValue(context.context.get_dummy_value())
 
 
 @intrinsic
