@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import fields
-from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -209,16 +208,40 @@ def _bake(shot: Path, style: str, options: dict[str, Any]) -> None:
         if len(again["changed"]) > MOST_CHANGES:
             tell(f"  and {len(again['changed']) - MOST_CHANGES} more changes")
     _warn_of(result)
+    _say_what_is_not_promised(result)
 
 
 def _warn_of(result: dict[str, Any]) -> None:
     """What the report of a bake, or of a share, gives reason to warn of."""
     if result.get("worst_substeps"):
         tell("\n".join(_too_long(result)))
-    if result.get("error_estimated", 0.0) > result.get("error_promised", inf):
-        tell(_missed(result["error_promised"], result["error_estimated"]))
+    if result.get("worst_unsolved"):
+        tell("\n".join(_unsolved(result)))
+    promised = result.get("error_promised")
+    if promised is not None and result["error_estimated"] > promised:
+        tell(_missed(promised, result["error_estimated"]))
     if result.get("contact", {}).get("feathers_lifted"):
         tell("\n".join(_lifted(result["contact"])))
+
+
+def _say_what_is_not_promised(result: dict[str, Any]) -> None:
+    """Of a report, or of one of the shares of a shot."""
+    if why := result.get("error_not_promised"):
+        found = f"{result['error_estimated']:.2g} % is estimated for each feather by itself"
+        tell(f"featherfx: no error is promised: {why}; {found}")
+
+
+def _unsolved(result: dict[str, Any]) -> Iterator[str]:
+    """The warning of steps that are no solutions: of which feathers, and where."""
+    count = result["feathers_unsolved"]
+    yield (
+        f"featherfx: warning: {count} feather{'s have' if count > 1 else ' has'} sub-steps that"
+        " were not solved: poses that feathers can have, where forces do not balance; look at"
+        " how roots move, at grips, forces and stiffness"
+    )
+    for each in result["worst_unsolved"]:
+        far = f"{1e3 * each['distance']:.3g} mm"
+        yield f"  {each['feather']} at frame {each['frame']:g}: {far} from the solution"
 
 
 def _missed(promised: float, estimated: float) -> str:
@@ -393,4 +416,6 @@ def bake_many(
         tell(f"{each['output']}: {told}")
         for share in each["shares"]:
             _warn_of(share)
+        for share in each["shares"][:1]:
+            _say_what_is_not_promised(share)
     tell(f"{result['workers']} workers, {result['wall_seconds']:.1f} s")

@@ -55,6 +55,13 @@ class TooLong(NamedTuple):
         }
 
 
+class Unsolved(NamedTuple):
+    """Where a feather's steps ended farthest from their solutions. distance: m."""
+
+    frame: float
+    distance: float
+
+
 class Advanced(NamedTuple):
     """What a sample took of batches that are stepped together.
 
@@ -75,13 +82,15 @@ class Counts:
     """Sums over a shot so far.
 
     reports: one per batch and frame. too_long: by feather, its worst frame. limits: what bounds the
-    steps of these, by keys. slept, coasted, repeated, twins: feather frames that were not stepped;
+    steps of these, by keys. unsolved: by feather, its worst frame, where a step is farther from its
+    solution than its error may be, as where a frame had to end (retry_kernels). slept, coasted, repeated, twins: feather frames that were not stepped;
     rigid, guided: those of feathers that follow their roots or guides only.
     """
 
     reports: list[StepReport] = field(default_factory=list)
     too_long: dict[str, TooLong] = field(default_factory=dict)
     limits: dict[str, int] = field(default_factory=dict)
+    unsolved: dict[str, Unsolved] = field(default_factory=dict)
     slept: int = 0
     coasted: int = 0
     repeated: int = 0
@@ -99,6 +108,10 @@ class Counts:
             if known is None or found.rank() > known.rank():
                 self.too_long[names[f]] = found
             self.limits |= bounds.limits
+        for f in np.flatnonzero(report.move > bounds.tolerance).tolist():
+            far = Unsolved(frame, float(report.move[f]))
+            before = self.unsolved.get(names[f], far)
+            self.unsolved[names[f]] = max(before, far, key=lambda each: each.distance)
 
     def skip(self, done: Advanced) -> None:
         """Count what was not solved of a sample."""
@@ -125,6 +138,8 @@ class Counts:
             "feathers_over_tolerance": len(self.too_long),
             "substep_limits": self.limits,
             "worst_substeps": self._worst(),
+            "feathers_unsolved": len(self.unsolved),
+            "worst_unsolved": self._unsolved(),
             "worst_residual": max((float(r.move.max()) for r in reports), default=0.0),
             "worst_step_error": max((float(r.error.max()) for r in reports), default=0.0),
             "skipped": {
@@ -142,6 +157,12 @@ class Counts:
         by_name = sorted(self.too_long.items())
         worst = sorted(by_name, key=lambda each: each[1].rank(), reverse=True)
         return [found.told(name) for name, found in worst[:_MOST_NAMED]]
+
+    def _unsolved(self) -> list[dict[str, Any]]:
+        """Feathers whose steps ended farthest from their solutions, one frame each."""
+        by_name = sorted(self.unsolved.items())
+        worst = sorted(by_name, key=lambda each: each[1].distance, reverse=True)
+        return [{"feather": name, **each._asdict()} for name, each in worst[:_MOST_NAMED]]
 
 
 def _mean_and_max(counts: list[Array]) -> dict[str, float]:

@@ -78,8 +78,9 @@ class Simulation:
     substeps_with_hooks_slipping, accepted because none shorter is allowed (substep_limits, by
     keys), of feathers_over_tolerance feathers, worst_substeps (the ten that this was worst for, by
     local error over tolerance, m), worst_residual (m, distance of a step from its solution),
-    worst_step_error (m), skipped work by kind;
-    error_estimated, and error_promised where the quality promises one (percent of the length).
+    feathers_unsolved, of which that is above the tolerance, worst_unsolved (the ten farthest, m),
+    worst_step_error (m), skipped work by kind; error_estimated and error_promised (percent of the
+    length; None, and error_not_promised says why).
     """
 
     def __init__(

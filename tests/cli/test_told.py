@@ -139,6 +139,31 @@ def test_an_error_that_is_not_kept_is_told(monkeypatch, promised, told):
         assert lines[1].endswith("ask for 0.55 %")
 
 
+def test_what_promises_no_error_says_why(monkeypatch):
+    def bake(shot, **options):
+        figures = {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
+        why = {"error_promised": None, "error_not_promised": "feathers push each other"}
+        return figures | why | {"error_estimated": 1.45}
+
+    monkeypatch.setattr(pipeline, "bake", bake)
+    assert invoke("bake", "s.toml").stderr.splitlines()[1:] == [
+        "featherfx: no error is promised: feathers push each other; 1.4 % is estimated for each"
+        " feather by itself"
+    ]
+
+
+def test_feathers_whose_steps_were_not_solved_are_named(monkeypatch):
+    def bake(shot, **options):
+        figures = {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
+        far = {"feather": "primary_3", "frame": 12.0, "distance": 0.0123}
+        return figures | {"feathers_unsolved": 1, "worst_unsolved": [far]}
+
+    monkeypatch.setattr(pipeline, "bake", bake)
+    _, warning, where = invoke("bake", "s.toml").stderr.splitlines()
+    assert "1 feather has sub-steps that were not solved" in warning
+    assert where == "  primary_3 at frame 12: 12.3 mm from the solution"
+
+
 def test_a_bake_names_the_feathers_whose_steps_were_too_long(tmp_path):
     shot = tmp_path / "shot.toml"
     groom = (SAMPLES / "feather_pull/groom.toml").as_posix()

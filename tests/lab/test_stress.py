@@ -9,9 +9,10 @@ from featherfx.errors import InputError, SimulationError
 from featherfx.lab.bench import stress
 from featherfx.lab.bench.cases import draw_case
 from featherfx.mechanics.model import no_loads
+from featherfx.shot.counts import Bounds, Counts
 from featherfx.solver.overload import overload_of, specific_energy
 from featherfx.solver.solver import NEWTON_ITERATIONS, Settings, Solver, raise_if_failed
-from featherfx.solver.state import State
+from featherfx.solver.state import State, no_steps
 from featherfx.solver.step.root_path import hold_roots
 
 SEEDS = range(1000, 1040)
@@ -133,6 +134,16 @@ def test_a_frame_that_must_end_takes_unsolved_steps_and_says_so():
     assert report.forced[0] > 0
     pose = stress.pose_of(case.model, state)
     np.testing.assert_allclose(pose.points.nodes, state.points.nodes[0], atol=1e-9)
+    # as a bake's report has it
+    counts, bounds = Counts(), Bounds(1e-4, {})
+    for frame, part in ((4.0, 0.5), (5.0, 1.0), (6.0, 0.2)):
+        counts.add(report._replace(move=part * report.move), ["crumpled"], frame, bounds)
+    counts.add(no_steps(1), ["calm"], 7.0, bounds)
+    told = counts.summary()
+    assert told["feathers_unsolved"] == 1
+    far = {"feather": "crumpled", "frame": 5.0, "distance": report.move[0]}
+    assert told["worst_unsolved"] == [far]
+    assert told["worst_residual"] == far["distance"] > 1e-4
 
 
 def test_what_holds_more_than_keratin_is_told_apart():

@@ -15,6 +15,7 @@ from featherfx.groom.keys.preset import Quality
 from featherfx.lab.bench.front import Setting, at, errors, fine, run
 from featherfx.lab.bench.scenes import scene
 from featherfx.shot.detail.detail import deflections, load_estimate, simulated_settings
+from featherfx.shot.detail.estimate import promised
 from featherfx.shot.detail.promise import (
     Bends,
     chosen_for,
@@ -174,6 +175,20 @@ def test_an_error_alone_is_a_quality_and_a_tolerance_alone_promises_none(tmp_pat
     assert given.with_error(1.0).promised == 0.01
     with pytest.raises(InputError, match="error"):
         quality_of("quality = { error = 0 }")
+
+
+def test_no_error_is_promised_where_feathers_push_each_other_or_none_is_asked_for():
+    """Neither where a preset has numbers for that, nor where an error is asked for in words."""
+    alone, contact = read_shot(PULL), scene("contact").contact
+    asked = replace(alone, quality=alone.quality.with_error(0.8))
+    numbers = replace(alone, quality=Quality(name="q", tolerance=1e-4))
+    assert promised(asked) == {"error_promised": pytest.approx(0.8)}
+    for shot in (alone, asked):
+        told = promised(replace(shot, contact=contact))
+        assert told["error_promised"] is None
+        assert "push each other" in told["error_not_promised"]
+    assert promised(numbers)["error_promised"] is None
+    assert "a tolerance and no error" in promised(numbers)["error_not_promised"]
 
 
 def test_what_concerns_all_feathers_has_a_tolerance_either_way():

@@ -23,7 +23,7 @@ class Estimate:
     """
 
     def __init__(self, shot: Shot, groups: Sequence[Group], air: Array) -> None:
-        self._promised = quality_of(shot).promised
+        self._promised = promised(shot)
         self._groups = {id(group): group for group in groups if group.level == "full"}
         self._rest = {
             k: _seen(stacked([f.rest for f in g.feathers])) for k, g in self._groups.items()
@@ -51,13 +51,12 @@ class Estimate:
         np.maximum(worst, found / self._lengths[id(group)], out=worst)
 
     def report(self) -> dict[str, Any]:
-        """Of a bake's report, percent of the length: the error that was promised, if any was, and
-        the largest that is estimated. Empty where nothing is simulated in full."""
+        """Of a bake's report, percent of the length: the error that was promised, or why none is,
+        and the largest that is estimated. Empty where nothing is simulated in full."""
         if not self._groups:
             return {}
         worst = max(float(each.max()) for each in self.errors())
-        promised = {} if self._promised is None else {"error_promised": 100.0 * self._promised}
-        return promised | {"error_estimated": 100.0 * worst}
+        return self._promised | {"error_estimated": 100.0 * worst}
 
     def errors(self) -> list[Array]:
         """Per batch (F,), of the length."""
@@ -69,6 +68,21 @@ class Estimate:
             steps = known.steps.by(step, self._air[k])
             found.append(np.hypot(known.after.by(grid, shaft, barb), steps))
         return found
+
+
+def promised(shot: Shot) -> dict[str, Any]:
+    """Of a bake's report: error_promised, percent of the length; None beside error_not_promised,
+    why."""
+    error = quality_of(shot).promised
+    if error is None and shot.quality.promised is None:
+        return _none_promised("the quality has a tolerance and no error")
+    if error is None or shot.contact is not None:
+        return _none_promised("feathers push each other ([contact] forces)")
+    return {"error_promised": 100.0 * error}
+
+
+def _none_promised(why: str) -> dict[str, Any]:
+    return {"error_promised": None, "error_not_promised": why}
 
 
 def bends(rest: RowPoints, now: RowPoints) -> tuple[Array, Array]:
