@@ -34,6 +34,11 @@ position = [0.1, 0, 0]
 direction = [-1, 0, 0]
 up = [0, 0, 1]
 """
+BODY = """
+[[joint]]
+name = "body"
+position = [0, 0, 0]
+"""
 TAIL = """
 [[tail]]
 id = "tail"
@@ -95,8 +100,10 @@ def test_each_feather_is_of_a_limb_or_of_the_skin(tmp_path):
     assert all(number == sides[id.split("_")[0]] for id, number in found.items())
 
 
-def test_wings_leave_what_they_lie_on_and_tails_do_not(tmp_path):
-    (tmp_path / "groom.toml").write_text(GROOM + TAIL)
+@pytest.mark.parametrize("carried_by", ["", 'joint = "body"\n'])
+def test_wings_leave_what_they_lie_on_and_tails_do_not(tmp_path, carried_by):
+    wing = GROOM.replace("fold = 1\n", f"fold = 1\n{carried_by}")
+    (tmp_path / "groom.toml").write_text(wing + BODY + TAIL + carried_by)
     (tmp_path / "shot.toml").write_text(
         'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\nmotion = "fold"\n'
     )
@@ -104,6 +111,16 @@ def test_wings_leave_what_they_lie_on_and_tails_do_not(tmp_path):
     leaves = moving_limbs(replace(shot, skin=Skin(roots_at_rest(shot.groom)))) > 0
     for each, own in zip(shot.groom.feathers, leaves, strict=True):
         assert own == ("wing" in each.id), each.id
+    right, left = (
+        {
+            int(k)
+            for each, k in zip(shot.groom.feathers, limbs_of(shot.groom), strict=True)
+            if side in each.id
+        }
+        for side in ("right_wing", "left_wing")
+    )
+    assert len(right) == len(left) == 1
+    assert right != left
     assert not moving_limbs(shot).any()
 
 

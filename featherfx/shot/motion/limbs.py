@@ -78,12 +78,13 @@ def limbs_of(groom: Groom) -> Indices:
 
 
 def _first_joints(groom: Groom) -> dict[str, str]:
-    """The first joint of the limb that each joint is of, by names."""
+    """The first joint of the limb that each joint is of, by names: a shoulder, whatever carries it,
+    else the topmost."""
     joint_of = {joint.name: joint for joint in groom.joints}
     firsts: dict[str, str] = {}
     for joint in groom.joints:
         first = joint
-        while first.parent:
+        while first.parent and first.role != "shoulder":
             first = joint_of[first.parent]
         firsts[joint.name] = first.name
     return firsts
@@ -91,13 +92,9 @@ def _first_joints(groom: Groom) -> dict[str, str]:
 
 def of_wings(groom: Groom) -> Flags:
     """(F,) which feathers of a groom are carried by the joints of a wing."""
-    joint_of, winged = {joint.name: joint for joint in groom.joints}, {"": False}
-    for joint in groom.joints:
-        first = joint
-        while first.parent and first.role != "shoulder":
-            first = joint_of[first.parent]
-        winged[joint.name] = first.role == "shoulder"
-    return np.array([winged[each.joint] for each in groom.feathers], dtype=bool)
+    shoulders = {each.name for each in groom.joints if each.role == "shoulder"}
+    firsts = _first_joints(groom)
+    return np.array([firsts.get(each.joint) in shoulders for each in groom.feathers], dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -196,7 +193,4 @@ def moving_limbs(shot: Shot) -> Indices:
     skin, limbs = shot.skin, limbs_of(shot.groom)
     if skin is None or not (shot.motion.of_limbs or on_bones(shot.groom, skin) is not skin):
         return np.zeros_like(limbs)
-    shoulders = {each.name for each in shot.groom.joints if each.role == "shoulder"}
-    firsts = _first_joints(shot.groom)
-    leaves = [firsts.get(each.joint) in shoulders for each in shot.groom.feathers]
-    return np.where(leaves, limbs, 0)
+    return np.where(of_wings(shot.groom), limbs, 0)
