@@ -212,7 +212,7 @@ def test_a_train_of_many_feathers_is_not_deeper_than_its_root_is_wide(tmp_path):
 
 
 @pytest.mark.usefixtures("wings_as_typed")
-@pytest.mark.parametrize(("kind", "count", "most"), [("ostrich", 50, 25), ("peacock", 180, 0)])
+@pytest.mark.parametrize(("kind", "count", "most"), [("ostrich", 50, 25), ("peacock", 200, 0)])
 def test_few_feathers_of_large_shut_tails_pass_through_each_other(tmp_path, kind, count, most):
     """Laid flat, without an arch, it is 513 and 270 pairs; of a train as one fan 60."""
     bare = ", ".join(f"parts.{part}.cover = 0" for part in PARTS)
