@@ -6,6 +6,7 @@ which are known of the versions TRIED. With others they are compiled as numba do
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from collections.abc import Callable
@@ -13,9 +14,13 @@ from typing import Any
 
 from packaging.specifiers import SpecifierSet
 
-from featherfx.errors import InputWarning
+from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.jit.cache import version_of
 from featherfx.jit.kernels import Kernel
+
+if os.environ.get("NUMBA_DISABLE_JIT", "").strip() not in ("", "0"):
+    _DISABLED = "is set, but the solver works only as machine code; unset it"
+    raise InputError(Problem("NUMBA_DISABLE_JIT", "", _DISABLED))
 
 # as in pyproject.toml
 TRIED = SpecifierSet(">=0.60,<0.69")
