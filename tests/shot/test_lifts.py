@@ -28,7 +28,7 @@ from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.layers import layers
 from featherfx.shot.layers.lap_kernels import find_laps
-from featherfx.shot.layers.pose_kernels import lift_points_of_all
+from featherfx.shot.layers.pose_kernels import lift_points_of_all, lift_ways
 from featherfx.shot.layers.stack import pose_like, scratch_of
 from featherfx.shot.motion.skin import SkinSurfaces
 from featherfx.shot.placement import place
@@ -120,6 +120,22 @@ def test_what_needs_a_lift_of_more_than_its_length_is_laid_all_the_same():
     plumage, _, small, (sunk, _), laid = pushed_beneath_a_large_one((0, 0), 1.1, 8.0, 1.5)
     assert 1.05 < farthest(laid[0], sunk) / small.kind.length < 1.5
     assert plumage.report()["written_depth"]["worst"] < 0.5
+
+
+def test_what_another_limb_carries_does_not_turn_where_a_feather_is_lifted():
+    """A breast's feather swung to and fro over a beating wing that it had lain on."""
+    shot = shingles(2)
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    stack, _, rest = layers.shot_stack(shot, drawn)
+    upper, lower = stack.pairs[0]
+    directors = rest.directors.copy()
+    directors[lower, :, 1] += 0.5 * directors[lower, :, 0]  # rolled
+    ways = np.zeros((2, 2, directors.shape[1], 3))
+    for own, limb in zip(ways, ((0, 0), (0, 1)), strict=True):
+        lift_ways(stack, np.array(limb), directors, np.zeros((2, 3)), own)
+    alone = directors[upper, :, 1]
+    assert np.abs(ways[0, upper] - alone).max() > 0.1
+    np.testing.assert_allclose(ways[1, upper], alone, atol=1e-12)
 
 
 def test_what_a_limb_carries_away_is_not_lifted_to_where_it_lay():

@@ -238,7 +238,7 @@ class Layers:
     def _begin(self, lifts: Lifts, points: RowPoints, begun: Array) -> None:
         """Lift points of all feathers as a laying begins."""
         heading = np.zeros((len(begun), 3))
-        lift_ways(self.stack, points.directors, heading, self._start.way)
+        lift_ways(self.stack, self.vanes.limb, points.directors, heading, self._start.way)
         lifts.before[:] = lifts.lift[:] = self._start.lift[:] = begun
         spans = pairwise(np.linspace(0, len(begun), self._jobs + 1).astype(int).tolist())
         lift = partial(lift_points_of_all, self.vanes, points, self._start)

@@ -22,9 +22,10 @@ WITH_LOWER = 0.7
 
 
 @kernel
-def lift_ways(stack, directors, heading, ways):
+def lift_ways(stack, limb, directors, heading, ways):
     """Unit vectors along which rows are lifted, ways (F, n, 3): their dorsal directors, of
-    (F, n, 2, 3), turned towards where those go that lie beneath. heading: scratch (F, 3)."""
+    (F, n, 2, 3), turned towards where those go that lie beneath and are of the same limb, (F,).
+    heading: scratch (F, 3)."""
     rows = ways.shape[1]
     for k in range(stack.order.shape[0]):
         f, own, others = stack.order[k], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -32,8 +33,10 @@ def lift_ways(stack, directors, heading, ways):
             own = add(own, directors[f, i, 1])
         own = scale(1.0 / max(length(own), 1e-300), own)
         for pair in range(stack.first[k], stack.first[k + 1]):
-            other = heading[stack.pairs[pair, 1]]
-            others = add(others, scale(max(0.0, dot(own, other)), other))
+            lower = stack.pairs[pair, 1]
+            if limb[lower] == limb[f]:
+                other = heading[lower]
+                others = add(others, scale(max(0.0, dot(own, other)), other))
         size, turn = length(others), (0.0, 0.0, 0.0)
         if size > 0.0:
             turn = scale(WITH_LOWER, sub(scale(1.0 / size, others), own))
