@@ -65,6 +65,22 @@ def test_what_is_not_simulated_holds_what_is_pressed_onto_it(level):
         assert np.abs(frame.points[1] - other.points[1]).max() < 1e-3
 
 
+def test_a_rigid_obstacle_holds_the_same_way_however_soft_it_is():
+    shot = pressed("rigid")
+    above, beneath, guide = shot.groom.feathers
+    stiff = beneath.kind.rachis_material
+    limp = replace(stiff, young=0.01 * stiff.young, shear=0.01 * stiff.shear)
+    kind = replace(beneath.kind, rachis_material=limp)
+    softer = replace(shot.groom, feathers=(above, replace(beneath, kind=kind), guide))
+    simulation = simulate(replace(shot, groom=softer), 1)
+    frames = list(simulation)
+    stiffer, others = simulated("rigid", True)
+    for frame, other in zip(frames, others, strict=True):
+        assert np.array_equal(frame.points[0], other.points[0])
+    for figure in ("steps", "mean_rounds", "feather_solves"):
+        assert simulation.report["contact"][figure] == stiffer.report["contact"][figure]
+
+
 def test_threads_change_nothing_and_a_checkpoint_holds_where_obstacles_are(tmp_path):
     _, frames = simulated("guided", True)
     _, others = simulated("guided", True, 2)

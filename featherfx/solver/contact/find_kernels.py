@@ -287,9 +287,9 @@ def _meets(contact, along, node, search):
 def _press(contact, known, search):
     """The forces of the interval before, if the contact is known, and the spring's stiffness.
 
-    It is the softer body's, and the same for both: with springs that differ, of which each fits
-    the other body, rounds need not end where several contacts share a body (Lions 1990 has the
-    proof for springs that are alike).
+    It is the softer body's (what is led is rigid), and the same for both: with springs that differ,
+    of which each fits the other body, rounds need not end where several contacts share a body
+    (Lions 1990 has the proof for springs that are alike).
     """
     contact.guest_force, contact.host_force = 0.0, 0.0
     if known >= 0:

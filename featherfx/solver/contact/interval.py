@@ -61,6 +61,8 @@ FIT = 8.0
 FAR = 0.5
 # stiffness of contacts that yield, over what it would be
 SOFT = 1e-2
+# N/m, of what is led and gives way to nothing; weights of corners, and sums, have to stay finite
+RIGID = 1e150
 # Newton iterations of one solve of a feather; one that needs more gets a shorter interval
 MOST_ITERATIONS = 1000
 # searches for contacts in one interval: the poses at its end are not known before; margin of the
@@ -338,6 +340,7 @@ class ContactSolver:
         grows. margin: of Search; manner: turns and again (Search)."""
         settings, (memory, before), (turns, again) = self.settings, known, manner
         impedance = FIT * (self._inertia(run.duration) * self._mass + self._elastic)
+        impedance[~self._free] = RIGID
         self._found_in = memory._replace(inside=memory.inside.copy())
         search = Search(
             self.surfaces,
