@@ -180,6 +180,26 @@ def test_lifts_do_not_add_up_over_all_that_lie_beneath():
     assert plumage.report()["written_depth"]["worst"] < 0.5
 
 
+def test_what_moves_by_nanometres_stays_as_it_is_laid():
+    """Wherever its points are: rounded to micrometres they once counted as moved over an edge."""
+    shot, none, shake = shingles(12), np.zeros((0, 3)), np.random.default_rng(3)
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    plumage, shown = layers.Layers(shot, drawn, np.arange(len(drawn)), 1), []
+    for frame in range(6):
+        given = []
+        for k, (one, feather) in enumerate(zip(shot.groom.feathers, drawn, strict=True)):
+            way = askew(one, k, 35.0)
+            points = place(feather.rest, way.position, way.rotation)
+            edges = 1e-6 * (np.floor(1e6 * points.nodes) + 0.5)
+            nodes = edges + 2e-9 * shake.standard_normal(edges.shape)
+            rates = both(np.zeros_like, points)
+            given.append(FeatherPose(points._replace(nodes=nodes), rates, rates))
+        duration = 1.0 / shot.frames_per_second if frame else 0.0
+        shown.append(lay(plumage, given, none, float(frame), duration))
+    for laid in shown[1:]:
+        assert max(farthest(*each) for each in zip(laid, shown[0], strict=True)) < 2e-8
+
+
 def test_what_lies_askew_on_another_goes_up_with_it():
     """Of 12 feathers rolled by 35 degrees to either side in turn the lowest goes up by a twentieth
     of the length; lifted along their own dorsal sides the highest went up by twice the length."""

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags
 from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.jit.team import new_team
 from featherfx.jit.threads import allowed
@@ -69,14 +70,13 @@ MANNER = Manner(kept=0.0, turns=8, follow=4.0, off=2.0, seen=0.1, slope=0.3)
 SPEED = 0.5
 # of that speed, at which falls what will be asked for again: what is beneath it may sink so fast
 SINKS = 0.125
-# m, what a point may move and still count as resting where it was
+# m, less than which a point may move and still count as resting where it was
 STILL = 1e-6
 # times that the first sample is laid at most, until nothing moves any more
 PASSES = 40
-# of the numbers that a pose is marked by
-_SEED = 20261123
 _OF_FEATHERS = "same", "moved", "settled", "strays"
 _KEPT = "lift", "settled", "depths", "touching"
+_STOOD = "stood", "ground"
 _NO_ROWS = RowPoints(np.zeros((0, 1, 3)), np.zeros((0, 2, 3)))
 
 
@@ -143,7 +143,8 @@ class Layers:
         skin = shot.skin if shot.layers.contact.skin else None
         self._skin = ground_beneath(skin, self.needed, self.vanes, _nodes(rest.nodes))
         self._skin.ground.triangle[~_touching(shot)[self.needed]] = -1
-        self._marks = np.zeros(shape[0], dtype=np.uint64)
+        # where the feathers and the skin were when they last moved by STILL or more
+        self._stood = np.full_like(rest.nodes, np.nan), np.full_like(self._skin.points(0.0), np.nan)
         self._memory = self._kept()
         self._jobs, self._room, self._scratch = jobs, -1, list[Scratch]()
 
@@ -176,21 +177,38 @@ class Layers:
         are laid from nothing at a pose, over a skin (V, 3) m; 0 for those that are clear. For
         layers that lay nothing else."""
         self.lifts.lift[:] = 0.0
-        self._marks = np.zeros_like(self._marks)
+        self._stood = np.full_like(points.nodes, np.nan), np.full_like(skin, np.nan)
         self._lay_as_asked(points, skin, 0.0)
         found = np.where(self.lifts.touching != 0, self.lifts.depths, 0.0)
         return np.maximum(found, 0.0)
 
     def _lay_as_asked(self, points: RowPoints, skin: Array, duration: float) -> None:
         """Lay a sample as it has to be; the first until it rests."""
-        lifts, marks = self.lifts, _marks(points, skin)
+        lifts, moved = self.lifts, self._moved(points.nodes, skin)
         kept = float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0
         for _ in range(1 if duration > 0.0 else 1 + PASSES):
-            lifts.same[:], self._marks = marks == self._marks, marks
+            lifts.same[:], moved = ~moved, np.zeros_like(moved)
             self._begin(lifts, points, lifts.lift)
             self._lay(lifts, points, skin, kept)
             if not lifts.moved.any():
                 break
+
+    def _moved(self, points: Array, skin: Array) -> Flags:
+        """(F,) which feathers, or the skin, moved by STILL or more since they last did. points:
+        (F, n, 1 + 2 m, 3) m; skin: (V, 3) m.
+
+        A feather that is laid anew, though it moved by next to nothing, may come to lie otherwise.
+        """
+        (stood, ground), axes = self._stood, (1, 2, 3)
+        moved = ~(np.abs(points - stood).max(axis=axes) < STILL)
+        if not (np.abs(skin - ground) < STILL).all():
+            moved[:] = True
+            ground = skin
+        if moved.any():
+            # what stands is copied only where some do
+            stood = points if moved.all() else np.where(moved[:, None, None, None], points, stood)
+        self._stood = stood, ground
+        return moved
 
     def lay(self, frame: float) -> list[FeatherPose]:
         """Poses of the needed feathers at the first sample that was asked for and is not yet laid
@@ -292,13 +310,13 @@ class Layers:
     def _kept(self) -> dict[str, NDArray[Any]]:
         """What is kept of a sample that is laid as it has to be."""
         kept = {name: getattr(self.lifts, name).copy() for name in _KEPT}
-        return kept | {"marks": self._marks}
+        return kept | dict(zip(_STOOD, self._stood, strict=True))
 
     def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `memory` gave."""
         for name in _KEPT:
             getattr(self.lifts, name)[:] = memory[name]
-        self._marks = memory["marks"].astype(np.uint64)
+        self._stood = memory[_STOOD[0]], memory[_STOOD[1]]
         self._eased.lift[:], self._memory = memory["eased"], self._kept()
 
 
@@ -317,20 +335,6 @@ def _no_lifts(shape: tuple[int, ...], pairs: int) -> Lifts:
         depths=np.zeros(pairs),
         touching=np.zeros(pairs, dtype=np.int8),
     )
-
-
-def _marks(points: RowPoints, skin: Array) -> NDArray[np.uint64]:
-    """(F,) numbers that change where a point of a feather or of the skin moves by STILL or more."""
-    return np.asarray(_mark(points.nodes) + _mark(skin[None]))
-
-
-def _mark(points: Array) -> NDArray[np.uint64]:
-    """(N,) of N bodies' points (N, ..., 3) m."""
-    places = points / STILL
-    np.add(np.rint(places, out=places), 0.0, out=places)
-    words = places.reshape(len(points), -1).view(np.uint64)
-    odd = np.random.default_rng(_SEED).integers(0, 2**63, words.shape[1], dtype=np.uint64)
-    return np.asarray(words @ (odd | np.uint64(1)))
 
 
 def _nodes(points: Array) -> Array:
