@@ -1,16 +1,10 @@
-"""Which of a layout's pairs and feathers are meant."""
+"""Which feathers of a layout are changed for pairs that do not come clear."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-
-
-def among(keys: Indices, known: Indices) -> Flags:
-    """(K,) which keys are among those that are known."""
-    known = np.sort(known)
-    return np.searchsorted(known, keys, "right") > np.searchsorted(known, keys)
 
 
 def covering(pairs: Indices, depths: Array, must: Flags, grown: Flags) -> Flags:

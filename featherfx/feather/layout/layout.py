@@ -28,7 +28,7 @@ from featherfx.feather.layout.arrangement import (
     arrangement_of,
     meshes_of,
 )
-from featherfx.feather.layout.choosing import among, covering
+from featherfx.feather.layout.choosing import covering
 from featherfx.feather.layout.move_kernels import (
     ANY_TRAVEL,
     Limits,
@@ -354,7 +354,7 @@ class _Solving:
 
     def _travel(self, pairs: Indices) -> Travel:
         keys, none = self._keys(pairs), np.zeros(len(self.restless))
-        new = ~among(keys, np.concatenate([*self.met, keys[:0]]))
+        new = ~np.isin(keys, np.concatenate([*self.met, keys[:0]]))
         look = self.restless[pairs].any(axis=1) | new
         self.met[:] = [keys]
         return Travel(
@@ -386,7 +386,7 @@ class _Solving:
         for _ in range(_MOST_PARTED):
             found, sunk = self._through()
             keys = self._keys(found)
-            wider = among(self._keys(pairs), keys)
+            wider = np.isin(self._keys(pairs), keys)
             self.restless[sunk] = True
             if not (wider.any() or self.restless.any()):
                 return
