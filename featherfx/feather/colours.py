@@ -69,6 +69,17 @@ def colours_of(
     return found
 
 
+def at_nodes(colours: Colours, feather: Feather) -> Array:
+    """(n, 1 + 2 m, 3) linear colours of a feather's nodes, from those of its mesh; of nodes without
+    a point that of the shaft."""
+    found = np.tile(colours.shaft, (feather.rows, 1 + 2 * feather.columns, 1))
+    surface = feather.surface
+    # of lips at one place the barb's own, which come first, count
+    own = np.flatnonzero(surface.node > 0)[::-1]
+    found[surface.row[own], surface.node[own]] = colours.points[own]
+    return found
+
+
 def charted(kind: FeatherKind, feather: Feather, across: Array, along: Array) -> Array:
     """(H, W, 3) linear colours of both vanes at texture coordinates, across (W,) and along (H,),
     of a kind whose feathers are equally bright."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import Annotated
+from typing import Annotated, Any
 
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import ArrayOf, Number, Table, Text, keys_of
@@ -122,20 +122,43 @@ class BarbLook:
 @lru_cache(maxsize=4096)
 def look_text(look: BarbLook) -> str:
     """What of a look is not as usual, for caches; empty where all is."""
-    usual = asdict(BarbLook())
-    told = {name: value for name, value in asdict(look).items() if value != usual[name]}
-    return json.dumps(told, separators=(",", ":")) if told else ""
+    return _text(look, BarbLook())
 
 
 @lru_cache(maxsize=4096)
 def look_of(text: str) -> BarbLook:
     """The look that a text is of. Raises InputError for other texts."""
+    return BarbLook(**_read(text, BarbLook, "look of barbs"))
+
+
+@lru_cache(maxsize=4096)
+def colour_text(colour: Colour) -> str:
+    """What of a colour is not as usual, for caches; empty where all is."""
+    return _text(colour, Colour())
+
+
+@lru_cache(maxsize=4096)
+def colour_of(text: str) -> Colour:
+    """The colour that a text is of. Raises InputError for other texts."""
+    told = _read(text, Colour, "colour of a feather")
+    return Colour(**{**told, "patterns": tuple(Pattern(**each) for each in told["patterns"])})
+
+
+def _text(chosen: Any, usual: Any) -> str:
+    told = {k: each for k, each in asdict(chosen).items() if each != asdict(usual)[k]}
+    if "patterns" in told:
+        set_ = [{k: v for k, v in each.items() if v is not None} for each in told["patterns"]]
+        told["patterns"] = set_
+    return json.dumps(told, separators=(",", ":")) if told else ""
+
+
+def _read(text: str, kind: type, name: str) -> dict[str, Any]:
     problems = Problems()
     place = Place("", "", problems)
     try:
         told = json.loads(text or "{}")
     except (ValueError, RecursionError) as error:
-        told = place.fail(f"is no look of barbs: {error}")
-    found = Table(keys_of(BarbLook), "look of barbs").check(told, place, False)
+        told = place.fail(f"is no {name}: {error}")
+    found = Table(keys_of(kind), name).check(told, place, False)
     problems.raise_any()
-    return BarbLook(**found)
+    return dict(found)

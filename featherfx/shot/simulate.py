@@ -27,6 +27,7 @@ from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.estimate import Estimate
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import level_plan
+from featherfx.shot.direction.felt import warn_of_unfelt
 from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.direction.targets import Reached
 from featherfx.shot.direction.through import FollowThrough
@@ -104,6 +105,7 @@ class Simulation:
         computed = self._layers.needed if self._layers else self._wanted
         plan = level_plan(shot, drawn, motion)
         refuse_other_shapes(shot, drawn, plan.resolutions, motion)
+        warn_of_unfelt(shot, plan.resolutions)
         carried = Carried(shot, drawn, plan.of("guided"), plan.leading, computed)
         self._replay = replay = replay or Replay()
         asked = np.setdiff1d(np.union1d(computed, carried.guides), replay.numbers)

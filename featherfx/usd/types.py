@@ -33,6 +33,8 @@ ORIENT = "primvars:barborient"
 DETAIL, DETAIL_GRID = "featherDetail", "featherDetail:grid"
 # the shape that they are built of, as text (featherfx/feather/shape_text.py), and its factor
 SHAPE, SHAPE_SIZE = "featherShape", "shapeSize"
+# their colours, as text (groom/looks.py), and linear at their barbs' nodes, as P_BARB
+COLOUR, BARB_COLOURS = "featherColour", ("displayColor_barbl", "displayColor_barbr")
 # of meshes, how their barbs look in pictures, as text (groom/looks.py)
 LOOK = "barbLook"
 # and how many real barbs each vane has

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from places import ROOT, SAMPLES
 
-from featherfx.errors import InputError
+from featherfx.errors import InputError, InputWarning
 from featherfx.shot.dependence import dependences
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
-from featherfx.shot.types import CHANNELS, Channel
+from featherfx.shot.types import CHANNELS, Channel, Detail, Target
 
 # m, within the reach of the roots of two wings
 SOFT = 1.0
@@ -98,6 +98,25 @@ def test_a_fan_spreads_by_its_angle_and_a_fold_brings_all_together(shot):
     assert closed < 0.15 * open_
 
 
+@pytest.mark.parametrize(("name", "value"), [("fan", 30.0), ("fold", 1.0)])
+def test_a_fan_and_a_fold_are_of_each_wing_for_itself(tmp_path, name, value):
+    """Both wings at once turn as either one alone."""
+    groom = tmp_path / "groom.toml"
+    groom.write_text(
+        'name = "w"\n[[wing]]\nid = "right_wing"\ntype = "pigeon"\nshoulder = [0.03, -0.03, 0]\n'
+        'fold = 0\nmirror = "y"\n'
+    )
+    (tmp_path / "shot.toml").write_text('name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n')
+    wings = replace(read_shot(tmp_path / "shot.toml"), motion=held())
+    right, left, both = (
+        frames_of(wings, const(name, value, feathers=own)).rotations
+        for own in ("right_*_primary_*", "left_*_primary_*", "*_primary_*")
+    )
+    still = frames_of(wings).rotations
+    assert np.abs(right - still).max() > 0.1
+    assert both == pytest.approx(right + left - still, abs=1e-12)
+
+
 def test_a_soft_border_fades_with_the_distance_of_roots_outside(shot):
     channel = Channel(name="ruffle", feathers="right_*", keys=((1, 90),), soft=SOFT)
     (course,) = courses(directed(shot, channel), ("ruffle",))
@@ -153,6 +172,27 @@ def test_wind_that_is_not_felt_moves_nothing(shot):
     ]
     assert apart[0] < 1e-6
     assert apart[1] > 1e-3
+
+
+def test_what_is_asked_of_feathers_that_are_not_simulated_is_told(shot):
+    right = Detail(feathers="right_*", level="rigid")
+    asked = replace(
+        shot,
+        details=(right,),
+        channels=(
+            const("wind", 2.0, feathers="right_*"),
+            const("wind", 1.0, feathers="right_*"),
+            const("gravity", 0.5),
+            const("ruffle", 5.0, feathers="right_*"),
+        ),
+        targets=(Target(keys=((1.0, 1.0),)), Target(keys=((1.0, 1.0),), feathers="left_*")),
+    )
+    with pytest.warns(InputWarning) as told:
+        simulate(asked)
+    said = [str(each.message) for each in told]
+    assert len(said) == 2
+    assert "target[0]: 10 of its 20 feathers are guided or rigid" in said[0]
+    assert "channel[0]: none of its 10 feathers is simulated, so none feels wind" in said[1]
 
 
 def test_follow_through_scales_what_is_simulated_without_stretching(shot):

@@ -363,6 +363,14 @@ def test_a_clock_starts_quickens_and_fades_a_motion():
     assert largest_jump_of_rate(changed, 3.0) < 0.02
 
 
+def test_ways_of_a_motion_go_with_its_size_and_turns_stay():
+    keys = {"keyframes": [{"time": 0.0, "rotation": [0, 0, 80], "position": [1, 0, 0.5]}]}
+    whole, small = (motion_of("keys", keys, clock=Clock(size=size)) for size in (1.0, 0.25))
+    (places, turns), (own, same) = whole.frames(0.0), small.frames(0.0)
+    np.testing.assert_allclose(same, turns, atol=1e-12)
+    np.testing.assert_allclose(places - own, np.tile([0.75, 0, 0.375], (len(own), 1)), atol=1e-12)
+
+
 def test_a_swing_turns_joints_there_and_back():
     values = {"joints": "elbow_?", "axis": [0, 0, 1], "angle": 30, "frequency": 2}
     values |= {"lag": 0.0, "rise": 1.0}

@@ -11,6 +11,7 @@ from pxr import Usd, UsdGeom, UsdShade
 
 import featherfx
 from featherfx.algebra.srgb import linear
+from featherfx.errors import InputError
 from featherfx.feather.colours import VANE
 from featherfx.shot.dependence import dependences
 from featherfx.shot.read.read import read_shot
@@ -113,3 +114,63 @@ def test_another_colour_is_written_without_simulating_again(files):
     assert report["newton_iterations"]["mean"] == 0.0
     red = {each.id: each.colour for each in Cache(output).feathers}["red"]
     assert np.isclose(red, linear(np.array([0.1, 0.8, 0.1])), atol=1e-6).all(axis=1).any()
+
+
+@pytest.fixture(scope="module")
+def condensed(files):
+    """The two feathers, one with bars that shine, as meshes and condensed, alone and together."""
+    folder = files / "condensed"
+    folder.mkdir()
+    bars = 'colour.patterns = [{ kind = "bars", colour = [0, 0, 0.4], film = 4e-7 }]'
+    groom = GROOM.replace("colour.shaft", f"colour.vary = 0.2, {bars}, colour.shaft")
+    (folder / "groom.toml").write_text(groom)
+    (folder / "shot.toml").write_text((files / "shot.toml").read_text())
+    for form, group in (("mesh", "feather"), ("condensed", "feather"), ("condensed", "all")):
+        output = folder / f"{form}_{group}.usdc"
+        featherfx.bake(folder / "shot.toml", output, form=form, group=group)
+    return folder
+
+
+@pytest.mark.parametrize("group", ["feather", "all"])
+def test_condensed_feathers_have_the_colours_of_meshes(condensed, group):
+    meshes = {each.id: each for each in Cache(condensed / "mesh_feather.usdc").feathers}
+    found = Cache(condensed / f"condensed_{group}.usdc").feathers
+    assert len(found) == len(meshes) == 2
+    for each in found:
+        assert each.colour == pytest.approx(meshes[each.id].colour, abs=1e-6)
+        assert each.film == pytest.approx(meshes[each.id].film, abs=1e-3)
+    assert check_usd(condensed / f"condensed_{group}.usdc") == []
+    barbs = featherfx.expand(condensed / f"condensed_{group}.usdc", rows=30, barbs=20)
+    for each, own in zip(barbs.feathers, barbs.colours, strict=True):
+        assert own.points.shape == (len(each.st), 3)
+        assert own.barbs.shape == (9 * len(each.barb_side), 3)
+        assert len(np.unique(own.barbs.round(3), axis=0)) > (2 if each.id == "red" else 0)
+
+
+def test_barbs_of_condensed_feathers_carry_their_colours(condensed):
+    """Every node has the colour of the mesh's point at that place."""
+    stage = Usd.Stage.Open(str(condensed / "condensed_feather.usdc"))
+    mesh = next(e for e in Cache(condensed / "mesh_feather.usdc").feathers if e.id == "red")
+    primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/condensed_feather/rachises/red_rachis"))
+    for end in "lr":
+        shades, places, widths = (
+            np.array(primvars.GetPrimvar(f"{name}_barb{end}").Get())
+            for name in ("displayColor", "uv", "width")
+        )
+        assert primvars.GetPrimvar(f"displayColor_barb{end}").GetElementSize() == 2
+        grown = np.flatnonzero(widths > 0.0)
+        assert len(grown) > 4
+        for k in grown:
+            near = np.linalg.norm(mesh.st - places[k], axis=1)
+            if near.min() < 1e-6:
+                assert shades[k] == pytest.approx(mesh.colour[near.argmin()], abs=1e-6)
+
+
+def test_a_colour_that_a_cache_tells_wrong_is_refused(condensed, tmp_path):
+    stage = Usd.Stage.Open(str(condensed / "condensed_all.usdc"))
+    (prim,) = [each for each in stage.Traverse() if each.IsA(UsdGeom.BasisCurves)]
+    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("featherColour")
+    primvar.Set(['{"base":[2,0,0]}'] * len(primvar.Get()))
+    stage.Export(str(tmp_path / "wrong.usdc"))
+    with pytest.raises(InputError, match=r"featherColour.*base\[0\].*allowed"):
+        featherfx.expand(tmp_path / "wrong.usdc")

@@ -179,6 +179,11 @@ class Clock:
         float, Number(-1e4, 1e5, "s"), "When the motion's own time begins, since the first frame."
     ] = 0.0
     tempo: Annotated[float, Number(1e-3, 1e3), "How many times faster its own time goes."] = 1.0
+    size: Annotated[
+        float,
+        Number(1e-3, 1e3),
+        "How many times as far ways go, of the groom and of joints: of a bird of another length.",
+    ] = 1.0
     amount: Annotated[
         tuple[tuple[float, float], ...],
         ArrayOf(ArrayOf(Number(-1e5, 1e5), 2, 2), 1, 10_000),

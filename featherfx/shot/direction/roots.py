@@ -7,7 +7,7 @@ With the root frame (p, R) of the motion and the values of a feather's channels 
 z = R e_z the dorsal side, and X, Y, Z turns about the feather's own axes: Y raises the shaft to the
 dorsal side, X raises the leading vane, Z turns within the vane. A fan spreads feathers in
 proportion to their place along the line on which their roots lie, a fold turns each towards the
-mean direction of all.
+mean direction of all, each wing and tail for itself.
 
 What is pressed down over a skin, by an angle a = sleek - ruffle above 0, turns instead by
 
@@ -21,18 +21,19 @@ tails, which stand off it, turn by the angle itself.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning
 from featherfx.feather.layout.overlap import strips_of
 from featherfx.groom.types import Placement
 from featherfx.shot.contact.beneath import SkinBeneath, surfaces_under
 from featherfx.shot.direction.channels import Course, courses
 from featherfx.shot.direction.order import Asked, shares
+from featherfx.shot.motion.limbs import limbs_of
 from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
 
@@ -101,7 +102,8 @@ def directed(shot: Shot, motion: Roots) -> Roots:
     found = courses(shot, NAMES)
     if not found:
         return motion
-    pulls = tuple(_pull(shot.groom.feathers, each) for each in found)
+    limbs = limbs_of(shot.groom)
+    pulls = tuple(_pull(shot.groom.feathers, limbs, each) for each in found)
     whole = Directed(motion, pulls, _room(shot, found), np.ones(len(shot.groom.feathers)))
     if shot.layers is None or not any(each.channel.name in ORDERED for each in found):
         return whole
@@ -174,7 +176,7 @@ def _room(shot: Shot, found: Sequence[Course]) -> Array:
     return np.where([each.turning is None for each in shot.groom.feathers], room, np.inf)
 
 
-def _pull(placements: Sequence[Placement], course: Course) -> _Pull:
+def _pull(placements: Sequence[Placement], limbs: Indices, course: Course) -> _Pull:
     count = len(placements)
     shift, axes = np.zeros(count), np.zeros((count, 3))
     match course.channel.name:
@@ -188,10 +190,18 @@ def _pull(placements: Sequence[Placement], course: Course) -> _Pull:
             sides = np.array([-1.0 if each.mirrored else 1.0 for each in placements])
             axes[:, 0] = np.radians(sides)
         case "fan":
-            axes[:, 2] = np.radians(_spread(placements, course.weights > 0.0))
+            for own in _of_each_limb(limbs, course):
+                axes[:, 2] += np.radians(_spread(placements, own > 0.0))
         case "fold":
-            axes[:, 2] = _to_mean(placements, course.weights)
+            for own in _of_each_limb(limbs, course):
+                axes[:, 2] += _to_mean(placements, own)
     return _Pull(course, shift, axes)
+
+
+def _of_each_limb(limbs: Indices, course: Course) -> Iterator[Array]:
+    """(F,) weights of a course on each wing, tail or crest, and on the coat, without the others."""
+    for limb in np.unique(limbs[course.weights > 0.0]):
+        yield np.where(limbs == limb, course.weights, 0.0)
 
 
 def _spread(placements: Sequence[Placement], members: Flags) -> Array:

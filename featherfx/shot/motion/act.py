@@ -31,10 +31,10 @@ def clocked(poses: PosesOverTime, clock: Clock) -> PosesOverTime:
     def changed(time: float) -> JointPoses:
         own = (time - clock.start) * clock.tempo
         found, amount = poses(own), eased(times, amounts, own)
-        if amount == 1.0:
+        if amount == 1.0 == clock.size:
             return found
         rotations = vectors_to_frames(amount * rotation_vectors(found.rotations))
-        return JointPoses(rotations, amount * found.displacements)
+        return JointPoses(rotations, clock.size * amount * found.displacements)
 
     return changed
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -26,27 +26,27 @@ from featherfx.errors import InputError, Problem, require
 from featherfx.feather.barb_length_kernels import keep_lengths
 from featherfx.feather.barb_looks import clumped, drawn_barbs
 from featherfx.feather.build import scaled
+from featherfx.feather.colours import Colours, colours_of
 from featherfx.feather.density import density_map, scaled_map, scaled_points
 from featherfx.feather.detail import Thinning, restored, thinning
 from featherfx.feather.render import BARB_SEGMENTS
 from featherfx.feather.shape_text import shape_of
-from featherfx.feather.shapes import built_shapes
 from featherfx.feather.types import (
     Array,
     BarbCurves,
     Feather,
     Indices,
-    RowMap,
     RowPoints,
     both,
     stacked,
 )
-from featherfx.groom.looks import BarbLook
+from featherfx.groom.looks import BarbLook, colour_of
 from featherfx.groom.types import FeatherKind
 from featherfx.limits import MOST_BARBS, MOST_CLUMPS, MOST_COLUMNS, MOST_ROWS
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.members import Member, members_of
 from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.shapes import Grown, each_of_texts, grown_on
 from featherfx.usd.read.stage import transformed
 from featherfx.usd.read.values import (
     DEFAULT,
@@ -59,10 +59,9 @@ from featherfx.usd.read.values import (
     fault,
     sized_array,
     text_of,
-    texts_of,
     times_of,
 )
-from featherfx.usd.types import DETAIL, DETAIL_GRID, ORIENT, P_BARB, SHAPE, SHAPE_SIZE, WET
+from featherfx.usd.types import COLOUR, DETAIL, DETAIL_GRID, ORIENT, P_BARB, SHAPE, SHAPE_SIZE, WET
 
 _ROTATIONS = Kind("f", (4,), "an array of rotations")
 _PAIRS = Kind("i", (2,), "an array of pairs of integers")
@@ -161,6 +160,15 @@ class Expansion:
         """Of the first prim."""
         return str(self._prims[0].prim.GetPath())
 
+    @cached_property
+    def colours(self) -> tuple[Colours, ...] | None:
+        """Linear colours of each feather's points, shaft and barbs, and their film in m; None where
+        the cache tells of none."""
+        if not all(each.is_coloured for each in self._prims):
+            return None
+        film = any(kind.colour.has_film for each in self._prims for kind in each.kinds)
+        return tuple(found for each in self._prims for found in each.colours(film))
+
     def codes(self) -> list[float]:
         """Time codes at which any of the feathers has samples."""
         return sorted({code for each in self._prims for code in each.codes()})
@@ -189,18 +197,6 @@ def _code(time: float | Usd.TimeCode | None) -> Any:
 
 
 @dataclass(frozen=True)
-class _Grown:
-    """What feathers of one shape and grid have in common, unit size and metres.
-
-    own: on the written grid. fine: as it is drawn. to_fine: the map to that, None where it is own.
-    """
-
-    own: Feather
-    fine: Feather
-    to_fine: RowMap | None
-
-
-@dataclass(frozen=True)
 class _Thinned:
     """Feathers of a prim that have one grid. members: their numbers. rest, and lengths of their
     shafts: as curves have them, stage units."""
@@ -226,18 +222,19 @@ class _Shafts:
         if len(members) != len(counts):
             raise self._fault("curveVertexCounts", f"tell of {len(counts)}, {len(members)} named")
         shapes = self._shapes(len(counts))
+        self.kinds = self._coloured([kind for kind, _ in shapes])
         self._looks = [kind.drawn_look for kind, _ in shapes]
         self._counts = [kind.barb_count for kind, _ in shapes]
         sizes = self._shaped(f"primvars:{SHAPE_SIZE}", DEFAULT, NUMBERS, counts.shape)
         # of the values of this prim, which are in the units of its stage
         scales = sizes.astype(float) / UsdGeom.GetStageMetersPerUnit(prim.GetStage())
         grown = [
-            _grown(shape, (n, m), (rows or n, columns or m))
+            grown_on(shape, (n, m), (rows or n, columns or m))
             for shape, (n, m) in zip(shapes, self._grids_written.tolist(), strict=True)
         ]
         self._thinned = list(self._thinnings(counts, grown, scales)) if self._has_detail else []
         drawn = [scaled(each.fine, float(s)) for each, s in zip(grown, scales, strict=True)]
-        self._surfaces = [each.surface for each in drawn]
+        self._built, self._surfaces = drawn, [each.surface for each in drawn]
         self._grids = [(each.rows, 1 + 2 * each.columns) for each in drawn]
         self._map = None
         if any(each.to_fine is not None for each in grown):
@@ -289,7 +286,7 @@ class _Shafts:
         return grids
 
     def _thinnings(
-        self, counts: Indices, grown: Sequence[_Grown], scales: Array
+        self, counts: Indices, grown: Sequence[Grown], scales: Array
     ) -> Iterator[_Thinned]:
         """Feathers of one grid, of which as much is kept, together."""
         alike: dict[tuple[int, ...], list[int]] = {}
@@ -304,20 +301,23 @@ class _Shafts:
 
     def _shapes(self, count: int) -> list[tuple[FeatherKind, bool]]:
         """Kind and side of each feather."""
-        primvar = UsdGeom.PrimvarsAPI(self.prim).GetPrimvar(SHAPE)
-        texts = texts_of(primvar.GetAttr()) if primvar else []
-        places = np.arange(len(texts))
-        if primvar and primvar.IsIndexed():
-            places = sized_array(primvar.GetIndicesAttr(), DEFAULT, INTEGERS).astype(np.int64)
-        if len(places) != count or not ((places >= 0) & (places < len(texts))).all():
-            raise self._fault(
-                f"primvars:{SHAPE}", f"has not one value for each of {count} feathers"
-            )
-        try:
-            known = [shape_of(text) for text in texts]
-        except ValueError as error:
-            raise self._fault(f"primvars:{SHAPE}", str(error)) from error
-        return [known[k] for k in places]
+        return each_of_texts(self.prim, SHAPE, shape_of, count)
+
+    def _coloured(self, kinds: list[FeatherKind]) -> list[FeatherKind]:
+        """Kinds of each feather with its colours, where they are told."""
+        self.is_coloured = self.prim.HasAttribute(f"primvars:{COLOUR}")
+        if not self.is_coloured:
+            return kinds
+        colours = each_of_texts(self.prim, COLOUR, colour_of, len(kinds))
+        return [replace(kind, colour=own) for kind, own in zip(kinds, colours, strict=True)]
+
+    def colours(self, film: bool) -> Iterator[Colours]:
+        """Of each feather. film: whether its thickness is wanted."""
+        barbs: Sequence[BarbCurves | None] = self._drawn or [None] * len(self.feathers)
+        for kind, built, own, each in zip(
+            self.kinds, self._built, barbs, self.feathers, strict=True
+        ):
+            yield colours_of(kind, built, own, each.id, film)
 
     def codes(self) -> list[float]:
         return times_of(self._curves.GetPointsAttr())
@@ -469,18 +469,6 @@ def _only(prim: Any) -> Member:
     names = ("featherId", "featherKind", "region")
     id, kind, region = (text_of(primvars.GetPrimvar(name).GetAttr()) or "" for name in names)
     return Member(id, kind, region)
-
-
-@lru_cache(maxsize=4096)
-def _grown(
-    shape: tuple[FeatherKind, bool], own: tuple[int, int], wanted: tuple[int, int]
-) -> _Grown:
-    """own, wanted: rows and columns."""
-    (fine,) = built_shapes((shape,), *wanted)
-    if own == wanted:
-        return _Grown(fine, fine, None)
-    (written,) = built_shapes((shape,), *own)
-    return _Grown(written, fine, density_map(written, fine))
 
 
 def _slices(starts: Indices) -> list[slice]:

@@ -383,9 +383,11 @@ def _expanded(stage: Any) -> Iterator[tuple[_Own, CachedFeather]]:
     if not expand.condensed_prims(stage):
         return
     expansion = expand.expand(stage)
-    mesh, rest = _Expanded(expansion), expansion.points()
+    mesh, rest, colours = _Expanded(expansion), expansion.points(), expansion.colours
     for number, each in enumerate(expansion.feathers):
         own = _Own(mesh, each.points, slice(number, number + 1))
+        shades = None if colours is None else colours[number]
+        film = None if shades is None else shades.film
         yield (
             own,
             CachedFeather(
@@ -404,10 +406,11 @@ def _expanded(stage: Any) -> Iterator[tuple[_Own, CachedFeather]]:
                 },
                 rest=rest[each.points].astype(np.float32),
                 st=each.st.astype(np.float32),
-                colour=None,
+                colour=None if shades is None else shades.points.astype(np.float32),
                 is_feather=True,
                 look=each.look,
                 barb_count=each.barb_count,
+                film=None if film is None else (1e9 * film).astype(np.float32),
             ),
         )
 

@@ -19,11 +19,23 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from featherfx.feather.detail import thinning
+from featherfx.feather.colours import at_nodes
+from featherfx.feather.detail import Thinning, thinning
 from featherfx.feather.shape_text import shape_text
-from featherfx.feather.types import LEADING, TRAILING
+from featherfx.feather.types import LEADING, TRAILING, Array
+from featherfx.groom.looks import colour_text
 from featherfx.usd import arrays
-from featherfx.usd.types import BARB, MESH, P_BARB, RACHIS, SHAPE, SHAPE_SIZE, FeatherEntry
+from featherfx.usd.types import (
+    BARB,
+    BARB_COLOURS,
+    COLOUR,
+    MESH,
+    P_BARB,
+    RACHIS,
+    SHAPE,
+    SHAPE_SIZE,
+    FeatherEntry,
+)
 from featherfx.usd.write.layout import (
     BARBS,
     FEATHERS,
@@ -171,6 +183,8 @@ def _copy(
         own = condensed_values(info, [entry], rest, group.feathers[0].form.thinned)
         if entry.shape is not None:
             own[SHAPE] = arrays.strings(shape_text(*entry.shape[:2]))
+            if entry.colours is not None:
+                own[COLOUR] = arrays.strings(colour_text(entry.shape[0].colour))
         replace_primvars(layer, target[RACHIS], **own)
     widths = target[RACHIS].AppendProperty(UsdGeom.Tokens.widths)
     layer.GetAttributeAtPath(widths).default = arrays.floats(group.widths)
@@ -190,11 +204,12 @@ def condensed_values(
 
     thinned: as of Form.
     """
-    values = []
+    values, shades = [], []
     for entry in entries:
         feather = entry.feather
         grid = feather.rows, feather.columns
         kept = thinning(*grid, None if thinned else grid)
+        shades.append(_barb_shades(entry, kept))
         along, barb = (
             feather.station[kept.rows] / feather.station[-1],
             kept.nodes[1:][: kept.columns],
@@ -214,9 +229,24 @@ def condensed_values(
         diameters = np.concatenate([each[side].ravel() for each in widths])
         made[f"width_barb{end}"] = arrays.floats(info.space.lengths(diameters))
         made[f"rest_barb{end}"] = rest[P_BARB[side]]
+    if all(each is not None for each in shades):
+        for name, colours in zip(BARB_COLOURS, zip(*shades, strict=True), strict=True):
+            made[name] = arrays.vec3f(np.concatenate(colours))
     made["leadingIsRight"] = arrays.ints([not left_leads(each.feather) for each in entries])
     made[SHAPE_SIZE] = arrays.floats([each.shape[2] if each.shape else 1.0 for each in entries])
     return made
+
+
+def _barb_shades(entry: FeatherEntry, kept: Thinning) -> list[Array] | None:
+    """Linear colours (K, 3) of the nodes of left and right barbs; None where there are none."""
+    if entry.colours is None:
+        return None
+    nodes, few = (
+        at_nodes(entry.colours, entry.feather)[kept.rows[:, None], kept.nodes],
+        1 + kept.columns,
+    )
+    sides = [nodes[:, 1:few].reshape(-1, 3), nodes[:, few:].reshape(-1, 3)]
+    return sides if left_leads(entry.feather) else sides[::-1]
 
 
 def _ups(info: StageInfo, entries: Sequence[FeatherEntry]) -> Any:

@@ -20,10 +20,13 @@ from pxr import Sdf, UsdGeom, UsdShade
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather.shape_text import shape_text
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
+from featherfx.groom.looks import colour_text
 from featherfx.usd import arrays
 from featherfx.usd.types import (
     BARB,
+    BARB_COLOURS,
     BARB_COUNT,
+    COLOUR,
     DETAIL_GRID,
     HOOKED,
     LOOK,
@@ -76,6 +79,8 @@ _PRIMVARS = {
     # how many times as large it is
     "leadingIsRight": (_TYPES.IntArray, _CONSTANT, 1),
     SHAPE: (_TYPES.StringArray, _CONSTANT, 1),
+    COLOUR: (_TYPES.StringArray, _CONSTANT, 1),
+    **dict.fromkeys(BARB_COLOURS, (_TYPES.Color3fArray, UsdGeom.Tokens.vertex, 1)),
     LOOK: (_TYPES.StringArray, _CONSTANT, 1),
     BARB_COUNT: (_TYPES.IntArray, _CONSTANT, 1),
     SHAPE_SIZE: (_TYPES.FloatArray, _CONSTANT, 1),
@@ -299,6 +304,9 @@ def define_condensed(
     texts = [shape_text(*each.shape[:2]) for each in entries if each.shape is not None]
     if len(texts) == len(entries):
         author_shared(prim, SHAPE, texts, group.interpolation)
+        if entries[0].colours is not None:
+            shades = [colour_text(each.shape[0].colour) for each in entries if each.shape]
+            author_shared(prim, COLOUR, shades, group.interpolation)
     if group.feathers[0].form.thinned:
         table = prim.CreateAttribute(DETAIL_GRID, Sdf.ValueTypeNames.Int2Array)
         table.SetVariability(Sdf.VariabilityUniform)

@@ -1,0 +1,43 @@
+"""What is asked of feathers that are not simulated: guided and rigid ones feel no forces."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from featherfx.errors import InputWarning
+from featherfx.shot.detail.detail import Resolution
+from featherfx.shot.detail.levels import simulated
+from featherfx.shot.direction.channels import courses
+from featherfx.shot.patterns import fits
+from featherfx.shot.types import CHANNELS, Shot
+
+# channels that act within the simulation, or on what comes of it
+FELT = ("stiffness", "damping", "wind", "gravity", "follow")
+
+
+def warn_of_unfelt(shot: Shot, resolutions: Sequence[Sequence[Resolution]]) -> None:
+    """Say which targets some of their feathers do not feel, and which channels none of theirs does.
+
+    resolutions: of the levels that each feather has.
+    """
+    felt = np.array([bool(simulated(each)) for each in resolutions], dtype=np.bool_)
+    for number, target in enumerate(shot.targets):
+        own = np.array([fits(target, each) for each in shot.groom.feathers], dtype=np.bool_)
+        if deaf := int((own & ~felt).sum()):
+            told = f"{deaf} of its {int(own.sum())} feathers are guided or rigid and feel no target"
+            _warn(shot, f"target[{number}]", told)
+    for course in courses(shot, FELT):
+        name, own = course.channel.name, course.weights > 0.0
+        acts = bool((course.curve.values != CHANNELS[name].neutral).any())
+        if acts and own.any() and not (own & felt).any():
+            number = next(k for k, each in enumerate(shot.channels) if each is course.channel)
+            told = f"none of its {int(own.sum())} feathers is simulated, so none feels {name}"
+            _warn(shot, f"channel[{number}]", told)
+
+
+def _warn(shot: Shot, key: str, told: str) -> None:
+    hint = "give them another level in [[detail]]"
+    warnings.warn(f"{shot.source}: {key}: {told}; {hint}", InputWarning, stacklevel=3)
