@@ -32,8 +32,8 @@ def merge(
     """Write the cache of a task from shares of its feathers, each in one of them.
 
     shares: caches with chunks of as many samples as the whole's. notify: called with the samples
-    done and their number. pieces: where merge_piece has left all chunks; else they are written
-    here. Raises OutputError where a share was baked with other settings, or feathers are missing.
+    done and their number. pieces: where merge_piece has left all chunks, in their order; else they
+    are written here. Raises OutputError where a share was baked with other settings, or feathers are missing.
     """
     with phase("building", silent=True):
         writer = new_writer(task)
@@ -50,17 +50,25 @@ def merge(
 
 
 def merge_piece(
-    task: Task, shares: Sequence[Path], notify: Callable[[int, int], None], piece: Path, number: int
+    task: Task,
+    shares: Sequence[Path],
+    notify: Callable[[int, int], None],
+    piece: Path,
+    place: tuple[int, int],
 ) -> None:
-    """Write one chunk of a task's cache, 0 the first, for merge to take: as the first of an
-    unfinished cache at a path of its own. Raises what merge raises."""
+    """Write one run of chunks of a task's cache for merge to take: as those of an unfinished cache
+    at a path of its own, after those that are there already.
+
+    place: (i, n), the i-th of n runs. Raises what merge raises.
+    """
     options = replace(task.options, layout="clips", resume=True)
     with new_writer(replace(task, path=piece, options=options)) as writer:
         caches = [EarlierCache(path) for path in shares]
         _taken(task, writer, shares, caches)
-        writer.write_piece(number)
-        first = number * writer.chunk
-        _write(task, writer, range(first, min(first + writer.chunk, task.samples)), notify)
+        chunks = -(-task.samples // writer.chunk)
+        first, end = (chunks * number // place[1] for number in (place[0] - 1, place[0]))
+        begin = writer.write_piece(first)
+        _write(task, writer, range(begin, min(end * writer.chunk, task.samples)), notify)
 
 
 def _write(

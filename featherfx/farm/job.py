@@ -39,7 +39,7 @@ class _ShotState:
     """A shot of the job: its plan once it is looked at, what became of its orders.
 
     looked: times of looking at it. left: shares that are not baked yet. baked: reports of the
-    others. chunks, pieces: that are merged one by one, and reports of those that are there.
+    others. runs, pieces: of chunks that are merged, and reports of those that are there.
     problems: that ended it. past: processor s of a sample of each share in an earlier job, none
     where they are not known.
     """
@@ -51,7 +51,7 @@ class _ShotState:
     looked: dict[str, float] = field(default_factory=dict)
     left: int = 0
     baked: list[dict[str, Any]] = field(default_factory=list)
-    chunks: int = 0
+    runs: int = 0
     pieces: list[dict[str, Any]] = field(default_factory=list)
     merged: dict[str, Any] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
@@ -287,18 +287,20 @@ class Job:
                 each.shares.remove()
 
     def _merge(self, each: _ShotState) -> None:
-        """Have the chunks of the whole written by all workers, or by the one that is left."""
+        """Have the chunks of the whole written by all workers, a run of them by each, or by the one
+        that completes it."""
         chunks = -(-each.plan["samples"] // (each.plan["chunk"] * each.plan["subframes"]))
-        each.chunks = chunks if chunks > 1 and self._engine.workers > 1 else 0
-        for piece in range(1, each.chunks + 1):
+        runs = min(chunks, self._engine.workers)
+        each.runs = runs if runs > 1 else 0
+        for piece in range(1, each.runs + 1):
             count = each.plan["shares"]
-            self._give(each, self._order(each, MERGE, count, pieces=each.chunks, piece=piece))
+            self._give(each, self._order(each, MERGE, count, pieces=each.runs, piece=piece))
         self._merge_when_all_are_there(each)
 
     def _merge_when_all_are_there(self, each: _ShotState) -> None:
-        if len(each.pieces) == each.chunks:
+        if len(each.pieces) == each.runs:
             each.release()  # for the one that merges
-            order = self._order(each, MERGE, each.plan["shares"], pieces=each.chunks)
+            order = self._order(each, MERGE, each.plan["shares"], pieces=each.runs)
             self._give(each, order)
 
     def _failed(self, given: _Given, news: News) -> None:

@@ -75,10 +75,11 @@ class Shares:
         """What a share's bake takes for the output of the whole."""
         return self.folder / self._output.name
 
-    def piece(self, number: int) -> Path:
-        """Where a chunk of the whole, from 1, waits for the others: the first of an unfinished
-        cache at this path."""
-        return self.folder / f"{self._output.stem}.piece{number}{self._output.suffix}"
+    def piece(self, place: tuple[int, int]) -> Path:
+        """Where a run of chunks of the whole, the i-th of n, waits for the others: those of an
+        unfinished cache at this path."""
+        name = "{}.piece{}of{}{}".format(self._output.stem, *place, self._output.suffix)
+        return self.folder / name
 
     def begun(self) -> int:
         """Number of shares that an earlier job has begun; 0: none."""

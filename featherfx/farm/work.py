@@ -42,7 +42,7 @@ class Order:
     what: PLAN, BAKE or MERGE. shot, output: paths on the machine that gives the work. options:
     fields of BakeOptions. shares: into how many the shot is cut, at most while it is looked at.
     share: from 1, 0 where it is about all of them. chunk: frames of a chunk of the whole. pieces:
-    chunks that are merged one by one, by several workers; piece: from 1, 0 for all of them.
+    runs of chunks that are merged by several workers; piece: from 1, 0 for all of them.
     program: digest of the program that gives the work.
     """
 
@@ -159,9 +159,10 @@ def _merge(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
     if task.finished:
         return {}
     if order.piece:
-        merge_piece(task, files, notify, own.piece(order.piece), order.piece - 1)
+        place = order.piece, order.pieces
+        merge_piece(task, files, notify, own.piece(place), place)
     else:
-        pieces = [own.piece(number) for number in range(1, order.pieces + 1)]
+        pieces = [own.piece((number, order.pieces)) for number in range(1, order.pieces + 1)]
         merge(task, files, notify, pieces)
     return {}
 

@@ -149,19 +149,21 @@ class Parts:
         self.records.append(record)
 
     def adopt(self, piece: Path) -> None:
-        """Take over the next chunk from an unfinished cache in the clips layout, whose first it is
-        and stays.
+        """Take over the next chunks from an unfinished cache in the clips layout, whose first they
+        are and stay, on disk already.
 
-        Raises OutputError where it is not as it was written.
+        Raises OutputError where they are not as they were written.
         """
-        folder = parts_folder(piece, "clips") / self.folder.name
-        file, record = folder / "0000.usdc", _read_record(folder / "0000.json")
-        with _told(self.folder):
-            if record is None or checksum(file) != (record.bytes, record.crc32):
-                message = "is not the chunk that was written; bake again"
-                raise OutputError(Problem(str(piece), "", message))
-            _share(file, self.chunk(len(self.records)))
-        self.commit(record, None)
+        found = sorted((parts_folder(piece, "clips") / self.folder.name).glob("[0-9]*.json"))
+        for file in found or [piece]:
+            record, chunk = _read_record(file), file.with_suffix(".usdc")
+            with _told(self.folder):
+                if record is None or checksum(chunk) != (record.bytes, record.crc32):
+                    message = "is not the chunk that was written; bake again"
+                    raise OutputError(Problem(str(piece), "", message))
+                _share(chunk, self.chunk(len(self.records)))
+                _share(file, self._record(len(self.records)))
+            self.records.append(record)
 
     def _write_record(self, index: int, record: ChunkRecord) -> None:
         content = asdict(record)

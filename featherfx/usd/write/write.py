@@ -192,14 +192,16 @@ class CacheWriter:
         self._given -= len(feathers)
         self._chunk.take_over(earlier, feathers)
 
-    def write_piece(self, number: int) -> None:
-        """Take the samples of one chunk only, 0 the first: the block then ends without a cache, and
-        the chunk stays on disk for another writer to adopt."""
-        self._is_piece, self._next = True, number * self.chunk
+    def write_piece(self, first: int) -> int:
+        """Take the samples of some chunks only, from one on, 0 the first: the block then ends
+        without a cache, and the chunks stay on disk for another writer to adopt. Returns the next
+        sample, which follows those that are there already."""
+        self._is_piece, self._next = True, first * self.chunk + self.samples_kept
+        return self._next
 
     def adopt(self, piece: Path) -> None:
-        """Take over the next chunk from where a writer of the same cache, but with clips, at
-        another path has left it. Raises OutputError where it is not there, or damaged."""
+        """Take over the next chunks from where a writer of the same cache, but with clips, at
+        another path has left them. Raises OutputError where none are there, or one is damaged."""
         assert self._parts is not None
         self._parts.adopt(piece)
         self._next = self.samples_kept
