@@ -12,6 +12,7 @@ from commands import invoke
 from farm.farm_cases import SerialEngine, options_of, shot_file
 
 import featherfx
+from featherfx.baking import merge as merge_module
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm import job as job_module
 from featherfx.farm import past
@@ -22,7 +23,7 @@ from featherfx.files.lock import Lock
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.parts import lock_file
 
-OPTIONS = {"frames": (1, 3), "chunk": 2, "layout": "flat"}
+OPTIONS = {"frames": (1, 3), "chunk": 1, "layout": "flat"}
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,7 @@ def test_merged_shares_have_the_bytes_of_a_single_bake(tmp_path, single, layout)
     work._notify = lambda done, total: counted.append((done, total))
     (told,) = work.run()
     assert tree(tmp_path / "out") == single[layout]
-    # two chunks are merged one by one, then all of them
+    # two workers merge a run of the three chunks each, then one all of them
     steps = [(order.what, order.share or order.piece) for order, _ in engine.given]
     baked = [(BAKE, 1), (BAKE, 2), (BAKE, 3)]
     assert steps == [(PLAN, 0), *baked, (MERGE, 1), (MERGE, 2), (MERGE, 0)]
@@ -148,7 +149,7 @@ def test_a_job_goes_on_with_what_another_has_begun(tmp_path, single):
 
 
 def test_merging_that_fails_is_done_again(tmp_path, single):
-    """Of a chunk, and of the whole; one worker merges in one piece."""
+    """Of a run of chunks, and of the whole; one worker merges in one piece."""
     full = OutputError(Problem("wing", "", "no space left on device"))
 
     def once(order, times):
@@ -247,7 +248,7 @@ def test_the_command_bakes_a_folder_of_shots(tmp_path, monkeypatch, single):
         yield SerialEngine()
 
     monkeypatch.setattr("featherfx.farm.bake_many.opened", serial)
-    given = ["bake", *map(str, shots), "-o", str(out), "--frames", "1-3", "--chunk", "2"]
+    given = ["bake", *map(str, shots), "-o", str(out), "--frames", "1-3", "--chunk", "1"]
     given += ["--layout", "flat", "--engine", "dask", "--workers", "2"]
     result = invoke(*given, "--quality", "nothing")
     assert result.exit_code == 1
@@ -277,3 +278,20 @@ def test_options_that_do_not_go_together_are_wrong_usage(given, told):
     result = invoke("bake", *given)
     assert result.exit_code == 2
     assert told in " ".join(result.stderr.split())
+
+
+def test_merging_goes_on_after_the_chunks_of_a_run_that_are_there(tmp_path, single, monkeypatch):
+    """A worker that ends in the second run, after its first chunk."""
+    write, added = merge_module.CacheWriter.write, []
+
+    def interrupted(self, frame, save=None):
+        if self._is_piece:
+            added.append(frame.number)
+            if len(added) == 3:
+                raise OutputError(Problem("wing", "", "no space left on device"))
+        write(self, frame, save)
+
+    monkeypatch.setattr(merge_module.CacheWriter, "write", interrupted)
+    job(tmp_path, SerialEngine(), shares=2).run()
+    assert added == [1, 2, 3, 3]
+    assert tree(tmp_path / "out") == single["flat"]
