@@ -33,7 +33,8 @@ def merge(
 
     shares: caches with chunks of as many samples as the whole's. notify: called with the samples
     done and their number. pieces: where merge_piece has left all chunks, in their order; else they
-    are written here. Raises OutputError where a share was baked with other settings, or feathers are missing.
+    are written here. Raises OutputError where a share was baked with other settings, or feathers
+    are missing.
     """
     with phase("building", silent=True):
         writer = new_writer(task)
@@ -57,7 +58,7 @@ def merge_piece(
     place: tuple[int, int],
 ) -> None:
     """Write one run of chunks of a task's cache for merge to take: as those of an unfinished cache
-    at a path of its own, after those that are there already.
+    at a path of its own.
 
     place: (i, n), the i-th of n runs. Raises what merge raises.
     """
@@ -67,8 +68,10 @@ def merge_piece(
         _taken(task, writer, shares, caches)
         chunks = -(-task.samples // writer.chunk)
         first, end = (chunks * number // place[1] for number in (place[0] - 1, place[0]))
-        begin = writer.write_piece(first)
-        _write(task, writer, range(begin, min(end * writer.chunk, task.samples)), notify)
+        writer.write_piece(first)
+        _write(
+            task, writer, range(first * writer.chunk, min(end * writer.chunk, task.samples)), notify
+        )
 
 
 def _write(

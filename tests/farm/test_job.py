@@ -12,7 +12,6 @@ from commands import invoke
 from farm.farm_cases import SerialEngine, options_of, shot_file
 
 import featherfx
-from featherfx.baking import merge as merge_module
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm import job as job_module
 from featherfx.farm import past
@@ -278,20 +277,3 @@ def test_options_that_do_not_go_together_are_wrong_usage(given, told):
     result = invoke("bake", *given)
     assert result.exit_code == 2
     assert told in " ".join(result.stderr.split())
-
-
-def test_merging_goes_on_after_the_chunks_of_a_run_that_are_there(tmp_path, single, monkeypatch):
-    """A worker that ends in the second run, after its first chunk."""
-    write, added = merge_module.CacheWriter.write, []
-
-    def interrupted(self, frame, save=None):
-        if self._is_piece:
-            added.append(frame.number)
-            if len(added) == 3:
-                raise OutputError(Problem("wing", "", "no space left on device"))
-        write(self, frame, save)
-
-    monkeypatch.setattr(merge_module.CacheWriter, "write", interrupted)
-    job(tmp_path, SerialEngine(), shares=2).run()
-    assert added == [1, 2, 3, 3]
-    assert tree(tmp_path / "out") == single["flat"]

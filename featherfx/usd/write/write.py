@@ -192,12 +192,10 @@ class CacheWriter:
         self._given -= len(feathers)
         self._chunk.take_over(earlier, feathers)
 
-    def write_piece(self, first: int) -> int:
+    def write_piece(self, first: int) -> None:
         """Take the samples of some chunks only, from one on, 0 the first: the block then ends
-        without a cache, and the chunks stay on disk for another writer to adopt. Returns the next
-        sample, which follows those that are there already."""
-        self._is_piece, self._next = True, first * self.chunk + self.samples_kept
-        return self._next
+        without a cache, and the chunks stay on disk for another writer to adopt."""
+        self._is_piece, self._next = True, first * self.chunk
 
     def adopt(self, piece: Path) -> None:
         """Take over the next chunks from where a writer of the same cache, but with clips, at
