@@ -7,7 +7,11 @@ import pytest
 from places import SAMPLES
 
 from featherfx.api import scene_readers
+from featherfx.feather.crossings import crossings_of, patches_of
+from featherfx.feather.shapes import feathers_of
+from featherfx.feather.types import RACHIS
 from featherfx.groom.anatomy.lie import Body
+from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 
@@ -57,6 +61,27 @@ def test_wings_meet_the_body(owl):
     shafts = [body.gaps(f.position + f.kind.length * ways * f.rotation[:, 0]) for f in inner]
     # over the skin; up to there the coat reaches, 3 cm long
     assert 0.0 < np.min(shafts) < 0.03
+
+
+def test_coverts_lie_over_each_other_where_the_beat_folds_the_wing(owl, shot):
+    """Rigid, in the plane of the wing: in frame 16, where elbow and wrist fold most, little more of
+    them pass through each other than in frame 8."""
+    own = [k for k, each in enumerate(owl.feathers) if "covert" in each.id and "wing" in each.id]
+    built = feathers_of([owl.feathers[k] for k in own], 11, 4)
+
+    def crossed(frame):
+        roots = root_motion(shot).frames(shot.time_of(frame))
+        points = [
+            each.surface.points(each.rest) @ roots.rotations[k].T + roots.positions[k]
+            for each, k in zip(built, own, strict=True)
+        ]
+        meshes = [
+            (place, each.surface.triangles, each.surface.part == RACHIS, number)
+            for number, (place, each) in enumerate(zip(points, built, strict=True))
+        ]
+        return len(crossings_of(np.concatenate(points), patches_of(meshes)).owners)
+
+    assert crossed(16) < 1.3 * crossed(8) < 100
 
 
 def test_the_tail_does_not_twitch_in_gusts(owl, shot):

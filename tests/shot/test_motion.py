@@ -496,3 +496,71 @@ def test_an_act_that_is_part_of_itself_is_refused(tmp_path):
     (tmp_path / "shot.toml").write_text(SHOT + 'base = "ring"')
     with pytest.raises(InputError, match="is one a part of itself"):
         read_shot(tmp_path / "shot.toml", [tmp_path / "presets"])
+
+
+WING = """name = "b"
+[[wing]]
+id = "right_wing"
+type = { base = "pigeon", bow = 25 }
+shoulder = [0.03, -0.03, 0.03]
+fold = %d
+mirror = "y"
+"""
+
+
+def tips_of(folder, fold, motion, time):
+    """(F, 3) m tips of two wings that are folded or open at rest."""
+    (folder / "groom.toml").write_text(WING % fold)
+    (folder / "shot.toml").write_text(
+        f'name = "s"\ngroom = "groom.toml"\nframes = [1, 90]\nmotion = {motion}\n'
+    )
+    shot = read_shot(folder / "shot.toml")
+    frames = root_motion(shot).frames(time)
+    lengths = np.array([each.kind.length for each in shot.groom.feathers])
+    return frames.positions + lengths[:, None] * frames.rotations[:, :, 0]
+
+
+OPEN = '{ kind = "fold", folds = [{ time = 0, fold = 0 }] }'
+BENT = (
+    '{ kind = "flap", period = 1, shoulder_amplitude = 0, elbow_offset = 10, wrist_offset = 15,'
+    " elbow_amplitude = 5 }"
+)
+
+
+def test_a_beat_folds_an_opened_wing_as_one_that_the_groom_has_open(tmp_path):
+    """About the hinges that elbow and wrist have by then, in the wing's plane."""
+    opened, open_ = (
+        tips_of(tmp_path, fold, f'{{ kind = "act", parts = [{parts}] }}', 0.3)
+        for fold, parts in ((1, f"{OPEN}, {BENT}"), (0, BENT))
+    )
+    assert opened == pytest.approx(open_, abs=1e-9)
+    flat = tips_of(tmp_path, 0, '"hold"', 0.0)
+    assert np.linalg.norm(opened - flat, axis=1).max() > 0.02
+    normal = np.linalg.svd(flat[flat[:, 1] < 0] - flat[flat[:, 1] < 0].mean(axis=0))[2][2]
+    out = (opened - flat)[flat[:, 1] < 0] @ normal
+    assert np.abs(out).max() < 0.15 * np.linalg.norm(opened - flat, axis=1).max()
+
+
+def test_a_fold_upon_a_fold_takes_its_place(tmp_path):
+    one, two, half = (
+        tips_of(tmp_path, 1, f'{{ kind = "act", parts = [{parts}] }}', 0.0)
+        for parts in (
+            '{ kind = "fold", folds = [{ time = 0, fold = 0.5 }] }',
+            f'{OPEN}, {{ kind = "fold", folds = [{{ time = 0, fold = 0.5 }}] }}',
+            f'{OPEN}, {{ kind = "fold", folds = [{{ time = 0, fold = 1 }}], amount = [[0, 0.5]] }}',
+        )
+    )
+    assert two == pytest.approx(one, abs=1e-9)
+    assert half == pytest.approx(one, abs=1e-9)
+
+
+def test_an_act_takes_over_the_wings_that_it_folds(tmp_path):
+    """A take-off that goes over into a glide ends as the glide alone has its wings."""
+    act = '{ kind = "act", parts = [{ base = "take_off" }, %s] }'
+    glide = '{ base = "glide", start = 1.8, amount = [[0, 0], [0.5, 1]] }'
+    span = [
+        np.ptp(tips_of(tmp_path, 1, motion, 2.6)[:, 1])
+        for motion in (act % glide, '{ base = "glide", start = 1.8 }')
+    ]
+    assert span[0] == pytest.approx(span[1], rel=0.02)
+    assert span[1] > 0.5

@@ -5,7 +5,9 @@ R their rotations against their parents and F that of the part, a joint whose pa
 
     C_p^T F C_p R
 
-against its parent at rest, so that the axes of F are the groom's in the pose before.
+against its parent at rest, so that the axes of F are the groom's in the pose before. Turns about a
+joint's own hinge go with the joint. A fold replaces the one that parts before have brought a joint
+to, by its amount; an act does so with all that parts before have done to joints that it folds.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import numpy as np
 
 from featherfx.algebra.ease import eased
 from featherfx.algebra.rotation import rotation_vectors, vectors_to_frames
-from featherfx.algebra.types import Indices
+from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.preset import STEADY, Clock
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 
@@ -33,8 +35,11 @@ def clocked(poses: PosesOverTime, clock: Clock) -> PosesOverTime:
         found, amount = poses(own), eased(times, amounts, own)
         if amount == 1.0 == clock.size:
             return found
-        rotations = vectors_to_frames(amount * rotation_vectors(found.rotations))
-        return JointPoses(rotations, clock.size * amount * found.displacements)
+        rotations = _share(found.rotations, amount)
+        shifts = clock.size * amount * found.displacements
+        rest = (amount * each for each in found[2:4])
+        most = (np.minimum(amount, 1.0) * each for each in found[4:])
+        return JointPoses(rotations, shifts, *rest, *most)
 
     return changed
 
@@ -47,7 +52,7 @@ def together(parts: Sequence[PosesOverTime], skeleton: Skeleton) -> PosesOverTim
         found = still_poses(len(skeleton.names))
         for part in parts:
             found = upon(found, part(time))
-        return found
+        return found._replace(taken=found.aims)
 
     return poses
 
@@ -67,11 +72,29 @@ class _Upon:
         return cls(skeleton, parents)
 
     def __call__(self, before: JointPoses, then: JointPoses) -> JointPoses:
+        kept = 1.0 - then.taken
+        if then.taken.any():
+            before = before._replace(
+                rotations=_share(before.rotations, kept[:, None]), bends=kept * before.bends
+            )
         limbs = before.rotations.copy()
         limbs[0] = np.eye(3)  # axes of limbs go with the groom
-        carriers, _ = self.skeleton.carriers(JointPoses(limbs, np.zeros_like(before.displacements)))
+        still = np.zeros_like(before.displacements)
+        carriers, _ = self.skeleton.carriers(before._replace(rotations=limbs, displacements=still))
         parents = carriers[self.parents]
         back = parents.transpose(0, 2, 1)
         rotations = back @ then.rotations @ parents @ before.rotations
         shifts = before.displacements + (back @ then.displacements[:, :, None])[:, :, 0]
-        return JointPoses(rotations, shifts)
+        return JointPoses(
+            rotations,
+            shifts,
+            before.bends + then.bends,
+            (1.0 - then.aims) * before.folds + then.folds,
+            1.0 - (1.0 - then.aims) * (1.0 - before.aims),
+            1.0 - kept * (1.0 - before.taken),
+        )
+
+
+def _share(rotations: Array, amount: Array | float) -> Array:
+    """A part of (J, 3, 3) rotations, about their axes."""
+    return vectors_to_frames(amount * rotation_vectors(rotations))

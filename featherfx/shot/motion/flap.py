@@ -9,7 +9,9 @@ the downstroke, 1/2 to 1 the upstroke. Positive angles, in degrees, on either si
     elbow     offset + amplitude cos(phase - elbow_phase)   folds the forearm forwards
     wrist     offset + amplitude cos(phase - wrist_phase)   folds the hand backwards
 
-The hinges of elbow and wrist lean from the vertical, so that a folding wing also flexes downwards.
+Elbow and wrist turn about their own hinges, where they have any, as those of wings from one table:
+in the wing's plane feathers stay over each other. Those of other joints lean from the vertical, so
+that a folding wing also flexes downwards.
 The beat starts and ends at rest: within a quarter of a period the phase catches up with time.
 
 Wings, tails and crests that open and close turn their joints about their hinges over time.
@@ -33,6 +35,7 @@ from featherfx.groom.types import Groom
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, still_poses
 
 _ROLES = ("body", "shoulder", "elbow", "wrist")
+_FOLDING = ("elbow", "wrist")
 _HINGE_LEAN = math.radians(20.0)
 _RAMP = 0.25  # of a beat
 # What mirroring at the plane of symmetry (y -> -y) does to the entries of a rotation matrix.
@@ -64,7 +67,8 @@ class Flap:
         rising, falling = _caught_up(done, ramp), beats - _caught_up(beats - done, ramp)
         return 2.0 * math.pi * (rising if done < 0.5 * beats else falling)
 
-    def _fold(self, joint: str, phase: float) -> float:
+    def fold(self, joint: str, phase: float) -> float:
+        """Angle in rad by which "elbow" or "wrist" fold at a phase in rad."""
         amplitude, offset = self.values[f"{joint}_amplitude"], self.values[f"{joint}_offset"]
         lag = 2.0 * math.pi * self.values[f"{joint}_phase"]
         return math.radians(offset + amplitude * math.cos(phase - lag))
@@ -82,8 +86,8 @@ class Flap:
             @ from_rotation_vector(np.array((0.0, 0.0, swept)))
             @ from_rotation_vector(np.array((0.0, twisted, 0.0)))
         )
-        elbow = from_rotation_vector(lean * (1.0, 0.0, -1.0) * self._fold("elbow", phase))
-        wrist = from_rotation_vector(lean * self._fold("wrist", phase))
+        elbow = from_rotation_vector(lean * (1.0, 0.0, -1.0) * self.fold("elbow", phase))
+        wrist = from_rotation_vector(lean * self.fold("wrist", phase))
         return np.stack((np.eye(3), shoulder, elbow, wrist))
 
 
@@ -101,10 +105,20 @@ def flapping(groom: Groom, values: Mapping[str, Any], source: str) -> PosesOverT
     roles = np.array([0, *driven], dtype=np.int64)
     right = np.array([False, *(joint.side < 0 for joint in groom.joints)])[:, None, None]
     still = np.zeros((len(roles), 3))
+    hinged = [
+        (number, joint.role, float(np.linalg.norm(joint.hinge)))
+        for number, joint in enumerate(groom.joints, 1)
+        if joint.side and joint.role in _FOLDING and joint.hinge is not None and joint.hinge.any()
+    ]
+    own, none = [number for number, _, _ in hinged], np.zeros((3, len(roles)))
 
     def poses(time: float) -> JointPoses:
-        picked = flap.left(time)[roles]
-        return JointPoses(np.where(right, picked * _MIRROR, picked), still)
+        picked, phase = flap.left(time)[roles], flap.phase(time)
+        rotations = np.where(right, picked * _MIRROR, picked)
+        rotations[own] = np.eye(3)
+        bends = np.zeros(len(roles))
+        bends[own] = [flap.fold(role, phase) / whole for _, role, whole in hinged]
+        return JointPoses(rotations, still, bends, *none)
 
     return poses
 
@@ -132,8 +146,7 @@ def folding(groom: Groom, values: Mapping[str, Any], source: str) -> PosesOverTi
         found = still_poses(len(groom.joints) + 1)
         fold = eased(times, folds, time)
         for number, joint in hinged:
-            turn = np.asarray(joint.hinge) * (fold - joint.fold)
-            found.rotations[number] = from_rotation_vector(turn)
+            found.folds[number], found.aims[number] = fold - joint.fold, 1.0
         return found
 
     return poses

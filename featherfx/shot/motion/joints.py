@@ -16,6 +16,7 @@ from featherfx.algebra.rotation import (
     motions,
     rotation_vectors,
     shared_turns,
+    vectors_to_frames,
 )
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots
@@ -29,10 +30,20 @@ _TILTED = 0.5  # of a forearm's tilt, that a feather beside the elbow takes; mea
 
 class JointPoses(NamedTuple):
     """rotations: (J, 3, 3), about the pivots, and displacements: (J, 3) m, of joints against their
-    parents, whose axes are the groom's at rest."""
+    parents, whose axes are the groom's at rest.
+
+    Before they rotate, joints turn about their own hinges by bends + folds, (J,), since rest and in
+    whole folds. Of a motion upon another (act.py), bends are added and folds are what joints are
+    brought to by a share aims, (J,). taken: (J,) share of all other that was done to the joint
+    which is undone.
+    """
 
     rotations: Array
     displacements: Array
+    bends: Array
+    folds: Array
+    aims: Array
+    taken: Array
 
 
 # poses of all joints at a time in s
@@ -44,17 +55,26 @@ class Skeleton:
     """J joints of which joint 0, named "", is the groom itself and the parent of all.
 
     names: of the joints. pivots: (J, 3) m, at rest in the groom's frame. levels: per depth below
-    the groom, (joints, parents), index arrays of equal length.
+    the groom, (joints, parents), index arrays of equal length. hinges: (J, 3) rad, turns of a
+    whole fold, 0 where there is none.
     """
 
     names: tuple[str, ...]
     pivots: Array
     levels: tuple[tuple[Indices, Indices], ...]
+    hinges: Array
+
+    def turned(self, poses: JointPoses) -> Array:
+        """(J, 3, 3) rotations of joints against their parents, with those about their hinges."""
+        bent = poses.bends + poses.folds
+        if not bent.any():
+            return poses.rotations
+        return poses.rotations @ vectors_to_frames(bent[:, None] * self.hinges)
 
     def carriers(self, poses: JointPoses) -> tuple[Array, Array]:
         """Rotations (J, 3, 3) and shifts (J, 3) such that a point x of the groom at rest that is
         carried by joint j goes to rotation x + shift."""
-        rotations = poses.rotations.copy()
+        rotations = self.turned(poses).copy()
         shifts = self.pivots + poses.displacements - _applied(rotations, self.pivots)
         for joints, parents in self.levels:
             carrier = rotations[parents]
@@ -69,7 +89,7 @@ class Skeleton:
             back = rotations[parents].swapaxes(1, 2)
             own[joints] = back @ rotations[joints]
             away[joints] = _applied(back, shifts[joints] - shifts[parents])
-        return JointPoses(own, away - self.pivots + _applied(own, self.pivots))
+        return free_poses(own, away - self.pivots + _applied(own, self.pivots))
 
 
 def skeleton_of(groom: Groom) -> Skeleton:
@@ -83,7 +103,9 @@ def skeleton_of(groom: Groom) -> Skeleton:
         ancestors = parents[ancestors]
     levels = [np.flatnonzero(depths == depth) for depth in range(1, int(depths.max()) + 1)]
     pivots = np.vstack([np.zeros((1, 3)), *(np.reshape(j.position, (1, 3)) for j in groom.joints)])
-    return Skeleton(names, pivots, tuple((joints, parents[joints]) for joints in levels))
+    hinges = [np.zeros(3) if j.hinge is None else np.asarray(j.hinge) for j in groom.joints]
+    below = tuple((joints, parents[joints]) for joints in levels)
+    return Skeleton(names, pivots, below, np.vstack([np.zeros(3), *hinges]))
 
 
 @dataclass(frozen=True)
@@ -108,11 +130,10 @@ class Bows:
         still = np.tile(np.eye(3), (len(self.folds), 1, 1)), np.zeros((len(self.folds), 3))
         return self._bent(at_rest, fraction, *still)
 
-    def bent(
-        self, roots: RootFrames, poses: JointPoses, rotations: Array, shifts: Array
-    ) -> RootFrames:
-        """Roots of flat wings, bent as those of the poses are. rotations, shifts: of carriers."""
-        turned = rotation_vectors(poses.rotations)
+    def bent(self, roots: RootFrames, turned: Array, rotations: Array, shifts: Array) -> RootFrames:
+        """Roots of flat wings, bent as those of joints that are turned, (J, 3, 3), against their
+        parents. rotations, shifts: of carriers."""
+        turned = rotation_vectors(turned)
         folds = self.folds + dots(turned, self.hinges)
         return self._bent(roots, bow_fraction(folds)[self.joints, None], rotations, shifts)
 
@@ -237,7 +258,9 @@ class JointRoots:
         positions = _applied(rotations[self.joints], self.anchors) + shifts[self.joints]
         positions += _applied(turns, self.at_rest.positions - self.anchors)
         flat = RootFrames(positions, turns @ self.at_rest.rotations)
-        return flat if self.bows is None else self.bows.bent(flat, poses, rotations, shifts)
+        if self.bows is None:
+            return flat
+        return self.bows.bent(flat, self.skeleton.turned(poses), rotations, shifts)
 
 
 def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> JointRoots:
@@ -313,7 +336,12 @@ def swung(skeleton: Skeleton, values: Mapping[str, Any], source: str) -> PosesOv
 
 def still_poses(joints: int) -> JointPoses:
     """The poses at rest."""
-    return JointPoses(np.tile(np.eye(3), (joints, 1, 1)), np.zeros((joints, 3)))
+    return free_poses(np.tile(np.eye(3), (joints, 1, 1)), np.zeros((joints, 3)))
+
+
+def free_poses(rotations: Array, displacements: Array) -> JointPoses:
+    """Poses of joints that do not turn about their hinges."""
+    return JointPoses(rotations, displacements, *np.zeros((4, len(rotations))))
 
 
 def _applied(matrices: Array, vectors: Array) -> Array:

@@ -89,7 +89,7 @@ def _without_body(poses: PosesOverTime) -> PosesOverTime:
         found = poses(time)
         rotations, displacements = found.rotations.copy(), found.displacements.copy()
         rotations[0], displacements[0] = np.eye(3), 0.0
-        return JointPoses(rotations, displacements)
+        return found._replace(rotations=rotations, displacements=displacements)
 
     return limbs
 
