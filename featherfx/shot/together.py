@@ -172,7 +172,7 @@ class Together:
             whole, low, paths = root_path(self._motion, members, start, end), 0, []
             for group in self.groups:
                 own = slice(low, low + len(group.members))
-                path = RootPath(whole.samples[own], whole.base[own])
+                path = whole.part(own)
                 paths.append(self._levels.held(group, path))
                 low = own.stop
             self._led = (start, end), paths

@@ -115,7 +115,7 @@ class Solver:
         self.model, self.settings = model, settings
         self._local = local()
         self.jobs = min(jobs, model.feathers, MOST_JOBS)
-        self._pool = ThreadPoolExecutor(self.jobs) if self.jobs > 1 else None
+        self._pool = ThreadPoolExecutor(self.jobs - 1) if self.jobs > 1 else None
 
     def __enter__(self) -> Solver:
         return self
@@ -140,7 +140,7 @@ class Solver:
         last good sub-step and has a status in the report: see raise_if_failed.
         """
         new = state.copy()
-        carry_to(self.model, new, path)
+        carry_to(self.model.held, new, path)
         report = self.advance(new, loads, path, duration, feathers)
         for f in np.flatnonzero((report.status != CONVERGED) & (report.steps == 0)):
             # not even where its path begins
@@ -207,7 +207,8 @@ class Solver:
         return work
 
     def for_each(self, function: Callable[[T], None], parts: Iterable[T]) -> None:
-        """Call a function with each part, by all threads."""
+        """Call a function with each part, by all threads; the calling one is the first of them,
+        which nobody has to wake."""
         threads = allowed(self.jobs)
         if self._pool is None or threads == 1:
             for part in parts:
@@ -220,8 +221,10 @@ class Solver:
             for part in waiting:
                 function(part)
 
-        for done in [self._pool.submit(work) for _ in range(threads)]:
-            done.result()
+        others = [self._pool.submit(work) for _ in range(threads - 1)]
+        work()
+        for other in others:
+            other.result()
 
 
 def pieces(feathers: Indices, jobs: int, most: int = AT_ONCE) -> list[Indices]:

@@ -59,6 +59,10 @@ class State(NamedTuple):
         for name, array in self.arrays().items():
             array[f] = given[name][f]
 
+    def part(self, some: slice) -> State:
+        """Some feathers, the same memory."""
+        return State.of({name: array[some] for name, array in self.arrays().items()})
+
     def gaps_of(self, f: int) -> Gaps:
         """Gaps of one feather, the same memory."""
         return Gaps(*(array[f] for array in self.gaps))

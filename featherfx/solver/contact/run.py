@@ -41,8 +41,8 @@ Bytes = NDArray[np.int8]
 # bodies, whose rounds may take it longer than all else takes the others, and of fewer than those,
 # of which threads that share them often wait for each other
 UNEVEN, UNEVEN_OF_FEW, MANY = 0.75, 1.2, 32
-# bodies from which on threads make states of batches ready
-WORTH_IT = 300
+# bodies from which on threads make states of batches ready, and those of a batch at once
+WORTH_IT, AT_ONCE = 300, 256
 
 
 class Team:
@@ -72,14 +72,19 @@ class Team:
             self._rooms = StateRooms(states)
         return self._rooms
 
-    def for_each_batch(self, function: Callable[[int], None]) -> None:
-        """Call a function with the number of each batch, by all threads where that is worth it."""
-        batches = range(len(self.solvers))
+    def for_each_part(self, function: Callable[[tuple[int, slice]], None]) -> None:
+        """Call a function with the number of each batch and some of its feathers, until it had all,
+        by all threads where that is worth it."""
+        parts = [
+            (batch, slice(low, min(low + AT_ONCE, count)))
+            for batch, count in enumerate(np.diff(self.grids.first).tolist())
+            for low in range(0, count, AT_ONCE)
+        ]
         if self.grids.bodies < WORTH_IT:
-            for batch in batches:
-                function(batch)
+            for part in parts:
+                function(part)
         else:
-            self._lender.for_each(function, batches)
+            self._lender.for_each(function, parts)
 
     def forget(self) -> None:
         """Begin anew with all matrices, as a bake does that goes on from here."""
@@ -143,20 +148,24 @@ class Run:
         self.old, self.new = self._before.states, self._after.states
         self.start, self.now = np.zeros((*shares.shape, 3)), np.zeros((*shares.shape, 3))
 
-        def begin(batch: int) -> None:
-            low, high = grids.first[batch : batch + 2].tolist()
-            state, path = self.old[batch], paths[batch]
-            put(states[batch], state, free[low:high])
-            carry_to(team.solvers[batch].model, state, path, free[low:high])
-            own = np.flatnonzero(free[low:high])
-            some = own if len(own) < high - low else slice(None)
-            nodes, velocity = state.points.nodes[some], state.velocity.nodes[some]
-            own_shares = grids.of(shares, batch, some)
-            grids.put(nodes, batch, some, self.start)
-            headed = _headed(nodes, velocity, path.samples[some], own_shares, duration)
-            grids.put(headed, batch, some, self.now)
+        def begin(part: tuple[int, slice]) -> None:
+            batch, some = part
+            first = int(grids.first[batch])
+            own = free[first + some.start : first + some.stop]
+            if not own.any():
+                return
+            state, path = self.old[batch].part(some), paths[batch].part(some)
+            put(states[batch].part(some), state, own)
+            carry_to(team.solvers[batch].model.held[some] & own, state, path)
+            chosen = slice(None) if own.all() else np.flatnonzero(own)
+            nodes, velocity = state.points.nodes[chosen], state.velocity.nodes[chosen]
+            bodies = some if own.all() else some.start + chosen
+            own_shares = grids.of(shares, batch, bodies)
+            grids.put(nodes, batch, bodies, self.start)
+            headed = _headed(nodes, velocity, path.samples[chosen], own_shares, duration)
+            grids.put(headed, batch, bodies, self.now)
 
-        team.for_each_batch(begin)
+        team.for_each_part(begin)
         self._acting: Held | None = None
         self._room = 0
         self.solves = np.zeros(grids.bodies, dtype=np.int64)

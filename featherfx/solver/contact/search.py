@@ -7,7 +7,8 @@ number of threads. Which pairs need no look (clearance_kernels) changes no conta
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ LEAST_POINTS, PIECES = 5_000, 20
 # contacts that threads put together beside each other, at the least
 MANY = 5_000
 
-ForEach = Callable[[Callable[[int], None], Iterable[int]], None]
+ForEach = Callable[[Callable[[Any], None], Iterable[Any]], None]
 
 
 class Found(NamedTuple):
@@ -159,14 +160,17 @@ class Searcher:
                 self._rooms[k] = new_touch(int(1.25 * counts[k, 0]))
 
         self._for_each(fit, pieces)
-        self._for_each(look, pieces)
+        meet, numbers = self._meeting(search, walls, every & anew.astype(np.int8))
+        # what takes longest first, and no waiting between
+        works = [partial(look, k) for k in pieces] + [partial(meet, k) for k in range(len(numbers))]
+        self._for_each(_call, works)
         self.looked_at = int(counts[:, 1].sum())
         # as with pairs, what is not stale keeps its contacts with walls
         kept = before.contacts[before.contacts["pair"] < 0]
         kept = kept[anew[kept["guest"]] == 0]
-        met = [kept, *self._met(search, walls, every & anew.astype(np.int8))]
         parts = [self._rooms[k][: counts[k, 0]] for k in pieces]
-        return self._joined([*parts, *met], new_touch() if room is None else room)
+        met = [self._on_walls[k][:count] for k, count in enumerate(numbers.tolist())]
+        return self._joined([*parts, kept, *met], new_touch() if room is None else room)
 
     def _near(self, stale: NDArray[np.bool_]) -> Bytes:
         """(B,) bodies that are stale, or may touch one that is."""
@@ -176,8 +180,11 @@ class Searcher:
         near[host[stale[guest]]] = True
         return near.astype(np.int8)
 
-    def _met(self, search: Search, walls: Sequence[Wall | Ground], free: Bytes) -> list[Touch]:
-        """Contacts with walls of bodies that are free (B,), wall after wall."""
+    def _meeting(
+        self, search: Search, walls: Sequence[Wall | Ground], free: Bytes
+    ) -> tuple[Callable[[int], None], Indices]:
+        """What finds contacts with walls of bodies that are free (B,), wall after wall, when it is
+        called with the number of a piece; and how many it finds in each."""
         pieces = len(self._rooms)
         while len(self._on_walls) < pieces * len(walls):
             self._on_walls.append(new_touch())
@@ -193,8 +200,7 @@ class Searcher:
                     break
                 self._on_walls[k] = new_touch(int(1.25 * counts[k]))
 
-        self._for_each(meet, range(len(counts)))
-        return [self._on_walls[k][:count] for k, count in enumerate(counts.tolist())]
+        return meet, counts
 
     def _joined(self, parts: Sequence[Touch], touch: Touch) -> Found:
         """The contacts of all parts, one after the other."""
@@ -220,7 +226,11 @@ def new_touch(count: int = FIRST_ROOM) -> Touch:
     return np.zeros(count, dtype=CONTACT)
 
 
-def _one_by_one(function: Callable[[int], None], numbers: Iterable[int]) -> None:
+def _call(work: Callable[[], None]) -> None:
+    work()
+
+
+def _one_by_one(function: Callable[[Any], None], numbers: Iterable[Any]) -> None:
     for number in numbers:
         function(number)
 

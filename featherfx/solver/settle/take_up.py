@@ -50,20 +50,19 @@ def take_up(
 SAME = 1e-9
 
 
-def carry_to(model: Model, state: State, path: RootPath, only: Flags | None = None) -> None:
-    """Move held feathers rigidly, in place, to where their paths begin.
+def carry_to(held: Flags, state: State, path: RootPath) -> None:
+    """Move held feathers (F,) rigidly, in place, to where their paths begin.
 
     A jump in no time is a cut in the animation, not a motion: taken as one it would throw the
     feather with its length over the step, and shorter steps would throw it harder. Velocities and
-    accelerations turn with the feather. Feathers that are there already are not touched. only:
-    (F,) those that are looked at, all by default.
+    accelerations turn with the feather. Feathers that are there already are not touched.
     """
     move = np.abs(path.samples[:, 0, :3] - state.centre[:, 0])
     near = np.abs(np.einsum("fk,fk->f", path.base, state.rotation[:, 0]))
     if move.max(initial=0.0) <= SAME and near.min(initial=1.0) >= 1.0 - 0.125 * SAME:
         return
-    cut = model.held & ((move.max(axis=1) > SAME) | (near < 1.0 - 0.125 * SAME))
-    for f in np.flatnonzero(cut if only is None else cut & only):
+    cut = held & ((move.max(axis=1) > SAME) | (near < 1.0 - 0.125 * SAME))
+    for f in np.flatnonzero(cut):
         _carry(int(f), state, path)
 
 

@@ -22,6 +22,10 @@ class RootPath(NamedTuple):
     samples: Array
     base: Array
 
+    def part(self, some: slice) -> RootPath:
+        """The paths of some feathers, the same memory."""
+        return RootPath(self.samples[some], self.base[some])
+
 
 def hold_roots(state: State) -> RootPath:
     """A path that keeps all roots where they are."""
