@@ -60,30 +60,58 @@ class Stencil(NamedTuple):
 
     def turn(self, samples: Array) -> Array:
         """(..., 3, 3) rotations between samples (n, ..., 3, 3)."""
+        return self._turned(samples, _ways(samples, self.middles))
+
+    def _turned(self, samples: Array, ways: Array) -> Array:
+        """The same, by the ways (2, n, ..., 3) from the knots in the middles."""
         before, after = (
-            samples[middle] @ vectors_to_frames(self._chart(samples, middle, weights))
-            for middle, weights in zip(self.middles, self.weights, strict=True)
+            samples[middle] @ vectors_to_frames(np.tensordot(weights, way, 1))
+            for middle, weights, way in zip(self.middles, self.weights, ways, strict=True)
         )
         way = rotation_vectors(np.swapaxes(before, -1, -2) @ after)
         return np.asarray(before @ vectors_to_frames(self.fraction * way))
 
-    def _chart(self, samples: Array, middle: int, weights: Array) -> Array:
-        vectors = rotation_vectors(np.swapaxes(samples[middle], -1, -2) @ samples)
-        return np.asarray(np.tensordot(weights, vectors, 1))
-
-    def matrix(self, samples: Array) -> Array:
-        """(..., 4, 4) affine maps of row vectors between samples (n, ..., 4, 4): place, stretch and
-        rotation each on its own."""
+    def apart(self, samples: Array) -> Maps:
+        """Affine maps (n, ..., 4, 4) of row vectors at the times, as `map` has them: for all times
+        between the same two knots."""
         if len(samples) == 1 or (samples == samples[0]).all():
-            return np.asarray(samples[0])
+            return Maps(samples, None)
         linear = samples[..., :3, :3]
         sign = np.where(np.linalg.det(linear) < 0.0, -1.0, 1.0)[..., None, None]
         turned = rotation_part(sign * linear)
-        stretch = self.value(linear @ np.swapaxes(turned, -1, -2))
+        stretch = linear @ np.swapaxes(turned, -1, -2)
+        return Maps(samples, (turned, stretch, _ways(turned, self.middles)))
+
+    def map(self, maps: Maps) -> Array:
+        """(..., 4, 4) between affine maps: place, stretch and rotation each on its own."""
+        samples, parts = maps
+        if parts is None:
+            return np.asarray(samples[0])
+        turned, stretch, ways = parts
         found = np.array(samples[0])
-        found[..., :3, :3] = stretch @ self.turn(turned)
+        found[..., :3, :3] = self.value(stretch) @ self._turned(turned, ways)
         found[..., 3, :3] = self.place(samples[..., 3, :3])
         return found
+
+    def matrix(self, samples: Array) -> Array:
+        """(..., 4, 4) between affine maps of row vectors (n, ..., 4, 4)."""
+        return self.map(self.apart(samples))
+
+
+class Maps(NamedTuple):
+    """Affine maps of row vectors at some knots. samples: (n, ..., 4, 4). parts: rotations and
+    stretches (n, ..., 3, 3), and the rotations' ways from the knots in the middles; None where all
+    are the same."""
+
+    samples: Array
+    parts: tuple[Array, Array, Array] | None
+
+
+def _ways(samples: Array, middles: tuple[int, int]) -> Array:
+    """(2, n, ..., 3) rad, of rotations (n, ..., 3, 3) from those in the middles."""
+    return np.stack(
+        [rotation_vectors(np.swapaxes(samples[each], -1, -2) @ samples) for each in middles]
+    )
 
 
 @dataclass(frozen=True)

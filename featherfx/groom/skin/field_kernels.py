@@ -88,3 +88,20 @@ def rotations(matrices, scratch, out):
             now[0] = float("nan")
             missing += 1
     return missing
+
+
+@kernel
+def has_flat(corners, thinnest):
+    """Whether any of triangles (U, 3, 3) is not finite, or has a height of no more than about
+    thinnest of its longest side."""
+    for u in range(corners.shape[0]):
+        a, b, c = corners[u, 0], corners[u, 1], corners[u, 2]
+        x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        p, q, r = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        k, m, n = y * r - z * q, z * p - x * r, x * q - y * p
+        last = (p - x) ** 2 + (q - y) ** 2 + (r - z) ** 2
+        longest = max(x * x + y * y + z * z, p * p + q * q + r * r, last)
+        # a little more than asked for, so that none is missed by round-off
+        if not k * k + m * m + n * n > (1.01 * thinnest * longest) ** 2:
+            return True
+    return False

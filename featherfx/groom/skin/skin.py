@@ -77,6 +77,15 @@ def is_flat(points: Array, triangles: Indices) -> Flags:
     return np.asarray(flat | (longest == 0.0))
 
 
+def may_be_flat(corners: Array) -> bool:
+    """Whether any of triangles (U, 3, 3) is flat, or not finite, or nearly so: what `is_flat` is to
+    be asked about."""
+    # what is only checked does without compiled code
+    from featherfx.groom.skin.field_kernels import has_flat
+
+    return bool(has_flat(corners, _THINNEST))
+
+
 def bind(
     roots: Array,
     points: Array,

@@ -10,7 +10,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.skin.search import search_tree
-from featherfx.groom.skin.skin import Binding, bound_before, closest, follow, is_flat
+from featherfx.groom.skin.skin import Binding, bound_before, closest, follow, is_flat, may_be_flat
 from featherfx.groom.types import FeatherKind, Groom
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.read.sources import MovingSurface
@@ -72,6 +72,8 @@ class BoundSkin:
         return RootFrames(positions, rotations)
 
     def _check(self, part: _Part, used: Array, code: float) -> None:
+        if not may_be_flat(used):
+            return
         corners = used[part.binding.own]
         own = np.arange(3 * len(corners)).reshape(-1, 3)
         bad = np.flatnonzero(

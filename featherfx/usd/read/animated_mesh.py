@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
-from featherfx.algebra.between import Knots
+from featherfx.algebra.between import Knots, Maps, Stencil
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.problems import Place, Problems
@@ -96,6 +96,7 @@ class AnimatedMesh(ScenePrim):
         self.knots: Knots | None = None
         self._poses: OrderedDict[float, _KnotPose] = OrderedDict()
         self._asked: OrderedDict[float, tuple[NDArray[Any], Array]] = OrderedDict()
+        self._maps: tuple[Any, Maps] | None = None
         self._rest_code = DEFAULT if rest is None else Usd.TimeCode(rest)
         self.rest = self._at_rest(rest is None)
         self._rest_sign = self._sign(self._rest_code)
@@ -110,6 +111,7 @@ class AnimatedMesh(ScenePrim):
             return self
         found = copy.copy(self)
         found.knots, found._poses, found._asked = knots, OrderedDict(), OrderedDict()
+        found._maps = None
         return found
 
     def corners(self, code: float, triangles: Indices) -> Array:
@@ -143,12 +145,22 @@ class AnimatedMesh(ScenePrim):
         stencil = self.knots.stencil(code)
         poses = [self._at_knot(time) for time in stencil.times.tolist()]
         matrix = stencil.matrix(np.stack([each.matrix for each in poses]))
-        points = stencil.points(np.stack([each.points for each in poses]))
+        if self._skinning is not None and all(each.points is poses[0].points for each in poses):
+            points = poses[0].points  # it skins what never moves
+        else:
+            points = stencil.points(np.stack([each.points for each in poses]))
         if self._skinning is None:
             return points, matrix
-        joints = stencil.matrix(np.stack([each.joints for each in poses]))
+        joints = stencil.map(self._joints(stencil, poses))
         weights = stencil.value(np.stack([each.weights for each in poses]))
         return self._skinning.posed(SkinPose(joints, weights, points)), matrix
+
+    def _joints(self, stencil: Stencil, poses: list[_KnotPose]) -> Maps:
+        """Those at the knots about a time; the last are kept."""
+        around = stencil.times.tolist(), stencil.middles
+        if self._maps is None or self._maps[0] != around:
+            self._maps = around, stencil.apart(np.stack([each.joints for each in poses]))
+        return self._maps[1]
 
     def _at_knot(self, time: float) -> _KnotPose:
         """As the scene has it at a knot; the last few are kept."""
@@ -159,6 +171,9 @@ class AnimatedMesh(ScenePrim):
                 pose = _NO_JOINTS._replace(points=local)
             else:
                 pose, prim = self._skinning.pose(code), self._skinning.space
+            last = next(reversed(self._poses.values()), None)
+            if last is not None and np.array_equal(last.points, pose.points):
+                pose = pose._replace(points=last.points)
             self._poses[time] = _KnotPose(*pose, self._scene.matrix(prim, code))
             if len(self._poses) > _KEPT:
                 self._poses.popitem(last=False)
