@@ -186,6 +186,7 @@ class ContactSolver:
         self._touching: tuple[Indices, ByBody] | None = None
         self._free = np.ones(bodies, dtype=np.bool_)
         self.memory = no_memory(self.surfaces)
+        self._searched: Array | None = None
         self.found, self._spare = Found(new_touch(), 0), new_touch()
         self._listed = ByBody(np.zeros(bodies + 1, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
@@ -238,9 +239,9 @@ class ContactSolver:
             soft[yielding] = 1
         before, forces = Found(new_touch(1), 0), np.zeros(self.grids.bodies)
         margin, off = self._margin.copy(), np.zeros(self.grids.bodies)
-        moved = np.zeros(self.grids.bodies)
+        moved, searched = np.zeros(self.grids.bodies), self._searched_room(run.now)
         for number in range(SEARCHES):
-            searched = run.now.copy()
+            np.copyto(searched, run.now)
             looked = stale if number else free
             self._find(run, walls, (memory, before), looked, margin, (turns, number > 0))
             if yielding is not None:
@@ -275,6 +276,13 @@ class ContactSolver:
         )
         run.finish()
         return run.new, run.reports(), report
+
+    def _searched_room(self, like: Array) -> Array:
+        """Room for where contacts were searched, which is written over in every interval: new
+        memory takes the system as long as what is done with it."""
+        if self._searched is None:
+            self._searched = np.empty_like(like)
+        return self._searched
 
     def _tear(self, states: Sequence[State]) -> None:
         """Take the surfaces as the gaps of the states leave them."""

@@ -22,8 +22,9 @@ def meeting(low: Array, high: Array) -> Indices:
     if count > len(found):
         found = np.zeros((count, 2), dtype=np.int64)
         _meeting(order, low, high, found)
-    pairs = found[:count]
-    return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
+    # as one number each, which sorts many times as fast
+    codes = np.sort(found[:count, 0] * len(low) + found[:count, 1])
+    return np.stack(np.divmod(codes, max(len(low), 1)), axis=1)
 
 
 def joined(parts: Indices, low: Array, high: Array) -> Indices:

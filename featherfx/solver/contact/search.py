@@ -166,8 +166,7 @@ class Searcher:
         self._for_each(_call, works)
         self.looked_at = int(counts[:, 1].sum())
         # as with pairs, what is not stale keeps its contacts with walls
-        kept = before.contacts[before.contacts["pair"] < 0]
-        kept = kept[anew[kept["guest"]] == 0]
+        kept = _on_walls_still(before.contacts, anew)
         parts = [self._rooms[k][: counts[k, 0]] for k in pieces]
         met = [self._on_walls[k][:count] for k, count in enumerate(numbers.tolist())]
         return self._joined([*parts, kept, *met], new_touch() if room is None else room)
@@ -214,6 +213,14 @@ class Searcher:
         for_each = self._for_each if first[-1] > MANY else _one_by_one
         for_each(put, range(len(parts)))
         return Found(touch, first[-1])
+
+
+def _on_walls_still(contacts: Touch, anew: NDArray[np.bool_]) -> Touch:
+    """Contacts with walls of bodies that are not searched anew (B,)."""
+    if anew.all():
+        return contacts[:0]
+    walls = np.flatnonzero(contacts["pair"] < 0)
+    return contacts[walls[~anew[contacts["guest"][walls]]]]
 
 
 def _copy(contacts: Touch, to: Touch) -> None:
