@@ -7,7 +7,8 @@ a, x_t and c, x_v come from the time integrator (featherfx/solver/step/integrato
 make the acceleration a (x - x_t) and the velocity c (x - x_v). m mass, g gravity, f dead load,
 k, x_g and s stiffness, target and slack of a grip.
 
-Air drag, with u = v - wind and n the unit normal of the vane around the point, S its area there:
+Air drag, with u = v - wind and n the unit normal of the vane around the point, S its area there
+(air_kernels.py):
 
     D = 1/2 rho S (C_n |u.n|^3 / 3 + C_t |u0| |u - (u.n) n|^2 / 2)
 
@@ -16,88 +17,16 @@ the small tangential part are those of the predicted pose. D is convex in v: a s
 stiffness to a step and never makes it unstable. Unequal C_n and C_t push sideways, as a wing.
 """
 
-from featherfx.algebra.angle_kernels import cosine
 from featherfx.algebra.vec3_kernels import (
     accumulate,
-    add,
     combined,
     dot,
     length,
-    normal_of,
     scale,
     store,
     sub,
 )
-from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.row_kernels import node_index
-
-
-@kernel
-def wind_at(loads, f, time, point):
-    """Wind velocity at one point near feather f (m/s)."""
-    wave, amplitude, mean = loads.wind_wave, loads.wind_amplitude, loads.wind_mean[f]
-    x, y, z = wave[0], wave[1], wave[2]
-    a, b, c = amplitude[0], amplitude[1], amplitude[2]
-    u, v, w = mean[0], mean[1], mean[2]
-    for k in range(loads.wind_rate.size):
-        angle = x[k] * point[0] + y[k] * point[1] + z[k] * point[2]
-        gust = cosine(angle - loads.wind_rate[k] * time + loads.wind_phase[k])
-        u, v, w = u + gust * a[k], v + gust * b[k], w + gust * c[k]
-    return u, v, w
-
-
-@kernel
-def sample_wind(loads, f, time, points, wind):
-    """Wind at the nodes, points (n, 1 + 2 m, 3), written to wind (n, 1 + 2 m, 3).
-
-    Gusts are sampled at the rachis and at both ends of a row and run linearly between.
-    """
-    columns = points.shape[1] // 2
-    for i in range(points.shape[0]):
-        middle = wind_at(loads, f, time, points[i, 0])
-        store(wind[i, 0], middle)
-        for side in range(2 if columns > 0 else 0):
-            end = middle
-            if loads.wind_rate.shape[0] > 0:
-                end = wind_at(loads, f, time, points[i, columns * (side + 1)])
-            for j in range(columns):
-                along = scale((j + 1.0) / columns, sub(end, middle))
-                store(wind[i, node_index(side, j + 1, columns)], add(middle, along))
-
-
-@kernel
-def area_vectors(points, cell_stiffness, area):
-    """Vane area around each node times its normal, written to area (n, 1 + 2 m, 3), m^2.
-
-    points: nodes. cell_stiffness: (2, n-1, m, 2, 2) tells which triangles exist.
-    """
-    area[:] = 0.0
-    columns = cell_stiffness.shape[2]
-    for side in range(2):
-        sign = 1.0 / 6.0 if side == 0 else -1.0 / 6.0
-        for i in range(cell_stiffness.shape[1]):
-            for j in range(columns):
-                near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-                for half in range(2):
-                    if cell_stiffness[side, i, j, half, 0] == 0.0:
-                        continue
-                    ia, ka, ib, kb, ic, kc = i, near, i, far, i + 1, near
-                    if half == 1:
-                        ia, ka, ib, kb, ic, kc = i, far, i + 1, far, i + 1, near
-                    third = scale(-sign, normal_of(points[ia, ka], points[ib, kb], points[ic, kc]))
-                    accumulate(area[ia, ka], 1.0, third)
-                    accumulate(area[ib, kb], 1.0, third)
-                    accumulate(area[ic, kc], 1.0, third)
-
-
-@shared_kernel(None)
-def blow(points, time, loads, f, velocity, cell_stiffness, around):
-    """Wind, vane areas and speeds through the air at the predicted nodes of feather f."""
-    sample_wind(loads, f, time, points, around.wind)
-    area_vectors(points, cell_stiffness, around.area)
-    for i in range(points.shape[0]):
-        for p in range(points.shape[1]):
-            around.speed[i, p] = length(sub(velocity[i, p], around.wind[i, p]))
+from featherfx.jit.compiled import kernel
 
 
 @kernel
@@ -131,7 +60,8 @@ def node_energy(model, loads, f, factors, points, around):
     """Energy of inertia, gravity and drag of feather f (J).
 
     factors: a (1/s^2) and c (1/s; 0: no drag) of the integrator. points: (n, 1 + 2 m, 3) x. around:
-    x_t, x_v, and wind, areas and speeds of `blow`.
+    x_t, x_v, and wind, areas and speeds of
+    `blow`.
     """
     total = 0.0
     inertia, rate = factors.inertia, factors.rate

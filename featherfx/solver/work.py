@@ -50,7 +50,7 @@ class Surroundings(NamedTuple):
     """What a step's energy is measured against.
 
     target, past: of the integrator. reference: strains that damping pulls towards. gaps: at the
-    step's start. Of the nodes (node_kernels): wind (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2,
+    step's start. Of the nodes (air_kernels): wind (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2,
     speed (n, 1 + 2 m) m/s.
     """
 

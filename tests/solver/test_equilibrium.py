@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, random_pose, rod
 
+from featherfx.mechanics.air_kernels import vane_areas
 from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.node_kernels import area_vectors
 from featherfx.solver.settle.settle_kernels import DEPTH, make_mixing, mix
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.status import CONVERGED, NO_REST
@@ -120,7 +120,7 @@ def test_a_feather_at_rest_in_wind_balances_the_pressure_on_its_own_pose(wind):
     assert status[0] == 0
     points, pressure = settled.points.nodes[0], np.zeros_like(settled.points.nodes)
     area = np.zeros_like(points)
-    area_vectors(points, model.cell_stiffness[0], area)
+    vane_areas(model, 0, points, area, np.zeros_like(points), np.zeros(points.shape[:2]))
     speed = np.linalg.norm(wind)
     for i, p in np.ndindex(points.shape[:2]):
         size = np.linalg.norm(area[i, p])

@@ -18,8 +18,8 @@ from featherfx.lab.nodal.model import NodalModel
 from featherfx.lab.nodal.newton_kernels import Minimiser, evaluate, move_by, nodal_minimise
 from featherfx.lab.nodal.state import NodalState, NodalWork, make_nodal_work
 from featherfx.lab.nodal.step_kernels import NodalFrame, keep_state, load_state, nodal_advance
+from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.model import Loads, Model, wind_of_each
-from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.settle.settle_kernels import FIRST, GROWTH, SHORTEST, STATIC, STEPS
 from featherfx.solver.solver import HARD, RootPath, Settings, StepReport, step_settings
 from featherfx.solver.state import no_steps
@@ -55,7 +55,7 @@ def nodal_settle(
             held.assign(now.points)
         if loads.air[0] > 0.0:
             time, still = state.time[f], state.velocity.nodes[f]
-            blow(now.points.nodes, time, loads, f, still, model.cell_stiffness[f], around)
+            blow(now.points.nodes, time, loads, f, still, model, around)
         factors = Factors(1.0 / (h * h), 1.0 / h, 0.0)
         solved = nodal_minimise(model, nodal, loads, f, fraction, factors, method, work)
         status, iterations = solved.status, iterations + solved.iterations

@@ -15,7 +15,7 @@ from featherfx.algebra.rotation_kernels import (
 from featherfx.algebra.vec3_kernels import accumulate, add, over, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.newton_kernels import Minimiser, gather, nodal_minimise, set_directors
-from featherfx.mechanics.node_kernels import blow
+from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.energy_promise_kernels import Promise
@@ -137,8 +137,8 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
     gather(nodal.present[f], now.points.nodes)
     set_directors(now)
     if loads.air[0] > 0.0:
-        velocity, cells = state.velocity.nodes[f], model.cell_stiffness[f]
-        blow(now.points.nodes, state.time[f] + h, loads, f, velocity, cells, around)
+        velocity = state.velocity.nodes[f]
+        blow(now.points.nodes, state.time[f] + h, loads, f, velocity, model, around)
     method = integrator_of(attempt.spectral_radius, h)
     return Factors(method.inertia, method.rate, weights[2] / h)
 

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.array_kernels import copy_values
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.node_kernels import blow
+from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED
@@ -168,7 +168,7 @@ def _keep(model, f, state, work):
 def _feel_wind(model, loads, f, state, work):
     """Wind, areas and speeds at the pose now."""
     time, still = state.time[f], state.velocity.nodes[f]
-    blow(work.now.points.nodes, time, loads, f, still, model.cell_stiffness[f], work.around)
+    blow(work.now.points.nodes, time, loads, f, still, model, work.around)
 
 
 @kernel

@@ -11,7 +11,7 @@ from featherfx.algebra.rotation_kernels import (
 )
 from featherfx.algebra.vec3_kernels import add, over, scale, store, sub
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.node_kernels import blow
+from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, GREW, TOO_MUCH_WORK
@@ -177,7 +177,7 @@ def _predict(model, loads, f, path, attempt, state, work):
     if loads.air[0] > 0.0:
         place_points(model, f, now)
         time, velocity = state.time[f] + h, state.velocity.nodes[f]
-        blow(now.points.nodes, time, loads, f, velocity, model.cell_stiffness[f], around)
+        blow(now.points.nodes, time, loads, f, velocity, model, around)
     method = integrator_of(radius, h)
     return Factors(method.inertia, method.rate, weights[2] / h)
 

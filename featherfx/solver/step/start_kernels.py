@@ -6,7 +6,7 @@ from typing import NamedTuple
 from featherfx.algebra.rotation_kernels import conjugate, multiply, rotate, store_rotation
 from featherfx.algebra.vec3_kernels import add, dot, store, sub
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.node_kernels import blow
+from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of
 from featherfx.solver.step.integrator_kernels import Factors
@@ -98,7 +98,7 @@ def _accelerate(model, loads, f, path, span, state, work, to):
     if loads.air[0] > 0.0:
         copy_points(points, now.points)
         time = state.time[f] + h
-        blow(now.points.nodes, time, loads, f, velocity.nodes, model.cell_stiffness[f], around)
+        blow(now.points.nodes, time, loads, f, velocity.nodes, model, around)
     goal = Goal(0.0, span.limit, UNKNOWN, True)
     minimise(model, loads, f, 0.0, _factors(h), goal, work)
     _rates_of(now.points, around.target, h * h, to)

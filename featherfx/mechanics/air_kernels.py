@@ -1,0 +1,167 @@
+"""The air around a vane: wind at its nodes, and the areas and normals that it presses on.
+
+What presses on a place of a vane is air that flows around a stretch of it about as long as the vane
+is wide, not what a wave of a few barbs would turn aside for itself. With the normals of the surface
+a wave of wave number k, over which the wind goes along the shaft at U, is fed by
+
+    rho C_n |u.n| U k
+
+a square metre and metre of its height: the shorter, the more, and nothing but the vane's bending
+across its barbs holds it, nothing where they are loose. A plume then flutters in waves of 17 mm on
+grids that have them (docs/log.md). So normals n are evened out along the shaft (arc length s),
+
+    n' - d/ds (l^2 dn'/ds) = n,     dn'/ds = 0 at both ends of the vane,
+
+and scaled to length 1, with l = EVEN times the barb's length: waves as long as the barbs keep half
+of their slope, longer ones nearly all, shorter ones less by the square. A vane that is straight
+along the shaft keeps its normals. The area of a place is what is seen of it along n'.
+"""
+
+from featherfx.algebra.angle_kernels import cosine
+from featherfx.algebra.vec3_kernels import (
+    accumulate,
+    add,
+    combined,
+    dot,
+    length,
+    normal_of,
+    scale,
+    store,
+    sub,
+)
+from featherfx.jit.compiled import kernel, shared_kernel
+from featherfx.mechanics.row_kernels import node_index
+
+# of a barb's length: 1 / (2 pi), so that a wave as long as the barb keeps half of its slope
+EVEN = 0.16
+
+
+@kernel
+def wind_at(loads, f, time, point):
+    """Wind velocity at one point near feather f (m/s)."""
+    wave, amplitude, mean = loads.wind_wave, loads.wind_amplitude, loads.wind_mean[f]
+    x, y, z = wave[0], wave[1], wave[2]
+    a, b, c = amplitude[0], amplitude[1], amplitude[2]
+    u, v, w = mean[0], mean[1], mean[2]
+    for k in range(loads.wind_rate.size):
+        angle = x[k] * point[0] + y[k] * point[1] + z[k] * point[2]
+        gust = cosine(angle - loads.wind_rate[k] * time + loads.wind_phase[k])
+        u, v, w = u + gust * a[k], v + gust * b[k], w + gust * c[k]
+    return u, v, w
+
+
+@kernel
+def sample_wind(loads, f, time, points, wind):
+    """Wind at the nodes, points (n, 1 + 2 m, 3), written to wind (n, 1 + 2 m, 3).
+
+    Gusts are sampled at the rachis and at both ends of a row and run linearly between.
+    """
+    columns = points.shape[1] // 2
+    for i in range(points.shape[0]):
+        middle = wind_at(loads, f, time, points[i, 0])
+        store(wind[i, 0], middle)
+        for side in range(2 if columns > 0 else 0):
+            end = middle
+            if loads.wind_rate.shape[0] > 0:
+                end = wind_at(loads, f, time, points[i, columns * (side + 1)])
+            for j in range(columns):
+                along = scale((j + 1.0) / columns, sub(end, middle))
+                store(wind[i, node_index(side, j + 1, columns)], add(middle, along))
+
+
+@kernel
+def area_vectors(points, cell_stiffness, area):
+    """Vane area around each node times its normal, written to area (n, 1 + 2 m, 3), m^2.
+
+    points: nodes. cell_stiffness: (2, n-1, m, 2, 2) tells which triangles exist.
+    """
+    area[:] = 0.0
+    columns = cell_stiffness.shape[2]
+    for side in range(2):
+        sign = 1.0 / 6.0 if side == 0 else -1.0 / 6.0
+        for i in range(cell_stiffness.shape[1]):
+            for j in range(columns):
+                near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+                for half in range(2):
+                    if cell_stiffness[side, i, j, half, 0] == 0.0:
+                        continue
+                    ia, ka, ib, kb, ic, kc = i, near, i, far, i + 1, near
+                    if half == 1:
+                        ia, ka, ib, kb, ic, kc = i, far, i + 1, far, i + 1, near
+                    third = scale(-sign, normal_of(points[ia, ka], points[ib, kb], points[ic, kc]))
+                    accumulate(area[ia, ka], 1.0, third)
+                    accumulate(area[ib, kb], 1.0, third)
+                    accumulate(area[ic, kc], 1.0, third)
+
+
+@kernel
+def _joined(model, f, side, i):
+    """l^2 over the distance of rows i and i + 1 (m); 0 where one of them has no barb."""
+    if i < 0 or i >= model.length.shape[1]:
+        return 0.0
+    reach = EVEN * model.joints.shape[3]
+    here, there = model.segment[f, side, i], model.segment[f, side, i + 1]
+    return reach * reach * here * there / model.length[f, i]
+
+
+@kernel
+def _stands_for(model, f, i):
+    """Length of shaft that row i stands for (m)."""
+    own = 0.5 * model.length[f, i - 1] if i > 0 else 0.0
+    return own + 0.5 * model.length[f, i] if i < model.length.shape[1] else own
+
+
+@kernel
+def _even_out(model, f, side, p, area, room, passed_on):
+    """Areas of one column of nodes, along the vane's normals evened out along the shaft.
+
+    The rows' equations are a tridiagonal system, solved from the base to the tip and back.
+    area: (n, 1 + 2 m, 3), written. room: the same, scratch. passed_on: (n, 1 + 2 m), scratch.
+    """
+    rows, before, share = area.shape[0], (0.0, 0.0, 0.0), 0.0
+    for i in range(rows):
+        store(room[i, p], area[i, p])
+        size = length(area[i, p])
+        own = _stands_for(model, f, i) if size > 0.0 else 0.0
+        below, above = _joined(model, f, side, i - 1), _joined(model, f, side, i)
+        whole = own + above + below * (1.0 - share)
+        if whole > 0.0:
+            of_own = own / (whole * size) if size > 0.0 else 0.0
+            before = combined(of_own, area[i, p], below / whole, before)
+            share = above / whole
+        else:
+            before, share = (0.0, 0.0, 0.0), 0.0
+        store(area[i, p], before)
+        passed_on[i, p] = share
+    after = (0.0, 0.0, 0.0)
+    for k in range(rows):
+        i = rows - 1 - k
+        after = combined(1.0, area[i, p], passed_on[i, p], after)
+        square = dot(after, after)
+        seen = abs(dot(room[i, p], after)) / square if square > 0.0 else 0.0
+        store(area[i, p], scale(seen, after))
+
+
+@kernel
+def vane_areas(model, f, points, area, room, passed_on):
+    """Area of the vane around each node, seen along its normal there, times that normal.
+
+    area: (n, 1 + 2 m, 3) m^2, written; the shaft's own nodes have the normals of the surface. room:
+    the same, scratch. passed_on: (n, 1 + 2 m), scratch.
+    """
+    area_vectors(points, model.cell_stiffness[f], area)
+    columns = points.shape[1] // 2
+    for side in range(2):
+        for j in range(columns):
+            _even_out(model, f, side, node_index(side, j + 1, columns), area, room, passed_on)
+
+
+@shared_kernel(None)
+def blow(points, time, loads, f, velocity, model, around):
+    """Wind, vane areas and speeds through the air at the predicted nodes of feather f."""
+    # wind and speeds are not known yet: room for the areas
+    vane_areas(model, f, points, around.area, around.wind, around.speed)
+    sample_wind(loads, f, time, points, around.wind)
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            around.speed[i, p] = length(sub(velocity[i, p], around.wind[i, p]))
