@@ -19,7 +19,7 @@ THICKNESS = 5e-4
 LAST = 4
 
 
-def pressed(level: str, obstacles: bool = True) -> Shot:
+def pressed(level: str, obstacles: bool = True, steps: int = 0) -> Shot:
     """A feather 4 mm over another one at a level of detail, in a wind from above that the guide of
     that, 0.3 m aside, is sheltered from; roots swing together."""
     shot = in_line(3, np.array([0.0, 0.0, 0.004]), LAST, rows=11)
@@ -34,7 +34,7 @@ def pressed(level: str, obstacles: bool = True) -> Shot:
         groom=replace(shot.groom, feathers=feathers),
         details=(Detail(feathers="beneath", level=level, every=0),),
         shelters=(Shelter(feathers="guide", share=1.0),),
-        contact=Contact(THICKNESS, obstacles=obstacles),
+        contact=Contact(THICKNESS, steps=steps, obstacles=obstacles),
         wind=replace(shot.wind, speed=6.0, direction=np.array([0.0, 0.0, -1.0]), gust=0.0),
     )
 
@@ -60,9 +60,15 @@ def test_what_is_not_simulated_holds_what_is_pressed_onto_it(level):
     assert contact["worst_depth"] < 0.2 * THICKNESS
     # between the places where it was looked for, a guided one behind its guide by a step
     assert min(gaps(frames)) > 0.8 * THICKNESS
-    # and is moved by nothing, but that its guide takes other steps
+
+
+@pytest.mark.parametrize("level", ["rigid", "guided"])
+def test_nothing_moves_an_obstacle(level):
+    """In steps of a length: where steps are chosen, the guide takes those that contact asks for."""
+    frames, without = (list(simulate(pressed(level, on, 16), 1)) for on in (True, False))
     for frame, other in zip(frames, without, strict=True):
-        assert np.abs(frame.points[1] - other.points[1]).max() < 1e-3
+        assert np.array_equal(frame.points[1], other.points[1])
+    assert min(gaps(without)) < 0.0 < np.abs(frames[-1].points[0] - without[-1].points[0]).max()
 
 
 def test_a_rigid_obstacle_holds_the_same_way_however_soft_it_is():

@@ -25,6 +25,7 @@ from featherfx.solver.contact.move_kernels import largest_moves
 from featherfx.solver.contact.run import Run, Team, islands_before, no_colours
 from featherfx.solver.contact.search import Found, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
+    NEAR_ROOT_OF_LED,
     WALL_FIT,
     as_torn,
     carried_mass,
@@ -61,8 +62,6 @@ FIT = 8.0
 FAR = 0.5
 # stiffness of contacts that yield, over what it would be
 SOFT = 1e-2
-# N/m, of what is led and gives way to nothing; weights of corners, and sums, have to stay finite
-RIGID = 1e150
 # Newton iterations of one solve of a feather; one that needs more gets a shorter interval
 MOST_ITERATIONS = 1000
 # searches for contacts in one interval: the poses at its end are not known before; margin of the
@@ -174,6 +173,8 @@ class ContactSolver:
         self.grids = grids_of(models)
         self.surfaces = self._whole = surfaces_of(models, self.grids, halves)
         self._elastic = self.grids.together([elastic_stiffness(model) for model in models])
+        firm = [elastic_stiffness(model, NEAR_ROOT_OF_LED) for model in models]
+        self._firm = self.grids.together(firm)
         self._mass = self.grids.together([carried_mass(model) for model in models])
         bodies = self.grids.bodies
         widest = max(self.solvers, key=lambda solver: solver.jobs)
@@ -347,12 +348,13 @@ class ContactSolver:
         """Search for contacts of stale bodies, those known before hold on for others; the room
         grows. margin: of Search; manner: turns and again (Search)."""
         settings, (memory, before), (turns, again) = self.settings, known, manner
-        impedance = FIT * (self._inertia(run.duration) * self._mass + self._elastic)
-        impedance[~self._free] = RIGID
+        inertia = self._inertia(run.duration) * self._mass
+        bodies = moving_bodies(run.start, run.now, FIT * (inertia + self._elastic))
+        firm, led = FIT * (inertia + self._firm), (~self._free).astype(np.int8)
         self._found_in = memory._replace(inside=memory.inside.copy())
         search = Search(
             self.surfaces,
-            moving_bodies(run.start, run.now, impedance),
+            bodies._replace(firm=firm, led=led),
             self._found_in,
             margin,
             settings.margin,

@@ -20,6 +20,9 @@ from featherfx.solver.contact.search_kernels import guest_place, side_normal
 LEAST_WEIGHT = 1e-6
 # stiffness of a contact that presses with the force it had, over its own
 GENTLE = 1e-2
+# contacts that press from opposite sides: cosine between their normals, and how many rows they are
+# apart, at most
+OPPOSED, BESIDE = -0.5, 1
 
 
 @kernel
@@ -130,6 +133,41 @@ def residual(body, touch, listed, soft, thinnest):
         mismatch = abs(contact.guest_force - contact.host_force) / contact.stiffness
         worst = max(worst, max(wrong, mismatch) * thinnest / contact.thickness)
     return worst, depth
+
+
+@kernel
+def _row_and_sign(contact, body):
+    """The row at which a contact presses a body, and the sign of its normal there."""
+    if contact.guest == body:
+        return contact.row, 1.0
+    return contact.corner[0, 0], -1.0
+
+
+@kernel
+def _is_opposed(contact, body, touch, listed, mine):
+    """Whether what is led presses a body about where a contact does, from the other side."""
+    row, sign = _row_and_sign(contact, body)
+    for at in range(listed.first[body], listed.first[body + 1]):
+        other = touch[listed.items[at]]
+        there, sense = _row_and_sign(other, body)
+        if abs(there - row) > BESIDE or other.gap > 0.0 or not is_led(other, body, mine):
+            continue
+        if sign * sense * dot(contact.normal, other.normal) < OPPOSED:
+            return True
+    return False
+
+
+@kernel
+def share_pinch(body, touch, listed, mine, tolerance):
+    """Spare a body what it lacks of contacts with what is led that pinch it: neither side gives
+    way, so each keeps the depth at which their springs balance. tolerance: m, of the least gap."""
+    for at in range(listed.first[body], listed.first[body + 1]):
+        contact = touch[listed.items[at]]
+        if contact.gap >= -tolerance or not is_led(contact, body, mine):
+            continue
+        if _is_opposed(contact, body, touch, listed, mine):
+            contact.spared -= contact.gap
+            contact.gap = 0.0
 
 
 @kernel

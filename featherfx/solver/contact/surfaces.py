@@ -30,6 +30,9 @@ WALL_FIT = 2.0
 # part of the shaft within which the clamp at its root makes contacts no stiffer: there, gaps of
 # nanometres would switch forces that Newton then hunts for, and a feather that flies has no clamp
 NEAR_ROOT = 0.4
+# the same where the other body is led: there a spring as soft as the node farther out closes a few
+# hundredths of its gap in a round
+NEAR_ROOT_OF_LED = 0.2
 # depth, over the feather's length, beyond which a point counts as on the other side of something
 # else; how much farther barbs' tips are apart than rows, over the barbs' length
 DEEPEST, FAN = 0.1, 0.3
@@ -169,7 +172,7 @@ def _far(model: Model) -> Array:
 
 
 def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
-    """Bodies (B, n, 1 + 2 m, 3) whose boxes are yet to be fitted."""
+    """Bodies (B, n, 1 + 2 m, 3) whose boxes are yet to be fitted, none of them led."""
     bodies, rows = start.shape[:2]
     return MovingBodies(
         start=start,
@@ -177,6 +180,8 @@ def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
         boxes=np.zeros((bodies, rows, 6)),
         bounds=np.zeros((bodies, 6)),
         impedance=impedance,
+        firm=impedance,
+        led=np.zeros(bodies, dtype=np.int8),
         way=np.zeros(bodies),
         swing=np.zeros(bodies),
         slab=np.zeros((bodies, 5)),
@@ -194,18 +199,20 @@ def _guests(present: Bytes, columns: Indices) -> Bytes:
     return np.concatenate([present, *parts], axis=2)
 
 
-def elastic_stiffness(model: Model) -> Array:
+def elastic_stiffness(model: Model, near_root: float = NEAR_ROOT) -> Array:
     """(F, n, 1 + 2 m) N/m, how stiff a feather is at its nodes, apart from inertia.
 
     Between that of a single force, 3 B / s^3 on a barb at s from its root, and that of a force on
     all nodes of the barb, 8 B / (L^3 m): their geometric mean; shaft and barb in series. Of the
-    shaft, 3 B / s^3 from NEAR_ROOT of its length on, and as there before.
+    shaft, 3 B / s^3 from near_root of its length on, and as there before; what is not held at its
+    root has no clamp, and is no stiffer than at NEAR_ROOT.
     """
     m, count = model.columns, model.coefficients
     station = np.cumsum(model.length, axis=1)
     bending = (model.rachis_stiffness[:, :, 4:] * model.length[:, :, None]).min(axis=2)
     shaft = np.full(model.mass.shape[:2], np.inf)
-    near = np.maximum(station, NEAR_ROOT * station[:, -1:])
+    clamped = np.where(model.held, near_root, NEAR_ROOT)
+    near = np.maximum(station, clamped[:, None] * station[:, -1:])
     shaft[:, 1:] = 3.0 * bending[:, :1] / near**3
     shaft[:, 0] = shaft[:, 1]
     stiffness = np.repeat(shaft[:, :, None], 1 + 2 * m, axis=2)

@@ -24,6 +24,7 @@ from featherfx.solver.contact.list_kernels import (
     is_pressed,
     measure,
     residual,
+    share_pinch,
     update,
 )
 from featherfx.solver.contact.types import Array, ByBody, Bytes, Handing, Indices
@@ -37,6 +38,8 @@ from featherfx.solver.work import Kept, Work
 BEGUN = -1.0
 # contacts, and bodies, that a thread takes at a time
 CONTACTS, BODIES = 1024, 64
+# rounds after which what pinches a body shares the depth that is left
+PATIENCE = 4
 # what a team takes tickets for: two kinds, in turns
 KINDS = 2
 
@@ -289,33 +292,35 @@ def _measure(team, size, kind, sweep):
 
 
 @kernel
-def _look(body, first, sweep):
-    """How far the contacts of a body are off, and whether it is solved again. first: whether
-    nothing is solved yet."""
+def _look(body, number, sweep):
+    """How far the contacts of a body are off after so many rounds, and whether it is solved
+    again."""
     marks = sweep.marks
     marks.active[body] = 0
     if marks.mine[body] == 0 or sweep.islands.open[marks.island[body]] == 0:
         return
     if marks.moved[body] != 0:
         marks.moved[body] = 0
+        if number >= PATIENCE:
+            share_pinch(body, sweep.touch, sweep.listed, marks.mine, sweep.rules.tolerance)
         worst, depth = residual(body, sweep.touch, sweep.listed, marks.soft, sweep.rules.thinnest)
         marks.worst[body], marks.depth[body] = worst, depth
     again = marks.worst[body] > sweep.rules.tolerance
-    if first:
+    if number == 0:
         again = again or marks.fresh[body] != 0
     marks.active[body] = 1 if again else 0
 
 
 @kernel
-def _judge(team, size, kind, first, sweep):
-    """How far the contacts of each body are off. first: as of _look."""
+def _judge(team, size, kind, number, sweep):
+    """How far the contacts of each body are off after so many rounds."""
     bodies = sweep.marks.mine.shape[0]
     while True:
         low = BODIES * ticket(team, kind)
         if low >= bodies:
             break
         for body in range(low, min(low + BODIES, bodies)):
-            _look(body, first, sweep)
+            _look(body, number, sweep)
 
 
 @kernel
@@ -352,7 +357,7 @@ def _solve_alone(island, thread, sweep):
     low, high = islands.first[island], islands.first[island + 1]
     while True:
         for at in range(low, high):
-            _look(islands.bodies[at], number == 0, sweep)
+            _look(islands.bodies[at], number, sweep)
         _close(island, number, sweep)
         if islands.open[island] == 0:
             return
@@ -383,7 +388,7 @@ def solve_rounds(thread, team, size, sweep):
         kind = 1 - kind
         if thread == 0:
             forget_tickets(team, 1 - kind)
-        _judge(team, size, kind, number == 0, sweep)
+        _judge(team, size, kind, number, sweep)
         meet(team, size)
         kind = 1 - kind
         if thread == 0:

@@ -48,16 +48,18 @@ class VaneSurfaces(NamedTuple):
 class MovingBodies(NamedTuple):
     """B bodies in an interval. start: (B, n, 1 + 2 m, 3) m, nodes at its begin; ahead: where they
     will be about its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance:
-    (B, n, 1 + 2 m) N/m, of led bodies more than of any other. way: (B,) m, farthest that a node
-    goes; swing: (B,) m, beyond its root. slab: (B, 5), a normal and the lowest and highest along
-    it, m, of all nodes ahead, between which no triangle is turned over; endless where there is
-    none."""
+    (B, n, 1 + 2 m) N/m; firm: the same towards what is led; led: (B,) whether a body is. way: (B,)
+    m, farthest that a node goes; swing: (B,) m, beyond its root. slab: (B, 5), a normal and the
+    lowest and highest along it, m, of all nodes ahead, between which no triangle is turned over;
+    endless where there is none."""
 
     start: Array
     ahead: Array
     boxes: Array
     bounds: Array
     impedance: Array
+    firm: Array
+    led: Bytes
     way: Array
     swing: Array
     slab: Array
