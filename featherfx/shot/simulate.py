@@ -43,6 +43,7 @@ from featherfx.shot.groups import (
 )
 from featherfx.shot.hooks import Hooks
 from featherfx.shot.islands import with_pushing
+from featherfx.shot.layers.crossed import warn_of_crossed
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
 from featherfx.shot.loads.types import Grip
@@ -103,6 +104,8 @@ class Simulation:
         self.feathers: tuple[Feather, ...] = tuple(drawn[f] for f in self._wanted)
         self._layers = Layers(shot, drawn, self._wanted, jobs) if shot.layers else None
         computed = self._layers.needed if self._layers else self._wanted
+        if self._layers and shot.contact is None:
+            warn_of_crossed(shot, drawn, computed, self._layers.stack)
         plan = level_plan(shot, drawn, motion)
         refuse_other_shapes(shot, drawn, plan.resolutions, motion)
         warn_of_unfelt(shot, plan.resolutions)

@@ -361,7 +361,7 @@ def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
             f"contact: feathers '{first['feather']}' and '{first['other']}' pass through each other"
             f" at rest, by {1e3 * first['depth']:.2g} mm"
             + (f", and so do {more} more pairs" if more else "")
-            + "; nothing tells which is over which, so contact leaves them crossed: move or turn"
+            + "; nothing tells which is over which, so nothing pushes them apart: move or turn"
             f" one, or {helps}",
             InputWarning,
             stacklevel=2,
