@@ -92,7 +92,7 @@ def over_the_sheet(shot, rotations=None):
 @pytest.mark.parametrize(("name", "said"), [("pant", "pant"), ("no.png", "no.png")])
 def test_a_map_that_is_not_there_is_one_message(tmp_path, name, said):
     painted(tmp_path)
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=rf"channel\[0\]\.map: .*{said}") as caught:
         featherfx.read_shot(write_shot(tmp_path, SKIN + CHANNEL.format(name)))
     assert len(caught.value.problems) == 1
 

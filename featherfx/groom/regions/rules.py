@@ -74,20 +74,19 @@ def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule
     """A rule, and the values of the skin that it was made of."""
     name, inputs = the_one(_PLACES, rule, place), None
     if name in ("primvar", "subset", "image"):
-        plain, inputs = painted(name, rule[name], skin.surface, skin.folder, place)
+        plain, inputs = painted(name, rule[name], skin.surface, skin.folder, place.child(name))
     else:
         plain = _analytic(name, rule, skin.space, place)
     return ((lambda points: 1.0 - plain(points)) if rule["invert"] else plain), inputs
 
 
 def painted(
-    name: str, value: str, surface: SkinSurface, folder: Path, place: Place
+    name: str, value: str, surface: SkinSurface, folder: Path, at: Place
 ) -> tuple[Rule, Any]:
     """What a map on a skin says, and its values. Raises InputError.
 
     name: primvar, subset or image; value: its name, or the picture's file as seen from the folder.
     """
-    at = place.child(name)
     if name == "image":
         return _image(folder / value, surface, at)
     if name == "subset":
