@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from featherfx.feather.barb_length_kernels import keep_lengths
+from featherfx.feather.carry_kernels import WIDE, Moving, Way, carry, carry_some
 from featherfx.feather.density import density_map
-from featherfx.feather.types import Feather, RowMap, RowPoints, both
+from featherfx.feather.types import Feather, Indices, RowMap, RowPoints, both
+from featherfx.jit.views import views_of
 
 
 def carried(to_fine: RowMap, points: RowPoints) -> RowPoints:
@@ -19,11 +20,41 @@ def carried(to_fine: RowMap, points: RowPoints) -> RowPoints:
 
 def carried_moving(
     to_fine: RowMap, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
-) -> tuple[RowPoints, RowPoints, RowPoints]:
+) -> Moving:
     """The same with their first and second rates."""
-    found = to_fine(points), to_fine(velocities), to_fine(accelerations)
-    keep_lengths(to_fine.pieces, *(each.nodes for each in found))
+    parts = points, velocities, accelerations
+    given = Moving(*(both(np.ascontiguousarray, each) for each in parts))
+    found = _empty(to_fine)
+    carry(_way(to_fine), given, np.zeros((to_fine.nodes.width, WIDE)), found)
     return found
+
+
+def _way(to_fine: RowMap) -> Way:
+    return Way(to_fine.nodes.matrix, to_fine.directors.matrix, to_fine.pieces)
+
+
+def _empty(to_fine: RowMap, *before: int) -> Moving:
+    """Room for what is carried, with axes in front."""
+    shapes = [(*before, *each.shape) for each in (to_fine.nodes, to_fine.directors)]
+    return Moving(*(RowPoints(*map(np.empty, shapes)) for _ in Moving._fields))
+
+
+class Carrier:
+    """Carries feathers of one grid to another, each by a map of its own (F of them)."""
+
+    def __init__(self, maps: Sequence[RowMap]) -> None:
+        self._first = maps[0]
+        self._ways = views_of([_way(each) for each in maps])
+
+    def __call__(
+        self, some: Indices, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
+    ) -> Moving:
+        """As carried_moving, of some (K,) of the feathers that are given (F, ...)."""
+        found = _empty(self._first, len(some))
+        lines = np.zeros((self._first.nodes.width, WIDE))
+        given = Moving(points, velocities, accelerations)
+        carry_some(self._ways.views, some, given, lines, found)
+        return found
 
 
 def farthest(

@@ -57,7 +57,8 @@ def _imported(source: Path) -> frozenset[Path]:
     for name in _IMPORT.findall(source.read_bytes()):
         # COMPILER stands for how kernels are compiled; what they call of this room is their own
         if name != b"jit.compiled":
-            found |= _imported(ROOT / f"{name.decode().replace('.', '/')}.py")
+            place = ROOT / name.decode().replace(".", "/")
+            found |= _imported(place / "__init__.py" if place.is_dir() else Path(f"{place}.py"))
     return frozenset(found)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import scaled_map
-from featherfx.feather.lengths import carried_moving
+from featherfx.feather.lengths import Carrier
 from featherfx.feather.maps import unit_maps
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap
@@ -90,6 +91,12 @@ class Group:
     def level(self) -> str:
         """Of detail."""
         return self.resolution.level
+
+    @cached_property
+    def carrier(self) -> Carrier | None:
+        """To the meshes' grid, where that is another one."""
+        maps = [each for each in self.maps if each is not None]
+        return Carrier(maps) if maps else None
 
     @property
     def flying(self) -> bool:
@@ -369,18 +376,19 @@ def loads_within(
 def poses_of(group: Group, some: Flags) -> dict[int, FeatherPose]:
     """Points and rates of some of a group's feathers (F,), by their numbers, on the grid of the
     meshes."""
-    state, hooked, found = group.state, group.solver.model.hooked, dict[int, FeatherPose]()
-    given = zip(
-        group.members.tolist(), some.tolist(), state.points.each(), state.velocity.each(),
-        state.acceleration.each(), group.maps, strict=True,
-    )  # fmt: skip
-    for k, (f, is_wanted, points, velocity, acceleration, to_mesh) in enumerate(given):
-        if is_wanted and to_mesh is None:
-            gaps = state.gaps_of(k) if hooked else None
-            found[f] = FeatherPose(points, velocity, acceleration, gaps)
-        elif is_wanted and to_mesh is not None:
-            moving = carried_moving(to_mesh, points, velocity, acceleration)
-            found[f] = FeatherPose(*moving)
+    state, hooked = group.state, group.solver.model.hooked
+    wanted = np.flatnonzero(some)
+    numbers = group.members[wanted].tolist()
+    if (carrier := group.carrier) is not None:
+        moving = carrier(wanted, state.points, state.velocity, state.acceleration)
+        each = moving.points.each(), moving.velocities.each(), moving.accelerations.each()
+        given = zip(numbers, *each, strict=True)
+        return {f: FeatherPose(points, rate, second) for f, points, rate, second in given}
+    found = {}
+    for f, k in zip(numbers, wanted.tolist(), strict=True):
+        gaps = state.gaps_of(k) if hooked else None
+        points, rate, second = state.points.at(k), state.velocity.at(k), state.acceleration.at(k)
+        found[f] = FeatherPose(points, rate, second, gaps)
     return found
 
 

@@ -1,0 +1,110 @@
+"""Points of a grid and their rates carried to another one, all in one pass over the maps."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.lanes import COUNT as LANES
+from featherfx.algebra.lanes import lane, load, spread
+from featherfx.algebra.sparse import Rows
+from featherfx.feather.barb_length_kernels import keep_lengths
+from featherfx.feather.types import RowPoints
+from featherfx.jit.compiled import kernel, loop_kernel
+from featherfx.jit.views import shaped, viewed
+
+
+class Moving(NamedTuple):
+    """Points of a feather and their first two rates; of several with an axis in front."""
+
+    points: RowPoints
+    velocities: RowPoints
+    accelerations: RowPoints
+
+
+class Way(NamedTuple):
+    """What RowMap is, for kernels."""
+
+    nodes: Rows
+    directors: Rows
+    pieces: NDArray[np.float64]
+
+
+# of a line of what is carried: points, first and second rates, a vector of the processor for each
+WIDE = 3 * LANES
+
+
+@kernel
+def _put_in_lines(values, part, first, lines):
+    """Vectors values (n, p, 3) as a part of lines (K, WIDE) from first on."""
+    count = values.shape[1]
+    for i in range(values.shape[0]):
+        for p in range(count):
+            for k in range(3):
+                lines[first + i * count + p, part * LANES + k] = values[i, p, k]
+
+
+@kernel
+def _put_points(nodes, directors, part, lines):
+    _put_in_lines(nodes, part, 0, lines)
+    _put_in_lines(directors, part, nodes.shape[0] * nodes.shape[1], lines)
+
+
+@loop_kernel
+def _multiply(weights, columns, first, lines, points, velocities, accelerations):
+    """Rows of a map times lines (K, WIDE), to flat arrays of vectors."""
+    for r in range(first.shape[0] - 1):
+        x, v, a = spread(0.0), spread(0.0), spread(0.0)
+        for k in range(first[r], first[r + 1]):
+            weight, line = weights[k], lines[columns[k]]
+            x = x + weight * load(line, 0)
+            v = v + weight * load(line, LANES)
+            a = a + weight * load(line, 2 * LANES)
+        for k in range(3):
+            points[3 * r + k] = lane(x, k)
+            velocities[3 * r + k] = lane(v, k)
+            accelerations[3 * r + k] = lane(a, k)
+
+
+@kernel
+def _carry_part(rows, lines, points, velocities, accelerations):
+    size = (points.size,)
+    flat = shaped(points, size), shaped(velocities, size), shaped(accelerations, size)
+    _multiply(rows.weights, rows.columns, rows.first, lines, flat[0], flat[1], flat[2])
+
+
+@kernel
+def carry(way, moving, lines, found):
+    """Moving of a feather on another grid, its barbs as long as at rest.
+
+    way: Way to it. lines: (K, WIDE) scratch, zero, K nodes and directors. found: Moving, written.
+    """
+    at, rate, second = moving.points, moving.velocities, moving.accelerations
+    _put_points(at.nodes, at.directors, 0, lines)
+    _put_points(rate.nodes, rate.directors, 1, lines)
+    _put_points(second.nodes, second.directors, 2, lines)
+    at, rate, second = found.points, found.velocities, found.accelerations
+    _carry_part(way.nodes, lines, at.nodes, rate.nodes, second.nodes)
+    _carry_part(way.directors, lines, at.directors, rate.directors, second.directors)
+    keep_lengths(way.pieces, at.nodes, rate.nodes, second.nodes)
+
+
+@kernel
+def _one_of(points, f):
+    return RowPoints(points.nodes[f], points.directors[f])
+
+
+@kernel
+def _moving_of(moving, f):
+    return Moving(
+        _one_of(moving.points, f), _one_of(moving.velocities, f), _one_of(moving.accelerations, f)
+    )
+
+
+@kernel
+def carry_some(ways, feathers, moving, lines, found):
+    """As carry, of some feathers (K,) of a batch: each its own way of ways (Views), and to place
+    after place of found."""
+    for k in range(feathers.shape[0]):
+        f = feathers[k]
+        carry(viewed(ways, f), _moving_of(moving, f), lines, _moving_of(found, k))
