@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+# as far as the sample folds its wings: farther and neighbours lose each other at the wrist
+_FOLDED = ", elbow_amplitude = 6, elbow_offset = 4, wrist_amplitude = 8, wrist_offset = 4"
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 
 
@@ -33,6 +35,6 @@ def flock(
     shot.write_text(
         f'name = "flock"\ngroom = "flock_groom.toml"\nframes = [1, {frames}]\n'
         'frames_per_second = 30\nwind = "calm"\nquality = "draft"\n'
-        f'motion = {{ base = "flap", period = 1.2 }}\n[contact]\n{more}'
+        f'motion = {{ base = "flap", period = 1.2{_FOLDED} }}\n[contact]\n{more}'
     )
     return shot
