@@ -27,6 +27,7 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
+from featherfx.farm import origin
 from featherfx.files.collecting import seldom_collected
 from featherfx.limits import MOST_JOBS, MOST_SHARES, TASK_HOURS
 from featherfx.usd.write.options import StageOptions
@@ -394,6 +395,8 @@ def bake_many(
     shots: Sequence[Path], style: str, options: dict[str, Any], farm: dict[str, Any]
 ) -> None:
     """Bake shots as one job and say what came of it."""
+    if not farm["scheduler"]:
+        origin.begin()
     # an extra, which takes its time to load
     with seldom_collected():
         from featherfx.farm.bake_many import bake_many as bake

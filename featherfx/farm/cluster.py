@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm.engine import BEGUN, DONE, FAILED, LOST, PROGRESS, QUIET, News
+from featherfx.farm.origin import forked
 from featherfx.farm.work import PLAN, Order, work
 from featherfx.jit.threads import allow, cores
 
@@ -228,7 +229,7 @@ def opened(scheduler: str | None, workers: int | None) -> Iterator[DaskEngine]:
 def _local(distributed: Any, workers: int, folder: str) -> Iterator[Callable[[], Client]]:
     """Processes of this machine that nobody else can give work to (TLS, keys in memory); what is
     given waits until they are there."""
-    with ThreadPoolExecutor(1) as beside, contextlib.ExitStack() as stack:
+    with ThreadPoolExecutor(1) as beside, contextlib.ExitStack() as stack, forked():
         starting = beside.submit(
             distributed.LocalCluster,
             n_workers=workers,

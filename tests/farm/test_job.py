@@ -247,6 +247,7 @@ def test_the_command_bakes_a_folder_of_shots(tmp_path, monkeypatch, single):
         yield SerialEngine()
 
     monkeypatch.setattr("featherfx.farm.bake_many.opened", serial)
+    monkeypatch.setattr("featherfx.farm.origin.begin", lambda: None)
     given = ["bake", *map(str, shots), "-o", str(out), "--frames", "1-3", "--chunk", "1"]
     given += ["--layout", "flat", "--engine", "dask", "--workers", "2"]
     result = invoke(*given, "--quality", "nothing")

@@ -1,0 +1,23 @@
+"""What workers of this machine have loaded when they are forked (origin.py).
+
+Nothing of it may start threads, which a fork leaves behind. Ctrl-C is for the command.
+"""
+
+from __future__ import annotations
+
+import importlib
+import signal
+
+from featherfx.files.collecting import seldom_collected
+
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+with seldom_collected():
+    for _name in (
+        "distributed",
+        "featherfx.farm.work",
+        "featherfx.baking.loop",
+        # that a share loads when it gets so far
+        "featherfx.shot.dependence",
+        "scipy.sparse.csgraph",
+    ):
+        importlib.import_module(_name)
