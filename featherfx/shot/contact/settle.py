@@ -24,6 +24,7 @@ from featherfx.shot.contact.mend import EASY
 from featherfx.shot.contact.obstacles import Obstacles
 from featherfx.shot.contact.raised import Lowering, held_roots, turned_up
 from featherfx.solver.contact.interval import ContactReport, ContactSolver, Led, Manner
+from featherfx.solver.contact.move_kernels import largest_moves
 from featherfx.solver.solver import raise_if_failed
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import RootPath
@@ -272,10 +273,10 @@ class _Steps:
 
 def _moves(after: Sequence[State], before: Sequence[State]) -> NDArray[np.float64]:
     """(B,) m, how far any node of each feather moved."""
-    moves = [
-        np.abs(a.points.nodes - b.points.nodes).max(axis=(1, 2, 3))
-        for a, b in zip(after, before, strict=True)
-    ]
+    moves = [np.zeros(len(state.time)) for state in after]
+    for own, now, then in zip(moves, after, before, strict=True):
+        every = np.ones(len(own), dtype=np.bool_)
+        largest_moves(now.points.nodes, then.points.nodes, every, own)
     return np.concatenate(moves)
 
 

@@ -233,11 +233,16 @@ class Run:
     def finish(self) -> None:
         """Feathers that were not solved stay as they were."""
         left = self._free & (self.solves == 0)
-        for old, new, (low, high) in zip(
-            self.old, self.new, pairwise(self._team.grids.first), strict=True
-        ):
-            if left[low:high].any():
-                put(old, new, left[low:high])
+
+        def stay(part: tuple[int, slice]) -> None:
+            batch, some = part
+            first = int(self._team.grids.first[batch])
+            own = left[first + some.start : first + some.stop]
+            if own.any():
+                put(self.old[batch].part(some), self.new[batch].part(some), own)
+
+        if left.any():
+            self._team.for_each_part(stay)
 
     def failed(self) -> Flags:
         """(B,) feathers that could not be solved."""
