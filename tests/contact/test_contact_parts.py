@@ -17,7 +17,7 @@ SPEED, STEP, FEATHERS, RESTING = 0.5, 1e-3, 5, 3
 
 
 def _after_a_step(jobs: int) -> dict[str, NDArray[np.float64]]:
-    """Feathers with held roots, each at a speed of its own, but for one that nothing presses and that rests."""
+    """Feathers with held roots, each at a speed of its own, but for one that rests unpressed."""
     places = [(0.0, 0.5 * k, 0.0) for k in range(FEATHERS)]
     model, state = free_feathers("covert", places, rows=5, columns=2)
     model.held[:] = True
