@@ -2,7 +2,8 @@
 
 Every point of a shaft has its two barbs as arrays, P_barbl and P_barbr, of equally many points
 each, root to end, the root (on the shaft) left out: what featherfx itself reads back as a groom.
-USD holds per-point arrays as primvars of elementSize m. Left is as seen from dorsal with the tip
+USD holds per-point arrays as primvars of elementSize m; displayColor_barbl and displayColor_barbr
+are colours of these points. Left is as seen from dorsal with the tip
 ahead. Rows without a barb have all its points on the shaft.
 """
 
@@ -26,6 +27,7 @@ from featherfx.usd.read.cached_feather import CachedFeather
 from featherfx.usd.read.read import Cache
 from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.space import StageSpace
+from featherfx.usd.types import BARB_COLOURS
 from featherfx.usd.write.layout import StageInfo, author_metadata, define_root, new_layer
 from featherfx.usd.write.output import check_output, prim_name
 from featherfx.usd.write.prims import author_primvars, define_polylines, labels
@@ -149,6 +151,15 @@ def _define(stage: Any, path: Any, feather: CachedFeather, grid: _Grid) -> Any:
     for name in NAMES:
         kind = Sdf.ValueTypeNames.Point3fArray
         primvars.CreatePrimvar(name, kind, UsdGeom.Tokens.vertex, columns)
+    if feather.colour is not None:
+        shaft, *sides = grid.values(feather.colour)
+        shades = dict(zip(BARB_COLOURS, (side.reshape(-1, 3) for side in sides), strict=True))
+        shades["displayColor"] = shaft.mean(axis=0, keepdims=True)
+        author_primvars(
+            curve.GetPrim(), **{name: arrays.vec3f(each) for name, each in shades.items()}
+        )
+        for name in BARB_COLOURS:
+            primvars.GetPrimvar(name).SetElementSize(columns)
     return curve
 
 
