@@ -66,13 +66,13 @@ from featherfx.solver.step.retry_kernels import (
     Attempt,
     Outcome,
     after_step,
+    allowed_now,
     count_try,
-    is_pressed,
+    given_up,
     judge,
     next_step,
     shortest_now,
     stop,
-    unsolved_allowed,
     work_of,
 )
 from featherfx.solver.step.root_kernels import root_at
@@ -198,7 +198,8 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     before, after = state.points.nodes[f], now.points.nodes
     passed = barbs_pass(model, f, before, after, now.strains.cell, around.gaps)
     excess = max(error, settings.tolerance * max(slipped, PASSED if passed else 0.0))
-    status = nearly_solved(solved, excess, unsolved_allowed(attempt, settings))
+    allowed = attempt.allowed if attempt.way == BACKWARD else 0.0
+    status = nearly_solved(solved, excess, allowed)
     if status != solved.status:
         error, excess = max(error, solved.move), max(excess, solved.move)
     keeps, energy = 1.0, attempt.promise.energy
@@ -257,8 +258,8 @@ def advance(model, loads, f, path, state, settings, work, report):
     while done < duration * (1.0 - 1e-9):
         if left <= 0:
             return stop(report, f, TOO_MUCH_WORK)
-        pressed, limit = is_pressed(settings, left), min(settings.iterations, left)
-        if pressed and left < settings.iterations:
+        allowed, limit = allowed_now(settings, left), min(settings.iterations, left)
+        if allowed > 0.0 and left < settings.iterations:
             h, way, limit = duration - done, BACKWARD, settings.iterations
         step, fraction = next_step(h, done, duration)
         if state.step[f] <= 0.0:
@@ -268,7 +269,7 @@ def advance(model, loads, f, path, state, settings, work, report):
         last = state.step[f]
         bend = BEND * (step + last) / (last + before) if before > 0.0 else 0.0
         promise = for_step(promise, model, f, step, state)
-        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, pace, bend, pressed)
+        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, pace, bend, allowed)
         outcome = _try(model, loads, f, path, attempt, state, settings, work)
         verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
         count_try(report, f, verdict, attempt, outcome, settings)
@@ -282,10 +283,10 @@ def advance(model, loads, f, path, state, settings, work, report):
             recent, begun = recent + LATEST * (begun - left - recent), left
             h, way = after_step(GO_ON, attempt, outcome, settings)
         elif h == 0.0:
-            if pressed or settings.unsolved == 0.0:
-                return stop(report, f, outcome.status)
             # no shorter one is solved either
-            left, h = (settings.most_iterations - 1) // 2, floor
+            left, h = given_up(settings, left), floor
+            if left == 0:
+                return stop(report, f, outcome.status)
             begun = left
     state.proposal[f] = h
     if work.kept.plain.shape[0] > 0:

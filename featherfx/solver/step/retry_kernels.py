@@ -11,8 +11,9 @@ Euler is also taken where such a step misses the tolerance by far: the other met
 from motions that it does not resolve.
 
 Once half of a frame's work is spent, its end comes first: a step that Newton does not solve is
-tried by implicit Euler at once, and that is taken as far as its iterations have brought it. Its
-distance from the solution counts as its error. Such a pose is one that feathers can have, of less
+tried by implicit Euler at once, and that is taken as far as its iterations have brought it, where
+that is near its solution; else it is cut, until three quarters are spent. Few steps ask for that.
+The distance from the solution counts as error. Such a pose is one that feathers can have, of less
 energy than the one before, as it was come to downwards from there. What work there is in the end
 goes into one step to the frame's end. Where feathers touch, unsolved steps are done again.
 """
@@ -101,7 +102,8 @@ class Attempt(NamedTuple):
     """A try of a step: its length h (s), the length below which none is tried for its error (floor,
     s), the fraction of the frame at its end, GO_ON, FOLLOW or BACKWARD (way), the spectral radius,
     Newton iterations at most (limit), the Promise, the Pace of the try before, how much of the last
-    change of the rates the prediction adds to them (bend), whether the frame must end (pressed)."""
+    change of the rates the prediction adds to them (bend), and, where the frame must end, distance
+    (m) from its solution at which implicit Euler's step is taken (allowed, else 0)."""
 
     h: float
     floor: float
@@ -112,7 +114,7 @@ class Attempt(NamedTuple):
     promise: Promise
     pace: Pace
     bend: float
-    pressed: bool
+    allowed: float
 
 
 class Outcome(NamedTuple):
@@ -183,15 +185,28 @@ def shortest_now(settings, done, taken, left, recent):
 
 
 @kernel
-def is_pressed(settings, left):
-    """Whether a frame with so much work left must end."""
-    return settings.unsolved > 0.0 and 2 * left < settings.most_iterations
+def allowed_now(settings, left):
+    """Distance (m) from its solution at which a step is taken of a frame with so much work left; 0
+    where the frame need not end yet."""
+    spent = settings.most_iterations - left
+    if 2 * spent <= settings.most_iterations:
+        return 0.0
+    if 4 * spent <= 3 * settings.most_iterations:
+        return min(settings.coarse, settings.unsolved)
+    return settings.unsolved
 
 
 @kernel
-def unsolved_allowed(attempt, settings):
-    """Distance (m) from its solution at which a try is taken although Newton did not converge."""
-    return settings.unsolved if attempt.pressed and attempt.way == BACKWARD else 0.0
+def given_up(settings, left):
+    """Work that a frame with so much of it left goes on with where no shorter step is solved: so
+    little that more is allowed (allowed_now), 0 where that is so already."""
+    if settings.unsolved == 0.0:
+        return 0
+    if 2 * left >= settings.most_iterations:
+        return (settings.most_iterations - 1) // 2
+    if 4 * left >= settings.most_iterations:
+        return (settings.most_iterations - 1) // 4
+    return 0
 
 
 @kernel
@@ -227,7 +242,7 @@ def judge(h, first, attempt, outcome, settings):
         # another start of Newton would find the same
         way = max(way, FOLLOW)
     if outcome.status != CONVERGED:
-        last = step < 0.999 * shortest or attempt.pressed
+        last = step < 0.999 * shortest or attempt.allowed > 0.0
         way = BACKWARD if last and way < BACKWARD else way + 1
         if way <= BACKWARD:
             return FAILED, h, way
@@ -237,7 +252,7 @@ def judge(h, first, attempt, outcome, settings):
     lost = error > LOST * tolerance
     if lost and way != BACKWARD:
         return REJECTED, h, BACKWARD
-    far = error > settings.coarse and not attempt.pressed
+    far = error > settings.coarse and attempt.allowed == 0.0
     if lost and far and shorter > smallest:
         return REJECTED, shorter, way
     return TAKEN, h, way
@@ -247,7 +262,7 @@ def judge(h, first, attempt, outcome, settings):
 def after_step(first, attempt, outcome, settings):
     """The next (h, way) where a step was taken; arguments as in judge."""
     tolerance, error = settings.tolerance, outcome.excess
-    pressed, hard = attempt.pressed, work_of(outcome) > settings.hard
+    pressed, hard = attempt.allowed > 0.0, work_of(outcome) > settings.hard
     most = 1.0 if not pressed and (hard or error > LOST * tolerance) else GROWTH
     wanted = _length_for(error, tolerance, attempt.h, 0.5, most)
     several = attempt.h < 0.4 * settings.duration
