@@ -9,7 +9,9 @@ from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
+from featherfx.solver.step.banded_kernels import panel_shape
 from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.mode_kernels import lowest_quotient
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.vane.pairs_kernels import STABILISING
@@ -53,20 +55,12 @@ def _band(model: Model, inertia: float, state: State, work: Work) -> Array:
 
 def first_frequency(model: Model, feather: int) -> float:
     """Lowest natural angular frequency (rad/s) of one held feather, by inverse iteration."""
-    from scipy.linalg import cholesky_banded  # heavy, and models are kept
-    from scipy.linalg.lapack import dpbtrs
-
     stiffness, mass = rest_bands(model, feather)
-    factor = cholesky_banded(stiffness.T, lower=True)
-    x = np.ones(len(stiffness))
-    quotient = 0.0
-    for _ in range(100):
-        x, _ = dpbtrs(factor, _times(mass, x), lower=1)
-        image = _times(mass, x)
-        x /= np.sqrt(x @ image)
-        before, quotient = quotient, float(x @ _times(stiffness, x))
-        if abs(quotient - before) <= 1e-9 * quotient:
-            break
+    size, width = stiffness.shape
+    scratch = np.zeros_like(stiffness), np.zeros(panel_shape(width))
+    quotient = lowest_quotient(stiffness, mass, *scratch, np.ones(size), np.zeros(size))
+    if not quotient > 0.0:
+        raise np.linalg.LinAlgError("the stiffness at rest is not positive definite")
     return float(np.sqrt(quotient))
 
 
@@ -99,14 +93,6 @@ def _sparse(band: Array):
     offsets = [-d for d in range(len(lower))]
     upper = lower[1:]
     return diags_array(lower + upper, offsets=offsets + [-o for o in offsets[1:]]).tocsc()
-
-
-def _times(band: Array, x: Array) -> Array:
-    """Symmetric band times vector."""
-    from scipy.linalg.blas import dsbmv
-
-    width = min(band.shape[1], len(x))
-    return np.asarray(dsbmv(width - 1, 1.0, band[:, :width].T, x, lower=1))
 
 
 def with_damping(model: Model, kinds: list[FeatherKind]) -> Model:
