@@ -51,8 +51,8 @@ def bench(**values: Any) -> None:
     some = bool(options.skips or options.promise)
     if not some and (options.frames, options.every) != (None, 1):
         raise click.UsageError("--frames and --every go with --skips or --promise")
-    if options.only != "*" and not (options.skips or options.front):
-        raise click.UsageError("--only goes with --skips or --front")
+    if options.only != "*" and not options.skips:
+        raise click.UsageError("--only goes with --skips")
     if options.hooks and not options.stress:
         raise click.UsageError("--hooks goes with --stress")
     if options.as_json and not options.stress:
