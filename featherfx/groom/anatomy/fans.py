@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,16 +61,31 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
 
 _SIDES = ((1.0, "right"), (-1.0, "left"))
 THIN = 0.6  # lift of coverts beside that of tail feathers; by eye
-_CLEAR = 0.01  # of the tail's length, from a covert's tip to what it lies on; by eye
+_CLEAR = 0.01  # of the tail's length, from a row of coverts to what it lies on; by eye
+
+
+class _Plane(NamedTuple):
+    """What feathers lie on. height: m, over the root of the tail. slope: m per m, behind it."""
+
+    height: float = 0.0
+    slope: float = 0.0
+
+    def above(self, way: Any) -> Any:
+        """m, way m behind the root of the tail."""
+        return self.height + self.slope * way
+
+    def carries(self, ahead: float, length: float, root: float, tip: float) -> _Plane:
+        """That of feathers whose roots, ahead m of the tail's, and tips are so many m over it."""
+        slope = self.slope + (tip - root) / length
+        return _Plane(self.above(-ahead) + root + slope * ahead, slope)
 
 
 @dataclass(frozen=True)
 class _TailRow:
     """Feathers of a tail that are of one sort. name: of ids, with a place for the side. lift: m,
     as of the tail. covert: one that a layout may move, as the coat.
-    length: as of its coverts. ahead: m, likewise. height: m, of its outer surface
-    over the root of the tail. falls: rad, towards the tail. below: whether its dorsal side looks
-    down."""
+    length: as of its coverts. ahead: m, likewise. below: whether its dorsal side looks down.
+    near, far: of its feathers next to the row before, and of those that lie over all others."""
 
     kind: str
     width: float
@@ -81,26 +96,32 @@ class _TailRow:
     length: float = 1.0
     covert: bool = False
     ahead: float = 0.0
-    height: float = 0.0
-    falls: float = 0.0
     below: bool = False
+    near: _Plane = _Plane()
+    far: _Plane = _Plane()
+
+    def plane(self, share: float) -> _Plane:
+        """share: from the middle of the tail to its outermost feather, which is the lowest."""
+        over = share if self.below else 1.0 - share
+        pairs = zip(self.near, self.far, strict=True)
+        return _Plane(*(a + over * (b - a) for a, b in pairs))
 
 
 def _tail_coverts(entry: dict[str, Any]) -> list[_TailRow]:
-    """Rows from the tail outwards: each lies on the plane of the one before it."""
+    """Rows from the tail outwards: each lies on the plane of the one before it, and its feathers
+    fill what is between both, so that no row stands open at its side."""
     longest, lift = max(entry["lengths"]), THIN * entry["lift"]
     pairs = entry["count"] // 2 - 0.5
     rows = []
     for side in ("above", "below"):
         own = [each for each in entry["coverts"] if each["side"] == side]
-        slope, start = 0.0, 0.0 if side == "above" else pairs * entry["lift"]
+        outer = _Plane(0.0 if side == "above" else pairs * entry["lift"])
         for level, each in enumerate(own, 1):
             ahead, length = longest * each["ahead"], longest * each["length"]
-            start += pairs * lift
-            root = start - slope * ahead + longest * max(each["height"], _CLEAR)
-            tip = start + slope * (length - ahead) + longest * _CLEAR
-            slope = (tip - root) / length
-            start = root + slope * ahead
+            clear, thick = longest * _CLEAR, pairs * lift
+            gap = longest * max(each["height"], _CLEAR)
+            near = outer.carries(ahead, length, clear, clear)
+            outer = outer.carries(ahead, length, gap + thick, clear + thick)
             rows.append(
                 _TailRow(
                     kind=each["kind"],
@@ -112,9 +133,9 @@ def _tail_coverts(entry: dict[str, Any]) -> list[_TailRow]:
                     covert=True,
                     length=each["length"],
                     ahead=ahead,
-                    height=root - (pairs * lift if side == "below" else 0.0),
-                    falls=-math.atan(slope),
                     below=side == "below",
+                    near=near,
+                    far=outer,
                 )
             )
     return rows
@@ -133,9 +154,7 @@ def _tail_row(
     lengths = row.length * spread_evenly(entry["lengths"], pairs)
     up = -1.0 if row.below else 1.0
     # coverts reach where a straight shaft would
-    falls = row.falls - (0.5 * np.radians(kind.rachis.camber) if row.covert else 0.0)
-    lies = from_rotation_vector(np.array([0.0, up * falls, 0.0]))
-    lies = lies @ about_x(180.0 if row.below else 0.0)
+    rises = 0.5 * np.radians(kind.rachis.camber) if row.covert else 0.0
     drafts: list[Draft] = []
     for sign, side in _SIDES:
         bone = f"{entry['id']}_{side}"
@@ -146,11 +165,15 @@ def _tail_row(
             opens = from_rotation_vector(opening * frame[:, 2])
             turned = opens @ from_rotation_vector(sign * fraction * closed * frame[:, 2]) @ frame
             # left feathers under right ones; the coverts below count outwards, too
-            depth = row.lift * (number + (0.0 if sign > 0.0 else 0.5))
+            order = number + (0.0 if sign > 0.0 else 0.5)
+            depth = 0.0 if row.covert else row.lift * order
             anchor = base + sign * fraction * half * frame[:, 1] - depth * frame[:, 2]
-            root = anchor + up * row.height * turned[:, 2] - row.ahead * turned[:, 0]
+            plane = row.plane(order / (pairs - 0.5))
+            high = up * plane.above(-row.ahead)
+            root = anchor + high * turned[:, 2] - row.ahead * turned[:, 0]
             turning, wrap = Turning((entry["id"], bone), fraction, anchor), 0.0
-            turned = turned @ lies
+            pitch = np.array([0.0, -up * (math.atan(plane.slope) + rises), 0.0])
+            turned = turned @ from_rotation_vector(pitch) @ about_x(180.0 if row.below else 0.0)
             if arch:  # round an axis along the tail, as if its feathers lay on a cylinder
                 bow = from_rotation_vector(-sign * fraction * arch * frame[:, 0])
                 above = bow @ ((half / arch - depth) * frame[:, 2])
@@ -194,9 +217,8 @@ def closed_fan(entry: dict[str, Any]) -> Array:
     wide = aside * (0.5 * entry["root_width"] + way * np.tan(half))
     rows = [each for each in _tail_coverts(entry) if not each.below]
     high = np.zeros_like(way)
-    for row in rows:
-        own = row.height - np.tan(row.falls) * (way + row.ahead)
-        high = np.maximum(high, own)  # planes that go on below the tail behind their tips
+    for row in rows:  # planes that go on below the tail behind their tips
+        high = np.maximum(high, row.far.above(way))
     grid = np.stack([way, wide, high], axis=-1) @ frame.T + entry["position"]
     first, right, left, last = grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
     pairs = [(first, left, last), (first, last, right)]
