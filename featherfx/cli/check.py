@@ -71,7 +71,9 @@ def check(
     meshes that are not feathers, count as one body. With --json also those of shafts.
 
     With --holes, prints how many places in the outline of what a file draws, its skin too, are
-    open though enclosed, and the largest circle that fits into any.
+    open though enclosed, and the largest circle that fits into any. What lies beside a leg, as
+    between it and the belly, is told apart: 0.4 of its rim is skin without feathers, or a fifth is
+    feathers of thighs and a fifth others.
 
     With --moves, prints for each whole frame but the first the largest move of a point since the
     one before, as a share of its feather's length.
@@ -113,12 +115,15 @@ def _greatest(key: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
     return lambda counted: {key: max(each[key] for each in counted)}
 
 
+def _holes_line(each: dict[str, Any]) -> str:
+    line = f"{each['holes']}, the widest {1e3 * each['widest']:.2f} mm,"
+    gaps = f" and {each['gaps']} beside legs, up to {1e3 * each['widest_gap']:.2f} mm,"
+    return line + (gaps if each["gaps"] else "")
+
+
 _TOLD = {
     "crossings": _Told(lambda each: f"{each['crossings']} in {each['pairs']} pairs", _totals),
-    "holes": _Told(
-        lambda each: f"{each['holes']}, the widest {1e3 * each['widest']:.2f} mm,",
-        _greatest("widest"),
-    ),
+    "holes": _Told(_holes_line, _greatest("widest")),
     "moves": _Told(
         lambda each: f"{100.0 * each['largest']:.3g} % of the length of {each['feather']}",
         _greatest("largest"),

@@ -66,6 +66,43 @@ def test_what_touches_has_no_hole(tmp_path):
     assert done.stdout == "holes: 0, the widest 0.00 mm, at rest\n"
 
 
+def tagged(stage, name, region=None):
+    """A strip of frame_of_strips: of a region, or without one no feather."""
+    prim = stage.GetPrimAtPath(f"/{name}")
+    if region is None:
+        prim.RemoveProperty("primvars:featherId")
+    else:
+        api = UsdGeom.PrimvarsAPI(prim)
+        api.CreatePrimvar("region", Sdf.ValueTypeNames.String).Set(region)
+
+
+@pytest.mark.parametrize(
+    ("legs", "bare", "gaps"),
+    [
+        (["below"], [], 1),  # between leg and belly
+        (["left"], [], 0),  # beside a corner of it
+        (["left", "right", "below", "above"], [], 0),  # among the feathers of one leg
+        ([], ["above", "below"], 1),  # between leg and leg
+        ([], ["left"], 0),  # skin shows at its end
+    ],
+)
+def test_gaps_beside_legs_are_told_apart(tmp_path, legs, bare, gaps):
+    frame_of_strips(tmp_path / "a.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    for name in legs:
+        tagged(stage, name, "thigh")
+    for name in bare:
+        tagged(stage, name)
+    stage.GetRootLayer().Save()
+    (found,) = measure_holes(tmp_path / "a.usda", "top")
+    assert (found["holes"], found["gaps"]) == (1 - gaps, gaps)
+    wide = found["widest_gap" if gaps else "widest"]
+    assert wide == pytest.approx(SLIT, abs=2.0 * found["pixel"])
+    assert min(found["widest"], found["widest_gap"]) == 0.0
+    told = invoke("check", "--holes", "top", tmp_path / "a.usda").stdout
+    assert ("beside legs" in told) == bool(gaps)
+
+
 def test_moves_are_shares_of_the_feather(tmp_path):
     stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
     still = [(code, np.zeros(3)) for code in (1, 2, 3)]

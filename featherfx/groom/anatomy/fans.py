@@ -80,6 +80,9 @@ class _Plane(NamedTuple):
         return _Plane(self.above(-ahead) + root + slope * ahead, slope)
 
 
+_FLAT = _Plane()
+
+
 @dataclass(frozen=True)
 class _TailRow:
     """Feathers of a tail that are of one sort. name: of ids, with a place for the side. lift: m,
@@ -97,8 +100,8 @@ class _TailRow:
     covert: bool = False
     ahead: float = 0.0
     below: bool = False
-    near: _Plane = _Plane()
-    far: _Plane = _Plane()
+    near: _Plane = _FLAT
+    far: _Plane = _FLAT
 
     def plane(self, share: float) -> _Plane:
         """share: from the middle of the tail to its outermost feather, which is the lowest."""
@@ -120,7 +123,7 @@ def _tail_coverts(entry: dict[str, Any]) -> list[_TailRow]:
             ahead, length = longest * each["ahead"], longest * each["length"]
             clear, thick = longest * _CLEAR, pairs * lift
             gap = longest * max(each["height"], _CLEAR)
-            near = outer.carries(ahead, length, clear, clear)
+            near = outer.carries(ahead, length, min(1.5 * clear, gap), clear)
             outer = outer.carries(ahead, length, gap + thick, clear + thick)
             rows.append(
                 _TailRow(

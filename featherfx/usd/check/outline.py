@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.raster import nodes_within
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, Problem
 from featherfx.usd.check.crossings import chosen_frames, scenes_of
 from featherfx.usd.read.read import Cache
@@ -18,6 +18,10 @@ VIEWS = {"top": (0, 1), "side": (0, 2), "front": (1, 2)}  # axes of a picture, z
 _Y_UP = (0, 2, 1)  # where x forward, y left and z up stand in a stage whose y is up
 _PIXEL = 1e-4  # m
 _MOST_PIXELS = 6000  # along the longer side of an outline
+_LEGS = "thigh"  # the part of a [bird] that grows on legs
+# shares of a gap's rim: of bare skin, and of the feathers of legs as of others; by eye
+_BARE, _BOTH = 0.4, 0.2
+_RIM = np.ones((3, 3), dtype=np.bool_)  # of nodes around another
 
 
 def measure_holes(
@@ -30,9 +34,12 @@ def measure_holes(
     """Holes in the outline of all that a file draws, its skin too, seen from far off.
 
     A hole is enclosed; gaps that open to the outside, as between the tips of primaries, are none.
-    view: of VIEWS. Of each frame: `holes` wider than a pixel, the `widest` (m), the largest circle
-    that fits into any, and `place` (2,) m of its middle in the picture. Widths are exact to a
-    `pixel` (m). Raises InputError as count_crossings does.
+    Nor is what lies beside a leg, as between it, belly and tail, or between toes: where 0.4 of
+    what encloses it is skin without feathers, or a fifth is feathers of thighs and a fifth others'.
+    view: of VIEWS. Of each frame: `holes` wider than a pixel, the `widest` (m), the largest
+    circle that fits into any, and `place` (2,) m of its middle in the picture; `gaps` and
+    `widest_gap`, likewise of those beside legs. Widths are exact to a `pixel` (m). Raises
+    InputError as count_crossings does.
     """
     cache = Cache(path)
     scenes = scenes_of(cache, Path(path))
@@ -40,34 +47,59 @@ def measure_holes(
     codes = chosen_frames(cache, str(path), frames)
     on_frame(0, len(codes))
     for done, code in enumerate(codes, 1):
-        corners = [
-            points[scene.cache.feathers[index].triangles][:, :, chosen]
-            for scene in scenes
-            for index, points in zip(scene.chosen, scene.points(code), strict=True)
-        ]
-        found = _holes(np.concatenate(corners))
+        skin, coat, legs = [], [], []
+        for scene in scenes:
+            for index, points in zip(scene.chosen, scene.points(code), strict=True):
+                feather = scene.cache.feathers[index]
+                own = scene is scenes[0] and feather.is_feather
+                sort = skin if not own else legs if feather.region == _LEGS else coat
+                sort.append(points[feather.triangles][:, :, chosen])
+        none = np.zeros((0, 3, 2))
+        found = _holes([np.concatenate([none, *each]) for each in (skin, coat, legs)])
         on_frame(done, len(codes))
         yield {"frame": code, **found}
 
 
-def _holes(corners: Array) -> dict[str, Any]:
-    """corners: (T, 3, 2) m."""
+def _holes(sorts: list[Array]) -> dict[str, Any]:
+    """sorts: (T, 3, 2) m, corners of triangles of skin, coat and the feathers of legs."""
     from scipy import ndimage  # heavy, and only for this
 
+    corners = np.concatenate(sorts)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     pixel = max(_PIXEL, float((high - low).max()) / _MOST_PIXELS)
     rows, columns = (np.ceil((high - low) / pixel).astype(int) + 3).tolist()
-    covered = np.zeros((rows, columns), dtype=np.bool_)
-    for found in nodes_within((corners - low) / pixel + 1.0, (rows, columns)):
-        covered[found.i, found.j] = True
+    drawn = np.zeros((3, rows, columns), dtype=np.bool_)
+    for own, each in zip(drawn, sorts, strict=True):
+        for found in nodes_within((each - low) / pixel + 1.0, (rows, columns)):
+            own[found.i, found.j] = True
+    covered = drawn.any(axis=0)
     parts, count = ndimage.label(~covered)
     # from the nearest covered node, as far as the middle between it and the one before
     depth = np.where(parts == parts[0, 0], 0.0, ndimage.distance_transform_edt(~covered))
+    wide = ndimage.maximum(depth, parts, np.arange(1, count + 1)) > 1.0
+    beside = np.zeros(count + 1, dtype=np.bool_)
+    for number, box in enumerate(ndimage.find_objects(parts), 1):
+        if wide[number - 1]:
+            around = tuple(slice(each.start - 1, each.stop + 1) for each in box)
+            beside[number] = _beside_a_leg(parts[around] == number, drawn[:, *around])
+    gaps = np.where(beside[parts], depth, 0.0)
+    depth[beside[parts]] = 0.0
     at = np.array(np.unravel_index(depth.argmax(), depth.shape))
-    widest = pixel * max(2.0 * float(depth.max()) - 1.0, 0.0)
     place = (low + pixel * (at - 1.0)).tolist()
-    wide = int((ndimage.maximum(depth, parts, np.arange(1, count + 1)) > 1.0).sum())
-    return {"holes": wide, "widest": widest, "place": place, "pixel": pixel}
+    width = [pixel * max(2.0 * float(each.max()) - 1.0, 0.0) for each in (depth, gaps)]
+    own = int((wide & ~beside[1:]).sum())
+    of_gaps = {"gaps": int(beside.sum()), "widest_gap": width[1]}
+    return {"holes": own, "widest": width[0], "place": place, "pixel": pixel, **of_gaps}
+
+
+def _beside_a_leg(hole: Flags, drawn: Flags) -> bool:
+    """hole: (I, J) nodes. drawn: (3, I, J), covered by skin, coat and the feathers of legs."""
+    from scipy import ndimage
+
+    rim = ndimage.binary_dilation(hole, _RIM) & ~hole & drawn.any(axis=0)
+    _, coat, legs = drawn[:, rim]
+    bare = float((~coat & ~legs).mean())
+    return bare >= _BARE or min(float(coat.mean()), float(legs.mean())) >= _BOTH
 
 
 def measure_moves(
