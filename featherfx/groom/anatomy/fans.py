@@ -61,7 +61,8 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
 
 _SIDES = ((1.0, "right"), (-1.0, "left"))
 THIN = 0.6  # lift of coverts beside that of tail feathers; by eye
-_CLEAR = 0.01  # of the tail's length, from a row of coverts to what it lies on; by eye
+_CLEAR = 0.01  # of the tail's length, from a covert's tip to what it lies on; by eye
+_CLOSE = 1.5  # of that, at their roots below a tail, so that these stay out of the rump
 
 
 class _Plane(NamedTuple):
@@ -111,8 +112,8 @@ class _TailRow:
 
 
 def _tail_coverts(entry: dict[str, Any]) -> list[_TailRow]:
-    """Rows from the tail outwards: each lies on the plane of the one before it, and its feathers
-    fill what is between both, so that no row stands open at its side."""
+    """Rows from the tail outwards: each lies on the plane of the one before it. Below the feathers
+    of a row fill what is between both, so that none stands open at its side."""
     longest, lift = max(entry["lengths"]), THIN * entry["lift"]
     pairs = entry["count"] // 2 - 0.5
     rows = []
@@ -123,7 +124,8 @@ def _tail_coverts(entry: dict[str, Any]) -> list[_TailRow]:
             ahead, length = longest * each["ahead"], longest * each["length"]
             clear, thick = longest * _CLEAR, pairs * lift
             gap = longest * max(each["height"], _CLEAR)
-            near = outer.carries(ahead, length, min(1.5 * clear, gap), clear)
+            close = min(_CLOSE * clear, gap) if side == "below" else gap
+            near = outer.carries(ahead, length, close, clear)
             outer = outer.carries(ahead, length, gap + thick, clear + thick)
             rows.append(
                 _TailRow(
