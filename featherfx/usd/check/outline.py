@@ -47,7 +47,9 @@ def measure_holes(
     codes = chosen_frames(cache, str(path), frames)
     on_frame(0, len(codes))
     for done, code in enumerate(codes, 1):
-        skin, coat, legs = [], [], []
+        skin: list[Array] = []
+        coat: list[Array] = []
+        legs: list[Array] = []
         for scene in scenes:
             for index, points in zip(scene.chosen, scene.points(code), strict=True):
                 feather = scene.cache.feathers[index]
