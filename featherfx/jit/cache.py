@@ -35,6 +35,7 @@ COMPILER = tuple(
     for name in (
         "algebra/lane_types",
         "jit/entry",
+        "jit/held_types",
         "jit/lowering",
         "jit/parts",
         "jit/plain",

@@ -15,12 +15,11 @@ from numba.core import types
 from numba.core.compiler_machinery import register_pass
 from numba.np import arrayobj
 
+from featherfx.jit.held_types import HeldType, Tuples, after, keep, room, words_of
 from featherfx.jit.lowering import KernelLower, KernelLowering
 
 # name of the module that holds it
 WRAPPER = "wrapper"
-# untyped: numba's tuples have types, of which their common class does not tell
-Tuples: Any = types.BaseTuple
 _WORD, _STATUS = ir.IntType(64), ir.IntType(32)
 _WORDS = _WORD.as_pointer()
 # words of an array's header (PyArrayObject_fields, ndarraytypes.h) after what all objects have:
@@ -77,6 +76,10 @@ def _words(builder: Any, line: Any) -> Iterator[Any]:
 
 def _argument(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
     """A value of a type from the words that come next."""
+    if isinstance(kind, HeldType):
+        line = room(builder, kind)
+        _write(context, builder, kind.like, words, line)
+        return line
     if isinstance(kind, Tuples):
         parts = [_argument(context, builder, each, words) for each in kind.types]
         return context.make_tuple(builder, kind, parts)
@@ -84,6 +87,17 @@ def _argument(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> An
         return _array(context, builder, kind, next(words))
     reader = _READERS.get(kind)
     return context.get_dummy_value() if reader is None else reader(builder, next(words))
+
+
+def _write(context: Any, builder: Any, kind: Any, words: Iterator[Any], line: Any) -> None:
+    """Words of what is held, from those that come next."""
+    if not isinstance(kind, Tuples):
+        keep(context, builder, kind, _argument(context, builder, kind, words), line)
+        return
+    at = 0
+    for each in kind.types:
+        _write(context, builder, each, words, after(builder, line, at))
+        at += words_of(each)
 
 
 _READERS: dict[Any, Callable[[Any, Any], Any]] = {

@@ -15,7 +15,7 @@ from numba.core.serialize import dumps
 
 from featherfx.files.collecting import seldom_collected
 from featherfx.jit.crew import WAITING, Need, crew
-from featherfx.jit.entry import Tuples
+from featherfx.jit.held_types import Tuples, held
 from featherfx.jit.late import import_all
 from featherfx.jit.loaded import OWN, Loaded, Returned
 from featherfx.jit.parts import (
@@ -110,7 +110,7 @@ def types_in(link: Link) -> Any:
 def types_of(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
     """numba's types of arguments."""
     import_all()
-    return tuple(map(typeof, arguments))
+    return tuple(held(typeof(each)) for each in arguments)
 
 
 def _returned(kind: Any) -> Returned:

@@ -31,6 +31,7 @@ from numba.core.registry import CPUDispatcher
 
 from featherfx.jit.crew import Need, crew, is_helper
 from featherfx.jit.entry import WRAPPER, EntryLowering
+from featherfx.jit.held_types import HeldType, held, keep, room
 from featherfx.jit.lowering import KernelLowering, pipeline_of
 from featherfx.jit.plain import OPTIONS as PLAIN_OPTIONS
 from featherfx.jit.type_text import text_of_types
@@ -166,13 +167,14 @@ class Shared(Called):
     def compile(self, sig: Any) -> Any:
         args = tuple(sigutils.normalize_signature(sig)[0])
         if args not in self.overloads:
-            need = Need(self.py_func.__module__, self.py_func.__name__, args)
-            if not self.entry.is_there(text_of_types(args)):
+            taken = tuple(map(held, args))
+            need = Need(self.py_func.__module__, self.py_func.__name__, taken)
+            if not self.entry.is_there(text_of_types(taken)):
                 crew().ask(need)
             returned = declared_type(self.entry.returns)
-            described = ExternalFunctionDescriptor(symbol_of(need), returned, args)
+            described = ExternalFunctionDescriptor(symbol_of(need), returned, taken)
             key = object()
-            call = _calling(user_function(described, ()), need)
+            call = _calling(user_function(described, ()), need, args)
             self.targetctx.insert_func_defn([(call, key, call.signature)])
             self.overloads[args] = Declared(typing.signature(returned, *args), key)
         return self.overloads[args].entry_point
@@ -214,13 +216,21 @@ def needs_of(library: Any) -> set[Need]:
     return {need for each in libraries for need in vars(each).get("needs", ())}
 
 
-def _calling(implementation: Any, need: Need) -> Any:
-    """The implementation of a call that notes in the calling code's library what it needs."""
+def _calling(implementation: Any, need: Need, own: Types) -> Any:
+    """The implementation of a call with arguments of its own types that notes in the calling code's
+    library what it needs, and holds what the kernel takes as held."""
 
     def call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         vars(context.active_code_library).setdefault("needs", set()).add(need)
-        return implementation(context, builder, sig, args)
+        given = []
+        for kind, taken, value in zip(sig.args, need.args, args, strict=True):
+            line = value
+            if isinstance(taken, HeldType) and not isinstance(kind, HeldType):
+                line = room(builder, taken)
+                keep(context, builder, kind, value, line)
+            given.append(line)
+        return implementation(context, builder, sig, given)
 
     described: Any = call
-    described.signature, described.libs = implementation.signature, ()
+    described.signature, described.libs = own, ()
     return described

@@ -8,8 +8,8 @@ from typing import Any
 from numba.core import types as numba_types
 from numba.np.numpy_support import as_dtype
 
-from featherfx.jit.entry import Tuples
 from featherfx.jit.forms import array_text, tuple_text
+from featherfx.jit.held_types import HeldType, Tuples
 from featherfx.jit.view_types import KindType
 
 
@@ -22,6 +22,8 @@ def _text(kind: Any) -> str:
     if isinstance(kind, numba_types.Array):
         held = as_dtype(kind.dtype)
         return array_text(held, kind.ndim, kind.layout, kind.mutable, kind.aligned)
+    if isinstance(kind, HeldType):
+        return _text(kind.like)
     if isinstance(kind, Tuples):
         return tuple_text(getattr(kind, "instance_class", tuple), map(_text, kind.types))
     if isinstance(kind, KindType):
