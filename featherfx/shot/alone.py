@@ -104,4 +104,6 @@ class Alone:
         tolerance = group.solver.settings.tolerance
         coast = tolerance if self._shot.coast else None
         quiet = undisturbed(group.state, path, loads, group.loads, coast)
+        if not quiet.any():  # seldom otherwise in gusts, and what follows looks at all nodes
+            return quiet
         return np.asarray(quiet & at_rest(group.state, path, tolerance, duration))

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps
+
+# feathers whose points are copied to be looked at in one call
+_LOOKED_AT = 64
 
 
 @dataclass(frozen=True)
@@ -50,6 +57,22 @@ class Frame:
     def accelerations(self) -> tuple[Array, ...]:
         """The second rates of points, per second squared."""
         return tuple(pose.accelerations.rows() for pose in self.poses)
+
+
+def not_finite(poses: Sequence[FeatherPose]) -> int | None:
+    """Place of the first that has a point which is not finite. All are of one grid."""
+    for first in range(0, len(poses), _LOOKED_AT):
+        some = poses[first : first + _LOOKED_AT]
+        parts = zip(*(pose.points for pose in some), strict=True)
+        if not all(_finite(np.concatenate(each)) for each in parts):
+            bad = (k for k, pose in enumerate(some) if not all(map(_finite, pose.points)))
+            return first + next(bad)
+    return None
+
+
+def _finite(part: Array) -> bool:
+    """Whether all numbers are; squares have no finite sum where one is not."""
+    return isfinite(np.vdot(part, part)) or bool(np.isfinite(part).all())
 
 
 def sample_number(first: int, index: int, subframes: int) -> float:

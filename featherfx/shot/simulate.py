@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,7 @@ from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.direction.targets import Reached
 from featherfx.shot.direction.through import FollowThrough
 from featherfx.shot.energy import Energy, energy_of
-from featherfx.shot.frames import Frame, sample_number
+from featherfx.shot.frames import Frame, not_finite, sample_number
 from featherfx.shot.groups import (
     Group,
     give_cycles,
@@ -455,20 +454,13 @@ class Simulation:
     def _frame(self, index: int, poses: list[FeatherPose]) -> Frame:
         """poses: of the feathers in its frames, laid."""
         time, number = self._time(index), self._number(index)
-        for f, pose in zip(self._wanted.tolist(), poses, strict=True):
-            # squares have no finite sum where a part is not finite
-            if not all(_finite(part) for part in pose.points):
-                name = self.shot.groom.feathers[f].id
-                raise SimulationError(name, time, "a point is not finite", number)
+        if (bad := not_finite(poses)) is not None:
+            name = self.shot.groom.feathers[self._wanted[bad]].id
+            raise SimulationError(name, time, "a point is not finite", number)
         if self.shot.wets:
             clumps = [clumping(self.shot, self._wets[f], time) for f in self._wanted.tolist()]
             poses = [replace(p, clumped=each) for p, each in zip(poses, clumps, strict=True)]
         return Frame(number, time, tuple(poses))
-
-
-def _finite(part: Array) -> bool:
-    """Whether all numbers are."""
-    return isfinite(np.vdot(part, part)) or bool(np.isfinite(part).all())
 
 
 def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:

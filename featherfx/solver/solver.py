@@ -43,11 +43,11 @@ COARSE = 0.01
 # the same, distance from its solution at which a step is taken where a frame must end; what Newton
 # adds to a hard matrix overstates it
 UNSOLVED = 100.0
-# feathers that a thread takes at once at most: what Python hands over takes 40 microseconds a call,
-# and an interrupt waits for its end; pieces for each thread at least
-AT_ONCE, PIECES = 32, 8
+# feathers that a thread takes at once, or nodes of these where that is more: what Python hands over
+# takes 200 microseconds a call, and an interrupt waits for its end; pieces for each thread at least
+AT_ONCE, NODES_AT_ONCE, PIECES = 32, 6000, 8
 # the same of feathers that settle, which may take as long as a hundred steps each
-SETTLED_AT_ONCE = 8
+SETTLED_AT_ONCE, SETTLED_NODES = 8, 2000
 # of the tolerance of a step, distance from the solution that counts as rest at most
 AT_REST = 1e-2
 
@@ -168,7 +168,7 @@ class Solver:
         def take(piece: Indices) -> None:
             advance_some(self.model, loads, piece, path, state, frame, self._work(), report)
 
-        self.for_each(take, pieces(np.array(some, dtype=np.int64), self.jobs))
+        self.for_each(take, self._pieces(some, AT_ONCE, NODES_AT_ONCE))
         return report
 
     def equilibrium(
@@ -196,8 +196,13 @@ class Solver:
             mixing, work = make_mixing(new.points.nodes[0].size), self._work()
             settle_some(self.model, loads, piece, goal, new, found, mixing, work)
 
-        self.for_each(settle, pieces(np.array(some, dtype=np.int64), self.jobs, SETTLED_AT_ONCE))
+        self.for_each(settle, self._pieces(some, SETTLED_AT_ONCE, SETTLED_NODES))
         return new, found.status, found.iterations
+
+    def _pieces(self, some: Sequence[int], feathers: int, nodes: int) -> list[Indices]:
+        """Of some feathers, each of so many, or of so many nodes where these are more."""
+        most = max(feathers, nodes // (self.model.rows * (1 + 2 * self.model.columns)))
+        return pieces(np.array(some, dtype=np.int64), self.jobs, most)
 
     def _work(self) -> Work:
         """Scratch of the calling thread."""

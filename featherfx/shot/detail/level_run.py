@@ -121,8 +121,11 @@ class LevelRun:
 
     def shown(self, index: int) -> list[FeatherPose]:
         """The poses of the wanted feathers at a sample."""
-        poses = self._poses(index)
-        return [self.fades.blended(f, poses) for f in self._wanted.tolist()]
+        poses, wanted = self._poses(index), self._wanted
+        if self.fades.weight[wanted].any():
+            return [self.fades.blended(f, poses) for f in wanted.tolist()]
+        levels = self.fades.now[wanted].tolist()
+        return [poses[of] for of in zip(wanted.tolist(), levels, strict=True)]
 
     def solved(self, index: int) -> dict[int, FeatherPose]:
         """By number, the poses at a sample of feathers that are always solved at one level, or were
