@@ -93,8 +93,9 @@ def test_an_outline_is_kept_within_a_distance(shot, free):
     kept, run = moved(shot, Target(keys=((1, 1),), within=within, tolerance=0.3))
     apart, before = (np.linalg.norm(x - rigid, axis=-1).max() for x in (kept, free))
     assert before > 2.0 * within
-    assert 0.9 * within < apart < within + 0.003 * length(shot)
-    assert run.report["targets"][0]["deviation"] < 0.3
+    # free in two thirds of it, and stopped in the last
+    assert 2.0 / 3.0 * within < apart < within
+    assert run.report["targets"][0]["deviation"] == 0.0
 
 
 def test_other_feathers_move_as_before_and_need_no_new_bake(shot, free):

@@ -9,9 +9,9 @@ h: hold, 0 to 1, smooth between its keys. w_1: the feather's first natural frequ
 constant force displaces it by w_1^2 / (w_1^2 + w^2) of what it would without springs, so h is the
 share of the way to the shape. L: length, d: tolerance. 1/2 w_1^2 L is about the acceleration with
 which a feather leaves a shape that is bent by half of its length, g that of gravity. s: how
-far a node is free around its place, so that an outline stays within s of the shape's. (Springs
-that hold the whole feather at one node, of its whole mass, keep it no nearer and bounce: 14 times
-the time.)
+far a node is free around its place: 2/3 of `within`, in whose last third, if d L is no less, springs
+stop it, so that an outline stays within all of it. (Springs that hold the whole feather at one node,
+of its whole mass, keep it no nearer and bounce: 14 times the time.)
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ from featherfx.solver.step.modes import first_frequency
 # motion (with 4 a beating secondary that is bent by a fifth of its length was 1.3 times off)
 SAFETY = 16.0
 GRAVITY = 9.81  # m/s^2
+# of `within`: a wing that a gust throws 150 mm about is stopped in 0.8 of the rest
+FREE = 2.0 / 3.0
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def _gripped(loads: Loads, pull: Pull, hold: float, places: Sequence[Array]) -> 
         grip_start=np.concatenate([loads.grip_start, targets[0]], axis=1),
         grip_end=np.concatenate([loads.grip_end, targets[1]], axis=1),
         grip_stiffness=np.concatenate([loads.grip_stiffness, stiffness], axis=1),
-        grip_slack=_with_slack(loads, feathers, rows * points, pull.target.within),
+        grip_slack=_with_slack(loads, feathers, rows * points, FREE * pull.target.within),
     )
 
 
@@ -155,6 +157,9 @@ def pulls_of(
             length = np.array([feathers[k].station[-1] for k in chosen])
             first = np.array([_first_square(model, k, known) for k in chosen])
             strong = GRAVITY + 0.5 * first * length
+            reach = target.tolerance / 100.0 * length
+            if target.within > 0.0:
+                reach = np.minimum(reach, (1.0 - FREE) * target.within)
             found.append(
                 Pull(
                     target=target,
@@ -164,7 +169,7 @@ def pulls_of(
                     mass=model.mass[chosen],
                     length=length,
                     first=first,
-                    most=SAFETY * strong / (target.tolerance / 100.0 * length),
+                    most=SAFETY * strong / reach,
                 )
             )
     return Pulls(found, members, motion) if found else None
