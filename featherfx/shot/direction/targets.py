@@ -9,9 +9,9 @@ h: hold, 0 to 1, smooth between its keys. w_1: the feather's first natural frequ
 constant force displaces it by w_1^2 / (w_1^2 + w^2) of what it would without springs, so h is the
 share of the way to the shape. L: length, d: tolerance. 1/2 w_1^2 L is about the acceleration with
 which a feather leaves a shape that is bent by half of its length, g that of gravity. s: how
-far a node is free around its place: 2/3 of `within`, in whose last third, if d L is no less, springs
-stop it, so that an outline stays within all of it. (Springs that hold the whole feather at one node,
-of its whole mass, keep it no nearer and bounce: 14 times the time.)
+far a node is free around its place: 2/3 of `within`, in whose last third, if d L is no less,
+springs stop it, so that an outline stays within all of it. (Springs that hold the whole feather at
+one node, of its whole mass, keep it no nearer and bounce: 14 times the time.)
 """
 
 from __future__ import annotations
