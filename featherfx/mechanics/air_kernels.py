@@ -8,12 +8,16 @@ a wave of wave number k, over which the wind goes along the shaft at U, is fed b
 
 a square metre and metre of its height: the shorter, the more, and nothing but the vane's bending
 across its barbs holds it, nothing where they are loose. A plume then flutters in waves of 17 mm on
-grids that have them (docs/log.md). So normals n are evened out along the shaft (arc length s),
+grids that have them, and the edge of a swan's vane snaps over otherwise on each grid (docs/log.md).
+A strip of width c that moves across itself by cos(k s) turns aside, in potential flow, all of
+pi rho c^2 / 4 a metre where waves are long and half of it at k c = 3.76, as air goes from crest to
+trough instead of around the edges. So normals n are evened out along the shaft (arc length s),
 
     n' - d/ds (l^2 dn'/ds) = n,     dn'/ds = 0 at both ends of the vane,
 
-and scaled to length 1, with l = EVEN times the barb's length: waves as long as the barbs keep half
-of their slope, longer ones nearly all, shorter ones less by the square. A vane that is straight
+and scaled to length 1, with l = c / 3.76: waves 1.7 times as long as the vane is wide keep half of
+their slope, longer ones nearly all, shorter ones less by the square. c is 0.64 of the length of
+both barbs of a row together (0.61 to 0.67 in flight feathers and plumes). A vane that is straight
 along the shaft keeps its normals. The area of a place is what is seen of it along n'.
 """
 
@@ -32,8 +36,8 @@ from featherfx.algebra.vec3_kernels import (
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.row_kernels import node_index
 
-# of a barb's length: 1 / (2 pi), so that a wave as long as the barb keeps half of its slope
-EVEN = 0.16
+# of the length of both barbs of a row: 0.64 / 3.76
+EVEN = 0.17
 
 
 @kernel
@@ -99,8 +103,11 @@ def _joined(model, f, side, i):
     """l^2 over the distance of rows i and i + 1 (m); 0 where one of them has no barb."""
     if i < 0 or i >= model.length.shape[1]:
         return 0.0
+    segment = model.segment[f]
+    if segment[side, i] == 0.0 or segment[side, i + 1] == 0.0:
+        return 0.0
     reach = EVEN * model.joints.shape[3]
-    here, there = model.segment[f, side, i], model.segment[f, side, i + 1]
+    here, there = segment[0, i] + segment[1, i], segment[0, i + 1] + segment[1, i + 1]
     return reach * reach * here * there / model.length[f, i]
 
 
