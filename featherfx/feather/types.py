@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,8 +57,8 @@ class RowPoints(NamedTuple):
         return RowPoints(self.nodes[place], self.directors[place])
 
     def each(self) -> Iterator[RowPoints]:
-        """Those at every place of the first axis."""
-        return map(RowPoints, self.nodes, self.directors)
+        """Those at every place of the first axis, made as quickly as Python can."""
+        return map(tuple.__new__, repeat(RowPoints), zip(self.nodes, self.directors, strict=True))
 
     def assign(self, other: RowPoints) -> None:
         """Set both, in place."""
