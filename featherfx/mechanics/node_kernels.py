@@ -60,8 +60,7 @@ def node_energy(model, loads, f, factors, points, around):
     """Energy of inertia, gravity and drag of feather f (J).
 
     factors: a (1/s^2) and c (1/s; 0: no drag) of the integrator. points: (n, 1 + 2 m, 3) x. around:
-    x_t, x_v, and wind, areas and speeds of
-    `blow`.
+    x_t, x_v, and wind, areas and speeds of `blow`.
     """
     total = 0.0
     inertia, rate = factors.inertia, factors.rate

@@ -103,7 +103,7 @@ def test_a_collider_that_appears_inside_a_feather_ends_with_a_name_or_not_at_all
 def test_a_collider_that_is_inside_from_the_start_does_not_stop_the_shot():
     inside = replace(half_wing(coarse_bird()), motion=HELD, colliders=timed(JumpingBoard()))
     raised = Board()
-    object.__setattr__(raised, "rest", Board.rest + np.array([0.0, 0.0, 0.07]))
+    object.__setattr__(raised, "rest", Board.rest + np.array([0.0, 0.0, 0.05]))
     simulation, frames = baked(replace(inside, colliders=timed(raised)), 3)
     assert simulation.report["contact"]["nodes_grown_into_bodies"] > 0
     assert len(frames) == 3
