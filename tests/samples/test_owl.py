@@ -61,6 +61,14 @@ def test_wings_meet_the_body(owl):
     shafts = [body.gaps(f.position + f.kind.length * ways * f.rotation[:, 0]) for f in inner]
     # over the skin; up to there the coat reaches, 3 cm long
     assert 0.0 < np.min(shafts) < 0.03
+    # seen from above, the innermost vane lies over the trunk's side
+    vane = next(f for f in inner if f.id == "left_wing_tertial_04")
+    (built,) = feathers_of([vane], 11, 4)
+    points = vane.position + built.surface.points(built.rest) @ vane.rotation.T
+    corners = owl.skin.reshape(-1, 3)
+    near = np.abs(points[:, None, 0] - corners[:, 0]) < 0.004
+    beside = points[:, 1] - np.where(near, corners[:, 1], -np.inf).max(axis=1)
+    assert beside.min() < -0.002
 
 
 def test_coverts_lie_over_each_other_where_the_beat_folds_the_wing(owl, shot):
