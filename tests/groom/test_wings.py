@@ -96,9 +96,7 @@ def test_a_row_of_no_feathers_is_left_out(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("fold", "view"), [(0, "top"), (1, "side")])
-def test_no_hole_of_a_wing_is_wider_than_a_millimetre(
-    tmp_path: Path, fold: int, view: str
-) -> None:
+def test_no_hole_of_a_wing_is_wider_than_a_millimetre(tmp_path: Path, fold: int, view: str) -> None:
     groom_of(tmp_path, WING + f"fold = {fold}\n")
     export_groom(tmp_path / "groom.toml", tmp_path / "wing.usdc", quality="draft")
     (found,) = measure_holes(tmp_path / "wing.usdc", view)
