@@ -3,7 +3,15 @@
 import pytest
 
 from featherfx.solver.solver import COARSE, UNSOLVED, Settings, step_settings
-from featherfx.solver.step.retry_kernels import allowed_now, given_up
+from featherfx.solver.step.retry_kernels import (
+    BACKWARD,
+    FOLLOW,
+    GO_ON,
+    PARTS,
+    allowed_now,
+    given_up,
+    parts_now,
+)
 
 LENGTH, WORK = 0.1, 400
 
@@ -28,3 +36,15 @@ def test_feathers_that_touch_stop_instead():
     settings = step_settings(Settings(max_iterations=WORK), 1.0, LENGTH)._replace(unsolved=0.0)
     assert all(allowed_now(settings, left) == 0.0 for left in range(WORK + 1))
     assert all(given_up(settings, left) == 0 for left in range(WORK + 1))
+
+
+def test_a_held_feather_is_tried_in_parts_while_there_is_work_for_all_of_them():
+    settings = step_settings(Settings(max_iterations=WORK), 1.0, LENGTH)
+    enough = (PARTS + 2) * settings.iterations
+    assert [parts_now(settings, way, enough, True) for way in (GO_ON, FOLLOW, BACKWARD)] == [
+        0,
+        PARTS,
+        PARTS,
+    ]
+    assert parts_now(settings, BACKWARD, enough - 1, True) == 0
+    assert parts_now(settings, BACKWARD, enough, False) == 0

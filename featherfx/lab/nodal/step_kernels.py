@@ -187,8 +187,8 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
             way = max(way, FOLLOW)
         radius = EULER if way == BACKWARD else settings.spectral_radius
         floor, limit = settings.shortest, settings.iterations
-        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, UNKNOWN, 0.0, 0.0)
-        place = Attempt(step, floor, fraction, STAY, radius, limit, promise, UNKNOWN, 0.0, 0.0)
+        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, UNKNOWN, 0.0, 0.0, 0)
+        place = Attempt(step, floor, fraction, STAY, radius, limit, promise, UNKNOWN, 0.0, 0.0, 0)
         factors = _predict(
             model, nodal, loads, f, frame.path, place if textbook else attempt, state, work
         )

@@ -14,7 +14,7 @@ from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
-from featherfx.solver.status import CONVERGED, GREW, TOO_MUCH_WORK
+from featherfx.solver.status import CONVERGED, GREW, NOT_CONVERGED, TOO_MUCH_WORK
 from featherfx.solver.step.energy_kernels import damped_energy
 from featherfx.solver.step.energy_promise_kernels import (
     for_step,
@@ -44,6 +44,7 @@ from featherfx.solver.step.integrator_kernels import (
 from featherfx.solver.step.newton_kernels import (
     UNKNOWN,
     Goal,
+    Solved,
     keep_pace,
     minimise,
     nearly_solved,
@@ -71,6 +72,7 @@ from featherfx.solver.step.retry_kernels import (
     given_up,
     judge,
     next_step,
+    parts_now,
     shortest_now,
     stop,
     work_of,
@@ -85,6 +87,8 @@ from featherfx.solver.step.strain_kernels import (
 
 # of where Newton ends for a held feather, where it ends for one that flies
 FREE = 0.1
+# of the error that no step may have, within which all parts of a step but the last are solved
+ROUGH = 0.1
 # of the last change of the rates, what a prediction adds to them: with all of it what iterations
 # leave would grow with the square of the steps
 BEND = 0.5
@@ -183,16 +187,71 @@ def _predict(model, loads, f, path, attempt, state, work):
 
 
 @kernel
+def _goal_of(model, f, attempt, settings):
+    """How far Newton goes."""
+    firm = attempt.way != GO_ON
+    if model.held[f]:
+        return Goal(settings.newton, attempt.limit, attempt.pace, firm)
+    # what is left of a step would be momentum that a feather in flight keeps for ever
+    return Goal(FREE * settings.newton, attempt.limit, UNKNOWN, firm)
+
+
+@kernel
+def _together(before, solved):
+    """The Solved of the last of two solves, with the work of both."""
+    iterations, matrices = before.iterations + solved.iterations, before.matrices + solved.matrices
+    return Solved(solved.status, iterations, matrices, solved.move, solved.pace)
+
+
+@kernel
+def _aim_at_part(part, state, f, around):
+    """Bring the targets of the surroundings nearer to the points of feather f."""
+    for k in range(2):
+        points, target = state.points[k][f], around.target[k]
+        for i in range(target.shape[0]):
+            for p in range(target.shape[1]):
+                for axis in range(3):
+                    x = points[i, p, axis]
+                    target[i, p, axis] = x + part * (target[i, p, axis] - x)
+
+
+@kernel
+def _in_parts(model, loads, f, path, attempt, state, settings, work):
+    """Solve a step to work.now as _try does, from the pose before it, with its inertia and the way
+    of its root put on in parts; returns what minimise does of the last one, with all work."""
+    now, around = work.now, work.around
+    before, factors = work.trial.rotation[0], _predict(model, loads, f, path, attempt, state, work)
+    load_pose(model, f, state, now)
+    solved, whole = Solved(CONVERGED, 0, 0, 0.0, UNKNOWN), attempt.h / settings.duration
+    for part in range(1, attempt.parts + 1):
+        share = part / attempt.parts
+        fraction = attempt.fraction - (1.0 - share) * whole
+        copy_values(now.rotation[0], before)
+        root_at(path, f, fraction, now.rotation[0], now.centre[0])
+        same_sign(before, now.rotation[0])
+        _follow_root(model.length[f], before, now)
+        begin_points(attempt.spectral_radius, attempt.h, state, f, around)
+        tolerance = settings.newton
+        if part < attempt.parts:
+            _aim_at_part(share, state, f, around)
+            tolerance = max(tolerance, ROUGH * settings.coarse)
+        goal = Goal(tolerance, attempt.limit, UNKNOWN, True)
+        solved = _together(solved, minimise(model, loads, f, fraction, factors, goal, work))
+        if solved.status not in (CONVERGED, NOT_CONVERGED):
+            break
+    return solved
+
+
+@kernel
 def _try(model, loads, f, path, attempt, state, settings, work):
     """Solve a step to work.now and check it; returns its Outcome."""
     h, radius, now, around = attempt.h, attempt.spectral_radius, work.now, work.around
     factors = _predict(model, loads, f, path, attempt, state, work)
-    firm = attempt.way != GO_ON
-    goal = Goal(settings.newton, attempt.limit, attempt.pace, firm)
-    if not model.held[f]:
-        # what is left of a step would be momentum that a feather in flight keeps for ever
-        goal = Goal(FREE * settings.newton, attempt.limit, UNKNOWN, firm)
+    goal = _goal_of(model, f, attempt, settings)
     solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
+    if solved.status != CONVERGED and attempt.parts > 0:
+        again = _in_parts(model, loads, f, path, attempt, state, settings, work)
+        solved = _together(solved, again)
     error = step_error(radius, h, motion_of(state, f, NODES), now.points.nodes, around.target.nodes)
     slipped = slip_of_step(model, f, now.strains.cell, around.gaps, work.gaps) / LARGEST_SLIP
     before, after = state.points.nodes[f], now.points.nodes
@@ -269,7 +328,9 @@ def advance(model, loads, f, path, state, settings, work, report):
         last = state.step[f]
         bend = BEND * (step + last) / (last + before) if before > 0.0 else 0.0
         promise = for_step(promise, model, f, step, state)
-        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, pace, bend, allowed)
+        parts = parts_now(settings, way, left, model.held[f])
+        numbers = limit, promise, pace, bend, allowed, parts
+        attempt = Attempt(step, floor, fraction, way, radius, *numbers)
         outcome = _try(model, loads, f, path, attempt, state, settings, work)
         verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
         count_try(report, f, verdict, attempt, outcome, settings)

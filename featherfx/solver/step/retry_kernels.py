@@ -1,8 +1,10 @@
 """What becomes of a step that was tried: it is taken, or tried once more in another way.
 
 A step is tried from the predicted pose, then from the rigidly moved one, then by implicit Euler,
-and is then cut. Steps that were cut grow again from their own length, by implicit Euler if that
-was needed, because where Newton failed it mostly fails again at once.
+and is then cut. Where the last two fail the way of the root and the step's inertia are put on in
+PARTS, each solved from the pose of the one before. Steps that were cut grow again from their own
+length, by implicit Euler if that was needed, because where Newton failed it mostly fails again at
+once.
 
 The length of a step follows from its error. What is bounded is the work of a frame: half of its
 steps may be as short as their errors ask, which what is struck or starts at full speed needs for a
@@ -30,6 +32,8 @@ from featherfx.solver.step.newton_kernels import Pace
 TAKEN, REJECTED, FAILED = 0, 1, 2
 # how a step is tried, in this order
 GO_ON, FOLLOW, BACKWARD = 0, 1, 2
+# in which a step's root and inertia go on where Newton fails
+PARTS = 4
 # error over tolerance beyond which a step that may not be shorter is taken by implicit Euler
 LOST = 30.0
 # a regular step may be cut this far when Newton fails, by this factor each time
@@ -102,8 +106,9 @@ class Attempt(NamedTuple):
     """A try of a step: its length h (s), the length below which none is tried for its error (floor,
     s), the fraction of the frame at its end, GO_ON, FOLLOW or BACKWARD (way), the spectral radius,
     Newton iterations at most (limit), the Promise, the Pace of the try before, how much of the last
-    change of the rates the prediction adds to them (bend), and, where the frame must end, distance
-    (m) from its solution at which implicit Euler's step is taken (allowed, else 0)."""
+    change of the rates the prediction adds to them (bend), where the frame must end, distance
+    (m) from its solution at which implicit Euler's step is taken (allowed, else 0), and in how many
+    parts it is tried where Newton fails (0: it is not)."""
 
     h: float
     floor: float
@@ -115,6 +120,7 @@ class Attempt(NamedTuple):
     pace: Pace
     bend: float
     allowed: float
+    parts: int
 
 
 class Outcome(NamedTuple):
@@ -182,6 +188,13 @@ def shortest_now(settings, done, taken, left, recent):
     spent = max(recent, (settings.most_iterations - left) / max(taken, 1))
     count = min(most - taken, left / max(SET_ASIDE, RESERVE * spent))
     return (settings.duration - done) / max(1.0, count)
+
+
+@kernel
+def parts_now(settings, way, left, held):
+    """In how many parts a step is tried where Newton fails; 0 for none, as where too little work is
+    left for all of them. held: whether a root carries the feather."""
+    return PARTS if held and way != GO_ON and left >= (PARTS + 2) * settings.iterations else 0
 
 
 @kernel
