@@ -1,4 +1,4 @@
-"""What is led, as obstacles are, gives way to nothing: springs near roots, and what pinches."""
+"""Obstacles give way to nothing: springs near roots, and what pinches."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ STEP, TOLERANCE = 1.0 / 48.0, 0.1 * THICKNESS
 PAIRS = [(1, 0), (1, 2)]
 
 
-def pressed(rises):
+def pressed(rises, fixed=True):
     """A contour feather whose root is held, the shaft's first node off it between the flat tips of
-    two that are led, 0.3 mm beneath it and above; these rise by so much (m) in a step. Returns the
-    report and the contacts."""
+    two that are led, 0.3 mm beneath it and above; these rise by so much (m) in a step. fixed: whether
+    they are obstacles. Returns the report and the contacts."""
     model, state = free_feathers("body_contour", np.zeros((3, 3)), rows=11, columns=4)
     model.held[:] = True
     contact = solver_of(model, PAIRS, [1, -1], tolerance=TOLERANCE, friction=0.0)
@@ -31,7 +31,8 @@ def pressed(rises):
     end = start.copy()
     end[0, ..., 2] += rises[0]
     end[2, ..., 2] += rises[1]
-    led = Led(np.array([False, True, False]), start, end)
+    free = np.array([False, True, False])
+    led = Led(free, start, end, ~free if fixed else np.zeros_like(free))
     _, _, report = contact.interval(
         [state], [no_loads(3)], [hold_roots(state)], STEP, manner=Manner(led=led)
     )
@@ -45,6 +46,14 @@ def test_a_shaft_is_pressed_off_near_its_root_in_few_rounds():
     assert forces.max() > 0.05
     assert report.residual < TOLERANCE
     assert report.rounds <= 15
+
+
+def test_what_is_led_for_one_interval_has_springs_of_its_own_and_shares_nothing():
+    """As the rim of an island has, that is stepped again in shorter steps."""
+    firm, soft = (pressed((2.5e-4, -2.5e-4), fixed)[1] for fixed in (True, False))
+    assert soft["stiffness"].max() < 0.5 * firm["stiffness"].max()
+    assert soft["spared"].max() == 0.0 < firm["spared"].max()
+    assert soft["gap"].min() < -TOLERANCE
 
 
 def test_what_pinches_a_feather_shares_the_depth_that_has_no_room():

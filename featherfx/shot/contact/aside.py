@@ -57,7 +57,7 @@ def aside(grids: Grids, states: Sequence[State], idle: Flags) -> Led | None:
         return None
     nodes = grids.together([state.points.nodes for state in states])
     nodes[idle, :, :, 0] += APART * (1.0 + np.flatnonzero(idle)[:, None, None])
-    return Led(~idle, nodes, nodes)
+    return Led(~idle, nodes, nodes, np.zeros_like(idle))
 
 
 def put_back(states: Sequence[State], before: Sequence[State], idle: Flags, first: Indices) -> None:

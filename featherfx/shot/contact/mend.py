@@ -126,7 +126,8 @@ class Stepper:
             return again
         if led is None:
             nowhere = np.zeros((1, 1, 1, 3))
-            led = Led(np.ones(len(off), dtype=np.bool_), nowhere, nowhere)
+            free = np.ones(len(off), dtype=np.bool_)
+            led = Led(free, nowhere, nowhere, ~free)
         island = self._island(off, led.free)
         rest = [(span.length, contact.of(led.free & ~island))]
         return self._in_parts(states, Stepped(new, reports, rest, 1), span, resting, island, led)
@@ -153,7 +154,8 @@ class Stepper:
         for part in span.parts(4 if failed else 2):
             fractions = [(time - span.start) / span.length for time in (part.start, part.end)]
             ways = [start + fraction * (end - start) for fraction in fractions]
-            done_part = self.step(current, part, resting & ~island, Led(island, *ways))
+            own = Led(island, *ways, led.fixed)
+            done_part = self.step(current, part, resting & ~island, own)
             current = done_part.states
             done.contact += done_part.contact
             done.tries += done_part.tries

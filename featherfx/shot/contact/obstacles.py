@@ -175,19 +175,19 @@ class Obstacles:
         away = aside(grids, states, idle)
         if not self.batches:
             return away
-        free = ~idle
-        free[len(free) - self.count :] = False
+        fixed = np.arange(len(idle)) >= len(idle) - self.count
+        free = ~idle & ~fixed
         if away is None:
             start = grids.together([state.points.nodes for state in states])
         else:
             start = away.start
         if not ends:
-            return Led(free, start, start)
+            return Led(free, start, start, fixed)
         end, solved = start.copy(), len(states) - len(self.batches)
         for k, nodes in enumerate(ends):
             grids.put(nodes, solved + k, slice(None), end)
         end[idle] = start[idle]
-        return Led(free, start, end)
+        return Led(free, start, end, fixed)
 
     def all_idle(self, idle: Flags) -> Flags:
         """The idle (B,) of all bodies from those of what is solved."""

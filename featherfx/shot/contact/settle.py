@@ -252,7 +252,7 @@ class _Steps:
         led = self._obstacles.led(solver.grids, states, self._idle)
         if held.any() and led is None:
             nodes = solver.grids.together([state.points.nodes for state in states])
-            led = Led(~held, nodes, nodes)
+            led = Led(~held, nodes, nodes, np.zeros_like(held))
         elif held.any() and led is not None:
             led = led._replace(free=led.free & ~held)
         paths = self._paths_of(states)

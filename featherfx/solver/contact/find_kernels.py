@@ -287,18 +287,19 @@ def _meets(contact, along, node, search):
 def _press(contact, known, search):
     """The forces of the interval before, if the contact is known, and the spring's stiffness.
 
-    It is the softer body's, that of the other one where one is led, and the same for both: with
-    springs that differ, of which each fits the other body, rounds need not end where several
-    contacts share a body (Lions 1990 has the proof for springs that are alike).
+    It is the softer body's (what is led is rigid, and towards an obstacle the other one is firm),
+    and the same for both: with springs that differ, of which each fits the other body, rounds need
+    not end where several contacts share a body (Lions 1990 has the proof for springs that are
+    alike).
     """
     contact.guest_force, contact.host_force = 0.0, 0.0
     if known >= 0:
         contact.guest_force = search.memory.force[known, 0]
         contact.host_force = search.memory.force[known, 1]
     bodies, guest, row, p = search.bodies, contact.guest, contact.row, contact.point
-    if bodies.led[contact.host] != 0:
+    if bodies.fixed[contact.host] != 0:
         contact.stiffness = bodies.firm[guest, row, p]
-    elif bodies.led[guest] != 0:
+    elif bodies.fixed[guest] != 0:
         contact.stiffness = _of_corners(bodies.firm[contact.host], contact)
     else:
         host = _of_corners(bodies.impedance[contact.host], contact)

@@ -25,7 +25,7 @@ from featherfx.solver.contact.move_kernels import largest_moves
 from featherfx.solver.contact.run import Run, Team, islands_before, no_colours
 from featherfx.solver.contact.search import Found, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
-    NEAR_ROOT_OF_LED,
+    NEAR_ROOT_OF_OBSTACLE,
     WALL_FIT,
     as_torn,
     carried_mass,
@@ -62,6 +62,8 @@ FIT = 8.0
 FAR = 0.5
 # stiffness of contacts that yield, over what it would be
 SOFT = 1e-2
+# N/m, of what is led and gives way to nothing; weights of corners, and sums, have to stay finite
+RIGID = 1e150
 # Newton iterations of one solve of a feather; one that needs more gets a shorter interval
 MOST_ITERATIONS = 1000
 # searches for contacts in one interval: the poses at its end are not known before; margin of the
@@ -93,11 +95,13 @@ class ContactSettings:
 
 class Led(NamedTuple):
     """Bodies whose motion over an interval is given. free: (B,) the others, which are solved.
-    start, end: (B, n, 1 + 2 m, 3) m, nodes of those that are led."""
+    start, end: (B, n, 1 + 2 m, 3) m, nodes of those that are led. fixed: (B,) those that are led
+    for good, as obstacles are, and not for this interval only."""
 
     free: Flags
     start: Array
     end: Array
+    fixed: Flags
 
 
 class Manner(NamedTuple):
@@ -173,7 +177,7 @@ class ContactSolver:
         self.grids = grids_of(models)
         self.surfaces = self._whole = surfaces_of(models, self.grids, halves)
         self._elastic = self.grids.together([elastic_stiffness(model) for model in models])
-        firm = [elastic_stiffness(model, NEAR_ROOT_OF_LED) for model in models]
+        firm = [elastic_stiffness(model, NEAR_ROOT_OF_OBSTACLE) for model in models]
         self._firm = self.grids.together(firm)
         self._mass = self.grids.together([carried_mass(model) for model in models])
         bodies = self.grids.bodies
@@ -186,6 +190,7 @@ class ContactSolver:
         self._margin = settings.margin / thickest * np.asarray(halves)
         self._touching: tuple[Indices, ByBody] | None = None
         self._free = np.ones(bodies, dtype=np.bool_)
+        self._fixed = np.zeros(bodies, dtype=np.int8)
         self.memory = no_memory(self.surfaces)
         self._searched: Array | None = None
         self.found, self._spare = Found(new_touch(), 0), new_touch()
@@ -233,6 +238,7 @@ class ContactSolver:
             run.alone = run.step._replace(newton=max(run.step.newton, self.settings.newton))
         if led is not None:
             run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
+        self._fixed = np.zeros(len(free), dtype=np.int8) if led is None else led.fixed.astype("i1")
         self._free, memory, rounds = free, self.memory, 0
         stale = free.copy() if resting is None else free & ~resting
         soft = np.zeros(self.grids.bodies, dtype=np.int8)
@@ -349,12 +355,13 @@ class ContactSolver:
         grows. margin: of Search; manner: turns and again (Search)."""
         settings, (memory, before), (turns, again) = self.settings, known, manner
         inertia = self._inertia(run.duration) * self._mass
-        bodies = moving_bodies(run.start, run.now, FIT * (inertia + self._elastic))
-        firm, led = FIT * (inertia + self._firm), (~self._free).astype(np.int8)
+        impedance, firm = FIT * (inertia + self._elastic), FIT * (inertia + self._firm)
+        impedance[~self._free] = RIGID
+        bodies = moving_bodies(run.start, run.now, impedance)
         self._found_in = memory._replace(inside=memory.inside.copy())
         search = Search(
             self.surfaces,
-            bodies._replace(firm=firm, led=led),
+            bodies._replace(firm=firm, fixed=self._fixed),
             self._found_in,
             margin,
             settings.margin,
@@ -402,7 +409,7 @@ class ContactSolver:
         touching = self._neighbours()
         count, island = islands_of(touching)
         island[~self._free | run.failed() | lost] = -1
-        marks = run.marks(island, stale, soft)
+        marks = run.marks(island, stale, soft, self._fixed)
         islands = islands_before(count, island, allowed(self._team.jobs))
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
         sweep = Sweep(

@@ -144,13 +144,20 @@ def _row_and_sign(contact, body):
 
 
 @kernel
-def _is_opposed(contact, body, touch, listed, mine):
-    """Whether what is led presses a body about where a contact does, from the other side."""
+def _is_on_fixed(contact, body, fixed):
+    """Whether what a body touches never gives way: a wall, or a body that is fixed (B,)."""
+    other = contact.host if contact.guest == body else contact.guest
+    return other < 0 or fixed[other] != 0
+
+
+@kernel
+def _is_opposed(contact, body, touch, listed, fixed):
+    """Whether what is fixed presses a body about where a contact does, from the other side."""
     row, sign = _row_and_sign(contact, body)
     for at in range(listed.first[body], listed.first[body + 1]):
         other = touch[listed.items[at]]
         there, sense = _row_and_sign(other, body)
-        if abs(there - row) > BESIDE or other.gap > 0.0 or not is_led(other, body, mine):
+        if abs(there - row) > BESIDE or other.gap > 0.0 or not _is_on_fixed(other, body, fixed):
             continue
         if sign * sense * dot(contact.normal, other.normal) < OPPOSED:
             return True
@@ -158,14 +165,14 @@ def _is_opposed(contact, body, touch, listed, mine):
 
 
 @kernel
-def share_pinch(body, touch, listed, mine, tolerance):
-    """Spare a body what it lacks of contacts with what is led that pinch it: neither side gives
+def share_pinch(body, touch, listed, fixed, tolerance):
+    """Spare a body what it lacks of contacts with what is fixed that pinch it: neither side gives
     way, so each keeps the depth at which their springs balance. tolerance: m, of the least gap."""
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
-        if contact.gap >= -tolerance or not is_led(contact, body, mine):
+        if contact.gap >= -tolerance or not _is_on_fixed(contact, body, fixed):
             continue
-        if _is_opposed(contact, body, touch, listed, mine):
+        if _is_opposed(contact, body, touch, listed, fixed):
             contact.spared -= contact.gap
             contact.gap = 0.0
 

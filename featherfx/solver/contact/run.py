@@ -189,8 +189,8 @@ class Run:
             unsolved=0.0,
         )
 
-    def marks(self, island: Indices, fresh: Flags, soft: Bytes) -> Marks:
-        """Bodies of some islands (B,), -1 for those that are not solved. fresh, soft: of Marks."""
+    def marks(self, island: Indices, fresh: Flags, soft: Bytes, fixed: Bytes) -> Marks:
+        """Bodies of some islands (B,), -1 for those that are not solved. The others: of Marks."""
         return Marks(
             mine=(island >= 0).astype(np.int8),
             island=island,
@@ -202,6 +202,7 @@ class Run:
             depth=np.zeros(len(island)),
             solves=self.solves,
             status=self.report.status,
+            fixed=fixed,
         )
 
     def batches(self, room: int) -> Batches:

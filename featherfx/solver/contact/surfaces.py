@@ -30,9 +30,9 @@ WALL_FIT = 2.0
 # part of the shaft within which the clamp at its root makes contacts no stiffer: there, gaps of
 # nanometres would switch forces that Newton then hunts for, and a feather that flies has no clamp
 NEAR_ROOT = 0.4
-# the same where the other body is led: there a spring as soft as the node farther out closes a few
+# the same where the other body is an obstacle: there a spring as soft as the node farther out closes a few
 # hundredths of its gap in a round
-NEAR_ROOT_OF_LED = 0.2
+NEAR_ROOT_OF_OBSTACLE = 0.2
 # depth, over the feather's length, beyond which a point counts as on the other side of something
 # else; how much farther barbs' tips are apart than rows, over the barbs' length
 DEEPEST, FAN = 0.1, 0.3
@@ -172,7 +172,7 @@ def _far(model: Model) -> Array:
 
 
 def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
-    """Bodies (B, n, 1 + 2 m, 3) whose boxes are yet to be fitted, none of them led."""
+    """Bodies (B, n, 1 + 2 m, 3) whose boxes are yet to be fitted, none of them fixed."""
     bodies, rows = start.shape[:2]
     return MovingBodies(
         start=start,
@@ -181,7 +181,7 @@ def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
         bounds=np.zeros((bodies, 6)),
         impedance=impedance,
         firm=impedance,
-        led=np.zeros(bodies, dtype=np.int8),
+        fixed=np.zeros(bodies, dtype=np.int8),
         way=np.zeros(bodies),
         swing=np.zeros(bodies),
         slab=np.zeros((bodies, 5)),

@@ -68,7 +68,8 @@ class Marks(NamedTuple):
     """B bodies of an interval. mine: which are solved, as long as they can be. island: (B,) of
     those, -1 of others. fresh: to be solved in the first round, whatever contacts. soft: whose
     contacts yield. active: to be solved in this round. moved: or what they touch, since worst and
-    depth, m, of their contacts were looked at. solves: of each. status: of the solves."""
+    depth, m, of their contacts were looked at. solves: of each. status: of the solves. fixed:
+    led for good (Led)."""
 
     mine: Bytes
     island: Indices
@@ -80,6 +81,7 @@ class Marks(NamedTuple):
     depth: Array
     solves: Indices
     status: Array
+    fixed: Bytes
 
 
 class Islands(NamedTuple):
@@ -302,7 +304,7 @@ def _look(body, number, sweep):
     if marks.moved[body] != 0:
         marks.moved[body] = 0
         if number >= PATIENCE:
-            share_pinch(body, sweep.touch, sweep.listed, marks.mine, sweep.rules.tolerance)
+            share_pinch(body, sweep.touch, sweep.listed, marks.fixed, sweep.rules.tolerance)
         worst, depth = residual(body, sweep.touch, sweep.listed, marks.soft, sweep.rules.thinnest)
         marks.worst[body], marks.depth[body] = worst, depth
     again = marks.worst[body] > sweep.rules.tolerance

@@ -48,10 +48,10 @@ class VaneSurfaces(NamedTuple):
 class MovingBodies(NamedTuple):
     """B bodies in an interval. start: (B, n, 1 + 2 m, 3) m, nodes at its begin; ahead: where they
     will be about its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance:
-    (B, n, 1 + 2 m) N/m; firm: the same towards what is led; led: (B,) whether a body is. way: (B,)
-    m, farthest that a node goes; swing: (B,) m, beyond its root. slab: (B, 5), a normal and the
-    lowest and highest along it, m, of all nodes ahead, between which no triangle is turned over;
-    endless where there is none."""
+    (B, n, 1 + 2 m) N/m, of led bodies more than of any other; firm: the same towards bodies that
+    are fixed (B,), obstacles. way: (B,) m, farthest that a node goes; swing: (B,) m, beyond its
+    root. slab: (B, 5), a normal and the lowest and highest along it, m, of all nodes ahead, between
+    which no triangle is turned over; endless where there is none."""
 
     start: Array
     ahead: Array
@@ -59,7 +59,7 @@ class MovingBodies(NamedTuple):
     bounds: Array
     impedance: Array
     firm: Array
-    led: Bytes
+    fixed: Bytes
     way: Array
     swing: Array
     slab: Array
