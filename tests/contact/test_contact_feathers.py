@@ -247,6 +247,22 @@ def test_contacts_that_yield_are_deep_but_not_off():
     assert depths["firm"] < 0.5 * depths["one yields"]
 
 
+def test_contacts_that_yield_are_as_soft_in_every_search_of_a_step():
+    """A third feather, which a force takes aside, has the step searched again and again."""
+    model, state = free_feathers("swan_primary", [[0, 0, 0], [0.02, 0.01, 3e-4], [1, 0, 0]], **GRID)
+    state.velocity.nodes[1, :, :, 2] -= 1.0
+    force = np.zeros((3, *model.mass.shape[1:], 3))
+    stiffness = []
+    for push in (0.0, 1.0):
+        force[2, ..., 2] = push
+        contact = solver_of(model, PAIR, ORDERED)
+        loads, manner = no_loads(3)._replace(force=force), Manner(yielding=np.arange(3) == 1)
+        contact.interval([state], [loads], [hold_roots(state)], 3e-4, manner=manner)
+        stiffness.append(contact.found.contacts["stiffness"])
+    assert len(stiffness[0]) > 20
+    assert np.array_equal(*stiffness)
+
+
 def test_what_comes_around_a_rim_stays_on_the_side_where_it_comes():
     """One is to lie over the other, and is thrown under it from beside it: nothing touches, and
     both move as if alone. Without that it counts as 8 mm deep, and is pulled through."""

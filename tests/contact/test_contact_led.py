@@ -18,8 +18,8 @@ PAIRS = [(1, 0), (1, 2)]
 
 def pressed(rises, fixed=True):
     """A contour feather whose root is held, the shaft's first node off it between the flat tips of
-    two that are led, 0.3 mm beneath it and above; these rise by so much (m) in a step. fixed: whether
-    they are obstacles. Returns the report and the contacts."""
+    two that are led, 0.3 mm beneath it and above; these rise by so much (m) in a step. fixed:
+    whether they are obstacles. Returns the report and the contacts."""
     model, state = free_feathers("body_contour", np.zeros((3, 3)), rows=11, columns=4)
     model.held[:] = True
     contact = solver_of(model, PAIRS, [1, -1], tolerance=TOLERANCE, friction=0.0)
@@ -52,7 +52,7 @@ def test_what_is_led_for_one_interval_has_springs_of_its_own_and_shares_nothing(
     """As the rim of an island has, that is stepped again in shorter steps."""
     firm, soft = (pressed((2.5e-4, -2.5e-4), fixed)[1] for fixed in (True, False))
     assert soft["stiffness"].max() < 0.5 * firm["stiffness"].max()
-    assert soft["spared"].max() == 0.0 < firm["spared"].max()
+    assert soft["spared"].max() < 1e-5 < 5e-5 < firm["spared"].max()
     assert soft["gap"].min() < -TOLERANCE
 
 

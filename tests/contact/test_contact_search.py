@@ -22,6 +22,7 @@ from featherfx.solver.contact.surfaces import (
 )
 from featherfx.solver.contact.sweep_kernels import Marks
 from featherfx.solver.contact.types import Candidates, Search
+from featherfx.solver.contact.wall import wall_of
 
 FEATHERS, MARGIN = 8, 6.0 * THICKNESS
 # what a search finds; the rest of a contact is measured later
@@ -214,6 +215,31 @@ def test_threads_change_no_contact(monkeypatch):
     assert found.number > 20
 
 
+def test_the_order_of_work_changes_nothing_of_what_has_grown_into_walls():
+    """Two floors, the second beneath all: what has grown into the first stays so, whichever is
+    looked at first and last."""
+    scene = Scene(1)
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    halves = np.array([[0, 1, 2], [0, 2, 3]])
+    walls = [
+        wall_of(corners + z, corners + z, halves, 0.1, True) for z in ((0, 0, 0), (0, 0, -0.05))
+    ]
+
+    def backwards(function, numbers):
+        for number in reversed(list(numbers)):
+            function(number)
+
+    (search,) = scene.searches(1)
+    inside = []
+    for for_each, known in ((None, walls[:1]), (None, walls), (backwards, walls)):
+        search.memory.inside[:] = 0
+        Searcher(scene.candidates, scene.surfaces, 2, for_each).find(search, known)
+        inside.append(search.memory.inside.copy())
+    assert 20 < np.count_nonzero(inside[0]) < np.count_nonzero(scene.surfaces.guests)
+    assert np.array_equal(inside[0], inside[1])
+    assert np.array_equal(inside[0], inside[2])
+
+
 def test_bodies_that_touch_differ_in_colour():
     rng = np.random.default_rng(5)
     pairs = rng.integers(0, 40, (90, 2))
@@ -264,4 +290,5 @@ def in_one_island(active):
         depth=np.zeros(bodies),
         solves=np.zeros(bodies, dtype=np.int64),
         status=np.zeros(bodies),
+        fixed=np.zeros(bodies, dtype=np.int8),
     )

@@ -8,7 +8,7 @@ from featherfx.algebra.vec3_kernels import cross, dot, scale, sub
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.find_kernels import Node
 from featherfx.solver.contact.search_kernels import closest_weights, guest_place, guest_point
-from featherfx.solver.contact.wall_kernels import IN_SKIN, meet_triangle, weighted
+from featherfx.solver.contact.wall_kernels import meet_triangle, weighted
 
 # steps from triangle to triangle of a skin
 MOST_STEPS = 12
@@ -56,8 +56,9 @@ def bind_nodes(nodes, skin, ground, triangle, height):
 
 
 @kernel
-def _meet(node, ground, search, touch, count):
-    """Add the contact of a node with the skin, if there is one; returns the count."""
+def _meet(node, ground, bit, search, touch, count):
+    """Add the contact of a node with the skin, if there is one; returns the count. bit: as of
+    meet_triangle."""
     surfaces, bodies, body, i = search.surfaces, search.bodies, node.guest, node.row
     p, fraction = guest_point(node.column, surfaces.exists.shape[3], surfaces.columns[body])
     if ground.under[body, i, p] < 0:
@@ -71,13 +72,14 @@ def _meet(node, ground, search, touch, count):
     weight = closest_weights(x, a, b, _corner(ground.start, ground, t, 2))
     away = sub(x, weighted(ground.start, ground.triangles[t], weight))
     found = t, dot(away, away), weight
-    return meet_triangle(node, found, ground, IN_SKIN, search, touch, count)
+    return meet_triangle(node, found, ground, bit, search, touch, count)
 
 
 @kernel
-def find_ground_contacts(ground, search, free, low, high, touch):
+def find_ground_contacts(ground, bit, search, free, low, high, touch):
     """Contacts of bodies from low to high - 1 that are free (B,) with the skin under them, written
-    to touch; their number. More than touch has room for: only that they are too many is right."""
+    to touch; their number. More than touch has room for: only that they are too many is right. bit:
+    as of meet_triangle."""
     surfaces, count = search.surfaces, 0
     for body in range(low, high):
         if free[body] == 0:
@@ -86,5 +88,5 @@ def find_ground_contacts(ground, search, free, low, high, touch):
             for c in range(surfaces.guests.shape[2]):
                 if surfaces.guests[body, i, c] != 0:
                     node = Node(-1, body, -1, i, c, 0, -1)
-                    count = _meet(node, ground, search, touch, count)
+                    count = _meet(node, ground, bit, search, touch, count)
     return count

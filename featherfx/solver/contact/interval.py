@@ -252,7 +252,7 @@ class ContactSolver:
             looked = stale if number else free
             self._find(run, walls, (memory, before), looked, margin, (turns, number > 0))
             if yielding is not None:
-                soften(*self.found, soft, SOFT)
+                soften(*self.found, soft, looked.astype(np.int8), SOFT)
             if number:
                 stale = self._changed(stale, forces, soft) & free
             solved = self._solve(run, stale & (off == 0.0), soft, off > 0.0)

@@ -203,11 +203,13 @@ def closed_on_led(body, touch, listed, mine):
 
 
 @kernel
-def soften(touch, count, bodies, kept):
+def soften(touch, count, bodies, anew, kept):
     """Take from all contacts of some bodies (B,) their forces, and all but a part kept of their
-    stiffness."""
+    stiffness. anew: (B,) bodies whose contacts were found anew; those that hold on are soft."""
     for k in range(count):
         contact = touch[k]
+        if anew[contact.guest] == 0 and (contact.host < 0 or anew[contact.host] == 0):
+            continue
         if bodies[contact.guest] == 0 and (contact.host < 0 or bodies[contact.host] == 0):
             continue
         contact.guest_force, contact.host_force = 0.0, 0.0

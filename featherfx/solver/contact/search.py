@@ -37,6 +37,8 @@ FIRST_ROOM = 1024
 LEAST_POINTS, PIECES = 5_000, 20
 # contacts that threads put together beside each other, at the least
 MANY = 5_000
+# walls that have a bit of their own of what has grown into them; all after them share the next
+OWN_BITS = 6
 
 ForEach = Callable[[Callable[[Any], None], Iterable[Any]], None]
 
@@ -162,7 +164,7 @@ class Searcher:
         self._for_each(fit, pieces)
         meet, numbers = self._meeting(search, walls, every & anew.astype(np.int8))
         # what takes longest first, and no waiting between
-        works = [partial(look, k) for k in pieces] + [partial(meet, k) for k in range(len(numbers))]
+        works = [partial(look, k) for k in pieces] + [partial(meet, k) for k in pieces]
         self._for_each(_call, works)
         self.looked_at = int(counts[:, 1].sum())
         # as with pairs, what is not stale keeps its contacts with walls
@@ -182,22 +184,26 @@ class Searcher:
     def _meeting(
         self, search: Search, walls: Sequence[Wall | Ground], free: Bytes
     ) -> tuple[Callable[[int], None], Indices]:
-        """What finds contacts with walls of bodies that are free (B,), wall after wall, when it is
-        called with the number of a piece; and how many it finds in each."""
+        """What finds contacts with all walls of bodies that are free (B,), when it is called with
+        the number of a piece; and how many it finds, wall after wall, in each piece.
+
+        Of one body a thread looks at one wall after the other: they share what it has grown into.
+        """
         pieces = len(self._rooms)
         while len(self._on_walls) < pieces * len(walls):
             self._on_walls.append(new_touch())
         counts = np.zeros(pieces * len(walls), dtype=np.int64)
 
-        def meet(k: int) -> None:
-            wall, piece = walls[k // pieces], k % pieces
+        def meet(piece: int) -> None:
             low, high = self._bodies[piece], self._bodies[piece + 1]
-            find = find_ground_contacts if isinstance(wall, Ground) else find_wall_contacts
-            while True:
-                counts[k] = find(wall, search, free, low, high, self._on_walls[k])
-                if counts[k] <= len(self._on_walls[k]):
-                    break
-                self._on_walls[k] = new_touch(int(1.25 * counts[k]))
+            for number, wall in enumerate(walls):
+                k, bit = number * pieces + piece, 1 << min(number, OWN_BITS)
+                find = find_ground_contacts if isinstance(wall, Ground) else find_wall_contacts
+                while True:
+                    counts[k] = find(wall, bit, search, free, low, high, self._on_walls[k])
+                    if counts[k] <= len(self._on_walls[k]):
+                        break
+                    self._on_walls[k] = new_touch(int(1.25 * counts[k]))
 
         return meet, counts
 

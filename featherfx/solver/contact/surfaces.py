@@ -30,7 +30,7 @@ WALL_FIT = 2.0
 # part of the shaft within which the clamp at its root makes contacts no stiffer: there, gaps of
 # nanometres would switch forces that Newton then hunts for, and a feather that flies has no clamp
 NEAR_ROOT = 0.4
-# the same where the other body is an obstacle: there a spring as soft as the node farther out closes a few
+# the same towards an obstacle: there a spring as soft as the node farther out closes a few
 # hundredths of its gap in a round
 NEAR_ROOT_OF_OBSTACLE = 0.2
 # depth, over the feather's length, beyond which a point counts as on the other side of something

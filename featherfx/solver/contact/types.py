@@ -68,8 +68,8 @@ class MovingBodies(NamedTuple):
 class Memory(NamedTuple):
     """What is kept between intervals. key: (K,) ascending, pair, row and guest's column of K
     contacts of feathers, as one number; force: (K, 2) N, on guest and host; side: (K,) of the host.
-    wall: (B, n, W) N, forces of walls. inside: (B, n, W), what guests have grown into
-    (wall_kernels.IN_BODY, IN_SKIN)."""
+    wall: (B, n, W) N, forces of walls. inside: (B, n, W), a bit for each wall that
+    guests have grown into (search.OWN_BITS)."""
 
     key: Indices
     force: Array

@@ -18,9 +18,6 @@ from featherfx.solver.contact.search_kernels import (
     side_normal,
 )
 
-# bits of Memory.inside: grown into a body, into the skin beneath
-IN_BODY, IN_SKIN = 1, 2
-
 
 @kernel
 def count_cells(points, triangles, grid, counts):
@@ -101,10 +98,10 @@ def _closest_triangle(x, wall):
 
 
 @kernel
-def meet_triangle(node, found, wall, kind, search, touch, count):
+def meet_triangle(node, found, wall, bit, search, touch, count):
     """Add the contact of a node with what it is closest to of a wall at the start, if they meet;
-    returns the count. found: triangle, square of its distance (m^2), weights of its corners. kind:
-    IN_BODY or IN_SKIN."""
+    returns the count. found: triangle, square of its distance (m^2), weights of its corners. bit:
+    the wall's of Memory.inside."""
     surfaces, bodies, body, i = search.surfaces, search.bodies, node.guest, node.row
     inside, (t, square, weight) = search.memory.inside[body, i], found
     p, fraction = guest_point(node.column, surfaces.exists.shape[3], surfaces.columns[body])
@@ -120,12 +117,12 @@ def meet_triangle(node, found, wall, kind, search, touch, count):
     closing = abs(dot(normal, sub(ahead, x))) + abs(dot(normal, sub(new, old)))
     outside = along >= 0.0
     if wall.beginning != 0 and not outside:
-        inside[node.column] |= kind
+        inside[node.column] |= bit
     if outside:
-        inside[node.column] &= ~kind
+        inside[node.column] &= ~bit
     if beside > BESIDE * thickness + SLANT * min(abs(along), CREASE * thickness) + closing:
         return count
-    if along - thickness > search.margin[body] + closing or inside[node.column] & kind != 0:
+    if along - thickness > search.margin[body] + closing or inside[node.column] & bit != 0:
         return count
     contact = slot(touch, count)
     start_contact(contact, node, p, fraction)
@@ -140,15 +137,16 @@ def meet_triangle(node, found, wall, kind, search, touch, count):
 
 
 @kernel
-def _meet(node, wall, search, touch, count):
-    """Add the contact of a node with a wall, if there is one; returns the count."""
+def _meet(node, wall, bit, search, touch, count):
+    """Add the contact of a node with a wall, if there is one; returns the count. bit: as of
+    meet_triangle."""
     surfaces, body, i = search.surfaces, node.guest, node.row
     p, fraction = guest_point(node.column, surfaces.exists.shape[3], surfaces.columns[body])
     found = _closest_triangle(guest_place(search.bodies.start[body], i, p, fraction), wall)
     if found[0] < 0:
-        search.memory.inside[body, i, node.column] &= ~IN_BODY
+        search.memory.inside[body, i, node.column] &= ~bit
         return count
-    return meet_triangle(node, found, wall, IN_BODY, search, touch, count)
+    return meet_triangle(node, found, wall, bit, search, touch, count)
 
 
 @kernel
@@ -162,9 +160,10 @@ def _is_away(bounds, grid):
 
 
 @kernel
-def find_wall_contacts(wall, search, free, low, high, touch):
+def find_wall_contacts(wall, bit, search, free, low, high, touch):
     """Contacts of bodies from low to high - 1 that are free (B,) with a wall, written to touch;
-    their number. More than touch has room for: only that they are too many is right."""
+    their number. More than touch has room for: only that they are too many is right. bit: as of
+    meet_triangle."""
     surfaces, count = search.surfaces, 0
     for body in range(low, high):
         if free[body] == 0 or _is_away(search.bodies.bounds[body], wall.grid):
@@ -173,5 +172,5 @@ def find_wall_contacts(wall, search, free, low, high, touch):
             for c in range(surfaces.guests.shape[2]):
                 if surfaces.guests[body, i, c] != 0:
                     node = Node(-1, body, -1, i, c, 0, -1)
-                    count = _meet(node, wall, search, touch, count)
+                    count = _meet(node, wall, bit, search, touch, count)
     return count
