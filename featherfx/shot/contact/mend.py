@@ -153,8 +153,8 @@ class Stepper:
         current, done = list(states), whole
         for part in span.parts(4 if failed else 2):
             fractions = [(time - span.start) / span.length for time in (part.start, part.end)]
-            ways = [start + fraction * (end - start) for fraction in fractions]
-            own = Led(island, *ways, led.fixed)
+            begin, stop = (start + fraction * (end - start) for fraction in fractions)
+            own = Led(island, begin, stop, led.fixed)
             done_part = self.step(current, part, resting & ~island, own)
             current = done_part.states
             done.contact += done_part.contact
