@@ -145,10 +145,13 @@ def colour_of(text: str) -> Colour:
 
 
 def _text(chosen: Any, usual: Any) -> str:
-    told = {k: each for k, each in asdict(chosen).items() if each != asdict(usual)[k]}
+    as_usual = asdict(usual)
+    told = {name: value for name, value in asdict(chosen).items() if value != as_usual[name]}
     if "patterns" in told:
-        set_ = [{k: v for k, v in each.items() if v is not None} for each in told["patterns"]]
-        told["patterns"] = set_
+        told["patterns"] = [
+            {name: value for name, value in each.items() if value is not None}
+            for each in told["patterns"]
+        ]
     return json.dumps(told, separators=(",", ":")) if told else ""
 
 

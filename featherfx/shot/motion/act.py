@@ -35,11 +35,15 @@ def clocked(poses: PosesOverTime, clock: Clock) -> PosesOverTime:
         found, amount = poses(own), eased(times, amounts, own)
         if amount == 1.0 == clock.size:
             return found
-        rotations = _share(found.rotations, amount)
-        shifts = clock.size * amount * found.displacements
-        rest = (amount * each for each in found[2:4])
-        most = (np.minimum(amount, 1.0) * each for each in found[4:])
-        return JointPoses(rotations, shifts, *rest, *most)
+        share = min(amount, 1.0)
+        return JointPoses(
+            rotations=_share(found.rotations, amount),
+            displacements=clock.size * amount * found.displacements,
+            bends=amount * found.bends,
+            folds=amount * found.folds,
+            aims=share * found.aims,
+            taken=share * found.taken,
+        )
 
     return changed
 

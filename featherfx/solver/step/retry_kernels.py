@@ -198,15 +198,22 @@ def parts_now(settings, way, left, held):
 
 
 @kernel
+def _urgency(settings, left):
+    """How much the end of a frame with so much work left presses: 0 until half is spent, 1 until
+    three quarters are, then 2."""
+    if 2 * left >= settings.most_iterations:
+        return 0
+    return 1 if 4 * left >= settings.most_iterations else 2
+
+
+@kernel
 def allowed_now(settings, left):
     """Distance (m) from its solution at which a step is taken of a frame with so much work left; 0
     where the frame need not end yet."""
-    spent = settings.most_iterations - left
-    if 2 * spent <= settings.most_iterations:
+    urgency = _urgency(settings, left)
+    if urgency == 0:
         return 0.0
-    if 4 * spent <= 3 * settings.most_iterations:
-        return min(settings.coarse, settings.unsolved)
-    return settings.unsolved
+    return min(settings.coarse, settings.unsolved) if urgency == 1 else settings.unsolved
 
 
 @kernel
@@ -215,11 +222,8 @@ def given_up(settings, left):
     little that more is allowed (allowed_now), 0 where that is so already."""
     if settings.unsolved == 0.0:
         return 0
-    if 2 * left >= settings.most_iterations:
-        return (settings.most_iterations - 1) // 2
-    if 4 * left >= settings.most_iterations:
-        return (settings.most_iterations - 1) // 4
-    return 0
+    urgency = _urgency(settings, left)
+    return 0 if urgency == 2 else (settings.most_iterations - 1) // (2 + 2 * urgency)
 
 
 @kernel

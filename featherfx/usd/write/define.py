@@ -241,10 +241,8 @@ def _barb_shades(entry: FeatherEntry, kept: Thinning) -> list[Array] | None:
     """Linear colours (K, 3) of the nodes of left and right barbs; None where there are none."""
     if entry.colours is None:
         return None
-    nodes, few = (
-        at_nodes(entry.colours, entry.feather)[kept.rows[:, None], kept.nodes],
-        1 + kept.columns,
-    )
+    nodes = at_nodes(entry.colours, entry.feather)[kept.rows[:, None], kept.nodes]
+    few = 1 + kept.columns
     sides = [nodes[:, 1:few].reshape(-1, 3), nodes[:, few:].reshape(-1, 3)]
     return sides if left_leads(entry.feather) else sides[::-1]
 
