@@ -16,3 +16,12 @@ def add_scaled(factor, line, to):
     """to += factor line for lines (N,) that do not overlap."""
     for k in range(to.shape[0]):
         to[k] += factor * line[k]
+
+
+@kernel
+def product(a, b):
+    """The sum of a_k b_k of lines (N,)."""
+    total = 0.0
+    for k in range(a.shape[0]):
+        total += a[k] * b[k]
+    return total

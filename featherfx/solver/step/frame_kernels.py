@@ -329,8 +329,9 @@ def advance(model, loads, f, path, state, settings, work, report):
         bend = BEND * (step + last) / (last + before) if before > 0.0 else 0.0
         promise = for_step(promise, model, f, step, state)
         parts = parts_now(settings, way, left, model.held[f])
-        numbers = limit, promise, pace, bend, allowed, parts
-        attempt = Attempt(step, floor, fraction, way, radius, *numbers)
+        attempt = Attempt(
+            step, floor, fraction, way, radius, limit, promise, pace, bend, allowed, parts
+        )
         outcome = _try(model, loads, f, path, attempt, state, settings, work)
         verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
         count_try(report, f, verdict, attempt, outcome, settings)

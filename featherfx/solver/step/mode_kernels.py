@@ -1,6 +1,6 @@
 """The lowest mode of stiffness and mass bands, by inverse iteration."""
 
-from featherfx.algebra.array_kernels import copy_values
+from featherfx.algebra.array_kernels import copy_values, product
 from featherfx.jit.compiled import kernel
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 
@@ -21,14 +21,6 @@ def _times(band, x, image):
 
 
 @kernel
-def _product(a, b):
-    total = 0.0
-    for k in range(a.shape[0]):
-        total += a[k] * b[k]
-    return total
-
-
-@kernel
 def lowest_quotient(stiffness, mass, factor, panel, mode, image):
     """Smallest stiffness over mass, 1/s^2; 0 where the stiffness is not positive definite.
 
@@ -44,9 +36,9 @@ def lowest_quotient(stiffness, mass, factor, panel, mode, image):
         copy_values(image, mode)
         solve_factored(factor, mode)
         _times(mass, mode, image)
-        square, before = _product(mode, image), quotient
+        square, before = product(mode, image), quotient
         _times(stiffness, mode, image)
-        quotient = _product(mode, image) / square
+        quotient = product(mode, image) / square
         for k in range(mode.shape[0]):
             mode[k] /= square**0.5
         if abs(quotient - before) <= ENOUGH * quotient:

@@ -13,20 +13,12 @@ Source: Nocedal 1980. Every s.y must be positive; then the corrected matrix is d
 secants: (PAIRS, 3, N), of each pair s, y, and in the third row a and s.y.
 """
 
-from featherfx.algebra.array_kernels import add_scaled, copy_values
+from featherfx.algebra.array_kernels import add_scaled, copy_values, product
 from featherfx.jit.compiled import kernel
 from featherfx.solver.step.banded_kernels import solve_factored
 
 PAIRS = 6
 STEP, CHANGE, SUMS = 0, 1, 2
-
-
-@kernel
-def _dot(a, b):
-    total = 0.0
-    for k in range(a.shape[0]):
-        total += a[k] * b[k]
-    return total
 
 
 @kernel
@@ -47,7 +39,7 @@ def end_step(pair, right, secants):
     change = secants[pair, CHANGE]
     for k in range(right.shape[0]):
         change[k] -= right[k]
-    work = _dot(secants[pair, STEP], change)
+    work = product(secants[pair, STEP], change)
     secants[pair, SUMS, 1] = work
     return work > 0.0
 
@@ -57,10 +49,10 @@ def solve_corrected(band, count, secants, x):
     """As banded_kernels.solve_factored, corrected by the first count pairs."""
     for back in range(count):
         pair = secants[count - 1 - back]
-        pair[SUMS, 0] = _dot(pair[STEP], x) / pair[SUMS, 1]
+        pair[SUMS, 0] = product(pair[STEP], x) / pair[SUMS, 1]
         add_scaled(-pair[SUMS, 0], pair[CHANGE], x)
     solve_factored(band, x)
     for i in range(count):
         pair = secants[i]
-        factor = pair[SUMS, 0] - _dot(pair[CHANGE], x) / pair[SUMS, 1]
+        factor = pair[SUMS, 0] - product(pair[CHANGE], x) / pair[SUMS, 1]
         add_scaled(factor, pair[STEP], x)
