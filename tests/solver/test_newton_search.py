@@ -125,7 +125,7 @@ def test_a_step_as_short_as_it_may_be_is_not_rejected_for_its_error():
     step, fraction = next_step.py_func(floor, 0.0, 1.0)
     assert floor < step
     promise = Promise(False, (0.0, 0.0, 0.0), 0.0, 0.0, inf)
-    tried = Attempt(step, floor, fraction, 2, 0.0, 32, promise, UNKNOWN, 0.0, False, 0)
+    tried = Attempt(step, floor, fraction, 2, 0.0, 32, promise, UNKNOWN, 0.0, 0.0, 0)
     erring = outcome(2, 2)._replace(error=5e-4, excess=5e-4)
     verdict, _, _ = judge.py_func(floor, 0, tried, erring, settings)
     assert verdict == TAKEN

@@ -1,0 +1,185 @@
+"""Motions of birds: smooth, without a kick, acts of several parts, and what an act cannot be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_motion import is_rotation, sampled
+
+from featherfx.errors import InputError
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.motion.preroll import NO_RUN_UP, RunUpRoots, run_up_of
+from featherfx.shot.read.read import read_shot
+from featherfx.shot.types import Motion
+
+BIRD = """
+name = "bird"
+[[wing]]
+id = "right_wing"
+type = "sparrow"
+shoulder = [0.03, -0.03, 0.03]
+fold = 1
+mirror = "y"
+[[tail]]
+id = "tail"
+position = [-0.1, 0, 0]
+direction = [-1, 0, 0]
+up = [0, 0, 1]
+count = 4
+lengths = [0.05]
+root_width = 0.02
+angles = [9, 90]
+"""
+SHOT = 'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n[motion]\n'
+
+
+def read(folder, motion):
+    (folder / "groom.toml").write_text(BIRD)
+    (folder / "shot.toml").write_text(SHOT + motion)
+    return read_shot(folder / "shot.toml")
+
+
+ACTS = ("take_off", "landing", "glide", "hover", "shake_off", "preen", "walk")
+
+
+@pytest.mark.parametrize("name", ACTS)
+def test_motions_of_a_bird_are_smooth_and_move_wings_or_tail(tmp_path, name):
+    motion = root_motion(read(tmp_path, f'base = "{name}"'))
+    positions, rotations = sampled(motion, np.linspace(0.2, 1.2, 150))
+    assert is_rotation(rotations)
+    against = np.swapaxes(rotations[:, :1], 2, 3) @ rotations
+    assert np.abs(np.diff(against, axis=0)).max() > 1e-3  # not the body alone
+    steps = np.diff(positions, axis=0)
+    assert np.abs(np.diff(steps, axis=0)).max() < 0.5 * np.abs(steps).max()
+
+
+@pytest.mark.parametrize("name", ACTS)
+def test_motions_of_a_bird_begin_without_a_kick(tmp_path, name):
+    """Tips change their speed at first, the run-up included, no faster than later."""
+    own = root_motion(read(tmp_path, f'base = "{name}"'))
+    motion = RunUpRoots(own, run_up_of(own, 0.5, 1e-3) or NO_RUN_UP)
+    times = np.arange(-60, 240) / 96.0
+    positions, rotations = sampled(motion, times)
+    tips = positions + 0.05 * rotations[:, :, :, 0]
+    change = np.linalg.norm(np.diff(tips, 2, axis=0), axis=2).max(axis=1)
+    start = times[1:-1] < 0.1
+    assert change[start].max() <= 1.01 * change[~start].max()
+
+
+@pytest.mark.parametrize("name", ["hover", "walk", "landing"])
+def test_motions_that_go_on_are_under_way_at_the_first_frame(tmp_path, name):
+    assert run_up_of(root_motion(read(tmp_path, f'base = "{name}"')), 0.5, 1e-3) is not None
+
+
+def test_beside_a_skin_the_body_of_an_act_is_left_to_the_skin(tmp_path):
+    shot = read(tmp_path, 'base = "glide"')
+    skin = root_motion(replace(shot, motion=Motion("hold", {})))
+    body, *limbs = shot.motion.values["parts"]
+    assert body.kind == "swing"
+    of_limbs = replace(shot, motion=replace(shot.motion, values={"parts": tuple(limbs)}))
+    found = root_motion(replace(shot, skin=skin))
+    expected = root_motion(replace(of_limbs, skin=skin))
+    for own, other in zip(found.frames(0.7), expected.frames(0.7), strict=True):
+        np.testing.assert_allclose(own, other, atol=1e-12)
+    assert (
+        np.abs(found.frames(0.7).positions - root_motion(shot).frames(0.7).positions).max() > 1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("motion", "message"),
+    [
+        (
+            'kind = "act"\nparts = [{ base = "flup" }]',
+            r"motion.parts\[0\].base: no motion preset 'flup'",
+        ),
+        ('kind = "act"', "motion.parts: missing"),
+        ('base = "glide"\namount = [[0, 3]]', r"motion.amount\[0\]\[1\]: 3 is out of range"),
+        ('base = "glide"\namount = [[1, 0], [1, 1]]', r"motion.amount\[1\]\[0\]: 1 s is not after"),
+        (
+            'kind = "act"\n[[motion.parts]]\nkind = "keys"\n'
+            'keyframes = [{ time = 0, joint = "x", position = [0, 0, 0] }]',
+            r"motion.parts\[0\].keyframes\[0\].joint: no joint 'x'",
+        ),
+    ],
+)
+def test_what_an_act_cannot_be(tmp_path, motion, message):
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, motion)
+
+
+def test_an_act_that_is_part_of_itself_is_refused(tmp_path):
+    (tmp_path / "presets" / "motion").mkdir(parents=True)
+    (tmp_path / "presets" / "motion" / "ring.toml").write_text('kind = "act"\nparts = ["ring"]\n')
+    (tmp_path / "groom.toml").write_text(BIRD)
+    (tmp_path / "shot.toml").write_text(SHOT + 'base = "ring"')
+    with pytest.raises(InputError, match="is one a part of itself"):
+        read_shot(tmp_path / "shot.toml", [tmp_path / "presets"])
+
+
+WING = """name = "b"
+[[wing]]
+id = "right_wing"
+type = { base = "pigeon", bow = 25 }
+shoulder = [0.03, -0.03, 0.03]
+fold = %d
+mirror = "y"
+"""
+
+
+def tips_of(folder, fold, motion, time):
+    """(F, 3) m tips of two wings that are folded or open at rest."""
+    (folder / "groom.toml").write_text(WING % fold)
+    (folder / "shot.toml").write_text(
+        f'name = "s"\ngroom = "groom.toml"\nframes = [1, 90]\nmotion = {motion}\n'
+    )
+    shot = read_shot(folder / "shot.toml")
+    frames = root_motion(shot).frames(time)
+    lengths = np.array([each.kind.length for each in shot.groom.feathers])
+    return frames.positions + lengths[:, None] * frames.rotations[:, :, 0]
+
+
+OPEN = '{ kind = "fold", folds = [{ time = 0, fold = 0 }] }'
+BENT = (
+    '{ kind = "flap", period = 1, shoulder_amplitude = 0, elbow_offset = 10, wrist_offset = 15,'
+    " elbow_amplitude = 5 }"
+)
+
+
+def test_a_beat_folds_an_opened_wing_as_one_that_the_groom_has_open(tmp_path):
+    """About the hinges that elbow and wrist have by then, in the wing's plane."""
+    opened, open_ = (
+        tips_of(tmp_path, fold, f'{{ kind = "act", parts = [{parts}] }}', 0.3)
+        for fold, parts in ((1, f"{OPEN}, {BENT}"), (0, BENT))
+    )
+    assert opened == pytest.approx(open_, abs=1e-9)
+    flat = tips_of(tmp_path, 0, '"hold"', 0.0)
+    assert np.linalg.norm(opened - flat, axis=1).max() > 0.02
+    normal = np.linalg.svd(flat[flat[:, 1] < 0] - flat[flat[:, 1] < 0].mean(axis=0))[2][2]
+    out = (opened - flat)[flat[:, 1] < 0] @ normal
+    assert np.abs(out).max() < 0.15 * np.linalg.norm(opened - flat, axis=1).max()
+
+
+def test_a_fold_upon_a_fold_takes_its_place(tmp_path):
+    one, two, half = (
+        tips_of(tmp_path, 1, f'{{ kind = "act", parts = [{parts}] }}', 0.0)
+        for parts in (
+            '{ kind = "fold", folds = [{ time = 0, fold = 0.5 }] }',
+            f'{OPEN}, {{ kind = "fold", folds = [{{ time = 0, fold = 0.5 }}] }}',
+            f'{OPEN}, {{ kind = "fold", folds = [{{ time = 0, fold = 1 }}], amount = [[0, 0.5]] }}',
+        )
+    )
+    assert two == pytest.approx(one, abs=1e-9)
+    assert half == pytest.approx(one, abs=1e-9)
+
+
+def test_an_act_takes_over_the_wings_that_it_folds(tmp_path):
+    """A take-off that goes over into a glide ends as the glide alone has its wings."""
+    act = '{ kind = "act", parts = [{ base = "take_off" }, %s] }'
+    glide = '{ base = "glide", start = 1.8, amount = [[0, 0], [0.5, 1]] }'
+    span = [
+        np.ptp(tips_of(tmp_path, 1, motion, 2.6)[:, 1])
+        for motion in (act % glide, '{ base = "glide", start = 1.8 }')
+    ]
+    assert span[0] == pytest.approx(span[1], rel=0.02)
+    assert span[1] > 0.5
