@@ -88,13 +88,13 @@ def test_a_feather_that_is_held_at_rest_follows_its_root(shot, free):
 
 def test_an_outline_is_kept_within_a_distance(shot, free):
     """Of the rest shape on its root, from which a beat of the wing takes it farther."""
-    within = 0.002 * length(shot)
+    within = 0.005 * length(shot)  # the error of a step is up to 0.001
     rigid = moved(shot, Target(keys=((1, 1),), tolerance=0.05))[0]
     kept, run = moved(shot, Target(keys=((1, 1),), within=within, tolerance=0.3))
     apart, before = (np.linalg.norm(x - rigid, axis=-1).max() for x in (kept, free))
     assert before > 2.0 * within
-    # free in two thirds of it, and stopped in the last
-    assert 2.0 / 3.0 * within < apart < within
+    # free in half of it, and stopped in the other
+    assert 0.5 * within < apart < within
     assert run.report["targets"][0]["deviation"] == 0.0
 
 
