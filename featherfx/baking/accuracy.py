@@ -51,7 +51,7 @@ LOOKED_AT = 4
 # coefficients, in addition; the tolerance of a step, divided
 FINER, MORE_COEFFICIENTS, TIGHTER, MORE_SUBSTEPS = 2, 2, 16.0, 4
 # bounds of the quality's keys
-MOST_ROWS, MOST_COLUMNS, MOST_COEFFICIENTS, MOST_SUBSTEPS = 400, 100, 6, 4096
+MOST_ROWS, MOST_COLUMNS, MOST_COEFFICIENTS, MOST_SUBSTEPS = 400, 100, 6, 20_000
 LEAST_TOLERANCE = 1e-9
 # a share of the length that is no difference
 ROUNDING = 1e-9

@@ -57,17 +57,17 @@ class Settings:
     """How a batch is stepped.
 
     tolerance: m, local error of a step that the sub-stepping keeps to. newton: m, distance from a
-    step's solution that counts as converged. max_substeps: sub-steps of a frame at most, a bound on
-    work (those that Newton cannot solve are cut further). max_iterations: of Newton, of one feather
-    in one frame, those with a matrix at hand counted as quarters; one that needs more stops with a
-    status. spectral_radius: at infinite frequency,
-    0 (most damping of what a step does not resolve) to 0.9 (energy is nearly conserved). At 1
-    nothing damps the constraint of inextensible barbs and shafts, and the steps become unstable.
+    step's solution that counts as converged. max_substeps: sub-steps of a frame at most, by default
+    as many as its work allows (those that Newton cannot solve are cut further). max_iterations: of
+    Newton, of one feather in one frame, those with a matrix at hand counted as quarters; one that
+    needs more stops with a status. spectral_radius: at infinite frequency, 0 (most damping of what
+    a step does not resolve) to 0.9 (energy is nearly conserved). At 1 nothing damps the constraint
+    of inextensible barbs and shafts, and the steps become unstable.
     """
 
     tolerance: float = 1e-4
     newton: float = 1e-6
-    max_substeps: int = 4096
+    max_substeps: int = MOST_ITERATIONS
     spectral_radius: float = 0.0
     max_iterations: int = MOST_ITERATIONS
 

@@ -7,11 +7,17 @@ import pytest
 
 from featherfx.errors import InputError, SimulationError
 from featherfx.lab.bench import stress
-from featherfx.lab.bench.cases import draw_case
+from featherfx.lab.bench.cases import MOST_WORK, draw_case
 from featherfx.mechanics.model import no_loads
 from featherfx.shot.counts import Bounds, Counts
 from featherfx.solver.overload import overload_of, specific_energy
-from featherfx.solver.solver import NEWTON_ITERATIONS, Settings, Solver, raise_if_failed
+from featherfx.solver.solver import (
+    MOST_ITERATIONS,
+    NEWTON_ITERATIONS,
+    Settings,
+    Solver,
+    raise_if_failed,
+)
 from featherfx.solver.state import State, no_steps
 from featherfx.solver.step.root_path import hold_roots
 
@@ -103,6 +109,22 @@ def test_a_file_that_holds_something_else_is_named(tmp_path):
     (tmp_path / stress.FILE).write_text("1,2\n")
     with pytest.raises(InputError, match="line 1"):
         stress.read_records(tmp_path)
+
+
+def test_as_many_steps_as_their_errors_ask_for_are_bounded_by_work_alone():
+    """It takes 11,224 steps, of which 855 were too long while no frame had
+    more than 4,096."""
+    outcome = stress.run_case(draw_case(1410578))
+    assert outcome.steps > 10_000
+    assert outcome.forced == 0
+
+
+def test_a_dear_case_has_fewer_iterations():
+    small, large = draw_case(1003, MOST_ROWS), draw_case(1410283)
+    assert small.settings.max_iterations == MOST_ITERATIONS
+    assert large.model.rows == 174
+    work = large.settings.max_iterations * large.model.unknowns
+    assert 0.99 * MOST_WORK < work <= MOST_WORK
 
 
 def hurried(seed, most):

@@ -77,11 +77,11 @@ class Quality:
     ] = None
     max_substeps: Annotated[
         int,
-        Number(1, 4096, whole=True),
+        Number(1, 20_000, whole=True),
         "Most sub-steps per frame, a bound on work: half of them may be as short as their errors "
         "ask, the others share what is left of the frame. Where feathers touch, `most_steps` of "
         "`[contact]` at most.",
-    ] = 4096
+    ] = 20_000
     radius: Annotated[
         float,
         Number(0, 0.8),

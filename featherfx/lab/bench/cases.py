@@ -14,7 +14,7 @@ from featherfx.lab.bench.drawn import Drawn, draw_feather, log_uniform
 from featherfx.lab.bench.hooked_cases import Stroke, hooked, hooks_of, strokes_of
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
-from featherfx.solver.solver import RootPath, Settings, hold_roots
+from featherfx.solver.solver import MOST_ITERATIONS, RootPath, Settings, hold_roots
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rebuild_centres
@@ -27,6 +27,8 @@ ROOTS = ("held", "moved", "spun", "jumped", "moved and spun")
 POSES = ("at rest", "bent", "wrung", "crumpled")
 # of the tolerance, distance from a step's solution, as of the strictest bakes, those with contact
 SOLVED = 1e-3
+# Newton iterations of a frame times the feather's unknowns, at most: some 7 s of the processor
+MOST_WORK = 6.5e6
 # largest turn between two rows and largest barb coefficient of a start pose, rad
 POSE_ANGLES = {"at rest": 0.0, "bent": 0.05, "wrung": 0.5, "crumpled": np.pi}
 
@@ -71,7 +73,11 @@ def draw_case(seed: int, most_rows: int = 200, hooks: bool = False) -> Case:
     loads = _loads(random, windy)
     paths = _paths(state, random, root, duration, drawn.kind.length)
     tolerance = log_uniform(random, 1e-5, 1e-1) * drawn.kind.length
-    settings = Settings(tolerance, newton=max(1e-6 * drawn.kind.length, SOLVED * tolerance))
+    settings = Settings(
+        tolerance,
+        newton=max(1e-6 * drawn.kind.length, SOLVED * tolerance),
+        max_iterations=most_iterations(model),
+    )
     numbers = _numbers(drawn, model, loads, settings, duration)
     numbers |= {"pose": pose, "root": root}
     still = root == "held" and not windy
@@ -80,6 +86,11 @@ def draw_case(seed: int, most_rows: int = 200, hooks: bool = False) -> Case:
         numbers |= {"hooks": drawn.kind.vane_material.hooks, "split": drawn.kind.is_split}
         strokes = strokes_of(hooks_of(seed), FRAMES, drawn.kind.length)
     return Case(seed, numbers, model, state, loads, paths, duration, settings, still, strokes)
+
+
+def most_iterations(model: Model) -> int:
+    """Newton iterations of a frame: as many as a bake has, fewer where each is dear."""
+    return min(MOST_ITERATIONS, int(MOST_WORK / model.unknowns))
 
 
 def _numbers(
