@@ -21,7 +21,7 @@ from test_contact_shots import (
 
 from featherfx.errors import InputWarning, SimulationError
 from featherfx.shot.contact import settle
-from featherfx.shot.contact.steps import FrameSteps, Span, StepRules
+from featherfx.shot.contact.steps import FrameSteps, Pace, Span, StepRules
 from featherfx.shot.loads.types import Force
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.read.sources import TimedSurface
@@ -241,7 +241,7 @@ def test_a_common_step_is_one_that_most_feathers_take_at_once(least, most):
     of them, be halved for that, and double again."""
     rules = StepRules(0, 8, THICKNESS, 8, 1000, [str(f) for f in range(10)])
     frame = 1.0 / 24
-    steps = FrameSteps(rules, 0.0, frame, 0.25 * frame)
+    steps = FrameSteps(rules, 0.0, frame, Pace(0.25 * frame))
     assert steps.left()
     length = steps.span.length
     state = SimpleNamespace(proposal=np.append(length * np.linspace(least, most, 9), 0.0))
@@ -253,6 +253,36 @@ def test_a_common_step_is_one_that_most_feathers_take_at_once(least, most):
     assert divided <= 0.45 * 9
     assert divided > 0
     assert steps.time == length
+
+
+@pytest.mark.parametrize(("again", "halved"), [(30.0, False), (900.0, True)])
+def test_steps_are_bounded_by_one_that_was_dear_to_do_again(again, halved):
+    """Feathers would have longer ones, and most of these would be solved in vain; not so where a
+    few are in trouble, for which all others need no shorter ones."""
+    rules = StepRules(0, 32, THICKNESS, 8, 1000, [str(f) for f in range(10)])
+    state = SimpleNamespace(proposal=np.full(10, 1.0))
+    none = ContactReport(0, 1, 10, 0.0, 0.0, 0.0, np.zeros(10), np.zeros(10))
+    report = no_steps(10)
+    report.steps[:] = 1.0
+    pace, lengths = Pace(1.0 / 8), []
+    # one easy step, one that is done again, and easy ones after
+    for k in range(12):
+        steps = FrameSteps(rules, 0.0, 1.0, pace)
+        assert steps.left()
+        length = steps.span.length
+        lengths.append(length)
+        # 80 iterations for each unit of time in an easy step
+        report.iterations[:] = 8.0 * length
+        steps.spend([report], 0.0)
+        report.iterations[:] = (again * length if k == 1 else 0.0) / 10.0
+        steps.spend([report], 0.0)
+        steps.accepted([state], [report], none, k == 1)
+        pace = steps.pace
+    assert lengths[:2] == [1.0 / 8, 1.0]
+    assert lengths[2] == (0.5 if halved else 1.0)
+    assert lengths[-1] == 1.0
+    if halved:
+        assert (np.diff(lengths[2:]) >= 0.0).all()
 
 
 def test_what_a_step_cannot_be_cut_for_is_searched_for_to_the_end():

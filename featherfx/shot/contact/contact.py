@@ -27,7 +27,7 @@ from featherfx.shot.contact.obstacles import Obstacles
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
 from featherfx.shot.contact.raised import raised_points
 from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
-from featherfx.shot.contact.steps import FrameSteps, StepRules
+from featherfx.shot.contact.steps import FrameSteps, Pace, StepRules
 from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.detail.sleep import asleep
 from featherfx.shot.groups import NEWTON_FRACTION
@@ -145,7 +145,7 @@ class ShotContact:
         over = FeathersOver(np.where(led, -1, order), grids.together(nodes), rest.lengths, up)
         self.bodies = Bodies(shot, over)
         self._rules = self._step_rules()
-        self._proposal = 0.0
+        self._pace = Pace()
         self._unresolved: list[dict[str, Any]] = []
 
     def _may_touch(self, pairs: Indices) -> Flags:
@@ -197,7 +197,7 @@ class ShotContact:
         rest on which nothing acts anew; they are stepped when others push them. idle: (B,) feathers
         that are computed in another batch meanwhile, and stay as they are.
         """
-        steps = FrameSteps(self._rules, start, end, self._proposal)
+        steps = FrameSteps(self._rules, start, end, self._pace)
         obstacles, grids = self._obstacles, self.solver.grids
         around = Surroundings(
             lambda begin, stop: [*loads_of(begin, stop), *obstacles.loads()],
@@ -232,7 +232,7 @@ class ShotContact:
                 self.tally.add(contact, length, self._rules.wrong(contact))
             self.tally.repeated += done.tries
             parts.append(reports)
-        self._proposal = steps.proposal
+        self._pace = steps.pace
         _warn_of(steps.tired(), self.names, start)
         return current, [_summed(batch) for batch in zip(*parts, strict=True)]
 
@@ -322,7 +322,7 @@ class ShotContact:
     def memory(self) -> dict[str, Any]:
         """What is kept between frames, for checkpoints."""
         known = {
-            "step": np.array(self._proposal),
+            "pace": np.array(self._pace),
             "met": self.solver.candidates.pairs[self._at_rest :],
         }
         return self.solver.memory._asdict() | known | self._obstacles.memory()
@@ -339,7 +339,7 @@ class ShotContact:
         """Go on as after an earlier step of this run, whose `memory` it was; pairs that have met
         since stay known."""
         self.solver.memory = Memory(*(memory[name] for name in Memory._fields))
-        self._proposal = float(memory["step"])
+        self._pace = Pace(*memory["pace"].tolist())
         self._obstacles.restore(memory)
 
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import ceil
+from math import ceil, inf
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,10 @@ LOST = 2.0
 # part of the feathers that should need no more than one step of their own in a common one; the next
 # common step over the last, at least
 FEW_STEPS, SHRINK = 0.6, 0.25
+# iterations that a common step and what is done again of it take, over those that steps of which
+# nothing is done again take for the same time, beyond which the next may be half as long at most;
+# and how what they may be grows from step to step
+DEAR, GROW = 1.5, 1.1
 # Newton iterations of a feather in a frame, over MOST_ITERATIONS, until its contacts yield:
 # it is solved in rounds; and, over those, until the bake ends
 MORE_ITERATIONS, MOST_WORK = 8, 4
@@ -112,19 +117,35 @@ class StepRules:
         raise_if_failed(status, np.full(len(status), time), self.names)
 
 
+class Pace(NamedTuple):
+    """What common steps leave to those of the next frame. proposal: s, the next length; 0: none.
+    bound: s, most that it may be. easy: 1/s, iterations of all feathers in steps of which nothing
+    was done again; 0: none yet."""
+
+    proposal: float = 0.0
+    bound: float = inf
+    easy: float = 0.0
+
+
 class FrameSteps:
-    """The steps from start to end (s). proposal: s, length that the frame before left; 0: none.
+    """The steps from start to end (s). pace: that the frame before left.
 
     time: s, where the feathers are. span: the step to try.
     """
 
-    def __init__(self, rules: StepRules, start: float, end: float, proposal: float) -> None:
+    def __init__(self, rules: StepRules, start: float, end: float, pace: Pace) -> None:
         self.rules, self.time, self.end = rules, start, end
         duration = end - start
         self.shortest = duration / (rules.steps or rules.substeps)
-        self.proposal = self.shortest if rules.steps else min(proposal or duration, duration)
+        self.proposal = self.shortest if rules.steps else min(pace.proposal or duration, duration)
+        self._bound, self._easy = pace.bound, pace.easy
         self._done = 1e-9 * duration
-        self._spent = np.zeros(len(rules.names))
+        self._spent, self._work = np.zeros(len(rules.names)), 0.0
+
+    @property
+    def pace(self) -> Pace:
+        """What is left to the next frame."""
+        return Pace(self.proposal, self._bound, self._easy)
 
     def left(self) -> bool:
         """Whether the end is not reached; chooses the next step."""
@@ -151,13 +172,29 @@ class FrameSteps:
         length, easy = self.span.length, contact.rounds <= self.rules.rounds and not tried
         self.proposal = min(self.shortest, (2.0 if easy else 1.0) * length)
         if not self.rules.steps:
-            self.proposal = max(self.proposal, self._wanted(states, reports))
+            wanted = max(self.proposal, self._wanted(states, reports))
+            self._learn(tried)
+            self.proposal = min(wanted, self._bound)
         self.time = self.span.end
+
+    def _learn(self, tried: bool) -> None:
+        """Bound the next steps where this one was too long: solved in vain, and then in parts.
+        Where that concerns few feathers, shorter steps of all would take more."""
+        length = self.span.length
+        work, self._work = self._work / length, 0.0
+        if tried and work > DEAR * self._easy:
+            self._bound = max(0.5 * length, self.shortest)
+            return
+        self._bound = GROW * max(self._bound, length)
+        if not tried:
+            self._easy = 0.5 * (work + self._easy) if self._easy else work
 
     def spend(self, reports: Sequence[StepReport], time: float) -> None:
         """Count the iterations of a try that began at a time (s). SimulationError for a feather
         that took too many in the frame, although its contacts yielded (tired)."""
-        self._spent += np.concatenate([report.iterations for report in reports])
+        iterations = np.concatenate([report.iterations for report in reports])
+        self._spent += iterations
+        self._work += float(iterations.sum())
         most = MOST_WORK * MORE_ITERATIONS * self.rules.iterations
         status = np.where(self._spent > most, TOO_MUCH_WORK, 0)
         raise_if_failed(status, np.full(len(status), time), self.rules.names, most)
