@@ -154,13 +154,14 @@ class Parts:
 
         Raises OutputError where they are not as they were written.
         """
-        found = sorted((parts_folder(piece, "clips") / self.folder.name).glob("[0-9]*.json"))
-        for file in found or [piece]:
+        files = sorted((parts_folder(piece, "clips") / self.folder.name).glob("[0-9]*.json"))
+        if not files:
+            raise _no_chunk(piece)
+        for file in files:
             record, chunk = _read_record(file), file.with_suffix(".usdc")
             with _told(self.folder):
                 if record is None or checksum(chunk) != (record.bytes, record.crc32):
-                    message = "is not the chunk that was written; bake again"
-                    raise OutputError(Problem(str(piece), "", message))
+                    raise _no_chunk(piece)
                 _share(chunk, self.chunk(len(self.records)))
                 _share(file, self._record(len(self.records)))
             self.records.append(record)
@@ -359,6 +360,10 @@ def _inputs(folder: Path) -> dict[str, str]:
     """What the files of a bake said."""
     inputs = _read_json(folder / _SETTINGS).get("inputs")
     return inputs if isinstance(inputs, dict) else {}
+
+
+def _no_chunk(piece: Path) -> OutputError:
+    return OutputError(Problem(str(piece), "", "is not the chunk that was written; bake again"))
 
 
 def _read_record(path: Path) -> ChunkRecord | None:
