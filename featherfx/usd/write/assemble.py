@@ -11,13 +11,12 @@ import numpy as np
 from pxr import Sdf, Tf
 
 from featherfx.algebra.types import Flags, Floats
-from featherfx.errors import Problem
 from featherfx.files.whole import Standing, Store
-from featherfx.usd.types import RATES, OutputError
+from featherfx.usd.types import RATES
 from featherfx.usd.write.chunk import open_chunk
 from featherfx.usd.write.layout import CacheLayers, Clips, StageInfo, finish_layers, new_layer
 from featherfx.usd.write.output import prim_name
-from featherfx.usd.write.parts import MANIFEST, ChunkRecord, Parts
+from featherfx.usd.write.parts import MANIFEST, ChunkRecord, Parts, no_chunk
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.samples import AnimatedPrims
 
@@ -135,5 +134,5 @@ def _checked(parts: Parts, number: int) -> Any:
             chunk = open_chunk(path)
     ends = record.codes[0], record.codes[-1]
     if chunk is None or (chunk.startTimeCode, chunk.endTimeCode) != ends:
-        raise OutputError(Problem(str(path), "", "is not the chunk that was written; bake again"))
+        raise no_chunk(path)
     return chunk

@@ -48,6 +48,11 @@ _FOLDER = re.compile(r"[0-9a-f]{16}")
 Save = Callable[[Path], object]
 
 
+def no_chunk(path: Path) -> OutputError:
+    """What a chunk, or a piece that has none, is refused with."""
+    return OutputError(Problem(str(path), "", "is not the chunk that was written; bake again"))
+
+
 @dataclass(frozen=True)
 class ChunkRecord:
     """What is known of a chunk without opening it.
@@ -156,12 +161,12 @@ class Parts:
         """
         files = sorted((parts_folder(piece, "clips") / self.folder.name).glob("[0-9]*.json"))
         if not files:
-            raise _no_chunk(piece)
+            raise no_chunk(piece)
         for file in files:
             record, chunk = _read_record(file), file.with_suffix(".usdc")
             with _told(self.folder):
                 if record is None or checksum(chunk) != (record.bytes, record.crc32):
-                    raise _no_chunk(piece)
+                    raise no_chunk(piece)
                 _share(chunk, self.chunk(len(self.records)))
                 _share(file, self._record(len(self.records)))
             self.records.append(record)
@@ -360,10 +365,6 @@ def _inputs(folder: Path) -> dict[str, str]:
     """What the files of a bake said."""
     inputs = _read_json(folder / _SETTINGS).get("inputs")
     return inputs if isinstance(inputs, dict) else {}
-
-
-def _no_chunk(piece: Path) -> OutputError:
-    return OutputError(Problem(str(piece), "", "is not the chunk that was written; bake again"))
 
 
 def _read_record(path: Path) -> ChunkRecord | None:
