@@ -182,8 +182,15 @@ class Clock:
     size: Annotated[
         float,
         Number(1e-3, 1e3),
-        "How many times as far ways go, of the groom and of joints: of a bird of another length.",
+        "How many times as far ways go, of the groom and of joints.",
     ] = 1.0
+    fit: Annotated[
+        str,
+        Text(("none", "body", "beat")),
+        "`body` or `beat`: of a bird that is `size` times as long as a pigeon, of its skin or else "
+        "its wings, ways go so much farther, and time 1 / sqrt(size) times as fast, or as its "
+        "wings beat; `tempo` and `size` are factors of that.",
+    ] = "none"
     amount: Annotated[
         tuple[tuple[float, float], ...],
         ArrayOf(ArrayOf(Number(-1e5, 1e5), 2, 2), 1, 10_000),

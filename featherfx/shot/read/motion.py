@@ -14,6 +14,7 @@ from featherfx.groom.keys.preset import Clock
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.types import Groom
+from featherfx.shot.motion.fit import fitted
 from featherfx.shot.types import Motion
 
 # acts within acts
@@ -48,7 +49,7 @@ def read_motion(
     elif kind == "keys":
         _check_keyframes(values["keyframes"], groom, place.child("keyframes"))
     problems.hand_on()
-    return Motion(kind, values, clock)
+    return Motion(kind, values, clock if groom is None else fitted(clock, groom))
 
 
 def _parts(
