@@ -79,9 +79,10 @@ def test_a_skin_tells_the_size_of_its_bird(tmp_path):
     build = build_of(replace(groom, skin=faces + 5.0))
     assert build.volume == pytest.approx(0.001 / 6)
     open_ = build_of(replace(groom, skin=faces[1:]))
-    assert open_.volume == 0.0 and size_of(open_) == pytest.approx(open_.span / PIGEON.span)
+    assert open_.volume == 0.0
+    assert size_of(open_) == pytest.approx(open_.span / PIGEON.span)
 
 
 def test_a_fit_that_is_none_is_told(tmp_path):
-    with pytest.raises(InputError, match="motion.fit: 'wings' is not allowed"):
+    with pytest.raises(InputError, match=r"motion.fit: 'wings' is not allowed"):
         clock_of(tmp_path, 1.0, 'base = "walk"\nfit = "wings"')
