@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import inf, nan, pi
 
 import numpy as np
@@ -25,7 +26,9 @@ from featherfx.solver.step.newton_kernels import (
 )
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.step.retry_kernels import (
+    FINEST,
     TAKEN,
+    TRIES_LEFT,
     Attempt,
     Outcome,
     StepSettings,
@@ -111,11 +114,21 @@ def test_an_iteration_with_a_matrix_at_hand_counts_as_a_quarter():
 
 
 def test_steps_that_are_dear_get_fewer():
+    """Easy ones may be as short as their errors ask until three quarters of the work are spent."""
     settings = StepSettings(1.0, 1.0 / 4096.0, 0.0, 1e-4, 1e-2, 1e-6, 32, 12, 20_000, 0.0)
-    cheap = shortest_now.py_func(settings, 0.5, 2000, 8_000, 0.0)
-    dear = shortest_now.py_func(settings, 0.5, 400, 8_000, 0.0)
-    assert cheap == pytest.approx(0.5 * 12.0 / 8_000)
-    assert dear == pytest.approx(0.5 * 60.0 / 8_000)
+    shortest = partial(shortest_now.py_func, settings, 0.5)
+    free = FINEST * settings.shortest
+    assert shortest(400, 10_000, 7.0) == free
+    assert shortest(400, 9_999, 7.0) == pytest.approx(0.5 * 2.0 * 10_001 / 400 / 9_999)
+    assert shortest(2000, 5_000, 6.0) == free
+    assert shortest(2000, 4_999, 6.0) == pytest.approx(0.5 * 2.0 * 15_001 / 2000 / 4_999)
+    assert shortest(2047, 8_000, 6.0) == free
+    assert shortest(2048, 8_000, 6.0) == pytest.approx(0.5 * 12.0 / 8_000)
+    # of little work more is left for the end
+    hurried = partial(shortest_now.py_func, settings._replace(most_iterations=1_200), 0.5)
+    kept = TRIES_LEFT * settings.iterations
+    assert hurried(10, kept, 6.0) == free
+    assert hurried(10, kept - 1, 6.0) > free
 
 
 def test_a_step_as_short_as_it_may_be_is_not_rejected_for_its_error():

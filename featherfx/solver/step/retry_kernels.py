@@ -8,9 +8,10 @@ once.
 
 The length of a step follows from its error. What is bounded is the work of a frame: half of its
 steps may be as short as their errors ask, which what is struck or starts at full speed needs for a
-moment; the others share evenly what is left of the frame, however large their errors. Implicit
-Euler is also taken where such a step misses the tolerance by far: the other method may gain energy
-from motions that it does not resolve.
+moment, and three quarters of its work may go into them while they are easily solved, half where
+they are not; the others share evenly what is left of the frame, however large their errors.
+Implicit Euler is also taken where such a step misses the tolerance by far: the other method may
+gain energy from motions that it does not resolve.
 
 Once half of a frame's work is spent, its end comes first: a step that Newton does not solve is
 tried by implicit Euler at once, and that is taken as far as its iterations have brought it, where
@@ -50,6 +51,8 @@ STEADY = 0.8, 1.25
 # a step for its error alone over a regular one, at least; work set aside for a step, and over what
 # those of the frame have taken in the mean
 FINEST, SET_ASIDE, RESERVE = 1e-4, 12.0, 2.0
+# tries that are left for the end of a frame whose steps are easy, at least
+TRIES_LEFT = 16
 # part of a wanted length that its steps are divided by, and of the shortest one that a step is no
 # longer than that is no longer cut: more than one over the former, or it is tried over and over
 EVEN, AS_SHORT = 0.999, 1.01
@@ -182,8 +185,10 @@ def stop(report, f, status):
 def shortest_now(settings, done, taken, left, recent):
     """Length (s) below which no step is tried for its error, once so many steps have brought the
     frame to done (s) and so much work is left. recent: work that the last ones took each."""
-    most = settings.duration / settings.shortest
-    if 2.0 * (taken + 1) <= most and 2 * left >= settings.most_iterations:
+    most, kept = settings.duration / settings.shortest, 0.5 * settings.most_iterations
+    if RESERVE * recent <= SET_ASIDE:
+        kept = min(kept, max(0.5 * kept, TRIES_LEFT * settings.iterations))
+    if 2.0 * (taken + 1) <= most and left >= kept:
         return FINEST * settings.shortest
     spent = max(recent, (settings.most_iterations - left) / max(taken, 1))
     count = min(most - taken, left / max(SET_ASIDE, RESERVE * spent))
