@@ -71,8 +71,9 @@ def not_finite(poses: Sequence[FeatherPose]) -> int | None:
 
 
 def _finite(part: Array) -> bool:
-    """Whether all numbers are; squares have no finite sum where one is not."""
-    return isfinite(np.vdot(part, part)) or bool(np.isfinite(part).all())
+    """Whether all numbers are; they have no finite sum where one is not. By np.sum, as a product
+    of long arrays wakes the threads of BLAS, which wait busily for each other."""
+    return isfinite(np.sum(part)) or bool(np.isfinite(part).all())
 
 
 def sample_number(first: int, index: int, subframes: int) -> float:
