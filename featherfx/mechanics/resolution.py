@@ -40,6 +40,12 @@ ROWS = (6, 8, 11, 15, 21, 29, 41, 57, 81, 113, 161, 225, 321)
 
 def barb_deflection(feather: Feather, kind: FeatherKind, pressure: float) -> float:
     """m, how far a pressure (Pa) moves the end of the longest barb; at most the barb's length."""
+    return min(barb_load(feather, kind, pressure), float(feather.barb_length.max()))
+
+
+def barb_load(feather: Feather, kind: FeatherKind, pressure: float) -> float:
+    """m, how far a pressure (Pa) would move the end of the longest barb if it bent in proportion:
+    a load over a stiffness, however far."""
     vane = kind.vane_material
     if vane.ribbon:
         return 0.0
@@ -50,8 +56,7 @@ def barb_deflection(feather: Feather, kind: FeatherKind, pressure: float) -> flo
     shares = np.linspace(0.0, 1.0, feather.rows)
     thick = at_places(vane.thickness_profile.shaft, shares)
     weakest = (at_places(vane.along_profile.shaft, shares) * thick**3).min()
-    deflection = pressure * length**4 / (vane.barb_bending_normal * weakest) * flexibility
-    return min(deflection, length)
+    return float(pressure * length**4 / (vane.barb_bending_normal * weakest) * flexibility)
 
 
 # What the grid may miss, over the tolerance of a single step: steps within the tolerance add up to

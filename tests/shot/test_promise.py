@@ -53,9 +53,28 @@ def test_what_is_chosen_is_expected_to_keep_the_error():
     for error, shaft, air in ((0.02, 0.03, 0.0), (0.01, 0.03, 0.4), (0.005, 0.1, 0.8)):
         bends = Bends(shaft, 0.02, air)
         chosen = chosen_for(error, bends)
-        space = known.before.by(chosen[:3], shaft, 0.02)
+        space = known.before.by(chosen[:3], 0.02)
         assert not known.calms(bends)
         assert np.hypot(space, known.steps.by(chosen.tolerance, air)) <= 1.001 * planned_with(error)
+
+
+def test_barbs_that_are_bent_as_far_as_they_are_long_take_more_rows_the_harder_the_wind_blows():
+    def rows(name):
+        shot = scene(name)
+        shot = replace(shot, quality=shot.quality.with_error(0.5))
+        feathers = feathers_of(shot.groom.feathers, 11, 4)
+        loads = load_estimate(shot, root_motion(shot))
+        bent = deflections(shot, feathers, loads)
+        assert bent[0].barb > feathers[0].barb_length.max()
+        return simulated_settings(shot, feathers, loads, bent)[0].rows
+
+    assert rows("strong gust") > rows("gust")
+
+
+def test_rows_miss_as_much_as_what_a_stiff_feather_misses_at_least():
+    law = front().before.rows
+    assert law.by(8, 0.0) == law.by(8, law.least) > 0.0
+    assert law.by(8, 2.0 * law.least) > law.by(8, law.least)
 
 
 def test_calm_feathers_take_less_and_the_less_they_bend_the_less_rows_miss():
@@ -73,8 +92,7 @@ def test_calm_feathers_take_less_and_the_less_they_bend_the_less_rows_miss():
         assert not known.calms(bends)
         assert work(chosen_for(0.005, bends)) > 1.3 * work(chosen_for(0.005, calm))
     rows = [known.expected(calm._replace(shaft=d)).rows.by(8, d) for d in (0.01, 0.02, 0.04)]
-    assert rows[1] / rows[0] > 2.0
-    assert rows[2] / rows[1] > 2.0
+    assert rows[1:] == pytest.approx([2.0 * rows[0], 4.0 * rows[0]])
 
 
 def test_air_takes_longer_steps_and_wrung_vanes_more_rows():

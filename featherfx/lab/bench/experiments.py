@@ -25,7 +25,7 @@ from featherfx.lab.bench.shake import (
     swan_primary,
     trajectory_error,
 )
-from featherfx.mechanics.resolution import barb_deflection, rachis_deflection
+from featherfx.mechanics.resolution import barb_load, rachis_deflection
 from featherfx.shot.detail.detail import settings_for
 from featherfx.shot.detail.promise import Bends
 from featherfx.shot.groups import NEWTON_FRACTION
@@ -197,7 +197,7 @@ def quality_shake(kind: FeatherKind, quality: Quality) -> Shake:
     pressure = kind.vane_material.surface_density * ACCELERATION
     bent = Bends(
         shaft=rachis_deflection(feather, kind, ACCELERATION, 0.0),
-        barb=barb_deflection(feather, kind, pressure),
+        barb=barb_load(feather, kind, pressure),
         air=0.0,
     )
     rows, columns, coefficients, tolerance = settings_for(quality, feather, kind, bent, pressure)

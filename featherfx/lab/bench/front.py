@@ -22,7 +22,7 @@ from featherfx.feather.lengths import farthest
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.lab.bench.report import ResultTable, Row
-from featherfx.lab.bench.scenes import scene
+from featherfx.lab.bench.scenes import REFERENCE_ROWS, scene
 from featherfx.lab.bench.shake import Shake, barb_curvature, swan_primary
 from featherfx.lab.bench.skips import share_of
 from featherfx.shot.detail.detail import deflections, load_estimate
@@ -163,7 +163,7 @@ def measure(name: str) -> list[Row]:
     shot = scene(name)
     estimated = estimated_deflections(shot)
     run(at(shot, Setting(tolerance=1e-2)))  # compiles
-    finest = run(at(shot, FINEST))
+    finest = run(at(shot, replace(FINEST, rows=REFERENCE_ROWS[name])))
     real = bent(finest)
     for setting in settings(shot.contact is not None):
         each = run(at(shot, setting))

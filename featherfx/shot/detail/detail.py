@@ -25,7 +25,7 @@ from featherfx.groom.types import FeatherKind, Placement
 from featherfx.mechanics.batch import may_slip
 from featherfx.mechanics.resolution import (
     GRID_SCALE,
-    barb_deflection,
+    barb_load,
     coefficients_for,
     rachis_deflection,
     rows_for,
@@ -259,8 +259,8 @@ def _doubled(pressure: float) -> float:
 
 
 def deflections(shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate) -> list[Bends]:
-    """How far (m) the loads, grips and forces of a shot bend every feather's shaft, and loads its
-    barbs."""
+    """How far (m) the loads, grips and forces of a shot bend every feather's shaft, and loads would
+    bend its barbs if they bent in proportion."""
     # a grip bends the shaft as far as it reaches
     reach = {grip.feather: float(np.linalg.norm(grip.displacement)) for grip in shot.grips}
     reach |= {force.feather: np.inf for force in shot.forces}
@@ -272,7 +272,7 @@ def deflections(shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate) ->
         blown = rachis_deflection(feather, kind, 0.0, loads.pressure[f])
         share = blown / max(inert + blown, 1e-12)
         sag = min(max(inert + blown, reach.get(placement.id, 0.0)), kind.length)
-        barb = barb_deflection(feather, kind, _pressure(kind, loads, f))
+        barb = barb_load(feather, kind, _pressure(kind, loads, f))
         found.append(Bends(sag, barb, share, placement.id in wrung))
     return found
 

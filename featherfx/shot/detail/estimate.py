@@ -62,11 +62,11 @@ class Estimate:
         """Per batch (F,), of the length."""
         known, found = front(), []
         for k, group in self._groups.items():
-            shaft, barb, step = self._worst[k].T
+            _, barb, step = self._worst[k].T
             own = group.resolution
             grid = own.rows, own.columns, max(own.coefficients, 1)
             steps = known.steps.by(step, self._air[k])
-            found.append(np.hypot(known.after.by(grid, shaft, barb), steps))
+            found.append(np.hypot(known.after.by(grid, barb), steps))
         return found
 
 
