@@ -41,8 +41,9 @@ from featherfx.shot.types import Shot
 FRONT = Path(__file__).with_name("front.json")
 # of an error that is asked for, what is planned with: few feathers err by more than twice what the
 # powers say (docs/detail.md). Of less than FINE, less, as what feathers err by falls slower than
-# what is planned
-MARGIN, FINE = 0.45, 0.015
+# what is planned; less of vanes that are pulled within their plane, whose power is that of the
+# middle one
+MARGIN, WRUNG_MARGIN, FINE = 0.45, 0.2, 0.015
 # the same of calm feathers, which err by a third of it at most (docs/detail.md), and least share of
 # the air for them
 CALM_MARGIN, CALM_AIR = 0.8, 0.5
@@ -192,7 +193,7 @@ def chosen_for(error: float, bends: Bends) -> Chosen:
     finest where none does."""
     known, best, least = front(), None, math.inf
     (finest, coarsest), missed = known.tolerances, known.expected(bends)
-    planned = CALM_MARGIN * error if known.calms(bends) else planned_with(error)
+    planned = CALM_MARGIN * error if known.calms(bends) else planned_with(error, bends.wrung)
     for grid in product(ROWS, COLUMNS, COEFFICIENTS):
         left = planned**2 - float(missed.by(grid, bends.barb)) ** 2
         if left <= float(known.steps.by(finest, bends.air)) ** 2:
@@ -208,9 +209,10 @@ def chosen_for(error: float, bends: Bends) -> Chosen:
     return Chosen(ROWS[-1], COLUMNS[-1], COEFFICIENTS[-1], kept)
 
 
-def planned_with(error: float) -> float:
+def planned_with(error: float, wrung: bool = False) -> float:
     """What settings are chosen by, for an error that is asked for."""
-    return MARGIN * error * math.sqrt(min(error / FINE, 1.0))
+    margin = WRUNG_MARGIN if wrung else MARGIN
+    return margin * error * math.sqrt(min(error / FINE, 1.0))
 
 
 def rounded_up(fraction: float) -> float:
