@@ -337,6 +337,22 @@ def test_a_cheek_is_below_and_behind_the_eyes_and_feathers_begin_where_the_bill_
     assert front[1] < front[0] - 0.005
 
 
+@pytest.mark.usefixtures("wings_as_typed")
+def test_sides_of_a_breast_are_as_the_breast_unless_the_type_says_otherwise(tmp_path):
+    """Where wings stand off it, longer and closer ones fill what is between."""
+    thin = ", ".join(f"parts.{part}.cover = 3" for part in PARTS)
+
+    def lengths(own):
+        kind = f'type = {{ base = "pigeon", {thin}, parts.breast.uneven = 0{own} }}'
+        found = read_groom(changed(tmp_path, r"^type.*", kind)).feathers
+        return [f.kind.length for f in found if f.region == "breast_side"]
+
+    side = ', parts.breast_side = { kind = "contour", length = 0.04, cover = 20, uneven = 0 }'
+    plain, own = lengths(""), lengths(side)
+    assert len(own) > len(plain) > 10
+    assert np.median(own) > 1.2 * np.median(plain)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -120,7 +120,8 @@ def hatch(
         (at.child("type.disc"), {**each, "where": each["where"] + bare}) for each in disc.regions
     ]
     breast = kind["parts"]["breast"]
-    parts_of = kind["parts"] | {"breast_side": breast | {"tilt": breast["tilt"] + _SIDE_TILT}}
+    steeper = breast | {"tilt": breast["tilt"] + _SIDE_TILT}
+    parts_of = kind["parts"] | {"breast_side": kind["parts"]["breast_side"] or steeper}
     for name in (*PARTS, "cheek", "breast_side"):
         if len(sites.get(name, ())) and parts_of[name]["cover"] > 0.0:
             region = _region(name, parts_of[name], sites, points, scale)

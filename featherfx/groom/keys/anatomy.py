@@ -173,6 +173,11 @@ _CHEEK = Key(
     "Below and behind the eyes, if these are among the landmarks; without it others meet there.",
     None,
 )
+_BREAST_SIDE = Key(
+    _PART,
+    "Before the fronts of folded wings and under them; without it as the breast, 15 deg steeper.",
+    None,
+)
 
 
 @dataclass(frozen=True)
@@ -297,7 +302,10 @@ BIRD_TYPE = {
         0.42,
     ),
     "parts": Key(
-        Table({name: Key(_PART, f"The {name}.") for name in PARTS} | {"cheek": _CHEEK}),
+        Table(
+            {name: Key(_PART, f"The {name}.") for name in PARTS}
+            | {"cheek": _CHEEK, "breast_side": _BREAST_SIDE}
+        ),
         "Its coat.",
     ),
     "colours": Key(
