@@ -8,7 +8,7 @@ from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, r
 
 from featherfx.mechanics.air_kernels import vane_areas
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.settle.settle_kernels import DEPTH, make_mixing, mix
+from featherfx.solver.settle.settle_kernels import DEPTH, MIXED, make_mixing, mix
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.status import CONVERGED, NO_REST
 from featherfx.solver.step.integrator_kernels import Factors
@@ -161,8 +161,20 @@ def test_mixing_solves_a_linear_problem_that_plain_iteration_does_not():
     for k in range(8):
         guess = mixing.next.copy()
         mixing.guess[k % DEPTH], mixing.change[k % DEPTH] = guess, start + matrix @ guess - guess
-        mix(mixing, min(k + 1, DEPTH), k % DEPTH)
+        mix(mixing, min(k + 1, DEPTH), k % DEPTH, MIXED)
     assert mixing.next == pytest.approx(solution, rel=1e-6)
+
+
+def test_a_light_wind_takes_hardly_more_iterations_than_none():
+    """What the wind on the first pose says is taken whole there, so two poses mostly do."""
+    winds = [(0.2, 0.1, 0.8), (1.0, 0.0, 0.5)]
+    _, model = preset_batch("body_contour", count=len(winds))
+    air = np.array([1.2, 1.2, 0.02, 1.1])
+    loads = no_loads(len(winds), EARTH)._replace(air=air, wind_mean=np.array(winds))
+    with Solver(model, Settings()) as solver:
+        _, status, iterations = solver.equilibrium(at_origin(model), loads)
+    assert (status == CONVERGED).all()
+    assert (iterations <= 8).all()
 
 
 def settled_in(name, gravity, winds):

@@ -11,7 +11,8 @@ by Anderson's mixing of the last DEPTH pairs (a, r = g(a) - a):
 
     a+ = a - dA c + s (r - dR c),        c = argmin |r - dR c|
 
-dA, dR their differences from the last one, s MIXED. Each pose is found with the matrix of the one
+dA, dR their differences from the last one, s MIXED; the first guess is g(a) where that is CLOSE to
+a, as in most plumage. Each pose is found with the matrix of the one
 before, where that still serves. Taking g(a) itself oscillates from some 3 m/s
 on, because the vane swings through the wind. Source: Anderson 1965; Walker and Ni 2011.
 
@@ -43,6 +44,8 @@ FIRST, SHORTEST, GROWTH = 1e-2, 1e-7, 8.0  # step lengths, s
 ITERATIONS, STEPS = 100, 80
 STATIC = 1e4  # s, a step after which hardly any inertia is left
 DEPTH, MIXED, RIDGE = 6, 0.3, 1e-10
+# part of all areas, change by the first pose that the wind's answer to is small beside it
+CLOSE = 0.1
 # part of all areas that counts as no change, and where the pose has not changed by more than it may
 # be wrong; mixing steps; as many as may pass without progress
 SETTLED, NEARLY, MIXINGS, PATIENCE = 1e-5, 1e-4, 60, 12
@@ -257,7 +260,8 @@ def _mix(model, loads, f, goal, state, found, mixing, work):
         least = min(least, left)
         if waited > PATIENCE:
             return False
-        mix(mixing, min(k + 1, DEPTH), k % DEPTH)
+        share = 1.0 if k == 0 and left <= CLOSE * sqrt(whole) else MIXED
+        mix(mixing, min(k + 1, DEPTH), k % DEPTH, share)
     return False
 
 
@@ -272,18 +276,19 @@ def _has_stayed(nodes, before, goal):
 
 
 @kernel
-def mix(mixing, count, last):
+def mix(mixing, count, last, share):
     """The next guess from pairs of guesses and changes, to mixing.next.
 
     count: of the pairs that there are. last: which is the newest; its own weight stays zero.
+    share: of what is left of the change that is taken.
     """
     guess, change, weight = mixing.guess, mixing.change, mixing.weight
     _least_squares(mixing, count, last)
     for i in range(guess.shape[1]):
-        value = guess[last, i] + MIXED * change[last, i]
+        value = guess[last, i] + share * change[last, i]
         for a in range(count):
             by_guess = guess[last, i] - guess[a, i]
-            value -= weight[a] * (by_guess + MIXED * (change[last, i] - change[a, i]))
+            value -= weight[a] * (by_guess + share * (change[last, i] - change[a, i]))
         mixing.next[i] = value
 
 
