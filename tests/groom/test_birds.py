@@ -133,6 +133,26 @@ def test_breast_feathers_stand_under_the_front_of_a_folded_wing(bird):
         assert near.any()
 
 
+@pytest.mark.usefixtures("wings_as_typed")
+def test_feathers_of_the_breast_reach_over_the_front_of_folded_wings_alone(bird, tmp_path):
+    for side, sign in (("right", -1.0), ("left", 1.0)):
+        front = [f for f in bird.feathers if f"{side}_wing_lesser_covert_2" in f.id]
+        over = [f for f in bird.feathers if f.region == "wrist" and sign * f.position[1] > 0.0]
+        assert min(f.layer for f in over) > max(f.layer for f in front)
+        fronts, roots = (np.array([f.position for f in each]) for each in (front, over))
+        tips = np.array([f.position + f.kind.length * f.rotation[:, 0] for f in over])
+        ways = np.linalg.norm(fronts[:, None] - roots, axis=2)
+        near = ways.min(axis=0) < 0.03  # m
+        assert near.sum() >= 8
+        own = fronts[ways.argmin(axis=0)]
+        assert ((own - tips)[near, 0] > 0.0).mean() > 0.5  # behind the front
+    thin = ", ".join(f"parts.{part}.cover = 0" for part in PARTS)
+    kind = f'type = {{ base = "pigeon", {thin} }}\n'
+    for opens, has in (("", True), ("opens = true", False)):
+        found = read_groom(changed(tmp_path, "^type.*", kind + opens)).feathers
+        assert any(f.region == "wrist" for f in found) == has
+
+
 def test_feathers_stand_below_the_lower_edge_of_a_folded_wing_and_scapulars_on_the_back(bird):
     centres = bird.skin.mean(axis=1)
     normals = np.cross(bird.skin[:, 1] - bird.skin[:, 0], bird.skin[:, 2] - bird.skin[:, 0])

@@ -36,7 +36,7 @@ from featherfx.groom.read.space import SkinsReader
 # wings lie on below; chosen by eye
 _LAYERS = {
     **dict.fromkeys(("face", "cheek", "crown", "throat", "nape"), 30),
-    **dict.fromkeys(("foreneck", "breast", "mantle"), 30),
+    **dict.fromkeys(("foreneck", "breast", "mantle", "wrist"), 30),
     "rim": 31,
     "disc": 32,
     "scapular": 20,
@@ -54,6 +54,8 @@ _LAYOUT = {
     "drop": 2e-4,
 }
 _SIDE_TILT = 15.0  # deg, that the breast's sides stand up more before folded wings; by eye
+# of their own length, from the front of a folded wing to those that cover it; by eye
+_BEFORE_WRIST = 0.27
 _UNEVEN = 0.04  # of feathers of a disc
 _RIMLESS = 0.5  # of a disc's radius, around the tip of the beak, which its rim would hide; by eye
 _SPREAD = 0.1  # fold, up to which a wing that does not open stands at its landmark, not as it lies
@@ -110,9 +112,12 @@ def hatch(
     sites |= _cheeks(points) if kind["parts"]["cheek"] is not None else {}
     if body is not None and entry["fold"] > _HIDES and not entry["opens"]:
         found = [_beneath(each, body) for each in wings]
-        sites["below_wing"] = np.concatenate([each.well for each in found])
-        sites["breast_side"] = np.concatenate([each.front for each in found])
-        sites["flank"] = np.concatenate([sites["flank"], *(each.low for each in found)])
+        well, front, low = map(np.concatenate, zip(*found, strict=True))
+        sites |= {"below_wing": well, "breast_side": front}
+        sites["flank"] = np.concatenate([sites["flank"], low])
+        if kind["parts"]["wrist"] is not None:
+            ahead = _BEFORE_WRIST * scale * kind["parts"]["wrist"]["length"]
+            sites["wrist"] = front + ahead * axes[:, 0]
     bare = tuple({**rule, "invert": not rule["invert"]} for rule in entry["bare"])
     above = (_filled(WHERE, facing=tuple(axes[:, 2]), angle=_SIDEWAYS, soft_angle=10.0),)
     disc = _disc(kind["disc"], points, scale)
@@ -122,7 +127,7 @@ def hatch(
     breast = kind["parts"]["breast"]
     steeper = breast | {"tilt": breast["tilt"] + _SIDE_TILT}
     parts_of = kind["parts"] | {"breast_side": kind["parts"]["breast_side"] or steeper}
-    for name in (*PARTS, "cheek", "breast_side"):
+    for name in (*PARTS, "cheek", "wrist", "breast_side"):
         if len(sites.get(name, ())) and parts_of[name]["cover"] > 0.0:
             region = _region(name, parts_of[name], sites, points, scale)
             region["where"] += bare + disc.outside + (above if name == "scapular" else ())

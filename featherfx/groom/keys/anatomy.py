@@ -178,6 +178,11 @@ _BREAST_SIDE = Key(
     "Before the fronts of folded wings and under them; without it as the breast, 15 deg steeper.",
     None,
 )
+_WRIST = Key(
+    _PART,
+    "Of the breast, over the front of folded wings that do not open; without it others meet there.",
+    None,
+)
 
 
 @dataclass(frozen=True)
@@ -304,7 +309,7 @@ BIRD_TYPE = {
     "parts": Key(
         Table(
             {name: Key(_PART, f"The {name}.") for name in PARTS}
-            | {"cheek": _CHEEK, "breast_side": _BREAST_SIDE}
+            | {"cheek": _CHEEK, "wrist": _WRIST, "breast_side": _BREAST_SIDE}
         ),
         "Its coat.",
     ),
