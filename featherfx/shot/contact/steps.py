@@ -38,7 +38,7 @@ FEW_STEPS, SHRINK = 0.6, 0.25
 # iterations that a common step and what is done again of it take, over those that steps of which
 # nothing is done again take for the same time, beyond which the next may be half as long at most;
 # and how what they may be grows from step to step
-DEAR, GROW = 1.5, 1.1
+DEAR, GROW = 2.0, 1.1
 # Newton iterations of a feather in a frame, over MOST_ITERATIONS, until its contacts yield:
 # it is solved in rounds; and, over those, until the bake ends
 MORE_ITERATIONS, MOST_WORK = 8, 4
@@ -101,9 +101,13 @@ class StepRules:
         status = np.concatenate([report.status for report in reports])
         return np.asarray((contact.off > self._most_off(span)) | (status != 0.0))
 
+    def is_long(self, span: Span) -> bool:
+        """Whether a span is longer than a regular step: cut for contacts that are a little off."""
+        return span.length > 1.001 * span.shortest
+
     def _most_off(self, span: Span) -> float:
         """m, misfit of contacts beyond which a step over a span is cut."""
-        if span.length > 1.001 * span.shortest:
+        if self.is_long(span):
             return WRONG * self.thickness
         return BAD * self.thickness if span.length > 2.0 * SMALLEST * span.shortest else np.inf
 
