@@ -7,8 +7,6 @@ import pytest
 from contact_cases import THICKNESS, free_feathers, solver_of
 
 from featherfx.mechanics.model import no_loads
-from featherfx.shot.contact.mend import Stepper
-from featherfx.shot.contact.steps import Span, StepRules
 from featherfx.solver.contact.interval import Led, Manner
 from featherfx.solver.contact.surfaces import NEAR_ROOT, elastic_stiffness
 from featherfx.solver.step.root_path import hold_roots
@@ -18,10 +16,10 @@ STEP, TOLERANCE = 1.0 / 48.0, 0.1 * THICKNESS
 PAIRS = [(1, 0), (1, 2)]
 
 
-def pressed(rises, fixed=True, patience=1):
+def pressed(rises, fixed=True):
     """A contour feather whose root is held, the shaft's first node off it between the flat tips of
     two that are led, 0.3 mm beneath it and above; these rise by so much (m) in a step. fixed:
-    whether they are obstacles. patience: as in Manner. Returns the report and the contacts."""
+    whether they are obstacles. Returns the report and the contacts."""
     model, state = free_feathers("body_contour", np.zeros((3, 3)), rows=11, columns=4)
     model.held[:] = True
     contact = solver_of(model, PAIRS, [1, -1], tolerance=TOLERANCE, friction=0.0)
@@ -36,7 +34,7 @@ def pressed(rises, fixed=True, patience=1):
     free = np.array([False, True, False])
     led = Led(free, start, end, ~free if fixed else np.zeros_like(free))
     _, _, report = contact.interval(
-        [state], [no_loads(3)], [hold_roots(state)], STEP, manner=Manner(led=led, patience=patience)
+        [state], [no_loads(3)], [hold_roots(state)], STEP, manner=Manner(led=led)
     )
     return report, contact.found.contacts
 
@@ -56,33 +54,6 @@ def test_what_is_led_for_one_interval_has_springs_of_its_own_and_shares_nothing(
     assert soft["stiffness"].max() < 0.5 * firm["stiffness"].max()
     assert soft["spared"].max() < 1e-5 < 5e-5 < firm["spared"].max()
     assert soft["gap"].min() < -TOLERANCE
-
-
-def test_more_rounds_close_what_is_stiffer_than_its_springs():
-    """As the last steps of an island have them, in which nothing is cut for that."""
-    left = [pressed((3.5e-4, 0.0), False, patience)[0] for patience in (1, 3)]
-    assert left[0].residual > 1.5 * TOLERANCE
-    assert left[1].residual < TOLERANCE
-    assert left[0].rounds < left[1].rounds
-
-
-def test_only_islands_have_more_rounds_and_in_their_last_steps():
-    rules = StepRules(0, 32, THICKNESS, 12, 1000, ["one", "two", "three"])
-    stepper = Stepper(None, rules, None, None, None)
-    free, nowhere = np.array([True, False, False]), np.zeros((1, 1, 1, 3))
-    obstacles, island = (
-        Led(free, nowhere, nowhere, np.array(fixed))
-        for fixed in ([False, True, True], [False, True, False])
-    )
-    for parts, led, more in (
-        (1.0, island, True),
-        (0.5, island, True),
-        (2.0, island, False),
-        (1.0, obstacles, False),
-        (1.0, None, False),
-    ):
-        span = Span(0.0, parts, 1.0, True)
-        assert (stepper._patience(span, led) > 1) == more
 
 
 def test_what_pinches_a_feather_shares_the_depth_that_has_no_room():

@@ -37,9 +37,6 @@ PathsOf = Callable[[float, float], Sequence[RootPath]]
 
 # Newton iterations of a feather in one solve, beyond which a shorter step is tried
 EASY = 120
-# rounds of an island in steps that are not cut for what is a little off, over those of others: rims
-# that have caught each other are stiff, and come to rest in 16 to 35 rounds
-PATIENCE = 3
 # contacts from what is off to the rim of its island
 RINGS = 2
 # part of the feathers that an island may have without taking in all that moves
@@ -111,7 +108,6 @@ class Stepper:
                 EASY if span.can_be_cut() else MOST_ITERATIONS,
                 around.bodies.begun,
                 lost=self._rules.lost(span),
-                patience=self._patience(span, led),
             ),
         )
         self._spend(reports, span.start)
@@ -135,12 +131,6 @@ class Stepper:
         island = self._island(off, led.free)
         rest = [(span.length, contact.of(led.free & ~island))]
         return self._in_parts(states, Stepped(new, reports, rest, 1), span, resting, island, led)
-
-    def _patience(self, span: Span, led: Led | None) -> int:
-        """Most rounds over a span, over those of others. led: who is, obstacles or around an
-        island."""
-        alone = led is not None and bool((led.free | led.fixed).all())
-        return 1 if led is None or alone or self._rules.is_long(span) else PATIENCE
 
     def _in_parts(
         self,

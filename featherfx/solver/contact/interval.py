@@ -116,7 +116,6 @@ class Manner(NamedTuple):
     a rim stay on the side where they come, against an order. settling: whether all feathers are
     solved as closely as those that touch. lost: m, misfit of a feather's contacts with which rounds
     end beyond which it stays where it is: no other search is likely to bring it where it should be.
-    patience: most rounds of a search, over those of the settings.
     """
 
     substeps: int = 1
@@ -127,7 +126,6 @@ class Manner(NamedTuple):
     turns: bool = False
     settling: bool = False
     lost: float = np.inf
-    patience: int = 1
 
 
 PLAIN = Manner()
@@ -232,7 +230,7 @@ class ContactSolver:
         is not solved either.
         """
         self._tear(states)
-        substeps, resting, yielding, led, iterations, turns, settling, lost, patience = manner
+        substeps, resting, yielding, led, iterations, turns, settling, lost = manner
         free = np.ones(self.grids.bodies, dtype=np.bool_) if led is None else led.free
         shares = self._followed(duration)
         run = Run(self._team, states, loads, paths, duration, substeps, iterations, free, shares)
@@ -257,7 +255,7 @@ class ContactSolver:
                 soften(*self.found, soft, looked.astype(np.int8), SOFT)
             if number:
                 stale = self._changed(stale, forces, soft) & free
-            solved = self._solve(run, stale & (off == 0.0), soft, off > 0.0, patience)
+            solved = self._solve(run, stale & (off == 0.0), soft, off > 0.0)
             rounds += int(solved.islands.rounds.max(initial=0))
             largest_moves(run.now, searched, free, moved)
             worst = solved.marks.worst
@@ -401,12 +399,11 @@ class ContactSolver:
         pressed = (found > 0.0) | (forces > 0.0) | (soft != 0)
         return np.asarray((np.abs(found - forces) > 1e-9 * forces) | (stale & pressed))
 
-    def _solve(self, run: Run, stale: Flags, soft: Bytes, lost: Flags, patience: int) -> Sweep:
+    def _solve(self, run: Run, stale: Flags, soft: Bytes, lost: Flags) -> Sweep:
         """Rounds of solves with the contacts found; what they ended with.
 
         stale: (B,) bodies that are solved in the first round, whatever their contacts. soft: (B,)
-        those whose contacts yield; lost: (B,) those that stay where they are. patience: as in
-        Manner.
+        those whose contacts yield; lost: (B,) those that stay where they are.
         """
         settings = self.settings
         touching = self._neighbours()
@@ -425,7 +422,7 @@ class ContactSolver:
             touching=touching,
             handing=self._handing(run),
             rules=RoundRules(
-                rounds=patience * settings.rounds,
+                rounds=settings.rounds,
                 tolerance=settings.tolerance,
                 reach=FAR * settings.margin,
                 friction=settings.friction > 0.0,
