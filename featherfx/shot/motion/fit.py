@@ -37,9 +37,7 @@ class Build(NamedTuple):
 
 # of a surface's area, seen from anywhere, that may be a hole of what encloses a body
 _OPEN = 0.05
-# of the circle, in which a hull is sought
-_DIRECTIONS = 360
-# of samples/first_bird, on which motions were set
+# of samples/first_bird, on which motions were set, as its preset was then
 PIGEON = Build(1.53e-3, 0.847, 0.1006)
 
 
@@ -75,7 +73,10 @@ def build_of(groom: Groom) -> Build:
     wings = _opened(groom)
     if wings is None:
         return Build(volume, 0.0, 0.0)
-    return Build(volume, float(np.ptp(wings[:, 1])), _hull_area(wings))
+    from scipy.spatial import ConvexHull  # heavy, and only for this
+
+    # in the plane a hull's volume is its area
+    return Build(volume, float(np.ptp(wings[:, 1])), float(ConvexHull(wings).volume))
 
 
 def _volume(corners: Array) -> float:
@@ -102,12 +103,3 @@ def _opened(groom: Groom) -> Array | None:
     tips = roots.positions + lengths * roots.rotations[:, :, 0]
     ends = np.vstack([roots.positions[own], tips[own]])[:, :2]
     return np.vstack([ends, ends * (1.0, -1.0)])
-
-
-def _hull_area(points: Array) -> float:
-    """m^2 within the convex hull of (P, 2) points: half the circumference's x dy - y dx, of the
-    farthest point in every direction."""
-    around = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
-    farthest = (points @ np.stack([np.cos(around), np.sin(around)])).argmax(axis=0)
-    x, y = points[farthest].T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
