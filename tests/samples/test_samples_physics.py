@@ -22,13 +22,15 @@ from featherfx.shot.types import Shot
 
 class Film(NamedTuple):
     """A shot's feathers and, per feather, points and velocities of its nodes
-    (frames, n, 1 + 2 m, 3) and directors (frames, n, 2, 3)."""
+    (frames, n, 1 + 2 m, 3), directors (frames, n, 2, 3), and the shaft as it is simulated
+    (frames, rows, 3)."""
 
     shot: Shot
     feathers: tuple[Feather, ...]
     points: tuple[Array, ...]
     velocities: tuple[Array, ...]
     directors: tuple[Array, ...]
+    shafts: tuple[Array, ...]
 
     @property
     def times(self) -> Array:
@@ -42,7 +44,11 @@ class Film(NamedTuple):
 def film(sample: str) -> Film:
     shot = read_shot(SAMPLES / sample / "shot.toml")
     simulation = simulate(shot)
-    frames = list(simulation)
+    frames, shafts = [], []
+    for frame in simulation:
+        frames.append(frame)
+        simulated = simulation.simulated()
+        shafts.append([simulated[k][1].nodes[:, 0].copy() for k in sorted(simulated)])
     assert [frame.number for frame in frames] == list(range(shot.first_frame, shot.last_frame + 1))
     count = range(len(shot.groom.feathers))
     return Film(
@@ -51,6 +57,7 @@ def film(sample: str) -> Film:
         tuple(np.stack([frame.poses[k].points.nodes for frame in frames]) for k in count),
         tuple(np.stack([frame.poses[k].velocities.nodes for frame in frames]) for k in count),
         tuple(np.stack([frame.poses[k].points.directors for frame in frames]) for k in count),
+        tuple(np.stack([each[k] for each in shafts]) for k in count),
     )
 
 
@@ -66,9 +73,9 @@ def barb_stretch(feather: Feather, points: Array) -> float:
     return worst
 
 
-def shaft_stretch(points: Array) -> float:
+def shaft_stretch(shaft: Array) -> float:
     """Largest relative change of the shaft's length against the first frame."""
-    length = np.linalg.norm(np.diff(points[:, :, 0], axis=1), axis=2).sum(axis=1)
+    length = np.linalg.norm(np.diff(shaft, axis=1), axis=2).sum(axis=1)
     return float(np.abs(length / length[0] - 1.0).max())
 
 
@@ -82,7 +89,7 @@ def test_everything_is_finite_and_no_barb_changes_its_length(sample):
         assert np.isfinite(points).all()
         assert np.isfinite(velocities).all()
         assert barb_stretch(feather, points) < 1e-6
-        assert shaft_stretch(points) < 0.01
+        assert shaft_stretch(points[:, :, 0]) < 0.01
 
 
 @pytest.mark.parametrize("sample", SHOTS)
@@ -158,7 +165,8 @@ def test_the_pulled_tip_follows_its_grip_and_bends_the_shaft():
     assert (np.diff(way) > -1e-4).all()
     # nearly within the plane of the vane: the cambered shaft twists a little
     assert np.abs(got.points[0][:, :, 0, 2] - got.points[0][0, :, 0, 2]).max() < 0.1 * pull
-    assert shaft_stretch(got.points[0]) < 1e-3
+    # of the rows that are simulated: chords of a mesh of fewer rows cut off the bend at the tip
+    assert shaft_stretch(got.shafts[0]) < 5e-4
 
 
 def test_a_plume_in_the_breeze_leans_downwind_and_answers_the_gusts():
