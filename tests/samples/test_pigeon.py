@@ -15,6 +15,7 @@ from featherfx.api import read_groom, scene_readers
 from featherfx.baking.pipeline import bake, check
 from featherfx.errors import InputWarning
 from featherfx.feather.layout.layout import laid_out, measured
+from featherfx.groom.keys.anatomy import PARTS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
 from featherfx.groom.skin.faults import signed_volume, skin_faults
@@ -81,6 +82,23 @@ def test_bills_hook_over_as_their_build_says(maker):
         assert turned[-1] - turned[0] == pytest.approx(steps)
         assert (maker.distance(path[:-1], build) < 0.0).all()
         assert (maker.distance(path[-1:] + 0.004, build) > 0.0).all()
+
+
+def test_coverts_below_the_owls_tail_are_rooted_outside_its_body(maker, tmp_path):
+    """Those that stand within the end of its rump pass through the skin there."""
+    maker.make(tmp_path / "body.usdc", "owl")
+    build = maker.BUILDS["owl"]
+    bare = ", ".join(f"parts.{part}.cover = 0" for part in PARTS)
+    places = maker.landmarks(build).items()
+    (tmp_path / "groom.toml").write_text(
+        'name = "owl"\n[skin]\nusd = "body.usdc"\nprim = "/pigeon/body"\n[bird]\nfold = 0\n'
+        + f'type = {{ base = "owl", disc.radius = 0, {bare} }}\n[bird.landmarks]\n'
+        + "".join(f"{name} = {place.tolist()}\n" for name, place in places)
+    )
+    found = read_placed(tmp_path / "groom.toml", (), scene_readers())
+    roots = np.array([f.position for f in found.feathers if "under_tail_covert" in f.id])
+    assert len(roots) == 36
+    assert maker.distance(roots / build.size, build).min() > 0.0
 
 
 def test_the_script_makes_the_owl_in_flight(maker, tmp_path):
