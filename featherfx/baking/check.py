@@ -15,6 +15,7 @@ from featherfx.feather.shapes import feathers_of
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MOST_TRIED, irregular
 from featherfx.shot.detail.levels import level_plan
+from featherfx.shot.direction.felt import FELT, warn_of_unfelt
 from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file
@@ -26,7 +27,7 @@ def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
     """What is wrong with a groom, preset, shot or USD file; empty when nothing is.
 
     Grooms and shots without a wrong value are also tried: their feathers are built and the motion
-    is fitted to the joints.
+    is fitted to the joints. InputWarning for what of a shot's channels and targets is not felt.
     """
     path, folders = Path(path), tuple(preset_folders)
     if not path.is_file():
@@ -75,9 +76,11 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
 
 
 def _try_motion(shot: Shot) -> None:
-    """Fit the motion of a shot to its joints, and files of its targets to its feathers. Raises
-    InputError."""
+    """Fit the motion of a shot to its joints, and files of its targets to its feathers; say which
+    of its targets and channels are not felt. Raises InputError."""
     motion = root_motion(shot)
-    if any(target.shape != "rest" for target in shot.targets):
+    if shot.targets or any(channel.name in FELT for channel in shot.channels):
         drawn = drawn_feathers(shot)
-        refuse_other_shapes(shot, drawn, level_plan(shot, drawn, motion).resolutions, motion)
+        resolutions = level_plan(shot, drawn, motion).resolutions
+        refuse_other_shapes(shot, drawn, resolutions, motion)
+        warn_of_unfelt(shot, resolutions)

@@ -29,7 +29,7 @@ from featherfx.shot.frames import FeatherPose
 from featherfx.shot.layers import layers
 from featherfx.shot.layers.lap_kernels import find_laps
 from featherfx.shot.layers.pose_kernels import lift_points_of_all, lift_ways
-from featherfx.shot.layers.stack import pose_like, scratch_of
+from featherfx.shot.layers.stack import pose_like, scratch_of, sorted_stack
 from featherfx.shot.motion.skin import SkinSurfaces
 from featherfx.shot.placement import place
 from featherfx.shot.read.read import read_shot
@@ -435,3 +435,29 @@ forces = false
     within = laps["beside"] <= laid.vanes.half.sum()
     assert (laps["base"] - laps["clear"])[within].max(initial=0.0) == 0.0
     assert laid.report()["written_depth"]["worst"] == 0.0
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_what_a_lift_takes_to_others_is_laid_over_these_as_well(monkeypatch, samples):
+    """One lies beneath a flat feather. Lifted off that, it comes beneath one on edge that it was
+    beside before, and stayed there: nothing but its own lift had moved."""
+    pairs, order = np.array([[0, 1], [0, 2]]), np.array([2, 1, 0])
+    monkeypatch.setattr(layers, "stack_of", lambda *_: sorted_stack(pairs, order))
+    shot, none = shingles(3), np.zeros((0, 3))
+    poses = next(iter(simulate(replace(shot, layers=None)))).poses
+    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    plumage, rest, length = layers.Layers(shot, drawn, np.arange(3), 1), drawn[0].rest, 0.2
+    edge = frames_from((1.0, 0.0, 0.0), (0.0, -0.7, 0.7))
+    # boxes along the axes meet
+    slant = frames_from((1.0, 0.0, 1.0), (-1.0, 0.0, 1.0))
+    beneath = rest.shifted(np.array([0.0, 0.0, -0.2 * length]))
+    beside = turned(edge.T, rest).shifted(length * (0.5 * edge[:, 0] + 0.1 * edge[:, 2]))
+    there = [
+        replace(pose, points=turned(slant.T, points))
+        for pose, points in zip(poses, (beneath, rest, beside), strict=True)
+    ]
+    ways = [there] if samples == 1 else [poses, *[there] * (samples - 1)]
+    for k, way in enumerate(ways):
+        plumage.ask(list(way), none, 0.04 if k > 0 else 0.0)
+    assert plumage.lifts.depths.max() < 0.5
+    assert plumage.lifts.lift[0].max() > 0.25 * length

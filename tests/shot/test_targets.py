@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -278,7 +279,23 @@ def test_check_says_what_a_bake_does_of_shapes_of_other_feathers(files, old, new
     assert [each.key for each in problems] == ["target[0].shape"]
     # what is not simulated feels no target
     path.write_text(f'{path.read_text()}\n[[detail]]\nlevel = "rigid"\n')
-    assert featherfx.check(path) == []
+    with pytest.warns(
+        InputWarning, match=r"target\[0\]: .* are guided or rigid and feel no target"
+    ):
+        assert featherfx.check(path) == []
+
+
+def test_check_says_what_a_bake_does_of_channels_that_nothing_feels(files):
+    rules = '\n[[channel]]\nname = "{}"\nkeys = [[1, 2]]\n[[detail]]\nlevel = "{}"\n'
+    path, text = files, files.read_text()
+    for name in ("damping", "follow"):
+        path.write_text(text + rules.format(name, "rigid"))
+        with pytest.warns(InputWarning, match=rf"channel\[0\]: .* so none feels {name}"):
+            assert featherfx.check(path) == []
+        path.write_text(text + rules.format(name, "full"))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", InputWarning)
+            assert featherfx.check(path) == []
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ STILL = 1e-6
 # times that the first sample is laid at most, until nothing moves any more
 PASSES = 40
 _OF_FEATHERS = "same", "moved", "settled", "strays"
-_KEPT = "lift", "settled", "depths", "touching"
+_KEPT = "lift", "settled", "meets", "depths", "touching"
 _STOOD = "stood", "ground"
 _NO_ROWS = RowPoints(np.zeros((0, 1, 3)), np.zeros((0, 2, 3)))
 
@@ -176,20 +176,25 @@ class Layers:
         """(K,) thicknesses, how deep pairs of the stack that touch are where the needed feathers
         are laid from nothing at a pose, over a skin (V, 3) m; 0 for those that are clear. For
         layers that lay nothing else."""
-        self.lifts.lift[:] = 0.0
+        self.lifts.lift[:], self.lifts.meets[:] = 0.0, 0
         self._stood = np.full_like(points.nodes, np.nan), np.full_like(skin, np.nan)
         self._lay_as_asked(points, skin, 0.0)
         found = np.where(self.lifts.touching != 0, self.lifts.depths, 0.0)
         return np.maximum(found, 0.0)
 
     def _lay_as_asked(self, points: RowPoints, skin: Array, duration: float) -> None:
-        """Lay a sample as it has to be; the first until it rests."""
+        """Lay a sample as it has to be; the first until it rests. What a lift has taken to feathers
+        that it was not looked at with is laid as if it had moved."""
         lifts, moved = self.lifts, self._moved(points.nodes, skin)
         kept = float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0
+        met = lifts.meets.copy()
         for _ in range(1 if duration > 0.0 else 1 + PASSES):
             lifts.same[:], moved = ~moved, np.zeros_like(moved)
             self._begin(lifts, points, lifts.lift)
-            self._lay(lifts, points, skin, kept)
+            places = self._places(lifts)
+            lifts.same[self.stack.pairs[lifts.meets > met, 0]] = 0
+            np.maximum(met, lifts.meets, out=met)
+            self._lay(lifts, points, skin, kept, places)
             if not lifts.moved.any():
                 break
 
@@ -221,7 +226,7 @@ class Layers:
         lifts.depths[:], lifts.touching[:] = kept["depths"], kept["touching"]
         self._begin(lifts, points, eased)
         if not lifts.same.all():
-            self._lay(lifts, points, skin, 1.0)
+            self._lay(lifts, points, skin, 1.0, self._places(lifts))
         self._depths.add(lifts.depths, lifts.touching != 0, frame)
         self._lifted.add(lifts.lift, frame)
         laid = RowPoints(pose.points.copy(), points.directors)
@@ -266,11 +271,13 @@ class Layers:
         for shown, start in zip(self._pose, self._start, strict=True):
             shown[:] = start
 
-    def _lay(self, lifts: Lifts, points: RowPoints, skin: Array, kept: float) -> None:
+    def _lay(
+        self, lifts: Lifts, points: RowPoints, skin: Array, kept: float, places: Indices
+    ) -> None:
         """Lifts and pose of a sample that has begun. points: of all feathers; skin: (V, 3) m; kept:
-        share of a lift that stays in any case."""
+        share of a lift that stays in any case; places: of the order of the stack."""
         manner = MANNER._replace(kept=kept)
-        bodies = self.vanes, self.stack, self._places(lifts, manner.follow)
+        bodies = self.vanes, self.stack, places
         team = new_team(1), np.zeros(len(lifts.lift), dtype=np.int64)
         given, poses = (points, self._skin.ground, skin), (self._start, self._pose)
         lay = partial(lay_feathers, team, bodies, given, lifts, poses, manner)
@@ -278,12 +285,12 @@ class Layers:
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(lay, self._scratch[:threads]))
 
-    def _places(self, lifts: Lifts, follow: float) -> Indices:
+    def _places(self, lifts: Lifts) -> Indices:
         """(F,) places of the order of the stack, those first with the fewest beneath them; what may
         meet in the sample is noted, and scratch has room for it."""
         stack, meets, vanes = self.stack, lifts.meets, self.vanes
         height = np.zeros(len(stack.order), dtype=np.int64)
-        meeting_pairs(vanes, stack, self._start, follow, meets, height)
+        meeting_pairs(vanes, stack, self._start, MANNER.follow, meets, height)
         most = int(np.diff(np.append(0, np.cumsum(meets, dtype=np.int64))[stack.first]).max())
         if most > self._room:
             self._room = most
