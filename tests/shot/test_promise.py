@@ -215,6 +215,16 @@ def test_what_concerns_all_feathers_has_a_tolerance_either_way():
     assert 1e-7 < common_tolerance(replace(shot, quality=Quality(name="q", error=1.0))) < 1e-2
 
 
+def test_what_was_measured_is_in_the_order_of_the_feathers_however_they_are_batched():
+    shot = replace(scene("shake in vacuum"), last_frame=2, twins="none")
+    order = [2, 0, 3, 1]
+    feathers = tuple(shot.groom.feathers[k] for k in order) + shot.groom.feathers
+    shot = replace(shot, groom=replace(shot.groom, feathers=feathers))
+    found = run(at(shot, Setting(6, 2, 1, 6e-3)))
+    lengths = [each.station[-1] for each in found.feathers.values()]
+    assert lengths == pytest.approx([each.kind.length for each in feathers])
+
+
 def test_the_error_is_kept_and_estimated():
     """Against a reference three times as fine in every way; a covert and a contour feather."""
     shot = part_of(scene("gust"), np.array([1, 3]))

@@ -68,9 +68,9 @@ def settings(touching: bool) -> Iterator[Setting]:
 
 
 class FrontRun(NamedTuple):
-    """By number, feathers as they are simulated in full, and their points at every frame. seconds:
-    of processor, all but the first frame. report: of the simulation. tolerances: of steps, of the
-    length, of every feather."""
+    """In the order of numbers, feathers as they are simulated in full, and their points at every
+    frame. seconds: of processor, all but the first frame. report: of the simulation. tolerances: of
+    steps, of the length, of every feather."""
 
     feathers: dict[int, Feather]
     points: dict[int, list[RowPoints]]
@@ -86,7 +86,7 @@ def run(shot: Shot) -> FrontRun:
     points: dict[int, list[RowPoints]] = {}
     for _ in simulation:
         begin = begin or process_time()
-        for f, (feather, now) in simulation.simulated().items():
+        for f, (feather, now) in sorted(simulation.simulated().items()):
             feathers[f] = feather
             points.setdefault(f, []).append(RowPoints(now.nodes.copy(), now.directors.copy()))
     seconds, resolutions = process_time() - begin, simulation.resolutions
