@@ -20,6 +20,7 @@ def rows_of(name, shaft, barb, air, wrung=False):
         yield {
             "scene": "made",
             "feather": name,
+            "touching": False,
             "rows": n,
             "columns": m,
             "coefficients": c,
@@ -59,3 +60,12 @@ def test_known_powers_are_found_again():
         if not r["wrung"]
     ]
     assert np.mean(kept) > 0.85
+
+
+def test_feathers_that_push_each_other_are_left_out():
+    feathers = ((0.02, 0.002, 0.0), (0.1, 0.05, 0.3), (0.3, 0.15, 0.6), (0.8, 0.02, 0.9))
+    rows = [row for k, each in enumerate(feathers) for row in rows_of(f"f{k}", *each)]
+    rows += rows_of("pulled", 0.3, 0.01, 0.0, wrung=True)
+    touching = [{**r, "touching": True, "error": 9.0 * r["error"]} for r in rows]
+    times = {grid[:3]: 1e-6 * WORK.by(grid[:3]) for grid in SETTINGS}
+    assert missed(rows + touching, times) == missed(rows, times)

@@ -175,6 +175,7 @@ def measure(name: str) -> list[Row]:
                     "scene": name,
                     "feather": p.id,
                     "length": p.kind.length,
+                    "touching": shot.contact is not None,
                     **vars(setting),
                     "tolerance": tolerance,
                     **loaded._asdict(),
