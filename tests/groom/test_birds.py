@@ -146,6 +146,7 @@ def test_feathers_of_the_breast_reach_over_the_front_of_folded_wings_alone(bird,
         assert near.sum() >= 8
         own = fronts[ways.argmin(axis=0)]
         assert ((own - tips)[near, 0] > 0.0).mean() > 0.5  # behind the front
+        assert (roots[:, 2] > fronts[:, 2].max()).sum() <= 2  # scapulars lie over its top
     thin = ", ".join(f"parts.{part}.cover = 0" for part in PARTS)
     kind = f'type = {{ base = "pigeon", {thin} }}\n'
     for opens, has in (("", True), ("opens = true", False)):

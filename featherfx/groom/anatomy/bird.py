@@ -56,6 +56,7 @@ _LAYOUT = {
 _SIDE_TILT = 15.0  # deg, that the breast's sides stand up more before folded wings; by eye
 # of their own length, from the front of a folded wing to those that cover it; by eye
 _BEFORE_WRIST = 0.27
+_LOWER = 0.85  # of the height of that front, covered by them; scapulars lie over the rest; by eye
 _UNEVEN = 0.04  # of feathers of a disc
 _RIMLESS = 0.5  # of a disc's radius, around the tip of the beak, which its rim would hide; by eye
 _SPREAD = 0.1  # fold, up to which a wing that does not open stands at its landmark, not as it lies
@@ -117,7 +118,8 @@ def hatch(
         sites["flank"] = np.concatenate([sites["flank"], low])
         if kind["parts"]["wrist"] is not None:
             ahead = _BEFORE_WRIST * scale * kind["parts"]["wrist"]["length"]
-            sites["wrist"] = front + ahead * axes[:, 0]
+            low = np.concatenate([_lower(each.front, axes[:, 2]) for each in found])
+            sites["wrist"] = low + ahead * axes[:, 0]
     bare = tuple({**rule, "invert": not rule["invert"]} for rule in entry["bare"])
     above = (_filled(WHERE, facing=tuple(axes[:, 2]), angle=_SIDEWAYS, soft_angle=10.0),)
     disc = _disc(kind["disc"], points, scale)
@@ -216,6 +218,13 @@ def _beneath(wing: dict[str, Any], body: Body) -> Beneath:
         return Beneath(*np.zeros((3, 0, 3)))
     left = wing["side"] == "left"
     return beneath(wing["type"], np.array(wing["shoulder"]), wing["scale"], body, left)
+
+
+def _lower(front: Array, up: Array) -> Array:
+    """Places (K, 3) m of the lower part of a wing's front (N, 3) m."""
+    height = front @ up
+    least, most = height.min(initial=np.inf), height.max(initial=-np.inf)
+    return np.asarray(front[height <= least + _LOWER * (most - least)])
 
 
 def _tail(
