@@ -27,7 +27,6 @@ def rows_of(name, shaft, barb, air, wrung=False):
             "tolerance": tolerance,
             "shaft": shaft,
             "barb": barb,
-            "shaft bent": 0.5 * shaft,
             "barb bent": 0.5 * barb,
             "air": air,
             "wrung": wrung,

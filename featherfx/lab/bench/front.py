@@ -26,7 +26,7 @@ from featherfx.lab.bench.scenes import REFERENCE_ROWS, scene
 from featherfx.lab.bench.shake import Shake, barb_curvature, swan_primary
 from featherfx.lab.bench.skips import share_of
 from featherfx.shot.detail.detail import deflections, load_estimate
-from featherfx.shot.detail.estimate import bends
+from featherfx.shot.detail.estimate import barb_bends
 from featherfx.shot.detail.promise import Bends
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.simulate import simulate
@@ -136,13 +136,13 @@ def estimated_deflections(shot: Shot) -> list[Bends]:
     ]
 
 
-def bent(ran: FrontRun) -> list[tuple[float, float]]:
-    """Per feather, how far shaft and barbs did bend, of the feather's length."""
+def bent(ran: FrontRun) -> list[float]:
+    """Per feather, how far barbs did bend, of the feather's length."""
     found = []
     for f, feather in ran.feathers.items():
         rest = stacked([feather.rest] * len(ran.points[f]))
-        shaft, barb = (float(each.max()) for each in bends(rest, stacked(ran.points[f])))
-        found.append((shaft / feather.station[-1], barb / feather.station[-1]))
+        barb = float(barb_bends(rest, stacked(ran.points[f])).max())
+        found.append(barb / feather.station[-1])
     return found
 
 
@@ -169,7 +169,7 @@ def measure(name: str) -> list[Row]:
         each = run(at(shot, setting))
         found = errors(each, finest)
         parts = zip(shot.groom.feathers, found, each.tolerances, estimated, real, strict=True)
-        for p, error, tolerance, loaded, (shaft, barb) in parts:
+        for p, error, tolerance, loaded, barb in parts:
             rows.append(
                 {
                     "scene": name,
@@ -179,7 +179,6 @@ def measure(name: str) -> list[Row]:
                     **vars(setting),
                     "tolerance": tolerance,
                     **loaded._asdict(),
-                    "shaft bent": shaft,
                     "barb bent": barb,
                     "substeps": each.report["substeps"]["mean"],
                     "error": error,

@@ -102,7 +102,7 @@ def missed(rows: Sequence[Row], times: Mapping[tuple[int, int, int], float]) -> 
 
 
 def _measured(rows: Sequence[Row], when: str) -> _Measured:
-    names = ("rows", "columns", "coefficients", "tolerance", f"shaft{when}", f"barb{when}", "air")
+    names = ("rows", "columns", "coefficients", "tolerance", "shaft", f"barb{when}", "air")
     values: list[Array] = [np.array([float(r[name]) for r in rows]) for name in names]
     values[4:6] = [np.maximum(each, LEAST) for each in values[4:6]]
     values.append(np.maximum([r["error"] for r in rows], LEAST))

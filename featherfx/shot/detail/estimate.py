@@ -26,25 +26,24 @@ class Estimate:
         self._promised = promised(shot)
         self._groups = {id(group): group for group in groups if group.level == "full"}
         self._rest = {
-            k: _seen(stacked([f.rest for f in g.feathers])) for k, g in self._groups.items()
+            k: _ends(stacked([f.rest for f in g.feathers])) for k, g in self._groups.items()
         }
         self._lengths = {
             k: np.array([f.station[-1] for f in g.feathers]) for k, g in self._groups.items()
         }
         self._air = {k: air[g.members] for k, g in self._groups.items()}
-        # of the length: largest deflections of shaft and barbs, and largest error of a step
-        self._worst = {k: np.zeros((len(g.members), 3)) for k, g in self._groups.items()}
+        # of the length: largest deflection of barbs, and largest error of a step
+        self._worst = {k: np.zeros((len(g.members), 2)) for k, g in self._groups.items()}
 
     def note(self) -> None:
         """Take the poses of a frame into account."""
         for k, group in self._groups.items():
-            for j, bent in enumerate(_apart(self._rest[k], _seen(group.state.points))):
-                self._worse(group, j, bent)
+            self._worse(group, 0, _largest(_ends(group.state.points) - self._rest[k]))
 
     def stepped(self, group: Group, report: StepReport) -> None:
         """Take the steps of a batch into account."""
         if id(group) in self._groups:
-            self._worse(group, 2, report.error)
+            self._worse(group, 1, report.error)
 
     def _worse(self, group: Group, part: int, found: Array) -> None:
         worst = self._worst[id(group)][:, part]
@@ -62,7 +61,7 @@ class Estimate:
         """Per batch (F,), of the length."""
         known, found = front(), []
         for k, group in self._groups.items():
-            _, barb, step = self._worst[k].T
+            barb, step = self._worst[k].T
             own = group.resolution
             grid = own.rows, own.columns, max(own.coefficients, 1)
             steps = known.steps.by(step, self._air[k])
@@ -85,30 +84,20 @@ def _none_promised(why: str) -> dict[str, Any]:
     return {"error_promised": None, "error_not_promised": why}
 
 
-def bends(rest: RowPoints, now: RowPoints) -> tuple[Array, Array]:
-    """(F,) m, how far shafts are from where their roots would carry them, and ends of barbs from
-    where their rows would; largest of each feather.
+def barb_bends(rest: RowPoints, now: RowPoints) -> Array:
+    """(F,) m, how far ends of barbs are from where their rows would carry them; largest of each
+    feather.
 
     rest, now: nodes (F, n, 1 + 2 m, 3) and directors (F, n, 2, 3).
     """
-    return _apart(_seen(rest), _seen(now))
+    return _largest(_ends(now) - _ends(rest))
 
 
-def _seen(points: RowPoints) -> tuple[Array, Array]:
-    """Shafts (F, n, 3) as their roots see them, and ends of barbs (F, n, 2, 3) as their rows do."""
-    frames, m = _frames(points), (points.nodes.shape[2] - 1) // 2
-    shaft = points.nodes[:, :, 0] - points.nodes[:, :1, 0]
+def _ends(points: RowPoints) -> Array:
+    """(F, n, 2, 3) m, ends of barbs as their rows see them."""
+    m = (points.nodes.shape[2] - 1) // 2
     ends = points.nodes[:, :, (m, 2 * m)] - points.nodes[:, :, :1]
-    return (
-        np.einsum("fki,fnk->fni", frames[:, 0], shaft),
-        np.einsum("fnki,fnpk->fnpi", frames, ends),
-    )
-
-
-def _apart(before: tuple[Array, Array], after: tuple[Array, Array]) -> tuple[Array, Array]:
-    """(F,) m each, largest distance of what was `_seen`."""
-    shaft, ends = (_largest(now - then) for then, now in zip(before, after, strict=True))
-    return shaft, ends
+    return np.asarray(np.einsum("fnki,fnpk->fnpi", _frames(points), ends))
 
 
 def _frames(points: RowPoints) -> Array:
