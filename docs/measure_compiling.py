@@ -57,7 +57,7 @@ def measured(work: Callable[[], None]) -> tuple[float, list[tuple[str, float, fl
     from numba.core.codegen import JITCodeLibrary
 
     from featherfx.jit import inner
-    from featherfx.jit.told import name_of
+    from featherfx.jit.compile_progress import name_of
 
     entries: list[tuple[str, float, float]] = []
     own = threading.local()  # threads of a bake wait for each other's compiling
@@ -101,7 +101,7 @@ def write() -> None:
             count = sum(each.partition("#")[0] == entry for each in seconds)
             seconds[f"{entry}#{count + 1}" if count else entry] = round(front + llvm, 2)
         found[name] = seconds
-    from featherfx.jit.told import SECONDS
+    from featherfx.jit.compile_progress import SECONDS
 
     SECONDS.write_text(json.dumps(found, indent=1) + "\n")
 

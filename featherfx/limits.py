@@ -37,7 +37,7 @@ MOST_SHARES = 10_000  # of the feathers of a bake
 TASK_HOURS = 24.0  # after which a scheduler stops a task of a plan, where none are given
 MOST_SHEET = 400  # pictures on a contact sheet
 MOST_SIDE = 8192  # pixels of a side of a picture
-MOST_KEPT_BYTES = 2e9  # of layouts, models and the like in the cache folder (files/store.py)
+MOST_KEPT_BYTES = 2e9  # of layouts, models and the like in the cache folder (files/disk_cache.py)
 MOST_PIXELS = 100_000_000  # of all pictures that are drawn at a time
 
 MEMORY_VARIABLE = "FEATHERFX_MEMORY"

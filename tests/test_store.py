@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.files import store
+from featherfx.files import disk_cache
 from featherfx.files.content import digest
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 
-ROOT = Path(store.__file__).parents[2]
+ROOT = Path(disk_cache.__file__).parents[2]
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_nothing_is_unpickled(folder):
     bad = folder / "bad.npz"
     np.savez(bad, values=np.array([{"a": 1}], dtype=object))
     content = bad.read_bytes()
-    file.write_bytes(store.hashlib.sha256(content).digest() + content)
+    file.write_bytes(disk_cache.hashlib.sha256(content).digest() + content)
     assert found(calls)[0] == [1.0, 1.0, 1.0]
     assert len(calls) == 2
 
@@ -93,8 +93,8 @@ def test_a_folder_that_cannot_be_written_to_costs_time_only(folder, monkeypatch)
         raise PermissionError(13, "Permission denied")
 
     # root may write to any folder
-    monkeypatch.setattr(store.os, "replace", refused)
-    monkeypatch.setattr(store.os, "access", lambda *_: False)
+    monkeypatch.setattr(disk_cache.os, "replace", refused)
+    monkeypatch.setattr(disk_cache.os, "access", lambda *_: False)
     assert [found(calls)[0] for _ in range(2)] == [[1.0] * 3] * 2
     assert len(calls) == 1
     assert [found(calls, ("z",), value=3.0)[0] for _ in range(2)] == [[3.0] * 3] * 2
@@ -139,7 +139,7 @@ def test_a_size_that_is_none_is_an_error(folder, monkeypatch, size):
 def test_processes_wait_for_the_one_that_computes(folder, tmp_path):
     code = (
         "import time, numpy as np\n"
-        "from featherfx.files.store import kept\n"
+        "from featherfx.files.disk_cache import kept\n"
         "def compute():\n"
         "    print('computed', flush=True)\n"
         "    time.sleep(1.0)\n"

@@ -9,7 +9,7 @@ of energies) takes tuples of lanes as well. A line is (.,), or an array in order
 
 from __future__ import annotations
 
-from featherfx.jit.late import Late
+from featherfx.jit.lazy_import import Late
 
 COUNT = 4
 # where it is said what each of these does

@@ -14,9 +14,9 @@ from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, takes
 from featherfx.baking.task import prepare
 from featherfx.baking.types import Task
-from featherfx.files.collecting import seldom_collected
+from featherfx.files.atomic_write import Standing, into, remove_leftovers, standing, write_all
+from featherfx.files.gc_pause import seldom_collected
 from featherfx.files.memory import give_back_memory
-from featherfx.files.whole import Standing, into, remove_leftovers, standing, write_all
 from featherfx.phases import Account, account, phase
 from featherfx.usd.write.resume import tidy
 

@@ -15,8 +15,8 @@ from featherfx.feather.shapes import feathers_of
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MOST_TRIED, irregular
 from featherfx.shot.detail.levels import level_plan
-from featherfx.shot.direction.felt import FELT, warn_of_unfelt
 from featherfx.shot.direction.shapes import refuse_other_shapes
+from featherfx.shot.direction.unsimulated_targets import FELT, warn_of_unfelt
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file
 from featherfx.shot.simulate import drawn_feathers

@@ -126,8 +126,8 @@ def _usd(problems: list[str]) -> dict[str, Any] | None:
 def _cache(problems: list[str]) -> dict[str, Any]:
     """The folder of compiled code. One that cannot be used costs time, and is told as a problem."""
     from featherfx.jit.cache import can_be_loaded, unkept
+    from featherfx.jit.compile_progress import seconds_to_come
     from featherfx.jit.shipped import unused
-    from featherfx.jit.told import seconds_to_come
 
     wanted = wanted_folder()
     used = can_be_loaded(wanted)

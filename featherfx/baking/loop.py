@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.baking.again import GONE, replay_of
+from featherfx.baking.incremental import GONE, replay_of
 from featherfx.baking.pace import Pace
 from featherfx.baking.sink import Sink
 from featherfx.baking.types import Task
 from featherfx.errors import Problem
 from featherfx.files.background import Background
-from featherfx.files.collecting import seldom_collected, set_aside
+from featherfx.files.gc_pause import seldom_collected, set_aside
 from featherfx.files.memory import give_back_memory, keep_arrays_apart
-from featherfx.jit.told import TELLER
+from featherfx.jit.compile_progress import TELLER
 from featherfx.phases import phase
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.frames import Frame

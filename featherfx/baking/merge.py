@@ -15,7 +15,7 @@ from featherfx.baking.types import Task
 from featherfx.errors import Problem
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number
-from featherfx.usd.read.earlier import EarlierCache
+from featherfx.usd.read.previous_cache import EarlierCache
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.write import CacheWriter
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from featherfx.files.collecting import seldom_collected
+from featherfx.files.gc_pause import seldom_collected
 
 if TYPE_CHECKING:
     from featherfx.api import read_shot as read_shot

@@ -16,7 +16,7 @@ from typing import Any
 from featherfx.api import Folders, shot_as_written
 from featherfx.baking.task import default_output
 from featherfx.errors import InputError, Problem, require
-from featherfx.files.whole import write_text
+from featherfx.files.atomic_write import write_text
 from featherfx.groom.presets.folders import SHIPPED, own_folders
 from featherfx.limits import TASK_HOURS
 from featherfx.shot.placement import place_feathers

@@ -11,8 +11,8 @@ from typing import TypeVar
 
 from featherfx._version import __version__
 from featherfx.api import read_quality, shot_as_written
-from featherfx.baking.again import taken_over
 from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large, refuse_unfit_form
+from featherfx.baking.incremental import taken_over
 from featherfx.baking.options import BakeOptions
 from featherfx.baking.types import Dependences, Task
 from featherfx.errors import InputError, Problem, all_of

@@ -28,7 +28,7 @@ from featherfx.cli.options import (
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 from featherfx.farm import origin
-from featherfx.files.collecting import seldom_collected
+from featherfx.files.gc_pause import seldom_collected
 from featherfx.limits import MOST_JOBS, MOST_SHARES, TASK_HOURS
 from featherfx.usd.write.options import StageOptions
 

@@ -18,7 +18,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.farm.cluster import opened
 from featherfx.farm.job import Job
 from featherfx.farm.places import outputs_of
-from featherfx.files.whole import standing
+from featherfx.files.atomic_write import standing
 from featherfx.groom.presets.folders import SHIPPED, own_folders
 from featherfx.usd.types import OutputError
 

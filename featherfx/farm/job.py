@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, Problem, SimulationError
-from featherfx.farm import past
+from featherfx.farm import timing_history
 from featherfx.farm.engine import DONE, FAILED, LOST, PROGRESS, QUIET, Engine, News
 from featherfx.farm.places import Shares
 from featherfx.farm.work import BAKE, MERGE, PLAN, Done, Order
@@ -207,7 +207,7 @@ class Job:
             return []
         if count == 1:
             each.release()  # its bake takes it itself
-        each.left, each.past = count, past.seconds_of(each.shot, each.plan["sizes"])
+        each.left, each.past = count, timing_history.seconds_of(each.shot, each.plan["sizes"])
         return [
             self._order(each, BAKE, count, share=share, chunk=chunk)
             for share in range(1, count + 1)
@@ -370,4 +370,4 @@ def _note(each: _ShotState) -> None:
     if whole and each.plan["samples"]:
         shares = sorted(each.baked, key=lambda share: int(share["share"]))
         took = [share["processor_seconds"] / each.plan["samples"] for share in shares]
-        past.note(each.shot, each.plan["sizes"], took)
+        timing_history.note(each.shot, each.plan["sizes"], took)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 import signal
 
-from featherfx.files.collecting import seldom_collected
+from featherfx.files.gc_pause import seldom_collected
 
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 with seldom_collected():

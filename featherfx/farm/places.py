@@ -18,7 +18,7 @@ from pathlib import Path
 
 from featherfx.baking.task import part_path
 from featherfx.errors import InputError, Problem, require
-from featherfx.files.whole import write_text
+from featherfx.files.atomic_write import write_text
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.usd.write.output import SUFFIXES
 from featherfx.usd.write.parts import remove_cache

@@ -11,7 +11,7 @@ from featherfx.algebra.sparse import Rows
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
 from featherfx.feather.types import PointMap, RowMap
-from featherfx.files.store import Arrays, kept
+from featherfx.files.disk_cache import Arrays, kept
 from featherfx.groom.types import FeatherKind
 
 Grid = tuple[int, int]

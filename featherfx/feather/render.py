@@ -10,8 +10,8 @@ import numpy as np
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
-from featherfx.feather.lips import Strands
 from featherfx.feather.profiles import at_places
+from featherfx.feather.split_edges import Strands
 from featherfx.feather.types import (
     LEADING,
     TRAILING,

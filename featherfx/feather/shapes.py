@@ -14,7 +14,7 @@ import numpy as np
 from featherfx.errors import all_of
 from featherfx.feather.build import build_feather, make_read_only, repeated_shapes, scaled
 from featherfx.feather.types import Feather, RowPoints, Surface
-from featherfx.files.store import Arrays, kept
+from featherfx.files.disk_cache import Arrays, kept
 from featherfx.groom.types import FeatherKind, Placement
 
 _SURFACE = tuple(each.name for each in fields(Surface))

@@ -103,7 +103,7 @@ class Surface:
     st: (V, 2) u from trailing edge (0) over the rachis (0.5) to the leading edge (1), v from
         base (0) to tip (1).
     lips: (L, 2) points that coincide while the vane is whole, of vanes that may split
-        (featherfx/feather/lips.py): the upper edge of a strip, and the barb above it, or -1 where
+        (split_edges.py): the upper edge of a strip, and the barb above it, or -1 where
         no strip begins with that barb.
     """
 
@@ -213,7 +213,7 @@ class BarbCurves:
 
     points: (B, K, 3) m, at rest, root first. widths: (B, K) m, diameters. side: (B,) LEADING or
     TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface. points_map: from the
-    simulated feather's rows (or rates) to points. strands: featherfx.feather.lips.Strands of the
+    simulated feather's rows (or rates) to points. strands: split_edges.Strands of the
     points, one curve after the other, of a vane that may part.
     """
 

@@ -15,8 +15,8 @@ from numba.core import types
 from numba.core.compiler_machinery import register_pass
 from numba.np import arrayobj
 
-from featherfx.jit.held_types import HeldType, Tuples, after, keep, room, words_of
 from featherfx.jit.lowering import KernelLower, KernelLowering
+from featherfx.jit.struct_pointer import HeldType, Tuples, after, keep, room, words_of
 
 # name of the module that holds it
 WRAPPER = "wrapper"

@@ -13,12 +13,11 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
 
-from featherfx.files.collecting import seldom_collected
-from featherfx.jit.crew import WAITING, Need, crew
-from featherfx.jit.held_types import Tuples, held
-from featherfx.jit.late import import_all
-from featherfx.jit.loaded import OWN, Loaded, Returned
-from featherfx.jit.parts import (
+from featherfx.files.gc_pause import seldom_collected
+from featherfx.jit.compile_progress import TELLER
+from featherfx.jit.compile_workers import WAITING, Need, crew
+from featherfx.jit.lazy_import import import_all
+from featherfx.jit.linking import (
     OPTIONS,
     PART_OPTIONS,
     ApartCompiler,
@@ -32,8 +31,9 @@ from featherfx.jit.parts import (
     needs_of,
     symbol_of,
 )
+from featherfx.jit.loaded import OWN, Loaded, Returned
 from featherfx.jit.stored import Code, Link
-from featherfx.jit.told import TELLER
+from featherfx.jit.struct_pointer import Tuples, held
 from featherfx.jit.type_text import text_of_types
 
 

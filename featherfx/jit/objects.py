@@ -15,7 +15,7 @@ import sys
 from functools import cache
 from typing import Any, NamedTuple
 
-from featherfx.jit.late import GIVEN
+from featherfx.jit.lazy_import import GIVEN
 
 # of a section: allocated while it runs, written to; of its kind: places, nothing in the file
 _WRITTEN, _ALLOCATED = 0x1, 0x2

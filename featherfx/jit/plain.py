@@ -11,7 +11,7 @@ from typing import Any
 
 import numba
 
-from featherfx.jit.late import import_all
+from featherfx.jit.lazy_import import import_all
 
 # No "nnan" or "ninf": the solver's checks for values that are not finite must keep their meaning.
 FAST_MATH = {"contract", "reassoc", "nsz", "arcp"}

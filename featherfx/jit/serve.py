@@ -11,8 +11,8 @@ import sys
 from collections.abc import Callable
 from typing import BinaryIO
 
-from featherfx.jit.crew import Need, received, send, work_for
-from featherfx.jit.parts import kernel_of
+from featherfx.jit.compile_workers import Need, received, send, work_for
+from featherfx.jit.linking import kernel_of
 from featherfx.jit.type_text import text_of_types
 
 

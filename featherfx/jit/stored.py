@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from featherfx.files.atomic_write import write_whole
 from featherfx.files.trust import distrust
-from featherfx.files.whole import write_whole
 from featherfx.jit import processor, shipped
 from featherfx.jit.cache import cache_folder, root_folder, warn_once
 

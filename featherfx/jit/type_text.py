@@ -9,7 +9,7 @@ from numba.core import types as numba_types
 from numba.np.numpy_support import as_dtype
 
 from featherfx.jit.forms import array_text, tuple_text
-from featherfx.jit.held_types import HeldType, Tuples
+from featherfx.jit.struct_pointer import HeldType, Tuples
 from featherfx.jit.view_types import KindType
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
 from featherfx.jit.forms import Kind
-from featherfx.jit.late import Late
+from featherfx.jit.lazy_import import Late
 
 
 class Views(NamedTuple):

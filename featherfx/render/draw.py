@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from featherfx.errors import InputError, Problem, require
-from featherfx.files.whole import standing
+from featherfx.files.atomic_write import standing
 from featherfx.phases import Done, phase
 from featherfx.render.annotate import add_key, beside, contact_sheet, label
 from featherfx.render.camera import (

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import Standing, write_all
+from featherfx.files.atomic_write import Standing, write_all
 
 Picture = NDArray[np.uint8]
 

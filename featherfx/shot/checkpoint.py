@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import write_whole
+from featherfx.files.atomic_write import write_whole
 from featherfx.shot.frames import FeatherPose
 from featherfx.solver.state import State
 

@@ -16,7 +16,7 @@ from featherfx.feather.lengths import Carrier
 from featherfx.feather.maps import unit_maps
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Placement, Splits
 from featherfx.mechanics.batch import barb_course, has_elastic_clamp, make_model, may_slip, resized
@@ -24,9 +24,9 @@ from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
 from featherfx.shot.detail.cycle import Cycle
 from featherfx.shot.detail.detail import CARRIED, Resolution
-from featherfx.shot.detail.twins import Alike, alike
+from featherfx.shot.detail.symmetry import Alike, alike
 from featherfx.shot.direction.channels import courses
-from featherfx.shot.direction.matter import NAMES, Blown, Matter, matter_of
+from featherfx.shot.direction.material_channels import NAMES, Blown, Matter, matter_of
 from featherfx.shot.direction.targets import Pulls, pulls_of
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.islands import ALONE

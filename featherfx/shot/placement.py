@@ -8,7 +8,7 @@ from itertools import compress
 from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require
 from featherfx.feather.types import RowPoints, turned
-from featherfx.groom.crowds import refuse_crowds
+from featherfx.groom.coincident_feathers import refuse_crowds
 from featherfx.groom.types import Groom
 from featherfx.phases import phase
 from featherfx.shot.loads.shelter import lying_exposures

@@ -17,7 +17,7 @@ import numpy as np
 from featherfx.algebra.types import Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import RowPoints, stacked
-from featherfx.files.store import Arrays, is_kept, keep, kept_before, room
+from featherfx.files.disk_cache import Arrays, is_kept, keep, kept_before, room
 from featherfx.shot.frames import FeatherPose
 
 _WHAT = "motion"

@@ -17,21 +17,28 @@ from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.model import Loads
 from featherfx.phases import counted
-from featherfx.shot.alone import Alone
 from featherfx.shot.checkpoint import NOWHERE, Checkpoint, Reach
+from featherfx.shot.contact_group import (
+    Together,
+    contact_memory,
+    contact_report,
+    islands_together,
+    restore_contact,
+)
 from featherfx.shot.counts import Counts
-from featherfx.shot.detail.carried import Carried, FeatherPose
 from featherfx.shot.detail.cycle import memory_of, restore, warn_if_never
 from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.estimate import Estimate
+from featherfx.shot.detail.followers import Carried, FeatherPose
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import level_plan
-from featherfx.shot.direction.felt import warn_of_unfelt
+from featherfx.shot.direction.follow_through import FollowThrough
 from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.direction.targets import Reached
-from featherfx.shot.direction.through import FollowThrough
+from featherfx.shot.direction.unsimulated_targets import warn_of_unfelt
 from featherfx.shot.energy import Energy, energy_of
 from featherfx.shot.frames import Frame, not_finite, sample_number
+from featherfx.shot.free_group import Alone
 from featherfx.shot.groups import (
     Group,
     give_cycles,
@@ -54,13 +61,6 @@ from featherfx.shot.replay import Replay
 from featherfx.shot.reshaped import reshaped
 from featherfx.shot.settled import moving_with_roots
 from featherfx.shot.start import from_preroll
-from featherfx.shot.together import (
-    Together,
-    contact_memory,
-    contact_report,
-    islands_together,
-    restore_contact,
-)
 from featherfx.shot.types import Shot, Wind
 
 # of a frame, step in which a feather that has left its root begins to fall: the first one is of

@@ -372,7 +372,7 @@ class Shot:
     through each other and through colliders. layers: None: they are shown as they were simulated.
     run_up: how what moves is brought up from rest before 0.
     level_of_detail: None: levels do not change. inputs: what the shot's files say, by key
-    (groom/read/told.py).
+    (groom/read/value_diff.py).
     """
 
     name: str

@@ -16,8 +16,8 @@ from featherfx.jit.compiled import compile_ahead, is_asked_for
 from featherfx.jit.threads import allowed
 from featherfx.limits import MOST_JOBS
 from featherfx.mechanics.model import Loads, Model, no_loads, wind_of_each
+from featherfx.solver.settle.reinitialise import carry_to
 from featherfx.solver.settle.settle_kernels import Found, make_mixing, settle_some
-from featherfx.solver.settle.take_up import carry_to
 from featherfx.solver.state import State as State
 from featherfx.solver.state import StepReport as StepReport
 from featherfx.solver.state import no_steps, rest_state

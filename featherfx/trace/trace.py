@@ -20,7 +20,7 @@ from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, Problem, require
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
-from featherfx.files.whole import into, into_text, standing, write_all
+from featherfx.files.atomic_write import into, into_text, standing, write_all
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library

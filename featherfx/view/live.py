@@ -21,7 +21,7 @@ from featherfx.algebra.types import Array
 from featherfx.api import read_quality, read_shot
 from featherfx.baking.entries import entries_of
 from featherfx.errors import InputError, Problem, SimulationError
-from featherfx.files.store import nothing_kept
+from featherfx.files.disk_cache import nothing_kept
 from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library

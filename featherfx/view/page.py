@@ -11,7 +11,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from featherfx.files.whole import into, standing, write_all
+from featherfx.files.atomic_write import into, standing, write_all
 from featherfx.phases import counted
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import file_problems

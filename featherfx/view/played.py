@@ -18,7 +18,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import Standing, standing
+from featherfx.files.atomic_write import Standing, standing
 from featherfx.render.colour import (
     CROSSED,
     DIVERGING,

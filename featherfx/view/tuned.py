@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from featherfx.errors import InputError, Problem, require
-from featherfx.files.whole import into_text, standing, write_all
+from featherfx.files.atomic_write import into_text, standing, write_all
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import Direction
 from featherfx.groom.keys.preset import FAMILIES

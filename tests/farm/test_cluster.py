@@ -191,18 +191,18 @@ def test_cores_are_shared_out_among_the_workers_that_have_something_to_do():
 
 
 def test_a_worker_ends_at_once_unless_it_is_at_work(monkeypatch):
-    from featherfx.farm import deaf
+    from featherfx.farm import ignore_sigint
 
     ended = []
     monkeypatch.setattr(os, "_exit", ended.append)
     try:
         with room._ONE_AT_A_TIME:
-            deaf.dask_teardown(None)
+            ignore_sigint.dask_teardown(None)
         assert ended == []
-        deaf.dask_teardown(None)
+        ignore_sigint.dask_teardown(None)
         assert ended == [0]
     finally:
-        deaf._loading.close()
+        ignore_sigint._loading.close()
 
 
 def test_one_worker_of_this_machine_takes_what_a_job_tells_it(tmp_path):

@@ -14,7 +14,7 @@ from farm.farm_cases import SerialEngine, options_of, shot_file
 import featherfx
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm import job as job_module
-from featherfx.farm import past
+from featherfx.farm import timing_history
 from featherfx.farm.job import Job
 from featherfx.farm.places import PATHS_VARIABLE, Shares, mapped, outputs_of
 from featherfx.farm.work import BAKE, MERGE, PLAN
@@ -105,10 +105,10 @@ def test_what_took_longest_before_is_given_out_first(tmp_path, monkeypatch):
         return [order.share for order, _ in engine.given if order.what == BAKE]
 
     assert order_of(Timed()) == [1, 2, 3]
-    assert past.seconds_of(shot, [7, 7, 6]) == [1.0, 3.0, 2.0]
+    assert timing_history.seconds_of(shot, [7, 7, 6]) == [1.0, 3.0, 2.0]
     assert order_of(Timed(), overwrite=True) == [2, 3, 1]
     # of other shares nothing is known
-    assert past.seconds_of(shot, [10, 10]) == []
+    assert timing_history.seconds_of(shot, [10, 10]) == []
     assert order_of(Timed(), shares=2, overwrite=True) == [1, 2]
 
 

@@ -17,7 +17,7 @@ from featherfx.feather.build import build_feather, repeated_shapes, scaled
 from featherfx.feather.layout.layout import cover, laid_out, lay_out, measured
 from featherfx.feather.layout.overlap import segment_distance, shingle_pairs, strips_of
 from featherfx.feather.shapes import feathers_of
-from featherfx.files.store import nothing_kept
+from featherfx.files.disk_cache import nothing_kept
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset

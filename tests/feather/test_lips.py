@@ -9,7 +9,7 @@ import pytest
 
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.feather.build import build_feather
-from featherfx.feather.lips import Lips, carried_rates
+from featherfx.feather.split_edges import Lips, carried_rates
 from featherfx.feather.types import RowPoints, both, turned
 from featherfx.lab.feathers.feather import feather_kind
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from featherfx.feather.build import build_feather, mirror_feather, scaled
-from featherfx.feather.lips import Lips
+from featherfx.feather.split_edges import Lips
 from featherfx.feather.types import TRAILING
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.splits import splits_of

@@ -16,8 +16,8 @@ from pxr import Usd, UsdGeom
 
 from featherfx.api import scene_readers
 from featherfx.errors import InputError
-from featherfx.groom.anatomy import lie
-from featherfx.groom.anatomy.lie import Body
+from featherfx.groom.anatomy import drape
+from featherfx.groom.anatomy.drape import Body
 from featherfx.groom.anatomy.wing import wing_type
 from featherfx.groom.keys.anatomy import PARTS
 from featherfx.groom.keys.problems import Place, Problems
@@ -244,12 +244,12 @@ def test_few_feathers_of_large_shut_tails_pass_through_each_other(tmp_path, kind
 
 
 def test_folded_wings_stay_off_the_body_as_far_as_their_type_says(bird, monkeypatch):
-    monkeypatch.setattr(lie, "_best", lambda fit: np.array([60.0, 7, 20, 78, 0, 0, 0]))
-    monkeypatch.setattr(lie, "kept", lambda name, inputs, make: make())
+    monkeypatch.setattr(drape, "_best", lambda fit: np.array([60.0, 7, 20, 78, 0, 0, 0]))
+    monkeypatch.setattr(drape, "kept", lambda name, inputs, make: make())
     body, shoulder = Body(bird.skin, np.eye(3), np.zeros(3)), np.array([0.04, -0.042, 0.205])
     kind = wing_type({"base": "pigeon"}, Place("", "", Problems()), Library((), Problems()))
     near, far = (
-        lie.lie_on(replace(kind, clear=clear), shoulder, 1.0, body, 0.0)[1]
+        drape.lie_on(replace(kind, clear=clear), shoulder, 1.0, body, 0.0)[1]
         for clear in (kind.clear, kind.clear + 0.1)
     )
     moved = np.linalg.norm(far - near) / max(kind.primaries.lengths)
@@ -262,7 +262,7 @@ def test_the_upper_arm_of_a_folded_wing_turns_about_that_of_its_type(bird):
     body, shoulder = Body(bird.skin, np.eye(3), np.zeros(3)), np.array([0.04, -0.042, 0.205])
     for base, put in (("pigeon", 78.0), ("gull", 95.0)):
         kind = wing_type({"base": base}, Place("", "", Problems()), library)
-        fit = lie._Fit(kind, shoulder, 0.5, body, 0.0)
+        fit = drape._Fit(kind, shoulder, 0.5, body, 0.0)
         ends = [fit.placed(np.array([60.0, 0, 10, far, 0, 0, 0]))[0] for far in (0.0, 180.0)]
         assert [each.shoulder[1] for each in ends] == [put - 18.0, put + 22.0]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.rotation import frames_from
-from featherfx.groom.regions.lying import Bends, bends_of_skin, laid_along
+from featherfx.groom.regions.drape import Bends, bends_of_skin, laid_along
 from featherfx.groom.skin.points import SkinSurface
 
 RADIUS, LENGTH = 0.02, 0.016

@@ -53,7 +53,7 @@ def test_what_a_kernel_is_made_of_counts(folder_after_change, changed):
     assert before != after
 
 
-@pytest.mark.parametrize("changed", ["jit/team.py", "jit/views.py"])
+@pytest.mark.parametrize("changed", ["jit/thread_team.py", "jit/views.py"])
 def test_how_threads_meet_and_what_views_are_counts_where_kernels_call_it(
     folder_after_change, changed
 ):
@@ -66,7 +66,7 @@ def test_how_threads_meet_and_what_views_are_counts_where_kernels_call_it(
     [
         ("groom/regions/scatter_kernels.py", "mechanics/vane_membrane_kernels.py"),
         ("solver/step/frame_kernels.py", "errors.py"),
-        ("solver/step/frame_kernels.py", "jit/team.py"),
+        ("solver/step/frame_kernels.py", "jit/thread_team.py"),
     ],
 )
 def test_other_files_do_not_count(folder_after_change, source, changed):

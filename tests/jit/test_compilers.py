@@ -9,8 +9,8 @@ from kernel_runs import ALL, ROOT
 from packaging.specifiers import SpecifierSet
 
 from featherfx.errors import InputError
+from featherfx.jit.compile_workers import compilers
 from featherfx.jit.compiled import TRIED
-from featherfx.jit.crew import compilers
 
 
 def test_a_numba_of_unknown_inner_classes_compiles_as_it_does(run_kernels, tmp_path):
@@ -59,10 +59,10 @@ def test_what_kernels_have_of_their_own_is_known_to_such_a_numba():
 
 ELSEWHERE = """
 import threading
-from featherfx.jit import crew
+from featherfx.jit import compile_workers
 BREAK
 done = threading.Event()
-crew.LISTENERS.append(lambda need: done.set())
+compile_workers.LISTENERS.append(lambda need: done.set())
 import trial_kernels
 from featherfx.jit.compiled import compile_ahead
 compile_ahead(trial_kernels.total, __import__("numpy").ones(3), 0.0)
@@ -73,7 +73,7 @@ done.wait(0.5)
 @pytest.mark.parametrize(
     "broken",
     [
-        "crew.SERVE = 'import sys; sys.exit(1)'",
+        "compile_workers.SERVE = 'import sys; sys.exit(1)'",
         pytest.param("import sys; sys.executable = '/none'", marks=pytest.mark.slow),
     ],
 )

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from featherfx.jit import held_types
+from featherfx.jit import struct_pointer
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.jit.inner import types_of
 
@@ -71,8 +71,12 @@ def fill(all_of):
 
 def test_what_is_large_is_held_and_nothing_else():
     kinds = types_of((large(0), alike(0), 1.0))
-    assert [isinstance(each, held_types.HeldType) for each in kinds] == [True, False, False]
-    assert held_types.words_of(kinds[1]) < held_types.LARGE <= held_types.words_of(kinds[0].like)
+    assert [isinstance(each, struct_pointer.HeldType) for each in kinds] == [True, False, False]
+    assert (
+        struct_pointer.words_of(kinds[1])
+        < struct_pointer.LARGE
+        <= struct_pointer.words_of(kinds[0].like)
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from featherfx.jit.compiled import kernel
-from featherfx.jit.team import forget_tickets, meet, new_team, say_done, ticket, wait_for
+from featherfx.jit.thread_team import forget_tickets, meet, new_team, say_done, ticket, wait_for
 from featherfx.jit.views import viewed, views_of
 
 

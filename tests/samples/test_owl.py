@@ -10,7 +10,7 @@ from featherfx.api import scene_readers
 from featherfx.feather.crossings import crossings_of, patches_of
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import RACHIS
-from featherfx.groom.anatomy.lie import Body
+from featherfx.groom.anatomy.drape import Body
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate

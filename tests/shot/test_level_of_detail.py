@@ -13,8 +13,8 @@ from places import SAMPLES
 from featherfx.errors import InputError
 from featherfx.feather.types import RowPoints
 from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.detail.changes import JUMP, Fades
+from featherfx.shot.detail.followers import FeatherPose
 from featherfx.shot.detail.levels import NUMBER, LevelPlan, level_plan
 from featherfx.shot.detail.view import TimedCamera, View, relative_sizes
 from featherfx.shot.motion.motion import root_motion

@@ -21,7 +21,7 @@ from featherfx.usd.check.crossings import count_crossings
 from featherfx.usd.convert.condensed import export_condensed
 from featherfx.usd.convert.export import mesh_sequence
 from featherfx.usd.convert.plain import flatten
-from featherfx.usd.read.earlier import EarlierCache
+from featherfx.usd.read.previous_cache import EarlierCache
 from featherfx.usd.read.read import Cache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.write import posed_groups as joined

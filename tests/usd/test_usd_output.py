@@ -13,7 +13,7 @@ import pytest
 from pxr import Sdf, Usd
 
 from featherfx.errors import InputError
-from featherfx.files import whole
+from featherfx.files import atomic_write
 from featherfx.usd.types import OutputError
 from featherfx.usd.write import publish
 from featherfx.usd.write.options import WriteOptions
@@ -94,9 +94,9 @@ def test_a_failed_rename_restores_all_files(tmp_path, monkeypatch, failing, exis
     def no_link(source, target):
         raise OSError(1, "Operation not permitted")
 
-    monkeypatch.setattr(whole.os, "replace", replace)
+    monkeypatch.setattr(atomic_write.os, "replace", replace)
     if not existing:  # as on file systems without hard links
-        monkeypatch.setattr(whole.os, "link", no_link)
+        monkeypatch.setattr(atomic_write.os, "link", no_link)
     with pytest.raises(OutputError, match="Input/output error"):
         bake(tmp_path / "out.usda", layout="payload", overwrite=True, meters_per_unit=0.01)
     assert contents(tmp_path) == before
@@ -136,7 +136,7 @@ def test_an_error_of_export_is_one_message(tmp_path, monkeypatch):
         if path.suffix == ".usdc":
             raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(whole, "flush", fail)
+    monkeypatch.setattr(atomic_write, "flush", fail)
     with pytest.raises(OutputError, match=r"0000\.usdc: not written .No space left on device"):
         bake(tmp_path / "out.usda")
     assert contents(tmp_path) == {}

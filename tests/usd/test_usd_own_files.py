@@ -15,8 +15,8 @@ from places import SAMPLES
 from featherfx.baking.options import BakeOptions
 from featherfx.baking.task import prepare
 from featherfx.errors import InputError
-from featherfx.files import whole
-from featherfx.files.whole import into, write_all
+from featherfx.files import atomic_write
+from featherfx.files.atomic_write import into, write_all
 from featherfx.usd.types import OutputError
 from featherfx.usd.write import parts
 from featherfx.usd.write.options import WriteOptions
@@ -155,11 +155,11 @@ def damaged_record(file: Path) -> None:
 )
 def test_a_resumed_bake_trusts_only_what_it_wrote(tmp_path, name, damage):
     whole, path = tmp_path / "whole" / "o.usdc", tmp_path / "o.usdc"
-    whole.parent.mkdir()
+    atomic_write.parent.mkdir()
     bake(whole, continuation=GOES_ON)
     damage(stopped(path) / name)
     bake(path, resume=True, continuation=GOES_ON)
-    assert path.read_bytes() == whole.read_bytes()
+    assert path.read_bytes() == atomic_write.read_bytes()
     assert sorted(each.name for each in tmp_path.iterdir()) == ["o.usdc", "whole"]
 
 
@@ -192,14 +192,14 @@ def test_what_another_program_wrote_meanwhile_is_not_replaced(tmp_path, layout, 
 
 
 def test_a_file_that_appears_at_the_last_moment_is_not_replaced(tmp_path, monkeypatch):
-    real = whole.standing
+    real = atomic_write.standing
 
     def late(path):
         found = real(path)
         path.write_text("theirs")
         return found
 
-    monkeypatch.setattr(whole, "standing", late)
+    monkeypatch.setattr(atomic_write, "standing", late)
     path = tmp_path / "o.usdc"
     with pytest.raises(FileExistsError, match="meanwhile"):
         write_all([(path, into(lambda file: file.write(b"ours")))], {path: None})
@@ -291,7 +291,7 @@ def test_an_interrupt_among_renames_waits_for_the_last(tmp_path, monkeypatch):
         if Path(target).name == "o.payload.usdc":
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(whole.os, "replace", replace)
+    monkeypatch.setattr(atomic_write.os, "replace", replace)
     with pytest.raises(KeyboardInterrupt, match=r"interrupted, but .*o\.usda is complete"):
         bake(path, layout="payload", overwrite=True, meters_per_unit=0.01)
     after = tree(tmp_path)

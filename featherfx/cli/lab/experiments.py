@@ -12,7 +12,7 @@ import click
 from featherfx.cli.lab.options_from import Experiment, command_from
 from featherfx.cli.lab.report import report
 from featherfx.cli.options import presets_option, readable_path
-from featherfx.files.whole import write_text
+from featherfx.files.atomic_write import write_text
 from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feather
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 from featherfx.lab.feathers.plate import PlateTest, run_plate

@@ -37,10 +37,10 @@ from featherfx.feather.layout.move_kernels import (
     sweep,
 )
 from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Groom, Layout, Placement
-from featherfx.jit.team import new_team
+from featherfx.jit.thread_team import new_team
 from featherfx.phases import Done, phase
 
 _MOST_SWEEPS = 30

@@ -18,9 +18,9 @@ from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of
+from featherfx.groom.anatomy.drape import Beneath, Body, beneath, lie_on
 from featherfx.groom.anatomy.fans import THIN, closed_fan
 from featherfx.groom.anatomy.landmarks import Points, axes_of, check_on_skin, distance
-from featherfx.groom.anatomy.lie import Beneath, Body, beneath, lie_on
 from featherfx.groom.anatomy.remiges import shut
 from featherfx.groom.anatomy.wing import wing_type
 from featherfx.groom.frames import along_polyline

@@ -13,8 +13,8 @@ from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import REQUIRED, Key, Table, expected
 from featherfx.groom.presets.folders import search_path, shipped_folder
-from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
+from featherfx.groom.read.value_diff import told
 from featherfx.limits import MOST_BASES
 
 

@@ -14,6 +14,7 @@ from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.keys.values import expected
 from featherfx.groom.presets.flat_vane import crossing_segments
+from featherfx.groom.read.min_bend_radius import tightest
 from featherfx.groom.read.rachis_curve import (
     MOST_DEVIATION,
     FittedCurve,
@@ -21,7 +22,6 @@ from featherfx.groom.read.rachis_curve import (
     fit_course,
     turning_within,
 )
-from featherfx.groom.read.tightest import tightest
 from featherfx.groom.types import BARB_ANGLE, BarbGuide, FeatherKind
 
 # points of a line for each that is given, as of an outline

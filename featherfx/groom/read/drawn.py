@@ -24,6 +24,7 @@ from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.condensed import DrawnBarbs, DrawnVanes, vanes_of
 from featherfx.groom.read.drafts import Draft, DrawnShape, belonging
+from featherfx.groom.read.min_bend_radius import tightest
 from featherfx.groom.read.rachis_curve import (
     MOST_DEVIATION,
     curved_up,
@@ -31,7 +32,6 @@ from featherfx.groom.read.rachis_curve import (
     fit_course,
     without_repeats,
 )
-from featherfx.groom.read.tightest import tightest
 from featherfx.groom.types import FeatherKind
 
 _MOST_NAMED = 10

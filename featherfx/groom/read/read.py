@@ -28,8 +28,8 @@ from featherfx.groom.read.file_kind import file_kind
 from featherfx.groom.read.shades import painted, shaded
 from featherfx.groom.read.space import Space, in_groom, kept_skins
 from featherfx.groom.read.table import MOST_REPORTED, read_table
-from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
+from featherfx.groom.read.value_diff import told
 from featherfx.groom.regions.regions import GroomReaders, plumage_of
 from featherfx.groom.types import FeatherKind, Groom, Joint, Placement
 from featherfx.limits import MOST_COMPARED, MOST_FEATHERS

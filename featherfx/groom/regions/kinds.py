@@ -11,7 +11,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
-from featherfx.groom.regions.lying import BARB_ROOT, bends_of_skin
+from featherfx.groom.regions.drape import BARB_ROOT, bends_of_skin
 from featherfx.groom.regions.rules import GroomSkin, Rule, presence
 from featherfx.groom.regions.scatter import hashed, uniform
 from featherfx.groom.skin.points import SurfacePoints

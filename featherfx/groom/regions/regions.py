@@ -16,14 +16,14 @@ import numpy as np
 from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputWarning, all_of
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.read.drafts import CurveReader, Draft
 from featherfx.groom.read.drawn import SceneReader
 from featherfx.groom.read.space import SkinsReader, Space
+from featherfx.groom.regions.drape import Bends, laid_along
 from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, region_kinds, shapes
-from featherfx.groom.regions.lying import Bends, laid_along
 from featherfx.groom.regions.rules import (
     GroomSkin,
     Presence,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.search import size_classes
 
 _MOST_NAMED = 5

@@ -11,7 +11,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.skin.faults import crossing_triangles, within
 from featherfx.groom.skin.search import search_tree

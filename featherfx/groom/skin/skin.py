@@ -14,7 +14,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, face_products
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.field import TurnField, turn_field
 from featherfx.groom.skin.search import search_tree, size_classes
 

@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from featherfx.files.whole import write_whole
+from featherfx.files.atomic_write import write_whole
 
 LIBRARIES = ("numpy", "scipy", "numba")
 INTRODUCTION = """\

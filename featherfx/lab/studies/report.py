@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from featherfx.files.whole import write_text
+from featherfx.files.atomic_write import write_text
 from featherfx.lab.bench.report import can_plot, facts_of, machine
 from featherfx.lab.studies.runs import Entry
 from featherfx.lab.studies.study import STUDIES, Figure, Kind, Row, Source, StudyResult

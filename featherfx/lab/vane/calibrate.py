@@ -25,7 +25,7 @@ from scipy.stats import t as student
 
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem, require
-from featherfx.files.whole import write_text
+from featherfx.files.atomic_write import write_text
 from featherfx.lab.declare import out_of_range, value
 from featherfx.lab.vane.curves import MeasuredCurve
 from featherfx.lab.vane.elements import membrane

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.shot.contact.beneath import NEAR, SkinBeneath, surfaces_under
+from featherfx.shot.contact.skin_binding import NEAR, SkinBeneath, surfaces_under
 from featherfx.shot.motion.cuts import CutSurface, cut_surfaces
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.types import Ground, Indices, SkinMesh, Wall

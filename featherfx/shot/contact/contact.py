@@ -20,12 +20,12 @@ from featherfx.errors import InputWarning
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
-from featherfx.shot.contact.aside import Partners, forgotten, put_back
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
-from featherfx.shot.contact.mend import Stepper, Surroundings
+from featherfx.shot.contact.inactive_bodies import Partners, forgotten, put_back
+from featherfx.shot.contact.lift_then_settle import raised_points
+from featherfx.shot.contact.local_retry import Stepper, Surroundings
 from featherfx.shot.contact.obstacles import Obstacles
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
-from featherfx.shot.contact.raised import raised_points
 from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
 from featherfx.shot.contact.steps import FrameSteps, Pace, StepRules
 from featherfx.shot.detail.promise import common_tolerance

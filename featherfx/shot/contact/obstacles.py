@@ -18,9 +18,9 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap, RowPoints, stacked
 from featherfx.mechanics.model import Loads, no_loads
-from featherfx.shot.contact.aside import aside
-from featherfx.shot.detail.carried import turned_by
+from featherfx.shot.contact.inactive_bodies import aside
 from featherfx.shot.detail.detail import Resolution
+from featherfx.shot.detail.followers import turned_by
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.level_run import LevelRun

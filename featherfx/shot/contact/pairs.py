@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.solver.contact.meeting_kernels import cover_ways, meeting
 from featherfx.solver.contact.search import Searcher
 from featherfx.solver.contact.surfaces import WALL_FIT, Grids, moving_bodies, no_memory

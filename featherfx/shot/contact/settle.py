@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from featherfx.errors import InputWarning
 from featherfx.mechanics.model import Loads
 from featherfx.phases import phase
-from featherfx.shot.contact.aside import put_back
 from featherfx.shot.contact.bodies import Bodies
-from featherfx.shot.contact.mend import EASY
+from featherfx.shot.contact.inactive_bodies import put_back
+from featherfx.shot.contact.lift_then_settle import Lowering, held_roots, turned_up
+from featherfx.shot.contact.local_retry import EASY
 from featherfx.shot.contact.obstacles import Obstacles
-from featherfx.shot.contact.raised import Lowering, held_roots, turned_up
 from featherfx.solver.contact.interval import ContactReport, ContactSolver, Led, Manner
 from featherfx.solver.contact.move_kernels import largest_moves
 from featherfx.solver.solver import raise_if_failed

@@ -40,7 +40,7 @@ from featherfx.shot.groups import Group
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
-from featherfx.solver.settle.take_up import take_up
+from featherfx.solver.settle.reinitialise import take_up
 
 # of a feather's length, what a change may add to the way of a point within a frame
 JUMP = 0.004

@@ -29,7 +29,7 @@ import scipy
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.skin.skin import closest
 from featherfx.shot.types import Shot

@@ -8,8 +8,8 @@ import numpy as np
 
 from featherfx.algebra.types import Flags
 from featherfx.feather.types import Feather
-from featherfx.shot.detail.carried import Carried, rigid_poses
 from featherfx.shot.detail.changes import Fades, LevelChange, take_level_up
+from featherfx.shot.detail.followers import Carried, rigid_poses
 from featherfx.shot.detail.levels import NUMBER, LevelPlan
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.groups import Group, loads_within, poses_of

@@ -32,7 +32,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, stacked
 from featherfx.files.content import members
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.shot.layers.layers import Layers, shot_stack
 from featherfx.shot.layers.stack import laps_at_rest
 from featherfx.shot.layers.types import Stack

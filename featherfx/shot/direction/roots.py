@@ -30,7 +30,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning
 from featherfx.feather.layout.overlap import strips_of
 from featherfx.groom.types import Placement
-from featherfx.shot.contact.beneath import SkinBeneath, surfaces_under
+from featherfx.shot.contact.skin_binding import SkinBeneath, surfaces_under
 from featherfx.shot.direction.channels import Course, courses
 from featherfx.shot.direction.order import Asked, shares
 from featherfx.shot.motion.limbs import limbs_of

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.shot.contact.beneath import NEAR, SkinBeneath, surfaces_under
+from featherfx.shot.contact.skin_binding import NEAR, SkinBeneath, surfaces_under
 from featherfx.shot.layers.types import Array, Ground, Indices, Vanes
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.read.sources import TimedSurface

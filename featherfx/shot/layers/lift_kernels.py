@@ -14,7 +14,7 @@ the root, which stays.
 """
 
 from featherfx.jit.compiled import kernel
-from featherfx.jit.team import say_done, ticket, wait_for
+from featherfx.jit.thread_team import say_done, ticket, wait_for
 from featherfx.shot.layers.lap_kernels import BESIDE, find_laps, ground_lacks
 from featherfx.shot.layers.pose_kernels import lift_points
 

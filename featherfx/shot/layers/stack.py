@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.feather.types import LEADING, Feather, RowPoints
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.groom.types import Placement
 from featherfx.shot.layers.lap_kernels import FADE, find_laps, most_laps
 from featherfx.shot.layers.pose_kernels import FIELDS, lift_points_of_all

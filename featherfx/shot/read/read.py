@@ -18,8 +18,8 @@ from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.presets.presets import check_preset
 from featherfx.groom.read.file_kind import file_kind
 from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
-from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
+from featherfx.groom.read.value_diff import told
 from featherfx.groom.types import Groom
 from featherfx.shot.loads.types import Force, Grip
 from featherfx.shot.patterns import fits

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import vectors_to_frames
-from featherfx.jit.team import new_team
+from featherfx.jit.thread_team import new_team
 from featherfx.jit.threads import allowed
 from featherfx.jit.views import Held, views_of
 from featherfx.mechanics.model import Contacts, Loads, wind_of_each
@@ -25,7 +25,7 @@ from featherfx.solver.contact.sweep_kernels import (
     Sweep,
     solve_rounds,
 )
-from featherfx.solver.settle.take_up import carry_to
+from featherfx.solver.settle.reinitialise import carry_to
 from featherfx.solver.solver import COARSE, HARD, NEWTON_ITERATIONS, Solver
 from featherfx.solver.state import State, StepReport, no_steps
 from featherfx.solver.step.retry_kernels import StepSettings

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import standing, write_all
+from featherfx.files.atomic_write import standing, write_all
 from featherfx.phases import counted
 from featherfx.usd.convert import alembic_groom as groom
 from featherfx.usd.read.cached_feather import CachedFeather

@@ -20,7 +20,7 @@ from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import face_products
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING, TRAILING
-from featherfx.files.whole import standing
+from featherfx.files.atomic_write import standing
 from featherfx.phases import counted
 from featherfx.usd import arrays
 from featherfx.usd.read.cached_feather import CachedFeather

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import into, standing, write_all
+from featherfx.files.atomic_write import into, standing, write_all
 from featherfx.phases import counted
 from featherfx.usd.read.read import Cache
 from featherfx.usd.types import OutputError

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from featherfx._version import __version__
 from featherfx.algebra.types import Floats, Indices
 from featherfx.errors import Problem
-from featherfx.files.whole import into, standing, write_all
+from featherfx.files.atomic_write import into, standing, write_all
 from featherfx.usd.convert.export import COLOUR, codes_of, to_gltf
 from featherfx.usd.read.read import Cache
 from featherfx.usd.types import OutputError

@@ -8,7 +8,7 @@ from typing import Any
 
 from pxr import Sdf
 
-from featherfx.files.whole import standing
+from featherfx.files.atomic_write import standing
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.read.values import computed

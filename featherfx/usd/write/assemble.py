@@ -11,7 +11,7 @@ import numpy as np
 from pxr import Sdf, Tf
 
 from featherfx.algebra.types import Flags, Floats
-from featherfx.files.whole import Standing, Store
+from featherfx.files.atomic_write import Standing, Store
 from featherfx.usd.types import RATES
 from featherfx.usd.write.chunk import open_chunk
 from featherfx.usd.write.layout import CacheLayers, Clips, StageInfo, finish_layers, new_layer

@@ -16,7 +16,7 @@ import numpy as np
 from pxr import Sdf
 
 from featherfx.algebra.types import Flags, Floats
-from featherfx.files.whole import WrittenFile
+from featherfx.files.atomic_write import WrittenFile
 from featherfx.shot.frames import FeatherPose, Frame
 from featherfx.usd.write.layout import StageInfo, new_layer
 from featherfx.usd.write.parts import ChunkRecord, checksum

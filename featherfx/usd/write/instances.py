@@ -13,8 +13,8 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.feather.colours import colours_of, uniform
 from featherfx.feather.types import Feather
+from featherfx.files.atomic_write import standing
 from featherfx.files.content import stable_number
-from featherfx.files.whole import standing
 from featherfx.groom.looks import look_text
 from featherfx.groom.types import Placement
 from featherfx.shot.placement import place

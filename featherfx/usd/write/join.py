@@ -15,7 +15,7 @@ import numpy as np
 from pxr import Sdf, Tf, Usd, UsdGeom
 
 from featherfx.errors import Problem
-from featherfx.files.whole import standing
+from featherfx.files.atomic_write import standing
 from featherfx.usd.read.members import members_of
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.layout import author_extents_hint

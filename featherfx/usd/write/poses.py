@@ -14,7 +14,7 @@ from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.barb_looks import clumped
 from featherfx.feather.detail import detail_of, thinning
 from featherfx.feather.lengths import carried_moving
-from featherfx.feather.lips import Lips, carried_rates
+from featherfx.feather.split_edges import Lips, carried_rates
 from featherfx.feather.types import (
     LEADING,
     TRAILING,

@@ -1,7 +1,7 @@
 """Layers to files: complete and as they are in memory, or not at all.
 
 Each layer is exported beside its target, opened again and compared with what is in memory; then all
-files take their names, the root last (featherfx/files/whole.py).
+files take their names, the root last (featherfx/files/atomic_write.py).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 from pxr import Sdf, Tf
 
 from featherfx.errors import Problem
-from featherfx.files.whole import Standing, Store, WrittenFile, write_all, write_beside
+from featherfx.files.atomic_write import Standing, Store, WrittenFile, write_all, write_beside
 from featherfx.usd.types import OutputError
 
 LOOKED_AT = 16

@@ -11,7 +11,7 @@ from pxr import Sdf, Vt
 
 from featherfx.errors import Problem
 from featherfx.files.lock import Lock
-from featherfx.groom.read.told import UNTOLD, changes
+from featherfx.groom.read.value_diff import UNTOLD, changes
 from featherfx.usd import arrays
 from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import OutputError

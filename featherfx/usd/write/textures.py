@@ -22,7 +22,7 @@ from featherfx.algebra.srgb import displayed
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import Problem
 from featherfx.feather.colours import VANE, brightness, charted
-from featherfx.files.whole import Store
+from featherfx.files.atomic_write import Store
 from featherfx.usd.types import FeatherEntry, OutputError
 
 MOST_SIDE = 4096  # pixels of a tile

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import Problem, SimulationError
+from featherfx.files.atomic_write import Standing, standing
 from featherfx.files.background import Background
-from featherfx.files.whole import Standing, standing
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number
 from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.read.earlier import EarlierCache
+from featherfx.usd.read.previous_cache import EarlierCache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError
 from featherfx.usd.write.assemble import assemble

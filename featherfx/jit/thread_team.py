@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
-from featherfx.jit.late import Late, give
+from featherfx.jit.lazy_import import Late, give
 
 # numbers of one cache line, so that counters do not disturb each other
 LINE = 8
@@ -38,8 +38,8 @@ def new_team(kinds: int) -> NDArray[np.int64]:
     return np.zeros((OWN + kinds) * LINE, dtype=np.int64)
 
 
-_fetch_add = Late("featherfx.jit.team_types", "fetch_add")
-_sleep = Late("featherfx.jit.team_types", "sleep")
+_fetch_add = Late("featherfx.jit.thread_team_types", "fetch_add")
+_sleep = Late("featherfx.jit.thread_team_types", "sleep")
 
 
 @kernel

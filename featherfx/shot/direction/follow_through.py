@@ -15,7 +15,7 @@ import numpy as np
 
 from featherfx.algebra.types import Indices
 from featherfx.feather.types import Feather, RowPoints, both, stacked
-from featherfx.shot.detail.carried import in_world, rates_of, seen_from_roots
+from featherfx.shot.detail.followers import in_world, rates_of, seen_from_roots
 from featherfx.shot.detail.guided import INSTANT, Shapes, Turns
 from featherfx.shot.direction.channels import courses, product
 from featherfx.shot.frames import FeatherPose

@@ -19,7 +19,7 @@ from typing import Any
 
 from featherfx.jit import shipped
 from featherfx.jit.cache import ROOT, cache_folder, warn_if_unkept
-from featherfx.jit.crew import LISTENERS, WAITING, Need, crew
+from featherfx.jit.compile_workers import LISTENERS, WAITING, Need, crew
 from featherfx.phases import Account, accounts
 
 COMPILING = "compiling"

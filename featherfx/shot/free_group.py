@@ -11,7 +11,7 @@ from featherfx.mechanics.model import Loads
 from featherfx.shot.counts import Advanced, Bounds
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
-from featherfx.shot.detail.twins import Twins, twins_of
+from featherfx.shot.detail.symmetry import Twins, twins_of
 from featherfx.shot.groups import Group
 from featherfx.shot.settled import settled
 from featherfx.shot.types import Shot

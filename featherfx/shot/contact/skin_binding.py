@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.search import search_tree
 from featherfx.shot.motion.preroll import NO_RUN_UP, RunUp
 from featherfx.shot.motion.skin import BoundSkin

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.types import Flags, Indices
 from featherfx.mechanics.model import Loads
-from featherfx.shot.alone import Alone
 from featherfx.shot.contact.contact import MOST_NAMED, ShotContact
 from featherfx.shot.contact.obstacles import Obstacles, obstacles_of
-from featherfx.shot.contact.sunk import warn_of_sunk
+from featherfx.shot.contact.root_inside_body import warn_of_sunk
 from featherfx.shot.counts import Advanced, Bounds
 from featherfx.shot.detail.cycle import SLACK, repeats_together
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import LevelPlan
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
+from featherfx.shot.free_group import Alone
 from featherfx.shot.groups import Group, loads_within
 from featherfx.shot.islands import ALONE
 from featherfx.shot.motion.motion import root_path

@@ -29,11 +29,11 @@ from numba.core.funcdesc import ExternalFunctionDescriptor
 from numba.core.imputils import user_function
 from numba.core.registry import CPUDispatcher
 
-from featherfx.jit.crew import Need, crew, is_helper
+from featherfx.jit.compile_workers import Need, crew, is_helper
 from featherfx.jit.entry import WRAPPER, EntryLowering
-from featherfx.jit.held_types import HeldType, held, keep, room
 from featherfx.jit.lowering import KernelLowering, pipeline_of
 from featherfx.jit.plain import OPTIONS as PLAIN_OPTIONS
+from featherfx.jit.struct_pointer import HeldType, held, keep, room
 from featherfx.jit.type_text import text_of_types
 
 Types = tuple[Any, ...]

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.files.store import kept
+from featherfx.files.disk_cache import kept
 from featherfx.groom.anatomy.pose import folded
 from featherfx.groom.anatomy.remiges import Flight, curvature_of, lying
 from featherfx.groom.keys.anatomy import WingType

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from featherfx.files.store import keep, kept_before
+from featherfx.files.disk_cache import keep, kept_before
 
 _WHAT = "share-times"
 

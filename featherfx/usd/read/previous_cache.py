@@ -39,7 +39,7 @@ class EarlierCache:
 
     dependences: what each feather depended on (featherfx/shot/dependence.py), by name; motions:
     what its motion did, before it was laid over others, by id; empty where the file does not tell.
-    inputs: what its files said (featherfx/groom/read/told.py).
+    inputs: what its files said (featherfx/groom/read/value_diff.py).
     settings: that it was baked with. chunk: samples of each chunk.
     """
 

@@ -11,7 +11,7 @@ import signal
 import sys
 from contextlib import ExitStack
 
-from featherfx.files.collecting import seldom_collected
+from featherfx.files.gc_pause import seldom_collected
 
 _loading = ExitStack()
 _loading.enter_context(seldom_collected())

@@ -8,7 +8,7 @@ from llvmlite import binding
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from featherfx.jit.team import SLEEP, SLEEP_SYMBOL
+from featherfx.jit.thread_team import SLEEP, SLEEP_SYMBOL
 
 binding.add_symbol(SLEEP_SYMBOL, SLEEP)
 sleep = types.ExternalFunction(SLEEP_SYMBOL, types.int32(types.uint32))

@@ -12,7 +12,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning
-from featherfx.groom.anatomy.lie import Body
+from featherfx.groom.anatomy.drape import Body
 from featherfx.groom.skin.search import search_tree
 from featherfx.shot.motion.limbs import of_wings
 from featherfx.shot.motion.roots import RootFrames, Roots
