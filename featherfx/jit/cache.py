@@ -35,12 +35,12 @@ COMPILER = tuple(
     for name in (
         "algebra/lane_types",
         "jit/entry",
-        "jit/held_types",
+        "jit/struct_pointer",
         "jit/lowering",
-        "jit/parts",
+        "jit/linking",
         "jit/plain",
         "jit/stored",
-        "jit/team_types",
+        "jit/thread_team_types",
         "jit/view_types",
     )
 )
