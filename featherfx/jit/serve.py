@@ -1,4 +1,4 @@
-"""What a helper of compile_workers.py does: compile the shared kernels that it is asked for, and store them.
+"""Compile the shared kernels that compile_workers.py asks a helper process for, and store them.
 
 Nothing is run here, so shared kernels that these call are not loaded: a place stands for their
 machine code.
