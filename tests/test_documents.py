@@ -14,7 +14,7 @@ import pytest
 import featherfx
 from featherfx.baking.samples import copy_sample
 from featherfx.errors import InputError
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -18,7 +18,7 @@ from featherfx.files.atomic_write import Standing, into, remove_leftovers, stand
 from featherfx.files.gc_pause import seldom_collected
 from featherfx.files.memory import give_back_memory
 from featherfx.phases import Account, account, phase
-from featherfx.usd.write.resume import tidy
+from featherfx.usd.write.previous_cache import tidy
 
 NOTHING_DONE = {"mean": 0.0, "max": 0.0}
 # what the seconds of a report are made of; setting_up is all the rest

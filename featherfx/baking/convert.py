@@ -7,10 +7,8 @@ from pathlib import Path
 from featherfx.baking.task import part_path
 from featherfx.usd.convert.alembic import export_alembic
 from featherfx.usd.convert.condensed import export_condensed
-from featherfx.usd.convert.export import mesh_sequence
-from featherfx.usd.convert.morph import export_morph
-from featherfx.usd.convert.plain import flatten
-from featherfx.usd.write.join import join_shares
+from featherfx.usd.convert.merge import flatten, join_shares
+from featherfx.usd.convert.mesh_files import export_morph, mesh_sequence
 from featherfx.usd.write.output import SUFFIXES, check_output
 
 

@@ -167,7 +167,7 @@ def _read_back(file: Path) -> Iterator[str]:
     """What is wrong with the motion of a pulled feather."""
     import numpy as np
 
-    from featherfx.usd.read.read import Cache
+    from featherfx.usd.read.cache import Cache
 
     cache = Cache(file)
     rest, last = cache.points(0), cache.points(0, _FRAMES[1])

@@ -10,9 +10,8 @@ from featherfx.baking.types import TakenOver, Task
 from featherfx.errors import Problem
 from featherfx.files.content import digest
 from featherfx.shot.replay import Replay
-from featherfx.usd.read.previous_cache import EarlierCache
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.resume import difference
+from featherfx.usd.write.previous_cache import EarlierCache, difference
 
 if TYPE_CHECKING:
     from featherfx.shot.checkpoint import Checkpoint

@@ -15,9 +15,9 @@ from featherfx.baking.types import Task
 from featherfx.errors import Problem
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number
-from featherfx.usd.read.previous_cache import EarlierCache
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.write import CacheWriter
+from featherfx.usd.write.cache_writer import CacheWriter
+from featherfx.usd.write.previous_cache import EarlierCache
 
 # settings in which a share may differ from the whole
 _OWN = ("feathers", "layout", "chunk")

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from featherfx.baking.groom import export_groom as export_groom
     from featherfx.baking.plan import plan as plan
     from featherfx.baking.stats import plumage_stats as plumage_stats
-    from featherfx.usd.check.crossings import count_crossings as count_crossings
-    from featherfx.usd.check.outline import measure_holes as measure_holes
-    from featherfx.usd.check.outline import measure_moves as measure_moves
+    from featherfx.usd.check.measures import count_crossings as count_crossings
+    from featherfx.usd.check.measures import measure_holes as measure_holes
+    from featherfx.usd.check.measures import measure_moves as measure_moves
     from featherfx.usd.convert.levels import export_levels as export_levels
     from featherfx.usd.convert.retime import retime as retime
     from featherfx.usd.convert.rigid import export_rigid as export_rigid
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "bake": "featherfx.baking.bake",
     "check": "featherfx.baking.check",
-    "count_crossings": "featherfx.usd.check.crossings",
+    "count_crossings": "featherfx.usd.check.measures",
     "error_of": "featherfx.baking.accuracy",
     "export": "featherfx.baking.convert",
     "export_groom": "featherfx.baking.groom",
@@ -39,8 +39,8 @@ _HOMES = {
     "export_rigid": "featherfx.usd.convert.rigid",
     "inspect_stage": "featherfx.usd.read.inspect",
     "join": "featherfx.baking.convert",
-    "measure_holes": "featherfx.usd.check.outline",
-    "measure_moves": "featherfx.usd.check.outline",
+    "measure_holes": "featherfx.usd.check.measures",
+    "measure_moves": "featherfx.usd.check.measures",
     "plan": "featherfx.baking.plan",
     "plumage_stats": "featherfx.baking.stats",
     "read_shot": "featherfx.api",

@@ -28,9 +28,9 @@ from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.simulate import drawn_feathers
 from featherfx.shot.types import LEVELS, Quality, Shot
 from featherfx.usd.space import StageSpace
+from featherfx.usd.write.cache_writer import chunk_bytes
 from featherfx.usd.write.options import CHUNK, PUSHING_CHUNK
 from featherfx.usd.write.poses import posed_feathers
-from featherfx.usd.write.write import chunk_bytes
 
 _MOST_NAMED = 10
 

@@ -45,7 +45,7 @@ from featherfx.usd.write.output import (
     prim_name,
     unique_prim_names,
 )
-from featherfx.usd.write.resume import is_finished, refuse_unfinished
+from featherfx.usd.write.previous_cache import is_finished, refuse_unfinished
 
 Options = TypeVar("Options", bound=StageOptions)
 

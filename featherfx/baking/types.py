@@ -10,7 +10,7 @@ from pathlib import Path
 from featherfx.baking.options import BakeOptions
 from featherfx.shot.layers.types import Laid
 from featherfx.shot.types import Shot
-from featherfx.usd.read.previous_cache import EarlierCache
+from featherfx.usd.write.previous_cache import EarlierCache
 
 
 @dataclass(frozen=True)

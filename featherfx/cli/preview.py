@@ -121,7 +121,7 @@ def _frames(
 
 def _spread(file: Path, count: int) -> list[float] | None:
     """Up to count frames spread over a file; None for one without frames."""
-    from featherfx.usd.read.read import Cache
+    from featherfx.usd.read.cache import Cache
 
     cache = Cache(file)
     if not cache.has_frames:

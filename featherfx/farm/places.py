@@ -3,7 +3,7 @@
 FOLDER/wing.usdc                       an output
 FOLDER/.wing.usdc.shares/              until it is there
   shares.json                          how many
-  wing.2of4.usdc, wing.2of4.clips/ ... a cache for each share (usd/write/layout.py)
+  wing.2of4.usdc, wing.2of4.clips/ ... a cache for each share (usd/write/layers.py)
 """
 
 from __future__ import annotations

@@ -27,8 +27,8 @@ from featherfx.phases import Account
 from featherfx.shot.share import share_count, share_sizes
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, BusyError
+from featherfx.usd.write.cache_writer import chunk_frames
 from featherfx.usd.write.poses import posed_feathers
-from featherfx.usd.write.write import chunk_frames
 
 PLAN, BAKE, MERGE = "look at", "bake", "merge"
 # s for which a share may still be written by a worker that is thought to be lost, and between looks

@@ -14,8 +14,8 @@ from featherfx.errors import Problem, require
 from featherfx.feather.types import RACHIS
 from featherfx.groom.keys.problems import nearest
 from featherfx.render.geometry import vertex_normals
+from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import CachedFeather
-from featherfx.usd.read.read import Cache
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,7 @@ from featherfx.render.scene import (
     load_scene,
 )
 from featherfx.render.vanes import DrawnPlumage, plumage_of
-from featherfx.usd.read.read import Cache
-from featherfx.usd.read.scenery import Scene, named_by
+from featherfx.usd.read.cache import Cache, Scene, named_by
 
 
 @dataclass(frozen=True)

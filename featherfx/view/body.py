@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.render.subject import scenery_of_shot
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
 from featherfx.view.packing import packed_colours, packed_points
 
 

@@ -33,7 +33,7 @@ from featherfx.shot.loads.types import Grip
 from featherfx.shot.placement import place
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Shot
-from featherfx.usd.write.write import CacheWriter
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.view.page import page
 from featherfx.view.played import STRAIN, Played
 from featherfx.view.serve import BYTES, HTML, JSON, Server

@@ -33,9 +33,9 @@ from featherfx.render.colour import (
     value_limits,
 )
 from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_scene
-from featherfx.usd.check.crossings import CrossedPoints
-from featherfx.usd.read.read import Cache
-from featherfx.usd.read.thinned import Thinned, levels, thinned
+from featherfx.usd.check.measures import CrossedPoints
+from featherfx.usd.convert.levels import Thinned, levels, thinned
+from featherfx.usd.read.cache import Cache
 from featherfx.view.body import Body
 from featherfx.view.packing import Bytes, packed_colours, packed_points
 

@@ -22,7 +22,7 @@ def rest(tmp_path_factory):
 
 
 def test_groom_is_sound_and_has_no_time(rest):
-    from featherfx.usd.read.read import Cache
+    from featherfx.usd.read.cache import Cache
 
     assert invoke("check", rest).exit_code == 0
     cache = Cache(rest)

@@ -21,7 +21,7 @@ from usdin_scenes import (
     vec,
 )
 
-from featherfx.usd.write.write import CacheWriter
+from featherfx.usd.write.cache_writer import CacheWriter
 
 from .cases import Command, Kind
 from .usd_values import edit_value
@@ -365,7 +365,7 @@ KIND = Kind(
         "featherfx.shot.read.read",
         "featherfx.usd.check.check",
         "featherfx.usd.convert.condensed",
-        "featherfx.usd.convert.export",
+        "featherfx.usd.convert.mesh_files",
         "featherfx.usd.read.groom",
         "featherfx.usd.read.scenes",
         "featherfx.usd.read.skin",

@@ -18,8 +18,7 @@ from featherfx.groom.read.read import read_groom
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.flap import folding
 from featherfx.shot.motion.joints import joint_roots, skeleton_of, still_poses
-from featherfx.usd.check.crossings import count_crossings
-from featherfx.usd.check.outline import measure_holes
+from featherfx.usd.check.measures import count_crossings, measure_holes
 
 WING = """
 [[wing]]

@@ -18,7 +18,7 @@ from featherfx.feather.layout import layout
 from featherfx.shot import groups
 from featherfx.shot.contact import pairs
 from featherfx.shot.layers import stack
-from featherfx.usd.write.write import CacheWriter
+from featherfx.usd.write.cache_writer import CacheWriter
 
 GROOM = """
 name = "crowded"

@@ -17,7 +17,7 @@ from places import ROOT
 from pxr import Usd, UsdGeom
 
 import featherfx
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
 
 PLUGIN = ROOT / "featherfx" / "plugins"
 # the length and the kinds of two feathers that grow along x, m

@@ -18,7 +18,7 @@ from places import ROOT
 
 from featherfx._version import __version__
 from featherfx.baking import plugins
-from featherfx.usd.write.write import CacheWriter
+from featherfx.usd.write.cache_writer import CacheWriter
 
 SOURCE = ROOT / "featherfx" / "plugins"
 CACHE = "/show/wing.usdc"

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "usd"))
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     import feathers
 
-    from featherfx.usd.write.write import CacheWriter
+    from featherfx.usd.write.cache_writer import CacheWriter
 
     path = tmp_path_factory.mktemp("render") / "four.usdc"
     with CacheWriter(path, feathers.entries(), (1, 5), 24.0) as writer:

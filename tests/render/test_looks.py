@@ -20,7 +20,7 @@ from featherfx.render.picture import render
 from featherfx.render.scene import load_points
 from featherfx.render.studio import backdrop
 from featherfx.render.subject import open_subject
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.scenes import camera_of
 
 pytest.importorskip("embreex", reason="no wheel for this platform")

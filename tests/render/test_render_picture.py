@@ -25,9 +25,9 @@ from featherfx.render.options import COLOURS, VIEWS
 from featherfx.render.picture import render
 from featherfx.render.scene import DrawnPose, load_pose, load_scene
 from featherfx.render.studio import backdrop
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
 
 pytest.importorskip("embreex", reason="no wheel for this platform")
 

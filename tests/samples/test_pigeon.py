@@ -20,7 +20,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
 from featherfx.groom.skin.faults import signed_volume, skin_faults
 from featherfx.usd.read.animated_mesh import open_mesh
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.stage import open_scene
 
 PIGEON = SAMPLES / "pigeon"

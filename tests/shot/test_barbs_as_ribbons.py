@@ -10,7 +10,7 @@ from featherfx.mechanics.batch import make_model
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.solver.contact.surfaces import carried_mass
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
 
 FEATHER = """
 [[feather]]

@@ -27,8 +27,8 @@ from featherfx.shot.patterns import last_fitting
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Wet
+from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.expand import expand
-from featherfx.usd.read.read import Cache
 
 SAMPLE = SAMPLES / "wet_feather"
 SOAKED = Wet(feathers="wet", keys=((0.0, 1.0),))

@@ -15,8 +15,8 @@ def caches(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Five frames of the four feathers, in each layout and encoding."""
     import feathers
 
+    from featherfx.usd.write.cache_writer import CacheWriter
     from featherfx.usd.write.options import WriteOptions
-    from featherfx.usd.write.write import CacheWriter
 
     folder = tmp_path_factory.mktemp("caches")
     made = {

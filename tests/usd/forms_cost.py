@@ -21,8 +21,8 @@ from featherfx.feather.types import both
 from featherfx.shot.frames import FeatherPose, Frame
 from featherfx.usd.convert.rigid import export_rigid
 from featherfx.usd.types import FeatherEntry
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
 
 GROOM = Path(__file__).resolve().parents[2] / "samples/swan_wing/groom.toml"
 BARBS = 100

@@ -9,7 +9,7 @@ import pytest
 
 import featherfx.baking.pipeline as pipeline
 from featherfx.errors import InputError
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
 
 
 def points_of(schema, index: int) -> np.ndarray:

@@ -18,8 +18,8 @@ from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import RowPoints, both
 from featherfx.shot.placement import place
 from featherfx.usd.types import FeatherEntry
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
 
 GRID, FINE, BARBS = (11, 3), (30, 5), 40
 NAMES = ("bare", "moving", "still", "fixed")

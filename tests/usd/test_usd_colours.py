@@ -17,7 +17,7 @@ from featherfx.shot.dependence import dependences
 from featherfx.shot.read.read import read_shot
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.convert.condensed import export_condensed
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
 
 SWAN = SAMPLES / "swan_wing" / "groom.toml"
 RED = (0.8, 0.1, 0.1)

@@ -19,10 +19,10 @@ from featherfx.errors import InputError
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import RowPoints, both
 from featherfx.usd.check.check import check_usd
+from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.expand import expand
-from featherfx.usd.read.read import Cache
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
 
 GRID = 11, 4
 # what is kept of it, where condensed feathers stand alone

@@ -14,7 +14,7 @@ from places import SAMPLES
 from featherfx.errors import InputError
 from featherfx.feather.crossing_kernels import triangles_cross
 from featherfx.feather.crossings import BODY, crossings_of, patches_of
-from featherfx.usd.check.crossings import count_crossings
+from featherfx.usd.check.measures import count_crossings
 
 FLAT = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 QUAD = np.array([[0, 1, 2], [0, 2, 3]])

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from featherfx.errors import InputError
 from featherfx.feather.types import RACHIS, RowPoints, both, turned
 from featherfx.usd.check.check import check_usd
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
 
 STIFFNESS = (5.76, 3.36)  # N/m
 NAMES = ("strainAcross", "strainShear", "energyDensity")

@@ -20,9 +20,9 @@ import featherfx
 from featherfx.baking import pipeline
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
 
 
 @pytest.fixture(scope="module")

@@ -17,19 +17,18 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 from featherfx.errors import InputError, SimulationError
 from featherfx.feather.types import both
 from featherfx.usd.check.check import check_usd
-from featherfx.usd.check.crossings import count_crossings
+from featherfx.usd.check.measures import count_crossings
 from featherfx.usd.convert.condensed import export_condensed
-from featherfx.usd.convert.export import mesh_sequence
-from featherfx.usd.convert.plain import flatten
-from featherfx.usd.read.previous_cache import EarlierCache
-from featherfx.usd.read.read import Cache
+from featherfx.usd.convert.merge import flatten, join_shares
+from featherfx.usd.convert.mesh_files import mesh_sequence
+from featherfx.usd.read.cache import Cache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.write import posed_groups as joined
+from featherfx.usd.write.cache_writer import CachePlace, CacheWriter, Continuation
 from featherfx.usd.write.forms import Form, chosen_group, grouped
-from featherfx.usd.write.join import join_shares
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.poses import posed_feathers
-from featherfx.usd.write.write import CachePlace, CacheWriter, Continuation
+from featherfx.usd.write.previous_cache import EarlierCache
 
 GROUPS = ("kind", "region", "all")
 SETTINGS = {"shot": "one"}

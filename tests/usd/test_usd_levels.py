@@ -12,9 +12,9 @@ from featherfx.errors import InputError
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.convert import levels
 from featherfx.usd.convert.levels import export_levels, knows_lod
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
 
 needs_lod = pytest.mark.skipif(not knows_lod(), reason="this USD has no UsdLod")
 

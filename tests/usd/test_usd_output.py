@@ -15,11 +15,11 @@ from pxr import Sdf, Usd
 from featherfx.errors import InputError
 from featherfx.files import atomic_write
 from featherfx.usd.types import OutputError
-from featherfx.usd.write import publish
+from featherfx.usd.write import layers
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output
-from featherfx.usd.write.resume import layer_metadata, table_text, text_table
-from featherfx.usd.write.write import CacheWriter
+from featherfx.usd.write.previous_cache import layer_metadata, table_text, text_table
 
 NAMES = {"flat": ["out.usda"], "payload": ["out.animation.usdc", "out.payload.usdc", "out.usda"]}
 
@@ -151,7 +151,7 @@ def test_a_file_that_reads_back_differently_is_not_published(tmp_path, monkeypat
         less.EraseTimeSample("/out/feathers/primary_1.points", 2)
         return less.Export(str(path))
 
-    monkeypatch.setattr(publish, "_store", lose_a_sample)
+    monkeypatch.setattr(layers, "_store", lose_a_sample)
     with pytest.raises(OutputError, match=r"differs.*primary_1\.points"):
         bake(tmp_path / "out.usda")
     assert contents(tmp_path) == {}

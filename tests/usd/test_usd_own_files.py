@@ -19,10 +19,10 @@ from featherfx.files import atomic_write
 from featherfx.files.atomic_write import into, write_all
 from featherfx.usd.types import OutputError
 from featherfx.usd.write import parts
+from featherfx.usd.write.cache_writer import CacheWriter, Continuation
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output, parts_folder
-from featherfx.usd.write.resume import tidy
-from featherfx.usd.write.write import CacheWriter, Continuation
+from featherfx.usd.write.previous_cache import tidy
 
 SETTINGS = {"shot": "one"}
 GOES_ON = Continuation(SETTINGS)
@@ -224,7 +224,7 @@ def test_what_is_published_before_the_lock_is_had_is_seen_before_any_work(tmp_pa
         path.write_text("theirs")
         return parts.Parts(*given, **more)
 
-    monkeypatch.setattr("featherfx.usd.write.write.Parts", late)
+    monkeypatch.setattr("featherfx.usd.write.cache_writer.Parts", late)
     with pytest.raises(OutputError, match=r"o\.usdc: another bake has just written it"):
         CacheWriter(path, feathers.entries(), (1, 3))
     assert tree(tmp_path) == {"o.usdc": b"theirs"}

@@ -15,9 +15,9 @@ from featherfx.baking import pipeline
 from featherfx.errors import InputError
 from featherfx.feather.types import both
 from featherfx.shot.frames import FeatherPose, Frame
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
 
 RATE, PERIOD = 24.0, 12
 

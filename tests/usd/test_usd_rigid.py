@@ -15,9 +15,9 @@ from featherfx.errors import InputError
 from featherfx.shot.frames import FeatherPose, Frame
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.convert.rigid import export_rigid, fitted
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
 
 FRAMES = (1, 6)
 BENT = "primary 1"

@@ -16,9 +16,9 @@ from pxr import Usd, UsdGeom, UsdShade
 import featherfx
 from featherfx.errors import InputError
 from featherfx.usd.check.check import check_usd
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.textures import Atlas
-from featherfx.usd.write.write import CacheWriter
 
 pytest.importorskip("PIL")
 GROOM = """name = "painted"

@@ -16,15 +16,15 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from featherfx.errors import InputError, SimulationError
 from featherfx.feather.types import both
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
-from featherfx.usd.write import assemble, write
+from featherfx.usd.write import chunks, write
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.parts import Parts
 from featherfx.usd.write.poses import posed_feathers
-from featherfx.usd.write.write import CacheWriter
 
 KINDS = ("usda", "usdc", "usd", "payload", "clips")
 DUMP = """
@@ -237,7 +237,7 @@ def test_a_flat_file_is_put_together_without_its_samples_in_memory(tmp_path, mon
             writer.write(writing_cost.frame(number, rest, len(entries)))
         assert writer.samples_done == 48  # waits
         noting(lambda: None)()
-        monkeypatch.setattr(assemble, "publish", noting(assemble.publish))
+        monkeypatch.setattr(chunks, "publish", noting(chunks.publish))
         monkeypatch.setattr(Parts, "finish", noting(Parts.finish))
     before, *later = held
     assert len(later) == 2

@@ -23,8 +23,8 @@ from featherfx.feather.build import build_feather
 from featherfx.feather.types import RowPoints, both
 from featherfx.shot.frames import FeatherPose, Frame
 from featherfx.usd.types import FeatherEntry
+from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 ROWS, COLUMNS = 71, 22

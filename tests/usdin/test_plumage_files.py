@@ -12,7 +12,7 @@ from featherfx.baking.pipeline import check, export_groom, plumage_stats
 from featherfx.cli.main import main
 from featherfx.render.options import PictureOptions
 from featherfx.render.subject import open_subject
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
 
 GROOM = SKIN + "[layout]\n"
 KEYS = "count = 60\nlength = 0.03\nvariants = 3\nvariation = { length = 0.1, width = 0.1 }\n"

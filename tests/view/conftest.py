@@ -17,7 +17,7 @@ def cache(tmp_path_factory) -> Path:
     sys.path.insert(0, str(ROOT / "tests/usd"))
     import feathers
 
-    from featherfx.usd.write.write import CacheWriter
+    from featherfx.usd.write.cache_writer import CacheWriter
 
     folder = tmp_path_factory.mktemp("view")
     for name, last in (("flaps", 5), ("others", 7)):

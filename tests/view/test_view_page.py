@@ -18,7 +18,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from featherfx.errors import InputError
 from featherfx.render.scene import load_points, load_scene
-from featherfx.usd.read.read import Cache
+from featherfx.usd.read.cache import Cache
 from featherfx.view.page import fitting, header_of, write_page
 from featherfx.view.played import Played
 from featherfx.view.serve import HOST, Server

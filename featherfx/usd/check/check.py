@@ -47,7 +47,7 @@ from featherfx.usd.read.values import (
     sized_array,
     targets_of,
 )
-from featherfx.usd.write.resume import layer_metadata
+from featherfx.usd.write.previous_cache import layer_metadata
 
 
 def check_file(path: str | Path) -> list[Problem]:

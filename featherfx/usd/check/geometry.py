@@ -11,7 +11,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from featherfx.errors import InputError
-from featherfx.usd.read.members import members_of
+from featherfx.usd.read.cached_feather import members_of
 from featherfx.usd.read.values import (
     DEFAULT,
     EARLIEST,

@@ -1,38 +1,162 @@
-"""A cache as one Alembic file: a polygon mesh per feather, curves per curves prim, all samples.
+"""Export to Alembic: a polygon mesh per feather and curves per curves prim, with all samples.
+
+GroomCurves carry the attributes by which Unreal reads a groom (Epic Games, "Alembic for Grooms
+Specification", schema 1.5): linear curves with a number, a group, a width at every point, and,
+where the cache has them, a colour and the root's place in the feather's texture.
 
 The library is alembic3d, unofficial wheels of the Alembic project's own Python binding; it is an
-optional extra. Faces run clockwise in Alembic, so their corners are turned round. Units and axes
-stay those of the stage, since Alembic has no place to tell them.
+optional extra. Faces run clockwise in Alembic, so their corners are reversed. Units and axes stay
+those of the stage, since Alembic cannot store them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
 
+from featherfx._version import __version__
+from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.atomic_write import standing, write_all
 from featherfx.phases import counted
-from featherfx.usd.convert import alembic_groom as groom
+from featherfx.usd.read.cache import Cache, CachedPose
 from featherfx.usd.read.cached_feather import CachedFeather
 from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.read import Cache, CachedPose
+from featherfx.usd.read.values import (
+    DEFAULT,
+    INTEGERS,
+    NUMBERS,
+    VECTORS,
+    array_of,
+    flattened,
+    matrix_of,
+    sized_array,
+)
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import file_problems, unique_prim_names
 
-_EVEN = 1e-6  # of a frame
+_SCHEMA = (1, 5)
+# groom_group_id of rachises and of barbs
+_RACHIS_GROUP, _BARB_GROUP = 0, 1
+_SPACING_TOLERANCE = 1e-6  # of a frame
 
 
-class _Content(NamedTuple):
-    """What is written: a cache, its curves by name, and the time codes of the samples."""
+class GroomCurves:
+    """The n curves of a prim, with V points.
+
+    first: number of its first curve. name: of the prim, which other prims may share.
+    """
+
+    def __init__(self, prim: Any, first: int) -> None:
+        self.name, self.path, self.first = prim.GetName(), str(prim.GetPath()), first
+        self._prim, self._curves = prim, UsdGeom.BasisCurves(prim)
+        self._stage = prim.GetStage()  # a prim does not keep its own
+        counts = sized_array(self._curves.GetCurveVertexCountsAttr(), DEFAULT, INTEGERS)
+        self.counts: Indices = counts.astype(np.int64)
+        primvars = UsdGeom.PrimvarsAPI(prim)
+        self.group = _BARB_GROUP if primvars.HasPrimvar("side") else _RACHIS_GROUP
+        self._roots = np.cumsum(self.counts) - self.counts
+        widths = array_of(self._curves.GetWidthsAttr(), DEFAULT, NUMBERS)
+        self.widths = None if widths is None else self._of_points(widths)
+        self.colours = self._primvar("displayColor")
+        st = self._primvar("st")
+        self.root_uv = None if st is None else st[self._roots]
+
+    def _of_points(self, values: Array) -> Array | None:
+        """Values of points, from those of points, of curves or of all; None for another number."""
+        total = int(self.counts.sum())
+        known: dict[int, Any] = {1: total, len(self.counts): self.counts, total: 1}
+        return np.repeat(values, known[len(values)], axis=0) if len(values) in known else None
+
+    def _primvar(self, name: str) -> Array | None:
+        found = flattened(UsdGeom.PrimvarsAPI(self._prim).GetPrimvar(name), DEFAULT)
+        return None if found is None else self._of_points(np.asarray(found))
+
+    def points(self, code: float | None) -> Floats:
+        """(V, 3) in the world, in the stage's units."""
+        time = DEFAULT if code is None else Usd.TimeCode(code)
+        return self._world(sized_array(self._curves.GetPointsAttr(), time, VECTORS), time, 1.0)
+
+    def velocities(self, code: float | None) -> Floats | None:
+        """(V, 3) in the world, in the stage's units per second; None where there are none."""
+        time = DEFAULT if code is None else Usd.TimeCode(code)
+        found = array_of(self._curves.GetVelocitiesAttr(), time, VECTORS)
+        return None if found is None else self._world(found, time, 0.0)
+
+    def _world(self, values: Any, time: Any, moved: float) -> Floats:
+        matrix = matrix_of(self._prim, time)
+        turned: Array = np.asarray(values, np.float64) @ matrix[:3, :3]
+        return (turned + moved * matrix[3, :3]).astype(np.float32)
+
+
+def _find_curves(stage: Any) -> Iterator[GroomCurves]:
+    """Every curves prim of a stage, whichever representation is chosen."""
+    first = 0
+    for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
+        if prim.IsA(UsdGeom.BasisCurves):
+            curves = GroomCurves(prim, first)
+            if len(curves.counts):
+                yield curves
+                first += len(curves.counts)
+
+
+def _author_constants(abc: Any, made: Any, curves: GroomCurves) -> Any:
+    """Author the constant attributes of an OCurves; return its schema, for the samples."""
+    geometry, schema = abc.AbcGeom, made.getSchema()
+    told = schema.getUserProperties()
+    for name, number in zip(("major", "minor"), _SCHEMA, strict=True):
+        abc.Abc.OInt16Property(told, f"groom_version_{name}").setValue(number)
+    abc.Abc.OStringProperty(told, "groom_tool").setValue(f"featherfx {__version__}")
+    scope = geometry.GeometryScope
+    numbers = np.arange(curves.first, curves.first + len(curves.counts))
+    attributes: tuple[tuple[str, str, Any, Any], ...] = (
+        ("groom_group_id", "Int32", scope.kConstantScope, [curves.group]),
+        ("groom_id", "Int32", scope.kUniformScope, numbers),
+        ("groom_width", "Float", scope.kVertexScope, curves.widths),
+        ("groom_root_uv", "V2f", scope.kUniformScope, curves.root_uv),
+        ("groom_color", "V3f", scope.kVertexScope, curves.colours),
+    )
+    arrays = {"Int32": _ints, "Float": partial(_array, "Float"), "V2f": _pairs, "V3f": _vectors}
+    for name, kind, where, values in attributes:
+        if values is not None:
+            make_one = getattr(geometry, f"O{kind}GeomParam")
+            parameter = make_one(schema.getArbGeomParams(), name, False, where, 1)
+            sample = getattr(geometry, f"O{kind}GeomParamSample")
+            parameter.set(sample(arrays[kind](values), where))
+    return schema
+
+
+def _curves_sample(abc: Any, curves: GroomCurves, code: float | None) -> Any:
+    """Points, widths and velocities at a time code."""
+    geometry = abc.AbcGeom
+    made = geometry.OCurvesSchemaSample(
+        _vectors(curves.points(code)),
+        _ints(curves.counts),
+        geometry.CurveType.kLinear,
+        geometry.CurvePeriodicity.kNonPeriodic,
+    )
+    if curves.widths is not None:
+        widths = _array("Float", curves.widths)
+        scope = geometry.GeometryScope.kVertexScope
+        made.setWidths(geometry.OFloatGeomParamSample(widths, scope))
+    velocities = curves.velocities(code)
+    if velocities is not None:
+        made.setVelocities(_vectors(velocities))
+    return made
+
+
+class _AlembicContent(NamedTuple):
+    """Content of the file: a cache, its curves by name, and the time codes of the samples."""
 
     cache: Cache
-    curves: dict[str, groom.Curves]
+    curves: dict[str, GroomCurves]
     codes: list[float | None]
 
 
@@ -42,16 +166,15 @@ def export_alembic(
     frames: tuple[float, float] | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Write the meshes of a cache with points, normals, velocities, st, subsets and ids, and its
-    shafts and barbs with what a groom in Unreal has (`alembic_groom.py`).
+    """Write the meshes, rachises and barbs of a cache to an Alembic file.
 
-    output: .abc. frames: first and last time code, by default all samples, subframes included.
+    output: .abc. frames: first and last time code; default: all samples, subframes included.
     The file appears complete or not at all. Raises InputError where alembic3d is missing, the
     cache cannot be read, its samples are not evenly spaced, or the file cannot be written.
     """
     abc, output = _library(), Path(output)
     cache = Cache(path)
-    content = _Content(cache, _named_curves(cache), _codes(cache, frames))
+    content = _AlembicContent(cache, _named_curves(cache), _codes(cache, frames))
     before, problems = {output: standing(output)}, file_problems([output], overwrite)
     if problems:
         raise OutputError(*problems)
@@ -87,20 +210,20 @@ def _codes(cache: Cache, frames: tuple[float, float] | None) -> list[float | Non
         allowed = f"allowed {cache.frames[0]:g} to {cache.frames[1]:g}"
         raise InputError(Problem("frames", "", f"{first:g}-{last:g} is out of range; {allowed}"))
     codes = [code for code in cache.codes() if first <= code <= last]
-    if len(codes) > 2 and np.ptp(np.diff(codes)) > _EVEN:
+    if len(codes) > 2 and np.ptp(np.diff(codes)) > _SPACING_TOLERANCE:
         message = "samples are not evenly spaced; Alembic is written with one rate"
         raise InputError(Problem("frames", "", message))
     return list(codes)
 
 
-def _named_curves(cache: Cache) -> dict[str, groom.Curves]:
+def _named_curves(cache: Cache) -> dict[str, GroomCurves]:
     """The curves of a cache by the names of their objects, which no feather has."""
-    curves, feathers = list(groom.curves_of(open_stage(cache.path))), cache.feathers
+    curves, feathers = list(_find_curves(open_stage(cache.path))), cache.feathers
     names = unique_prim_names([*(each.name for each in feathers), *(each.name for each in curves)])
     return dict(zip(names[len(feathers) :], curves, strict=True))
 
 
-def _write(abc: Any, content: _Content, path: Path) -> None:
+def _write(abc: Any, content: _AlembicContent, path: Path) -> None:
     """The archive is complete once the last object of it is gone, which is when this returns."""
     cache, curves, codes = content
     archive = abc.Abc.OArchive(str(path))
@@ -116,13 +239,13 @@ def _write(abc: Any, content: _Content, path: Path) -> None:
     lines = []
     for name, each in curves.items():
         made = abc.AbcGeom.OCurves(archive.getTop(), name, sampling)
-        lines.append((each, groom.author(abc, made, each, _ARRAYS)))
+        lines.append((each, _author_constants(abc, made, each)))
     # frame by frame, as many feathers share a mesh
     for code in counted("writing", codes, len(codes)):
         for index, (feather, schema) in enumerate(zip(cache.feathers, schemas, strict=True)):
-            schema.set(_sample(abc, feather, cache.pose(index, code)))
+            schema.set(_mesh_sample(abc, feather, cache.pose(index, code)))
         for each, schema in lines:
-            schema.set(groom.sample(abc, each, code, _ARRAYS))
+            schema.set(_curves_sample(abc, each, code))
 
 
 def _sampling(abc: Any, codes: Sequence[float | None], rate: float) -> Any:
@@ -132,7 +255,7 @@ def _sampling(abc: Any, codes: Sequence[float | None], rate: float) -> Any:
     return abc.AbcCoreAbstract.TimeSampling(step / rate, first / rate)
 
 
-def _sample(abc: Any, feather: CachedFeather, pose: CachedPose) -> Any:
+def _mesh_sample(abc: Any, feather: CachedFeather, pose: CachedPose) -> Any:
     geometry = abc.AbcGeom
     corners = feather.triangles[:, ::-1]
     counts = np.full(len(corners), 3)
@@ -157,7 +280,7 @@ def _author_ids(abc: Any, schema: Any, feather: CachedFeather) -> None:
         abc.Abc.OStringProperty(properties, name).setValue(value)
 
 
-def _verify(abc: Any, content: _Content, path: Path) -> None:
+def _verify(abc: Any, content: _AlembicContent, path: Path) -> None:
     """Raise OSError unless the file read back has every object, sample, and the last points."""
     cache, curves, codes = content
     top = abc.Abc.IArchive(str(path)).getTop()
@@ -184,6 +307,10 @@ def _vectors(values: Any) -> Any:
     return _array("V3f", values)
 
 
+def _pairs(values: Any) -> Any:
+    return _array("V2f", values)
+
+
 def _ints(values: Any) -> Any:
     return _array("Int", np.ravel(values), np.int32)
 
@@ -191,14 +318,3 @@ def _ints(values: Any) -> Any:
 def _array(kind: str, values: Any, dtype: Any = np.float32) -> Any:
     make = getattr(import_module("imath"), f"{kind}ArrayFromBuffer")
     return make(np.ascontiguousarray(values, dtype=dtype))
-
-
-def _pairs(values: Any) -> Any:
-    return _array("V2f", values)
-
-
-def _numbers(values: Any) -> Any:
-    return _array("Float", values)
-
-
-_ARRAYS = groom.Arrays(_vectors, _pairs, _numbers, _ints)

@@ -23,16 +23,15 @@ from featherfx.feather.types import LEADING, TRAILING
 from featherfx.files.atomic_write import standing
 from featherfx.phases import counted
 from featherfx.usd import arrays
+from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import CachedFeather
-from featherfx.usd.read.read import Cache
 from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import BARB_COLOURS
-from featherfx.usd.write.layout import StageInfo, author_metadata, define_root, new_layer
+from featherfx.usd.write.layers import StageInfo, author_metadata, define_root, new_layer, publish
 from featherfx.usd.write.output import check_output, prim_name
+from featherfx.usd.write.previous_cache import layer_metadata
 from featherfx.usd.write.prims import author_primvars, define_polylines, labels
-from featherfx.usd.write.publish import publish
-from featherfx.usd.write.resume import layer_metadata
 
 NAMES = ("P_barbl", "P_barbr")
 

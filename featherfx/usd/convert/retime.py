@@ -23,7 +23,7 @@ from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, Problem
 from featherfx.phases import counted
 from featherfx.usd.arrays import vec3f
-from featherfx.usd.convert.plain import begun, composed, plain_copy
+from featherfx.usd.convert.merge import begun, composed, plain_copy
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, DETAIL, ORIENT, P_BARB
 
 # frames of a new cache

@@ -25,9 +25,9 @@ from featherfx.errors import InputError, Problem
 from featherfx.phases import counted
 from featherfx.usd import arrays
 from featherfx.usd.arrays import vec3f
-from featherfx.usd.convert.plain import begun, composed, plain_copy
+from featherfx.usd.convert.merge import begun, composed, plain_copy
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, HALF_VELOCITIES, RANGES
-from featherfx.usd.write.layout import FEATHERS, SCOPES
+from featherfx.usd.write.layers import FEATHERS, SCOPES
 from featherfx.usd.write.output import unique_prim_names
 
 # what follows from the transform, and what moves with it

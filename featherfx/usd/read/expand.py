@@ -1,17 +1,10 @@
-"""Meshes and barbs from condensed feathers, at any density.
-
-A condensed feather (featherfx/usd/write/forms.py) has the nodes that its mesh stands on, all or
-half of the rows and columns with what leads to the others (featherfx/feather/detail.py), and the
-shape that it is built of. At its own density the mesh is the one that a bake would have written, to
-single precision, or to 0.065 % of its length. Others, and barbs, are built of the shape and follow
-the nodes by the map that a bake draws finer meshes with (featherfx/feather/density.py).
-"""
+"""What condensed feathers are built of, from the texts that a file has of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -31,11 +24,13 @@ from featherfx.feather.density import density_map, scaled_map, scaled_points
 from featherfx.feather.detail import Thinning, restored, thinning
 from featherfx.feather.render import BARB_SEGMENTS
 from featherfx.feather.shape_text import shape_of
+from featherfx.feather.shapes import built_shapes
 from featherfx.feather.types import (
     Array,
     BarbCurves,
     Feather,
     Indices,
+    RowMap,
     RowPoints,
     both,
     stacked,
@@ -44,9 +39,8 @@ from featherfx.groom.looks import BarbLook, colour_of
 from featherfx.groom.types import FeatherKind
 from featherfx.limits import MOST_BARBS, MOST_CLUMPS, MOST_COLUMNS, MOST_ROWS
 from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.read.members import Member, members_of
+from featherfx.usd.read.cached_feather import Member, members_of
 from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.shapes import Grown, each_of_texts, grown_on
 from featherfx.usd.read.stage import transformed
 from featherfx.usd.read.values import (
     DEFAULT,
@@ -59,9 +53,53 @@ from featherfx.usd.read.values import (
     fault,
     sized_array,
     text_of,
+    texts_of,
     times_of,
 )
 from featherfx.usd.types import COLOUR, DETAIL, DETAIL_GRID, ORIENT, P_BARB, SHAPE, SHAPE_SIZE, WET
+
+
+@dataclass(frozen=True)
+class Grown:
+    """What feathers of one shape and grid have in common, unit size and metres.
+
+    own: on the written grid. fine: as it is drawn. to_fine: the map to that, None where it is own.
+    """
+
+    own: Feather
+    fine: Feather
+    to_fine: RowMap | None
+
+
+@lru_cache(maxsize=4096)
+def grown_on(
+    shape: tuple[FeatherKind, bool], own: tuple[int, int], wanted: tuple[int, int]
+) -> Grown:
+    """Feathers of a kind and side. own, wanted: rows and columns."""
+    (fine,) = built_shapes((shape,), *wanted)
+    if own == wanted:
+        return Grown(fine, fine, None)
+    (written,) = built_shapes((shape,), *own)
+    return Grown(written, fine, density_map(written, fine))
+
+
+def each_of_texts(prim: Any, name: str, read: Callable[[str], Any], count: int) -> list[Any]:
+    """What each of so many feathers of a prim has by a primvar of texts. Raises InputError where
+    there are not as many, or `read` refuses one."""
+    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
+    attribute = prim.GetAttribute(f"primvars:{name}")
+    texts = texts_of(primvar.GetAttr()) if primvar else []
+    places = np.arange(len(texts))
+    if primvar and primvar.IsIndexed():
+        places = sized_array(primvar.GetIndicesAttr(), DEFAULT, INTEGERS).astype(np.int64)
+    if len(places) != count or not ((places >= 0) & (places < len(texts))).all():
+        raise fault(attribute, f"has not one value for each of {count} feathers")
+    try:
+        known = [read(text) for text in texts]
+    except (ValueError, InputError) as error:
+        raise fault(attribute, str(error)) from error
+    return [known[k] for k in places]
+
 
 _ROTATIONS = Kind("f", (4,), "an array of rotations")
 _PAIRS = Kind("i", (2,), "an array of pairs of integers")

@@ -16,9 +16,9 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.search import search_tree
 from featherfx.shot.detail.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
+from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.drawn_meshes import drawn_meshes
 from featherfx.usd.read.groom import read_feathers
-from featherfx.usd.read.read import Cache
 from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.stage import (
     ScenePrim,

@@ -36,7 +36,8 @@ from featherfx.usd.types import (
     SHAPE_SIZE,
     FeatherEntry,
 )
-from featherfx.usd.write.layout import (
+from featherfx.usd.write.chunks import AnimatedPrims
+from featherfx.usd.write.layers import (
     BARBS,
     FEATHERS,
     MATERIALS,
@@ -59,7 +60,6 @@ from featherfx.usd.write.prims import (
     replace_primvars,
     seats,
 )
-from featherfx.usd.write.samples import AnimatedPrims
 
 SET, DEFAULT = "representation", "vane"
 

@@ -21,16 +21,22 @@ from featherfx.shot.placement import place
 from featherfx.usd import arrays
 from featherfx.usd.space import StageSpace, origin_for
 from featherfx.usd.types import MESH, FeatherEntry
+from featherfx.usd.write.chunks import AnimatedPrims
 from featherfx.usd.write.forms import Group
-from featherfx.usd.write.layout import MATERIALS, StageInfo, define_root, finish_layers, new_layers
+from featherfx.usd.write.layers import (
+    MATERIALS,
+    StageInfo,
+    define_root,
+    finish_layers,
+    new_layers,
+    publish,
+)
 from featherfx.usd.write.materials import define_materials, look_of
 from featherfx.usd.write.options import StageOptions
 from featherfx.usd.write.output import check_output, output_files, prim_name, unique_prim_names
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.prims import author_shared, define_mesh
-from featherfx.usd.write.publish import publish
-from featherfx.usd.write.samples import AnimatedPrims
 
 PLUMAGE, PROTOTYPES = "plumage", "prototypes"
 

@@ -15,14 +15,12 @@ from featherfx.files.background import Background
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number
 from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.read.previous_cache import EarlierCache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError
-from featherfx.usd.write.assemble import assemble
-from featherfx.usd.write.chunk import ChunkWriter, WrittenChunk
+from featherfx.usd.write.chunks import AnimatedPrims, ChunkWriter, WrittenChunk, assemble
 from featherfx.usd.write.define import define_prims
 from featherfx.usd.write.forms import Form, chosen_group, grouped
-from featherfx.usd.write.layout import StageInfo, new_layers
+from featherfx.usd.write.layers import StageInfo, new_layers
 from featherfx.usd.write.options import CHUNK, FEATHER, GROUPS, UP_AXES, WriteOptions
 from featherfx.usd.write.output import (
     check_output,
@@ -34,7 +32,7 @@ from featherfx.usd.write.output import (
 from featherfx.usd.write.parts import Parts, Save, unfinished_bakes
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import PosedFeather, posed_feathers
-from featherfx.usd.write.samples import AnimatedPrims
+from featherfx.usd.write.previous_cache import EarlierCache
 from featherfx.usd.write.textures import Atlas, refuse_textures
 
 # A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
@@ -91,7 +89,7 @@ class CacheWriter:
     path: .usd, .usdc or .usda. feathers: at least one, unique ids. frames: first and last frame,
     None for a rest pose without time. frames_per_second: also the time codes per second. options:
     points, velocities and widths are converted to the unit and axis, 1 m and "Z" where they are
-    None; layouts are those of usd/write/layout.py; a chunk has fewer frames where they exceed
+    None; layouts are those of usd/write/layers.py; a chunk has fewer frames where they exceed
     chunk_bytes. metadata: plain values, kept with the layout as custom data of the root layer.
 
     continuation: where given, finished chunks stay on disk when the block is left by an exception,
