@@ -19,7 +19,7 @@ from featherfx.feather.types import both
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
-from featherfx.usd.write import chunks, write
+from featherfx.usd.write import cache_writer, chunks
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import unique_prim_names
@@ -186,9 +186,9 @@ def test_chunks_grow_with_the_feathers_up_to_a_limit(tmp_path, monkeypatch, each
     """each, most: frames for which the bytes suffice, by the number of feathers and in all."""
     entries = feathers.entries()
     frame = sum(f.bytes_per_sample for f in posed_feathers(entries, StageSpace(1.0, "Z")))
-    monkeypatch.setattr(write, "CHUNK_BYTES", 0)
-    monkeypatch.setattr(write, "BYTES_EACH", each * frame // len(entries) + 1)
-    monkeypatch.setattr(write, "MOST_BYTES", most * frame)
+    monkeypatch.setattr(cache_writer, "CHUNK_BYTES", 0)
+    monkeypatch.setattr(cache_writer, "BYTES_EACH", each * frame // len(entries) + 1)
+    monkeypatch.setattr(cache_writer, "MOST_BYTES", most * frame)
     with CacheWriter(
         tmp_path / "a.usda", entries, (1, 4), options=WriteOptions(layout="clips")
     ) as writer:

@@ -123,7 +123,12 @@ def _author_constants(abc: Any, made: Any, curves: GroomCurves) -> Any:
         ("groom_root_uv", "V2f", scope.kUniformScope, curves.root_uv),
         ("groom_color", "V3f", scope.kVertexScope, curves.colours),
     )
-    arrays = {"Int32": _ints, "Float": partial(_array, "Float"), "V2f": _pairs, "V3f": _vectors}
+    arrays: dict[str, Callable[[Any], Any]] = {
+        "Int32": _ints,
+        "Float": partial(_array, "Float"),
+        "V2f": _pairs,
+        "V3f": _vectors,
+    }
     for name, kind, where, values in attributes:
         if values is not None:
             make_one = getattr(geometry, f"O{kind}GeomParam")
