@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from featherfx import usd
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, takes
 from featherfx.baking.task import prepare
@@ -18,7 +19,6 @@ from featherfx.files.atomic_write import Standing, into, remove_leftovers, stand
 from featherfx.files.gc_pause import seldom_collected
 from featherfx.files.memory import give_back_memory
 from featherfx.phases import Account, account, phase
-from featherfx.usd.write.previous_cache import tidy
 
 NOTHING_DONE = {"mean": 0.0, "max": 0.0}
 # what the seconds of a report are made of; setting_up is all the rest
@@ -110,7 +110,7 @@ def carry_out(task: Task, notify: Callable[[int, int], None]) -> dict[str, Any]:
 
         taken_over, figures = simulate_and_write(task, notify)
         return {**_summary(task, taken_over), **figures}
-    tidy(task.path, task.settings)
+    usd.previous_cache.tidy(task.path, task.settings)
     notify(task.samples, task.samples)
     nothing: dict[str, Any] = {"newton_iterations": NOTHING_DONE, "substeps": NOTHING_DONE}
     return {**_summary(task, task.samples), **nothing, "worst_residual": 0.0, "skipped": {}}

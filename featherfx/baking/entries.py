@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from featherfx import usd
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, DrawnOptions
 from featherfx.errors import Problem, all_of, require
@@ -33,8 +34,6 @@ from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.placement import place
 from featherfx.shot.types import Quality, Shot, Wet
-from featherfx.usd.read.opening import located, open_stage
-from featherfx.usd.read.stage import kind_of
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.options import BOTH, CONDENSED, CURVES
 
@@ -274,14 +273,14 @@ def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
 
 def scenery_of_groom(groom: Groom, path: Path) -> dict[str, Any]:
     """What a groom at rest at a path tells of the mesh that it is of, for pictures."""
-    usd, prim, rest = (
+    scene, prim, rest = (
         json.loads(groom.inputs.get(f"skin.{name}", "null")) for name in ("usd", "prim", "rest")
     )
-    if not (isinstance(usd, str) and isinstance(prim, str)):
+    if not (isinstance(scene, str) and isinstance(prim, str)):
         return {}
-    file = located(groom.source.parent, usd)
-    stage = open_stage(file)
-    if kind_of(stage.GetPrimAtPath(prim)) != "mesh":
+    file = usd.opening.located(groom.source.parent, scene)
+    stage = usd.opening.open_stage(file)
+    if usd.stage.kind_of(stage.GetPrimAtPath(prim)) != "mesh":
         return {}
     # at rest a mesh is drawn in the pose that was groomed
     at = {} if rest is None else {"rest": float(rest)}

@@ -22,12 +22,11 @@ from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Groom
 from featherfx.shot.placement import lay_out
-from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.space import origin_for
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter
 from featherfx.usd.write.instances import write_instances
 from featherfx.usd.write.options import FEATHER, StageOptions, WriteOptions, check_ranges
-from featherfx.usd.write.output import check_output, output_files, unique_prim_names
+from featherfx.usd.write.output import check_output, output_files, refuse_inputs, unique_prim_names
 
 
 @takes(GroomOptions)

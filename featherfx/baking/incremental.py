@@ -6,15 +6,16 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from featherfx import usd
 from featherfx.baking.types import TakenOver, Task
 from featherfx.errors import Problem
 from featherfx.files.content import digest
 from featherfx.shot.replay import Replay
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.previous_cache import EarlierCache, difference
 
 if TYPE_CHECKING:
     from featherfx.shot.checkpoint import Checkpoint
+    from featherfx.usd.write.previous_cache import EarlierCache
 
 GONE = "was begun with samples of a cache that is gone; --overwrite bakes it anew"
 # settings that need not be equal: frames are looked at, the others are in what feathers depend on
@@ -28,7 +29,7 @@ def taken_over(task: Task, inputs: Mapping[str, str]) -> TakenOver | None:
     """
     if not task.path.is_file():
         return None
-    earlier = EarlierCache(task.path)
+    earlier = usd.previous_cache.EarlierCache(task.path)
     if not _fits(earlier.settings, task.settings):
         return None
     assert task.dependences is not None
@@ -36,7 +37,7 @@ def taken_over(task: Task, inputs: Mapping[str, str]) -> TakenOver | None:
     moving = _moving(task, earlier)
     if not same and not moving:
         return None
-    told = difference(earlier.settings, earlier.inputs, task.settings, inputs)
+    told = usd.previous_cache.difference(earlier.settings, earlier.inputs, task.settings, inputs)
     changed = tuple(f"{key}: {change}" for key, change in told.items())
     return TakenOver(earlier, same, moving, changed)
 

@@ -12,7 +12,7 @@ from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.frames import Frame
 from featherfx.shot.layers.types import Laid
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter, Continuation
-from featherfx.usd.write.previous_cache import table_text
+from featherfx.usd.write.layers import table_text
 
 
 def new_writer(task: Task) -> CacheWriter:

@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TypeVar
 
+from featherfx import usd
 from featherfx._version import __version__
 from featherfx.api import read_quality, shot_as_written
 from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large, refuse_unfit_form
@@ -26,8 +27,6 @@ from featherfx.shot.placement import place_feathers
 from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.types import Shot
 from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.stage import refuse_inputs, stage_space
 from featherfx.usd.space import origin_for
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.forms import chosen_group
@@ -43,9 +42,10 @@ from featherfx.usd.write.output import (
     file_problems,
     output_files,
     prim_name,
+    refuse_inputs,
     unique_prim_names,
 )
-from featherfx.usd.write.previous_cache import is_finished, refuse_unfinished
+from featherfx.usd.write.parts import refuse_unfinished
 
 Options = TypeVar("Options", bound=StageOptions)
 
@@ -125,7 +125,8 @@ def _resumed(task: Task, inputs: Mapping[str, str]) -> Task:
     """A task that goes on with what stands at its output. inputs: of the whole shot. Raises
     OutputError where nothing there can be gone on with."""
     try:
-        finished = is_finished(task.path, task.settings, inputs, task.options.overwrite)
+        previous, overwrite = usd.previous_cache, task.options.overwrite
+        finished = previous.is_finished(task.path, task.settings, inputs, overwrite)
         return replace(task, finished=finished)
     except OutputError:
         if task.options.can_be_taken_over:
@@ -158,7 +159,7 @@ def in_space(options: Options, groom: Groom, skin: BoundSkin | None) -> Options:
     if skin is not None and skin.parts:
         unit, axis = skin.parts[0].surface.space
     elif groom.source.suffix.lower() in SCENE_SUFFIXES:
-        unit, axis = stage_space(open_stage(groom.source))
+        unit, axis = usd.stage.stage_space(usd.opening.open_stage(groom.source))
     return replace(
         options,
         meters_per_unit=unit if options.meters_per_unit is None else options.meters_per_unit,

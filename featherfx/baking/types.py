@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from featherfx.baking.options import BakeOptions
 from featherfx.shot.layers.types import Laid
 from featherfx.shot.types import Shot
-from featherfx.usd.write.previous_cache import EarlierCache
+
+if TYPE_CHECKING:
+    from featherfx.usd.write.previous_cache import EarlierCache
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,33 @@
-"""USD stages in and out; the only room that imports `pxr`."""
+"""USD: caches that are written, and caches, grooms and scenes that are read.
+
+A bake loads the writer of meshes and curves only. The table lists the modules that an option or an
+input asks for besides; each is imported when it is first used as `usd.NAME`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from featherfx.usd.read import expand as expand
+    from featherfx.usd.read import opening as opening
+    from featherfx.usd.read import stage as stage
+    from featherfx.usd.write import condensed as condensed
+    from featherfx.usd.write import previous_cache as previous_cache
+    from featherfx.usd.write import textures as textures
+
+_MODULES = {
+    "condensed": "write.condensed",  # --as condensed, --as both
+    "expand": "read.expand",  # caches of condensed feathers
+    "opening": "read.opening",  # skins, grooms and scenery of USD files
+    "previous_cache": "write.previous_cache",  # --resume, or a cache at the output
+    "stage": "read.stage",  # skins, grooms and scenery of USD files
+    "textures": "write.textures",  # --textures, and iridescent feathers
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return import_module(f"{__name__}.{_MODULES[name]}")
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

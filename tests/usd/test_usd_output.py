@@ -17,9 +17,10 @@ from featherfx.files import atomic_write
 from featherfx.usd.types import OutputError
 from featherfx.usd.write import layers
 from featherfx.usd.write.cache_writer import CacheWriter
+from featherfx.usd.write.layers import table_text
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output
-from featherfx.usd.write.previous_cache import layer_metadata, table_text, text_table
+from featherfx.usd.write.previous_cache import layer_metadata, text_table
 
 NAMES = {"flat": ["out.usda"], "payload": ["out.animation.usdc", "out.payload.usdc", "out.usda"]}
 

@@ -13,11 +13,10 @@ from featherfx.errors import Problem
 from featherfx.files.atomic_write import standing
 from featherfx.usd.read.cached_feather import members_of
 from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.read.values import computed
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.layers import author_extents_hint, publish
-from featherfx.usd.write.output import check_output
+from featherfx.usd.write.output import check_output, refuse_inputs
 from featherfx.usd.write.previous_cache import layer_metadata
 
 Publish = Callable[[Any], Path]

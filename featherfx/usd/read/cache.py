@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from pxr import Usd, UsdGeom
 
+from featherfx import usd
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, InputWarning, Problem
@@ -377,12 +378,9 @@ def _without_mesh(stage: Any) -> str:
 
 def _expanded(stage: Any) -> Iterator[tuple[_Own, CachedFeather]]:
     """The condensed feathers of a stage as meshes; none where it has none."""
-    # what interpolates takes its time to load
-    from featherfx.usd.read import expand
-
-    if not expand.condensed_prims(stage):
+    if not usd.expand.condensed_prims(stage):
         return
-    expansion = expand.expand(stage)
+    expansion = usd.expand.expand(stage)
     mesh, rest, colours = _Expanded(expansion), expansion.points(), expansion.colours
     for number, each in enumerate(expansion.feathers):
         own = _Own(mesh, each.points, slice(number, number + 1))

@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pxr import Pcp, Sdf, Usd, UsdGeom, UsdSkel
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.errors import InputError, InputWarning
 from featherfx.groom.keys.problems import Place, closest
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.values import (
@@ -32,7 +32,6 @@ from featherfx.usd.read.values import (
     times_of,
     value_of,
 )
-from featherfx.usd.types import OutputError
 
 # what grooms and shots name in a stage
 KINDS = {
@@ -45,7 +44,6 @@ KINDS = {
 }
 
 _SHOWN, _NEAREST = 8, 3  # paths that are listed: all where there are so few, else the nearest
-_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 @dataclass(frozen=True)
@@ -366,34 +364,3 @@ def _own_transforms(prim: Any) -> list[Any]:
         return []
     operations = computed(prim, UsdGeom.Xformable(prim).GetOrderedXformOps)
     return [each.GetAttr() for each in operations]
-
-
-def refuse_inputs(outputs: Sequence[Path], inputs: Iterable[Path]) -> None:
-    """Raise OutputError for every output that is an input, or a layer that one is made of.
-
-    inputs: files that were read, USD or not.
-    """
-    existing = [path for path in outputs if path.is_file()]
-    if not existing:
-        return
-    files = [file for path in dict.fromkeys(inputs) for file in _files_of(path) if file.is_file()]
-    problems = [
-        Problem(str(path), "", "is an input of this work; choose another name")
-        for path in existing
-        if any(os.path.samefile(path, file) for file in files)
-    ]
-    if problems:
-        raise OutputError(*problems)
-
-
-def _files_of(path: Path) -> list[Path]:
-    """A file, and what it names if it is a USD file: layers at any depth, clips, textures."""
-    if path.suffix.lower() not in _SUFFIXES:
-        return [path]
-    from pxr import UsdUtils  # 4 MiB, which a bake without such files does without
-
-    try:
-        layers, assets, _ = UsdUtils.ComputeAllDependencies(str(path))
-    except USD_ERRORS:
-        return [path]  # what a broken file names is not read either
-    return [path, *(Path(layer.realPath) for layer in layers), *map(Path, assets)]

@@ -7,8 +7,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from featherfx import usd
 from featherfx.errors import Problem, SimulationError
 from featherfx.files.atomic_write import Standing, standing
 from featherfx.files.background import Background
@@ -32,8 +33,9 @@ from featherfx.usd.write.output import (
 from featherfx.usd.write.parts import Parts, Save, unfinished_bakes
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import PosedFeather, posed_feathers
-from featherfx.usd.write.previous_cache import EarlierCache
-from featherfx.usd.write.textures import Atlas, refuse_textures
+
+if TYPE_CHECKING:
+    from featherfx.usd.write.previous_cache import EarlierCache
 
 # A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
 # costs by itself goes with the feathers, so many small ones get more of it.
@@ -119,7 +121,7 @@ class CacheWriter:
         check_arguments(self._path, feathers, frames, frames_per_second, options)
         self._frames, space = frames, replace(StageSpace.of(options), origin=place.origin)
         self._subframes, pixels = options.subframes, options.textures
-        self._atlas = Atlas(len(feathers), pixels) if pixels else None
+        self._atlas = usd.textures.Atlas(len(feathers), pixels) if pixels else None
         self._feathers = self._atlas.given_to(feathers) if self._atlas else tuple(feathers)
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
         form = Form.of(options)
@@ -280,7 +282,7 @@ class CacheWriter:
         check_output(self._path, options.overwrite or (options.resume and own), self._layout)
         pictures = self._atlas.files(self._path) if self._atlas else []
         if pictures:
-            refuse_textures(pictures, options.overwrite)
+            usd.textures.refuse_textures(pictures, options.overwrite)
         files = [*pictures, *output_files(self._path, self._layout)]
         return {file: standing(file) for file in files}
 

@@ -13,27 +13,19 @@ above them change. Both are inherited, so that nothing is said of single feather
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from featherfx.feather.colours import at_nodes
-from featherfx.feather.detail import Thinning, thinning
-from featherfx.feather.shape_text import shape_text
-from featherfx.feather.types import LEADING, TRAILING, Array
-from featherfx.groom.looks import colour_text
+from featherfx import usd
 from featherfx.usd import arrays
 from featherfx.usd.types import (
     BARB,
-    BARB_COLOURS,
-    COLOUR,
     MESH,
     P_BARB,
     RACHIS,
-    SHAPE,
-    SHAPE_SIZE,
     FeatherEntry,
 )
 from featherfx.usd.write.chunks import AnimatedPrims
@@ -46,16 +38,15 @@ from featherfx.usd.write.layers import (
     StageInfo,
     define_root,
 )
-from featherfx.usd.write.materials import define_materials, look_of
 from featherfx.usd.write.posed_groups import PosedGroup
-from featherfx.usd.write.poses import left_leads
 from featherfx.usd.write.prims import (
     charts,
     define_barbs,
-    define_condensed,
+    define_materials,
     define_mesh,
     define_rachises,
     labels,
+    look_of,
     painted,
     replace_primvars,
     seats,
@@ -135,8 +126,7 @@ def define_prims(
             ups = _ups(info, own)
             define_rachises(stage, at[RACHIS], group, own, rest[RACHIS], ups, materials)
             if group.is_condensed:
-                values = condensed_values(info, own, rest, prims.form.thinned)
-                define_condensed(stage, at[RACHIS], group, values, own)
+                usd.condensed.define_condensed(stage, info, at[RACHIS], group, own, rest)
         if BARB in at:
             define_barbs(stage, at[BARB], group, own, rest[BARB], materials)
     del stage  # layers alone take copies much faster
@@ -180,12 +170,7 @@ def _copy(
         replace_primvars(layer, target[RACHIS], chart=charts([entry]))
     replace_primvars(layer, target[RACHIS], up=arrays.vec3f(_ups(info, [entry])))
     if group.is_condensed:
-        own = condensed_values(info, [entry], rest, group.feathers[0].form.thinned)
-        if entry.shape is not None:
-            own[SHAPE] = arrays.strings(shape_text(*entry.shape[:2]))
-            if entry.colours is not None:
-                own[COLOUR] = arrays.strings(colour_text(entry.shape[0].colour))
-        replace_primvars(layer, target[RACHIS], **own)
+        usd.condensed.replace_condensed(layer, info, target[RACHIS], group, entry, rest)
     widths = target[RACHIS].AppendProperty(UsdGeom.Tokens.widths)
     layer.GetAttributeAtPath(widths).default = arrays.floats(group.widths)
 
@@ -195,56 +180,6 @@ def _rest(group: PosedGroup) -> dict[str, Any]:
     found = {part: pose.values[part, "points"].value for part in group.parts}
     barbs = P_BARB if group.is_condensed else ()
     return found | {name: pose.values[RACHIS, name].value for name in barbs}
-
-
-def condensed_values(
-    info: StageInfo, entries: Sequence[FeatherEntry], rest: Mapping[str, Any], thinned: bool
-) -> dict[str, Any]:
-    """What never changes of condensed feathers, USD arrays by the names of their primvars.
-
-    thinned: as of Form.
-    """
-    values, shades = [], []
-    for entry in entries:
-        feather = entry.feather
-        grid = feather.rows, feather.columns
-        kept = thinning(*grid, None if thinned else grid)
-        shades.append(_barb_shades(entry, kept))
-        along, barb = (
-            feather.station[kept.rows] / feather.station[-1],
-            kept.nodes[1:][: kept.columns],
-        )
-        across = 0.5 + 0.5 * barb / feather.columns
-        own = np.ones(feather.columns) if entry.barb_widths is None else entry.barb_widths
-        sides = [LEADING, TRAILING]
-        st = [np.stack(np.broadcast_arrays(u, along[:, None]), -1) for u in (across, 1.0 - across)]
-        grown = [feather.barb_length[side, kept.rows] > 0.0 for side in sides]
-        widths = [each[:, None] * own[barb - 1] for each in grown]
-        left = slice(None) if left_leads(feather) else slice(None, None, -1)
-        values.append((st[left], widths[left]))
-    uv, widths = zip(*values, strict=True)
-    made: dict[str, Any] = {}
-    for side, end in enumerate("lr"):
-        made[f"uv_barb{end}"] = arrays.vec2f(np.concatenate([v[side].reshape(-1, 2) for v in uv]))
-        diameters = np.concatenate([each[side].ravel() for each in widths])
-        made[f"width_barb{end}"] = arrays.floats(info.space.lengths(diameters))
-        made[f"rest_barb{end}"] = rest[P_BARB[side]]
-    if all(each is not None for each in shades):
-        for name, colours in zip(BARB_COLOURS, zip(*shades, strict=True), strict=True):
-            made[name] = arrays.vec3f(np.concatenate(colours))
-    made["leadingIsRight"] = arrays.ints([not left_leads(each.feather) for each in entries])
-    made[SHAPE_SIZE] = arrays.floats([each.shape[2] if each.shape else 1.0 for each in entries])
-    return made
-
-
-def _barb_shades(entry: FeatherEntry, kept: Thinning) -> list[Array] | None:
-    """Linear colours (K, 3) of the nodes of left and right barbs; None where there are none."""
-    if entry.colours is None:
-        return None
-    nodes = at_nodes(entry.colours, entry.feather)[kept.rows[:, None], kept.nodes]
-    few = 1 + kept.columns
-    sides = [nodes[:, 1:few].reshape(-1, 3), nodes[:, few:].reshape(-1, 3)]
-    return sides if left_leads(entry.feather) else sides[::-1]
 
 
 def _ups(info: StageInfo, entries: Sequence[FeatherEntry]) -> Any:

@@ -31,12 +31,11 @@ from featherfx.usd.write.layers import (
     new_layers,
     publish,
 )
-from featherfx.usd.write.materials import define_materials, look_of
 from featherfx.usd.write.options import StageOptions
 from featherfx.usd.write.output import check_output, output_files, prim_name, unique_prim_names
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import posed_feathers
-from featherfx.usd.write.prims import author_shared, define_mesh
+from featherfx.usd.write.prims import author_shared, define_materials, define_mesh, look_of
 
 PLUMAGE, PROTOTYPES = "plumage", "prototypes"
 

@@ -18,6 +18,7 @@ all files take their names, the root last (featherfx/files/atomic_write.py).
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -35,6 +36,8 @@ from featherfx.usd.space import StageSpace
 from featherfx.usd.types import BARB, MESH, RACHIS, OutputError
 from featherfx.usd.write.output import output_files
 
+# characters of a text; other readers refuse files with a string of more than 65,536 bytes
+_MAX_TEXT = 60_000
 FEATHERS, RACHISES, BARBS = "feathers", "rachises", "barbs"
 MATERIALS = "materials"
 # where the prims of feathers stand, and what their names end with
@@ -78,6 +81,15 @@ def author_metadata(layer: Any, metadata: Mapping[str, Any]) -> None:
     """Custom layer data under the key "featherfx"."""
     if metadata:
         layer.customLayerData = {"featherfx": dict(metadata)}
+
+
+def table_text(table: Mapping[str, str]) -> Any:
+    """Texts by name as JSON for metadata; in pieces where it is long, since other readers of USD
+    refuse files with a string of more than 65,536 bytes (tinyusdz 0.9.4)."""
+    text = json.dumps(dict(table), separators=(",", ":"))
+    if len(text) <= _MAX_TEXT:
+        return text
+    return arrays.strings(*(text[k : k + _MAX_TEXT] for k in range(0, len(text), _MAX_TEXT)))
 
 
 def define_root(stage: Any, info: StageInfo) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from featherfx.errors import CONTROL, Problem
@@ -13,6 +13,7 @@ from featherfx.usd.types import OutputError
 from featherfx.usd.write.options import LAYOUTS
 
 SUFFIXES = (".usd", ".usda", ".usdc")
+_INPUT_SUFFIXES = (*SUFFIXES, ".usdz")
 # Samples beyond this many bytes go to clips where the layout is left to the writer.
 AUTO_CLIPS_BYTES = 256_000_000
 
@@ -94,6 +95,37 @@ def file_problems(files: Sequence[Path], overwrite: bool) -> list[Problem]:
             message = "exists already; choose another name or --overwrite"
             problems.append(Problem(str(file), "", message))
     return problems + _folder_problems(files[-1])
+
+
+def refuse_inputs(outputs: Sequence[Path], inputs: Iterable[Path]) -> None:
+    """Raise OutputError for every output that is an input, or a layer that one is made of.
+
+    inputs: files that were read, USD or not.
+    """
+    existing = [path for path in outputs if path.is_file()]
+    if not existing:
+        return
+    files = [file for path in dict.fromkeys(inputs) for file in _files_of(path) if file.is_file()]
+    problems = [
+        Problem(str(path), "", "is an input of this work; choose another name")
+        for path in existing
+        if any(os.path.samefile(path, file) for file in files)
+    ]
+    if problems:
+        raise OutputError(*problems)
+
+
+def _files_of(path: Path) -> list[Path]:
+    """A file, and what it names if it is a USD file: layers at any depth, clips, textures."""
+    if path.suffix.lower() not in _INPUT_SUFFIXES:
+        return [path]
+    from pxr import Tf, UsdUtils  # 4 MiB, which a bake without such files does without
+
+    try:
+        layers, assets, _ = UsdUtils.ComputeAllDependencies(str(path))
+    except (Tf.ErrorException, UnicodeDecodeError, RuntimeError, OverflowError):
+        return [path]  # what a broken file names is not read either
+    return [path, *(Path(layer.realPath) for layer in layers), *map(Path, assets)]
 
 
 def _folder_problems(path: Path) -> list[Problem]:

@@ -339,6 +339,29 @@ def unfinished_samples(folder: Path) -> int:
     return sum(len(record.codes) for record in records if record is not None)
 
 
+def refuse_unfinished(path: Path) -> None:
+    """Raise OutputError where an interrupted bake has left samples that a new one would remove.
+
+    What another bake is writing just now is told when this one begins to.
+    """
+    kept = sum(unfinished_samples(parts_folder(path, layout)) for layout in ("flat", "clips"))
+    if kept and not path.exists() and not _is_being_written(path):
+        message = (
+            f"holds {kept} sample{'s' * (kept > 1)} of a bake that did not come to its end; "
+            "--resume goes on after them, --overwrite removes them and bakes anew"
+        )
+        raise OutputError(Problem(str(path), "", message))
+
+
+def _is_being_written(path: Path) -> bool:
+    try:
+        if lock_file(path).exists():
+            Lock(lock_file(path)).release()
+    except (OSError, TimeoutError):
+        return True
+    return False
+
+
 def checksum(path: Path) -> tuple[int, int]:
     """Bytes and CRC-32 of a file: tells a damaged file at half the time of a SHA-256."""
     size, crc, block = 0, 0, bytearray(_BLOCK)

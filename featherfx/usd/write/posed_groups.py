@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx import usd
 from featherfx.algebra.types import Array, Flags, Floats, Indices
-from featherfx.feather.detail import Thinning, detail_of
 from featherfx.feather.types import RowPoints
 from featherfx.shot.frames import FeatherPose
 from featherfx.usd.arrays import (
@@ -43,7 +43,7 @@ from featherfx.usd.types import (
 )
 from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.forms import Group, Key
-from featherfx.usd.write.poses import PosedFeather, Written, condense, fixed
+from featherfx.usd.write.poses import PosedFeather, Written, fixed
 from featherfx.usd.write.surface_kernels import DrawnSurface, WrittenSurface
 
 # feathers whose poses are computed at once; more would only need more memory for what passes
@@ -119,7 +119,8 @@ class _Block:
             return False
         points = self._joined([pose.points for pose in given])
         if self._form.thinned:
-            values[RACHIS, DETAIL][:] = self._detail([pose.points for pose in given])
+            posed = [pose.points for pose in given]
+            values[RACHIS, DETAIL][:] = usd.condensed.find_details(self._feathers, posed)
         if self._origin is not None:
             points = points.shifted(self._origin)
         names = (MESH, "points"), (MESH, "normals"), (MESH, BARB_DIRECTION), (RACHIS, "points")
@@ -127,7 +128,7 @@ class _Block:
         finite = surface_kernels.pose_surface(points, self._drawn, self._stage, written)
         if self._form.condensed:
             numbers = [values[RACHIS, name] for name in (*P_BARB, ORIENT)]
-            finite &= condense(points, self._left_leads, self._stage, numbers)
+            finite &= usd.condensed.condense(points, self._left_leads, self._stage, numbers)
         rates = {"velocities": [pose.velocities for pose in given]}
         if (MESH, ACCELERATIONS) in values:
             rates[ACCELERATIONS] = [pose.accelerations for pose in given]
@@ -137,20 +138,6 @@ class _Block:
                 self._joined(each), self._drawn, self._stage, mesh, shaft
             )
         return bool(finite)
-
-    def _detail(self, points: Sequence[RowPoints]) -> NDArray[np.int32]:
-        """What is left out of all feathers, one after the other; those of one grid at once."""
-        alike: dict[int, tuple[Thinning, list[int]]] = {}
-        for k, feather in enumerate(self._feathers):
-            if feather.thin:
-                alike.setdefault(id(feather.thin), (feather.thin, []))[1].append(k)
-        found: dict[int, NDArray[np.int32]] = {}
-        for thin, own in alike.values():
-            rest = [self._feathers[k].rest_points for k in own]
-            lengths = np.array([self._feathers[k].length for k in own])
-            each = detail_of([points[k] for k in own], rest, lengths, thin)
-            found |= dict(zip(own, each, strict=True))
-        return np.concatenate([found[k].ravel() for k in range(len(points))])
 
     def _joined(self, points: Sequence[RowPoints]) -> RowPoints:
         """As _joined, of what is written of the feathers."""

@@ -4,28 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache, cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_to_quats
+from featherfx import usd
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.barb_looks import clumped
-from featherfx.feather.detail import detail_of, thinning
 from featherfx.feather.lengths import carried_moving
 from featherfx.feather.split_edges import Lips, carried_rates
+from featherfx.feather.types import RACHIS as SHAFT
 from featherfx.feather.types import (
-    LEADING,
-    TRAILING,
     Feather,
     PointMap,
     RowPoints,
     Surface,
-    barb_slice,
     both,
 )
-from featherfx.feather.types import RACHIS as SHAFT
 from featherfx.shot.frames import FeatherPose
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (
@@ -51,6 +47,9 @@ from featherfx.usd.types import (
 from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.forms import Form, Key, keys_of
 from featherfx.usd.write.surface_kernels import DrawnSurface, ToStage, WrittenSurface
+
+if TYPE_CHECKING:
+    from featherfx.feather.detail import Thinning
 
 _ROUNDING = float(np.finfo(np.float32).eps)
 _NONE, _ONE = np.zeros(0), np.ones(1)
@@ -81,12 +80,12 @@ class PosedFeather:
     ) -> None:
         """extras: ACCELERATIONS, names of DIAGNOSTICS."""
         self.form, self.rest_points = form, entry.feather.rest
-        self.thin = None
+        self.thin: Thinning | None = None
         if form.thinned:
-            self.thin = thinning(entry.feather.rows, entry.feather.columns)
+            self.thin = usd.condensed.thinning(entry.feather.rows, entry.feather.columns)
         self.columns = self.thin.columns if self.thin else entry.feather.columns
         self.length = float(entry.feather.station[-1])
-        self.left_leads = left_leads(entry.feather)
+        self.left_leads = form.condensed and usd.condensed.left_leads(entry.feather)
         self._entry, self._surface, self.id = entry, surface, entry.id
         self.to_stage, self.to_origin = _ways(space)
         self._accelerations = ACCELERATIONS in extras
@@ -250,8 +249,7 @@ class PosedFeather:
     def _place(self, out: Written, points: RowPoints) -> bool:
         """Points of mesh and shaft, and what follows from them; whether all are finite."""
         if self.thin:
-            detail = detail_of([points], [self.rest_points], np.array([self.length]), self.thin)
-            out[RACHIS, DETAIL][:] = detail.ravel()
+            out[RACHIS, DETAIL][:] = usd.condensed.find_details([self], [points])
             points = self.thin.kept(points)
         written = WrittenSurface(
             out[MESH, "points"],
@@ -264,7 +262,7 @@ class PosedFeather:
             self._diagnose(out)
         if self.form.condensed:
             numbers = [out[RACHIS, name] for name in (*P_BARB, ORIENT)]
-            finite &= condense(points, self.left_leads, self.to_stage, numbers)
+            finite &= usd.condensed.condense(points, self.left_leads, self.to_stage, numbers)
         return bool(finite)
 
     def _diagnose(self, out: Written) -> None:
@@ -395,40 +393,6 @@ def posed_feathers(
         PosedFeather(entry, shapes[id(entry.feather) if drawn else 0], space, extras, form)
         for entry in entries
     ]
-
-
-def left_leads(feather: Feather) -> bool:
-    """Whether the leading barbs are the left ones, as seen from dorsal with the tip ahead."""
-    nodes, columns = feather.rest.nodes[..., 1], feather.columns
-    leading, trailing = (nodes[:, barb_slice(side, columns)] for side in (LEADING, TRAILING))
-    return bool(leading.sum() >= trailing.sum())
-
-
-def condense(points: RowPoints, left: Any, stage: ToStage, out: Sequence[Any]) -> bool:
-    """Barbs and orientations of shafts of N rows; whether all are finite.
-
-    left: whether the leading barb is the left one, one for all or (N,). out: (N m, 3) nodes of left
-    and right barbs, (N, 4) rotations.
-    """
-    columns = points.nodes.shape[1] // 2
-    barbs = [points.nodes[:, barb_slice(side, columns)] for side in (LEADING, TRAILING)]
-    is_left, finite = np.reshape(left, (-1, 1, 1)), True
-    for pair, numbers in ((barbs, out[0]), (barbs[::-1], out[1])):
-        world = np.ascontiguousarray(np.where(is_left, *pair)).reshape(-1, 3)
-        finite &= bool(surface_kernels.write_points(world, stage, numbers))
-    lateral, dorsal = (stage_axes(points.directors[:, k], stage) for k in range(2))
-    # those of a mapped grid are not quite orthonormal
-    lateral = lateral / np.linalg.norm(lateral, axis=1, keepdims=True)
-    dorsal = dorsal - lateral * np.einsum("rc,rc->r", lateral, dorsal)[:, None]
-    dorsal /= np.linalg.norm(dorsal, axis=1, keepdims=True)
-    frames = np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=2)
-    out[2][...] = np.roll(frames_to_quats(frames), -1, axis=1)
-    return finite
-
-
-def stage_axes(vectors: Array, stage: ToStage) -> Array:
-    """Directions, not scaled."""
-    return StageSpace(1.0, "Y" if stage.y_up else "Z").directions(vectors)
 
 
 def barb_edges(surface: Surface, points: Array) -> NDArray[np.int32]:

@@ -13,9 +13,7 @@ import numpy as np
 from pxr import Sdf, Vt
 
 from featherfx.errors import Problem
-from featherfx.files.lock import Lock
 from featherfx.groom.read.value_diff import UNTOLD, changes
-from featherfx.usd import arrays
 from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import MESH, PER_FACE, RANGES, RATES, OutputError
 from featherfx.usd.write.layers import SCOPES
@@ -25,7 +23,6 @@ from featherfx.usd.write.parts import (
     chunk_files,
     lock_file,
     unfinished_bakes,
-    unfinished_samples,
 )
 
 if TYPE_CHECKING:
@@ -33,7 +30,6 @@ if TYPE_CHECKING:
 
 
 _MOST_DIFFERENCES = 12
-_PIECE = 60_000
 
 
 def is_finished(
@@ -81,29 +77,6 @@ def difference(
     return found
 
 
-def refuse_unfinished(path: Path) -> None:
-    """Raise OutputError where an interrupted bake has left samples that a new one would remove.
-
-    What another bake is writing just now is told when this one begins to.
-    """
-    kept = sum(unfinished_samples(parts_folder(path, layout)) for layout in ("flat", "clips"))
-    if kept and not path.exists() and not _is_being_written(path):
-        message = (
-            f"holds {kept} sample{'s' * (kept > 1)} of a bake that did not come to its end; "
-            "--resume goes on after them, --overwrite removes them and bakes anew"
-        )
-        raise OutputError(Problem(str(path), "", message))
-
-
-def _is_being_written(path: Path) -> bool:
-    try:
-        if lock_file(path).exists():
-            Lock(lock_file(path)).release()
-    except (OSError, TimeoutError):
-        return True
-    return False
-
-
 def tidy(path: Path, settings: Mapping[str, str]) -> None:
     """Remove what a bake left that was killed when its cache, now complete, had its name.
 
@@ -125,15 +98,6 @@ def baked_settings(path: Path) -> dict[str, str]:
 def baked_inputs(path: Path) -> dict[str, str]:
     """What the files of a cache's bake said; empty where its file does not tell."""
     return text_table(layer_metadata(path).get("inputs"))
-
-
-def table_text(table: Mapping[str, str]) -> Any:
-    """Texts by name as JSON for metadata; in pieces where it is long, since other readers of USD
-    refuse files with a string of more than 65,536 bytes (tinyusdz 0.9.4)."""
-    text = json.dumps(dict(table), separators=(",", ":"))
-    if len(text) <= _PIECE:
-        return text
-    return arrays.strings(*(text[k : k + _PIECE] for k in range(0, len(text), _PIECE)))
 
 
 def text_table(text: Any) -> dict[str, str]:

@@ -11,23 +11,22 @@ are whose: featherRange:points and so on, first and number, in the order of feat
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from pxr import Sdf, UsdGeom, UsdShade
+from pxr import Gf, Sdf, UsdGeom, UsdShade
 
+from featherfx import usd
 from featherfx.algebra.types import Array, Indices
-from featherfx.feather.shape_text import shape_text
+from featherfx.feather import colours
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
-from featherfx.groom.looks import colour_text
 from featherfx.usd import arrays
 from featherfx.usd.types import (
     BARB,
     BARB_COLOURS,
     BARB_COUNT,
     COLOUR,
-    DETAIL_GRID,
     HOOKED,
     LOOK,
     MESH,
@@ -37,7 +36,6 @@ from featherfx.usd.types import (
     FeatherEntry,
 )
 from featherfx.usd.types import RACHIS as SHAFT
-from featherfx.usd.write.materials import COLOURS
 
 if TYPE_CHECKING:
     from featherfx.usd.write.posed_groups import PosedGroup
@@ -292,32 +290,6 @@ def define_rachises(
     _look(prim, "rachis", materials, shades, "" if shades is None else group.interpolation)
 
 
-def define_condensed(
-    stage: Any,
-    path: Any,
-    group: PosedGroup,
-    values: Mapping[str, Any],
-    entries: Sequence[FeatherEntry],
-) -> None:
-    """Author what never changes of condensed feathers on their shafts. values: by primvar."""
-    prim = stage.GetPrimAtPath(path)
-    texts = [shape_text(*each.shape[:2]) for each in entries if each.shape is not None]
-    if len(texts) == len(entries):
-        author_shared(prim, SHAPE, texts, group.interpolation)
-        if entries[0].colours is not None:
-            shades = [colour_text(each.shape[0].colour) for each in entries if each.shape]
-            author_shared(prim, COLOUR, shades, group.interpolation)
-    if group.feathers[0].form.thinned:
-        table = prim.CreateAttribute(DETAIL_GRID, Sdf.ValueTypeNames.Int2Array)
-        table.SetVariability(Sdf.VariabilityUniform)
-        table.Set(arrays.vec2i([(e.feather.rows, e.feather.columns) for e in entries]))
-    for name, value in values.items():
-        each = name in ("leadingIsRight", SHAPE_SIZE)
-        author_primvars(prim, group.interpolation if each else "", **{name: value})
-        if name.endswith(("_barbl", "_barbr")):
-            UsdGeom.PrimvarsAPI(prim).GetPrimvar(name).SetElementSize(group.columns)
-
-
 def define_barbs(
     stage: Any,
     path: Any,
@@ -357,3 +329,97 @@ def define_polylines(stage: Any, path: Any, counts: Any) -> Any:
     curve.CreateWrapAttr(UsdGeom.Tokens.nonperiodic)
     curve.CreateCurveVertexCountsAttr(arrays.ints(counts))
     return curve
+
+
+COLOURS = {"vane": colours.VANE, "rachis": colours.SHAFT}
+ROUGHNESS = {"vane": 0.65, "rachis": 0.4}
+
+
+class Look(NamedTuple):
+    """What materials take. coloured: whether displayColor. film: whether filmThickness. texture:
+    name of the pictures, whose coordinates are the primvar atlas; empty: none."""
+
+    coloured: bool = False
+    film: bool = False
+    texture: str = ""
+
+
+def look_of(entries: Sequence[FeatherEntry], texture: str = "") -> Look:
+    """What materials take of feathers."""
+    found = [entry.colours for entry in entries if entry.colours is not None]
+    coloured = len(found) == len(entries)
+    return Look(coloured, coloured and found[0].film is not None, texture)
+
+
+def define_materials(stage: Any, scope: Any, look: Look) -> dict[str, Any]:
+    """Both materials under the path scope, by name."""
+    UsdGeom.Scope.Define(stage, scope)
+    made = {}
+    for name in COLOURS:
+        material = UsdShade.Material.Define(stage, scope.AppendChild(name))
+        # shafts are outside of the charts
+        own = look if name == "vane" else look._replace(texture="", film=False)
+        nodes = MaterialNodes(stage, material.GetPath())
+        material.CreateSurfaceOutput().ConnectToSource(_preview(nodes, name, own))
+        if look.texture or look.film:
+            material.CreateSurfaceOutput("mtlx").ConnectToSource(
+                usd.textures.standard_surface(nodes, name, own)
+            )
+        made[name] = material
+    return made
+
+
+class MaterialNodes:
+    """The shaders of a material."""
+
+    def __init__(self, stage: Any, path: Any) -> None:
+        self._stage, self._path = stage, path
+
+    def add(self, name: str, id: str, output: tuple[str, Any], **inputs: tuple[Any, Any]) -> Any:
+        """A shader's output. inputs: type, and value or another's output."""
+        shader = UsdShade.Shader.Define(self._stage, self._path.AppendChild(name))
+        shader.CreateIdAttr(id)
+        for each, (kind, value) in inputs.items():
+            put = shader.CreateInput(each, kind)
+            if isinstance(value, UsdShade.Output):
+                put.ConnectToSource(value)
+            else:
+                put.Set(value)
+        return shader.CreateOutput(*output)
+
+
+def _preview(nodes: MaterialNodes, name: str, look: Look) -> Any:
+    colour: Any = Gf.Vec3f(*COLOURS[name])
+    if look.texture:
+        at = nodes.add(
+            "atlas",
+            "UsdPrimvarReader_float2",
+            ("result", _TYPES.Float2),
+            varname=(_TYPES.String, "atlas"),
+        )
+        colour = nodes.add(
+            "colour",
+            "UsdUVTexture",
+            ("rgb", _TYPES.Float3),
+            file=(_TYPES.Asset, look.texture),
+            st=(_TYPES.Float2, at),
+            sourceColorSpace=(_TYPES.Token, "sRGB"),
+            wrapS=(_TYPES.Token, "clamp"),
+            wrapT=(_TYPES.Token, "clamp"),
+            fallback=(_TYPES.Float4, Gf.Vec4f(*COLOURS[name], 1.0)),
+        )
+    elif look.coloured:
+        colour = nodes.add(
+            "displayColor",
+            "UsdPrimvarReader_float3",
+            ("result", _TYPES.Float3),
+            varname=(_TYPES.String, "displayColor"),
+            fallback=(_TYPES.Float3, colour),
+        )
+    return nodes.add(
+        "surface",
+        "UsdPreviewSurface",
+        ("surface", _TYPES.Token),
+        diffuseColor=(_TYPES.Color3f, colour),
+        roughness=(_TYPES.Float, ROUGHNESS[name]),
+    )

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pxr import Gf, Sdf, UsdShade
 
 from featherfx.algebra.srgb import displayed
 from featherfx.algebra.types import Array, Indices
@@ -24,6 +25,14 @@ from featherfx.errors import Problem
 from featherfx.feather.colours import VANE, brightness, charted
 from featherfx.files.atomic_write import Store
 from featherfx.usd.types import FeatherEntry, OutputError
+from featherfx.usd.write.prims import COLOURS, ROUGHNESS, Look, MaterialNodes
+
+# of the vanes' light, what goes through: as in pictures (featherfx/render/light_kernels.py)
+_THROUGH = 0.34
+# where there is a film: index of what is below it (that of the film is the shader's default), and
+# roughness; chosen by eye
+_BELOW_FILM, _PLAIN, _FILM_ROUGHNESS = 2.0, 1.5, 0.3
+_TYPES = Sdf.ValueTypeNames
 
 MOST_SIDE = 4096  # pixels of a tile
 _BORDER = 2
@@ -153,3 +162,60 @@ def _save(image: NDArray[np.uint8], path: Path) -> None:
     told = PngInfo()
     told.add_text(_SIGNED, _signature(image))
     Image.fromarray(image).save(path, pnginfo=told)
+
+
+def standard_surface(nodes: MaterialNodes, name: str, look: Look) -> Any:
+    """The same by nodes of MaterialX, with light that goes through, and the film."""
+
+    def primvar(node: str, kind: str, type: Any, of: str, **default: tuple[Any, Any]) -> Any:
+        geomprop = (_TYPES.String, of)
+        return nodes.add(
+            node, f"ND_geompropvalue_{kind}", ("out", type), geomprop=geomprop, **default
+        )
+
+    colour: Any = Gf.Vec3f(*COLOURS[name])
+    if look.texture:
+        at = primvar("mtlxAtlas", "vector2", _TYPES.Float2, "atlas")
+        colour = nodes.add(
+            "mtlxColour",
+            "ND_image_color3",
+            ("out", _TYPES.Color3f),
+            file=(_TYPES.Asset, look.texture),
+            default=(_TYPES.Color3f, colour),
+            texcoord=(_TYPES.Float2, at),
+        )
+        file = UsdShade.Shader(colour.GetPrim()).GetInput("file")
+        file.GetAttr().SetColorSpace("srgb_texture")
+    elif look.coloured:
+        default = {"default": (_TYPES.Color3f, colour)}
+        colour = primvar("mtlxDisplayColor", "color3", _TYPES.Color3f, "displayColor", **default)
+    inputs: dict[str, tuple[Any, Any]] = {
+        "base_color": (_TYPES.Color3f, colour),
+        "specular_roughness": (_TYPES.Float, ROUGHNESS[name]),
+    }
+    if name == "vane":
+        inputs |= {
+            "subsurface": (_TYPES.Float, _THROUGH),
+            "subsurface_color": (_TYPES.Color3f, colour),
+            "thin_walled": (_TYPES.Bool, True),
+        }
+    if look.film:
+        film = primvar("mtlxFilm", "float", _TYPES.Float, "filmThickness")
+        for key, ends in {
+            "specular_IOR": (_BELOW_FILM, _PLAIN),
+            "specular_roughness": (_FILM_ROUGHNESS, ROUGHNESS[name]),
+        }.items():
+            values = dict(zip(("in1", "in2"), ((_TYPES.Float, end) for end in ends), strict=True))
+            chosen = nodes.add(
+                f"mtlx_{key}",
+                "ND_ifgreater_float",
+                ("out", _TYPES.Float),
+                value1=(_TYPES.Float, film),
+                value2=(_TYPES.Float, 0.0),
+                **values,
+            )
+            inputs[key] = (_TYPES.Float, chosen)
+        inputs["thin_film_thickness"] = (_TYPES.Float, film)
+    return nodes.add(
+        "standard", "ND_standard_surface_surfaceshader", ("out", _TYPES.Token), **inputs
+    )

@@ -1,0 +1,188 @@
+"""Condensed feathers: rachises that carry the nodes of their barbs.
+
+Every point of such a rachis has the nodes of its two barbs, from root to end and without the root,
+as the primvars P_barbl and P_barbr. Left is as seen from dorsal with the tip ahead. Beside a mesh
+all nodes are there. Without a mesh half of the rows and nodes are, and integers code the others
+(featherfx/feather/detail.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, UsdGeom
+
+from featherfx.algebra.rotation import frames_to_quats
+from featherfx.feather.colours import at_nodes
+from featherfx.feather.detail import Thinning, detail_of, thinning
+from featherfx.feather.shape_text import shape_text
+from featherfx.feather.types import LEADING, TRAILING, Array, Feather, RowPoints, barb_slice
+from featherfx.groom.looks import colour_text
+from featherfx.usd import arrays
+from featherfx.usd.space import StageSpace
+from featherfx.usd.types import (
+    BARB_COLOURS,
+    COLOUR,
+    DETAIL_GRID,
+    P_BARB,
+    SHAPE,
+    SHAPE_SIZE,
+    FeatherEntry,
+)
+from featherfx.usd.write import surface_kernels
+from featherfx.usd.write.layers import StageInfo
+from featherfx.usd.write.prims import author_primvars, author_shared, replace_primvars
+from featherfx.usd.write.surface_kernels import ToStage
+
+if TYPE_CHECKING:
+    from featherfx.usd.write.posed_groups import PosedGroup
+    from featherfx.usd.write.poses import PosedFeather
+
+
+def left_leads(feather: Feather) -> bool:
+    """Return whether the leading barbs are the left ones, seen from dorsal with the tip ahead."""
+    nodes, columns = feather.rest.nodes[..., 1], feather.columns
+    leading, trailing = (nodes[:, barb_slice(side, columns)] for side in (LEADING, TRAILING))
+    return bool(leading.sum() >= trailing.sum())
+
+
+def find_details(
+    feathers: Sequence[PosedFeather], points: Sequence[RowPoints]
+) -> NDArray[np.int32]:
+    """Return the coded rest of all thinned feathers, one after the other (feather/detail.py).
+
+    points: of each feather, on its whole grid. Feathers of one grid are coded at once.
+    """
+    alike: dict[int, tuple[Thinning, list[int]]] = {}
+    for k, feather in enumerate(feathers):
+        if feather.thin:
+            alike.setdefault(id(feather.thin), (feather.thin, []))[1].append(k)
+    found: dict[int, NDArray[np.int32]] = {}
+    for thin, own in alike.values():
+        rest = [feathers[k].rest_points for k in own]
+        lengths = np.array([feathers[k].length for k in own])
+        each = detail_of([points[k] for k in own], rest, lengths, thin)
+        found |= dict(zip(own, each, strict=True))
+    return np.concatenate([found[k].ravel() for k in range(len(points))])
+
+
+def _constant_values(
+    info: StageInfo, group: PosedGroup, entries: Sequence[FeatherEntry], rest: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the constant values of condensed feathers, USD arrays by the names of their primvars.
+
+    rest: points of the barbs at rest, by the names in P_BARB.
+    """
+    values, shades = [], []
+    for entry in entries:
+        feather = entry.feather
+        grid = feather.rows, feather.columns
+        kept = thinning(*grid, None if group.feathers[0].form.thinned else grid)
+        shades.append(_barb_shades(entry, kept))
+        along = feather.station[kept.rows] / feather.station[-1]
+        barb = kept.nodes[1:][: kept.columns]
+        across = 0.5 + 0.5 * barb / feather.columns
+        own = np.ones(feather.columns) if entry.barb_widths is None else entry.barb_widths
+        sides = [LEADING, TRAILING]
+        st = [np.stack(np.broadcast_arrays(u, along[:, None]), -1) for u in (across, 1.0 - across)]
+        grown = [feather.barb_length[side, kept.rows] > 0.0 for side in sides]
+        widths = [each[:, None] * own[barb - 1] for each in grown]
+        left = slice(None) if left_leads(feather) else slice(None, None, -1)
+        values.append((st[left], widths[left]))
+    uv, widths = zip(*values, strict=True)
+    made: dict[str, Any] = {}
+    for side, end in enumerate("lr"):
+        made[f"uv_barb{end}"] = arrays.vec2f(np.concatenate([v[side].reshape(-1, 2) for v in uv]))
+        diameters = np.concatenate([each[side].ravel() for each in widths])
+        made[f"width_barb{end}"] = arrays.floats(info.space.lengths(diameters))
+        made[f"rest_barb{end}"] = rest[P_BARB[side]]
+    if all(each is not None for each in shades):
+        for name, colours in zip(BARB_COLOURS, zip(*shades, strict=True), strict=True):
+            made[name] = arrays.vec3f(np.concatenate(colours))
+    made["leadingIsRight"] = arrays.ints([not left_leads(each.feather) for each in entries])
+    made[SHAPE_SIZE] = arrays.floats([each.shape[2] if each.shape else 1.0 for each in entries])
+    return made
+
+
+def _barb_shades(entry: FeatherEntry, kept: Thinning) -> list[Array] | None:
+    """Return linear colours (K, 3) of the nodes of left and right barbs; None: no colours."""
+    if entry.colours is None:
+        return None
+    nodes = at_nodes(entry.colours, entry.feather)[kept.rows[:, None], kept.nodes]
+    few = 1 + kept.columns
+    sides = [nodes[:, 1:few].reshape(-1, 3), nodes[:, few:].reshape(-1, 3)]
+    return sides if left_leads(entry.feather) else sides[::-1]
+
+
+def _shape_texts(entries: Sequence[FeatherEntry]) -> dict[str, list[str]]:
+    """Return shapes and colours of feathers as texts; empty where one has no shape."""
+    shapes = [entry.shape for entry in entries if entry.shape is not None]
+    if len(shapes) < len(entries):
+        return {}
+    texts = {SHAPE: [shape_text(*each[:2]) for each in shapes]}
+    if entries[0].colours is not None:
+        texts[COLOUR] = [colour_text(each[0].colour) for each in shapes]
+    return texts
+
+
+def define_condensed(
+    stage: Any,
+    info: StageInfo,
+    path: Any,
+    group: PosedGroup,
+    entries: Sequence[FeatherEntry],
+    rest: Mapping[str, Any],
+) -> None:
+    """Author the constant primvars of condensed feathers on their rachises."""
+    prim = stage.GetPrimAtPath(path)
+    for name, texts in _shape_texts(entries).items():
+        author_shared(prim, name, texts, group.interpolation)
+    if group.feathers[0].form.thinned:
+        table = prim.CreateAttribute(DETAIL_GRID, Sdf.ValueTypeNames.Int2Array)
+        table.SetVariability(Sdf.VariabilityUniform)
+        table.Set(arrays.vec2i([(e.feather.rows, e.feather.columns) for e in entries]))
+    for name, value in _constant_values(info, group, entries, rest).items():
+        each = name in ("leadingIsRight", SHAPE_SIZE)
+        author_primvars(prim, group.interpolation if each else "", **{name: value})
+        if name.endswith(("_barbl", "_barbr")):
+            UsdGeom.PrimvarsAPI(prim).GetPrimvar(name).SetElementSize(group.columns)
+
+
+def replace_condensed(
+    layer: Any,
+    info: StageInfo,
+    path: Any,
+    group: PosedGroup,
+    entry: FeatherEntry,
+    rest: Mapping[str, Any],
+) -> None:
+    """Replace the constant primvars of a copied prim by those of another feather."""
+    texts = {name: arrays.strings(*texts) for name, texts in _shape_texts([entry]).items()}
+    values = _constant_values(info, group, [entry], rest)
+    replace_primvars(layer, path, **values, **texts)
+
+
+def condense(points: RowPoints, left: Any, stage: ToStage, out: Sequence[Any]) -> bool:
+    """Write barbs and orientations of the N rows of rachises; return whether all are finite.
+
+    left: whether the leading barb is the left one, one for all or (N,). out: (N m, 3) nodes of left
+    and right barbs, (N, 4) rotations.
+    """
+    columns = points.nodes.shape[1] // 2
+    barbs = [points.nodes[:, barb_slice(side, columns)] for side in (LEADING, TRAILING)]
+    is_left, finite = np.reshape(left, (-1, 1, 1)), True
+    for pair, numbers in ((barbs, out[0]), (barbs[::-1], out[1])):
+        world = np.ascontiguousarray(np.where(is_left, *pair)).reshape(-1, 3)
+        finite &= bool(surface_kernels.write_points(world, stage, numbers))
+    space = StageSpace(1.0, "Y" if stage.y_up else "Z")
+    lateral, dorsal = (space.directions(points.directors[:, k]) for k in range(2))
+    # those of a mapped grid are not quite orthonormal
+    lateral = lateral / np.linalg.norm(lateral, axis=1, keepdims=True)
+    dorsal = dorsal - lateral * np.einsum("rc,rc->r", lateral, dorsal)[:, None]
+    dorsal /= np.linalg.norm(dorsal, axis=1, keepdims=True)
+    frames = np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=2)
+    out[2][...] = np.roll(frames_to_quats(frames), -1, axis=1)
+    return finite
