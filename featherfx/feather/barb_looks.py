@@ -84,7 +84,7 @@ def _dressed(
 
 
 class Draws(NamedTuple):
-    """What is random of B barbs. lengths: (B, 1) parts l that are left. waves: (B, 1) numbers w of
+    """Random draws of B barbs. lengths: (B, 1) parts l that are left. waves: (B, 1) numbers w of
     them along a barb. phases: (2, B, 1) rad, a and b."""
 
     lengths: Array
@@ -103,7 +103,7 @@ def draws_of(look: BarbLook, draw: int, count: int) -> Draws:
 
 
 def clump_fraction(look: BarbLook, along: Array) -> Array:
-    """How far points at places (K,) on their barb go to the middle barb of their clump."""
+    """Return how far points at places (K,) on their barb go to the middle barb of their clump."""
     return np.asarray(look.clump * along**look.clump_shape)
 
 

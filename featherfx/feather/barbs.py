@@ -61,8 +61,8 @@ class Barbs:
 
 
 class _Shapes(NamedTuple):
-    """How barbs turn. angles: (3, n) rad, angle, curl and camber. course: (n, P + 1, 2) rad, curl
-    and camber besides at even shares of their lengths; None where all are arcs."""
+    """Turns of the barbs. angles: (3, n) rad, angle, curl and camber. course: (n, P + 1, 2) rad,
+    curl and camber besides at even fractions of their lengths; None where all are arcs."""
 
     angles: Array
     course: Array | None = None

@@ -110,7 +110,7 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
 
 
 def _problems(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> list[Problem]:
-    """What can be seen from the arguments alone."""
+    """List what can be seen to be wrong from the arguments alone."""
     least = {"rows": (rows, 3), "columns": (columns, 1), "tube_sides": (tube_sides, 3)}
     problems = [
         Problem("", name, f"{value}; allowed: at least {low}")

@@ -23,7 +23,7 @@ class Moving(NamedTuple):
 
 
 class Way(NamedTuple):
-    """What RowMap is, for kernels."""
+    """A RowMap as kernels take it."""
 
     nodes: Rows
     directors: Rows

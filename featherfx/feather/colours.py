@@ -51,8 +51,8 @@ class Colours:
 def colours_of(
     kind: FeatherKind, feather: Feather, barbs: BarbCurves | None, id: str, film: bool = False
 ) -> Colours:
-    """Of a feather of a kind, at any size; id: by which its brightness varies. film: whether its
-    thickness is wanted."""
+    """Colour a feather of a kind, at any size; id: by which its brightness varies. film: whether
+    its thickness is wanted."""
     places, shaft = _mesh_places(feather), _shaft(kind.colour)
     points, light = _vane_colours(kind, places), brightness(kind.colour, id)
     on_shaft = np.unique(feather.surface.triangles[feather.surface.part == RACHIS])

@@ -34,7 +34,8 @@ def orient(a, b, c, d):
 
 @kernel
 def _pierces(p, q, a, b, c):
-    """Whether a line through p and q, on either side of a triangle's plane, meets the triangle."""
+    """Return whether a line through p and q, on either side of a triangle's plane, meets the
+    triangle."""
     first, second, third = orient(p, q, a, b), orient(p, q, b, c), orient(p, q, c, a)
     above = first >= 0 and second >= 0 and third >= 0
     return above or (first <= 0 and second <= 0 and third <= 0)
@@ -42,7 +43,8 @@ def _pierces(p, q, a, b, c):
 
 @kernel
 def _any_edge(p, sides, q):
-    """Whether an edge of triangle p pierces triangle q. sides: of q's plane, of p's corners."""
+    """Return whether an edge of triangle p pierces triangle q. sides: of q's plane, of p's
+    corners."""
     for k in range(3):
         after = (k + 1) % 3
         if sides[k] * sides[after] < 0 and _pierces(p[k], p[after], q[0], q[1], q[2]):
@@ -52,7 +54,7 @@ def _any_edge(p, sides, q):
 
 @kernel
 def triangles_cross(p, q):
-    """Whether two triangles, three points each, pass through each other."""
+    """Return whether two triangles, three points each, intersect."""
     a, b, c = orient(*q, p[0]), orient(*q, p[1]), orient(*q, p[2])
     if min(a, min(b, c)) >= 0 or max(a, max(b, c)) <= 0:
         return False
@@ -85,7 +87,7 @@ def fit_boxes(points, patches, boxes, bounds, low, high):
 
 @kernel
 def _meet(first, second):
-    """Whether two boxes (6,) have a point in common."""
+    """Return whether two boxes (6,) have a point in common."""
     for k in range(3):
         least, greatest = max(first[k], second[k]), min(first[3 + k], second[3 + k])
         if least > greatest:

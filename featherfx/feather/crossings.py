@@ -44,8 +44,9 @@ class Clusters(NamedTuple):
 
 
 class Crossings(NamedTuple):
-    """Of one frame. owners: (K, 2) feathers that cross, the lower number first, BODY for the body.
-    vanes, shafts: (K,) pairs of triangles that do, both of vanes, or one at least of a shaft."""
+    """Intersections in one frame. owners: (K, 2) feathers that cross, the lower number first, BODY
+    for the body. vanes, shafts: (K,) pairs of triangles that do, both of vanes, or one at least of
+    a shaft."""
 
     owners: Indices
     vanes: Indices
@@ -171,8 +172,8 @@ def _clusters(owner: Indices, bounds: Array, asked: Flags | None) -> Clusters:
 
 
 def _search(bounds: Array, clusters: Clusters) -> Callable[[int, int], Indices]:
-    """Of a piece of the clusters, in an order of its own, (K, 2) patches of different owners whose
-    bounds meet."""
+    """Find (K, 2) patches of different owners whose bounds meet, of a piece of the clusters, in an
+    order of its own."""
     axis = int(np.ptp(clusters.around[:, :3], axis=0).argmax())
     order = np.argsort(clusters.around[:, axis], kind="stable")
 

@@ -71,7 +71,7 @@ def _scaled(unit: PointMap, of_nodes: float, of_directors: float, rows: int) -> 
 
 
 class _Between:
-    """What a fine feather's rows take from those of a coarse one next to them.
+    """Weights by which a fine feather's rows follow those of a coarse one next to them.
 
     Of N fine rows each takes from a window of w coarse ones alone. first: (N,) the first of those;
     values, slopes: (N, w) weights of the shaft's; barbs: per side (N, w), of barbs' nodes.

@@ -33,8 +33,9 @@ _AT_ONCE = 128
 
 @dataclass(frozen=True)
 class Thinning:
-    """Which of a grid are kept. rows: (n,). nodes: (1 + 2 k,), the shaft's first. along: (N, n)
-    weights of the rows that are kept in all, and across: (1 + 2 m, 1 + 2 k) of the nodes."""
+    """The rows and nodes of a grid that are kept. rows: (n,). nodes: (1 + 2 k,), the rachis' first.
+    along: (N, n) weights of the rows that are kept in all, and across: (1 + 2 m, 1 + 2 k) of the
+    nodes."""
 
     rows: Indices
     nodes: Indices
@@ -47,14 +48,15 @@ class Thinning:
         return len(self.nodes) // 2
 
     def kept(self, points: RowPoints) -> RowPoints:
-        """What is kept of nodes and directors, or their rates."""
+        """Select the kept nodes and directors, or their rates."""
         nodes = points.nodes[..., self.rows[:, None], self.nodes, :]
         return RowPoints(nodes, points.directors[..., self.rows, :, :])
 
 
 @lru_cache(maxsize=256)
 def thinning(rows: int, columns: int, kept: tuple[int, int] | None = None) -> Thinning:
-    """Of a grid. kept: how many rows and columns, default: half of them, at least 3 and 1."""
+    """Choose the rows and columns of a grid to keep. kept: how many of both, default: half of them,
+    at least 3 and 1."""
     some, few = kept or (max(3, rows // 2), max(1, columns // 2))
     chosen = np.rint(np.linspace(0, rows - 1, some)).astype(np.int64)
     barb = np.rint(np.arange(1, few + 1) * columns / few).astype(np.int64)
@@ -101,7 +103,8 @@ def restored(
 
 
 def _led(kept: RowPoints, rest: RowPoints, thin: Thinning) -> tuple[Array, Array]:
-    """Where those that are kept lead all nodes (F, N, 1 + 2 m, 3), and frames of the rows."""
+    """Return all nodes (F, N, 1 + 2 m, 3) as those that are kept lead them, and frames of the
+    rows."""
     rest_kept, rest_frames = thin.kept(rest), _frames(rest.directors)
     standing_off = _within(rest_frames, rest.nodes)
     deviation = _within(_frames(kept.directors), kept.nodes)

@@ -1,4 +1,4 @@
-"""Where the barbs of a vane are hooked at rest: the share of barbules that hold, place by place.
+"""Fraction of barbules of a vane that hold at rest, place by place.
 
 What a strip between two rows has of the stiffness of a whole one is not the share in its middle.
 The barbs that it stands for hang one on the next, so compliances add up: over a strip from a to b

@@ -51,7 +51,7 @@ def _packed(maps: Sequence[RowMap]) -> Arrays:
 
 
 def _unpacked(arrays: Mapping[str, Any], count: int) -> list[RowMap]:
-    """What _packed was given."""
+    """Invert _packed."""
     parts = {}
     for name in ("nodes", "directors"):
         cut = [

@@ -26,7 +26,7 @@ _END_SLACK = 1e-9
 
 
 def outline_fault(control: Outline) -> str:
-    """What is wrong with the control points themselves; empty if nothing is."""
+    """Describe what is wrong with the control points themselves; empty if nothing is."""
     points = np.asarray(control, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
         return "an outline needs at least two points (x, y)"
@@ -69,7 +69,8 @@ def outline_curve(control: Outline, rounded_tip: float = 0.0) -> Array:
 
 
 def opening(way: Array) -> Array:
-    """How far a vane has opened, 0 to 1, after shares of a rounded end: a quarter of an ellipse."""
+    """Return how far a vane has opened, 0 to 1, after fractions of a rounded end: a quarter of an
+    ellipse."""
     within = np.clip(way, 0.0, 1.0)
     return np.sqrt(within * (2.0 - within))
 

@@ -1,4 +1,4 @@
-"""What is drawn of a simulated feather, at densities of its own: a finer surface, single barbs."""
+"""Drawn geometry of a simulated feather, at densities of its own: a finer surface, single barbs."""
 
 from __future__ import annotations
 

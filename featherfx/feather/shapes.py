@@ -82,7 +82,7 @@ def _packed(feathers: Sequence[Feather]) -> Arrays:
 
 
 def _unpacked(arrays: Mapping[str, Any], count: int) -> list[Feather]:
-    """What _packed was given."""
+    """Invert _packed."""
     parts = {
         name: _split(value, arrays[f"{name}.shape"])
         for name, value in arrays.items()

@@ -34,7 +34,8 @@ LEADING, TRAILING, RACHIS = 0, 1, 2
 
 
 class RowPoints(NamedTuple):
-    """What the rows of a feather are made of, or its rates; with leading axes for many feathers.
+    """Nodes and directors of the rows of a feather, or their rates; with leading axes for many
+    feathers.
 
     nodes: (n, 1 + 2 m, 3) m. directors: (n, 2, 3) unit vectors d2 and d3.
     """
@@ -80,7 +81,7 @@ def turned(matrices: Array, points: RowPoints) -> RowPoints:
 
 
 def stacked(points: Sequence[RowPoints]) -> RowPoints:
-    """Of feathers of one grid, with an axis in front."""
+    """Stack those of feathers of one grid, with an axis in front."""
     return both(lambda *parts: np.stack(parts), *points)
 
 

@@ -147,25 +147,26 @@ def resized(model: Model, sizes: Array) -> Model:
 
 
 def has_elastic_clamp(kind: FeatherKind) -> bool:
-    """Whether the barbs turn at their roots."""
+    """Return whether the barbs turn at their roots."""
     vane = kind.vane_material
     return vane.barb_clamp_normal > 0.0 or vane.barb_clamp_in_plane > 0.0
 
 
 def barb_course(kind: FeatherKind) -> Hashable:
-    """What the shapes of bent barbs depend on: how their stiffness changes along them."""
+    """Return what the shapes of bent barbs depend on: how their stiffness changes along them."""
     vane = kind.vane_material
     return vane.barb_taper, vane.along_profile.barb, vane.thickness_profile.barb
 
 
 def may_slip(kind: FeatherKind) -> bool:
-    """Whether gaps between the barbs slip, are open or are closed, and keep what they slipped."""
+    """Return whether gaps between the barbs slip, are open or are closed, and keep what they
+    slipped."""
     return kind.vane_material.hooks != "closed" or kind.is_split
 
 
 def is_guarded(kind: FeatherKind, touching: bool) -> bool:
-    """Whether triangles are kept from being crushed, or barbs that nothing joins from passing
-    through each other, those that are loose by their kind only where these touch."""
+    """Return whether triangles are kept from being crushed, or loose barbs from passing through
+    each other; those that are loose by their kind only where they touch."""
     if kind.vane_material.compression_guard > 0.0 or _may_open(kind):
         return True
     loose = any(

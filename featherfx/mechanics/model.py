@@ -32,7 +32,7 @@ class Hooks(NamedTuple):
 
 
 class Gaps(NamedTuple):
-    """What the gaps of a feather have been through; those of a state have a leading axis.
+    """History of the gaps of a feather; those of a state have a leading axis.
 
     slip: (2, n-1, m, 2, 2), p_w and p_v of triangles A and B. level: (2, n-1, m, 2) of yield, or n
     of an open one (vane_hook_kernels). hooked: (2, n-1, m, 2), the part of the strength that is
@@ -140,7 +140,7 @@ class Model(NamedTuple):
 
     @property
     def hooked(self) -> bool:
-        """Whether gaps between barbs may slip."""
+        """Return whether gaps between barbs may slip."""
         return self.hooks.limit.shape[3] > 0
 
     @property
@@ -187,7 +187,7 @@ def no_contacts(feathers: int) -> Contacts:
 
 
 class Loads(NamedTuple):
-    """What acts on a batch during a step.
+    """Loads on a batch during a step.
 
     gravity: (3,) m/s^2. air: (4,) air density kg/m^3, normal and tangential vane coefficients,
     shaft coefficient. wind_mean: (F, 3) m/s, or (3,) for all feathers; wind_wave: (3, K) rad/m,

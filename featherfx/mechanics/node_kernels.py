@@ -1,4 +1,4 @@
-"""What acts on single nodes: inertia, gravity, air drag, grips and dead loads.
+"""Loads on single nodes: inertia, gravity, air drag, grips and dead loads.
 
     W = 1/2 a m |x - x_t|^2 - m g.x - f.x + D(v) / c + 1/2 k max(|x - x_g| - s, 0)^2
     v = c (x - x_v)

@@ -121,7 +121,7 @@ def rachis_gradient(point_a, point_b, rest_length, halfway, strain, gradient):
 
 @kernel
 def rachis_stabilising_stiffness(point_a, point_b, rest_length, halfway, stress, matrix):
-    """What tension adds to an element's stiffness against turning, to the lower part of (12, 12).
+    """Add the stiffness of an element's tension against turning to the lower part of (12, 12).
 
     stress: (6,) derivative of the energy by the strains. Nothing is added under compression: this
     is the part of rachis_geometric_stiffness that never destabilises.

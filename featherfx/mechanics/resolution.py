@@ -1,4 +1,4 @@
-"""How many curvature coefficients a feather's barbs need, and how many rows its shaft.
+"""Number of curvature coefficients that a feather's barbs need, and of rows that its rachis needs.
 
 A barb under a pressure q on its vane is a cantilever with the stiffness D b(s) per metre of vane
 (b: featherfx/mechanics/barb_shapes.py) and the load q; its end goes down by

@@ -1,4 +1,4 @@
-"""What a flat strip's section adds to a shaft by curling: from a thin rod to a developable ribbon.
+"""Curling of a flat strip's section: from a thin rod to a developable ribbon.
 
     W = 1/2 K (1 - P) g^2 / b^2,      g = a^2 + nu b (b - b0)
     P = 2 (cosh c - cos c) / (c (sinh c + sin c)),      c = 2 (f b^2)^(1/4)
@@ -97,7 +97,7 @@ def curl_energy(strain, rest, bending):
 
 @kernel
 def curls(model):
-    """Whether shafts of a model may be strips."""
+    """Return whether rachises of a model may be strips."""
     return model.rachis_rest.shape[2] > 6
 
 

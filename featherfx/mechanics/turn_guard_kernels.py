@@ -1,4 +1,4 @@
-"""What keeps neighbouring rows of a shaft from turning all the way round against each other.
+"""Guard against neighbouring rows of a rachis that turn all the way round against each other.
 
     W = G y^3 / (1 - y),      y = (w^2 - w0^2) / (4 pi^2 - w0^2),  0 at least,    w0 = 4 rad
 

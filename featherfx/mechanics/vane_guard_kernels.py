@@ -47,7 +47,7 @@ def area_ratio(strain_across, strain_shear):
 
 @kernel
 def is_apart(guard, strain_across, strain_shear):
-    """Whether a triangle feels nothing, J >= n; guard: (G, n)."""
+    """Return whether a triangle feels nothing, J >= n; guard: (G, n)."""
     unrounded = 1.0 + 2.0 * strain_across - strain_shear * strain_shear
     return unrounded + ROUNDING >= guard[1] * guard[1] * (1.0 + ROUNDING)
 
@@ -90,7 +90,7 @@ def _pressed(guard, strains, count):
 
 @kernel
 def is_pressed(guard, strains):
-    """Whether any triangle of a feather feels its guard; both as of guard_total."""
+    """Return whether any triangle of a feather feels its guard; both as of guard_total."""
     count = guard.size // 2
     if count == 0:
         return False

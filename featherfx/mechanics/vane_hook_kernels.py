@@ -185,7 +185,7 @@ def copy_gaps(source, target):
 
 @kernel
 def never_slip(gaps):
-    """Whether no gap of a feather ever slips."""
+    """Return whether no gap of a feather ever slips."""
     return gaps.level.shape[2] == 0
 
 
@@ -204,7 +204,7 @@ def _strained(cell, bounds, count):
 
 @loop_kernel
 def _others(values, usual, count):
-    """How many of count values are not the usual one."""
+    """Count how many of count values are not the usual one."""
     found = 0
     for k in range(count):
         found += values[k] != usual
@@ -213,7 +213,7 @@ def _others(values, usual, count):
 
 @kernel
 def all_hold(model, f, cell, gaps):
-    """Whether all gaps of feather f are whole, have not slipped and do not at strains cell
+    """Return whether all gaps of feather f are whole, have not slipped and do not at strains cell
     (2, n-1, m, 2, 2): to forces and energies the vane is then one whose hooks always hold.
 
     By bounds for the whole feather, which cost next to nothing; of one that has slipped gap by gap
@@ -296,8 +296,8 @@ def gap_of(gaps, j, half):
 
 @kernel
 def holds(stiffness, strains, gaps, j, half):
-    """Whether triangle A or B (half) of cell j of a GapRow is whole and below its yield: nothing of
-    it slips. Without divisions, since most of them hold at most times."""
+    """Return whether triangle A or B (half) of cell j of a GapRow is whole and below its yield:
+    nothing of it slips. Without divisions, since most of them hold at most times."""
     level = gaps.level[j, half]
     first, second = gaps.limit[j, half, 0], gaps.limit[j, half, 1]
     across = second * max(stiffness[0] * (strains[0] - gaps.slip[j, half, 0]), 0.0)

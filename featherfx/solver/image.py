@@ -23,7 +23,7 @@ _SHAFT = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 
 
 class Image(NamedTuple):
-    """What takes feathers to P others: points to turn x + shift.
+    """Map of feathers to P others: points to turn x + shift.
 
     turn: (P, 3, 3) orthogonal; where its determinant is -1 the other feather is the mirror image.
     shift: (P, 3) m.

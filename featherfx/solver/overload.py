@@ -1,4 +1,4 @@
-"""Whether a feather holds more energy than a feather could: why some that stop cannot be solved."""
+"""Overload of a feather that could not be solved: more energy in its pose than keratin bears."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ def specific_energy(model: Model, state: State, f: int) -> float:
 
 
 def overload(held: float) -> str:
-    """What is told of a feather that could not be solved and holds so much (J/kg); empty where it
-    could be."""
+    """Describe the overload of a feather that holds so much (J/kg); empty where it is none."""
     if not held > KERATIN_BREAKS:
         return ""
     return (
@@ -32,5 +31,6 @@ def overload(held: float) -> str:
 
 
 def overload_of(model: Model, state: State) -> Callable[[int], str]:
-    """What tells of feather f of a state, for raise_if_failed."""
+    """Return the function that describes the overload of feather f of a state, for
+    raise_if_failed."""
     return lambda f: overload(specific_energy(model, state, f))

@@ -54,7 +54,7 @@ AT_REST = 1e-2
 
 @dataclass(frozen=True)
 class Settings:
-    """How a batch is stepped.
+    """Settings of the steps of a batch.
 
     tolerance: m, local error of a step that the sub-stepping keeps to. newton: m, distance from a
     step's solution that counts as converged. max_substeps: sub-steps of a frame at most, by default
@@ -200,7 +200,8 @@ class Solver:
         return new, found.status, found.iterations
 
     def _pieces(self, some: Sequence[int], feathers: int, nodes: int) -> list[Indices]:
-        """Of some feathers, each of so many, or of so many nodes where these are more."""
+        """Divide some feathers into pieces of so many each, or of so many nodes where these are
+        more."""
         most = max(feathers, nodes // (self.model.rows * (1 + 2 * self.model.columns)))
         return pieces(np.array(some, dtype=np.int64), self.jobs, most)
 

@@ -113,7 +113,7 @@ _GETTERS = {name: attrgetter(name) for name in map(".".join, _PATHS)}
 
 
 class StepReport(NamedTuple):
-    """What one call did, per feather: (F,) arrays.
+    """Counts and errors of one call, per feather: (F,) arrays.
 
     steps, iterations, matrices, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
     iterations (linear solves), new matrices among them, steps repeated for their error, attempts

@@ -47,7 +47,7 @@ class Pose(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What a step's energy is measured against.
+    """References against which a step's energy is measured.
 
     target, past: of the integrator. reference: strains that damping pulls towards. gaps: at the
     step's start. Of the nodes (air_kernels): wind (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2,
@@ -81,7 +81,7 @@ def make_system(unknowns: int, width: int) -> System:
 
 
 class Cells(NamedTuple):
-    """What a barb's cells or hinges give, between two of its nodes each.
+    """Scratch of a barb's cells or hinges, between two of its nodes each.
 
     Of neighbouring rows (vane/line_kernels): strips (2, .) of cells, hinges (3, .). Lines of S
     numbers: rest (2, 3, S), of triangles A and B; coupling (S,), of shear in the strain across that

@@ -1,4 +1,4 @@
-"""Which feathers of a layout are changed for pairs that do not come clear."""
+"""Choice of the feathers of a layout to change for pairs that do not come clear."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class Penetration:
 
 @dataclass(frozen=True)
 class LayoutReport:
-    """What a layout came to.
+    """Result of a layout, as it is reported.
 
     pairs: (K, 2) numbers of feathers that lie over each other, the upper one first. gaps: (K,) m,
     the least distance of each pair; negative where they pass through each other. skin_gaps: (F,) m,
@@ -121,7 +121,7 @@ def lay_out(groom: Groom) -> Groom:
 
 
 def _doubts(report: LayoutReport) -> list[str]:
-    """What a layout could not do."""
+    """List what a layout could not do."""
     doubts = []
     if report.dropped:
         named = ", ".join(report.dropped[:_MOST_NAMED])
@@ -159,7 +159,7 @@ def laid_out(groom: Groom) -> tuple[Groom, LayoutReport | None]:
 
 
 def _shapes(placements: Sequence[Placement]) -> list[Any]:
-    """What a layout depends on of feathers, without what only their motion does, so that it
+    """Return what a layout depends on of feathers, without what only their motion does, so that it
     outlives a change of that. A kind counts as its prototype in its size."""
     known: dict[int, FeatherKind] = {}
 
@@ -444,7 +444,7 @@ class _Solving:
 
 
 def measured(groom: Groom) -> LayoutReport:
-    """What lies over what in a groom as it is, without any change to it."""
+    """Measure the stacking order in a groom as it is, without any change to it."""
 
     def compute() -> dict[str, Any]:
         skin = None if groom.skin is None else SkinPlanes(groom.skin)
@@ -465,7 +465,7 @@ def cover(groom: Groom) -> float:
 
 
 def _report(groom: Groom, laid: Laid) -> LayoutReport:
-    """Of the feathers that are kept."""
+    """Report on the feathers that are kept."""
     ids = [groom.feathers[k].id for k in np.flatnonzero(laid.kept)]
     left = [
         Penetration(ids[laid.pairs[k, 0]], ids[laid.pairs[k, 1]], float(-laid.gaps[k]))

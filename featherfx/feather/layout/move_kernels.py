@@ -152,7 +152,8 @@ def least_gap(feathers, upper, lower):
 
 @kernel
 def ease(at, size):
-    """How far a point at x and y moves for one unit of effort: the sum of weighted squares."""
+    """Return how far a point at x and y moves for one unit of effort: the sum of weighted
+    squares."""
     inverse = 1.0 / (size * size)
     return RAISE_EASE * inverse * at[0] * at[0] + ROLL_EASE * inverse * at[1] * at[1] + LIFT_EASE
 

@@ -1,4 +1,4 @@
-"""Which feathers may lie over which, at rest: pairs in the order of shingles.
+"""Pairs of feathers that may overlap at rest, in the order of shingles.
 
 A feather lies over another if its layer is higher, else if its root is upstream, as water would run
 off the plumage; rows whose roots are lifted one over the other keep that order. Feathers are taken

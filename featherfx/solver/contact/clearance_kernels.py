@@ -1,4 +1,5 @@
-"""How far a pair without contacts is from having one, so that it needs no search until it moves.
+"""Distance of a pair without contacts from having one: it needs no search until it has moved so
+far.
 
 A node at x meets a host with its triangle T only if (find_kernels), with n the normal of T, y its
 point closest to x, w = x - y, and t the sum of both half thicknesses:
@@ -65,7 +66,7 @@ def way_between(bodies, guest, host):
 
 @kernel
 def _counts(surfaces, body, i, c):
-    """Whether a node of the strip has a triangle or may touch others."""
+    """Return whether a node of the strip has a triangle or may touch others."""
     return surfaces.present[body, i, c] != 0 or surfaces.guests[body, i, c] != 0
 
 
@@ -201,8 +202,8 @@ def _gone(guest, host, pose, clearance):
 
 @kernel
 def is_clear(pair, guest, host, reach, clearance):
-    """Whether a pair cannot have come to touch since it was looked at. reach: m, its margin, and
-    what the bodies go past each other."""
+    """Return whether a pair cannot have come to touch since it was looked at. reach: m, its margin,
+    and what the bodies go past each other."""
     left = clearance.until[pair] - clearance.as_guest[guest] - clearance.as_host[host]
     return left > reach and left - _gone(guest, host, clearance.pose[pair], clearance) > reach
 
@@ -230,7 +231,7 @@ def clear(pair, bodies, side, reach, search, clearance):
 
 @kernel
 def _has_slack(guest, host, side, room, search, clearance):
-    """Whether all nodes of a guest have a slack over a host. room: margin and slack, m."""
+    """Return whether all nodes of a guest have a slack over a host. room: margin and slack, m."""
     surfaces, bounds = search.surfaces, search.bodies.bounds[host]
     thickness, (margin, slack) = clearance.half[guest] + clearance.half[host], room
     reach = surfaces.far[host] + margin + slack
@@ -255,8 +256,8 @@ def _has_slack(guest, host, side, room, search, clearance):
 
 @kernel
 def _may_meet(x, facets, count, side, limits):
-    """Whether a node lacks the slack over one of the triangles (17, k) as if they were round.
-    limits: beside, height and distance that count, with the slack, m."""
+    """Return whether a node lacks the slack over one of the triangles (17, k) as if they were
+    round."""
     beside, height, reach = limits
     met = 0
     for k in range(count):
@@ -277,7 +278,7 @@ def _of_facet(facets, row, k):
 
 @kernel
 def _meets_one(x, facets, k, side, limits):
-    """Whether a node lacks the slack over triangle k; limits as of _may_meet."""
+    """Return whether a node lacks the slack over triangle k; limits as of _may_meet."""
     beside, height, reach = limits
     normal, away = _of_facet(facets, NORMAL, k), sub(x, _of_facet(facets, MIDDLE, k))
     along, square = dot(normal, away), dot(away, away)

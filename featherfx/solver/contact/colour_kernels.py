@@ -9,15 +9,15 @@ from featherfx.solver.contact.types import ByBody, Indices
 
 
 def neighbours(pairs: Indices, bodies: int) -> ByBody:
-    """Which bodies each touches. pairs: (N, 2) bodies that touch."""
+    """List which bodies each touches. pairs: (N, 2) bodies that touch."""
     both = np.concatenate([pairs, pairs[:, ::-1]])
     body, other = np.divmod(np.unique(both[:, 0] * bodies + both[:, 1]), bodies)
     return ByBody(np.searchsorted(body, np.arange(bodies + 1)).astype(np.int64), other)
 
 
 def islands_of(touching: ByBody) -> tuple[int, Indices]:
-    """How many islands there are of bodies that touch, directly or through others, and (B,) in
-    which each body is."""
+    """Count the islands of bodies that touch, directly or through others; return also (B,) in which
+    each body is."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 

@@ -1,4 +1,4 @@
-"""Which contacts there are: points of vanes near the vanes of others."""
+"""Contacts: points of vanes near the vanes of others."""
 
 from typing import NamedTuple
 
@@ -65,7 +65,7 @@ def _along(points, x, contact):
 
 @kernel
 def _closing(bodies, x, ahead, contact):
-    """How far a guest goes from x to ahead along the normal of its host, against it, m."""
+    """Return how far a guest goes from x to ahead along the normal of its host, against it, m."""
     start, end = bodies.start[contact.host], bodies.ahead[contact.host]
     way = sub(sub(ahead, x), sub(host_place(end, contact), host_place(start, contact)))
     return abs(dot(triangle_normal(start, contact), way))
@@ -82,13 +82,13 @@ def _remembered(key, known, at):
 
 @kernel
 def slot(touch, count):
-    """Where the next contact is written; where there is no room for it, over the last."""
+    """Return where the next contact is written; where there is no room for it, over the last."""
     return touch[min(count, touch.shape[0] - 1)]
 
 
 @kernel
 def start_contact(contact, node, p, fraction):
-    """What a contact is from its node on: node p, and how far it lies to the next row."""
+    """Begin a contact at its node: node p, and how far it lies to the next row."""
     contact.pair, contact.row, contact.column, contact.point = node.pair, node.row, node.column, p
     contact.guest, contact.host, contact.fraction = node.guest, node.host, fraction
 
@@ -155,7 +155,7 @@ def _put_on(contact, place, weight, columns):
 
 @kernel
 def _is_over(along, beside, thickness):
-    """Whether a point is over its closest triangle, not beyond an edge."""
+    """Return whether a point is over its closest triangle, not beyond an edge."""
     return beside <= BESIDE * thickness + SLANT * min(abs(along), CREASE * thickness)
 
 
@@ -203,9 +203,9 @@ def _choose_side(contact, along, node, near, search):
 
 @kernel
 def _at_start(contact, x, near, search):
-    """Whether a place is over a contact's host at the start, whether it is near it at all, and how
-    far it is along the host's normal, m, on the contact's side. The contact is put on the closest
-    triangle."""
+    """Return whether a place is over a contact's host at the start, whether it is near it at all,
+    and how far it is along the host's normal, m, on the contact's side. The contact is put on the
+    closest triangle."""
     surfaces, bodies, host = search.surfaces, search.bodies, contact.host
     margin = margin_of(search, contact.guest, host)
     limit = surfaces.far[host] + margin + bodies.way[contact.guest] + bodies.way[host]
@@ -223,8 +223,8 @@ def _at_start(contact, x, near, search):
 
 @kernel
 def _belongs_to_order(contact, x, near, search):
-    """Whether a point that is on the wrong side of its host, at x at the start, hangs together with
-    a neighbour on its vane that is drawn back through the host from about as deep."""
+    """Return whether a point that is on the wrong side of its host, at x at the start, hangs
+    together with a neighbour on its vane that is drawn back through the host from about as deep."""
     row, p, guests = contact.row, contact.point, search.surfaces.guests[contact.guest]
     columns, points = search.surfaces.exists.shape[3], search.bodies.start[contact.guest]
     known, side = search.memory.key, search.memory.side
@@ -263,8 +263,8 @@ def _of_corners(values, contact):
 
 @kernel
 def _meets(contact, along, node, search):
-    """Whether a point over its host is near it or on its way there, or on the side where no order
-    has it, which has to be remembered; sets its gap at the start. along: m, over the host."""
+    """Return whether a point over its host is near it or on its way there, or on the side where no
+    order has it, which has to be remembered; sets its gap at the start. along: m, over the host."""
     bodies, guest, host = search.bodies, contact.guest, contact.host
     # bodies that collide do not go where they are headed, so their way counts as well
     begin = guest_place(bodies.start[guest], contact.row, contact.point, contact.fraction)
@@ -308,8 +308,8 @@ def _press(contact, known, search):
 
 @kernel
 def _spare_crossed(touch, low, high, search):
-    """Of a guest that is on both sides of its host, as where their rims cross, have all contacts,
-    from low to high - 1, keep the depth that they begin with.
+    """Let all contacts, from low to high - 1, of a guest that is on both sides of its host, as
+    where their rims cross, keep the depth that they begin with.
 
     Points on either side of where vanes cross are nearer to the host than it is thick, however it
     lies: what would bring one out presses the other in.

@@ -73,7 +73,7 @@ SEARCHES, WIDER = 4, 2.0
 
 @dataclass(frozen=True)
 class ContactSettings:
-    """How contact is solved.
+    """Settings of the contact solver.
 
     friction: Coulomb's coefficient. smoothing: m/s, slip speed below which friction is partial.
     margin: m, gap below which nodes of the thickest vane are followed, and the most of any; of
@@ -105,7 +105,7 @@ class Led(NamedTuple):
 
 
 class Manner(NamedTuple):
-    """How an interval is solved.
+    """Options of one interval's solve.
 
     substeps: most regular steps that a feather may divide it into by itself, to keep to its
     tolerance. resting: (B,) bodies that are solved only if what touches them asks for it; the
@@ -133,7 +133,7 @@ PLAIN = Manner()
 
 @dataclass(frozen=True)
 class ContactReport:
-    """What an interval took.
+    """Work and result of an interval.
 
     contacts: closed ones at its end. rounds: over the feathers. solves: feathers solved. residual:
     m, largest gap that should be closed, or misfit of the two forces over the stiffness. depth: m,
@@ -338,7 +338,8 @@ class ContactSolver:
         )
 
     def depths(self) -> tuple[Indices, Indices, Array]:
-        """Of the last interval's contacts: guest and host (bodies; -1 for a wall), depth in m."""
+        """Return the last interval's contacts: guest and host (bodies; -1 for a wall), depth in
+        m."""
         contacts = self.found.contacts
         return contacts["guest"], contacts["host"], contacts["spared"] - contacts["gap"]
 
@@ -443,7 +444,7 @@ class ContactSolver:
         return Handing(self.settings.friction, slip, np.inf, widest, columns)
 
     def _neighbours(self) -> ByBody:
-        """Which bodies each has contacts with."""
+        """List which bodies each has contacts with."""
         pair = self.found.contacts["pair"]
         touching = pair[(pair >= 0) & (np.diff(pair, prepend=-1) > 0)]
         if self._touching is None or not np.array_equal(touching, self._touching[0]):

@@ -95,7 +95,8 @@ def list_by_body(touch, count, listed):
 
 @kernel
 def is_led(contact, body, mine):
-    """Whether what a body touches is not solved for: a wall, or a body that is not mine (B,)."""
+    """Return whether what a body touches is not solved for: a wall, or a body that is not mine
+    (B,)."""
     other = contact.host if contact.guest == body else contact.guest
     return other < 0 or mine[other] == 0
 
@@ -145,14 +146,15 @@ def _row_and_sign(contact, body):
 
 @kernel
 def _is_on_fixed(contact, body, fixed):
-    """Whether what a body touches never gives way: a wall, or a body that is fixed (B,)."""
+    """Return whether what a body touches never gives way: a wall, or a body that is fixed (B,)."""
     other = contact.host if contact.guest == body else contact.guest
     return other < 0 or fixed[other] != 0
 
 
 @kernel
 def _is_opposed(contact, body, touch, listed, fixed):
-    """Whether what is fixed presses a body about where a contact does, from the other side."""
+    """Return whether what is fixed presses a body about where a contact does, from the other
+    side."""
     row, sign = _row_and_sign(contact, body)
     for at in range(listed.first[body], listed.first[body + 1]):
         other = touch[listed.items[at]]
@@ -179,7 +181,7 @@ def share_pinch(body, touch, listed, fixed, tolerance):
 
 @kernel
 def is_pressed(body, touch, listed):
-    """Whether anything presses a body, or is in it."""
+    """Return whether anything presses a body, or is in it."""
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
         if contact.guest_force > 0.0 or contact.host_force > 0.0 or contact.gap < 0.0:
@@ -189,8 +191,8 @@ def is_pressed(body, touch, listed):
 
 @kernel
 def closed_on_led(body, touch, listed, mine):
-    """Whether a contact of a body with what is led (is_led) closed in the last solve: it had no
-    friction yet, for that goes by the force of the solve before."""
+    """Return whether a contact of a body with what is led (is_led) closed in the last solve: it had
+    no friction yet, for that goes by the force of the solve before."""
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
         if is_led(contact, body, mine):

@@ -1,5 +1,5 @@
-"""Which bodies' boxes meet: sorted along one axis, each is compared with those that begin before
-it ends (sweep and prune, Baraff 1992)."""
+"""Broad phase of bodies: boxes sorted along one axis, each compared with those that begin before it
+ends (sweep and prune, Baraff 1992)."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def cover_ways(nodes, velocity, samples, duration, margin, low, high):
 
 @kernel
 def _farthest(samples, f, k):
-    """How far one number of a root's path goes from its first value."""
+    """Return how far one number of a root's path goes from its first value."""
     farthest = 0.0
     for at in range(1, samples.shape[1]):
         farthest = max(farthest, abs(samples[f, at, k] - samples[f, 0, k]))
@@ -98,14 +98,14 @@ def _meeting(order, low, high, found):
 
 @kernel
 def _apart(low, high, a, b):
-    """Whether two boxes are apart in y or z."""
+    """Return whether two boxes are apart in y or z."""
     apart = low[b, 1] > high[a, 1] or low[a, 1] > high[b, 1]
     return apart or low[b, 2] > high[a, 2] or low[a, 2] > high[b, 2]
 
 
 @kernel
 def _covers(low, high, a, b):
-    """Whether what begins later than both boxes and meets b meets a, too."""
+    """Return whether what begins later than both boxes and meets b meets a, too."""
     ends = high[b, 0] <= high[a, 0] and high[b, 1] <= high[a, 1] and high[b, 2] <= high[a, 2]
     return ends and low[a, 1] <= low[b, 1] and low[a, 2] <= low[b, 2]
 

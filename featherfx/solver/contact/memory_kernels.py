@@ -1,12 +1,12 @@
-"""What of the contacts of one search is known to the next."""
+"""Data of the contacts of one search that the next one needs."""
 
 from featherfx.jit.compiled import kernel
 
 
 @kernel
 def remember(touch, count, order, goes_on, key, force, side, wall):
-    """What the next search needs of contacts (search.Found.remembered); returns how many of bodies
-    are kept.
+    """Write what the next search needs of contacts (ContactSearch.remembered); returns how many of
+    bodies are kept.
 
     order: (N,) of Candidates. goes_on: whether an interval goes on, so that only forces tell sides.
     Written: key, force and side of those kept, and wall, as of Memory.

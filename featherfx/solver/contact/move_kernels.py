@@ -1,4 +1,4 @@
-"""How far bodies went in an interval."""
+"""Distances that bodies went in an interval."""
 
 from featherfx.jit.compiled import kernel
 

@@ -1,4 +1,4 @@
-"""Which points of a guest are too far from its host to meet it, before more is asked of them.
+"""Early rejection of points of a guest that are too far from its host to meet it.
 
 What is left out here meets nothing in the interval, by the conditions of clearance_kernels.
 """
@@ -12,7 +12,7 @@ from featherfx.solver.contact.search_kernels import box_distance, corner_place, 
 
 
 class Room(NamedTuple):
-    """How near to a host the points of a guest meet it. up: (3,), and top: m, along it, beyond
+    """Bounds within which the points of a guest meet a host. up: (3,), and top: m, along it, beyond
     which none does. margin: m, gap below which they are followed. way: m, what they go past the
     host in the interval, at most; thickness: m, sum of both half thicknesses, at most."""
 
@@ -39,7 +39,7 @@ def room_of(guest, host, side, margin, way, search, half):
 
 @kernel
 def is_above(box, room):
-    """Whether all of a box (6,) is beyond the top of a Room."""
+    """Return whether all of a box (6,) is beyond the top of the bounds."""
     lowest = 0.0
     for k in range(3):
         lowest += min(room.up[k] * box[k], room.up[k] * box[3 + k])
@@ -56,10 +56,10 @@ def _on(points, corners, weight):
 
 @kernel
 def is_off(x, begin, closest, host, columns, side, room):
-    """Whether a point at x that nothing is known of is beside its closest place on a host, or so
-    far above it that they do not meet in the interval. begin: where the point is at the start.
-    host: (n, 1 + 2 m, 3) m, nodes at the start, and where x was looked for. side: where the point
-    belongs, or 0."""
+    """Return whether a point at x that nothing is known of is beside its closest place on a host,
+    or so far above it that they do not meet in the interval. begin: where the point is at the
+    start. host: (n, 1 + 2 m, 3) m, nodes at the start, and where x was looked for. side: where the
+    point belongs, or 0."""
     (start, now), (place, weight) = host, closest
     a, b = corner_place(place, 0, columns), corner_place(place, 1, columns)
     c = corner_place(place, 2, columns)
@@ -82,7 +82,7 @@ def is_off(x, begin, closest, host, columns, side, room):
 
 @kernel
 def is_near(x, is_known, bounds, room):
-    """Whether a point may meet a host with such bounds (6,)."""
+    """Return whether a point may meet a host with such bounds (6,)."""
     if not is_known and dot(room.up, x) > room.top:
         return False
     return box_distance(x, bounds) <= room.margin * room.margin

@@ -67,7 +67,7 @@ class Team:
         self._rooms: StateRooms | None = None
 
     def rooms(self, states: Sequence[State]) -> StateRooms:
-        """Where states of the batches find room; given some."""
+        """Allocate memory for states of the batches; given some."""
         if self._rooms is None:
             self._rooms = StateRooms(states)
         return self._rooms
@@ -118,7 +118,7 @@ class Team:
 
 
 class Run:
-    """Where the batches started, and where the last iterate stands.
+    """Starts of the batches, and the state of the last iterate.
 
     duration: s. substeps: most regular steps of a feather within it. iterations: of Newton in one
     solve of a feather, at most. free: (B,) feathers that are solved; the states of others are
@@ -228,7 +228,8 @@ class Run:
 
     @property
     def step(self) -> StepSettings:
-        """Of the feathers within the interval; coarse over the feather's length."""
+        """Return the step settings of the feathers within the interval; coarse over the feather's
+        length."""
         return self._step
 
     def finish(self) -> None:

@@ -55,8 +55,8 @@ class Found(NamedTuple):
         return self.touch[: self.number]
 
     def remembered(self, order: Indices, memory: Memory, start: Memory | None = None) -> Memory:
-        """What the next search needs of them: forces, and sides that an order does not tell, or
-        that poses tell otherwise.
+        """Return what the next search needs of them: forces, and sides that an order does not tell,
+        or that poses tell otherwise.
 
         start: of an interval that goes on. Its poses so far tell no sides but where a force held
         them; all others are as they were.
@@ -135,7 +135,7 @@ class Searcher:
         room: Touch | None = None,
         free: NDArray[np.bool_] | None = None,
     ) -> Found:
-        """What touches; boxes of the bodies are refitted.
+        """Find what touches; boxes of the bodies are refitted.
 
         before: contacts that hold on for pairs of bodies that are not stale (B,). room: to be
         written over; not before. free: (B,) bodies that may touch walls, all by default.
@@ -184,8 +184,8 @@ class Searcher:
     def _meeting(
         self, search: Search, walls: Sequence[Wall | Ground], free: Bytes
     ) -> tuple[Callable[[int], None], Indices]:
-        """What finds contacts with all walls of bodies that are free (B,), when it is called with
-        the number of a piece; and how many it finds, wall after wall, in each piece.
+        """Return a function that finds contacts with all walls of bodies that are free (B,), called
+        with the number of a piece; and how many it finds, wall after wall, in each piece.
 
         Of one body a thread looks at one wall after the other: they share what it has grown into.
         """

@@ -1,4 +1,4 @@
-"""Which nodes of one vane meet the surface of another, and where.
+"""Narrow phase: the nodes of one vane that meet the surface of another, and where.
 
 A vane is a strip of n rows times 2 m + 1 nodes: the trailing barb's end is column 0, the rachis m,
 the leading barb's end 2 m. The nearest node is found by boxes around rows, the closest point by
@@ -140,7 +140,7 @@ def box_distance(x, box):
 
 @kernel
 def boxes_apart(first, second, margin):
-    """Whether two boxes (6,) are farther apart than a margin (m) along an axis."""
+    """Return whether two boxes (6,) are farther apart than a margin (m) along an axis."""
     for k in range(3):
         if first[k] > second[3 + k] + margin or second[k] > first[3 + k] + margin:
             return True
@@ -241,7 +241,7 @@ def corner_place(place, k, columns):
 
 @kernel
 def corner_of(points, place, k, columns):
-    """Where corner k of a triangle is in a pose (n, 1 + 2 m, 3)."""
+    """Return corner k of a triangle in a pose (n, 1 + 2 m, 3)."""
     row, node = corner_place(place, k, columns)
     x = points[row, node]
     return x[0], x[1], x[2]

@@ -124,9 +124,8 @@ class RoundRules(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """What the team works on. step, alone: settings of a body, and of one that nothing presses.
-    start, now: (B, n, 1 + 2 m, 3) m, nodes. touching: bodies that each touches, of those solved.
-    contacts: how many there are in touch."""
+    """Data that the team works on. step, alone: settings of a body, and of one that nothing
+    presses."""
 
     batches: Batches
     step: StepSettings
@@ -295,7 +294,7 @@ def _measure(team, size, kind, sweep):
 
 @kernel
 def _look(body, number, sweep):
-    """How far the contacts of a body are off after so many rounds, and whether it is solved
+    """Measure how far the contacts of a body are off after so many rounds, and whether it is solved
     again."""
     marks = sweep.marks
     marks.active[body] = 0
@@ -315,7 +314,7 @@ def _look(body, number, sweep):
 
 @kernel
 def _judge(team, size, kind, number, sweep):
-    """How far the contacts of each body are off after so many rounds."""
+    """Measure how far the contacts of each body are off after so many rounds."""
     bodies = sweep.marks.mine.shape[0]
     while True:
         low = BODIES * ticket(team, kind)

@@ -1,4 +1,4 @@
-"""What contact knows of bodies and of what touches; as the kernels take it."""
+"""Types of contact: bodies and what touches, as the kernels take it."""
 
 from __future__ import annotations
 
@@ -66,10 +66,10 @@ class MovingBodies(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What is kept between intervals. key: (K,) ascending, pair, row and guest's column of K
+    """Data that is kept between intervals. key: (K,) ascending, pair, row and guest's column of K
     contacts of feathers, as one number; force: (K, 2) N, on guest and host; side: (K,) of the host.
-    wall: (B, n, W) N, forces of walls. inside: (B, n, W), a bit for each wall that
-    guests have grown into (search.OWN_BITS)."""
+    wall: (B, n, W) N, forces of walls. inside: (B, n, W), a bit for each wall that guests have
+    grown into (search.OWN_BITS)."""
 
     key: Indices
     force: Array
@@ -87,7 +87,7 @@ class Candidates(NamedTuple):
 
 
 class Search(NamedTuple):
-    """What a search goes by. margin: (B,) m, gap below which a body's nodes are followed, for two
+    """Settings of a search. margin: (B,) m, gap below which a body's nodes are followed, for two
     bodies the mean of theirs; widest: the largest that one may have. recovery: m, that a depth may
     be reduced by. wall_fit: stiffness of a contact with a wall over that of the node. turns:
     whether points that come around a rim stay on the side where they come, against an order. again:
@@ -114,15 +114,14 @@ class Earlier(NamedTuple):
 
 
 class Clearance(NamedTuple):
-    """What tells which of N pairs of B bodies cannot touch yet (clearance_kernels). frame:
-    (B, 4, 3), where each body was to be in the search before: its origin, m, and three axes; nodes:
-    (B, n, 1 + 2 m, 3) m, in that. half: (B,) m, largest half thickness. facets: (B, 17, T)
-    triangles in the frame, the first facet_count (B,) of them: their middle, m, normal, size and
-    width, m, and corners, m. size: (B,) m, the largest; extent: (B,) m, of a node from the origin.
-    as_guest, as_host: (B,) m, what each body has changed, as it counts for pairs in that role.
-    until: (N,) m, what both may change, and go past each other, until they may touch; pose:
-    (N, 12), the guest's frame in the host's when that was asked for. wait: (N,) looks until it is
-    asked for again."""
+    """Data that tells which of N pairs of B bodies cannot touch yet (clearance_kernels). frame: (B,
+    4, 3), where each body was to be in the search before: its origin, m, and three axes; nodes: (B,
+    n, 1 + 2 m, 3) m, in that. half: (B,) m, largest half thickness. facets: (B, 17, T) triangles in
+    the frame, the first facet_count (B,) of them: their middle, m, normal, size and width, m, and
+    corners, m. size: (B,) m, the largest; extent: (B,) m, of a node from the origin. as_guest,
+    as_host: (B,) m, what each body has changed, as it counts for pairs in that role. until: (N,) m,
+    what both may change, and go past each other, until they may touch; pose: (N, 12), the guest's
+    frame in the host's when that was asked for. wait: (N,) looks until it is asked for again."""
 
     frame: Array
     nodes: Array
@@ -146,10 +145,10 @@ class ByBody(NamedTuple):
 
 
 class Handing(NamedTuple):
-    """How contacts are handed to bodies. friction: coefficient. smoothing: m, slip over which it
-    sets in. reach: m, gap beyond which contacts without a force are left out. widest: columns of
-    the widest grid; columns: (B,) of the bodies' own. beginning: whether they are to press with the
-    forces that they had before the interval, whatever their gaps."""
+    """Rules by which contacts are handed to bodies. friction: coefficient. smoothing: m, slip over
+    which it sets in. reach: m, gap beyond which contacts without a force are left out. widest:
+    columns of the widest grid; columns: (B,) of the bodies' own. beginning: whether they are to
+    press with the forces that they had before the interval, whatever their gaps."""
 
     friction: float
     smoothing: float

@@ -21,7 +21,7 @@ from featherfx.solver.contact.search_kernels import (
 
 @kernel
 def count_cells(points, triangles, grid, counts):
-    """How many triangles each cube lists, added to counts (cubes,). points: (V, 3)."""
+    """Count the triangles that each cube lists, added to counts (cubes,). points: (V, 3)."""
     _cells(points, triangles, grid, counts, counts, False)
 
 
@@ -151,7 +151,7 @@ def _meet(node, wall, bit, search, touch, count):
 
 @kernel
 def _is_away(bounds, grid):
-    """Whether a box (6,) is outside of all cubes."""
+    """Return whether a box (6,) is outside of all cubes."""
     for k in range(3):
         end = grid.origin[k] + grid.edge * grid.cubes[k]
         if bounds[3 + k] < grid.origin[k] or bounds[k] > end:

@@ -86,7 +86,7 @@ def make_mixing(size: int) -> Mixing:
 
 
 class Found(NamedTuple):
-    """What came of settling, (F,): Newton's status or NO_REST, and Newton's iterations."""
+    """Result of settling, (F,): Newton's status or NO_REST, and Newton's iterations."""
 
     status: Array
     iterations: Array
@@ -117,7 +117,7 @@ def _clear(array):
 
 @kernel
 def _blows(loads, f):
-    """Whether there is any wind at feather f."""
+    """Return whether there is any wind at feather f."""
     for k in range(3):
         if loads.wind_mean[f, k] != 0.0:
             return True
@@ -267,7 +267,8 @@ def _mix(model, loads, f, goal, state, found, mixing, work):
 
 @kernel
 def _has_stayed(nodes, before, goal):
-    """Whether no coordinate is further from where it was than a step may be from its solution."""
+    """Return whether no coordinate is further from where it was than a step may be from its
+    solution."""
     _, tolerance = goal
     own, stayed = nodes.flat, True
     for i in range(nodes.size):

@@ -65,8 +65,8 @@ def _along(normal, place, line):
 
 @kernel
 def _slopes(direction, place, held, work, slopes):
-    """How far a node goes in a direction with each increment of its row and side, in the matrix's
-    coordinates (w,); not with those of a root that is held."""
+    """Compute how far a node goes in a direction with each increment of its row and side, in the
+    matrix's coordinates (w,); not with those of a root that is held."""
     lines = work.jacobian[place[0], place[1]]
     for a in range(lines.shape[0]):
         slopes[a] = _along(direction, place, lines[a])
@@ -160,7 +160,7 @@ def take_for_linear(model, contacts, f, fraction, points, work):
 
 @kernel
 def _go(step, jacobian, closing):
-    """How far a step (N,) moves the nodes of all barbs, m: to closing.nodes (n, 2, 3 S)."""
+    """Compute how far a step (N,) moves the nodes of all barbs, m: to closing.nodes (n, 2, 3 S)."""
     nodes, own = closing.nodes, closing.slopes[0]
     nodes[:] = 0.0
     for i in range(jacobian.shape[0]):

@@ -137,7 +137,8 @@ def _cell_lag(cell, before, stiffness, hooked):
 
 @kernel
 def damped_energy(model, f, strains, reference, gaps, strain_rate, h):
-    """What damping takes in a step of h (s) that ends at strains, J: h sum k tau (ds/dt)^2.
+    """Return the energy that damping takes in a step of h (s) that ends at strains, J: h sum k tau
+    (ds/dt)^2.
 
     strain_rate: of the integrator, ds/dt = strain_rate (s - s_r). Others as elastic_energy.
     """

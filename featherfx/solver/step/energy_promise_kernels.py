@@ -42,7 +42,7 @@ NO_DRIFT = 0.0, 0.0, 0.0
 
 
 class Promise(NamedTuple):
-    """What the steps of a frame may not gain.
+    """Bound on the energy of a feather in the steps of a frame.
 
     alone: whether anything is promised. drift: (x, y, z) m/s, velocity of the root. rounding: J, by
     which round-off may raise the energy. energy: T + U now, J; most: that a step may end with.
@@ -65,7 +65,7 @@ def _any(values):
 
 @kernel
 def _evenly(path):
-    """Whether a root path (K, 6) is straight, without turns and at one speed."""
+    """Return whether a root path (K, 6) is straight, without turns and at one speed."""
     count, size = path.shape[0], 0.0
     for k in range(3):
         size = max(size, abs(path[0, k]), abs(path[count - 1, k]))
@@ -79,7 +79,8 @@ def _evenly(path):
 
 @kernel
 def left_alone(model, loads, f, path, duration):
-    """Whether no work is done on feather f in a frame, and the velocity d of its root (m/s).
+    """Return whether no work is done on feather f in a frame; return also the velocity d of its
+    root (m/s).
 
     path: (K, 6) of the root (root_path); duration: s, of the frame. A free feather is never
     taken as left alone: smaller velocities would change its momenta.
@@ -186,7 +187,7 @@ def held_sums(mass, drift, motion):
 
 @kernel
 def held_energy(model, f, h, drift, state):
-    """What the accelerations of feather f may give back in a step of h (s), J."""
+    """Return the energy that the accelerations of feather f may give back in a step of h (s), J."""
     square, lag = held_sums(model.mass[f], drift, motion_of(state, f, NODES))
     turning = held_sums(model.rotary_inertia[f], NO_DRIFT, motion_of(state, f, DIRECTORS))
     return 0.125 * h * h * (square + turning[0]) + 0.25 * h * abs(lag + turning[1])

@@ -163,8 +163,8 @@ def _place(model, f, path, attempt, state, work):
 
 @kernel
 def _weights(h, radius, before):
-    """Of the strains' difference: that over two steps may put energy into strains that relax within
-    a step."""
+    """Return the weights of the strains' difference: that over two steps may put energy into
+    strains that relax within a step."""
     return difference_weights(h, 0.0 if radius == EULER else before)
 
 
@@ -188,7 +188,7 @@ def _predict(model, loads, f, path, attempt, state, work):
 
 @kernel
 def _goal_of(model, f, attempt, settings):
-    """How far Newton goes."""
+    """Return how far Newton goes."""
     firm = attempt.way != GO_ON
     if model.held[f]:
         return Goal(settings.newton, attempt.limit, attempt.pace, firm)

@@ -1,4 +1,4 @@
-"""What a step does to the gaps between barbs: they slip, grow weaker, and open.
+"""Gaps between barbs after a step: they slip, grow weaker, and open.
 
 Within a step hooks only slip, so that its energy is convex. Afterwards gaps that have reached the
 strength give way: in proportion to their slip where their triangle holds less than the opening
@@ -103,7 +103,8 @@ def _normal(points, side, i, j, half):
 
 @kernel
 def _passes(first, second, least):
-    """Whether a normal turns over from one to another and is shorter than the least between."""
+    """Return whether a normal turns over from one to another and is shorter than the least
+    between."""
     change = sub(second, first)
     if dot(first, second) >= 0.0:
         return False
@@ -113,7 +114,7 @@ def _passes(first, second, least):
 
 @kernel
 def barbs_pass(model, f, before, after, cell, gaps):
-    """Whether barbs that nothing joins pass through each other on their way between two poses.
+    """Return whether loose barbs pass through each other on their way between two poses.
 
     before, after: nodes (n, 1 + 2 m, 3). cell: strains of the latter. gaps: at the step's start.
     """
@@ -143,7 +144,7 @@ def _distance(strain):
 
 @kernel
 def _has_slipped(slip, before):
-    """Whether a slip, (2,), is another one than before."""
+    """Return whether a slip, (2,), is another one than before."""
     return slip[0] != before[0] or slip[1] != before[1]
 
 
@@ -165,7 +166,7 @@ def _stored(stiffness, strain, slip):
 
 @kernel
 def _is_brittle(hooks, f, place, stiffness):
-    """Whether a triangle at its strength holds more energy than its opening costs.
+    """Return whether a triangle at its strength holds more energy than its opening costs.
 
     place: (side, i, j, half). stiffness: (2,) J.
     """

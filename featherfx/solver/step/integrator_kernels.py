@@ -36,7 +36,7 @@ class Integrator(NamedTuple):
 
 
 class Factors(NamedTuple):
-    """What a step's energy takes from the integrator: inertia (1/s^2), rate of velocities and
+    """Factors of the integrator in a step's energy: inertia (1/s^2), rate of velocities and
     strain_rate of strains (1/s)."""
 
     inertia: float

@@ -88,10 +88,10 @@ FORGET = 0.8
 
 
 class Pace(NamedTuple):
-    """How moves shrink: with a new matrix the second over the first (shrink, 1 where it is not
-    known), and that first one (m); with the matrix that is kept each over the one before (kept),
-    and the longer of the two (longest, m). Of that matrix, the inertia (1/s^2, 0 where there is
-    none), and its pairs of secants."""
+    """Convergence of Newton's moves in the last steps: with a new matrix the second over the first
+    (shrink, 1 where it is not known), and that first one (m); with the reused matrix each over the
+    one before (kept), and the longer of the two (longest, m). Of that matrix, the inertia (1/s^2, 0
+    where there is none), and its pairs of secants."""
 
     shrink: float
     first: float
@@ -132,9 +132,10 @@ def keep_pace(pace, numbers):
 
 
 class Goal(NamedTuple):
-    """How far minimise goes: the distance from the minimum that counts as converged (tolerance, m),
-    most iterations (limit), the Pace of the step before; and whether a matrix that is too far from
-    the energy is made stiffer before inertia is added, and increments are halved (firm)."""
+    """End of a Newton solve: the distance from the minimum that counts as converged (tolerance, m),
+    most iterations (limit), the convergence of the step before; and whether a matrix that is too
+    far from the energy is made stiffer before inertia is added, and increments are halved (firm).
+    """
 
     tolerance: float
     limit: int
@@ -143,8 +144,8 @@ class Goal(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """What minimise did: status, Newton iterations, those of them with a new matrix, distance from
-    the minimum as estimated (move, m), the Pace."""
+    """Result of minimise: status, Newton iterations, those of them with a new matrix, estimated
+    distance from the minimum (move, m), the convergence."""
 
     status: int
     iterations: int
@@ -223,8 +224,8 @@ def _factorised(model, loads, f, fraction, factors, last, before, work):
 
 @kernel
 def _stiffer(shift, firm):
-    """What to ask for after a matrix with a shift that was too far from the energy: inertia, then
-    more of it; if firm, after the whole one its stabilising part first."""
+    """Return what to ask for after a matrix with a shift that was too far from the energy: inertia,
+    then more of it; if firm, after the whole one its stabilising part first."""
     if shift == 0.0 and firm:
         return ALONE
     return GROWTH * GROWTH * max(shift, FIRST_SHIFT)
@@ -232,7 +233,7 @@ def _stiffer(shift, firm):
 
 @kernel
 def _slope(gradient, step):
-    """Of the energy along a step (N,), J, by minus the gradient (N,)."""
+    """Return the slope of the energy along a step (N,), J, by minus the gradient (N,)."""
     slope = 0.0
     for k in range(step.shape[0]):
         slope -= gradient[k] * step[k]
@@ -252,8 +253,8 @@ def _nearer(scale, gain, slope):
 
 @kernel
 def _largest_turn(shapes, rows, step):
-    """What a step (N,) turns no joint of a barb by more than, out of the vane or within it, rad.
-    shapes: (C, m)."""
+    """Return an upper bound of how far a step (N,) turns a joint of a barb, out of the vane or
+    within it, rad."""
     count, total = shapes.shape[0], 0.0
     for c in range(count):
         share, largest = 0.0, 0.0
@@ -310,7 +311,7 @@ def _first_left(move, reused, pace):
 
 @kernel
 def _serves(pace, inertia):
-    """Whether the matrix of a Pace serves a step of such inertia (1/s^2)."""
+    """Return whether the matrix of a convergence history serves a step of such inertia (1/s^2)."""
     alike = inertia < ALIKE * pace.inertia and pace.inertia < ALIKE * inertia
     return alike and (pace.kept < SLOW or pace.kept == 1.0)
 

@@ -1,4 +1,4 @@
-"""What becomes of a step that was tried: it is taken, or tried once more in another way.
+"""Step-size control and fallbacks after a rejected or failed step.
 
 A step is tried from the predicted pose, then from the rigidly moved one, then by implicit Euler,
 and is then cut. Where the last two fail the way of the root and the step's inertia are put on in
@@ -59,7 +59,7 @@ EVEN, AS_SHORT = 0.999, 1.01
 
 
 class StepSettings(NamedTuple):
-    """How a feather goes through one frame.
+    """Settings of one feather's steps through one frame.
 
     duration: s, of the frame. shortest: s, of a frame in as many even steps as it may have.
     spectral_radius: of the integrator.
@@ -127,9 +127,9 @@ class Attempt(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What came of it: status, Newton iterations and those of them with a new matrix, distance from
-    the solution (move, m), the part of its velocities that it keeps and its energy (J,
-    energy_promise_kernels), the Pace.
+    """Result of an attempt: status, Newton iterations and those of them with a new matrix, distance
+    from the solution (move, m), the part of its velocities that it keeps and its energy (J,
+    energy_promise_kernels), the convergence.
 
     error: m, local error. Whether loose barbs passed through each other, and how far hooks slipped,
     over the most that a step should (gap_kernels), shorten a step as an error does (excess, m).
@@ -169,8 +169,8 @@ def count_try(report, f, verdict, attempt, outcome, settings):
 
 @kernel
 def work_of(outcome):
-    """What a try has cost, in Newton iterations with a new matrix each; one with a matrix at hand
-    costs a quarter of that."""
+    """Return the cost of an attempt, in Newton iterations with a new matrix each; one with a matrix
+    at hand costs a quarter of that."""
     return max(1, (outcome.iterations + 3 * outcome.matrices) // 4)
 
 
@@ -204,8 +204,8 @@ def parts_now(settings, way, left, held):
 
 @kernel
 def _urgency(settings, left):
-    """How much the end of a frame with so much work left presses: 0 until half is spent, 1 until
-    three quarters are, then 2."""
+    """Return how much the end of a frame with so much work left presses: 0 until half is spent, 1
+    until three quarters are, then 2."""
     if 2 * left >= settings.most_iterations:
         return 0
     return 1 if 4 * left >= settings.most_iterations else 2
@@ -252,7 +252,7 @@ def _length_for(error, tolerance, step, least, most):
 
 @kernel
 def judge(h, first, attempt, outcome, settings):
-    """What becomes of a try: (TAKEN, REJECTED or FAILED, next wanted length h, next way).
+    """Judge an attempt: (TAKEN, REJECTED or FAILED, next wanted length h, next way).
 
     h: s, wanted length, the one tried may be shorter. first: way of a fresh step. The next h is 0
     where a step cannot be cut further.

@@ -1,4 +1,4 @@
-"""Where a root is within a frame: a polynomial through samples of its path.
+"""Place of a root within a frame: a polynomial through samples of its path.
 
 A path is (K, 6): position (m) and rotation vector relative to the frame's first sample (rad) at K
 evenly spaced fractions of the frame; the rotation vectors are unwrapped, so that a root may spin

@@ -1,4 +1,4 @@
-"""Where the roots of a batch are led during a frame."""
+"""Paths of the roots of a batch during a frame."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 class RootPath(NamedTuple):
-    """Where the roots go during a frame.
+    """Paths of the roots during a frame.
 
     samples: (F, K, 6) position (m) and rotation vector (rad) relative to the first sample, at K
     evenly spaced fractions of the frame. base: (F, 4) quaternion of the first sample.

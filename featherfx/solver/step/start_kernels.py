@@ -79,7 +79,7 @@ def start_acceleration(model, loads, f, path, settings, state, work):
 
 @kernel
 def _factors(h):
-    """Of an implicit Euler step of h (s)."""
+    """Return the factors of an implicit Euler step of h (s)."""
     return Factors(1.0 / (h * h), 1.0 / h, 1.0 / h)
 
 
@@ -125,7 +125,7 @@ def _moves(rates):
 
 @kernel
 def _goes(samples):
-    """Whether a path (K, 6) is not one and the same place."""
+    """Return whether a path (K, 6) is not one and the same place."""
     goes = False
     for i in range(samples.shape[0]):
         for k in range(6):
@@ -135,7 +135,7 @@ def _goes(samples):
 
 @kernel
 def _go_on(points, h, velocity, to):
-    """Where points would be after h (s), to others."""
+    """Write where points would be after h (s), to others."""
     for part in range(2):
         x, v, out = points[part].flat, velocity[part].flat, to[part].flat
         for i in range(points[part].size):
@@ -144,7 +144,7 @@ def _go_on(points, h, velocity, to):
 
 @kernel
 def _rates_of(points, target, square, to):
-    """How far points are from a target, over h^2 (s^2), to rates."""
+    """Write how far points are from a target, over h^2 (s^2), to rates."""
     for part in range(2):
         x, y, out = points[part].flat, target[part].flat, to[part].flat
         for i in range(points[part].size):

@@ -204,7 +204,8 @@ def _add_products(barb, product, band, first, stride, shift):
 
 @kernel
 def _add_within_row(sums, band, first, stride, shift):
-    """What _add_products found for one row, sums (w, w), and its transpose, to band as there."""
+    """Add what _add_products found for one row, sums (w, w), and its transpose, to band as
+    there."""
     wide = sums.shape[0]
     for b in range(wide):
         at = first + (b + (shift if b >= 6 else 0)) * stride

@@ -24,7 +24,8 @@ def _add(block, j, weight, left, right):
 
 @kernel
 def _add_square(blocks, i, j, weight, slopes):
-    """What a strain of hinge j on row i's barb adds to the blocks (n, 6, 3, 3 S) of its side.
+    """Add the square of a strain of hinge j on row i's barb to the blocks (n, 6, 3, 3 S) of its
+    side.
 
     slopes: (4, 3), its gradient by nodes.
     """
@@ -55,7 +56,7 @@ def _damped_slopes(corners, rest, openness, lag, single):
 
 @kernel
 def add_crushed_hinges(model, f, damping, strains, around, vane):
-    """What damping of crushed hinges of feather f adds to vane.blocks.
+    """Add the damping of crushed hinges of feather f to vane.blocks.
 
     strains: of the pose whose nodes are in vane.nodes. around: Surroundings.
     """

@@ -29,7 +29,8 @@ HINGE_WEIGHT, HINGE_STRESS, FOLD = 12 * LANES, 13 * LANES, 14 * LANES
 
 @kernel
 def block_of(j, size):
-    """Where the block of cell j begins, of blocks of so many numbers; one of zeros comes first."""
+    """Return where the block of cell j begins, of blocks of so many numbers; one of zeros comes
+    first."""
     return (j // LANES + 1) * size
 
 

@@ -1,4 +1,4 @@
-"""Which pairs of nodes a vane couples, and which of their stiffness is wanted."""
+"""Pairs of nodes that a vane couples, and kinds of their stiffness."""
 
 from featherfx.jit.compiled import kernel
 
