@@ -21,16 +21,16 @@ from featherfx.feather.build import build_feather
 from featherfx.jit.compiled import kernel
 from featherfx.lab.bench.shake import root_paths, swan_primary
 from featherfx.mechanics.batch import make_model
-from featherfx.mechanics.model import no_loads, wind_of_each
+from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.solver.solver import Settings, Solver, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.integrator_kernels import Factors, integrator_of
+from featherfx.solver.step.integrator_kernels import IntegratorFactors, integrator_of
 from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import add_increment, barb_jacobians
 from featherfx.solver.vane.assembly_kernels import add_rows
-from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, WHOLE
+from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, WHOLE_STIFFNESS
 
 FEATHERS = {"hero": (41, 10, 2), "production": (21, 6, 2)}
 STEP, STEPS = 1.0 / 384.0, 40
@@ -124,20 +124,20 @@ def measure(name: str) -> None:
     n, m, c = FEATHERS[name]
     kind = swan_primary()
     model = with_damping(make_model([build_feather(kind, n, m)], [kind], c), [kind])
-    loads = wind_of_each(no_loads(1), 1)
+    loads = expand_wind(no_loads(1), 1)
     state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
     solver = Solver(model, Settings(1e30, 1e-6, 1, 0.8))
     for k in range(STEPS):
         state, _ = solver.step(state, no_loads(1), root_paths(k * STEP, (k + 1) * STEP, 1), STEP)
     work, integrator = solver._work(), integrator_of(0.8, STEP)
-    factors = Factors(integrator.inertia, integrator.rate, 1.0 / STEP)
+    factors = IntegratorFactors(integrator.inertia, integrator.rate, 1.0 / STEP)
     size, width = work.system.band.shape
-    assemble(model, loads, 0, 0.0, factors, WHOLE, 0.0, work)
+    assemble(model, loads, 0, 0.0, factors, WHOLE_STIFFNESS, 0.0, work)
     band, right = work.system.band.copy(), work.system.right.copy()
     copied = microseconds(lambda k: _copies(k, band, work.system))
     found = {
         "whole assembly": (
-            microseconds(lambda k: _assemblies(k, WHOLE, model, loads, factors, work)),
+            microseconds(lambda k: _assemblies(k, WHOLE_STIFFNESS, model, loads, factors, work)),
             None,
         ),
         "of it K J and products with J": (

@@ -19,7 +19,7 @@ from pxr import Usd, UsdGeom, Vt
 from featherfx.api import read_groom, scene_readers
 from featherfx.baking.pipeline import export_groom
 from featherfx.errors import InputWarning
-from featherfx.feather.layout.layout import laid_out, measured
+from featherfx.feather.layout.layout import laid_out, measure_layout
 from featherfx.groom.read.read import read_groom as read_placed
 
 REGION = """
@@ -86,7 +86,7 @@ def main() -> None:
         print(f"{count} feathers, load {os.getloadavg()[0]:.1f}")
         read_groom(groom)  # compiles
         placed = timed("scatter", lambda: read_placed(groom, (), scene_readers()))
-        before = measured(placed)
+        before = measure_layout(placed)
         _, report = timed("layout", lambda: laid_out(placed))
         for name, found in (("before", before), ("after", report)):
             through = int((found.gaps < 0).sum())

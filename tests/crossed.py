@@ -4,7 +4,7 @@ import numpy as np
 
 from featherfx.feather.crossings import crossings_of, patches_of
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import RACHIS
+from featherfx.feather.types import RACHIS_PART
 
 
 def crossed(feathers, rows=41, columns=10):
@@ -14,7 +14,7 @@ def crossed(feathers, rows=41, columns=10):
         zip(feathers, feathers_of(feathers, rows, columns), strict=True)
     ):
         surface = built.surface
-        faces = surface.triangles[surface.part != RACHIS]
+        faces = surface.triangles[surface.part != RACHIS_PART]
         at = place.position + surface.points(built.rest) @ np.asarray(place.rotation).T
         parts.append((at, faces, np.zeros(len(faces), bool), number))
         points.append(at)

@@ -9,7 +9,7 @@ from places import SAMPLES
 
 from featherfx.feather.crossings import crossings_of, patches_of
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import RACHIS
+from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.types import Placement
 from featherfx.shot.layers import layers
 from featherfx.shot.read.read import read_shot
@@ -86,7 +86,7 @@ def crossings(shot: Shot, frame) -> int:
     meshes, offset = [], []
     for k, (feather, pose) in enumerate(zip(feathers, frame.poses, strict=True)):
         surface = feather.surface
-        vanes = surface.triangles[surface.part != RACHIS]
+        vanes = surface.triangles[surface.part != RACHIS_PART]
         offset.append(surface.points(pose.points))
         meshes.append((offset[-1], vanes, np.zeros(len(vanes), dtype=bool), k))
     return int(crossings_of(np.concatenate(offset), patches_of(meshes)).vanes.sum())

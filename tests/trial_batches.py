@@ -158,8 +158,8 @@ def assembled(
     The Hessian is left in work.system.band.
     """
     from featherfx.solver.step.assembly_kernels import assemble
-    from featherfx.solver.vane.pairs_kernels import STABILISING, WHOLE
+    from featherfx.solver.vane.pairs_kernels import STABILISING_STIFFNESS, WHOLE_STIFFNESS
 
-    wanted = WHOLE if signed else STABILISING
+    wanted = WHOLE_STIFFNESS if signed else STABILISING_STIFFNESS
     assemble(model, loads, 0, fraction, factors, wanted, 0.0, work)
     return -work.system.right.copy()

@@ -14,11 +14,11 @@ from matplotlib.collections import LineCollection, PolyCollection
 from PIL import Image
 
 from featherfx.feather.build import build_feather
-from featherfx.feather.types import LEADING, RACHIS, TRAILING, Feather
+from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, Feather
 from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 
-COLOURS = {LEADING: "#1f6fb4", TRAILING: "#c4502c", RACHIS: "#3c3a36"}
+COLOURS = {LEADING: "#1f6fb4", TRAILING: "#c4502c", RACHIS_PART: "#3c3a36"}
 KIND = FeatherKind(
     name="swan primary",
     length=0.35,
@@ -56,7 +56,7 @@ def draw_feather(axes: plt.Axes, feather: Feather, nodes: bool) -> None:
         if nodes:
             axes.plot(*barbs.reshape(-1, 2).T, "o", color=COLOURS[side], ms=3.5)
     rachis = 100.0 * feather.points[:, 0, :2]
-    axes.plot(*rachis.T, color=COLOURS[RACHIS], lw=2.0, marker="o" if nodes else "", ms=5)
+    axes.plot(*rachis.T, color=COLOURS[RACHIS_PART], lw=2.0, marker="o" if nodes else "", ms=5)
     axes.set_aspect("equal")
     axes.axis("off")
 

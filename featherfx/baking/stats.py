@@ -19,7 +19,7 @@ from featherfx.baking.entries import entries_of
 from featherfx.baking.trial import expected, time_of, work_of
 from featherfx.errors import InputWarning, all_of
 from featherfx.feather.build import repeated_shapes
-from featherfx.feather.layout.layout import cover, measured
+from featherfx.feather.layout.layout import cover, measure_layout
 from featherfx.feather.shapes import feathers_of
 from featherfx.groom.types import Groom
 from featherfx.phases import account
@@ -82,7 +82,7 @@ def _is_shot(path: Path) -> bool:
 
 def _of_groom(groom: Groom, quality: Quality) -> dict[str, Any]:
     first, shapes = repeated_shapes(groom.feathers)
-    report = measured(groom)
+    report = measure_layout(groom)
     lengths = [feather.kind.length for feather in groom.feathers]
     used = Counter(shapes)
     built = feathers_of([groom.feathers[k] for k in first], quality.rows, quality.columns)

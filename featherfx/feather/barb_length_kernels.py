@@ -7,8 +7,8 @@ rest, L:
     (f e)'  = f (e' - a e)
     (f e)'' = f (e'' - 2 a e' + (3 a^2 - b) e)
 
-so that positions and rates belong together. Pieces that are off by more than MOST times, as of
-barbs that lie against each other, are scaled by that alone.
+so that positions and rates belong together. Pieces that are off by more than _MAX_STRETCH times, as
+of barbs that lie against each other, are scaled by that alone.
 """
 
 from math import sqrt
@@ -16,7 +16,7 @@ from math import sqrt
 from featherfx.algebra.vec3_kernels import add, combined, dot, scale, store, sub
 from featherfx.jit.compiled import kernel
 
-MOST = 4.0
+_MAX_STRETCH = 4.0
 
 
 @kernel
@@ -41,11 +41,11 @@ def keep_lengths(pieces, nodes, rates, seconds):
                 length, square = pieces[i, j - 1], dot(e, e)
                 if length > 0.0 and square > 0.0:
                     f = length / sqrt(square)
-                    if f < MOST and f > 1.0 / MOST:
+                    if f < _MAX_STRETCH and f > 1.0 / _MAX_STRETCH:
                         a, b = dot(e, e1) / square, (dot(e1, e1) + dot(e, e2)) / square
                         e2 = combined(1.0, combined(1.0, e2, -2.0 * a, e1), 3.0 * a * a - b, e)
                         e1 = combined(1.0, e1, -a, e)
-                    f = min(max(f, 1.0 / MOST), MOST)
+                    f = min(max(f, 1.0 / _MAX_STRETCH), _MAX_STRETCH)
                     e, e1, e2 = scale(f, e), scale(f, e1), scale(f, e2)
                 after, after1, after2 = add(after, e), add(after1, e1), add(after2, e2)
                 store(nodes[i, j], after)

@@ -83,7 +83,7 @@ def _dressed(
     )
 
 
-class Draws(NamedTuple):
+class RandomDraws(NamedTuple):
     """Random draws of B barbs. lengths: (B, 1) parts l that are left. waves: (B, 1) numbers w of
     them along a barb. phases: (2, B, 1) rad, a and b."""
 
@@ -92,10 +92,10 @@ class Draws(NamedTuple):
     phases: Array
 
 
-def draws_of(look: BarbLook, draw: int, count: int) -> Draws:
+def draws_of(look: BarbLook, draw: int, count: int) -> RandomDraws:
     """A draw for so many barbs."""
     random, each = np.random.default_rng([look.seed, draw]), (count, 1)
-    return Draws(
+    return RandomDraws(
         lengths=1.0 - look.jitter * random.uniform(size=each),
         waves=look.frizz_waves * random.uniform(2.0 / 3.0, 4.0 / 3.0, each),
         phases=random.uniform(0.0, 2.0 * np.pi, (2, *each)),

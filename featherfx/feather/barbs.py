@@ -38,7 +38,7 @@ from featherfx.groom.types import BarbGuide, FeatherKind
 
 # Shares of the feather's length: shorter barbs are dropped, and this much of a barb may bulge
 # over the outline between its root and its end.
-SHORTEST_BARB = 1e-3
+_MIN_BARB_LENGTH = 1e-3
 _LARGEST_BULGE = 0.02
 # until points of a barb that is no arc are equally far apart, to about 1e-4 of it
 _CHORD_ROUNDS = 6
@@ -132,7 +132,7 @@ def trace_barbs(
     if vane.rounded_base > 0.0:
         begin = max(vane.outline[0][0], 0.0)
         arc_length = arc_length * opening((x / vane_length - begin) / vane.rounded_base)
-    kept = (x >= 0.0) & ~backward & (arc_length >= SHORTEST_BARB * kind.length)
+    kept = (x >= 0.0) & ~backward & (arc_length >= _MIN_BARB_LENGTH * kind.length)
     barbs = _place(shapes, np.where(kept, arc_length, 0.0), x, turning, columns)
     return barbs, messages + _bulges(barbs, curve, x / vane_length, kind.length)
 
@@ -143,7 +143,7 @@ def _splay(
     """(n,) rad, curl that splits add to barbs with roots at x (n,) m; angles: as in _place."""
     straight = angles[0] - 0.5 * angles[1]
     length = ray_lengths(curve, x, straight, 1e-9 * kind.length)
-    grown = (x >= 0.0) & (length >= SHORTEST_BARB * kind.length)
+    grown = (x >= 0.0) & (length >= _MIN_BARB_LENGTH * kind.length)
     strips = strips_of(splits, x / ((1.0 - kind.calamus) * kind.length), grown)
     across = np.concatenate(([0.0], np.cumsum(np.diff(x) * np.sin(straight[1:]))))
     return splay(strips, across, np.where(grown, length, 0.0), kind.length)

@@ -20,8 +20,8 @@ from featherfx.feather.types import (
     TRAILING,
     Array,
     Feather,
+    FeatherSurface,
     RowPoints,
-    Surface,
     barb_slice,
 )
 from featherfx.feather.vane import barb_span, build_vane
@@ -194,7 +194,7 @@ def mirror_feather(feather: Feather) -> Feather:
     return replace(feather, rest=rest, surface=surface, unsplit=unsplit)
 
 
-def _mirror_surface(surface: Surface) -> Surface:
+def _mirror_surface(surface: FeatherSurface) -> FeatherSurface:
     return replace(
         surface,
         offset=_positive_zeros(surface.offset * [-1.0, 1.0]),

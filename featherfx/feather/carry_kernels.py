@@ -14,7 +14,7 @@ from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.jit.views import shaped, viewed
 
 
-class Moving(NamedTuple):
+class MovingPoints(NamedTuple):
     """Points of a feather and their first two rates; of several with an axis in front."""
 
     points: RowPoints
@@ -22,7 +22,7 @@ class Moving(NamedTuple):
     accelerations: RowPoints
 
 
-class Way(NamedTuple):
+class RowMapArrays(NamedTuple):
     """A RowMap as kernels take it."""
 
     nodes: Rows
@@ -31,12 +31,12 @@ class Way(NamedTuple):
 
 
 # of a line of what is carried: points, first and second rates, a vector of the processor for each
-WIDE = 3 * LANES
+LINE_WIDTH = 3 * LANES
 
 
 @kernel
 def _put_in_lines(values, part, first, lines):
-    """Vectors values (n, p, 3) as a part of lines (K, WIDE) from first on."""
+    """Vectors values (n, p, 3) as a part of lines (K, LINE_WIDTH) from first on."""
     count = values.shape[1]
     for i in range(values.shape[0]):
         for p in range(count):
@@ -52,7 +52,7 @@ def _put_points(nodes, directors, part, lines):
 
 @loop_kernel
 def _multiply(weights, columns, first, lines, points, velocities, accelerations):
-    """Rows of a map times lines (K, WIDE), to flat arrays of vectors."""
+    """Rows of a map times lines (K, LINE_WIDTH), to flat arrays of vectors."""
     for r in range(first.shape[0] - 1):
         x, v, a = spread(0.0), spread(0.0), spread(0.0)
         for k in range(first[r], first[r + 1]):
@@ -74,10 +74,11 @@ def _carry_part(rows, lines, points, velocities, accelerations):
 
 
 @kernel
-def carry(way, moving, lines, found):
-    """Moving of a feather on another grid, its barbs as long as at rest.
+def carry_feather(way, moving, lines, found):
+    """Carry points and rates of a feather to another grid, its barbs as long as at rest.
 
-    way: Way to it. lines: (K, WIDE) scratch, zero, K nodes and directors. found: Moving, written.
+    way: RowMapArrays. lines: (K, LINE_WIDTH) scratch, zero, K nodes and directors. found:
+    MovingPoints, written.
     """
     at, rate, second = moving.points, moving.velocities, moving.accelerations
     _put_points(at.nodes, at.directors, 0, lines)
@@ -96,15 +97,15 @@ def _one_of(points, f):
 
 @kernel
 def _moving_of(moving, f):
-    return Moving(
+    return MovingPoints(
         _one_of(moving.points, f), _one_of(moving.velocities, f), _one_of(moving.accelerations, f)
     )
 
 
 @kernel
-def carry_some(ways, feathers, moving, lines, found):
+def carry_feathers(ways, feathers, moving, lines, found):
     """As carry, of some feathers (K,) of a batch: each its own way of ways (Views), and to place
     after place of found."""
     for k in range(feathers.shape[0]):
         f = feathers[k]
-        carry(viewed(ways, f), _moving_of(moving, f), lines, _moving_of(found, k))
+        carry_feather(viewed(ways, f), _moving_of(moving, f), lines, _moving_of(found, k))

@@ -24,19 +24,19 @@ from featherfx.algebra.ease import faded
 from featherfx.algebra.srgb import linear
 from featherfx.algebra.types import Array
 from featherfx.feather.density import linear_weights
-from featherfx.feather.types import LEADING, RACHIS, TRAILING, BarbCurves, Feather, barb_slice
+from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, BarbCurves, Feather, barb_slice
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import SIZES, Colour, Pattern
 from featherfx.groom.types import FeatherKind
 
 # linear, of keratin without colours
-VANE, SHAFT = (0.80, 0.76, 0.69), (0.42, 0.33, 0.24)
+VANE_COLOUR, RACHIS_COLOUR = (0.80, 0.76, 0.69), (0.42, 0.33, 0.24)
 # of the vanes' colour, what a shaft without one of its own has; chosen by eye
-_SHAFT = 0.55
+_RACHIS_SHADE = 0.55
 
 
 @dataclass(frozen=True)
-class Colours:
+class FeatherColours:
     """Linear colours of one feather: points (V, 3) of its mesh, shaft (3,), barbs (K, 3) of all
     points of its barbs, where these are drawn. film, barb_film: (V,), (K,) m, thickness of what
     shines by interference; None where no feather of the groom has that."""
@@ -50,14 +50,14 @@ class Colours:
 
 def colours_of(
     kind: FeatherKind, feather: Feather, barbs: BarbCurves | None, id: str, film: bool = False
-) -> Colours:
+) -> FeatherColours:
     """Colour a feather of a kind, at any size; id: by which its brightness varies. film: whether
     its thickness is wanted."""
     places, shaft = _mesh_places(feather), _shaft(kind.colour)
     points, light = _vane_colours(kind, places), brightness(kind.colour, id)
-    on_shaft = np.unique(feather.surface.triangles[feather.surface.part == RACHIS])
+    on_shaft = np.unique(feather.surface.triangles[feather.surface.part == RACHIS_PART])
     points[on_shaft] = shaft
-    found = Colours(np.clip(light * points, 0, 1), np.clip(light * shaft, 0, 1))
+    found = FeatherColours(np.clip(light * points, 0, 1), np.clip(light * shaft, 0, 1))
     if film:
         thickness = _film(kind, places)
         thickness[on_shaft] = 0.0
@@ -69,7 +69,7 @@ def colours_of(
     return found
 
 
-def at_nodes(colours: Colours, feather: Feather) -> Array:
+def at_nodes(colours: FeatherColours, feather: Feather) -> Array:
     """(n, 1 + 2 m, 3) linear colours of a feather's nodes, from those of its mesh; of nodes without
     a point that of the shaft."""
     found = np.tile(colours.shaft, (feather.rows, 1 + 2 * feather.columns, 1))
@@ -145,7 +145,7 @@ def _row_places(feather: Feather) -> Array:
 def _vane_colours(kind: FeatherKind, places: Array) -> Array:
     """(P, 3) linear colours at places (P, 4) of _row_places."""
     base = kind.colour.base
-    found = np.tile(VANE if base is None else linear(np.array(base)), (len(places), 1))
+    found = np.tile(VANE_COLOUR if base is None else linear(np.array(base)), (len(places), 1))
     for pattern in kind.colour.patterns:
         cover = pattern.strength * _cover(pattern, kind.calamus, places)[:, None]
         found += cover * (linear(np.array(pattern.colour)) - found)
@@ -165,7 +165,11 @@ def _film(kind: FeatherKind, places: Array) -> Array:
 def _shaft(colour: Colour) -> Array:
     if colour.shaft is not None:
         return linear(np.array(colour.shaft))
-    return np.array(SHAFT) if colour.base is None else _SHAFT * linear(np.array(colour.base))
+    return (
+        np.array(RACHIS_COLOUR)
+        if colour.base is None
+        else _RACHIS_SHADE * linear(np.array(colour.base))
+    )
 
 
 def _cover(pattern: Pattern, calamus: float, places: Array) -> Array:

@@ -14,7 +14,7 @@ from featherfx.algebra.vec3_kernels import sub
 from featherfx.jit.compiled import kernel
 
 # over the sum of the moduli of a determinant's terms
-ROUNDING = 1e-15
+_FLAT_TOLERANCE = 1e-15
 
 
 @kernel
@@ -27,7 +27,7 @@ def orient(a, b, c, d):
     value = (first - second) * w[0] + (third - fourth) * w[1] + (fifth - sixth) * w[2]
     size = (abs(first) + abs(second)) * abs(w[0]) + (abs(third) + abs(fourth)) * abs(w[1])
     size += (abs(fifth) + abs(sixth)) * abs(w[2])
-    if abs(value) <= ROUNDING * size:
+    if abs(value) <= _FLAT_TOLERANCE * size:
         return 0
     return 1 if value > 0.0 else -1
 

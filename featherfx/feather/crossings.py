@@ -18,7 +18,7 @@ from featherfx.feather.crossing_kernels import crossings_between, fit_boxes, nea
 
 # triangles of a patch (63 is what the kernel can take) and patches of a cluster at most; pieces of
 # work for each thread, few at a time in memory
-PATCH, CLUSTER, PIECES = 48, 16, 16
+_PATCH_SIZE, _CLUSTER_SIZE, _PIECES = 48, 16, 16
 # number of the body among the owners; feathers count from 0
 BODY = -1
 
@@ -84,7 +84,7 @@ def patches_of(meshes: Sequence[tuple[Array, Indices, Flags, int]]) -> Patches:
 
 def _cut(middles: Array, some: Indices) -> Iterator[Indices]:
     """Triangles in halves along their longest extent, until few are left."""
-    if len(some) <= PATCH:
+    if len(some) <= _PATCH_SIZE:
         if len(some):
             yield some
         return
@@ -161,7 +161,7 @@ def _clusters(owner: Indices, bounds: Array, asked: Flags | None) -> Clusters:
     """Patches of one owner that follow each other, a few at a time."""
     begin = np.flatnonzero(np.diff(owner, prepend=owner[0] - 1))
     within = np.arange(len(owner)) - np.repeat(begin, np.diff(begin, append=len(owner)))
-    first = np.flatnonzero(within % CLUSTER == 0)
+    first = np.flatnonzero(within % _CLUSTER_SIZE == 0)
     around = np.concatenate(
         [np.minimum.reduceat(bounds[:, :3], first), np.maximum.reduceat(bounds[:, 3:], first)],
         axis=1,
@@ -192,5 +192,5 @@ def _in_pieces(
     pool: ThreadPoolExecutor, count: int, jobs: int, work: Callable[[int, int], Any]
 ) -> list[Any]:
     """Work on the numbers below a count, piece by piece; what it returned, in their order."""
-    ends = np.linspace(0, count, PIECES * jobs + 1).astype(int).tolist()
+    ends = np.linspace(0, count, _PIECES * jobs + 1).astype(int).tolist()
     return list(pool.map(work, ends[:-1], ends[1:]))

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from featherfx.feather.density import hermite_weights
 from featherfx.feather.types import Array, Indices, RowPoints, stacked
 
-STEP = 7.5e-4
-_MOST = 2**30
+_DIFFERENCE_TIME = 7.5e-4
+_MAX_LEVEL = 2**30
 # feathers at once, whose arrays a processor keeps at hand
 _AT_ONCE = 128
 
@@ -85,9 +85,11 @@ def detail_of(
         all_of = stacked(points[some])
         nodes, frames = _led(thin.kept(all_of), stacked(rest[some]), thin)
         steps = (all_of.nodes - nodes) @ frames
-        steps /= (STEP * lengths[some])[:, None, None, None]
+        steps /= (_DIFFERENCE_TIME * lengths[some])[:, None, None, None]
         # what is not finite is refused by its points
-        steps = np.clip(np.nan_to_num(np.rint(steps, out=steps), copy=False), -_MOST, _MOST)
+        steps = np.clip(
+            np.nan_to_num(np.rint(steps, out=steps), copy=False), -_MAX_LEVEL, _MAX_LEVEL
+        )
         found[some] = steps.transpose(0, 3, 1, 2)
     return found
 
@@ -97,7 +99,7 @@ def restored(
 ) -> RowPoints:
     """All nodes and directors of F feathers again, from what is kept of them; as of detail_of."""
     nodes, frames = _led(kept, rest, thin)
-    missed = detail * (STEP * lengths)[:, None, None, None]
+    missed = detail * (_DIFFERENCE_TIME * lengths)[:, None, None, None]
     nodes += np.einsum("frij,fjrn->frni", frames, missed)
     return RowPoints(nodes, np.stack([frames[..., 1], frames[..., 2]], axis=-2))
 

@@ -20,7 +20,7 @@ from featherfx.groom.types import FeatherKind
 
 # shares are not less along the shaft, so that loose barbs are compliant, not apart; what is left of
 # a strip then counts as nothing below this
-_LEAST, _NOTHING = 1e-6, 1e-4
+_MIN_FRACTION, _NOTHING = 1e-6, 1e-4
 
 
 def hooked_fraction(kind: FeatherKind, feather: Feather) -> Array:
@@ -53,7 +53,7 @@ def in_series(curve: Curve, ends: Array) -> Array:
     corners = np.array([place for place, _ in curve])
     inside = (corners > ends[0]) & (corners < ends[-1])
     places = np.unique(np.concatenate([ends, corners[inside]]))
-    share = np.maximum(at_places(curve, places), _LEAST)
+    share = np.maximum(at_places(curve, places), _MIN_FRACTION)
     low, high = np.minimum(share[1:], share[:-1]), np.maximum(share[1:], share[:-1])
     rise = high / low - 1.0
     # of 1 / h where h is linear

@@ -6,7 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from featherfx.feather.carry_kernels import WIDE, Moving, Way, carry, carry_some
+from featherfx.feather.carry_kernels import (
+    LINE_WIDTH,
+    MovingPoints,
+    RowMapArrays,
+    carry_feather,
+    carry_feathers,
+)
 from featherfx.feather.density import density_map
 from featherfx.feather.types import Feather, Indices, RowMap, RowPoints, both
 from featherfx.jit.views import views_of
@@ -20,23 +26,23 @@ def carried(to_fine: RowMap, points: RowPoints) -> RowPoints:
 
 def carried_moving(
     to_fine: RowMap, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
-) -> Moving:
+) -> MovingPoints:
     """The same with their first and second rates."""
     parts = points, velocities, accelerations
-    given = Moving(*(both(np.ascontiguousarray, each) for each in parts))
+    given = MovingPoints(*(both(np.ascontiguousarray, each) for each in parts))
     found = _empty(to_fine)
-    carry(_way(to_fine), given, np.zeros((to_fine.nodes.width, WIDE)), found)
+    carry_feather(_way(to_fine), given, np.zeros((to_fine.nodes.width, LINE_WIDTH)), found)
     return found
 
 
-def _way(to_fine: RowMap) -> Way:
-    return Way(to_fine.nodes.matrix, to_fine.directors.matrix, to_fine.pieces)
+def _way(to_fine: RowMap) -> RowMapArrays:
+    return RowMapArrays(to_fine.nodes.matrix, to_fine.directors.matrix, to_fine.pieces)
 
 
-def _empty(to_fine: RowMap, *before: int) -> Moving:
+def _empty(to_fine: RowMap, *before: int) -> MovingPoints:
     """Room for what is carried, with axes in front."""
     shapes = [(*before, *each.shape) for each in (to_fine.nodes, to_fine.directors)]
-    return Moving(*(RowPoints(*map(np.empty, shapes)) for _ in Moving._fields))
+    return MovingPoints(*(RowPoints(*map(np.empty, shapes)) for _ in MovingPoints._fields))
 
 
 class Carrier:
@@ -48,12 +54,12 @@ class Carrier:
 
     def __call__(
         self, some: Indices, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
-    ) -> Moving:
+    ) -> MovingPoints:
         """As carried_moving, of some (K,) of the feathers that are given (F, ...)."""
         found = _empty(self._first, len(some))
-        lines = np.zeros((self._first.nodes.width, WIDE))
-        given = Moving(points, velocities, accelerations)
-        carry_some(self._ways.views, some, given, lines, found)
+        lines = np.zeros((self._first.nodes.width, LINE_WIDTH))
+        given = MovingPoints(points, velocities, accelerations)
+        carry_feathers(self._ways.views, some, given, lines, found)
         return found
 
 

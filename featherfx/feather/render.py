@@ -11,7 +11,7 @@ from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
 from featherfx.feather.profiles import at_places
-from featherfx.feather.split_edges import Strands
+from featherfx.feather.split_edges import SplitBarbs
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
@@ -80,7 +80,7 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
     if kind.may_part:
         each = (np.repeat(station, len(along)), np.repeat(side, len(along)))
         flat = points.reshape(-1, 3)
-        strands = Strands.of(feather, *each, np.tile(along, len(station)), flat)
+        strands = SplitBarbs.of(feather, *each, np.tile(along, len(station)), flat)
         points = _at_rest(feather, points_map, strands)
     return BarbCurves(
         points=points,
@@ -107,7 +107,7 @@ def _without_splits(kind: FeatherKind) -> FeatherKind:
     return replace(kind, leading=leading, trailing=trailing)
 
 
-def _at_rest(feather: Feather, points_map: PointMap, strands: Strands) -> Array:
+def _at_rest(feather: Feather, points_map: PointMap, strands: SplitBarbs) -> Array:
     """(B, K, 3) m, barbs of a feather whose splits are open."""
     points = points_map(feather.rest)
     if feather.split.size == 0:

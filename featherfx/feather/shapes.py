@@ -13,11 +13,11 @@ import numpy as np
 
 from featherfx.errors import all_of
 from featherfx.feather.build import build_feather, make_read_only, repeated_shapes, scaled
-from featherfx.feather.types import Feather, RowPoints, Surface
+from featherfx.feather.types import Feather, FeatherSurface, RowPoints
 from featherfx.files.disk_cache import Arrays, kept
 from featherfx.groom.types import FeatherKind, Placement
 
-_SURFACE = tuple(each.name for each in fields(Surface))
+_SURFACE = tuple(each.name for each in fields(FeatherSurface))
 _STRUCTURES = "rest", "surface"
 _OWN = tuple(each.name for each in fields(Feather) if each.name not in _STRUCTURES)
 # where the arrays of a feather are
@@ -90,7 +90,7 @@ def _unpacked(arrays: Mapping[str, Any], count: int) -> list[Feather]:
     }
     found = []
     for k in range(count):
-        surface = Surface(**{name: parts[f"surface.{name}"][k] for name in _SURFACE})
+        surface = FeatherSurface(**{name: parts[f"surface.{name}"][k] for name in _SURFACE})
         rest = RowPoints(*(parts[f"rest.{name}"][k] for name in RowPoints._fields))
         own = {name: parts[name][k] for name in _OWN}
         feather = Feather(**own, rest=rest, surface=surface)

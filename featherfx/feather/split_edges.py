@@ -25,11 +25,11 @@ from featherfx.algebra.vectors import dots
 from featherfx.feather.types import Array, Feather, Indices, RowPoints
 
 # s, over which rates of carried points are differenced, of points that move on by their rates
-INSTANT = 1e-5
+_DIFFERENCE_TIME = 1e-5
 
 
 @dataclass(frozen=True)
-class Carried:
+class BarbPoints:
     """Points that go along rigidly with L nodes of barbs.
 
     row, node: (L,) that carry them; before, after: nodes of the row between which its barb runs
@@ -43,14 +43,16 @@ class Carried:
     place: Array
 
     @staticmethod
-    def by(points: RowPoints, row: Indices, side: Indices, column: Indices, at: Array) -> Carried:
+    def by(
+        points: RowPoints, row: Indices, side: Indices, column: Indices, at: Array
+    ) -> BarbPoints:
         """Those that are at places (L, 3) m while rows have these points; column: 0 the root."""
         last = points.nodes.shape[1] // 2
         node, before, after = (
             np.where(c > 0, side * last + c, 0)
             for c in (column, np.maximum(column - 1, 0), np.minimum(column + 1, last))
         )
-        still = Carried(row, node, before, after, np.zeros((len(row), 3)))
+        still = BarbPoints(row, node, before, after, np.zeros((len(row), 3)))
         away = at - points.nodes[row, node]
         return replace(still, place=np.einsum("lki,lk->li", still._frames(points), away))
 
@@ -69,7 +71,7 @@ class Carried:
         return np.stack([along, np.cross(normal, along), normal], axis=-1)
 
 
-def carried_rates(
+def difference_rates(
     carried: Callable[[RowPoints], Array],
     points: RowPoints,
     velocities: RowPoints,
@@ -77,12 +79,12 @@ def carried_rates(
 ) -> Array:
     """(L, 3) velocities of carried points, or their accelerations where those are given."""
     second = velocities if accelerations is None else accelerations
-    curve = 0.0 if accelerations is None else 0.5 * INSTANT**2
+    curve = 0.0 if accelerations is None else 0.5 * _DIFFERENCE_TIME**2
     before, after = (
         carried(
             RowPoints(
                 *(
-                    x + sign * INSTANT * v + curve * a
+                    x + sign * _DIFFERENCE_TIME * v + curve * a
                     for x, v, a in zip(points, velocities, second, strict=True)
                 )
             )
@@ -90,12 +92,12 @@ def carried_rates(
         for sign in (-1.0, 1.0)
     )
     if accelerations is None:
-        return (after - before) / (2.0 * INSTANT)
-    return np.asarray((after - 2.0 * carried(points) + before) / INSTANT**2)
+        return (after - before) / (2.0 * _DIFFERENCE_TIME)
+    return np.asarray((after - 2.0 * carried(points) + before) / _DIFFERENCE_TIME**2)
 
 
 @dataclass(frozen=True)
-class Lips(Carried):
+class SplitEdges(BarbPoints):
     """The L lips of a feather that may part.
 
     point: (L,) of the mesh. cells: (L, 3) triangles of the strip that meet in it, numbers in
@@ -106,14 +108,14 @@ class Lips(Carried):
     cells: Indices
 
     @staticmethod
-    def of(feather: Feather) -> Lips:
+    def of(feather: Feather) -> SplitEdges:
         surface, columns = feather.surface, feather.columns
         point = surface.lips[:, 0]
         row, node = surface.row[point] - 1, surface.node[point]
         side, column = (node - 1) // columns, (node - 1) % columns
 
-        def hanging(rest: RowPoints) -> Carried:
-            return Carried.by(rest, row, side, column + 1, rest.nodes[row + 1, node])
+        def hanging(rest: RowPoints) -> BarbPoints:
+            return BarbPoints.by(rest, row, side, column + 1, rest.nodes[row + 1, node])
 
         own = hanging(feather.rest)
         place = own.place
@@ -121,7 +123,7 @@ class Lips(Carried):
             gapes = feather.split.max(axis=(2, 3), keepdims=True)[side, row, 0]
             place = np.where(gapes, hanging(unsplit(feather)).place, place)
         meeting = _meeting(feather.cell, side, row, column)
-        return Lips(row, node, own.before, own.after, place, point, meeting)
+        return SplitEdges(row, node, own.before, own.after, place, point, meeting)
 
     def open(self, hooked: Array) -> Flags:
         """(L,) which are open, of the hooks (2, n-1, m, 2) of all triangles."""
@@ -134,21 +136,21 @@ def unsplit(feather: Feather) -> RowPoints:
 
 
 @dataclass(frozen=True)
-class Strands:
+class SplitBarbs:
     """P points of barbs that are drawn between the rows of a vane that may part.
 
     near, far: the point as part of the barb below, carried by the nodes on either side of it.
     fraction: (P,) of far. cells: (2, P, 3), triangles that meet in the strip's upper edge at near
-    and far, as in Lips, -1 where that is no part of a strip.
+    and far, as in SplitEdges, -1 where that is no part of a strip.
     """
 
-    near: Carried
-    far: Carried
+    near: BarbPoints
+    far: BarbPoints
     fraction: Array
     cells: Indices
 
     @staticmethod
-    def of(feather: Feather, station: Array, side: Indices, along: Array, at: Array) -> Strands:
+    def of(feather: Feather, station: Array, side: Indices, along: Array, at: Array) -> SplitBarbs:
         """station, along: (P,) share of the shaft and of the barb. at: (P, 3) m, on the vane
         without splits."""
         rest, columns = unsplit(feather), feather.columns
@@ -161,12 +163,12 @@ class Strands:
         row = np.where(grown, row, barbs.argmax(axis=1)[side])
         ends, cells = [], []
         for column in (first, first + 1):
-            ends.append(Carried.by(rest, row, side, column, at))
+            ends.append(BarbPoints.by(rest, row, side, column, at))
             meeting = _meeting(feather.cell, side, row, np.maximum(column - 1, 0))
             cells.append(np.where((grown & (column > 0))[:, None], meeting, -1))
-        return Strands(ends[0], ends[1], along * columns - first, np.stack(cells))
+        return SplitBarbs(ends[0], ends[1], along * columns - first, np.stack(cells))
 
-    def parted(self, hooked: Array) -> Parted | None:
+    def parted(self, hooked: Array) -> SplitMesh | None:
         """Those of which a part goes along with the barb below, of the hooks of all triangles
         (2, n-1, m, 2); None where there are none."""
         near, far = (hooked.ravel()[self.cells] == 0.0).all(axis=2) & (self.cells[..., 0] >= 0)
@@ -175,18 +177,18 @@ class Strands:
         if len(points) == 0:
             return None
         ends = _picked(self.near, points), _picked(self.far, points)
-        return Parted(points, part[points, None], *ends, self.fraction[points, None])
+        return SplitMesh(points, part[points, None], *ends, self.fraction[points, None])
 
 
 @dataclass(frozen=True)
-class Parted:
-    """Q of the points of Strands: numbers; part (Q, 1) of each that goes along with the barb below;
-    near, far and share (Q, 1) as there."""
+class SplitMesh:
+    """Q of the points of SplitBarbs: numbers; part (Q, 1) of each that goes along with the barb
+    below; near, far and share (Q, 1) as there."""
 
     numbers: Indices
     part: Array
-    near: Carried
-    far: Carried
+    near: BarbPoints
+    far: BarbPoints
     fraction: Array
 
     def carried(self, points: RowPoints) -> Array:
@@ -201,8 +203,8 @@ class Parted:
         return result
 
 
-def _picked(carried: Carried, numbers: Indices) -> Carried:
-    return Carried(*(getattr(carried, each.name)[numbers] for each in fields(carried)))
+def _picked(carried: BarbPoints, numbers: Indices) -> BarbPoints:
+    return BarbPoints(*(getattr(carried, each.name)[numbers] for each in fields(carried)))
 
 
 def _meeting(cell: Flags, side: Indices, row: Indices, column: Indices) -> Indices:

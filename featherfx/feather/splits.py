@@ -1,8 +1,8 @@
 """Splits of a vane at rest: which gaps stand open, and how the barbs beside them give way.
 
 A split lies in the strip between the two rows next to its place. At its edges the ends of the barbs
-are moved apart by its width, further away by less, over a distance of SPREAD widths: a barb of
-length L turns by 2 u / L more over its length, so that its end moves by u across it and its root
+are moved apart by its width, further away by less, over a distance of SPLIT_SPREAD widths: a barb
+of length L turns by 2 u / L more over its length, so that its end moves by u across it and its root
 stays. Barbs between two splits are drawn together.
 """
 
@@ -17,7 +17,7 @@ from featherfx.feather.types import Array
 from featherfx.groom.splits import Split
 
 # widths of a split over which the barbs beside it are moved
-SPREAD = 4.0
+SPLIT_SPREAD = 4.0
 
 
 def strips_of(splits: Sequence[Split], place: Array, grown: Flags) -> dict[int, Split]:
@@ -59,6 +59,6 @@ def splay(splits: dict[int, Split], across: Array, length: Array, size: float) -
             continue
         above = np.arange(len(length)) > row
         away = np.where(above, across - across[row + 1], across[row] - across)
-        fading = np.maximum(1.0 - away / (2.0 * SPREAD * half), 0.0)
+        fading = np.maximum(1.0 - away / (2.0 * SPLIT_SPREAD * half), 0.0)
         moved += np.where(above, half, -half) * fading
     return np.divide(2.0 * moved, length, out=np.zeros_like(moved), where=length > 0.0)

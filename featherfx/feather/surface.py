@@ -8,7 +8,15 @@ import numpy as np
 
 from featherfx.algebra.types import Flags
 from featherfx.feather.rachis import Rachis
-from featherfx.feather.types import LEADING, RACHIS, TRAILING, Array, Indices, Surface, barb_slice
+from featherfx.feather.types import (
+    LEADING,
+    RACHIS_PART,
+    TRAILING,
+    Array,
+    FeatherSurface,
+    Indices,
+    barb_slice,
+)
 
 
 def build_surface(
@@ -18,7 +26,7 @@ def build_surface(
     cell: Flags,
     tube_sides: int,
     splits: bool,
-) -> Surface:
+) -> FeatherSurface:
     """Mesh of a feather that is not mirrored.
 
     nodes: (n, 1 + 2 m, 3) m. barb_length: (2, n) m. cell: (2, n - 1, m, 2).
@@ -28,8 +36,8 @@ def build_surface(
     reach = max(float(barb_length.max()), 0.5 * float(rachis.width.max()))
     tube = _tube(nodes[:, 0], rachis, reach, tube_sides)
     tube = replace(tube, triangles=tube.triangles + len(vane.row))
-    both = ((getattr(vane, each.name), getattr(tube, each.name)) for each in fields(Surface))
-    return Surface(*map(np.concatenate, both))
+    both = ((getattr(vane, each.name), getattr(tube, each.name)) for each in fields(FeatherSurface))
+    return FeatherSurface(*map(np.concatenate, both))
 
 
 def vane_surface(
@@ -38,7 +46,7 @@ def vane_surface(
     barb_length: Array,
     cell: Flags,
     splits: bool = False,
-) -> Surface:
+) -> FeatherSurface:
     """Both vanes, which share the rachis points; only points that a triangle uses.
 
     nodes: (n, 1 + 2 m, 3) m. station: (n,) m. barb_length: (2, n) m. cell: (2, n - 1, m, 2).
@@ -57,7 +65,7 @@ def vane_surface(
     used, triangles = np.unique(corners, return_inverse=True)
     row, node = np.divmod(used % size, nodes.shape[1])
     place = np.where(node > columns, columns - node, node)
-    return Surface(
+    return FeatherSurface(
         row=row,
         node=node,
         offset=np.zeros((len(used), 2)),
@@ -102,7 +110,7 @@ def _side_triangles(
     return corners[cell], edges[cell]
 
 
-def _tube(shaft: Array, rachis: Rachis, reach: float, sides: int) -> Surface:
+def _tube(shaft: Array, rachis: Rachis, reach: float, sides: int) -> FeatherSurface:
     """A closed tube: a ring a row and a centre point at either end.
 
     shaft: (n, 3) m, rachis nodes.
@@ -129,12 +137,12 @@ def _tube(shaft: Array, rachis: Rachis, reach: float, sides: int) -> Surface:
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
     ends = np.repeat(rachis.frame[[0, -1], :, 0], sides, axis=0)
     st = np.stack((0.5 + 0.5 * offset[:, 0] / reach, rachis.station[row] / rachis.station[-1]), -1)
-    return Surface(
+    return FeatherSurface(
         row=row,
         node=np.zeros_like(row),
         offset=offset,
         triangles=np.concatenate((walls, base, tip)),
-        part=np.full(len(walls) + 2 * sides, RACHIS),
+        part=np.full(len(walls) + 2 * sides, RACHIS_PART),
         barb_direction=np.concatenate((np.repeat(along, 2 * sides, axis=0), ends)),
         st=st,
     )

@@ -30,7 +30,7 @@ from featherfx.algebra.sparse import Rows
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-LEADING, TRAILING, RACHIS = 0, 1, 2
+LEADING, TRAILING, RACHIS_PART = 0, 1, 2
 
 
 class RowPoints(NamedTuple):
@@ -91,14 +91,14 @@ def barb_slice(side: int, columns: int) -> slice:
 
 
 @dataclass(frozen=True)
-class Surface:
+class FeatherSurface:
     """The mesh of one feather (vanes and a rachis tube), V points, T triangles.
 
     row: (V,) row of each point, and node: (V,) the node of that row that it is, or stands off by
         offset: (V, 2) m along the row's directors; vane points do not, those of the tube do.
     triangles: (T, 3) point indices, counter-clockwise seen from dorsal (vanes) or from outside
         (rachis tube, closed at both ends).
-    part: (T,) LEADING, TRAILING or RACHIS.
+    part: (T,) LEADING, TRAILING or RACHIS_PART.
     barb_direction: (T, 3) unit, rest direction of the triangle's barb, root to end, feather frame
         (rachis triangles: along the shaft).
     st: (V, 2) u from trailing edge (0) over the rachis (0.5) to the leading edge (1), v from
@@ -160,7 +160,7 @@ class Feather:
     barb_length: Array
     barb_span: Array
     cell: NDArray[np.bool_]
-    surface: Surface
+    surface: FeatherSurface
     split: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0, 0, 2), dtype=np.bool_))
     unsplit: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
@@ -214,7 +214,7 @@ class BarbCurves:
 
     points: (B, K, 3) m, at rest, root first. widths: (B, K) m, diameters. side: (B,) LEADING or
     TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface. points_map: from the
-    simulated feather's rows (or rates) to points. strands: split_edges.Strands of the
+    simulated feather's rows (or rates) to points. strands: split_edges.SplitBarbs of the
     points, one curve after the other, of a vane that may part.
     """
 

@@ -37,7 +37,7 @@ from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.row_kernels import node_index
 
 # of the length of both barbs of a row: 0.64 / 3.76
-EVEN = 0.17
+EVEN_BARB_DIFFERENCE = 0.17
 
 
 @kernel
@@ -106,7 +106,7 @@ def _joined(model, f, side, i):
     segment = model.segment[f]
     if segment[side, i] == 0.0 or segment[side, i + 1] == 0.0:
         return 0.0
-    reach = EVEN * model.joints.shape[3]
+    reach = EVEN_BARB_DIFFERENCE * model.joints.shape[3]
     here, there = segment[0, i] + segment[1, i], segment[0, i + 1] + segment[1, i + 1]
     return reach * reach * here * there / model.length[f, i]
 

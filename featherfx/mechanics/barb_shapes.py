@@ -23,15 +23,15 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-FLOOR = 0.05
-SAMPLES = 2000
+MIN_BARB_STIFFNESS = 0.05
+_SAMPLES = 2000
 
 Factors = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 def stiffness_along(taper: float, places: NDArray[np.float64]) -> NDArray[np.float64]:
     """(K,) b at places (K,) of a barb without factors of its own."""
-    return np.maximum((1.0 - places) ** taper, FLOOR)
+    return np.maximum((1.0 - places) ** taper, MIN_BARB_STIFFNESS)
 
 
 def curvature_shapes(
@@ -47,8 +47,8 @@ def curvature_shapes(
     """
     if not count:
         return np.zeros((0, joints))
-    step = 1.0 / SAMPLES
-    s = np.asarray((np.arange(SAMPLES) + 0.5) * step, dtype=np.float64)
+    step = 1.0 / _SAMPLES
+    s = np.asarray((np.arange(_SAMPLES) + 0.5) * step, dtype=np.float64)
     stiffness = stiffness_along(taper, s)
     if factors is not None:
         stiffness = stiffness * factors(s)
@@ -61,7 +61,7 @@ def curvature_shapes(
     turned = np.vstack([np.zeros(count), turned])
     deflection = np.cumsum(0.5 * step * (turned[1:] + turned[:-1]), axis=0)
     deflection = np.vstack([np.zeros(count), deflection])
-    grid, nodes = np.linspace(0.0, 1.0, SAMPLES + 1), np.linspace(0.0, 1.0, joints + 1)
+    grid, nodes = np.linspace(0.0, 1.0, _SAMPLES + 1), np.linspace(0.0, 1.0, joints + 1)
     at_nodes = np.array([np.interp(nodes, grid, each) for each in deflection.T])
     directions = joints * np.diff(at_nodes, axis=1)
     result: NDArray[np.float64] = np.diff(directions, axis=1, prepend=0.0)

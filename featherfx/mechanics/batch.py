@@ -17,9 +17,9 @@ from featherfx.feather.profiles import at_places, barb_bending, in_cells, vane_s
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
-from featherfx.mechanics.model import Hooks, Model, no_hooks
+from featherfx.mechanics.model import Model, VaneHooks, no_hooks
 from featherfx.mechanics.resolution import vane_width
-from featherfx.mechanics.section import shaft_mass, shaft_stiffness, strip_stiffness
+from featherfx.mechanics.section import rachis_mass, rachis_stiffness, strip_stiffness
 from featherfx.mechanics.vane_rest import (
     barb_nodes,
     cell_weights,
@@ -53,22 +53,22 @@ class _Constants(NamedTuple):
 
 
 # G of the compression guard over b A k (vane_guard_kernels)
-GUARD_SCALE = 1.0 / 2592.0
+_GUARD_SCALE = 1.0 / 2592.0
 # part of a vane that its barbs fill (barb surface fraction, Jouve 2024, table 5.2)
-FIBRE_SHARE = 0.14
+FIBRE_FRACTION = 0.14
 # Pa, guard of barbs that nothing joins: k b n^2 / 864 = 540 N/m with the swan's b. Of 2e9 to 2e11
 # the last kept ends that are pushed by 10 mN apart, at the same number of steps
-FIBRE_GUARD = 2e11
+_FIBRE_GUARD = 2e11
 # J, at which a triangle yields whose hooks hold: none gets there, and its square is finite
-NEVER = 1e150
+_NEVER = 1e150
 # of the scatter of the strength from gap to gap
-SCATTER_SEED = 41
+_SCATTER_SEED = 41
 # least share of hooks: what holds nothing still has an area that the air meets
-LEAST_HOOKED = 1e-6
+MIN_HOOKED = 1e-6
 # least n of a gap that is open at rest
-LEAST_NEAREST = 0.01
+_MIN_NEAREST = 0.01
 # least compliance of an elastic clamp, in that of the barb it holds
-LEAST_CLAMP = 1e-6
+_MIN_CLAMP = 1e-6
 # powers of the size with which the constants of feathers grow that are `similar`
 # (featherfx/groom/presets/scaling.py); the others are pure numbers
 _POWERS: dict[str, float | Array] = {
@@ -186,12 +186,12 @@ def _guard(feather: Feather, kind: FeatherKind, touching: bool) -> Array:
     """(2, n-1, m, 2, 2) cell_guard: of the vane, or, where that has none, of fibres."""
     vane, held = kind.vane_material, _held(feather, kind)
     own = vane.compression_guard * held
-    fibres = own <= vane.compression_guard * LEAST_HOOKED
+    fibres = own <= vane.compression_guard * MIN_HOOKED
     loose = 1.0 if _may_open(kind) else (1.0 - held) * (touching and not vane.ribbon)
-    modulus = np.where(fibres, FIBRE_GUARD * loose, own)
+    modulus = np.where(fibres, _FIBRE_GUARD * loose, own)
     area = cells_at_rest(feather)[1] * cell_weights(feather.columns)[..., 0]
-    stiffness = GUARD_SCALE * _thickness(feather, kind) * area * modulus
-    return np.stack([stiffness, np.where(fibres, FIBRE_SHARE, 1.0)], axis=-1)
+    stiffness = _GUARD_SCALE * _thickness(feather, kind) * area * modulus
+    return np.stack([stiffness, np.where(fibres, FIBRE_FRACTION, 1.0)], axis=-1)
 
 
 def _constants(
@@ -241,8 +241,8 @@ def _held(feather: Feather, kind: FeatherKind) -> Array:
     """(2, n-1, m, 2) share of each triangle's stiffness that its hooked barbules have."""
     if kind.vane_material.ribbon:
         # its stiffness is all in the shaft's
-        return np.full(feather.cell.shape, LEAST_HOOKED)
-    return np.maximum(hooked_stiffness(kind, feather), LEAST_HOOKED)
+        return np.full(feather.cell.shape, MIN_HOOKED)
+    return np.maximum(hooked_stiffness(kind, feather), MIN_HOOKED)
 
 
 def _thickness(feather: Feather, kind: FeatherKind) -> Array:
@@ -251,12 +251,12 @@ def _thickness(feather: Feather, kind: FeatherKind) -> Array:
     return vane.thickness * in_cells(vane.thickness_profile, kind, feather)
 
 
-def _stacked_hooks(feathers: Sequence[Feather], kinds: Sequence[FeatherKind]) -> Hooks:
+def _stacked_hooks(feathers: Sequence[Feather], kinds: Sequence[FeatherKind]) -> VaneHooks:
     each = [_hooks(feather, kind) for feather, kind in zip(feathers, kinds, strict=True)]
-    return Hooks(*(np.stack(arrays) for arrays in zip(*each, strict=True)))
+    return VaneHooks(*(np.stack(arrays) for arrays in zip(*each, strict=True)))
 
 
-def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
+def _hooks(feather: Feather, kind: FeatherKind) -> VaneHooks:
     """Yield, growth, release and strength of one vane's gaps, without the leading axis.
 
     All gaps of a triangle share the slip up to the strength, so that its slip strain is that of
@@ -267,7 +267,7 @@ def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
     vane, held = kind.vane_material, _held(feather, kind)
     own = _thickness(feather, kind) * cell_area * held
     volume = own[..., None] * cell_weights(feather.columns)
-    scatter = np.random.default_rng(SCATTER_SEED).normal(size=cell_area.shape[:2])
+    scatter = np.random.default_rng(_SCATTER_SEED).normal(size=cell_area.shape[:2])
     weaker = np.exp(vane.hook_scatter * scatter)[:, :, None, None, None]
     strength = vane.hook_strength / vane.hook_yield_across
     limit = np.array([vane.hook_yield_across, vane.hook_yield_shear]) * weaker * volume
@@ -278,14 +278,14 @@ def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
     if vane.hooks != "open":
         release = np.full_like(release, np.inf)
     if vane.hooks == "closed":
-        limit[:] = NEVER
-    loose = held <= LEAST_HOOKED
+        limit[:] = _NEVER
+    loose = held <= MIN_HOOKED
     factors = in_cells(vane.across_profile, kind, feather)[..., None]
     stiffness = volume * factors * np.array([vane.across, vane.shear])
     there = (stiffness > 0.0) & ~loose[..., None]
     strains = np.divide(stiffness, limit, out=np.zeros_like(limit), where=there)
     limit[loose] = 0.0
-    return Hooks(
+    return VaneHooks(
         limit=limit,
         growth=growth,
         release=release,
@@ -305,7 +305,7 @@ def _opened(feather: Feather, cell_area: Array) -> Array:
     whole = replace(feather, rest=feather.rest._replace(nodes=feather.unsplit))
     _, unsplit_area = cells_at_rest(whole)
     nearer = np.divide(unsplit_area, cell_area, out=np.ones_like(cell_area), where=cell_area > 0.0)
-    return np.where(feather.split, np.clip(nearer, LEAST_NEAREST, 1.0), 0.0)
+    return np.where(feather.split, np.clip(nearer, _MIN_NEAREST, 1.0), 0.0)
 
 
 def row_frames(directors: Array) -> Array:
@@ -341,7 +341,7 @@ def _same_sign(turns: Array) -> Array:
 def _rachis_stiffness(feather: Feather, kind: FeatherKind, length: Array) -> Array:
     width = 0.5 * (feather.width[:-1] + feather.width[1:])
     height = 0.5 * (feather.height[:-1] + feather.height[1:])
-    stretch, bend = shaft_stiffness(width, height, kind.rachis_material)
+    stretch, bend = rachis_stiffness(width, height, kind.rachis_material)
     middle = 0.5 * (feather.station[:-1] + feather.station[1:]) / feather.station[-1]
     modulus = at_places(kind.rachis_material.modulus_profile, middle)[:, None]
     stretch, bend = stretch * modulus, bend * modulus
@@ -372,7 +372,7 @@ def _ribbon(feather: Feather, kind: FeatherKind, length: Array) -> Array:
 def _mass(feather: Feather, kind: FeatherKind, cell_area: Array, length: Array) -> Array:
     """(n, 1 + 2 m) lumped masses."""
     mass = vane_mass(feather, kind, cell_area)
-    line, _, _ = shaft_mass(feather.width, feather.height, kind.rachis_material)
+    line, _, _ = rachis_mass(feather.width, feather.height, kind.rachis_material)
     mass[:, 0] += line * _row_length(length)
     return mass
 
@@ -406,7 +406,7 @@ def vane_mass(feather: Feather, kind: FeatherKind, cell_area: Array | None = Non
 
 def _rotary_inertia(feather: Feather, kind: FeatherKind, length: Array) -> Array:
     """(n, 2) kg m^2: a director moves where the shaft turns about the other one."""
-    _, about_second, about_third = shaft_mass(feather.width, feather.height, kind.rachis_material)
+    _, about_second, about_third = rachis_mass(feather.width, feather.height, kind.rachis_material)
     return np.stack([about_third, about_second], axis=1) * _row_length(length)[:, None]
 
 
@@ -460,7 +460,7 @@ def _barb_stiffness(feather: Feather, kind: FeatherKind, coefficients: int, elas
     ):
         parts.append(np.repeat((scale * bending)[:, :, None], coefficients, axis=2))
         if elastic:
-            least = LEAST_CLAMP * length / bending
+            least = _MIN_CLAMP * length / bending
             compliance = np.where(length > 0.0, np.maximum(clamp, least), 1.0)
             parts.append((feather.barb_span / compliance)[:, :, None])
     stiffness = np.concatenate(parts, axis=2)

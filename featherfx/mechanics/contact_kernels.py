@@ -18,7 +18,7 @@ from featherfx.algebra.vec3_kernels import accumulate, dot, length, scale, sub
 from featherfx.jit.compiled import kernel
 
 # columns of a contact's strength
-STIFFNESS, FORCE, FRICTION, SMOOTHING = 0, 1, 2, 3
+CONTACT_STIFFNESS, CONTACT_FORCE, _FRICTION, _SMOOTHING = 0, 1, 2, 3
 
 
 @kernel
@@ -41,7 +41,9 @@ def _slip(contacts, c, point, fraction):
 def press(contacts, c, fraction, points):
     """L - r g of a contact (N), which presses where it is positive. points: (n, 1 + 2 m, 3)."""
     point, strength = points[contacts.node[c, 0], contacts.node[c, 1]], contacts.strength[c]
-    return strength[FORCE] - strength[STIFFNESS] * _gap(contacts, c, point, fraction)
+    return strength[CONTACT_FORCE] - strength[CONTACT_STIFFNESS] * _gap(
+        contacts, c, point, fraction
+    )
 
 
 @kernel
@@ -66,11 +68,11 @@ def contact_energy(contacts, f, fraction, points):
         point, strength = points[contacts.node[c, 0], contacts.node[c, 1]], contacts.strength[c]
         push = press(contacts, c, fraction, points)
         if push > 0.0:
-            total += 0.5 * push * push / strength[STIFFNESS]
-        if strength[FRICTION] > 0.0:
+            total += 0.5 * push * push / strength[CONTACT_STIFFNESS]
+        if strength[_FRICTION] > 0.0:
             slip = length(_slip(contacts, c, point, fraction))
-            value, _, _, _ = friction_potential(slip, strength[SMOOTHING])
-            total += strength[FRICTION] * value
+            value, _, _, _ = friction_potential(slip, strength[_SMOOTHING])
+            total += strength[_FRICTION] * value
     return total
 
 
@@ -78,11 +80,11 @@ def contact_energy(contacts, f, fraction, points):
 def _friction(contacts, c, fraction, point):
     """Slip u of a contact, and friction's b f' / |u| and b f'': its force over u and its stiffness
     along u; (0, 0, 0) and 0 where there is none."""
-    bound, u = contacts.strength[c, FRICTION], (0.0, 0.0, 0.0)
+    bound, u = contacts.strength[c, _FRICTION], (0.0, 0.0, 0.0)
     if bound == 0.0:
         return u, 0.0, 0.0
     u = _slip(contacts, c, point, fraction)
-    _, _, ratio, second = friction_potential(length(u), contacts.strength[c, SMOOTHING])
+    _, _, ratio, second = friction_potential(length(u), contacts.strength[c, _SMOOTHING])
     return u, bound * ratio, bound * second
 
 
@@ -107,7 +109,7 @@ def add_contact_stiffness(contacts, c, presses, fraction, points, stiff):
     square, along_slip = dot(u, u), 0.0
     if square > 0.0:
         along_slip = (second - ratio) / square
-    along_normal = (contacts.strength[c, STIFFNESS] if presses else 0.0) - ratio
+    along_normal = (contacts.strength[c, CONTACT_STIFFNESS] if presses else 0.0) - ratio
     out = stiff[row, p]
     for k in range(3):
         out[k] += ratio + along_normal * n[k] * n[k] + along_slip * u[k] * u[k]

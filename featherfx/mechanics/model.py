@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Hooks(NamedTuple):
+class VaneHooks(NamedTuple):
     """When gaps between barbs slip and open (vane_hook_kernels), triangle by triangle.
 
     limit: (F, 2, n-1, m, 2, 2) J, y_w and y_v. growth: (F, 2, n-1, m, 2) 1/J, c. release:
@@ -98,7 +98,7 @@ class Model(NamedTuple):
     rotary_inertia: Array
     shaft_area: Array
     retardation: Array
-    hooks: Hooks
+    hooks: VaneHooks
     cell_guard: Array = np.zeros((0, 0, 0, 0, 0, 0))
 
     @property
@@ -136,7 +136,9 @@ class Model(NamedTuple):
     def of(arrays: Mapping[str, Any]) -> Model:
         """The model of its `arrays`."""
         fields = {name: value for name, value in arrays.items() if "." not in name}
-        return Model(hooks=Hooks(*(arrays[f"hooks.{name}"] for name in Hooks._fields)), **fields)
+        return Model(
+            hooks=VaneHooks(*(arrays[f"hooks.{name}"] for name in VaneHooks._fields)), **fields
+        )
 
     @property
     def hooked(self) -> bool:
@@ -149,11 +151,11 @@ class Model(NamedTuple):
         return self.rows * (6 + 4 * self.coefficients)
 
 
-def no_hooks(feathers: int, rows: int) -> Hooks:
+def no_hooks(feathers: int, rows: int) -> VaneHooks:
     """Those of vanes whose hooks hold whatever happens."""
     none = np.zeros((feathers, 2, rows - 1, 0, 2))
     limit, each = none[..., None].repeat(2, -1), np.zeros(feathers)
-    return Hooks(limit, none, none, each, none, np.zeros((feathers, 2)))
+    return VaneHooks(limit, none, none, each, none, np.zeros((feathers, 2)))
 
 
 class Contacts(NamedTuple):
@@ -219,7 +221,7 @@ class Loads(NamedTuple):
     grip_slack: Array = np.zeros((0, 0))
 
 
-def wind_of_each(loads: Loads, feathers: int) -> Loads:
+def expand_wind(loads: Loads, feathers: int) -> Loads:
     """The same loads with the mean wind of every feather, (F, 3), as the kernels take it.
 
     A writable copy, row by row: kernels are compiled anew for arrays that are read-only or lie

@@ -62,7 +62,7 @@ from featherfx.algebra.vec3_kernels import (
 from featherfx.jit.compiled import kernel
 
 # rad: below it a turn has no axis
-NO_TURN = 1e-8
+_NO_TURN = 1e-8
 
 
 @kernel
@@ -97,7 +97,7 @@ def rachis_gradient(point_a, point_b, rest_length, halfway, strain, gradient):
     """Gradient of the six strains: gradient (6, 12) for (r_a, u_a, r_b, u_b)."""
     angle = length(strain[3:])
     factor, lever, axis = 1.0, 0.0, (0.0, 0.0, 0.0)
-    if angle > NO_TURN:
+    if angle > _NO_TURN:
         factor = 0.5 * angle / sin(0.5 * angle)
         lever = 0.5 * tan(0.25 * angle)
         axis = over(strain[3:], angle)
@@ -238,7 +238,7 @@ def rachis_geometric_stiffness(point_a, point_b, rest_length, halfway, strain, s
     angle = length(strain[3:])
     turn = _to_world(halfway, strain[3:])
     axis = (0.0, 0.0, 0.0)
-    if angle > NO_TURN:
+    if angle > _NO_TURN:
         axis = scale(1.0 / angle, turn)
     force = _to_world(halfway, over(stress, rest_length))
     _add_force(force, sub(point_b, point_a), 0.5 * tan(0.25 * angle), axis, matrix)

@@ -27,15 +27,15 @@ from featherfx.feather.profiles import at_places, barb_bending, vane_shares
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import stiffness_along
-from featherfx.mechanics.section import shaft_mass, shaft_stiffness, strip_stiffness
+from featherfx.mechanics.section import rachis_mass, rachis_stiffness, strip_stiffness
 
 # share of the deflection that C = 0, 1, ... coefficients miss
-MISSED = (1.0, 0.16, 0.004, 0.0006, 0.0001)
+MISSED_DEFLECTION = (1.0, 0.16, 0.004, 0.0006, 0.0001)
 # c of the rows, and the numbers of them that are chosen from: each twice the work of the second
 # before, few enough that feathers of one kind stay together
-ROWS_MISSED = 7.0
+_MISSED_BY_ROWS = 7.0
 _EVEN = (np.arange(200) + 0.5) / 200
-ROWS = (6, 8, 11, 15, 21, 29, 41, 57, 81, 113, 161, 225, 321)
+ROW_NUMBERS = (6, 8, 11, 15, 21, 29, 41, 57, 81, 113, 161, 225, 321)
 
 
 def barb_deflection(feather: Feather, kind: FeatherKind, pressure: float) -> float:
@@ -71,10 +71,10 @@ def coefficients_for(feather: Feather, kind: FeatherKind, pressure: float, toler
     tolerance: of what the grid may miss, see GRID_SCALE.
     """
     deflection = barb_deflection(feather, kind, pressure)
-    for count, missed in enumerate(MISSED):
+    for count, missed in enumerate(MISSED_DEFLECTION):
         if missed * deflection <= tolerance:
             return count
-    return len(MISSED) - 1
+    return len(MISSED_DEFLECTION) - 1
 
 
 def vane_width(feather: Feather) -> np.ndarray:
@@ -90,9 +90,9 @@ def rachis_deflection(
 ) -> float:
     """m, how far the tip goes under an acceleration (m/s^2) across the vane and a pressure (Pa)."""
     section = kind.rachis_material
-    line, _, _ = shaft_mass(feather.width, feather.height, section)
+    line, _, _ = rachis_mass(feather.width, feather.height, section)
     s = feather.station
-    _, bending = shaft_stiffness(feather.width, feather.height, section)
+    _, bending = rachis_stiffness(feather.width, feather.height, section)
     bending = bending * at_places(section.modulus_profile, s / s[-1])[:, None]
     width = vane_width(feather)
     if kind.vane_material.ribbon:
@@ -116,7 +116,7 @@ def rachis_deflection(
 
 def rows_for(deflection: float, tolerance: float, most: int) -> int:
     """Fewest rows, at most `most`, whose error stays below a tolerance (m) at a deflection (m)."""
-    for rows in ROWS:
-        if rows >= most or ROWS_MISSED * deflection <= tolerance * (rows - 1) ** 2:
+    for rows in ROW_NUMBERS:
+        if rows >= most or _MISSED_BY_ROWS * deflection <= tolerance * (rows - 1) ** 2:
             return min(rows, most)
     return most

@@ -17,7 +17,7 @@ from featherfx.groom.materials import RachisMaterial, VaneMaterial
 
 # bending of a strip within its plane over that out of it, at most: more shows nowhere (by 4e-4 of
 # the length in the strip of docs/hooks.md), but Newton's method takes 30 times as many iterations
-EDGEWISE = 1e3
+_EDGEWISE_RATIO = 1e3
 
 
 def _section(width: Array, height: Array) -> tuple[Array, Array, Array, Array]:
@@ -28,7 +28,7 @@ def _section(width: Array, height: Array) -> tuple[Array, Array, Array, Array]:
     return area, about_second, about_third, torsion
 
 
-def shaft_stiffness(width: Array, height: Array, material: RachisMaterial) -> tuple[Array, Array]:
+def rachis_stiffness(width: Array, height: Array, material: RachisMaterial) -> tuple[Array, Array]:
     """((k, 3) EA, GA_2, GA_3 in N; (k, 3) GJ, EI_2, EI_3 in N m^2) of sections (k,), m."""
     area, about_second, about_third, torsion = _section(width, height)
     core = 1.0 - material.wall
@@ -44,16 +44,18 @@ def shaft_stiffness(width: Array, height: Array, material: RachisMaterial) -> tu
 
 
 def strip_stiffness(width: Array, vane: VaneMaterial) -> tuple[Array, Array]:
-    """As shaft_stiffness, of flat strips as thick as a vane, as rods: Y h^3 = 12 (1 - nu^2) D."""
+    """As rachis_stiffness, of flat strips as thick as a vane, as rods: Y h^3 = 12 (1 - nu^2) D."""
     beam = (1.0 - vane.poisson**2) * vane.bending_across * width
     stretch = 12.0 * beam / vane.thickness**2
     shear = 5.0 / 12.0 * stretch / (1.0 + vane.poisson)
     twist = 2.0 * beam / (1.0 + vane.poisson)
-    bend = [twist, beam, beam * np.minimum((width / vane.thickness) ** 2, EDGEWISE)]
+    bend = [twist, beam, beam * np.minimum((width / vane.thickness) ** 2, _EDGEWISE_RATIO)]
     return np.stack([stretch, shear, shear], -1), np.stack(bend, -1)
 
 
-def shaft_mass(width: Array, height: Array, material: RachisMaterial) -> tuple[Array, Array, Array]:
+def rachis_mass(
+    width: Array, height: Array, material: RachisMaterial
+) -> tuple[Array, Array, Array]:
     """Mass per length (kg/m) and its second moments about d2 and d3 (kg m) of sections (k,)."""
     area, about_second, about_third, _ = _section(width, height)
     core = 1.0 - material.wall

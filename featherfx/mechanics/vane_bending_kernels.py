@@ -52,7 +52,7 @@ from featherfx.algebra.vec3_kernels import (
 )
 from featherfx.jit.compiled import kernel
 
-TINY = 1e-300
+_TINY = 1e-300
 # rad: up to it the fold is the angle
 _PLAIN = 2.0
 _BENT = pi - _PLAIN
@@ -82,7 +82,7 @@ def _fold_of(e, u, v):
     """Sine and cosine of a hinge's dihedral angle, times the same number, and |n|^2 of both
     triangles; arguments as of hinge_slopes."""
     n1, n2 = cross(e, u), cross(v, e)
-    return dot(cross(n1, n2), e), length(e) * dot(n1, n2) + TINY, dot(n1, n1), dot(n2, n2)
+    return dot(cross(n1, n2), e), length(e) * dot(n1, n2) + _TINY, dot(n1, n1), dot(n2, n2)
 
 
 @kernel

@@ -25,17 +25,17 @@ from math import sqrt
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.jit.views import shaped
 
-ROUNDING = 1e-3  # d
-SMALLEST = 0.5 * ROUNDING  # of J^2, below which J goes on linearly in it
+GUARD_ROUNDING = 1e-3  # d
+_MIN_AREA_RATIO = 0.5 * GUARD_ROUNDING  # of J^2, below which J goes on linearly in it
 
 
 @kernel
 def _ratio_and_root(strain_across, strain_shear):
     """J, and the root that dJ / d(J^2) = 1 / (2 root) holds."""
     unrounded = 1.0 + 2.0 * strain_across - strain_shear * strain_shear
-    square = (unrounded + ROUNDING) / (1.0 + ROUNDING)
-    root = sqrt(max(square, SMALLEST))
-    return root + 0.5 * min(square - SMALLEST, 0.0) / root, root
+    square = (unrounded + GUARD_ROUNDING) / (1.0 + GUARD_ROUNDING)
+    root = sqrt(max(square, _MIN_AREA_RATIO))
+    return root + 0.5 * min(square - _MIN_AREA_RATIO, 0.0) / root, root
 
 
 @kernel
@@ -49,7 +49,7 @@ def area_ratio(strain_across, strain_shear):
 def is_apart(guard, strain_across, strain_shear):
     """Return whether a triangle feels nothing, J >= n; guard: (G, n)."""
     unrounded = 1.0 + 2.0 * strain_across - strain_shear * strain_shear
-    return unrounded + ROUNDING >= guard[1] * guard[1] * (1.0 + ROUNDING)
+    return unrounded + GUARD_ROUNDING >= guard[1] * guard[1] * (1.0 + GUARD_ROUNDING)
 
 
 @kernel
@@ -66,7 +66,7 @@ def guard_slopes(guard, strain_across, strain_shear):
     """(dW/dJ, d2W/dJ2, dJ/de_ww, dJ/d(2 e_vw)) of one triangle; the first two 0 if J >= n."""
     ratio, root = _ratio_and_root(strain_across, strain_shear)
     loss = max(guard[1] - ratio, 0.0)
-    by_across = 1.0 / (root * (1.0 + ROUNDING))
+    by_across = 1.0 / (root * (1.0 + GUARD_ROUNDING))
     slope = -3.0 * guard[0] * loss * loss
     return slope, 6.0 * guard[0] * loss, by_across, -strain_shear * by_across
 

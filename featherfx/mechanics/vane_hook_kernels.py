@@ -43,10 +43,10 @@ from featherfx.mechanics.vane_guard_kernels import area_ratio, ratio_slopes
 Array = NDArray[np.float64]
 
 # Newton iterations of the return mapping; it converges from one side
-ITERATIONS = 12
-ENOUGH = 1e-12
+_MAX_ITERATIONS = 12
+_YIELD_TOLERANCE = 1e-12
 # e_ww below which barbs are so near to each other that they are looked at one by one
-CRUSHED = -0.3
+_CRUSHED_STRAIN = -0.3
 
 
 @kernel
@@ -68,7 +68,7 @@ def _flow(trial, limit, rates, level, growth):
     """(mu, slope): flow that brings the trial stresses onto the yield surface, and the slope there
     of f (1 - growth mu) by mu. growth: c."""
     mu, slope = 0.0, -1.0
-    for _ in range(ITERATIONS):
+    for _ in range(_MAX_ITERATIONS):
         stress = _relaxed(trial, rates, mu)
         across, shear = max(stress[0], 0.0) / limit[0], stress[1] / limit[1]
         f = sqrt(across * across + shear * shear)
@@ -76,7 +76,7 @@ def _flow(trial, limit, rates, level, growth):
         fall += shear * shear * rates[1] / (1.0 + mu * rates[1])
         slope = -fall / f * (1.0 - growth * mu) - growth * f
         excess = f * (1.0 - growth * mu) - level
-        if excess <= ENOUGH * level:
+        if excess <= _YIELD_TOLERANCE * level:
             break
         mu -= excess / slope
     return mu, slope
@@ -192,13 +192,13 @@ def never_slip(gaps):
 @loop_kernel
 def _strained(cell, bounds, count):
     """Number of triangles whose strains are beyond what all gaps hold at; cell: (2 count,), e_ww
-    and 2 e_vw in turns. bounds: of Hooks. Without branches, as the compiler wants it."""
+    and 2 e_vw in turns. bounds: of VaneHooks. Without branches, as the compiler wants it."""
     found = 0
     for k in range(count):
         opened = cell[2 * k]
         across = opened * bounds[0] if opened > 0.0 else 0.0
         shear = cell[2 * k + 1] * bounds[1]
-        found += (across * across + shear * shear > 1.0) | (opened < CRUSHED)
+        found += (across * across + shear * shear > 1.0) | (opened < _CRUSHED_STRAIN)
     return found
 
 
@@ -232,8 +232,8 @@ def all_hold(model, f, cell, gaps):
 class GapRow(NamedTuple):
     """The gaps of the triangles between two rows of one side.
 
-    limit: (m, 2, 2), growth: (m, 2), of the model's Hooks. slip: (m, 2, 2), level, hooked: (m, 2),
-    at the step's start. m is 0 where no gap slips.
+    limit: (m, 2, 2), growth: (m, 2), of the model's VaneHooks. slip: (m, 2, 2), level, hooked: (m,
+    2), at the step's start. m is 0 where no gap slips.
     """
 
     limit: Array

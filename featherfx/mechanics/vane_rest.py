@@ -10,7 +10,7 @@ from featherfx.feather.types import Feather, barb_slice
 Array = NDArray[np.float64]
 
 # part of its area at rest that a triangle of a hinge keeps before its angle counts for less
-CRUSHED = 0.2
+CRUSHED_OPENNESS = 0.2
 # what Gregory's rule of third order (h^4) moves of the last term of a sum by trapezoids: to itself
 # and to the two next to it
 _MOVED = -1.0 / 4.0, 1.0 / 3.0, -1.0 / 12.0
@@ -129,4 +129,4 @@ def twists_at_rest(feather: Feather, cell_area: Array) -> tuple[Array, Array]:
 
 def opening(area: Array | float) -> Array:
     """1 / (2 c A)^2 of triangles with rest area A, 1/m^4 (vane_bending_kernels)."""
-    return np.asarray((0.5 / (CRUSHED * area)) ** 2)
+    return np.asarray((0.5 / (CRUSHED_OPENNESS * area)) ** 2)

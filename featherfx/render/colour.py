@@ -10,7 +10,7 @@ import numpy as np
 
 from featherfx.algebra.srgb import linear
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.feather.colours import VANE
+from featherfx.feather.colours import VANE_COLOUR
 from featherfx.render.scene import DrawnPose, DrawnScene
 
 # linear: of shafts, and of other meshes without a colour of their own
@@ -54,7 +54,7 @@ class Legend:
 def look_colours(scene: DrawnScene, mode: str) -> tuple[Array, Legend | None]:
     """Linear colours (N, 3) of feathers in a look ("shaded" or "region"), and the key to them."""
     if mode != "region":
-        return np.tile(VANE, (len(scene.feathers), 1)), None
+        return np.tile(VANE_COLOUR, (len(scene.feathers), 1)), None
     names = sorted(set(scene.regions))
     palette = [tuple(_CATEGORIES[k % len(_CATEGORIES)]) for k in range(len(names))]
     labels = tuple((name or "(none)", c) for name, c in zip(names, palette, strict=True))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array, Floats, Indices
-from featherfx.feather.types import LEADING, RACHIS, TRAILING
+from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING
 from featherfx.usd.read.cached_feather import CachedFeather
 
 
@@ -49,8 +49,8 @@ def topology_of(feather: CachedFeather) -> Topology | None:
                 return None
             vanes.append(grid)
     shaft = None
-    if (feather.side == RACHIS).any():
-        shaft = _shaft_rings(feather.st, feather.triangles[feather.side == RACHIS])
+    if (feather.side == RACHIS_PART).any():
+        shaft = _shaft_rings(feather.st, feather.triangles[feather.side == RACHIS_PART])
         if shaft is None:
             return None
     return Topology(tuple(vanes), shaft) if vanes and shaft else None

@@ -11,7 +11,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import Problem, require
-from featherfx.feather.types import RACHIS
+from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.keys.problems import nearest
 from featherfx.render.geometry import vertex_normals
 from featherfx.usd.read.cache import Cache
@@ -111,7 +111,7 @@ def load_scene(cache: Cache, chosen: Indices | None = None) -> DrawnScene:
         feathers=feathers,
         starts=starts,
         triangles=triangles,
-        rachis=np.concatenate([f.side == RACHIS for f in feathers]),
+        rachis=np.concatenate([f.side == RACHIS_PART for f in feathers]),
         owner=np.repeat(np.arange(len(counts)), [len(f.triangles) for f in feathers]),
         regions=tuple(f.region for f in feathers),
         along_feather=np.concatenate(heights).astype(float)[triangles].mean(axis=1),

@@ -11,7 +11,7 @@ import numpy as np
 from featherfx.algebra.ease import faded
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
-from featherfx.feather.types import RACHIS
+from featherfx.feather.types import RACHIS_PART
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import BarbLook
 from featherfx.render.coat import coat_fractions, coat_normals
@@ -68,7 +68,7 @@ class DrawnPlumage:
     def _faces(self) -> tuple[Indices, Indices, Array]:
         """Triangles (T, 3) of all vanes, their feathers (T,), and how high (T,) along these."""
         barbed = np.sort(np.concatenate([group.members for group in self.groups]))
-        own = [(k, self.feathers[k], self.feathers[k].side != RACHIS) for k in barbed]
+        own = [(k, self.feathers[k], self.feathers[k].side != RACHIS_PART) for k in barbed]
         triangles = [each.triangles[vane] for _, each, vane in own]
         heights = [
             _heights(each)[faces].mean(axis=1)

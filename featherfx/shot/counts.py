@@ -10,7 +10,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.solver.solver import StepReport
-from featherfx.solver.state import TOO_LONG
+from featherfx.solver.state import LONG_STEP_COUNTS
 
 # feathers that a report names one by one
 _MOST_NAMED = 10
@@ -103,7 +103,7 @@ class Counts:
         """Count what a batch, whose feathers have these names, did on the way to a frame."""
         self.reports.append(report)
         for f in np.flatnonzero(report.too_long()).tolist():
-            counts = (int(getattr(report, name)[f]) for name in TOO_LONG)
+            counts = (int(getattr(report, name)[f]) for name in LONG_STEP_COUNTS)
             found = TooLong(frame, float(report.error[f]), bounds.tolerance, *counts)
             known = self.too_long.get(names[f])
             if known is None or found.rank() > known.rank():

@@ -15,7 +15,7 @@ from featherfx.shot.detail.symmetry import Twins, twins_of
 from featherfx.shot.groups import Group
 from featherfx.shot.settled import settled
 from featherfx.shot.types import Shot
-from featherfx.solver.overload import overload_of
+from featherfx.solver.overload import overload_describer
 from featherfx.solver.solver import RootPath, State, hold_roots, raise_if_failed
 
 
@@ -80,7 +80,7 @@ class Alone:
                 group.state = cycle.replayed(group.state, repeating, path, duration)
             cycle.keep(group.state, path, acting, active & ~self._levels.fresh(group))
         self._reached, group.loads = (group.state, twins), acting
-        cause_of = overload_of(group.solver.model, group.state)
+        cause_of = overload_describer(group.solver.model, group.state)
         raise_if_failed(report.status, group.state.time, group.names, cause_of=cause_of)
         resting, coasting = int((sleeping & ~moving).sum()), int((sleeping & moving).sum())
         return Advanced([report], resting, coasting, int(repeating.sum()), len(twins.own))

@@ -11,15 +11,15 @@ from featherfx.algebra.types import Flags
 from featherfx.shot.groups import Group
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import Preen, Shot
-from featherfx.solver.preen import closed
+from featherfx.solver.preen import close_gaps
 from featherfx.solver.step.gap_kernels import (
-    DAMPED,
-    HEALED,
-    OPENED,
-    OPENING,
-    PREENING,
-    RELEASED,
-    SLIP,
+    DAMPED_ENERGY,
+    HEALED_LENGTH,
+    OPENED_LENGTH,
+    OPENING_WORK,
+    PREENING_WORK,
+    RELEASED_ENERGY,
+    SLIP_WORK,
 )
 
 
@@ -80,13 +80,13 @@ class Hooks:
         length = sum(each.length.sum(axis=0) for each in gaps)
         return {
             "hooks": {
-                "opened": float(length[OPENED]),
-                "healed": float(length[HEALED]),
-                "slip_work": float(spent[SLIP]),
-                "opening_work": float(spent[OPENING]),
-                "released_energy": float(spent[RELEASED]),
-                "preening_work": float(spent[PREENING]),
-                "damping_work": float(spent[DAMPED]),
+                "opened": float(length[OPENED_LENGTH]),
+                "healed": float(length[HEALED_LENGTH]),
+                "slip_work": float(spent[SLIP_WORK]),
+                "opening_work": float(spent[OPENING_WORK]),
+                "released_energy": float(spent[RELEASED_ENERGY]),
+                "preening_work": float(spent[PREENING_WORK]),
+                "damping_work": float(spent[DAMPED_ENERGY]),
                 "changes": self._changes,
             }
         }
@@ -108,7 +108,7 @@ def _stroke(group: Group, k: int, stroke: Preen, start: float, end: float) -> bo
 
 
 def _close(group: Group, k: int, touched: Flags, fraction: float, reach: float) -> bool:
-    gaps = closed(group.solver.model, group.state, k, touched, fraction, reach)
+    gaps = close_gaps(group.solver.model, group.state, k, touched, fraction, reach)
     if gaps is None:
         return False
     # a checkpoint may still hold the state

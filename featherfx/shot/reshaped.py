@@ -7,9 +7,9 @@ import numpy as np
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.types import Array
 from featherfx.mechanics.model import Model
-from featherfx.solver.settle.reinitialise import take_up
+from featherfx.solver.settle.reinitialise import set_pose
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.work import whole_gaps
+from featherfx.solver.work import make_gaps
 
 
 def reshaped(before: Model, after: Model, state: State) -> State:
@@ -23,7 +23,7 @@ def reshaped(before: Model, after: Model, state: State) -> State:
         for name in ("length", "rachis_rest", "clamp", "joints", "segment", "cell_rest")
     ]
     if all(same):
-        gaps = whole_gaps(after, after.feathers)
+        gaps = make_gaps(after, after.feathers)
         return state if bool(gaps) == bool(state.gaps) else state._replace(gaps=gaps)
     roots = state.centre[:, 0], quats_to_frames(state.rotation[:, 0])
     was, new = (rest_state(model, *roots) for model in (before, after))
@@ -33,7 +33,7 @@ def reshaped(before: Model, after: Model, state: State) -> State:
         centres = _chained(after, f, frames[f], state.centre[f, 0])
         velocity = state.velocity.at(f)
         rest = state.coefficient[f], velocity, float(state.time[f])
-        take_up(after, new, f, frames[f], centres, *rest)
+        set_pose(after, new, f, frames[f], centres, *rest)
     return new
 
 

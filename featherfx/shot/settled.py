@@ -16,7 +16,7 @@ import numpy as np
 from featherfx.feather.types import turned
 from featherfx.mechanics.model import Loads
 from featherfx.shot.motion.roots import RootFrames
-from featherfx.solver.overload import overload_of
+from featherfx.solver.overload import overload_describer
 from featherfx.solver.solver import Solver, State, raise_if_failed
 from featherfx.solver.status import NO_REST
 from featherfx.solver.step.root_path import hold_roots
@@ -71,7 +71,7 @@ def _in_motion(
     state.time[chosen] -= PRE_ROLL
     for _ in range(round(PRE_ROLL / INTERVAL)):
         state, report = solver.step(state, loads, path, INTERVAL, members)
-        most, cause_of = solver.settings.max_iterations, overload_of(solver.model, state)
+        most, cause_of = solver.settings.max_iterations, overload_describer(solver.model, state)
         raise_if_failed(report.status, state.time, names, most, cause_of)
     state.time[chosen] = start
     return state

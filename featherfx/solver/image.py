@@ -19,10 +19,10 @@ from featherfx.solver.state import State
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 # of the strains of a shaft's element (rachis_kernels): v, then p
-_SHAFT = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+_RACHIS = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 
 
-class Image(NamedTuple):
+class StateImage(NamedTuple):
     """Map of feathers to P others: points to turn x + shift.
 
     turn: (P, 3, 3) orthogonal; where its determinant is -1 the other feather is the mirror image.
@@ -87,4 +87,4 @@ def _signs(state: State) -> dict[str, Array]:
     in_plane[len(in_plane) // 2 :] = -1.0
     barbs = dict.fromkeys(("coefficient", "coefficient_rate", "strains.barb"), in_plane)
     minus = np.array(-1.0)
-    return barbs | {"strains.rachis": _SHAFT, "strains.hinge": minus, "strains.twist": minus}
+    return barbs | {"strains.rachis": _RACHIS, "strains.hinge": minus, "strains.twist": minus}

@@ -10,7 +10,7 @@ from featherfx.solver.step.energy_kernels import elastic_energy
 
 # J/kg, of keratin of 2.5 GPa (Bonser and Purslow 1995) and 1300 kg/m3 that is strained by a tenth
 # throughout, about where it breaks
-KERATIN_BREAKS = 1e4
+_BREAKING_ENERGY = 1e4
 
 
 def specific_energy(model: Model, state: State, f: int) -> float:
@@ -20,17 +20,17 @@ def specific_energy(model: Model, state: State, f: int) -> float:
     return energy / float(model.mass[f].sum())
 
 
-def overload(held: float) -> str:
+def describe_overload(held: float) -> str:
     """Describe the overload of a feather that holds so much (J/kg); empty where it is none."""
-    if not held > KERATIN_BREAKS:
+    if not held > _BREAKING_ENERGY:
         return ""
     return (
-        f"its pose holds {held:.2g} J/kg, {held / KERATIN_BREAKS:.2g} times what keratin breaks at:"
-        " look at how its root moves, at grips and forces, and at its stiffness"
+        f"its pose holds {held:.2g} J/kg, {held / _BREAKING_ENERGY:.2g} times what keratin breaks "
+        "at: look at how its root moves, at grips and forces, and at its stiffness"
     )
 
 
-def overload_of(model: Model, state: State) -> Callable[[int], str]:
+def overload_describer(model: Model, state: State) -> Callable[[int], str]:
     """Return the function that describes the overload of feather f of a state, for
     raise_if_failed."""
-    return lambda f: overload(specific_energy(model, state, f))
+    return lambda f: describe_overload(specific_energy(model, state, f))

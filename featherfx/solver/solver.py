@@ -15,41 +15,41 @@ from featherfx.errors import SimulationError
 from featherfx.jit.compiled import compile_ahead, is_asked_for
 from featherfx.jit.threads import allowed
 from featherfx.limits import MOST_JOBS
-from featherfx.mechanics.model import Loads, Model, no_loads, wind_of_each
+from featherfx.mechanics.model import Loads, Model, expand_wind, no_loads
 from featherfx.solver.settle.reinitialise import carry_to
-from featherfx.solver.settle.settle_kernels import Found, make_mixing, settle_some
+from featherfx.solver.settle.settle_kernels import SettleResult, make_mixing, settle_feathers
 from featherfx.solver.state import State as State
 from featherfx.solver.state import StepReport as StepReport
-from featherfx.solver.state import no_steps, rest_state
+from featherfx.solver.state import make_report, rest_state
 from featherfx.solver.status import CONVERGED, reason_of
-from featherfx.solver.step.batch_kernels import advance_some
-from featherfx.solver.step.frame_kernels import advance
+from featherfx.solver.step.batch_kernels import advance_feathers
+from featherfx.solver.step.frame_kernels import advance_feather
 from featherfx.solver.step.retry_kernels import StepSettings
 from featherfx.solver.step.root_path import RootPath as RootPath
 from featherfx.solver.step.root_path import hold_roots as hold_roots
 from featherfx.solver.step.start_kernels import start_acceleration
-from featherfx.solver.work import Work, make_work
+from featherfx.solver.work import SolverScratch, make_scratch
 
-T = TypeVar("T")
+_Part = TypeVar("_Part")
 
-NEWTON_ITERATIONS = 32
+MAX_NEWTON_ITERATIONS = 32
 # the same of one feather in one frame, a bound on work alone; bakes of the samples need 3 to 100,
 # crumpled feathers that are flung about up to 13,000
-MOST_ITERATIONS = 20_000
+MAX_FRAME_ITERATIONS = 20_000
 # Newton iterations beyond which the next step is not made longer
-HARD = 12
+HARD_STEP_WORK = 12
 # of the feather's length, error that a step may not exceed where it can be shorter
-COARSE = 0.01
+COARSE_ERROR_RATIO = 0.01
 # the same, distance from its solution at which a step is taken where a frame must end; what Newton
 # adds to a hard matrix overstates it
-UNSOLVED = 100.0
+UNSOLVED_DISTANCE_RATIO = 100.0
 # feathers that a thread takes at once, or nodes of these where that is more: what Python hands over
 # takes 200 microseconds a call, and an interrupt waits for its end; pieces for each thread at least
-AT_ONCE, NODES_AT_ONCE, PIECES = 32, 6000, 8
+FEATHERS_PER_PIECE, _NODES_PER_PIECE, _PIECES_PER_THREAD = 32, 6000, 8
 # the same of feathers that settle, which may take as long as a hundred steps each
-SETTLED_AT_ONCE, SETTLED_NODES = 8, 2000
+_SETTLED_PER_PIECE, _SETTLED_NODES_PER_PIECE = 8, 2000
 # of the tolerance of a step, distance from the solution that counts as rest at most
-AT_REST = 1e-2
+_REST_TOLERANCE_RATIO = 1e-2
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,9 @@ class Settings:
 
     tolerance: float = 1e-4
     newton: float = 1e-6
-    max_substeps: int = MOST_ITERATIONS
+    max_substeps: int = MAX_FRAME_ITERATIONS
     spectral_radius: float = 0.0
-    max_iterations: int = MOST_ITERATIONS
+    max_iterations: int = MAX_FRAME_ITERATIONS
 
 
 def step_settings(settings: Settings, duration: float, length: float = 1.0) -> StepSettings:
@@ -82,24 +82,24 @@ def step_settings(settings: Settings, duration: float, length: float = 1.0) -> S
         shortest=float(duration / settings.max_substeps),
         spectral_radius=float(settings.spectral_radius),
         tolerance=float(settings.tolerance),
-        coarse=COARSE * float(length),
+        coarse=COARSE_ERROR_RATIO * float(length),
         newton=float(settings.newton),
-        iterations=NEWTON_ITERATIONS,
-        hard=HARD,
+        iterations=MAX_NEWTON_ITERATIONS,
+        hard=HARD_STEP_WORK,
         most_iterations=int(settings.max_iterations),
-        unsolved=UNSOLVED * float(length),
+        unsolved=UNSOLVED_DISTANCE_RATIO * float(length),
     )
 
 
 def compile_steps(model: Model) -> None:
     """Have others compile what steps feathers of such a model, unless they were asked before."""
-    if is_asked_for(advance):
+    if is_asked_for(advance_feather):
         return
     model = model.only(0)
-    state, work = rest_state(model, np.zeros((1, 3)), np.eye(3)[None]), make_work(model)
-    loads, path, report = wind_of_each(no_loads(1), 1), hold_roots(state), no_steps(1)
+    state, work = rest_state(model, np.zeros((1, 3)), np.eye(3)[None]), make_scratch(model)
+    loads, path, report = expand_wind(no_loads(1), 1), hold_roots(state), make_report(1)
     settings = step_settings(Settings(), 1.0)
-    compile_ahead(advance, model, loads, 0, path, state, settings, work, report)
+    compile_ahead(advance_feather, model, loads, 0, path, state, settings, work, report)
     compile_ahead(start_acceleration, model, loads, 0, path, settings, state, work)
 
 
@@ -159,16 +159,16 @@ class Solver:
 
         A feather that cannot be solved stays at its last good sub-step.
         """
-        loads = wind_of_each(loads, self.model.feathers)
-        report = no_steps(self.model.feathers)
+        loads = expand_wind(loads, self.model.feathers)
+        report = make_report(self.model.feathers)
 
         frame = step_settings(self.settings, duration)
         some = range(self.model.feathers) if feathers is None else feathers
 
         def take(piece: Indices) -> None:
-            advance_some(self.model, loads, piece, path, state, frame, self._work(), report)
+            advance_feathers(self.model, loads, piece, path, state, frame, self._work(), report)
 
-        self.for_each(take, self._pieces(some, AT_ONCE, NODES_AT_ONCE))
+        self.for_each(take, self._pieces(some, FEATHERS_PER_PIECE, _NODES_PER_PIECE))
         return report
 
     def equilibrium(
@@ -182,37 +182,37 @@ class Solver:
 
         fraction: 0..1, place within the loads' frame (grips). feathers: indices, all by default.
         Returns the state, and per feather the status (0: at rest within settings.newton and
-        AT_REST; NO_REST: it flutters in the wind, and the pose is one on its way) and the Newton
-        iterations.
+        _REST_TOLERANCE_RATIO; NO_REST: it flutters in the wind, and the pose is one on its way) and
+        the Newton iterations.
         """
-        near = min(self.settings.newton, AT_REST * self.settings.tolerance)
-        new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
+        near = min(self.settings.newton, _REST_TOLERANCE_RATIO * self.settings.tolerance)
+        new, loads = state.copy(), expand_wind(loads, self.model.feathers)
         compile_steps(self.model)
-        found = Found(np.zeros(self.model.feathers), np.zeros(self.model.feathers))
+        found = SettleResult(np.zeros(self.model.feathers), np.zeros(self.model.feathers))
         goal = float(fraction), float(near)
         some = range(self.model.feathers) if feathers is None else feathers
 
         def settle(piece: Indices) -> None:
             mixing, work = make_mixing(new.points.nodes[0].size), self._work()
-            settle_some(self.model, loads, piece, goal, new, found, mixing, work)
+            settle_feathers(self.model, loads, piece, goal, new, found, mixing, work)
 
-        self.for_each(settle, self._pieces(some, SETTLED_AT_ONCE, SETTLED_NODES))
+        self.for_each(settle, self._pieces(some, _SETTLED_PER_PIECE, _SETTLED_NODES_PER_PIECE))
         return new, found.status, found.iterations
 
     def _pieces(self, some: Sequence[int], feathers: int, nodes: int) -> list[Indices]:
         """Divide some feathers into pieces of so many each, or of so many nodes where these are
         more."""
         most = max(feathers, nodes // (self.model.rows * (1 + 2 * self.model.columns)))
-        return pieces(np.array(some, dtype=np.int64), self.jobs, most)
+        return divide_feathers(np.array(some, dtype=np.int64), self.jobs, most)
 
-    def _work(self) -> Work:
+    def _work(self) -> SolverScratch:
         """Scratch of the calling thread."""
         if not hasattr(self._local, "work"):
-            self._local.work = make_work(self.model)
-        work: Work = self._local.work
+            self._local.work = make_scratch(self.model)
+        work: SolverScratch = self._local.work
         return work
 
-    def for_each(self, function: Callable[[T], None], parts: Iterable[T]) -> None:
+    def for_each(self, function: Callable[[_Part], None], parts: Iterable[_Part]) -> None:
         """Call a function with each part, by all threads; the calling one is the first of them,
         which nobody has to wake."""
         threads = allowed(self.jobs)
@@ -233,9 +233,9 @@ class Solver:
             other.result()
 
 
-def pieces(feathers: Indices, jobs: int, most: int = AT_ONCE) -> list[Indices]:
+def divide_feathers(feathers: Indices, jobs: int, most: int = FEATHERS_PER_PIECE) -> list[Indices]:
     """Feathers (K,) in pieces, of `most` at most, that threads take one after the other."""
-    size = max(1, min(most, len(feathers) // (PIECES * jobs) if jobs > 1 else most))
+    size = max(1, min(most, len(feathers) // (_PIECES_PER_THREAD * jobs) if jobs > 1 else most))
     return [feathers[k : k + size] for k in range(0, len(feathers), size)]
 
 
@@ -243,7 +243,7 @@ def raise_if_failed(
     status: Array,
     time: Array,
     names: Sequence[str],
-    most: int = MOST_ITERATIONS,
+    most: int = MAX_FRAME_ITERATIONS,
     cause_of: Callable[[int], str] | None = None,
 ) -> None:
     """SimulationError for the first feather with a status; it tells how many more there are.

@@ -14,7 +14,7 @@ from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps, Model
 from featherfx.solver.step.pose_kernels import rest_pose
 from featherfx.solver.step.strain_kernels import Strains
-from featherfx.solver.work import make_pose, no_points, no_strains, whole_gaps
+from featherfx.solver.work import make_gaps, make_points, make_pose, make_strains
 
 Array = NDArray[np.float64]
 
@@ -144,10 +144,10 @@ class StepReport(NamedTuple):
 
 
 # of a report: what a step was longer for than it should be, and figures of which the largest counts
-TOO_LONG, LARGEST = ("forced", "passed", "slipped"), ("error", "move", "status")
+LONG_STEP_COUNTS, LARGEST_FIGURES = ("forced", "passed", "slipped"), ("error", "move", "status")
 
 
-def no_steps(feathers: int) -> StepReport:
+def make_report(feathers: int) -> StepReport:
     """The report of a call that has done nothing yet."""
     return StepReport(*(np.zeros(feathers) for _ in StepReport._fields))
 
@@ -159,17 +159,17 @@ def rest_state(model: Model, positions: Array, rotations: Array) -> State:
         rotation=np.zeros((count, n, 4)),
         centre=np.zeros((count, n, 3)),
         coefficient=np.zeros((count, 2, n, 2 * c)),
-        points=no_points(n, m, count),
-        velocity=no_points(n, m, count),
-        acceleration=no_points(n, m, count),
-        smoothed=no_points(n, m, count),
+        points=make_points(n, m, count),
+        velocity=make_points(n, m, count),
+        acceleration=make_points(n, m, count),
+        smoothed=make_points(n, m, count),
         spin=np.zeros((count, n, 3)),
         coefficient_rate=np.zeros((count, 2, n, 2 * c)),
-        strains=no_strains(model, count, 2),
+        strains=make_strains(model, count, 2),
         step=np.zeros(count),
         proposal=np.zeros(count),
         time=np.zeros(count),
-        gaps=whole_gaps(model, count),
+        gaps=make_gaps(model, count),
     )
     roots = np.ascontiguousarray(positions, dtype=float)
     quats = frames_to_quats(np.asarray(rotations, dtype=float))

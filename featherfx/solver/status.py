@@ -14,7 +14,7 @@ NO_REST = 5
 GREW = 6
 
 # Newton iterations of one feather in one frame; bakes of the samples need 3 to 100
-MOST_ITERATIONS = 2000
+MAX_INTERVAL_WORK = 2000
 
 REASONS = {
     NOT_CONVERGED: "Newton did not converge at the shortest step",
@@ -25,7 +25,7 @@ REASONS = {
 }
 
 
-def reason_of(status: int, most: int = MOST_ITERATIONS) -> str:
+def reason_of(status: int, most: int = MAX_INTERVAL_WORK) -> str:
     """Why a feather stopped, in words. most: Newton iterations that it had for a frame."""
     if status == TOO_MUCH_WORK:
         return f"more work than {most} Newton iterations in one frame"

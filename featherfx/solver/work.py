@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps, Model
 from featherfx.solver.step.banded_kernels import panel_shape
-from featherfx.solver.step.closing_kernels import FOLLOWED
-from featherfx.solver.step.secant_kernels import PAIRS
+from featherfx.solver.step.closing_kernels import MAX_FOLLOWED_CONTACTS
+from featherfx.solver.step.secant_kernels import MAX_SECANT_PAIRS
 from featherfx.solver.step.strain_kernels import Strains
-from featherfx.solver.vane.line_kernels import FOLD, LANES, STRIP
+from featherfx.solver.vane.line_kernels import HINGE_SIZE, LANES, STRIP_SIZE
 
 Array = NDArray[np.float64]
 
 
-# numbers that are kept of a Pace (newton_kernels)
-PACE = 5
+# numbers of a ConvergenceHistory (newton_kernels) that are stored
+_HISTORY_SIZE = 5
 
 
 class Pose(NamedTuple):
@@ -46,7 +46,7 @@ class Pose(NamedTuple):
     strains: Strains
 
 
-class Surroundings(NamedTuple):
+class StepEnvironment(NamedTuple):
     """References against which a step's energy is measured.
 
     target, past: of the integrator. reference: strains that damping pulls towards. gaps: at the
@@ -63,7 +63,7 @@ class Surroundings(NamedTuple):
     speed: Array
 
 
-class System(NamedTuple):
+class LinearSystem(NamedTuple):
     """Linear system of N unknowns: band (N, B + 1), right (N,), panel: scratch of factorise."""
 
     band: Array
@@ -71,16 +71,16 @@ class System(NamedTuple):
     panel: Array
 
 
-def make_system(unknowns: int, width: int) -> System:
+def make_system(unknowns: int, width: int) -> LinearSystem:
     """A system of N unknowns whose band is B + 1 = width wide."""
-    return System(
+    return LinearSystem(
         band=np.zeros((unknowns, width)),
         right=np.zeros(unknowns),
         panel=np.zeros(panel_shape(width)),
     )
 
 
-class Cells(NamedTuple):
+class CellScratch(NamedTuple):
     """Scratch of a barb's cells or hinges, between two of its nodes each.
 
     Of neighbouring rows (vane/line_kernels): strips (2, .) of cells, hinges (3, .). Lines of S
@@ -101,7 +101,7 @@ class Cells(NamedTuple):
     single: Array
 
 
-class Vane(NamedTuple):
+class VaneScratch(NamedTuple):
     """Stiffness of a vane's nodes, and sums of one row and side, w = 6 + 2 C.
 
     blocks: (n, 2, 6, 3, 3 S), N/m, of pairs of nodes (vane/pairs_kernels), S at least m + 2 and a
@@ -116,10 +116,10 @@ class Vane(NamedTuple):
     product: Array
     sums: Array
     tension: Array
-    cells: Cells
+    cells: CellScratch
 
 
-class Beam(NamedTuple):
+class RachisScratch(NamedTuple):
     """One rachis element: gradient (6, 12) of its strains, stress (6,), matrix (12, 12)."""
 
     gradient: Array
@@ -127,7 +127,7 @@ class Beam(NamedTuple):
     matrix: Array
 
 
-class Closing(NamedTuple):
+class ActiveContacts(NamedTuple):
     """Contacts that open or close within a Newton step (closing_kernels).
 
     Of a feather's contacts: on, whether they are in the matrix, and push, N, which they press with
@@ -148,10 +148,10 @@ class Closing(NamedTuple):
     pulled: Array
 
 
-class Kept(NamedTuple):
+class StoredMatrix(NamedTuple):
     """The matrix that a feather's steps may begin with. made: (n, 4) rotations of the rows where it
     was made. plain: (N, B + 1), without contacts that are followed, or (0, 0) where no later solve
-    asks for it. pace: (PACE,), what it was left with; zeros for none.
+    asks for it. pace: (_HISTORY_SIZE,), what it was left with; zeros for none.
     """
 
     made: Array
@@ -159,50 +159,50 @@ class Kept(NamedTuple):
     pace: Array
 
 
-class KeptOfAll(NamedTuple):
+class StoredMatrices(NamedTuple):
     """matrices: of all feathers of a batch, (F, ...) each. hard: (F,) whether the first solve of
     the last interval took many iterations; then the next one begins with a new matrix."""
 
-    matrices: Kept
+    matrices: StoredMatrix
     hard: NDArray[np.int8]
 
 
-class Work(NamedTuple):
-    """now, trial: poses. around: Surroundings. system, vane: sums. secants
-    (PAIRS, 3, N): steps since the matrix was made (secant_kernels). kept: that matrix. spin (n, 3),
-    coefficient_rate (2, n, 2 C): those of State in the step before the last. force
-    (n, 1 + 2 m, 3), stiff (n, 1 + 2 m, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints.
+class SolverScratch(NamedTuple):
+    """now, trial: poses. around: StepEnvironment. system, vane: sums. secants
+    (MAX_SECANT_PAIRS, 3, N): steps since the matrix was made (secant_kernels). kept: that matrix.
+    spin (n, 3), coefficient_rate (2, n, 2 C): those of State in the step before the last. force (n,
+    1 + 2 m, 3), stiff (n, 1 + 2 m, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints.
     jacobian (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element.
     gaps: at the step's end. closing: contacts.
     """
 
     now: Pose
     trial: Pose
-    around: Surroundings
-    system: System
+    around: StepEnvironment
+    system: LinearSystem
     secants: Array
-    kept: Kept
+    kept: StoredMatrix
     spin: Array
     coefficient_rate: Array
-    vane: Vane
+    vane: VaneScratch
     force: Array
     stiff: Array
     axes: Array
     jacobian: Array
-    beam: Beam
+    beam: RachisScratch
     gaps: Gaps
-    closing: Closing
+    closing: ActiveContacts
 
 
-def kept_matrices(model: Model) -> KeptOfAll:
+def make_matrices(model: Model) -> StoredMatrices:
     """Room for a matrix of every feather of a batch; none is kept yet."""
     count = model.feathers
-    matrices = Kept(
+    matrices = StoredMatrix(
         made=np.zeros((count, model.rows, 4)),
         plain=np.zeros((count, model.unknowns, _width(model))),
-        pace=np.zeros((count, PACE)),
+        pace=np.zeros((count, _HISTORY_SIZE)),
     )
-    return KeptOfAll(matrices, np.zeros(count, dtype=np.int8))
+    return StoredMatrices(matrices, np.zeros(count, dtype=np.int8))
 
 
 def _width(model: Model) -> int:
@@ -210,7 +210,7 @@ def _width(model: Model) -> int:
     return 3 * (6 + 4 * model.coefficients)
 
 
-def no_strains(model: Model, *lead: int) -> Strains:
+def make_strains(model: Model, *lead: int) -> Strains:
     """Strains of zero with leading axes."""
     n, m, c = model.rows, model.columns, model.coefficients
     return Strains(
@@ -223,7 +223,7 @@ def no_strains(model: Model, *lead: int) -> Strains:
     )
 
 
-def whole_gaps(model: Model, *lead: int) -> Gaps:
+def make_gaps(model: Model, *lead: int) -> Gaps:
     """Gaps that have not slipped yet, with leading axes.
 
     lead: the batch's feathers, of which some are split from the start, or none for scratch.
@@ -239,7 +239,7 @@ def whole_gaps(model: Model, *lead: int) -> Gaps:
     )
 
 
-def no_points(rows: int, columns: int, *lead: int) -> RowPoints:
+def make_points(rows: int, columns: int, *lead: int) -> RowPoints:
     """Nodes and directors of zero with leading axes."""
     nodes = np.zeros((*lead, rows, 1 + 2 * columns, 3))
     return RowPoints(nodes, np.zeros((*lead, rows, 2, 3)))
@@ -252,11 +252,11 @@ def make_pose(model: Model) -> Pose:
         rotation=np.zeros((n, 4)),
         centre=np.zeros((n, 3)),
         coefficient=np.zeros((2, n, 2 * c)),
-        points=no_points(n, m),
+        points=make_points(n, m),
         frames=np.zeros((2, n, m, 4)),
         halfway=np.zeros((n - 1, 3, 3)),
         rachis=np.zeros((n - 1, 6)),
-        strains=no_strains(model),
+        strains=make_strains(model),
     )
 
 
@@ -267,37 +267,37 @@ def _lines(*shape: int) -> Array:
     return np.zeros(count + 2 * LANES)[LANES : LANES + count].reshape(shape)
 
 
-def make_work(model: Model) -> Work:
+def make_scratch(model: Model) -> SolverScratch:
     """Scratch for one thread working on feathers of this batch."""
     n, m, c = model.rows, model.columns, model.coefficients
     size, wide, padded = 1 + 2 * m, 6 + 2 * c, 4 * ((m + 1) // 4 + 1)
-    return Work(
+    return SolverScratch(
         now=make_pose(model),
         trial=make_pose(model),
-        around=Surroundings(
-            target=no_points(n, m),
-            past=no_points(n, m),
-            reference=no_strains(model),
-            gaps=whole_gaps(model),
+        around=StepEnvironment(
+            target=make_points(n, m),
+            past=make_points(n, m),
+            reference=make_strains(model),
+            gaps=make_gaps(model),
             wind=np.zeros((n, size, 3)),
             area=np.zeros((n, size, 3)),
             speed=np.zeros((n, size)),
         ),
         system=make_system(model.unknowns, _width(model)),
-        secants=np.zeros((PAIRS, 3, model.unknowns)),
-        kept=Kept(np.zeros((n, 4)), np.zeros((0, 0)), np.zeros(PACE)),
+        secants=np.zeros((MAX_SECANT_PAIRS, 3, model.unknowns)),
+        kept=StoredMatrix(np.zeros((n, 4)), np.zeros((0, 0)), np.zeros(_HISTORY_SIZE)),
         spin=np.zeros((n, 3)),
         coefficient_rate=np.zeros((2, n, 2 * c)),
-        vane=Vane(
+        vane=VaneScratch(
             blocks=_lines(n, 2, 6, 3, 3 * padded),
             nodes=np.zeros((n, 2, 3, padded + 4)),
             pull=np.zeros((n, 2, 3, padded + 4)),
             product=np.zeros((wide, 3 * padded)),
             sums=np.zeros((wide, wide)),
             tension=np.zeros(m),
-            cells=Cells(
-                strips=np.zeros((2, (padded // LANES + 1) * STRIP)),
-                hinges=np.zeros((3, (padded // LANES + 1) * FOLD)),
+            cells=CellScratch(
+                strips=np.zeros((2, (padded // LANES + 1) * STRIP_SIZE)),
+                hinges=np.zeros((3, (padded // LANES + 1) * HINGE_SIZE)),
                 rest=np.zeros((2, 3, padded)),
                 coupling=np.zeros(padded),
                 weight=np.zeros((2, padded)),
@@ -311,11 +311,13 @@ def make_work(model: Model) -> Work:
         stiff=np.zeros((n, size, 6)),
         axes=np.zeros((2, n, m, 6)),
         jacobian=_lines(n, 2, wide, 3 * padded),
-        beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
-        gaps=whole_gaps(model),
-        closing=Closing(
-            on=np.zeros(FOLLOWED, dtype=np.int8),
-            push=np.zeros(FOLLOWED),
+        beam=RachisScratch(
+            gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))
+        ),
+        gaps=make_gaps(model),
+        closing=ActiveContacts(
+            on=np.zeros(MAX_FOLLOWED_CONTACTS, dtype=np.int8),
+            push=np.zeros(MAX_FOLLOWED_CONTACTS),
             band=np.zeros((model.unknowns, _width(model))),
             right=np.zeros(model.unknowns),
             turns=np.zeros((n, 4)),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError
-from featherfx.feather.colours import Colours
+from featherfx.feather.colours import FeatherColours
 from featherfx.feather.types import BarbCurves, Feather, RowMap, RowPoints
 from featherfx.groom.types import FeatherKind
 from featherfx.shot.motion.skin import SkinRoot
@@ -111,7 +111,7 @@ class FeatherEntry:
     hooked: bool = False
     wet: bool = False
     barb_widths: Array | None = None
-    colours: Colours | None = None
+    colours: FeatherColours | None = None
     shape: tuple[FeatherKind, bool, float] | None = None
     chart: Array | None = None
     look: str = ""

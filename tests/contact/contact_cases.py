@@ -16,7 +16,7 @@ from featherfx.solver.contact.interval import (
     ContactReport,
     ContactSettings,
     ContactSolver,
-    Manner,
+    IntervalOptions,
 )
 from featherfx.solver.contact.types import Candidates, Wall
 from featherfx.solver.solver import Settings, Solver, hold_roots
@@ -71,10 +71,10 @@ def run(
         contact.accept()
         return new, contacts
 
-    manner = Manner()
+    manner = IntervalOptions()
     for _ in range(count):
         state, contacts = advance(state, step)
-        manner = Manner(turns=turns)
+        manner = IntervalOptions(turns=turns)
         yield state, contacts
 
 

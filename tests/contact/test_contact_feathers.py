@@ -18,7 +18,7 @@ from contact_cases import (
 from trial_batches import at_origin, preset_batch
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.contact.interval import ContactSettings, ContactSolver, Manner
+from featherfx.solver.contact.interval import ContactSettings, ContactSolver, IntervalOptions
 from featherfx.solver.contact.types import Candidates
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
@@ -163,7 +163,7 @@ def test_all_batches_keep_to_the_strictest_tolerance():
         )
         states, loads, paths = [start] * 2, [no_loads(1)] * 2, [hold_roots(start)] * 2
         (first, _), reports, _ = contact.interval(
-            states, loads, paths, 1.0 / 48.0, manner=Manner(substeps=1024)
+            states, loads, paths, 1.0 / 48.0, manner=IntervalOptions(substeps=1024)
         )
         found[name] = first.points.nodes, int(reports[0].steps[0])
     assert found["one"][1] == found["both"][1] > 2 * found["none"][1]
@@ -239,7 +239,7 @@ def test_contacts_that_yield_are_deep_but_not_off():
     given = [state], [no_loads(2)], [hold_roots(state)], 3e-4
     depths = {}
     for name, soft in (("firm", None), ("one yields", np.array([False, True]))):
-        manner = Manner(yielding=soft)
+        manner = IntervalOptions(yielding=soft)
         _, _, report = solver_of(model, PAIR, ORDERED).interval(*given, manner=manner)
         depths[name] = report.depth
     assert report.residual == 0.0
@@ -256,7 +256,10 @@ def test_contacts_that_yield_are_as_soft_in_every_search_of_a_step():
     for push in (0.0, 1.0):
         force[2, ..., 2] = push
         contact = solver_of(model, PAIR, ORDERED)
-        loads, manner = no_loads(3)._replace(force=force), Manner(yielding=np.arange(3) == 1)
+        loads, manner = (
+            no_loads(3)._replace(force=force),
+            IntervalOptions(yielding=np.arange(3) == 1),
+        )
         contact.interval([state], [loads], [hold_roots(state)], 3e-4, manner=manner)
         stiffness.append(contact.found.contacts["stiffness"])
     assert len(stiffness[0]) > 20

@@ -7,7 +7,7 @@ import pytest
 from contact_cases import THICKNESS, free_feathers, solver_of
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.contact.interval import Led, Manner
+from featherfx.solver.contact.interval import IntervalOptions, LedMotion
 from featherfx.solver.contact.surfaces import NEAR_ROOT, elastic_stiffness
 from featherfx.solver.step.root_path import hold_roots
 
@@ -32,9 +32,9 @@ def pressed(rises, fixed=True):
     end[0, ..., 2] += rises[0]
     end[2, ..., 2] += rises[1]
     free = np.array([False, True, False])
-    led = Led(free, start, end, ~free if fixed else np.zeros_like(free))
+    led = LedMotion(free, start, end, ~free if fixed else np.zeros_like(free))
     _, _, report = contact.interval(
-        [state], [no_loads(3)], [hold_roots(state)], STEP, manner=Manner(led=led)
+        [state], [no_loads(3)], [hold_roots(state)], STEP, manner=IntervalOptions(led=led)
     )
     return report, contact.found.contacts
 

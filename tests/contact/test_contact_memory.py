@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from featherfx.solver.contact.search import Found, new_touch
-from featherfx.solver.contact.types import Memory
+from featherfx.solver.contact.search import ContactSearch, new_touch
+from featherfx.solver.contact.types import ContactMemory
 
 WALL = (3, 4, 5)  # bodies, rows, columns
 
@@ -19,8 +19,8 @@ def test_what_is_pressed_is_deep_or_is_on_another_side_is_remembered():
     touch["gap"], touch["spared"] = [1, 1, -1, 1, 1, 1, 1], 0.0
     touch["side"] = [1, -1, 1, 1, -1, 0, 1]
     order = np.array([1, -1, 1, -1, -1, 1])
-    found = Found(touch, 6)  # the last is of an earlier search
-    memory = Memory(*(np.zeros(0),) * 3, np.ones(WALL), np.zeros(WALL, dtype=np.int8))
+    found = ContactSearch(touch, 6)  # the last is of an earlier search
+    memory = ContactMemory(*(np.zeros(0),) * 3, np.ones(WALL), np.zeros(WALL, dtype=np.int8))
     known = found.remembered(order, memory)
     rows, columns = WALL[1:]
     place = [(0, 0, 1), (1, 1, 2), (2, 2, 3), (3, 3, 4)]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.contact import run
-from featherfx.solver.contact.interval import ContactSettings, ContactSolver, Manner
+from featherfx.solver.contact.interval import ContactSettings, ContactSolver, IntervalOptions
 from featherfx.solver.contact.types import Candidates
 from featherfx.solver.solver import Settings, Solver, hold_roots
 
@@ -28,7 +28,11 @@ def _after_a_step(jobs: int) -> dict[str, NDArray[np.float64]]:
         contact = ContactSolver([solver], pairs, halves, ContactSettings())
         resting = np.arange(FEATHERS) == RESTING
         (new,), _, _ = contact.interval(
-            [state], [no_loads(FEATHERS)], [hold_roots(state)], STEP, manner=Manner(resting=resting)
+            [state],
+            [no_loads(FEATHERS)],
+            [hold_roots(state)],
+            STEP,
+            manner=IntervalOptions(resting=resting),
         )
     found = {name: array.copy() for name, array in new.arrays().items()}
     for name, array in state.arrays().items():
@@ -40,7 +44,7 @@ def _after_a_step(jobs: int) -> dict[str, NDArray[np.float64]]:
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_parts_change_no_bytes(jobs, monkeypatch):
     whole = _after_a_step(1)
-    monkeypatch.setattr(run, "WORTH_IT", 0)
-    monkeypatch.setattr(run, "AT_ONCE", 2)
+    monkeypatch.setattr(run, "_WORTH_IT", 0)
+    monkeypatch.setattr(run, "_AT_ONCE", 2)
     parts = _after_a_step(jobs)
     assert all(np.array_equal(parts[name], each) for name, each in whole.items())

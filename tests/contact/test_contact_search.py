@@ -21,7 +21,7 @@ from featherfx.solver.contact.surfaces import (
     surfaces_of,
 )
 from featherfx.solver.contact.sweep_kernels import Marks
-from featherfx.solver.contact.types import Candidates, Search
+from featherfx.solver.contact.types import Candidates, SearchSettings
 from featherfx.solver.contact.wall import wall_of
 
 FEATHERS, MARGIN = 8, 6.0 * THICKNESS
@@ -65,7 +65,9 @@ class Scene:
                 ahead[body, :, :, 2] += 2e-5 * self.rng.normal(size=ahead.shape[1:3])
             bodies = moving_bodies(start, ahead, np.ones(start.shape[:3]))
             memory = no_memory(self.surfaces)
-            yield Search(self.surfaces, bodies, memory, self.margins, MARGIN, 1e-4, WALL_FIT)
+            yield SearchSettings(
+                self.surfaces, bodies, memory, self.margins, MARGIN, 1e-4, WALL_FIT
+            )
             # what was tried is not always where they go
             self.points = ahead if self.rng.random() < 0.7 else start
 
@@ -170,7 +172,7 @@ def test_where_vanes_cross_no_depth_has_to_be_taken_back():
     for name, points in (("within", within), ("across", across)):
         bodies = moving_bodies(points, points, np.ones(points.shape[:3]))
         memory, margins = no_memory(surfaces), np.full(2, MARGIN)
-        search = Search(surfaces, bodies, memory, margins, MARGIN, 1.0, WALL_FIT, True)
+        search = SearchSettings(surfaces, bodies, memory, margins, MARGIN, 1.0, WALL_FIT, True)
         contacts = Searcher(candidates, surfaces).find(search).contacts
         x = np.stack(
             [guest_place(points[0], c["row"], c["point"], c["fraction"]) for c in contacts]

@@ -208,7 +208,7 @@ def test_a_wing_at_rest_sleeps_as_a_whole():
 
 
 def test_threads_change_nothing(monkeypatch):
-    monkeypatch.setattr(run, "WORTH_IT", 1)
+    monkeypatch.setattr(run, "_WORTH_IT", 1)
     one, *others = (baked(half_wing(bird()), 2, jobs)[1] for jobs in (1, 2, 3))
     for some in others:
         for a, b in zip(one, some, strict=True):

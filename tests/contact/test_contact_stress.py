@@ -27,8 +27,8 @@ from featherfx.shot.read.read import read_shot
 from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Detail, Motion
-from featherfx.solver.contact.interval import PLAIN, ContactReport, ContactSolver
-from featherfx.solver.state import no_steps
+from featherfx.solver.contact.interval import PLAIN_INTERVAL, ContactReport, ContactSolver
+from featherfx.solver.state import make_report
 
 HELD = Motion("hold", {})
 BOX = trimesh.creation.box((1.0, 1.0, 1.0))
@@ -155,7 +155,7 @@ def test_a_feather_that_finds_no_balance_does_not_keep_others_from_it(monkeypatc
     shot = replace(half_wing(coarse_bird()), motion=HELD)
     hard, interval = 4, ContactSolver.interval
 
-    def hindered(self, states, loads, paths, duration, walls=(), manner=PLAIN):
+    def hindered(self, states, loads, paths, duration, walls=(), manner=PLAIN_INTERVAL):
         done, reports, contact = interval(self, states, loads, paths, duration, walls, manner)
         if manner.settling and duration > 1e-3 and (manner.led is None or manner.led.free[hard]):
             off = np.where(np.arange(len(contact.off)) == hard, 1.0, contact.off)
@@ -245,7 +245,7 @@ def test_a_common_step_is_one_that_most_feathers_take_at_once(least, most):
     assert steps.left()
     length = steps.span.length
     state = SimpleNamespace(proposal=np.append(length * np.linspace(least, most, 9), 0.0))
-    report = no_steps(10)
+    report = make_report(10)
     report.steps[:9] = 1.0
     none = ContactReport(0, 1, 9, 0.0, 0.0, 0.0, np.zeros(10), np.zeros(10))
     steps.accepted([state], [report], none, False)
@@ -262,7 +262,7 @@ def test_steps_are_bounded_by_one_that_was_dear_to_do_again(again, halved):
     rules = StepRules(0, 32, THICKNESS, 8, 1000, [str(f) for f in range(10)])
     state = SimpleNamespace(proposal=np.full(10, 1.0))
     none = ContactReport(0, 1, 10, 0.0, 0.0, 0.0, np.zeros(10), np.zeros(10))
-    report = no_steps(10)
+    report = make_report(10)
     report.steps[:] = 1.0
     pace, lengths = Pace(1.0 / 8), []
     # one easy step, one that is done again, and easy ones after
@@ -296,4 +296,4 @@ def test_what_a_step_cannot_be_cut_for_is_searched_for_to_the_end():
         # and it is off by so much that the step is cut, or nothing would be done for it
         off = np.array([1.01 * lost, 0.0]) * THICKNESS
         report = ContactReport(1, 1, 1, 0.0, 0.0, 0.0, off, np.zeros(2))
-        assert rules.off([no_steps(2)], report, span).tolist() == [most < np.inf, False]
+        assert rules.off([make_report(2)], report, span).tolist() == [most < np.inf, False]

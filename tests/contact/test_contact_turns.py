@@ -9,8 +9,12 @@ from trial_batches import at_origin, preset_batch
 from featherfx.mechanics.model import Contacts, no_loads
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.closing_kernels import begin_contacts, take_for_linear, turn_contacts
-from featherfx.solver.work import make_work
+from featherfx.solver.step.closing_kernels import (
+    add_contacts_to_matrix,
+    linearise_contacts,
+    switch_contacts,
+)
+from featherfx.solver.work import make_scratch
 
 
 def planes(rng, nodes, points, heights, forces):
@@ -45,7 +49,7 @@ def test_a_step_ends_where_contacts_press_as_they_will(count):
     """Of 0.5 d.A d + g.d + sum <P - r n.J d>^2 / (2 r), with any matrix, gradient and Jacobian."""
     rng = np.random.default_rng(count)
     _, model = preset_batch("swan_primary", rows=11, columns=4)
-    work, points = make_work(model), at_origin(model).points.nodes[0]
+    work, points = make_scratch(model), at_origin(model).points.nodes[0]
     size, width = work.system.band.shape
     contacts = some_planes(rng, model, points, count)
     place = points.shape[1] // 2
@@ -72,14 +76,14 @@ def test_a_step_ends_where_contacts_press_as_they_will(count):
         band[j, : min(width, size - j)] = matrix[j : j + width, j]
     right[:] = slopes[on].T @ push[on] - gradient
     where = 0, 1.0, points
-    begin_contacts(model, contacts, *where, True, work)
-    take_for_linear(model, contacts, *where, work)
+    add_contacts_to_matrix(model, contacts, *where, True, work)
+    linearise_contacts(model, contacts, *where, work)
     work.closing.right[:] = right
     turned = []
     for _ in range(8):
         assert factorise(band, work.system.panel)
         solve_factored(band, right)
-        turned.append(turn_contacts(model, contacts, 0, right, False, work))
+        turned.append(switch_contacts(model, contacts, 0, right, False, work))
         if turned[-1] == 0:
             break
         step = right.copy()

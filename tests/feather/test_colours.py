@@ -12,7 +12,7 @@ from featherfx.algebra.srgb import linear
 from featherfx.feather.build import build_feather
 from featherfx.feather.colours import colours_of
 from featherfx.feather.render import barb_curves
-from featherfx.feather.types import RACHIS
+from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.looks import Colour, Pattern
 from featherfx.groom.presets.kinds import blended
 
@@ -26,7 +26,7 @@ def shades(*patterns, rows=81, columns=16, mirrored=False, **colour):
     feather = build_feather(kind, rows, columns, mirrored)
     found = colours_of(kind, feather, None, "one")
     surface = feather.surface
-    vane = np.setdiff1d(surface.triangles[surface.part != RACHIS], [])
+    vane = np.setdiff1d(surface.triangles[surface.part != RACHIS_PART], [])
     points = surface.points(feather.rest)
     return points[vane], surface.st[vane], found.points[vane, 0], feather
 
@@ -53,7 +53,7 @@ def test_bars_run_straight_across_a_feather_of_oblique_barbs():
     feather = build_feather(kind, 201, 16)
     light = colours_of(kind, feather, None, "one").points[:, 0]
     points = feather.surface.points(feather.rest)
-    vane = np.unique(feather.surface.triangles[feather.surface.part != RACHIS])
+    vane = np.unique(feather.surface.triangles[feather.surface.part != RACHIS_PART])
     along = (points[vane, 0] / kind.length - kind.calamus) / (1.0 - kind.calamus)
     inside = (along > 0.02) & (along < 0.98)
     phase = 5.0 * along[inside] % 1.0
@@ -96,7 +96,7 @@ def test_barbs_have_the_colours_of_the_vane_below_them():
     barbs = barb_curves(kind, (81, 16), 60, False)
     found = colours_of(kind, feather, barbs, "one")
     surface = feather.surface
-    vane = np.unique(surface.triangles[surface.part != RACHIS])
+    vane = np.unique(surface.triangles[surface.part != RACHIS_PART])
     points = surface.points(feather.rest)[vane]
     ends = barbs.points.reshape(-1, 3)[::7]
     near = np.linalg.norm(points - ends[:, None], axis=2).argmin(axis=1)

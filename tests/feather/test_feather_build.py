@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.feather.types import LEADING, RACHIS, TRAILING, Feather, barb_slice
+from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, Feather, barb_slice
 from featherfx.groom.types import BarbGuide, FeatherKind, VaneShape
 
 SIZES = {"rows": st.integers(3, 30), "columns": st.integers(1, 8)}
@@ -125,7 +125,7 @@ def test_barbs_are_equally_divided_and_directors_orthonormal(kind, rows, columns
 def test_the_rachis_is_a_closed_tube_round_the_shaft(kind, rows, columns, sides):
     build_or_skip(kind, rows, columns)
     feather = build_feather(kind, rows, columns, False, sides)
-    points, triangles, _ = mesh(feather, RACHIS)
+    points, triangles, _ = mesh(feather, RACHIS_PART)
     tube = trimesh.Trimesh(points, triangles, process=False)
     assert tube.is_watertight
     assert tube.is_winding_consistent
@@ -134,7 +134,7 @@ def test_the_rachis_is_a_closed_tube_round_the_shaft(kind, rows, columns, sides)
 
 def test_the_tube_holds_the_volume_of_its_elliptic_sections():
     feather = build_feather(SWAN_PRIMARY, 81, 2, False, 48)
-    points, triangles, _ = mesh(feather, RACHIS)
+    points, triangles, _ = mesh(feather, RACHIS_PART)
     section = 0.25 * np.pi * feather.width * feather.height
     expected = np.trapezoid(section, feather.station)
     volume = trimesh.Trimesh(points, triangles, process=False).volume
@@ -209,7 +209,7 @@ def test_a_vane_may_be_absent_on_one_side():
     assert not np.any(feather.surface.part == LEADING)
     assert feather.cell[TRAILING].any()
     bare = build_feather(feather_kind(NO_VANE, NO_VANE), 9, 3)
-    assert set(bare.surface.part) == {RACHIS}
+    assert set(bare.surface.part) == {RACHIS_PART}
 
 
 @pytest.mark.parametrize("rows", [3, 4, 5])

@@ -14,7 +14,7 @@ import featherfx
 from featherfx.algebra.rotation import frames_from
 from featherfx.errors import InputError, InputWarning
 from featherfx.feather.build import build_feather, repeated_shapes, scaled
-from featherfx.feather.layout.layout import cover, laid_out, lay_out, measured
+from featherfx.feather.layout.layout import cover, laid_out, lay_out, measure_layout
 from featherfx.feather.layout.overlap import segment_distance, shingle_pairs, strips_of
 from featherfx.feather.shapes import feathers_of
 from featherfx.files.disk_cache import nothing_kept
@@ -110,14 +110,14 @@ def test_opposite_sides_of_a_wing_do_not_lie_over_each_other(kind):
 
 
 def test_feathers_are_cleared(kind):
-    before = measured(groom_of(*field(kind)))
+    before = measure_layout(groom_of(*field(kind)))
     assert (before.gaps < 0.5 * CLEARANCE).sum() > 100
     groom, report = laid_out(groom_of(*field(kind)))
     assert report.unresolved == ()
     assert report.gaps.min() > 0.9 * CLEARANCE
     assert np.abs(report.raised).max() < 30.0
     # the report is that of the groom that comes out
-    assert np.allclose(np.sort(measured(groom).gaps), np.sort(report.gaps), atol=1e-9)
+    assert np.allclose(np.sort(measure_layout(groom).gaps), np.sort(report.gaps), atol=1e-9)
 
 
 def test_cleared_feathers_do_not_meet_as_meshes(kind):
@@ -129,7 +129,7 @@ def test_cleared_feathers_do_not_meet_as_meshes(kind):
         points = built.surface.points(built.points) @ feather.rotation.T + feather.position
         meshes.append(trimesh.Trimesh(points, vanes, process=False))
     depths = []
-    for upper, lower in measured(groom).pairs:
+    for upper, lower in measure_layout(groom).pairs:
         # rays straight up from the lower feather's points have to meet the upper one above
         start, up = meshes[lower].vertices, groom.feathers[lower].rotation[:, 2]
         hits, rays, _ = meshes[upper].ray.intersects_location(
@@ -212,7 +212,7 @@ def test_the_skin_is_cleared(kind):
     corners = np.array(sphere.vertices)[np.array(sphere.faces)]
     bent = adjusted(kind, Change(camber=60.0))
     feather = placed(bent, "a", (0, 0, 0.1))
-    before = measured(groom_of(feather, skin=corners))
+    before = measure_layout(groom_of(feather, skin=corners))
     assert before.skin_gaps[0] < -1e-3
     _, report = laid_out(groom_of(feather, skin=corners))
     assert report.skin_gaps[0] > 0.8 * CLEARANCE
@@ -237,7 +237,7 @@ def test_a_grown_feather_is_not_pierced_by_the_skin_between_its_samples(kind, he
         return hits[:, 2].min(initial=np.inf) < height
 
     groom = groom_of(feather, skin=corners, most_lift=0.0)
-    assert measured(groom).skin_gaps[0] > 0.0
+    assert measure_layout(groom).skin_gaps[0] > 0.0
     assert pierced(groom)
     result, report = laid_out(limited(groom, drop=1e-4, least_size=0.9))
     if height < 0.005:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from featherfx.feather.build import build_feather, mirror_feather, scaled
-from featherfx.feather.split_edges import Lips
+from featherfx.feather.split_edges import SplitEdges
 from featherfx.feather.types import TRAILING
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.splits import splits_of
@@ -36,7 +36,7 @@ def across(vectors, along):
 
 def gape(feather, node):
     """(L,) m, from lips that are open at rest across to the barbs above them, at a node."""
-    lips = Lips.of(feather)
+    lips = SplitEdges.of(feather)
     open_ = lips.open(np.where(feather.split, 0.0, 1.0)) & (lips.node == node)
     above = feather.rest.nodes[lips.row[open_] + 1, node - 1 : node + 1]
     return across(above[:, 1] - lips.carried(feather.rest)[open_], above[:, 1] - above[:, 0])

@@ -10,15 +10,15 @@ from featherfx.lab.bench import stress
 from featherfx.lab.bench.cases import MOST_WORK, draw_case
 from featherfx.mechanics.model import no_loads
 from featherfx.shot.counts import Bounds, Counts
-from featherfx.solver.overload import overload_of, specific_energy
+from featherfx.solver.overload import overload_describer, specific_energy
 from featherfx.solver.solver import (
-    MOST_ITERATIONS,
-    NEWTON_ITERATIONS,
+    MAX_FRAME_ITERATIONS,
+    MAX_NEWTON_ITERATIONS,
     Settings,
     Solver,
     raise_if_failed,
 )
-from featherfx.solver.state import State, no_steps
+from featherfx.solver.state import State, make_report
 from featherfx.solver.step.root_path import hold_roots
 
 SEEDS = range(1000, 1040)
@@ -121,7 +121,7 @@ def test_as_many_steps_as_their_errors_ask_for_are_bounded_by_work_alone():
 
 def test_a_dear_case_has_fewer_iterations():
     small, large = draw_case(1003, MOST_ROWS), draw_case(1410283)
-    assert small.settings.max_iterations == MOST_ITERATIONS
+    assert small.settings.max_iterations == MAX_FRAME_ITERATIONS
     assert large.model.rows == 174
     work = large.settings.max_iterations * large.model.unknowns
     assert 0.99 * MOST_WORK < work <= MOST_WORK
@@ -140,7 +140,7 @@ def hurried(seed, most):
 def test_a_case_may_not_take_more_work_than_its_limit():
     _, state, report, counted = hurried(3020, 30)
     tries = report.steps[0] + report.failed[0] + report.rejected[0]
-    assert counted < 30 + NEWTON_ITERATIONS + tries
+    assert counted < 30 + MAX_NEWTON_ITERATIONS + tries
     assert tries < 30
     with pytest.raises(SimulationError, match="more work than 30 Newton iterations in one frame"):
         raise_if_failed(report.status, state.time, ["crumpled"], 30)
@@ -160,7 +160,7 @@ def test_a_frame_that_must_end_takes_unsolved_steps_and_says_so():
     counts, bounds = Counts(), Bounds(1e-4, {})
     for frame, part in ((4.0, 0.5), (5.0, 1.0), (6.0, 0.2)):
         counts.add(report._replace(move=part * report.move), ["crumpled"], frame, bounds)
-    counts.add(no_steps(1), ["calm"], 7.0, bounds)
+    counts.add(make_report(1), ["calm"], 7.0, bounds)
     told = counts.summary()
     assert told["feathers_unsolved"] == 1
     far = {"feather": "crumpled", "frame": 5.0, "distance": report.move[0]}
@@ -176,10 +176,13 @@ def test_what_holds_more_than_keratin_is_told_apart():
     )
     with pytest.raises(SimulationError, match=r"J/kg, 5.4e\+02 times what keratin breaks at"):
         raise_if_failed(
-            np.array([1.0]), np.zeros(1), ["wrung"], cause_of=overload_of(case.model, case.state)
+            np.array([1.0]),
+            np.zeros(1),
+            ["wrung"],
+            cause_of=overload_describer(case.model, case.state),
         )
     at_rest = draw_case(1400454)
-    assert overload_of(at_rest.model, at_rest.state)(0) == ""
+    assert overload_describer(at_rest.model, at_rest.state)(0) == ""
 
 
 def test_stopped_cases_are_listed_with_their_causes(outcomes):

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import k1
 from trial_batches import preset_batch
 
-from featherfx.mechanics.air_kernels import EVEN, area_vectors, vane_areas
+from featherfx.mechanics.air_kernels import EVEN_BARB_DIFFERENCE, area_vectors, vane_areas
 
 
 def areas(model, nodes):
@@ -44,18 +44,18 @@ def test_of_the_slope_of_a_wave_so_much_is_left_as_its_length_says(waves):
         normals = vectors[near, 1] / np.linalg.norm(vectors[near, 1], axis=-1, keepdims=True)
         return np.ptp(normals[:, 0])
 
-    left = 1.0 / (1.0 + (number * EVEN * barbs) ** 2)
+    left = 1.0 / (1.0 + (number * EVEN_BARB_DIFFERENCE * barbs) ** 2)
     assert slope(evened) / slope(local) == pytest.approx(left, rel=0.1)
     # of a wave 1.67 times as long as the vane is wide, half
     assert waves != 0.6 or left == pytest.approx(0.5, abs=0.01)
 
 
 def test_waves_are_evened_as_a_strip_in_potential_flow_turns_air_aside():
-    """Half of the apparent mass of a strip of chord c is left at k c = 3.76, as EVEN has it; chords
-    are 0.64 of the barbs of flight feathers."""
+    """Half of the apparent mass of a strip of chord c is left at k c = 3.76, as
+    EVEN_BARB_DIFFERENCE has it; chords are 0.64 of the barbs of flight feathers."""
     assert apparent_mass(0.01) == pytest.approx(1.0, abs=1e-3)
     assert apparent_mass(50.0) == pytest.approx(8.0 / (math.pi * 50.0), rel=0.03)
-    assert apparent_mass(0.64 / EVEN) == pytest.approx(0.5, abs=0.01)
+    assert apparent_mass(0.64 / EVEN_BARB_DIFFERENCE) == pytest.approx(0.5, abs=0.01)
     feather, _ = preset_batch("swan_primary", rows=41)
     nodes, rows = feather.rest.nodes, range(12, 30)
     ends = nodes[:, [feather.columns, 2 * feather.columns]]

@@ -10,7 +10,7 @@ from trial_batches import barb_slopes, random_quat
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.mechanics.barb_kernels import barb_points
-from featherfx.mechanics.barb_shapes import FLOOR, curvature_shapes
+from featherfx.mechanics.barb_shapes import MIN_BARB_STIFFNESS, curvature_shapes
 
 UNIT = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -47,7 +47,7 @@ def test_shapes_are_orthonormal_under_the_bending_stiffness(taper):
     shares = curvature_shapes(4, joints, taper)
     edges = np.concatenate([[0.0], (np.arange(joints) + 0.5) / joints])
     width, middle = np.diff(edges), 0.5 * (edges[1:] + edges[:-1])
-    stiffness = np.maximum((1.0 - middle) ** taper, FLOOR)
+    stiffness = np.maximum((1.0 - middle) ** taper, MIN_BARB_STIFFNESS)
     product = (shares / width * stiffness) @ shares.T
     assert product == pytest.approx(np.eye(4), abs=0.01)
 
@@ -60,7 +60,7 @@ def test_no_coefficients_and_fewer_shapes_are_the_first_of_more():
 @pytest.mark.parametrize(
     ("taper", "exact"),
     # F L^3 / B times the integral of (1 - s)^2 / max((1 - s)^taper, 0.05)
-    [(0.0, 1.0 / 3.0), (1.0, 0.5 - 0.5 * FLOOR**2 + FLOOR**2 / 3.0)],
+    [(0.0, 1.0 / 3.0), (1.0, 0.5 - 0.5 * MIN_BARB_STIFFNESS**2 + MIN_BARB_STIFFNESS**2 / 3.0)],
 )
 def test_tip_load_deflects_a_barb_as_beam_theory_says(taper, exact):
     """However few joints there are, because they turn as the segments' mean directions do."""

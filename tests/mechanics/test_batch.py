@@ -10,27 +10,35 @@ from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind
 
 from featherfx.feather.build import build_feather, scaled
 from featherfx.feather.hooked import hooked_stiffness
-from featherfx.feather.types import RACHIS
+from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape
 from featherfx.lab.bench.cases import draw_case
 from featherfx.lab.feathers.strip import strip_feather, strip_kind
-from featherfx.mechanics.batch import LEAST_HOOKED, make_model, resized, row_frames
-from featherfx.mechanics.model import no_loads, wind_of_each
+from featherfx.mechanics.batch import MIN_HOOKED, make_model, resized, row_frames
+from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
 from featherfx.mechanics.vane_rest import cell_weights
-from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.work import make_work
+from featherfx.solver.work import make_scratch
 
 
 def strains_of(model, state):
     """Strains of the first feather, one after the other; its hinges are open."""
-    work = make_work(model)
+    work = make_scratch(model)
     load_pose(model, 0, state, work.now)
-    evaluate(model, no_loads(model.feathers), 0, 0.0, Factors(0.0, 0.0, 0.0), work.now, work.around)
+    evaluate(
+        model,
+        no_loads(model.feathers),
+        0,
+        0.0,
+        IntegratorFactors(0.0, 0.0, 0.0),
+        work.now,
+        work.around,
+    )
     np.testing.assert_array_equal(work.now.strains.openness, 1.0)
     return np.concatenate([each.ravel() for each in work.now.strains[:-1]])
 
@@ -38,7 +46,7 @@ def strains_of(model, state):
 def vane_area(feather):
     """Area of the vanes as the surface draws them."""
     surface = feather.surface
-    corners = surface.points(feather.rest)[surface.triangles[surface.part != RACHIS]]
+    corners = surface.points(feather.rest)[surface.triangles[surface.part != RACHIS_PART]]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return 0.5 * np.linalg.norm(normal, axis=1).sum()
 
@@ -103,7 +111,7 @@ def test_cells_cover_the_vane(name):
     feather, model = preset_batch(name, 21, 6)
     vane = preset_kind(name).vane_material
     share = hooked_stiffness(preset_kind(name), feather) * (not vane.ribbon)
-    held = np.maximum(share, LEAST_HOOKED)[..., None] * cell_weights(6)
+    held = np.maximum(share, MIN_HOOKED)[..., None] * cell_weights(6)
     area = model.cell_stiffness[0] / vane.thickness / np.array([vane.across, vane.shear]) / held
     assert area[..., 0].sum() == pytest.approx(vane_area(feather), rel=1e-12)
     assert area[..., 1] == pytest.approx(area[..., 0], rel=1e-12)
@@ -197,8 +205,8 @@ def test_a_vane_bent_to_a_cylinder_along_its_barbs_has_the_energy_of_a_plate(ang
 
 def test_wind_of_all_feathers_lies_in_memory_as_that_of_each():
     """Else all kernels would be compiled anew for it."""
-    of_all = wind_of_each(no_loads(3)._replace(wind_mean=np.array([1.0, 2.0, 3.0])), 3)
-    of_each = wind_of_each(no_loads(3), 3)
+    of_all = expand_wind(no_loads(3)._replace(wind_mean=np.array([1.0, 2.0, 3.0])), 3)
+    of_each = expand_wind(no_loads(3), 3)
     assert of_all.wind_mean.tolist() == [[1.0, 2.0, 3.0]] * 3
     for name, array in of_each._asdict().items():
         if isinstance(array, np.ndarray):

@@ -9,7 +9,7 @@ from featherfx.algebra.lanes import lane, spread
 from featherfx.algebra.vec3_kernels import sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_bending_kernels import angles_and_openness, openness_gradient
-from featherfx.mechanics.vane_rest import CRUSHED, opening
+from featherfx.mechanics.vane_rest import CRUSHED_OPENNESS, opening
 
 # unit edge, triangles of height 1 at rest
 REST = 0.5
@@ -39,7 +39,7 @@ def openness(points):
     return _openness(points, float(opening(REST)))
 
 
-@pytest.mark.parametrize("height", [CRUSHED, 0.5, -1.0])
+@pytest.mark.parametrize("height", [CRUSHED_OPENNESS, 0.5, -1.0])
 def test_a_triangle_that_keeps_enough_area_bends_as_ever(height):
     points = nodes(height)
     points[3] = points[0] + 2.0 * (points[3] - points[0])

@@ -28,8 +28,8 @@ from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
 from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
 from featherfx.mechanics.vane_twist_kernels import cell_twist, twist_slopes
-from featherfx.solver.step.integrator_kernels import Factors
-from featherfx.solver.work import make_work
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
+from featherfx.solver.work import make_scratch
 
 SEEDS = range(5)
 
@@ -160,14 +160,14 @@ class Nodes:
         target, past, wind, area = rng.normal(size=(4, *shape, 3))
         still = np.zeros((2, 2, 3))
         speed = rng.uniform(0.5, 2.0, shape)
-        self.around = make_work(self.model).around._replace(
+        self.around = make_scratch(self.model).around._replace(
             target=RowPoints(target, still),
             past=RowPoints(past, still),
             wind=wind,
             area=area,
             speed=speed,
         )
-        self.factors = Factors(3.0, 2.0, 0.0)
+        self.factors = IntegratorFactors(3.0, 2.0, 0.0)
         self.force, self.stiff = np.zeros((*shape, 3)), np.zeros((*shape, 6))
         self.size = self.points.size
 

@@ -12,12 +12,12 @@ from featherfx.feather.hooked import hooked_stiffness, in_series
 from featherfx.groom.presets.kinds import blended
 from featherfx.groom.types import Hooked
 from featherfx.lab.feathers.feather import feather_kind
-from featherfx.mechanics.batch import LEAST_HOOKED, make_model
+from featherfx.mechanics.batch import MIN_HOOKED, make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.vane_hook_kernels import all_hold
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
-from featherfx.solver.work import make_work
+from featherfx.solver.work import make_scratch
 
 WHOLE = feather_kind("swan_primary")
 
@@ -52,7 +52,7 @@ def test_the_curves_are_places_along_the_vane_and_along_the_barb():
     ratio /= whole.cell_stiffness[0, 1, ..., 0]
     middle = 0.5 * (feather.station[1:] + feather.station[:-1]) / kind.length
     place = (middle - kind.calamus) / (1.0 - kind.calamus)
-    expected = np.where((place > 0.5)[:, None] & (np.arange(4) < 2), 1.0, LEAST_HOOKED)
+    expected = np.where((place > 0.5)[:, None] & (np.arange(4) < 2), 1.0, MIN_HOOKED)
     known = np.isfinite(ratio)
     expected = np.broadcast_to(expected[..., None], ratio.shape)
     np.testing.assert_allclose(ratio[known], expected[known], rtol=1e-9)
@@ -88,7 +88,7 @@ def test_strength_and_its_energy_go_with_the_share_and_strains_at_yield_do_not()
 def test_a_vane_is_taken_for_one_that_holds_only_while_each_gap_does(strain):
     """The weakest gap beyond its yield, one that has slipped, one that is open, or one crushed."""
     model = model_of(kind_with(hooks="open"))
-    work = make_work(model)
+    work = make_scratch(model)
     gaps, cell = work.around.gaps, work.now.strains.cell
     stiffness, limit = model.cell_stiffness[0, ..., strain], model.hooks.limit[0, ..., strain]
     yields = np.divide(limit, stiffness, out=np.full(limit.shape, np.inf), where=stiffness > 0.0)

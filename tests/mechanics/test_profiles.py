@@ -18,10 +18,10 @@ from featherfx.mechanics.batch import barb_course, make_model, resized
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.resolution import barb_deflection, rachis_deflection
 from featherfx.solver.solver import Settings, Solver
-from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.work import make_work
+from featherfx.solver.work import make_scratch
 
 FALLING = ((0.0, 1.5), (0.6, 0.9), (1.0, 0.25))
 # a thousandth of what it is for, so that deflections are small
@@ -177,9 +177,9 @@ def uneven():
 
 
 def test_forces_are_the_slope_of_the_energy_of_an_uneven_feather():
-    model, loads, still = constants(uneven()), no_loads(1), Factors(0.0, 0.0, 0.0)
+    model, loads, still = constants(uneven()), no_loads(1), IntegratorFactors(0.0, 0.0, 0.0)
     state = random_pose(model, np.random.default_rng(3), 0.02, 0.05)
-    work = make_work(model)
+    work = make_scratch(model)
 
     def energy(of):
         load_pose(model, 0, of, work.now)

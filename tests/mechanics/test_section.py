@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from featherfx.groom.materials import RachisMaterial
-from featherfx.mechanics.section import shaft_mass, shaft_stiffness
+from featherfx.mechanics.section import rachis_mass, rachis_stiffness
 
 SOLID = RachisMaterial(
     young=5e9,
@@ -24,14 +24,14 @@ WIDTH, HEIGHT = np.array([4e-3, 1e-3]), np.array([4e-3, 0.5e-3])
 
 def test_solid_circle():
     radius = 2e-3
-    stretch, bend = shaft_stiffness(WIDTH[:1], HEIGHT[:1], SOLID)
+    stretch, bend = rachis_stiffness(WIDTH[:1], HEIGHT[:1], SOLID)
     area, moment = np.pi * radius**2, np.pi / 4 * radius**4
     assert stretch[0] == pytest.approx([5e9 * area, 2e9 * 0.9 * area, 2e9 * 0.9 * area])
     assert bend[0] == pytest.approx([2e9 * 2 * moment, 5e9 * moment, 5e9 * moment])
 
 
 def test_torsion_and_bending_of_a_solid_ellipse():
-    _, bend = shaft_stiffness(WIDTH[1:], HEIGHT[1:], SOLID)
+    _, bend = rachis_stiffness(WIDTH[1:], HEIGHT[1:], SOLID)
     a, b = 0.5e-3, 0.25e-3
     assert bend[0, 0] == pytest.approx(2e9 * np.pi * a**3 * b**3 / (a**2 + b**2))
     # bending about d2, the wide axis, is out of the vane: the height counts to the third power
@@ -56,7 +56,7 @@ def test_torsion_of_an_ellipse_by_its_stress_function():
     laplace = laplace.tocsr()[inside.ravel()][:, inside.ravel()]
     numeric = 2.0 * spsolve(laplace.tocsc(), -2.0 * np.ones(inside.sum())).sum() * step[0] * step[1]
     unit = replace(SOLID, shear=1.0)
-    _, bend = shaft_stiffness(np.array([2 * a]), np.array([2 * b]), unit)
+    _, bend = rachis_stiffness(np.array([2 * a]), np.array([2 * b]), unit)
     assert bend[0, 0] == pytest.approx(numeric, rel=0.03)
 
 
@@ -64,9 +64,9 @@ def test_torsion_of_an_ellipse_by_its_stress_function():
 def test_a_tube_is_the_solid_shaft_without_its_core(wall):
     hollow = replace(SOLID, wall=wall)
     core = 1.0 - wall
-    outer_stretch, outer_bend = shaft_stiffness(WIDTH, HEIGHT, SOLID)
-    inner_stretch, inner_bend = shaft_stiffness(core * WIDTH, core * HEIGHT, SOLID)
-    stretch, bend = shaft_stiffness(WIDTH, HEIGHT, hollow)
+    outer_stretch, outer_bend = rachis_stiffness(WIDTH, HEIGHT, SOLID)
+    inner_stretch, inner_bend = rachis_stiffness(core * WIDTH, core * HEIGHT, SOLID)
+    stretch, bend = rachis_stiffness(WIDTH, HEIGHT, hollow)
     assert bend == pytest.approx(outer_bend - inner_bend, rel=1e-12)
     assert stretch[:, 0] == pytest.approx(outer_stretch[:, 0] - inner_stretch[:, 0], rel=1e-12)
 
@@ -74,7 +74,7 @@ def test_a_tube_is_the_solid_shaft_without_its_core(wall):
 def test_a_thin_tube():
     radius, wall = 2e-3, 1e-3
     material = replace(SOLID, wall=wall)
-    stretch, bend = shaft_stiffness(np.array([2 * radius]), np.array([2 * radius]), material)
+    stretch, bend = rachis_stiffness(np.array([2 * radius]), np.array([2 * radius]), material)
     thickness = wall * radius
     assert stretch[0, 0] == pytest.approx(5e9 * 2 * np.pi * radius * thickness, rel=2 * wall)
     assert stretch[0, 1] == pytest.approx(0.5 * stretch[0, 0] * 2 / 5, rel=2 * wall)
@@ -83,11 +83,13 @@ def test_a_thin_tube():
 
 def test_mass_of_cortex_and_core():
     material = replace(SOLID, wall=0.25)
-    line, about_second, about_third = shaft_mass(WIDTH, HEIGHT, material)
+    line, about_second, about_third = rachis_mass(WIDTH, HEIGHT, material)
     outer = np.pi / 4 * WIDTH * HEIGHT
     inner = 0.75**2 * outer
     assert line == pytest.approx(1300.0 * (outer - inner) + 100.0 * inner, rel=1e-12)
     # a uniform section: the radii of gyration are a quarter of width and height
-    line, about_second, about_third = shaft_mass(WIDTH, HEIGHT, replace(SOLID, core_density=1300.0))
+    line, about_second, about_third = rachis_mass(
+        WIDTH, HEIGHT, replace(SOLID, core_density=1300.0)
+    )
     assert about_second == pytest.approx(line * (HEIGHT / 4) ** 2, rel=1e-12)
     assert about_third == pytest.approx(line * (WIDTH / 4) ** 2, rel=1e-12)

@@ -16,16 +16,21 @@ from featherfx.feather.build import build_feather
 from featherfx.lab.nodal.solver import NodalSolver
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.vane_guard_kernels import ROUNDING, area_ratio, guard_energy, guard_slopes
+from featherfx.mechanics.vane_guard_kernels import (
+    GUARD_ROUNDING,
+    area_ratio,
+    guard_energy,
+    guard_slopes,
+)
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
 from featherfx.solver.solver import Settings, Solver
-from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import add_increment, load_pose
-from featherfx.solver.work import make_work
+from featherfx.solver.work import make_scratch
 
 REST = np.array([1.3, 0.4, 0.8])
-STILL = Factors(0.0, 0.0, 0.0)
+STILL = IntegratorFactors(0.0, 0.0, 0.0)
 
 
 def flat_triangle(across: float, along: float) -> np.ndarray:
@@ -70,7 +75,7 @@ def test_area_ratio_is_that_of_the_areas() -> None:
     for across, along in ((0.9, 0.0), (0.5, 0.4), (1.4, -0.7)):
         nodes = flat_triangle(across, along)
         ratio = area_ratio(*membrane_strain(*nodes, REST))
-        expected = np.sqrt((across**2 + ROUNDING) / (1.0 + ROUNDING))
+        expected = np.sqrt((across**2 + GUARD_ROUNDING) / (1.0 + GUARD_ROUNDING))
         assert ratio == pytest.approx(expected, rel=1e-12)
 
 
@@ -96,7 +101,7 @@ def test_the_assembled_gradient_holds_the_guard() -> None:
     rng = np.random.default_rng(3)
     model = guarded_batch(1e10)
     free = model._replace(cell_guard=np.zeros((1, 0, 0, 0, 0, 0)))
-    state, loads, work = random_pose(model, rng), no_loads(1), make_work(model)
+    state, loads, work = random_pose(model, rng), no_loads(1), make_scratch(model)
     load_pose(model, 0, state, work.now)
     without = evaluate(free, loads, 0, 0.0, STILL, work.now, work.around)
     total = evaluate(model, loads, 0, 0.0, STILL, work.now, work.around)
@@ -120,7 +125,7 @@ def test_no_guard_leaves_every_bit_as_it_was() -> None:
     """A guard of modulus zero is not there at all; a triangle at rest does not feel any."""
     assert guarded_batch(0.0).cell_guard.size == 0
     model = guarded_batch(1e9)
-    state, work = at_origin(model), make_work(model)
+    state, work = at_origin(model), make_scratch(model)
     load_pose(model, 0, state, work.now)
     assert abs(evaluate(model, no_loads(1), 0, 0.0, STILL, work.now, work.around)) < 1e-18
     force = assembled(model, no_loads(1), 0.0, STILL, work)
@@ -144,8 +149,8 @@ def test_a_strip_pressed_across_its_barbs() -> None:
     pressure = 1.5 * vane.across / np.sqrt(27.0)
 
     def excess(x: float) -> float:
-        ratio = np.sqrt((x * x + ROUNDING) / (1.0 + ROUNDING))
-        slope = x / (ratio * (1.0 + ROUNDING))
+        ratio = np.sqrt((x * x + GUARD_ROUNDING) / (1.0 + GUARD_ROUNDING))
+        slope = x / (ratio * (1.0 + GUARD_ROUNDING))
         membrane = 0.5 * vane.across * x * (x * x - 1.0)
         return membrane - guard / 864.0 * (1.0 - ratio) ** 2 * slope + pressure
 

@@ -9,7 +9,7 @@ from places import SAMPLES
 from featherfx.api import scene_readers
 from featherfx.feather.crossings import crossings_of, patches_of
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import RACHIS
+from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.anatomy.drape import Body
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
@@ -84,7 +84,7 @@ def test_coverts_lie_over_each_other_where_the_beat_folds_the_wing(owl, shot):
             for each, k in zip(built, own, strict=True)
         ]
         meshes = [
-            (place, each.surface.triangles, each.surface.part == RACHIS, number)
+            (place, each.surface.triangles, each.surface.part == RACHIS_PART, number)
             for number, (place, each) in enumerate(zip(points, built, strict=True))
         ]
         return len(crossings_of(np.concatenate(points), patches_of(meshes)).owners)

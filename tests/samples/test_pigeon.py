@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from featherfx.api import read_groom, scene_readers
 from featherfx.baking.pipeline import bake, check
 from featherfx.errors import InputWarning
-from featherfx.feather.layout.layout import laid_out, measured
+from featherfx.feather.layout.layout import laid_out, measure_layout
 from featherfx.groom.keys.anatomy import PARTS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
@@ -187,7 +187,7 @@ def test_wings_and_tail_are_laid_out(groom):
     laid, report = laid_out(part)
     assert_clear(report)
     # what the layout tells of itself is what others find
-    assert_clear(measured(laid))
+    assert_clear(measure_layout(laid))
     assert len(report.dropped) < 5
 
 
@@ -196,7 +196,7 @@ def test_the_whole_plumage_is_laid_out():
     with pytest.warns(InputWarning, match="layout"):
         whole = read_groom(PIGEON / "groom.toml")
     assert len(whole.feathers) >= 2000
-    assert_clear(measured(whole))
+    assert_clear(measure_layout(whole))
 
 
 @pytest.mark.slow

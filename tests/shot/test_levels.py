@@ -14,7 +14,7 @@ from featherfx.feather.build import build_feather
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.resolution import ROWS, rachis_deflection, rows_for
+from featherfx.mechanics.resolution import ROW_NUMBERS, rachis_deflection, rows_for
 from featherfx.shot.detail.detail import _level, length_factor
 from featherfx.shot.motion.roots import end_rates
 from featherfx.shot.read.read import check_file, read_shot
@@ -190,13 +190,13 @@ def test_rows_follow_stiffness_and_tolerance(stiffer: float) -> None:
 
 
 def test_rows_are_of_the_list_and_at_most_those_asked_for() -> None:
-    assert rows_for(0.0, 1e-4, 41) == ROWS[0]
+    assert rows_for(0.0, 1e-4, 41) == ROW_NUMBERS[0]
     assert rows_for(1.0, 1e-9, 41) == 41
     assert rows_for(1.0, 1e-9, 30) == 30
     assert rows_for(1.0, 1e-9, 4000) == 4000
     picked = [rows_for(1e-2, tolerance, 400) for tolerance in (1e-2, 1e-3, 1e-4, 1e-5)]
     assert picked == sorted(picked)
-    assert all(count in ROWS for count in picked)
+    assert all(count in ROW_NUMBERS for count in picked)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.3])

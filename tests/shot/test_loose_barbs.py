@@ -10,7 +10,7 @@ import pytest
 from featherfx.feather.build import build_feather
 from featherfx.groom.types import FeatherKind, Hooked
 from featherfx.lab.feathers.feather import feather_kind
-from featherfx.mechanics.batch import FIBRE_SHARE, make_model
+from featherfx.mechanics.batch import FIBRE_FRACTION, make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.contact.surfaces import as_torn, grids_of, surfaces_of
 from featherfx.solver.solver import Settings, Solver, hold_roots
@@ -65,7 +65,7 @@ def test_loose_barbs_do_not_pass_through_each_other(force: float):
     """Pressed together they yield by less than half of the width at which they touch."""
     assert pushed(force, touching=False)[0] < 0.02
     least, nodes = pushed(force, touching=True)
-    assert least > 0.5 * FIBRE_SHARE
+    assert least > 0.5 * FIBRE_FRACTION
     # the next one is pushed aside, the one behind is not
     moved = np.linalg.norm(nodes - FEATHER.rest.nodes, axis=2)[:, -1]
     assert moved[PUSHED + 1] > 1e-3
@@ -93,7 +93,7 @@ def test_loose_barbs_that_do_not_touch_feel_nothing():
 
 
 def test_barbs_of_a_torn_vane_do_not_pass_through_each_other():
-    assert pushed(1e-2, OPEN, touching=False)[0] > 0.5 * FIBRE_SHARE
+    assert pushed(1e-2, OPEN, touching=False)[0] > 0.5 * FIBRE_FRACTION
 
 
 @pytest.mark.parametrize(("side", "rim"), [(0, slice(-3, None)), (1, slice(-6, -3))])

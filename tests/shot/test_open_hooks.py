@@ -22,7 +22,12 @@ from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Shot
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
-from featherfx.solver.step.gap_kernels import DAMPED, OPENING, RELEASED, SLIP
+from featherfx.solver.step.gap_kernels import (
+    DAMPED_ENERGY,
+    OPENING_WORK,
+    RELEASED_ENERGY,
+    SLIP_WORK,
+)
 
 SAMPLE = SAMPLES / "feather_pull"
 PULL = """
@@ -101,7 +106,9 @@ def test_the_vane_splits_and_is_preened_shut(run):
 def test_energies_are_accounted_and_none_is_won(run):
     _, found, report, _ = run
     spent = np.array([each.spent for each in found])
-    assert (np.diff(spent[:, [SLIP, OPENING, RELEASED, DAMPED]], axis=0) >= 0.0).all()
+    assert (
+        np.diff(spent[:, [SLIP_WORK, OPENING_WORK, RELEASED_ENERGY, DAMPED_ENERGY]], axis=0) >= 0.0
+    ).all()
     assert report["damping_work"] > 0.0
     assert report["released_energy"] > 0.0
     assert report["slip_work"] + report["opening_work"] > 0.0

@@ -20,14 +20,14 @@ from featherfx.algebra.rotation import quats_to_frames, rotation_vectors
 from featherfx.feather.types import RowPoints
 from featherfx.lab.bench.cases import crumple
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import copy_pose, evaluate
 from featherfx.solver.step.pose_kernels import add_increment, load_pose
 from featherfx.solver.step.strain_kernels import Strains
-from featherfx.solver.work import make_work, no_strains
+from featherfx.solver.work import make_scratch, make_strains
 
-FACTORS = Factors(500.0, 30.0, 40.0)
-STILL = Factors(0.0, 0.0, 0.0)
+FACTORS = IntegratorFactors(500.0, 30.0, 40.0)
+STILL = IntegratorFactors(0.0, 0.0, 0.0)
 SHARE = 0.5
 
 
@@ -36,7 +36,7 @@ class Trial:
 
     def __init__(self, model, state, loads, factors, around=None):
         self.model, self.loads, self.factors = model, loads, factors
-        self.work = make_work(model)
+        self.work = make_scratch(model)
         if around is not None:
             for name, array in around.items():
                 if name in ("reference", "target", "past"):
@@ -81,7 +81,7 @@ def loaded(name, seed, crumpled=0.0, **sizes):
     around = {
         "target": RowPoints(rng.normal(size=(*size, 3)), rng.normal(size=(model.rows, 2, 3))),
         "past": RowPoints(0.1 * rng.normal(size=(*size, 3)), np.zeros((model.rows, 2, 3))),
-        "reference": Strains(*(0.1 * rng.normal(size=a.shape) for a in no_strains(model))),
+        "reference": Strains(*(0.1 * rng.normal(size=a.shape) for a in make_strains(model))),
         "wind": rng.normal(size=(*size, 3)),
         "area": 1e-2 * rng.normal(size=(*size, 3)),
         "speed": np.abs(rng.normal(size=size)),
@@ -173,7 +173,7 @@ def dense(band):
 def test_the_matrix_knows_how_damping_holds_crushed_hinges(signed):
     """They may turn while their triangles open, so that openness times fold stays."""
     trial = loaded("swan_primary", 10, crumpled=4.0, rows=7, columns=3, coefficients=1)
-    trial.factors, model = Factors(0.0, 0.0, 1e15), trial.model
+    trial.factors, model = IntegratorFactors(0.0, 0.0, 1e15), trial.model
     others = ("rachis_stiffness", "barb_stiffness", "cell_stiffness", "twist_stiffness")
     trial.model = model._replace(**{name: 0.0 * getattr(model, name) for name in others})
     strains, scale = trial.work.now.strains, 1e-4 * scales(trial.model)

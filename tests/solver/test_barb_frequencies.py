@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from featherfx.groom.materials import VaneMaterial
 from featherfx.lab.feathers.strip import strip_feather, strip_kind
-from featherfx.mechanics.barb_shapes import FLOOR
+from featherfx.mechanics.barb_shapes import MIN_BARB_STIFFNESS
 from featherfx.mechanics.batch import make_model
 from featherfx.solver.step.modes import rest_bands
 
@@ -39,7 +39,7 @@ def ritz(taper: float, count: int) -> np.ndarray:
 
     times sqrt(D / (density REACH^4)): Rayleigh and Ritz with s^2 times Legendre polynomials.
     """
-    knots = [0.0, 1.0 - FLOOR ** (1.0 / taper) if taper else 0.5, 1.0]
+    knots = [0.0, 1.0 - MIN_BARB_STIFFNESS ** (1.0 / taper) if taper else 0.5, 1.0]
     nodes, weights = np.polynomial.legendre.leggauss(40)
     pieces = list(pairwise(knots))
     s = np.concatenate([a + (b - a) * 0.5 * (nodes + 1) for a, b in pieces])
@@ -52,7 +52,7 @@ def ritz(taper: float, count: int) -> np.ndarray:
         full = leg * Polynomial([0.0, 0.0, 1.0])
         shapes.append(full(s))
         curved.append(full.deriv(2)(s))
-    stiffness = np.maximum((1.0 - s) ** taper, FLOOR)
+    stiffness = np.maximum((1.0 - s) ** taper, MIN_BARB_STIFFNESS)
     stiff = np.einsum("as,bs,s->ab", curved, curved, w * stiffness)
     heavy = np.einsum("as,bs,s->ab", shapes, shapes, w)
     return np.sqrt(eigh(stiff, heavy, eigvals_only=True)[:count])

@@ -12,18 +12,18 @@ from trial_batches import at_origin, preset_batch, rod
 from featherfx.feather.types import RowPoints, both
 from featherfx.lab.bench.cases import crumple
 from featherfx.lab.rods.experiments import total_energy
-from featherfx.mechanics.model import no_loads, wind_of_each
+from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.energy_promise_kernels import (
-    Promise,
-    held_sums,
-    left_alone,
+    EnergyBound,
+    is_isolated,
     slow_down,
     solved_energy,
+    stored_sums,
 )
 from featherfx.solver.step.root_path import hold_roots
-from featherfx.solver.work import make_work
+from featherfx.solver.work import make_scratch
 
 STILL = (0.0, 0.0, 0.0)
 
@@ -47,7 +47,7 @@ def test_energy_with_the_held_part_never_grows_and_bounds_the_plain_one(radius, 
     first = whole()
     for _ in range(60):
         before, plain = whole(), trial.energy
-        square, lag = held_sums(mass, STILL, trial.motion)
+        square, lag = stored_sums(mass, STILL, trial.motion)
         held = 0.125 * h * h * square + 0.25 * h * abs(lag)
         trial.step(h)
         assert whole() <= before + 1e-12 * first
@@ -64,8 +64,8 @@ def path_of(state, places=None, turn=0.0):
 
 def alone(path, **changes):
     model = rod(4)
-    loads = wind_of_each(no_loads(1)._replace(**changes), 1)
-    return left_alone(model, loads, 0, path, 0.5)
+    loads = expand_wind(no_loads(1)._replace(**changes), 1)
+    return is_isolated(model, loads, 0, path, 0.5)
 
 
 def test_what_counts_as_left_alone():
@@ -85,9 +85,9 @@ def test_what_counts_as_left_alone():
     assert not alone(even, air=air)[0]
     assert not alone(even, grip_start=start, grip_end=start, **grip)[0]
     assert not alone(path_of(state, np.outer([0.0, 0.4, 1.0], [2.0, 0.0, 1.0])))[0]
-    assert not left_alone(
+    assert not is_isolated(
         rod(4)._replace(held=np.zeros(1, dtype=np.bool_)),
-        wind_of_each(no_loads(1), 1),
+        expand_wind(no_loads(1), 1),
         0,
         still,
         0.5,
@@ -95,15 +95,15 @@ def test_what_counts_as_left_alone():
 
 
 def test_velocities_are_cut_to_the_energy_there_was_or_the_step_fails():
-    model, work = rod(4), make_work(rod(4))
-    state, loads = at_origin(model), wind_of_each(no_loads(1), 1)
+    model, work = rod(4), make_scratch(rod(4))
+    state, loads = at_origin(model), expand_wind(no_loads(1), 1)
     work.now.points.assign(state.points.at(0))
     work.around.past.assign(state.points.at(0))
     work.around.past.nodes[1:, 0, 2] -= 0.1
     kinetic = 0.5 * 100.0 * 0.01 * model.mass[0, 1:, 0].sum()
 
     def kept(energy):
-        promise = Promise(True, STILL, 0.0, energy, np.inf)
+        promise = EnergyBound(True, STILL, 0.0, energy, np.inf)
         return solved_energy(model, loads, 0, promise, 0.0, 10.0, work)
 
     assert kept(kinetic) == pytest.approx((1.0, kinetic))

@@ -8,22 +8,22 @@ from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, r
 
 from featherfx.mechanics.air_kernels import vane_areas
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.settle.settle_kernels import DEPTH, MIXED, make_mixing, mix
+from featherfx.solver.settle.settle_kernels import MIXING_DEPTH, MIXING_FRACTION, make_mixing, mix
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.status import CONVERGED, NO_REST
-from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.work import make_work
+from featherfx.solver.work import make_scratch
 
 EARTH = (0.0, 0.0, -9.81)
-STILL = Factors(0.0, 0.0, 0.0)
+STILL = IntegratorFactors(0.0, 0.0, 0.0)
 SETTINGS = Settings(newton=1e-9)
 
 
 def energy_and_gradient(model, loads, state):
     """Energy (J) of the first feather and its gradient (N,)."""
-    work = make_work(model)
+    work = make_scratch(model)
     now = work.now
     load_pose(model, 0, state, now)
     energy = evaluate(model, loads, 0, 0.0, STILL, now, work.around)
@@ -160,8 +160,11 @@ def test_mixing_solves_a_linear_problem_that_plain_iteration_does_not():
     mixing = make_mixing(2)
     for k in range(8):
         guess = mixing.next.copy()
-        mixing.guess[k % DEPTH], mixing.change[k % DEPTH] = guess, start + matrix @ guess - guess
-        mix(mixing, min(k + 1, DEPTH), k % DEPTH, MIXED)
+        mixing.guess[k % MIXING_DEPTH], mixing.change[k % MIXING_DEPTH] = (
+            guess,
+            start + matrix @ guess - guess,
+        )
+        mix(mixing, min(k + 1, MIXING_DEPTH), k % MIXING_DEPTH, MIXING_FRACTION)
     assert mixing.next == pytest.approx(solution, rel=1e-6)
 
 

@@ -11,7 +11,7 @@ from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.integrator_kernels import (
     EULER,
-    Motion,
+    PointMotion,
     begin_step,
     end_step,
     integrator_of,
@@ -28,7 +28,7 @@ class Oscillator:
     def __init__(self, frequency, radius):
         self.square, self.radius = frequency**2, radius
         shape = (1, 1, 3)
-        self.motion = Motion(*(np.zeros(shape) for _ in Motion._fields))
+        self.motion = PointMotion(*(np.zeros(shape) for _ in PointMotion._fields))
         self.target, self.past = np.zeros(shape), np.zeros(shape)
         self.motion.points[0, 0, 0] = 1.0
         for acceleration in (self.motion.acceleration, self.motion.smoothed):

@@ -10,11 +10,11 @@ from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import RootPath, Settings, Solver, hold_roots
 from featherfx.solver.step.banded_kernels import factorise, panel_shape
 from featherfx.solver.step.secant_kernels import (
-    PAIRS,
-    begin_step,
-    end_step,
-    keep_step,
+    MAX_SECANT_PAIRS,
+    begin_pair,
+    end_pair,
     solve_corrected,
+    store_step,
 )
 
 UNLIMITED = 1e30
@@ -39,13 +39,13 @@ def test_the_corrected_solution_is_that_of_bfgs(count):
     """H+ = (1 - r s y^T) H (1 - r y s^T) + r s s^T, r = 1 / s.y, pair by pair from A^-1."""
     rng, size = np.random.default_rng(count), 9
     before, true = spd(rng, size), spd(rng, size)
-    secants, inverse = np.zeros((PAIRS, 3, size)), np.linalg.inv(before)
+    secants, inverse = np.zeros((MAX_SECANT_PAIRS, 3, size)), np.linalg.inv(before)
     for pair in range(count):
         step, right = rng.normal(size=(2, size))
         change = true @ step
-        begin_step(pair, right, secants)
-        keep_step(pair, step, secants)
-        assert end_step(pair, right - change, secants)
+        begin_pair(pair, right, secants)
+        store_step(pair, step, secants)
+        assert end_pair(pair, right - change, secants)
         share = 1.0 / (step @ change)
         left = np.eye(size) - share * np.outer(step, change)
         inverse = left @ inverse @ left.T + share * np.outer(step, step)
@@ -61,10 +61,10 @@ def test_the_corrected_solution_is_that_of_bfgs(count):
 
 
 def test_a_step_along_which_the_energy_bends_down_is_refused():
-    secants, step, right = np.zeros((PAIRS, 3, 4)), np.ones(4), np.ones(4)
-    begin_step(0, right, secants)
-    keep_step(0, step, secants)
-    assert not end_step(0, 2.0 * right, secants)
+    secants, step, right = np.zeros((MAX_SECANT_PAIRS, 3, 4)), np.ones(4), np.ones(4)
+    begin_pair(0, right, secants)
+    store_step(0, step, secants)
+    assert not end_pair(0, 2.0 * right, secants)
 
 
 def swung(state, start, step):

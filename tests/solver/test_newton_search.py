@@ -9,35 +9,35 @@ import numpy as np
 import pytest
 from trial_batches import at_origin, preset_batch
 
-from featherfx.mechanics.model import no_loads, wind_of_each
+from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED
-from featherfx.solver.step.energy_promise_kernels import Promise
-from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.energy_promise_kernels import EnergyBound
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import (
-    ALONE,
-    LAST_SHIFT,
-    STABLE,
-    UNKNOWN,
-    Solved,
+    MAX_SHIFT,
+    STABILISED,
+    STABILISED_ONLY,
+    UNKNOWN_CONVERGENCE,
+    NewtonResult,
     _nearer,
     _search,
     _stiffer,
-    nearly_solved,
+    accept_nearly_solved,
 )
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.step.retry_kernels import (
-    FINEST,
+    MIN_ATTEMPTS_LEFT,
+    MIN_STEP_RATIO,
     TAKEN,
-    TRIES_LEFT,
     Attempt,
     Outcome,
     StepSettings,
-    judge,
+    attempt_work,
+    judge_attempt,
+    min_step_length,
     next_step,
-    shortest_now,
-    work_of,
 )
-from featherfx.solver.work import make_work
+from featherfx.solver.work import make_scratch
 
 nearer, stiffer = _nearer.py_func, _stiffer.py_func
 
@@ -62,7 +62,7 @@ def test_no_increment_turns_a_barbs_joint_by_more_than_half_a_turn():
         mass=0.0 * model.mass,
         rotary_inertia=0.0 * model.rotary_inertia,
     )
-    work, loads = make_work(model), wind_of_each(no_loads(1), 1)
+    work, loads = make_scratch(model), expand_wind(no_loads(1), 1)
     load_pose(model, 0, at_origin(model), work.now)
     work.around.target.assign(work.now.points)
     step, count = work.system.right, model.coefficients
@@ -72,7 +72,7 @@ def test_no_increment_turns_a_barbs_joint_by_more_than_half_a_turn():
 
     def taken(scale):
         barbs[2, 3] *= scale
-        level, factors = (0.0, 0.0), Factors(0.0, 0.0, 0.0)
+        level, factors = (0.0, 0.0), IntegratorFactors(0.0, 0.0, 0.0)
         return _search(model, loads, 0, 0.0, factors, level, 0.0, work)[2]
 
     part = taken(1.0)
@@ -83,19 +83,19 @@ def test_no_increment_turns_a_barbs_joint_by_more_than_half_a_turn():
 
 
 def test_what_is_asked_for_gets_stiffer_until_it_is_given_up():
-    assert stiffer(0.0, True) == ALONE
+    assert stiffer(0.0, True) == STABILISED_ONLY
     shift, asked = stiffer(0.0, False), 0
-    assert shift == stiffer(STABLE, True) > 0.0
-    while shift <= LAST_SHIFT:
+    assert shift == stiffer(STABILISED, True) > 0.0
+    while shift <= MAX_SHIFT:
         shift, asked = stiffer(shift, False), asked + 1
     assert asked < 5
 
 
 def test_a_try_without_a_full_step_is_not_near_its_solution():
-    near = nearly_solved.py_func
+    near = accept_nearly_solved.py_func
 
     def after(move):
-        return near(Solved(NOT_CONVERGED, 32, 20, move, UNKNOWN), 1e-3, 0.0)
+        return near(NewtonResult(NOT_CONVERGED, 32, 20, move, UNKNOWN_CONVERGENCE), 1e-3, 0.0)
 
     assert after(inf) == NOT_CONVERGED
     assert after(2e-5) == NOT_CONVERGED
@@ -108,16 +108,16 @@ def outcome(iterations, matrices):
 
 
 def test_an_iteration_with_a_matrix_at_hand_counts_as_a_quarter():
-    assert work_of.py_func(outcome(32, 32)) == 32
-    assert work_of.py_func(outcome(32, 8)) == 14
-    assert work_of.py_func(outcome(1, 0)) == 1
+    assert attempt_work.py_func(outcome(32, 32)) == 32
+    assert attempt_work.py_func(outcome(32, 8)) == 14
+    assert attempt_work.py_func(outcome(1, 0)) == 1
 
 
 def test_steps_that_are_dear_get_fewer():
     """Easy ones may be as short as their errors ask until three quarters of the work are spent."""
     settings = StepSettings(1.0, 1.0 / 4096.0, 0.0, 1e-4, 1e-2, 1e-6, 32, 12, 20_000, 0.0)
-    shortest = partial(shortest_now.py_func, settings, 0.5)
-    free = FINEST * settings.shortest
+    shortest = partial(min_step_length.py_func, settings, 0.5)
+    free = MIN_STEP_RATIO * settings.shortest
     assert shortest(400, 10_000, 7.0) == free
     assert shortest(400, 9_999, 7.0) == pytest.approx(0.5 * 2.0 * 10_001 / 400 / 9_999)
     assert shortest(2000, 5_000, 6.0) == free
@@ -125,8 +125,8 @@ def test_steps_that_are_dear_get_fewer():
     assert shortest(2047, 8_000, 6.0) == free
     assert shortest(2048, 8_000, 6.0) == pytest.approx(0.5 * 12.0 / 8_000)
     # of little work more is left for the end
-    hurried = partial(shortest_now.py_func, settings._replace(most_iterations=1_200), 0.5)
-    kept = TRIES_LEFT * settings.iterations
+    hurried = partial(min_step_length.py_func, settings._replace(most_iterations=1_200), 0.5)
+    kept = MIN_ATTEMPTS_LEFT * settings.iterations
     assert hurried(10, kept, 6.0) == free
     assert hurried(10, kept - 1, 6.0) > free
 
@@ -134,11 +134,11 @@ def test_steps_that_are_dear_get_fewer():
 def test_a_step_as_short_as_it_may_be_is_not_rejected_for_its_error():
     """Steps that are evenly divided are a little longer than was wanted."""
     settings = StepSettings(1.0, 1.0 / 4096.0, 0.0, 1e-4, 1e-2, 1e-6, 32, 12, 20_000, 1.0)
-    floor = shortest_now.py_func(settings, 0.0, 0, 20_000, 0.0)
+    floor = min_step_length.py_func(settings, 0.0, 0, 20_000, 0.0)
     step, fraction = next_step.py_func(floor, 0.0, 1.0)
     assert floor < step
-    promise = Promise(False, (0.0, 0.0, 0.0), 0.0, 0.0, inf)
-    tried = Attempt(step, floor, fraction, 2, 0.0, 32, promise, UNKNOWN, 0.0, 0.0, 0)
+    promise = EnergyBound(False, (0.0, 0.0, 0.0), 0.0, 0.0, inf)
+    tried = Attempt(step, floor, fraction, 2, 0.0, 32, promise, UNKNOWN_CONVERGENCE, 0.0, 0.0, 0)
     erring = outcome(2, 2)._replace(error=5e-4, excess=5e-4)
-    verdict, _, _ = judge.py_func(floor, 0, tried, erring, settings)
+    verdict, _, _ = judge_attempt.py_func(floor, 0, tried, erring, settings)
     assert verdict == TAKEN

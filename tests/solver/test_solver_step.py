@@ -12,12 +12,12 @@ from featherfx.errors import SimulationError
 from featherfx.feather.types import barb_slice
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import (
-    AT_ONCE,
+    FEATHERS_PER_PIECE,
     RootPath,
     Settings,
     Solver,
+    divide_feathers,
     hold_roots,
-    pieces,
     raise_if_failed,
 )
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
@@ -135,10 +135,10 @@ def test_jobs_do_not_change_a_byte():
 
 @pytest.mark.parametrize(("count", "jobs"), [(1, 1), (3, 2), (1000, 1), (1000, 7)])
 def test_threads_take_every_feather_once_and_several_at_a_time(count, jobs):
-    found = pieces(np.arange(count), jobs)
+    found = divide_feathers(np.arange(count), jobs)
     assert np.concatenate(found).tolist() == list(range(count))
     assert len(found) >= min(count, jobs)
-    assert max(map(len, found)) <= AT_ONCE
+    assert max(map(len, found)) <= FEATHERS_PER_PIECE
     assert count < 1000 or len(found) < count / 10
 
 

@@ -8,14 +8,14 @@ from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import (
     RootPath,
     Settings,
+    expand_wind,
     hold_roots,
-    make_work,
-    no_steps,
+    make_report,
+    make_scratch,
     step_settings,
-    wind_of_each,
 )
 from featherfx.solver.status import CONVERGED
-from featherfx.solver.step.batch_kernels import advance_some
+from featherfx.solver.step.batch_kernels import advance_feathers
 
 FRAME = 1.0 / 24.0
 # iterations that the step takes from the rigidly moved pose, and fewer
@@ -26,14 +26,14 @@ def turned(iterations):
     """A feather whose root turns by 2 rad in one step, of so many iterations at most, and its
     report."""
     _, model = preset_batch("swan_primary", rows=9, columns=4, coefficients=2)
-    state, report = at_origin(model), no_steps(1)
+    state, report = at_origin(model), make_report(1)
     path = hold_roots(state)
     samples = np.zeros((1, 5, 6))
     samples[0, :, 5] = np.linspace(0.0, 2.0, 5)
     settings = Settings(tolerance=1e30, newton=1e-9, max_substeps=1)
     frame = step_settings(settings, FRAME)._replace(iterations=iterations, coarse=1e30)
-    loads, path, one = wind_of_each(no_loads(1), 1), RootPath(samples, path.base), np.array([0])
-    advance_some(model, loads, one, path, state, frame, make_work(model), report)
+    loads, path, one = expand_wind(no_loads(1), 1), RootPath(samples, path.base), np.array([0])
+    advance_feathers(model, loads, one, path, state, frame, make_scratch(model), report)
     assert report.status[0] == CONVERGED
     return state, report
 

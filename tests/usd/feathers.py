@@ -6,11 +6,11 @@ import numpy as np
 
 from featherfx.feather.types import (
     LEADING,
-    RACHIS,
+    RACHIS_PART,
     TRAILING,
     Feather,
+    FeatherSurface,
     RowPoints,
-    Surface,
     both,
     turned,
 )
@@ -32,7 +32,7 @@ def rest_points() -> RowPoints:
     return RowPoints(nodes, np.tile(np.eye(3)[1:], (ROWS, 1, 1)))
 
 
-def surface() -> Surface:
+def surface() -> FeatherSurface:
     """5 vane points a row (trailing end to leading end) and a square tube of 4 points a row."""
     vane_nodes = [2 + COLUMNS, 1 + COLUMNS, 0, 1, 2]
     row, node, offset, st = [], [], [], []
@@ -65,26 +65,26 @@ def surface() -> Surface:
             add(low + k - 1, high + k - 1, high + k, TRAILING, (slope, -slope, 0))
         for k in range(4):
             a, b = 5 + k, 5 + (k + 1) % 4
-            add(low + a, high + a, low + b, RACHIS, (1, 0, 0))
-            add(low + b, high + a, high + b, RACHIS, (1, 0, 0))
-    result = Surface(
+            add(low + a, high + a, low + b, RACHIS_PART, (1, 0, 0))
+            add(low + b, high + a, high + b, RACHIS_PART, (1, 0, 0))
+    result = FeatherSurface(
         np.array(row), np.array(node), np.array(offset), np.array(triangles), np.array(part),
         np.array(direction, dtype=float), np.array(st),
     )  # fmt: skip
     return _outward(result)
 
 
-def _outward(given: Surface) -> Surface:
+def _outward(given: FeatherSurface) -> FeatherSurface:
     """Vanes face dorsal (z), the tube faces away from its axis."""
     points = given.points(rest_points())
     triangles = given.triangles.copy()
     for index, (a, b, c) in enumerate(given.triangles):
         normal = np.cross(points[b] - points[a], points[c] - points[a])
         centre = points[[a, b, c]].mean(axis=0)
-        wanted = (0, *centre[1:]) if given.part[index] == RACHIS else (0, 0, 1)
+        wanted = (0, *centre[1:]) if given.part[index] == RACHIS_PART else (0, 0, 1)
         if normal @ np.array(wanted) < 0:
             triangles[index] = (a, c, b)
-    return Surface(
+    return FeatherSurface(
         given.row, given.node, given.offset, triangles, given.part, given.barb_direction,
         given.st,
     )  # fmt: skip

@@ -12,7 +12,7 @@ from pxr import Usd, UsdGeom, UsdShade
 import featherfx
 from featherfx.algebra.srgb import linear
 from featherfx.errors import InputError
-from featherfx.feather.colours import VANE
+from featherfx.feather.colours import VANE_COLOUR
 from featherfx.shot.dependence import dependences
 from featherfx.shot.read.read import read_shot
 from featherfx.usd.check.check import check_usd
@@ -53,7 +53,7 @@ def display(stage, path):
 def test_every_point_has_its_colour(files):
     stage = Usd.Stage.Open(str(files / "feather.usdc"))
     red, plain = (display(stage, f"/feather/feathers/{name}") for name in ("red", "plain"))
-    for primvar, colour in ((red, linear(np.array(RED))), (plain, VANE)):
+    for primvar, colour in ((red, linear(np.array(RED))), (plain, VANE_COLOUR)):
         assert primvar.GetInterpolation() == "vertex"
         shades = np.array(primvar.Get())
         assert np.unique(shades, axis=0).shape[0] == 2  # vanes and shaft

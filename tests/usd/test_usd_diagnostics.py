@@ -12,7 +12,7 @@ from pxr import Usd, UsdGeom
 from scipy.spatial.transform import Rotation
 
 from featherfx.errors import InputError
-from featherfx.feather.types import RACHIS, RowPoints, both, turned
+from featherfx.feather.types import RACHIS_PART, RowPoints, both, turned
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
@@ -61,7 +61,7 @@ def exact() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     v = surface.barb_direction
     w = np.cross([0.0, 0.0, 1.0], v)
     w *= np.sign(w[:, :1])
-    vane = surface.part != RACHIS
+    vane = surface.part != RACHIS_PART
     across = np.where(vane, np.einsum("ti,ij,tj->t", w, green, w), 0.0)
     shear = np.where(vane, np.einsum("ti,ij,tj->t", v, green, w), 0.0)
     density = 0.5 * (STIFFNESS[0] * across**2 + 4.0 * STIFFNESS[1] * shear**2)

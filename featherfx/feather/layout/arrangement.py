@@ -17,7 +17,7 @@ from featherfx.feather.crossings import BODY, Patches, crossings_of, patches_of
 from featherfx.feather.layout.move_kernels import all_gaps, count_cover
 from featherfx.feather.layout.overlap import Strips
 from featherfx.feather.shapes import built_shapes
-from featherfx.feather.types import RACHIS, Feather
+from featherfx.feather.types import RACHIS_PART, Feather
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Placement
 
@@ -121,7 +121,7 @@ class Arrangement(NamedTuple):
         return 1.0 + float(counts[within].sum() / inner.sum())
 
 
-class Meshes:
+class LayoutMeshes:
     """The vanes of F feathers as meshes of V points, and a skin of S beneath. points:
     (V, 3) in feather lengths. owner: (V,) whose each is, in order. skin: (S, 3) m, the last points
     of the patches, of BODY. Only what has moved since the last look is compared again."""
@@ -155,7 +155,7 @@ class Meshes:
 def _vanes(feather: Feather, length: float) -> tuple[Array, Indices]:
     """(V, 3) points of the vanes, in lengths, and (T, 3) their triangles."""
     surface = feather.surface
-    used, corners = np.unique(surface.triangles[surface.part != RACHIS], return_inverse=True)
+    used, corners = np.unique(surface.triangles[surface.part != RACHIS_PART], return_inverse=True)
     return surface.points(feather.rest)[used] / length, corners.reshape(-1, 3)
 
 
@@ -191,7 +191,7 @@ def arrangement_of(feathers: Sequence[Placement]) -> Arrangement:
     )
 
 
-def meshes_of(feathers: Sequence[Placement], skin: Array | None) -> Meshes:
+def meshes_of(feathers: Sequence[Placement], skin: Array | None) -> LayoutMeshes:
     """The vanes of feathers over a skin's corners (T, 3, 3) m."""
     below = np.zeros((0, 3)) if skin is None else skin.reshape(-1, 3)
     faces = np.arange(len(below)).reshape(-1, 3)
@@ -201,7 +201,7 @@ def meshes_of(feathers: Sequence[Placement], skin: Array | None) -> Meshes:
     parts = [(p, t, np.zeros(len(t), bool), f) for f, (p, t) in enumerate(chosen)]
     patches = patches_of([*parts, (below, faces, np.zeros(len(faces), bool), BODY)])
     owner = np.repeat(np.arange(len(chosen)), [len(points) for points, _ in chosen])
-    return Meshes(np.concatenate([points for points, _ in chosen]), owner, below, patches)
+    return LayoutMeshes(np.concatenate([points for points, _ in chosen]), owner, below, patches)
 
 
 class SkinPlanes:

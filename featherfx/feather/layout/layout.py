@@ -23,14 +23,14 @@ from featherfx.errors import InputWarning
 from featherfx.feather.crossings import BODY
 from featherfx.feather.layout.arrangement import (
     Arrangement,
-    Meshes,
+    LayoutMeshes,
     SkinPlanes,
     arrangement_of,
     meshes_of,
 )
 from featherfx.feather.layout.choosing import covering
 from featherfx.feather.layout.move_kernels import (
-    ANY_TRAVEL,
+    MIN_TRAVEL,
     Limits,
     Neighbours,
     Travel,
@@ -151,7 +151,7 @@ def laid_out(groom: Groom) -> tuple[Groom, LayoutReport | None]:
     if groom.layout is None or not groom.feathers:
         return groom, None
     layout, inputs = groom.layout, [_shapes(groom.feathers), groom.layout, groom.skin]
-    laid = Laid(**kept("layout", inputs, lambda: _laid(groom, layout)._asdict()))
+    laid = LayoutResult(**kept("layout", inputs, lambda: _laid(groom, layout)._asdict()))
     feathers = tuple(
         _moved(groom.feathers[f], laid, k) for k, f in enumerate(np.flatnonzero(laid.kept))
     )
@@ -181,7 +181,7 @@ def _shapes(placements: Sequence[Placement]) -> list[Any]:
     return [units, sizes, *own]
 
 
-class Laid(NamedTuple):
+class LayoutResult(NamedTuple):
     """A layout's result for the K of F feathers that it keeps, and their P pairs.
 
     kept: (F,). place: (K, 3) m and rotation: (K, 3, 3). rank: (K,) place in the order, upwards.
@@ -200,7 +200,7 @@ class Laid(NamedTuple):
     gaps: Array
 
 
-def _laid(groom: Groom, layout: Layout) -> Laid:
+def _laid(groom: Groom, layout: Layout) -> LayoutResult:
     skin = None if groom.skin is None else SkinPlanes(groom.skin)
     feathers = arrangement_of(groom.feathers)
     meshes = meshes_of(groom.feathers, groom.skin)
@@ -212,13 +212,15 @@ def _laid(groom: Groom, layout: Layout) -> Laid:
     return _result(feathers, np.argsort(order), pairs, skin)
 
 
-def _result(feathers: Arrangement, rank: Indices, pairs: Indices, skin: SkinPlanes | None) -> Laid:
+def _result(
+    feathers: Arrangement, rank: Indices, pairs: Indices, skin: SkinPlanes | None
+) -> LayoutResult:
     chosen = feathers.kept
     number = np.cumsum(chosen) - 1
     pairs = pairs[chosen[pairs].all(axis=1)]
     gaps, _ = feathers.gaps(pairs)
     over = ~np.isnan(gaps)
-    return Laid(
+    return LayoutResult(
         kept=chosen,
         place=feathers.place[chosen],
         rotation=feathers.rotation[chosen],
@@ -231,7 +233,7 @@ def _result(feathers: Arrangement, rank: Indices, pairs: Indices, skin: SkinPlan
     )
 
 
-def _moved(placement: Placement, laid: Laid, k: int) -> Placement:
+def _moved(placement: Placement, laid: LayoutResult, k: int) -> Placement:
     """The placement as the k-th of those that a layout keeps."""
     place, rotation = laid.place[k].copy(), laid.rotation[k].copy()
     moved = replace(placement, position=place, rotation=rotation, rank=int(laid.rank[k]))
@@ -259,7 +261,7 @@ class _Solving:
     """
 
     feathers: Arrangement
-    meshes: Meshes
+    meshes: LayoutMeshes
     skin: SkinPlanes | None
     layout: Layout
     done: Done
@@ -360,7 +362,7 @@ class _Solving:
         return Travel(
             gone=none,
             landed=np.where(self.restless, -1.0, 0.0),
-            room=np.where(look, -1.0, ANY_TRAVEL),
+            room=np.where(look, -1.0, MIN_TRAVEL),
             seen=np.zeros(len(pairs)),
         )
 
@@ -443,7 +445,7 @@ class _Solving:
         return bool(chosen.any())
 
 
-def measured(groom: Groom) -> LayoutReport:
+def measure_layout(groom: Groom) -> LayoutReport:
     """Measure the stacking order in a groom as it is, without any change to it."""
 
     def compute() -> dict[str, Any]:
@@ -451,7 +453,7 @@ def measured(groom: Groom) -> LayoutReport:
         pairs, order = shingle_pairs(strips_of(groom.feathers))
         return _result(arrangement_of(groom.feathers), np.argsort(order), pairs, skin)._asdict()
 
-    return _report(groom, Laid(**kept("overlap", [groom.feathers, groom.skin], compute)))
+    return _report(groom, LayoutResult(**kept("overlap", [groom.feathers, groom.skin], compute)))
 
 
 def cover(groom: Groom) -> float:
@@ -464,7 +466,7 @@ def cover(groom: Groom) -> float:
     return float(kept("cover", [groom.feathers], compute)["cover"])
 
 
-def _report(groom: Groom, laid: Laid) -> LayoutReport:
+def _report(groom: Groom, laid: LayoutResult) -> LayoutReport:
     """Report on the feathers that are kept."""
     ids = [groom.feathers[k].id for k in np.flatnonzero(laid.kept)]
     left = [

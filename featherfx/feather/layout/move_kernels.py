@@ -28,13 +28,13 @@ from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.jit.thread_team import say_done, ticket, wait_for
 
 # how readily a feather moves: squares of raise and roll, as a way of the tip, and of lift
-RAISE_EASE, ROLL_EASE, LIFT_EASE = 1.0, 3.0, 0.02
+_RAISE_EASE, _ROLL_EASE, _LIFT_EASE = 1.0, 3.0, 0.02
 # travel, as a share of the length, before feathers beside each other are looked at again
-BESIDE = 0.02
+_BESIDE = 0.02
 # how often a feather is raised off the skin in a sweep
-SKIN_TRIES = 4
+_SKIN_TRIES = 4
 # m, travel after which feathers that could not be parted are looked at again: any
-ANY_TRAVEL = 1e-300
+MIN_TRAVEL = 1e-300
 
 
 class Neighbours(NamedTuple):
@@ -155,7 +155,7 @@ def ease(at, size):
     """Return how far a point at x and y moves for one unit of effort: the sum of weighted
     squares."""
     inverse = 1.0 / (size * size)
-    return RAISE_EASE * inverse * at[0] * at[0] + ROLL_EASE * inverse * at[1] * at[1] + LIFT_EASE
+    return _RAISE_EASE * inverse * at[0] * at[0] + _ROLL_EASE * inverse * at[1] * at[1] + _LIFT_EASE
 
 
 @kernel
@@ -166,7 +166,7 @@ def shift(feathers, f, at, effort, limits, travel):
     """
     size, before = feathers.size[f], travel.gone[f]
     inverse = 1.0 / (size * size)
-    changes = RAISE_EASE * inverse * at[0], ROLL_EASE * inverse * at[1], LIFT_EASE
+    changes = _RAISE_EASE * inverse * at[0], _ROLL_EASE * inverse * at[1], _LIFT_EASE
     for k in range(3):
         _change(feathers, f, k, effort * changes[k], limits, travel)
     for k in (0, 2):
@@ -201,8 +201,8 @@ def part(feathers, neighbours, pair, limits, travel):
     lack = limits.clearance[pair] - gap
     travel.seen[pair] = gone
     beside = math.isnan(gap)
-    room = BESIDE * feathers.size[upper] if beside else limits.slack - lack
-    travel.room[pair] = max(room, ANY_TRAVEL)
+    room = _BESIDE * feathers.size[upper] if beside else limits.slack - lack
+    travel.room[pair] = max(room, MIN_TRAVEL)
     if beside or lack <= limits.slack:
         return
     effort = lack / ease(above, feathers.size[upper])
@@ -235,7 +235,7 @@ def clear_skin(feathers, f, planes, limits, travel):
         return
     travel.landed[f] = travel.gone[f]
     at = feathers.nearest[0]
-    for _ in range(SKIN_TRIES):
+    for _ in range(_SKIN_TRIES):
         lack = limits.ground[f] - skin_gap(feathers, f, planes)
         if lack <= limits.slack:
             break

@@ -19,7 +19,7 @@ from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Placement, RachisShape
 
 # cosine of the angle between two dorsal sides from which on feathers do not count as layered
-LEAST_FACING = 0.5
+_MIN_FACING = 0.5
 # of a stacked pair against one that flows, and of the hold against a pair
 _STACK_WEIGHT, _HOLD = 10.0, 1e-7
 
@@ -82,7 +82,7 @@ def strips_of(placements: Sequence[Placement]) -> Strips:
     )
 
 
-def shingle_pairs(strips: Strips, facing: float = LEAST_FACING) -> tuple[Indices, Indices]:
+def shingle_pairs(strips: Strips, facing: float = _MIN_FACING) -> tuple[Indices, Indices]:
     """(K, 2) feathers that may meet, the one that lies over the other first; sorted by it.
 
     facing: least cosine of the angle between their dorsal sides.
@@ -104,7 +104,7 @@ def shingle_pairs(strips: Strips, facing: float = LEAST_FACING) -> tuple[Indices
     return ordered[np.lexsort((ordered[:, 1], ordered[:, 0]))], beneath
 
 
-def near_pairs(strips: Strips, facing: float = LEAST_FACING) -> Indices:
+def near_pairs(strips: Strips, facing: float = _MIN_FACING) -> Indices:
     """(K, 2) feathers that may meet, in no order of theirs; facing as of shingle_pairs."""
     pairs = _near(strips)
     first, second = pairs.T

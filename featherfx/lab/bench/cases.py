@@ -14,11 +14,11 @@ from featherfx.lab.bench.drawn import Drawn, draw_feather, log_uniform
 from featherfx.lab.bench.hooked_cases import Stroke, hooked, hooks_of, strokes_of
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
-from featherfx.solver.solver import MOST_ITERATIONS, RootPath, Settings, hold_roots
+from featherfx.solver.solver import MAX_FRAME_ITERATIONS, RootPath, Settings, hold_roots
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rebuild_centres
-from featherfx.solver.work import Pose, make_work
+from featherfx.solver.work import Pose, make_scratch
 
 FRAMES = 3
 PATH_SAMPLES = 5
@@ -90,7 +90,7 @@ def draw_case(seed: int, most_rows: int = 200, hooks: bool = False) -> Case:
 
 def most_iterations(model: Model) -> int:
     """Newton iterations of a frame: as many as a bake has, fewer where each is dear."""
-    return min(MOST_ITERATIONS, int(MOST_WORK / model.unknowns))
+    return min(MAX_FRAME_ITERATIONS, int(MOST_WORK / model.unknowns))
 
 
 def _numbers(
@@ -166,7 +166,7 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
     state.rotation[0] = along_rows(frames_to_quats(frames))
     bend = min(angle, 2.0)
     state.coefficient[0] = random.uniform(-bend, bend, state.coefficient[0].shape)
-    unstretched = make_work(model).now
+    unstretched = make_scratch(model).now
     load_pose(model, 0, state, unstretched)
     unstretched.rachis[:] = model.rachis_rest[0, :, :6]
     rebuild_centres(model.length[0], unstretched)
@@ -179,7 +179,7 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
 
 def pose_of(model: Model, state: State) -> Pose:
     """The pose of feather 0 that belongs to its coordinates, with points and strains."""
-    pose = make_work(model).now
+    pose = make_scratch(model).now
     load_pose(model, 0, state, pose)
     complete_pose(model, 0, pose, state.strains.at(0, 0))
     return pose

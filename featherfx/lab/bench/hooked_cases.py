@@ -14,7 +14,7 @@ from featherfx.groom.materials import VaneMaterial
 from featherfx.groom.types import FeatherKind, Hooked, Splits, VaneShape
 from featherfx.lab.bench.drawn import log_uniform
 from featherfx.mechanics.model import Model
-from featherfx.solver.preen import closed
+from featherfx.solver.preen import close_gaps
 from featherfx.solver.state import State
 
 # of the draws of hooks, apart from those of the rest of a case, which is the same without
@@ -75,7 +75,7 @@ def zipped(model: Model, state: State, stroke: Stroke | None) -> State:
     if stroke is None or not model.hooked:
         return state
     touched = np.ones(model.hooks.growth.shape[1:], dtype=bool)
-    gaps = closed(model, state, 0, touched, stroke.fraction, stroke.reach)
+    gaps = close_gaps(model, state, 0, touched, stroke.fraction, stroke.reach)
     if gaps is None:
         return state
     new = state.copy()

@@ -19,12 +19,12 @@ from featherfx.feather.types import both
 from featherfx.lab.bench.cases import Case, draw_case, pose_of
 from featherfx.lab.bench.hooked_cases import zipped
 from featherfx.mechanics.model import Loads, Model
-from featherfx.solver.overload import overload, specific_energy
-from featherfx.solver.solver import COARSE, Solver, StepReport
+from featherfx.solver.overload import describe_overload, specific_energy
+from featherfx.solver.solver import COARSE_ERROR_RATIO, Solver, StepReport
 from featherfx.solver.state import State
 from featherfx.solver.status import CONVERGED, TOO_MUCH_WORK, reason_of
 from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.step.energy_promise_kernels import held_energy
+from featherfx.solver.step.energy_promise_kernels import stored_energy
 
 # growth of energy that round-off and Newton's tolerance may cause, share of all energy there is
 ENERGY_SLACK = 1e-6
@@ -109,7 +109,7 @@ def run_case(case: Case) -> CaseOutcome:
             state = new
             if outcome.status != CONVERGED:
                 both_ends = (specific_energy(case.model, each, 0) for each in (before, new))
-                outcome.cause = overload(max(both_ends))
+                outcome.cause = describe_overload(max(both_ends))
                 break
     if gains:
         outcome.energy_gain, outcome.unexplained_gain = max(gains), max(unexplained)
@@ -162,7 +162,7 @@ def _energy_gain(case: Case, before: State, after: State) -> float:
 def _held(case: Case, before: State, steps: int) -> float:
     """Energy in the accelerations at the begin of a frame of so many steps, as the same share."""
     h, still = case.duration / max(steps, 1), (0.0, 0.0, 0.0)
-    held = float(held_energy(case.model, 0, h, still, before))
+    held = float(stored_energy(case.model, 0, h, still, before))
     return held / _all_energy(case, energies(case.model, before, case.loads))
 
 
@@ -265,7 +265,7 @@ def summary(records: Sequence[Record]) -> Record:
         "stopped": verdicts["stopped"],
         "stopped_by_the_input": sum(bool(r["cause"]) for r in records),
         **{f"stopped: {reason}": count for reason, count in sorted(reasons.items())},
-        "with_unsolved_steps": sum(r["unsolved"] > COARSE for r in records),
+        "with_unsolved_steps": sum(r["unsolved"] > COARSE_ERROR_RATIO for r in records),
         "violations": sum(bool(r["violations"]) for r in records),
         "still_cases": len(gains),
         "still_cases_rippling": sum(g > ENERGY_SLACK for g in gains),

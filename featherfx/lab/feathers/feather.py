@@ -41,7 +41,7 @@ from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.types import Motion, Quality, Shot, Wind
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.modes import with_damping
 
 Kinematics = Literal["nodal", "barb-curvature"]
@@ -262,7 +262,7 @@ def feather_kind(preset: str, preset_folders: tuple[str | Path, ...] = ()) -> Fe
 
 TIMED_ITERATIONS, TIMED_RUNS = 10, 8
 # repeat(factors, solve, count): that many iterations, with the factorisation if solve
-Repeat = Callable[[Factors, bool, int], object]
+Repeat = Callable[[IntegratorFactors, bool, int], object]
 
 
 def curvature_repeat(model: Model, loads: Loads, state: State) -> Repeat:
@@ -284,7 +284,7 @@ def nodal_repeat(model: Model, nodal: NodalModel, loads: Loads, state: NodalStat
 
 def iteration_seconds(repeat: Repeat, step: float) -> tuple[float, float]:
     """Seconds of one assembly, and of one factorisation with solution; step: s, of the inertia."""
-    factors = Factors(1.0 / step**2, 1.0 / step, 1.0 / step)
+    factors = IntegratorFactors(1.0 / step**2, 1.0 / step, 1.0 / step)
     seconds = []
     for solve in (False, True):
         repeat(factors, solve, 1)

@@ -6,7 +6,7 @@ from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.assembly_kernels import nodal_assemble
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.vane.pairs_kernels import WHOLE
+from featherfx.solver.vane.pairs_kernels import WHOLE_STIFFNESS
 
 
 @kernel
@@ -17,7 +17,7 @@ def repeat_iteration(model, loads, f, factors, solve, count, work):
     """
     good = 0
     for _ in range(count):
-        assemble(model, loads, f, 0.0, factors, WHOLE, 0.0, work)
+        assemble(model, loads, f, 0.0, factors, WHOLE_STIFFNESS, 0.0, work)
         if solve and factorise(work.system.band, work.system.panel):
             solve_factored(work.system.band, work.system.right)
             good += 1

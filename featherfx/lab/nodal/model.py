@@ -21,8 +21,8 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.nodal.plate import barb_hinges, hinge_places, oriented_hinges, plate_tables
 from featherfx.lab.nodal.turns_kernels import barb_turns, half_bandwidth, hinge_turns
-from featherfx.mechanics.barb_shapes import FLOOR
-from featherfx.mechanics.batch import LEAST_HOOKED, row_frames
+from featherfx.mechanics.barb_shapes import MIN_BARB_STIFFNESS
+from featherfx.mechanics.batch import MIN_HOOKED, row_frames
 from featherfx.mechanics.model import Model
 from featherfx.mechanics.vane_rest import barb_nodes, cell_weights
 
@@ -158,7 +158,7 @@ def _one(
     vane = kind.vane_material
     present = feather.barb_length > 0.0
     area = np.where(feather.cell, model.cell_stiffness[f, ..., 0], 0.0)
-    held = np.maximum(hooked_stiffness(kind, feather), LEAST_HOOKED)
+    held = np.maximum(hooked_stiffness(kind, feather), MIN_HOOKED)
     area = area / (vane.across * vane.thickness * held * cell_weights(feather.columns)[..., 0])
     nodes = np.ascontiguousarray(feather.rest.nodes)
     rotation = frames_to_quats(row_frames(feather.rest.directors))
@@ -237,7 +237,7 @@ def _stretch(feather: Feather, kind: FeatherKind, area: Array) -> tuple[Array, A
 
 def _taper(fraction: Array, kind: FeatherKind) -> Array:
     """Bending stiffness of a barb at fractions of its length, relative to its root's."""
-    return np.maximum((1.0 - fraction) ** kind.vane_material.barb_taper, FLOOR)
+    return np.maximum((1.0 - fraction) ** kind.vane_material.barb_taper, MIN_BARB_STIFFNESS)
 
 
 def _bend_stiffness(feather: Feather, kind: FeatherKind, bending: Bending, shaft: bool) -> Array:

@@ -27,7 +27,12 @@ from featherfx.mechanics.rachis_kernels import rachis_gradient
 from featherfx.mechanics.row_kernels import copy_points
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.newton_kernels import TRIES, UNKNOWN, Solved, largest_move
+from featherfx.solver.step.newton_kernels import (
+    MAX_LINE_SEARCH_TRIALS,
+    UNKNOWN_CONVERGENCE,
+    NewtonResult,
+    largest_move,
+)
 from featherfx.solver.step.pose_kernels import chain, rotate_by, store_directors
 
 
@@ -199,7 +204,7 @@ def _solve(model, nodal, loads, f, fraction, factors, textbook, work):
     return False
 
 
-@shared_kernel(Solved)
+@shared_kernel(NewtonResult)
 def nodal_minimise(model, nodal, loads, f, fraction, factors, method, work):
     """Bring the pose work.now to the minimum of nodal_step_energy.
 
@@ -211,11 +216,11 @@ def nodal_minimise(model, nodal, loads, f, fraction, factors, method, work):
     move = 0.0
     for iteration in range(1, method.iterations + 1):
         if not isfinite(energy):
-            return Solved(NOT_FINITE, iteration, iteration, move, UNKNOWN)
+            return NewtonResult(NOT_FINITE, iteration, iteration, move, UNKNOWN_CONVERGENCE)
         if not _solve(model, nodal, loads, f, fraction, factors, textbook, work):
-            return Solved(NOT_DEFINITE, iteration, iteration, move, UNKNOWN)
+            return NewtonResult(NOT_DEFINITE, iteration, iteration, move, UNKNOWN_CONVERGENCE)
         factor = 1.0
-        for _ in range(TRIES if textbook else 1):
+        for _ in range(MAX_LINE_SEARCH_TRIALS if textbook else 1):
             move_by(model, nodal, f, factor, textbook, work)
             new = evaluate(model, nodal, loads, f, fraction, factors, trial, work)
             move = largest_move(now.points, trial.points, model.length[f, 0]) / factor
@@ -228,7 +233,9 @@ def nodal_minimise(model, nodal, loads, f, fraction, factors, method, work):
         energy = new
         if move < tolerance:
             if not nodal.inextensible:
-                return Solved(CONVERGED, iteration, iteration, move, UNKNOWN)
+                return NewtonResult(CONVERGED, iteration, iteration, move, UNKNOWN_CONVERGENCE)
             if _raise_multipliers(nodal, f, now.strains, work.multiplier) < INEXTENSIBLE:
-                return Solved(CONVERGED, iteration, iteration, move, UNKNOWN)
-    return Solved(NOT_CONVERGED, method.iterations, method.iterations, move, UNKNOWN)
+                return NewtonResult(CONVERGED, iteration, iteration, move, UNKNOWN_CONVERGENCE)
+    return NewtonResult(
+        NOT_CONVERGED, method.iterations, method.iterations, move, UNKNOWN_CONVERGENCE
+    )

@@ -19,13 +19,19 @@ from featherfx.lab.nodal.newton_kernels import Minimiser, evaluate, move_by, nod
 from featherfx.lab.nodal.state import NodalState, NodalWork, make_nodal_work
 from featherfx.lab.nodal.step_kernels import NodalFrame, keep_state, load_state, nodal_advance
 from featherfx.mechanics.air_kernels import blow
-from featherfx.mechanics.model import Loads, Model, wind_of_each
-from featherfx.solver.settle.settle_kernels import FIRST, GROWTH, SHORTEST, STATIC, STEPS
-from featherfx.solver.solver import HARD, RootPath, Settings, StepReport, step_settings
-from featherfx.solver.state import no_steps
+from featherfx.mechanics.model import Loads, Model, expand_wind
+from featherfx.solver.settle.settle_kernels import (
+    FIRST_SETTLE_STEP,
+    MAX_SETTLE_STEPS,
+    MIN_SETTLE_STEP,
+    SETTLE_STEP_GROWTH,
+    STATIC_STEP,
+)
+from featherfx.solver.solver import HARD_STEP_WORK, RootPath, Settings, StepReport, step_settings
+from featherfx.solver.state import make_report
 from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
 
 
 def nodal_settle(
@@ -48,26 +54,26 @@ def nodal_settle(
     for rate in (*points, state.spin, state.step):
         rate[f] = 0.0
     around.reference[:] = 0.0
-    h, iterations, status = FIRST, 0, CONVERGED
-    for _ in range(STEPS):
+    h, iterations, status = FIRST_SETTLE_STEP, 0, CONVERGED
+    for _ in range(MAX_SETTLE_STEPS):
         load_state(state, f, work)
         for held in (around.target, around.past):
             held.assign(now.points)
         if loads.air[0] > 0.0:
             time, still = state.time[f], state.velocity.nodes[f]
             blow(now.points.nodes, time, loads, f, still, model, around)
-        factors = Factors(1.0 / (h * h), 1.0 / h, 0.0)
+        factors = IntegratorFactors(1.0 / (h * h), 1.0 / h, 0.0)
         solved = nodal_minimise(model, nodal, loads, f, fraction, factors, method, work)
         status, iterations = solved.status, iterations + solved.iterations
         if status != CONVERGED:
             h *= 0.25
-            if h < SHORTEST:
+            if h < MIN_SETTLE_STEP:
                 break
             continue
         keep_state(f, state, work)
-        if h >= STATIC:
+        if h >= STATIC_STEP:
             break
-        h *= GROWTH
+        h *= SETTLE_STEP_GROWTH
     state.strains[f, 1] = state.strains[f, 0]
     return int(status), int(iterations)
 
@@ -91,7 +97,7 @@ def nodal_system(
     for held in (around.target, around.past):
         held.assign(now.points)
     around.reference[:] = 0.0
-    factors = Factors(inertia, 0.0, 0.0)
+    factors = IntegratorFactors(inertia, 0.0, 0.0)
     energy = evaluate(model, nodal, loads, f, 0.0, factors, now, work)
     work.before[:] = now.strains
     nodal_assemble(model, nodal, loads, f, 0.0, factors, True, work)
@@ -168,9 +174,9 @@ class NodalSolver:
         A feather that cannot be solved stays at its last good sub-step and has a status in the
         report: see raise_if_failed of featherfx/solver/solver.py.
         """
-        new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
-        report, limit = no_steps(self.model.feathers), LIMITS[self.method]
-        hard = limit if self._textbook else HARD
+        new, loads = state.copy(), expand_wind(loads, self.model.feathers)
+        report, limit = make_report(self.model.feathers), LIMITS[self.method]
+        hard = limit if self._textbook else HARD_STEP_WORK
         for f in range(self.model.feathers):
             if new.step[f] == 0.0:
                 nodal_start(self.model, self.nodal, loads, f, duration, new, self._work)
@@ -188,7 +194,7 @@ class NodalSolver:
         fraction: 0..1, place within the loads' frame (grips). Returns the state, and per feather
         the status (0: at rest within settings.newton) and the Newton iterations.
         """
-        new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
+        new, loads = state.copy(), expand_wind(loads, self.model.feathers)
         status = np.zeros(self.model.feathers)
         iterations = np.zeros(self.model.feathers)
         method = Minimiser(self.settings.newton, SETTLE_LIMITS[self.method], self._textbook)

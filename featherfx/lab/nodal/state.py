@@ -13,7 +13,7 @@ from featherfx.feather.types import RowPoints, both, turned
 from featherfx.lab.nodal.model import NodalModel
 from featherfx.mechanics.batch import row_frames
 from featherfx.mechanics.model import Model
-from featherfx.solver.work import System, make_system, no_points
+from featherfx.solver.work import LinearSystem, make_points, make_system
 
 
 class NodalState(NamedTuple):
@@ -94,7 +94,7 @@ class NodalWork(NamedTuple):
     before: Array
     multiplier: Array
     around: NodalSurroundings
-    system: System
+    system: LinearSystem
     element: Element
     force: Array
     stiff: Array
@@ -127,9 +127,9 @@ def nodal_state(model: Model, points: RowPoints) -> NodalState:
     return NodalState(
         rotation=along_rows(frames_to_quats(row_frames(points.directors))),
         points=points,
-        velocity=no_points(n, m, count),
-        acceleration=no_points(n, m, count),
-        smoothed=no_points(n, m, count),
+        velocity=make_points(n, m, count),
+        acceleration=make_points(n, m, count),
+        smoothed=make_points(n, m, count),
         spin=np.zeros((count, n, 3)),
         strains=np.zeros((count, 2, nodal_strain_count(model))),
         multiplier=np.zeros((count, 2, n, m)),
@@ -143,7 +143,7 @@ def _make_pose(model: Model) -> NodalPose:
     n = model.rows
     return NodalPose(
         rotation=np.zeros((n, 4)),
-        points=no_points(n, model.columns),
+        points=make_points(n, model.columns),
         halfway=np.zeros((n - 1, 3, 3)),
         rachis=np.zeros((n - 1, 6)),
         strains=np.zeros(nodal_strain_count(model)),
@@ -164,8 +164,8 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
         before=np.zeros(count),
         multiplier=np.zeros((2, n, m)),
         around=NodalSurroundings(
-            target=no_points(n, m),
-            past=no_points(n, m),
+            target=make_points(n, m),
+            past=make_points(n, m),
             reference=np.zeros(count),
             wind=np.zeros(nodes),
             area=np.zeros(nodes),

@@ -18,32 +18,32 @@ from featherfx.lab.nodal.newton_kernels import Minimiser, gather, nodal_minimise
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.solver.status import CONVERGED
-from featherfx.solver.step.energy_promise_kernels import Promise
+from featherfx.solver.step.energy_promise_kernels import EnergyBound
 from featherfx.solver.step.integrator_kernels import (
     EULER,
-    NODES,
-    Factors,
+    NODE_POINTS,
+    IntegratorFactors,
     begin_points,
     end_points,
     integrator_of,
     motion_of,
     step_error,
 )
-from featherfx.solver.step.newton_kernels import UNKNOWN
+from featherfx.solver.step.newton_kernels import UNKNOWN_CONVERGENCE
 from featherfx.solver.step.pose_kernels import rotate_by
 from featherfx.solver.step.retry_kernels import (
-    BACKWARD,
-    FOLLOW,
-    GO_ON,
+    EXTRAPOLATE,
+    FOLLOW_ROOT,
+    IMPLICIT_EULER,
     TAKEN,
     Attempt,
     Outcome,
     StepSettings,
     after_step,
-    count_try,
-    judge,
+    count_attempt,
+    judge_attempt,
     next_step,
-    stop,
+    record_failure,
 )
 from featherfx.solver.step.root_kernels import root_at
 from featherfx.solver.step.root_path import RootPath
@@ -117,21 +117,21 @@ def _follow_root(before, start, rotation, centre, pose):
 def _predict(model, nodal, loads, f, path, attempt, state, work):
     """Set up a step: pose work.now, surroundings; returns the factors of the integrator.
 
-    attempt.way: GO_ON: the rates go on, STAY: the last pose, else rigidly with the root.
+    attempt.way: EXTRAPOLATE: the rates go on, STAY: the last pose, else rigidly with the root.
     """
     now, around, h, way = work.now, work.around, attempt.h, attempt.way
     load_state(state, f, work)
     begin_points(attempt.spectral_radius, h, state, f, around)
     weights = difference_weights(h, state.step[f])
     set_reference(weights, state.strains[f, 0], state.strains[f, 1], around.reference)
-    if way == GO_ON:
+    if way == EXTRAPOLATE:
         _go_on(h, nodal, f, state, now)
     if model.held[f]:
         # scratch of the elements, which are not in use yet
         rotation, centre = work.element.matrix[0], work.element.matrix[1]
         root_at(path, f, attempt.fraction, rotation, centre)
         same_sign(state.rotation[f, 0], rotation)
-        if way >= FOLLOW:
+        if way >= FOLLOW_ROOT:
             _follow_root(state.rotation[f, 0], state.points.nodes[f, 0, 0], rotation, centre, now)
         _pin(nodal, f, now, rotation, centre)
     gather(nodal.present[f], now.points.nodes)
@@ -140,7 +140,7 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
         velocity = state.velocity.nodes[f]
         blow(now.points.nodes, state.time[f] + h, loads, f, velocity, model, around)
     method = integrator_of(attempt.spectral_radius, h)
-    return Factors(method.inertia, method.rate, weights[2] / h)
+    return IntegratorFactors(method.inertia, method.rate, weights[2] / h)
 
 
 @kernel
@@ -177,18 +177,22 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
     method = Minimiser(settings.newton, settings.iterations, textbook)
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
     # the textbook method begins every step at the last pose, so there is nothing else to try
-    first = FOLLOW if textbook else GO_ON
+    first = FOLLOW_ROOT if textbook else EXTRAPOLATE
     done, way = 0.0, first
-    promise = Promise(False, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+    promise = EnergyBound(False, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
     while done < duration * (1.0 - 1e-9):
         step, fraction = next_step(h, done, duration)
         if state.step[f] <= 0.0:
             # there are no rates to go on with
-            way = max(way, FOLLOW)
-        radius = EULER if way == BACKWARD else settings.spectral_radius
+            way = max(way, FOLLOW_ROOT)
+        radius = EULER if way == IMPLICIT_EULER else settings.spectral_radius
         floor, limit = settings.shortest, settings.iterations
-        attempt = Attempt(step, floor, fraction, way, radius, limit, promise, UNKNOWN, 0.0, 0.0, 0)
-        place = Attempt(step, floor, fraction, STAY, radius, limit, promise, UNKNOWN, 0.0, 0.0, 0)
+        attempt = Attempt(
+            step, floor, fraction, way, radius, limit, promise, UNKNOWN_CONVERGENCE, 0.0, 0.0, 0
+        )
+        place = Attempt(
+            step, floor, fraction, STAY, radius, limit, promise, UNKNOWN_CONVERGENCE, 0.0, 0.0, 0
+        )
         factors = _predict(
             model, nodal, loads, f, frame.path, place if textbook else attempt, state, work
         )
@@ -196,19 +200,21 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
         error = step_error(
             radius,
             step,
-            motion_of(state, f, NODES),
+            motion_of(state, f, NODE_POINTS),
             work.now.points.nodes,
             work.around.target.nodes,
         )
         numbers = solved.iterations, solved.matrices, solved.move
-        outcome = Outcome(solved.status, *numbers, error, False, 0.0, error, 1.0, 0.0, UNKNOWN)
-        verdict, h, way = judge(h, first, attempt, outcome, settings)
-        count_try(report, f, verdict, attempt, outcome, settings)
+        outcome = Outcome(
+            solved.status, *numbers, error, False, 0.0, error, 1.0, 0.0, UNKNOWN_CONVERGENCE
+        )
+        verdict, h, way = judge_attempt(h, first, attempt, outcome, settings)
+        count_attempt(report, f, verdict, attempt, outcome, settings)
         if verdict == TAKEN:
             _accept(f, attempt, state, work)
             done += step
             h, way = after_step(first, attempt, outcome, settings)
         elif h == 0.0:
-            return stop(report, f, outcome.status)
+            return record_failure(report, f, outcome.status)
     state.proposal[f] = h
     return CONVERGED

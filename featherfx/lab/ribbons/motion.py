@@ -39,7 +39,7 @@ from featherfx.lab.ribbons.energy import Ribbon, elastic
 from featherfx.lab.ribbons.rest import GRADIENT, descend
 from featherfx.solver.step.integrator_kernels import (
     EULER,
-    Motion,
+    PointMotion,
     begin_step,
     end_step,
     integrator_of,
@@ -85,7 +85,7 @@ class RibbonState:
     time: float
     unknowns: Array
     pull: Array
-    motion: Motion
+    motion: PointMotion
 
 
 class RibbonMotion:
@@ -125,7 +125,7 @@ class RibbonMotion:
         """Unknowns (U,) without velocity, whatever forces them there."""
         points = self.points(unknowns)[:, None]
         still = [np.zeros_like(points) for _ in range(3)]
-        return RibbonState(0.0, unknowns, np.zeros((3, 3)), Motion(points, *still))
+        return RibbonState(0.0, unknowns, np.zeros((3, 3)), PointMotion(points, *still))
 
     def at_rest(self, start: Array | None = None) -> RibbonState:
         """A stationary shape; where it is not stable, motion leaves it. start: (U,) unknowns to
@@ -142,7 +142,7 @@ class RibbonMotion:
         fresh = not state.motion.smoothed.any()
         # accelerations of a ribbon that has not moved yet are not known
         radius = EULER if fresh else pace.radius
-        h, old = pace.step, Motion(*(each.copy() for each in state.motion))
+        h, old = pace.step, PointMotion(*(each.copy() for each in state.motion))
         method = integrator_of(radius, h)
         target, past = np.zeros_like(old.points), np.zeros_like(old.points)
         begin_step(radius, h, old, target, past)

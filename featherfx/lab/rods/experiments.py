@@ -29,12 +29,12 @@ from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_faile
 from featherfx.solver.state import State
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.modes import first_frequency, frequencies
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
-from featherfx.solver.work import Work, make_work
+from featherfx.solver.work import SolverScratch, make_scratch
 
 # a Newton move that ends statics, as a share of the rod's length
 STATIC_MOVE = 1e-9
@@ -46,7 +46,7 @@ SUBSTEPS = 1_000_000
 # Euler's, which would take energy from the rod
 START = 1e-3
 # factors of velocity and acceleration in the forces: none
-STATIC = Factors(0.0, 0.0, 0.0)
+STATIC = IntegratorFactors(0.0, 0.0, 0.0)
 NAME = "rod"
 LEAST_SEGMENTS = 40
 # of the length within which a load bends a rod
@@ -229,9 +229,9 @@ def damped(model: Model, loss_factor: float) -> Model:
     return model._replace(retardation=retardation)
 
 
-def posed(model: Model, loads: Loads, state: State) -> Work:
+def posed(model: Model, loads: Loads, state: State) -> SolverScratch:
     """Scratch that holds points and strains of the first feather of a batch."""
-    work = make_work(model)
+    work = make_scratch(model)
     load_pose(model, 0, state, work.now)
     evaluate(model, loads, 0, 0.0, STATIC, work.now, work.around)
     return work

@@ -17,7 +17,7 @@ from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.studies.study import Rows, StudyResult, ourselves, published
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.section import shaft_mass, shaft_stiffness
+from featherfx.mechanics.section import rachis_mass, rachis_stiffness
 from featherfx.shot.loads.loads import SHAFT_DRAG
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import rest_state
@@ -159,7 +159,7 @@ DAWSON = published("Dawson 2005 (Ibis 147), abstract: 2.41, s.d. 0.42, of 120 sp
 def _keratin() -> Rows:
     """What shafts of keratin_rachis are made of, beside what is measured of others."""
     shaft, one = feather_kind("primary").rachis_material, np.ones(1)
-    stretch, bend = (each[0] for each in shaft_stiffness(one, one, shaft))
+    stretch, bend = (each[0] for each in rachis_stiffness(one, one, shaft))
     macleod = "MacLeod 1980 (J. exp. Biol. 87), abstract, distal shafts of contour feathers"
     deng = "Deng et al. 2023 (Applied Physics A 129), section 1"
     swans = "the preset serves all birds: 0.1, between these and the 0.07 to 0.54 of pigeons"
@@ -245,9 +245,9 @@ def _along() -> Rows:
     kind = feather_kind("swan_primary")
     feather = build_feather(kind, ROWS, COLUMNS)
     size, material = (feather.width, feather.height), kind.rachis_material
-    bending = shaft_stiffness(*size, material)[1][:, 1]
+    bending = rachis_stiffness(*size, material)[1][:, 1]
     solid = np.pi / 64.0 * feather.width * feather.height**3
-    density = shaft_mass(*size, material)[0] / (0.25 * np.pi * feather.width * feather.height)
+    density = rachis_mass(*size, material)[0] / (0.25 * np.pi * feather.width * feather.height)
     specific = bending / solid / density
     gulls = "Wang and Meyers 2017 (Acta Biomaterialia 48), abstract, of gulls"
     rows = Rows()

@@ -22,7 +22,7 @@ from scipy.ndimage import label
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import Problem, require
-from featherfx.feather.types import Feather, RowPoints, Surface
+from featherfx.feather.types import Feather, FeatherSurface, RowPoints
 from featherfx.groom.materials import VaneMaterial
 from featherfx.groom.types import FeatherKind, Hooked, Splits
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, value
@@ -33,7 +33,12 @@ from featherfx.mechanics.vane_rest import cell_weights
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.step.gap_kernels import DAMPED, OPENING, RELEASED, SLIP
+from featherfx.solver.step.gap_kernels import (
+    DAMPED_ENERGY,
+    OPENING_WORK,
+    RELEASED_ENERGY,
+    SLIP_WORK,
+)
 
 Direction = Literal["across", "along", "tilted"]
 
@@ -105,9 +110,11 @@ class SampleOf:
         )
 
 
-def _no_surface() -> Surface:
+def _no_surface() -> FeatherSurface:
     none, corners = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-    return Surface(none, none, corners[:, :2], corners.astype(int), none, corners, corners[:, :2])
+    return FeatherSurface(
+        none, none, corners[:, :2], corners.astype(int), none, corners, corners[:, :2]
+    )
 
 
 @dataclass(frozen=True)
@@ -289,7 +296,7 @@ class Torn:
     def as_json(self) -> dict[str, Any]:
         """Plain values by key, SI units."""
         last = self.path[-1]
-        opening = last.spent[OPENING]
+        opening = last.spent[OPENING_WORK]
         return {
             "strength": self.strength,
             "energy_per_length": opening / self.spent_length if self.opened_length else None,
@@ -298,10 +305,10 @@ class Torn:
             "work": self.work,
             "stored": last.stored + last.kinetic,
             "dissipated": float(last.spent.sum()),
-            "slip_work": last.spent[SLIP],
+            "slip_work": last.spent[SLIP_WORK],
             "opening_work": opening,
-            "released_energy": last.spent[RELEASED],
-            "damping_work": last.spent[DAMPED],
+            "released_energy": last.spent[RELEASED_ENERGY],
+            "damping_work": last.spent[DAMPED_ENERGY],
             "unaccounted": self.work - last.stored - last.kinetic - float(last.spent.sum()),
             "strain": [point.pull for point in self.path],
             "stress": [point.stress for point in self.path],

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from featherfx.shot.contact.skin_binding import NEAR, SkinBeneath, surfaces_under
 from featherfx.shot.motion.cuts import CutSurface, cut_surfaces
 from featherfx.shot.types import Shot
-from featherfx.solver.contact.types import Ground, Indices, SkinMesh, Wall
+from featherfx.solver.contact.types import GroundSurface, Indices, SkinMesh, Wall
 from featherfx.solver.contact.wall import outward, wall_of
 from featherfx.solver.state import State
 
@@ -79,10 +79,10 @@ class Bodies:
 
     def walls(
         self, states: Sequence[State], start: float, end: float, margin: float
-    ) -> list[Wall | Ground]:
+    ) -> list[Wall | GroundSurface]:
         """The bodies from start to end, s since the first frame, for feathers in these states."""
-        walls: list[Wall | Ground] = [
-            Ground(
+        walls: list[Wall | GroundSurface] = [
+            GroundSurface(
                 _start_of(skin, start, end),
                 _contiguous(skin.points(end)),
                 *mesh,

@@ -35,10 +35,10 @@ from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
 from featherfx.solver.contact.surfaces import grids_of, surfaces_of
-from featherfx.solver.contact.types import Candidates, Memory
+from featherfx.solver.contact.types import Candidates, ContactMemory
 from featherfx.solver.solver import Solver, StepReport
-from featherfx.solver.state import LARGEST, State
-from featherfx.solver.status import MOST_ITERATIONS
+from featherfx.solver.state import LARGEST_FIGURES, State
+from featherfx.solver.status import MAX_INTERVAL_WORK
 from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
@@ -161,7 +161,7 @@ class ShotContact:
             substeps=min(quality.max_substeps, self.contact.most_steps),
             thickness=self._thickness,
             rounds=self.solver.settings.rounds,
-            iterations=MOST_ITERATIONS,
+            iterations=MAX_INTERVAL_WORK,
             names=self.names,
         )
 
@@ -338,7 +338,7 @@ class ShotContact:
     def go_on(self, memory: dict[str, Any]) -> None:
         """Go on as after an earlier step of this run, whose `memory` it was; pairs that have met
         since stay known."""
-        self.solver.memory = Memory(*(memory[name] for name in Memory._fields))
+        self.solver.memory = ContactMemory(*(memory[name] for name in ContactMemory._fields))
         self._pace = Pace(*memory["pace"].tolist())
         self._obstacles.restore(memory)
 
@@ -411,5 +411,5 @@ def _summed(parts: Sequence[StepReport]) -> StepReport:
     columns = {}
     for name in StepReport._fields:
         values = np.stack([getattr(part, name) for part in parts])
-        columns[name] = values.max(axis=0) if name in LARGEST else values.sum(axis=0)
+        columns[name] = values.max(axis=0) if name in LARGEST_FIGURES else values.sum(axis=0)
     return StepReport(**columns)

@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.solver.contact.interval import Led
+from featherfx.solver.contact.interval import LedMotion
 from featherfx.solver.contact.surfaces import Grids
-from featherfx.solver.contact.types import Candidates, Indices, Memory
+from featherfx.solver.contact.types import Candidates, ContactMemory, Indices
 from featherfx.solver.state import State
 
 Flags = NDArray[np.bool_]
@@ -51,13 +51,13 @@ class Partners:
         return np.asarray(both & (first != second))
 
 
-def aside(grids: Grids, states: Sequence[State], idle: Flags) -> Led | None:
+def aside(grids: Grids, states: Sequence[State], idle: Flags) -> LedMotion | None:
     """Where the idle (B,) of some batches stand; None where there are none."""
     if not idle.any():
         return None
     nodes = grids.together([state.points.nodes for state in states])
     nodes[idle, :, :, 0] += APART * (1.0 + np.flatnonzero(idle)[:, None, None])
-    return Led(~idle, nodes, nodes, np.zeros_like(idle))
+    return LedMotion(~idle, nodes, nodes, np.zeros_like(idle))
 
 
 def put_back(states: Sequence[State], before: Sequence[State], idle: Flags, first: Indices) -> None:
@@ -68,7 +68,7 @@ def put_back(states: Sequence[State], before: Sequence[State], idle: Flags, firs
             state.take(old, f)
 
 
-def forgotten(memory: Memory, candidates: Candidates, idle: Flags) -> Memory:
+def forgotten(memory: ContactMemory, candidates: Candidates, idle: Flags) -> ContactMemory:
     """A memory without what the idle (B,) have felt."""
     _, rows, columns = memory.wall.shape
     kept = ~idle[candidates.pairs[memory.key // (rows * columns)]].any(axis=1)

@@ -20,14 +20,14 @@ from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies
 from featherfx.shot.contact.steps import Span, StepRules
 from featherfx.solver.contact.interval import (
-    MOST_ITERATIONS,
+    MAX_CONTACT_ITERATIONS,
     ContactReport,
     ContactSolver,
-    Led,
-    Manner,
+    IntervalOptions,
+    LedMotion,
 )
 from featherfx.solver.solver import StepReport
-from featherfx.solver.state import LARGEST, TOO_LONG, State
+from featherfx.solver.state import LARGEST_FIGURES, LONG_STEP_COUNTS, State
 from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ class Stepper:
         states: Sequence[State],
         span: Span,
         resting: Flags,
-        led: Led | None = None,
+        led: LedMotion | None = None,
         yielding: Flags | None = None,
     ) -> Stepped:
         """The states after a span, of what is not led; its contact forces are kept."""
@@ -100,12 +100,12 @@ class Stepper:
             paths,
             span.length,
             walls,
-            Manner(
+            IntervalOptions(
                 span.substeps,
                 resting,
                 soft if soft.any() else None,
                 led,
-                EASY if span.can_be_cut() else MOST_ITERATIONS,
+                EASY if span.can_be_cut() else MAX_CONTACT_ITERATIONS,
                 around.bodies.begun,
                 lost=self._rules.lost(span),
             ),
@@ -127,7 +127,7 @@ class Stepper:
         if led is None:
             nowhere = np.zeros((1, 1, 1, 3))
             free = np.ones(len(off), dtype=np.bool_)
-            led = Led(free, nowhere, nowhere, ~free)
+            led = LedMotion(free, nowhere, nowhere, ~free)
         island = self._island(off, led.free)
         rest = [(span.length, contact.of(led.free & ~island))]
         return self._in_parts(states, Stepped(new, reports, rest, 1), span, resting, island, led)
@@ -139,7 +139,7 @@ class Stepper:
         span: Span,
         resting: Flags,
         island: Flags,
-        led: Led,
+        led: LedMotion,
     ) -> Stepped:
         """The span once more for an island, in shorter steps. whole: the try that failed, which
         holds for the others; led: as in that."""
@@ -154,7 +154,7 @@ class Stepper:
         for part in span.parts(4 if failed else 2):
             fractions = [(time - span.start) / span.length for time in (part.start, part.end)]
             begin, stop = (start + fraction * (end - start) for fraction in fractions)
-            own = Led(island, begin, stop, led.fixed)
+            own = LedMotion(island, begin, stop, led.fixed)
             done_part = self.step(current, part, resting & ~island, own)
             current = done_part.states
             done.contact += done_part.contact
@@ -186,9 +186,9 @@ def _put(
     for g, (low, high) in enumerate(pairwise(first)):
         own = island[low:high]
         for name, total, new in zip(StepReport._fields, reports[g], more[g], strict=True):
-            if name in ("steps", *TOO_LONG, *LARGEST) and anew:
+            if name in ("steps", *LONG_STEP_COUNTS, *LARGEST_FIGURES) and anew:
                 total[own] = new[own]
-            elif name in LARGEST:
+            elif name in LARGEST_FIGURES:
                 total[own] = np.maximum(total[own], new[own])
             else:
                 total[own] += new[own]

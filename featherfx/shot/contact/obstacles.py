@@ -28,7 +28,7 @@ from featherfx.shot.detail.levels import NUMBER, LevelPlan
 from featherfx.shot.groups import Group, maps_between, model_of
 from featherfx.shot.motion.roots import RootFrames, Roots, arrived
 from featherfx.shot.types import Shot
-from featherfx.solver.contact.interval import Led
+from featherfx.solver.contact.interval import LedMotion
 from featherfx.solver.contact.surfaces import Grids
 from featherfx.solver.solver import RootPath, Settings, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
@@ -168,7 +168,7 @@ class Obstacles:
 
     def led(
         self, grids: Grids, states: Sequence[State], idle: Flags, ends: Sequence[Array] = ()
-    ) -> Led | None:
+    ) -> LedMotion | None:
         """What is not solved of all bodies: the idle (B,) stand aside, obstacles go where `go`
         says, or nowhere. None where there is neither. states: of all batches."""
         idle = self.all_idle(idle)
@@ -182,12 +182,12 @@ class Obstacles:
         else:
             start = away.start
         if not ends:
-            return Led(free, start, start, fixed)
+            return LedMotion(free, start, start, fixed)
         end, solved = start.copy(), len(states) - len(self.batches)
         for k, nodes in enumerate(ends):
             grids.put(nodes, solved + k, slice(None), end)
         end[idle] = start[idle]
-        return Led(free, start, end, fixed)
+        return LedMotion(free, start, end, fixed)
 
     def all_idle(self, idle: Flags) -> Flags:
         """The idle (B,) of all bodies from those of what is solved."""

@@ -24,7 +24,7 @@ from featherfx.files.disk_cache import kept
 from featherfx.solver.contact.meeting_kernels import cover_ways, meeting
 from featherfx.solver.contact.search import Searcher
 from featherfx.solver.contact.surfaces import WALL_FIT, Grids, moving_bodies, no_memory
-from featherfx.solver.contact.types import Candidates, Search, VaneSurfaces
+from featherfx.solver.contact.types import Candidates, SearchSettings, VaneSurfaces
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import RootPath
 
@@ -231,7 +231,7 @@ def _votes(pairs: Indices, rest: Array, surfaces: VaneSurfaces, shorter: Array) 
         free = Candidates(pairs[some], np.zeros(len(some), dtype=np.int64))
         margin = float(NEAR * 2.0 ** (octave + 1.0))
         margins = np.full(len(rest), margin)
-        search = Search(surfaces, bodies, memory, margins, margin, 0.0, WALL_FIT)
+        search = SearchSettings(surfaces, bodies, memory, margins, margin, 0.0, WALL_FIT)
         found = Searcher(free, surfaces).find(search).contacts
         pair, side = some[found["pair"]], found["side"]
         height = found["start_gap"] + found["thickness"]

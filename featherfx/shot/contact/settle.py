@@ -23,7 +23,12 @@ from featherfx.shot.contact.inactive_bodies import put_back
 from featherfx.shot.contact.lift_then_settle import Lowering, held_roots, turned_up
 from featherfx.shot.contact.local_retry import EASY
 from featherfx.shot.contact.obstacles import Obstacles
-from featherfx.solver.contact.interval import ContactReport, ContactSolver, Led, Manner
+from featherfx.solver.contact.interval import (
+    ContactReport,
+    ContactSolver,
+    IntervalOptions,
+    LedMotion,
+)
 from featherfx.solver.contact.move_kernels import largest_moves
 from featherfx.solver.solver import raise_if_failed
 from featherfx.solver.state import State
@@ -252,12 +257,12 @@ class _Steps:
         led = self._obstacles.led(solver.grids, states, self._idle)
         if held.any() and led is None:
             nodes = solver.grids.together([state.points.nodes for state in states])
-            led = Led(~held, nodes, nodes, np.zeros_like(held))
+            led = LedMotion(~held, nodes, nodes, np.zeros_like(held))
         elif held.any() and led is not None:
             led = led._replace(free=led.free & ~held)
         paths = self._paths_of(states)
         walls = self._bodies.walls(states, now, now, solver.settings.margin)
-        manner = Manner(resting=resting, yielding=yielding, led=led, settling=True)
+        manner = IntervalOptions(resting=resting, yielding=yielding, led=led, settling=True)
         if CUT * h >= SHORTEST:
             # what is nearly at rest is not cut for one feather that takes long
             manner = manner._replace(iterations=EASY if h <= STEPS[0] else PATIENT * EASY)

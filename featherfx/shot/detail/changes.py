@@ -40,7 +40,7 @@ from featherfx.shot.groups import Group
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
-from featherfx.solver.settle.reinitialise import take_up
+from featherfx.solver.settle.reinitialise import set_pose
 
 # of a feather's length, what a change may add to the way of a point within a frame
 JUMP = 0.004
@@ -166,7 +166,7 @@ def take_level_up(
     coefficients = np.zeros_like(group.state.coefficient[k])
     if source is not None:
         coefficients = _coefficients(group, k, source, has_elastic_clamp(placement.kind))
-    take_up(group.solver.model, group.state, k, frames, centres, coefficients, velocity, time)
+    set_pose(group.solver.model, group.state, k, frames, centres, coefficients, velocity, time)
 
 
 def _resampled(values: RowPoints, given: Feather, wanted: Feather) -> RowPoints:

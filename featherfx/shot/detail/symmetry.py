@@ -25,9 +25,9 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
 from featherfx.shot.detail.cycle import SLACK
-from featherfx.solver.image import MIRROR, Image
+from featherfx.solver.image import MIRROR, StateImage
 from featherfx.solver.solver import StepReport
-from featherfx.solver.state import TOO_LONG, State
+from featherfx.solver.state import LONG_STEP_COUNTS, State
 from featherfx.solver.step.root_path import RootPath
 
 # of the largest value of a feather's array, by which states of twins may differ
@@ -48,7 +48,7 @@ class Twins(NamedTuple):
 
     own: Indices
     given: Indices
-    image: Image
+    image: StateImage
 
     def written(self, state: State, report: StepReport | None = None) -> State:
         """The state in which the twins stand as those that were stepped do; in the report, in
@@ -59,7 +59,7 @@ class Twins(NamedTuple):
         images = self.image.of(state, self.given, self.own)
         for name, array in new.arrays().items():
             array[self.own] = images[name]
-        for name in () if report is None else ("error", "move", *TOO_LONG):
+        for name in () if report is None else ("error", "move", *LONG_STEP_COUNTS):
             figure = getattr(report, name)
             figure[self.own] = figure[self.given]
         return new
@@ -78,7 +78,7 @@ class Twins(NamedTuple):
     def none() -> Twins:
         """No feathers."""
         none = np.zeros(0, dtype=np.int64)
-        return Twins(none, none, Image(np.zeros((0, 3, 3)), np.zeros((0, 3))))
+        return Twins(none, none, StateImage(np.zeros((0, 3, 3)), np.zeros((0, 3))))
 
 
 def alike(placements: Sequence[Placement], twins: str) -> Alike | None:
@@ -127,11 +127,11 @@ def twins_of(
     own, others = numbers[pairs], numbers[given[pairs]]
     starts = path.samples[:, 0, :3]
     shift = starts[own] - np.einsum("pij,pj->pi", turn, starts[others])
-    found = Twins(own, others, Image(turn, shift))
+    found = Twins(own, others, StateImage(turn, shift))
     if written is not None and found.pairs_of(written):
         return found
     same = _same(state, own, others, found.image, some.exact)
-    return Twins(own[same], others[same], Image(turn[same], shift[same]))
+    return Twins(own[same], others[same], StateImage(turn[same], shift[same]))
 
 
 def _gusts(loads: Loads) -> bool:
@@ -194,7 +194,7 @@ def _first_alike(shape: Indices, inputs: Array, slack: float) -> Indices:
     return np.where(near.all(axis=1), given, np.arange(len(total)))
 
 
-def _same(state: State, own: Indices, given: Indices, image: Image, exact: bool) -> Flags:
+def _same(state: State, own: Indices, given: Indices, image: StateImage, exact: bool) -> Flags:
     """(P,) whether the states of feathers are the images of others'."""
     same = np.ones(len(own), dtype=np.bool_)
     if not len(own):

@@ -10,7 +10,7 @@ import numpy as np
 from featherfx.algebra.types import Flags
 from featherfx.errors import InputWarning
 from featherfx.feather.crossings import crossings_of, patches_of
-from featherfx.feather.types import RACHIS, Feather
+from featherfx.feather.types import RACHIS_PART, Feather
 from featherfx.groom.types import Placement
 from featherfx.shot.layers.types import Indices, Stack
 from featherfx.shot.patterns import may_touch
@@ -26,7 +26,7 @@ def crossed_at_rest(
     meshes, points = [], []
     for number, (own, feather) in enumerate(zip(placements, drawn, strict=True)):
         surface = feather.surface
-        vanes = surface.triangles[surface.part != RACHIS]
+        vanes = surface.triangles[surface.part != RACHIS_PART]
         points.append(surface.points(place(feather.rest, own.position, own.rotation)))
         meshes.append((points[-1], vanes, np.zeros(len(vanes), dtype=np.bool_), number))
     found = crossings_of(np.concatenate(points), patches_of(meshes), asked=touching)

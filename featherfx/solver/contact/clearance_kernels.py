@@ -4,7 +4,7 @@ far.
 A node at x meets a host with its triangle T only if (find_kernels), with n the normal of T, y its
 point closest to x, w = x - y, and t the sum of both half thicknesses:
 
-    beside the normal through y it is no farther than OVER t,   |w - (n.w) n| <= OVER t,
+    beside the normal through y it is no farther than OVER_RATIO t,   |w - (n.w) n| <= OVER_RATIO t,
     it is below the height that counts,     side n.w <= t + margin + ways,
     and no farther away than is searched,   |w| <= far + margin + ways,
 
@@ -44,16 +44,16 @@ from featherfx.solver.contact.search_kernels import (
 
 # how far beside its closest point, along the host, a node still meets it: thicknesses beyond an
 # edge, and so much of its height above a crease, up to so many thicknesses
-BESIDE, SLANT, CREASE = 1.0, 0.1, 20.0
-OVER = BESIDE + SLANT * CREASE
+BESIDE_RATIO, SLANT_RATIO, CREASE_RATIO = 1.0, 0.1, 20.0
+OVER_RATIO = BESIDE_RATIO + SLANT_RATIO * CREASE_RATIO
 # slack that is asked for, over the widest margin, and if there is less; m, for rounding
-MOST, LESS, LEAST, ROUNDED = 4.0, 1.0, 0.4, 1e-9
+_MOST, _LESS, _LEAST, ROUNDING_RATIO = 4.0, 1.0, 0.4, 1e-9
 # looks at a pair until its slack is asked for again: where there was some, and where not
-SOON, LATE = 1, 8
+_SOON, _LATE = 1, 8
 # a triangle's size that lets no node be beside it, m
-WIDE = 1e6
+_WIDE = 1e6
 # rows of a facet: middle, normal, size and width, corners
-MIDDLE, NORMAL, SIZE, WIDTH, CORNER = 0, 3, 6, 7, 8
+_MIDDLE, _NORMAL, _SIZE, _WIDTH, _CORNER = 0, 3, 6, 7, 8
 
 
 @kernel
@@ -111,7 +111,7 @@ def follow(body, search, clearance):
     """Add to what a body has changed since the search before, and renew its triangles."""
     surfaces, ahead, frame = search.surfaces, search.bodies.ahead[body], clearance.frame[body]
     before, width = clearance.nodes[body], search.surfaces.present.shape[2]
-    most, moved, extent, lost = MOST * search.widest, 0.0, 0.0, False
+    most, moved, extent, lost = _MOST * search.widest, 0.0, 0.0, False
     _fit_frame(ahead, surfaces, body, frame)
     for i in range(ahead.shape[0]):
         for c in range(width):
@@ -152,7 +152,7 @@ def _renew(body, search, clearance):
                         continue
                     place = side, i, j, half
                     turned = max(turned, _renew_facet(facets, count, nodes, place, columns))
-                    largest = max(largest, facets[SIZE, count])
+                    largest = max(largest, facets[_SIZE, count])
                     count += 1
     clearance.facet_count[body] = count
     return sqrt(turned), largest
@@ -167,12 +167,12 @@ def _renew_facet(facets, k, points, place, columns):
     to_a, to_b, to_c = sub(a, middle), sub(b, middle), sub(c, middle)
     size, turn = sqrt(max(dot(to_a, to_a), max(dot(to_b, to_b), dot(to_c, to_c)))), 0.0
     for axis in range(3):
-        turn += (normal[axis] - facets[NORMAL + axis, k]) ** 2
-        facets[MIDDLE + axis, k], facets[NORMAL + axis, k] = middle[axis], normal[axis]
-        facets[CORNER + axis, k], facets[CORNER + 3 + axis, k] = a[axis], b[axis]
-        facets[CORNER + 6 + axis, k] = c[axis]
-    facets[SIZE, k] = size
-    facets[WIDTH, k] = size if dot(normal, normal) > 0.5 else WIDE
+        turn += (normal[axis] - facets[_NORMAL + axis, k]) ** 2
+        facets[_MIDDLE + axis, k], facets[_NORMAL + axis, k] = middle[axis], normal[axis]
+        facets[_CORNER + axis, k], facets[_CORNER + 3 + axis, k] = a[axis], b[axis]
+        facets[_CORNER + 6 + axis, k] = c[axis]
+    facets[_SIZE, k] = size
+    facets[_WIDTH, k] = size if dot(normal, normal) > 0.5 else _WIDE
     return turn
 
 
@@ -216,15 +216,15 @@ def clear(pair, bodies, side, reach, search, clearance):
         clearance.wait[pair] -= 1
         return
     (guest, host), (margin, way) = bodies, reach
-    clearance.wait[pair] = LATE
-    for part in (MOST, LESS, LEAST):
+    clearance.wait[pair] = _LATE
+    for part in (_MOST, _LESS, _LEAST):
         slack = part * search.widest
-        if slack - ROUNDED <= way:
+        if slack - ROUNDING_RATIO <= way:
             return
         if _has_slack(guest, host, side, (margin, slack), search, clearance):
             gone = clearance.as_guest[guest] + clearance.as_host[host]
-            clearance.until[pair] = margin + slack - ROUNDED + gone
-            clearance.wait[pair] = SOON
+            clearance.until[pair] = margin + slack - ROUNDING_RATIO + gone
+            clearance.wait[pair] = _SOON
             _pose(guest, host, clearance.frame, clearance.pose[pair])
             return
 
@@ -235,7 +235,7 @@ def _has_slack(guest, host, side, room, search, clearance):
     surfaces, bounds = search.surfaces, search.bodies.bounds[host]
     thickness, (margin, slack) = clearance.half[guest] + clearance.half[host], room
     reach = surfaces.far[host] + margin + slack
-    limits = OVER * thickness + slack, thickness + margin + slack, reach
+    limits = OVER_RATIO * thickness + slack, thickness + margin + slack, reach
     away, frame = reach + clearance.size[host], clearance.frame[host]
     facets, count = clearance.facets[host], clearance.facet_count[host]
     for i in range(surfaces.guests.shape[1]):
@@ -264,7 +264,7 @@ def _may_meet(x, facets, count, side, limits):
         w0, w1, w2 = x[0] - facets[0, k], x[1] - facets[1, k], x[2] - facets[2, k]
         along = w0 * facets[3, k] + w1 * facets[4, k] + w2 * facets[5, k]
         square = w0 * w0 + w1 * w1 + w2 * w2
-        far, wide = reach + facets[SIZE, k], beside + facets[WIDTH, k]
+        far, wide = reach + facets[_SIZE, k], beside + facets[_WIDTH, k]
         low, near = side * along <= height, square <= far * far
         met |= int(low & near & (square - along * along <= wide * wide))
     return met != 0
@@ -280,15 +280,15 @@ def _of_facet(facets, row, k):
 def _meets_one(x, facets, k, side, limits):
     """Return whether a node lacks the slack over triangle k; limits as of _may_meet."""
     beside, height, reach = limits
-    normal, away = _of_facet(facets, NORMAL, k), sub(x, _of_facet(facets, MIDDLE, k))
+    normal, away = _of_facet(facets, _NORMAL, k), sub(x, _of_facet(facets, _MIDDLE, k))
     along, square = dot(normal, away), dot(away, away)
-    far, wide = reach + facets[SIZE, k], beside + facets[WIDTH, k]
+    far, wide = reach + facets[_SIZE, k], beside + facets[_WIDTH, k]
     if side * along > height or square > far * far or square - along * along > wide * wide:
         return False
-    if facets[WIDTH, k] == WIDE:
+    if facets[_WIDTH, k] == _WIDE:
         return True
-    a, b = _of_facet(facets, CORNER, k), _of_facet(facets, CORNER + 3, k)
-    c, below = _of_facet(facets, CORNER + 6, k), sub(x, scale(along, normal))
+    a, b = _of_facet(facets, _CORNER, k), _of_facet(facets, _CORNER + 3, k)
+    c, below = _of_facet(facets, _CORNER + 6, k), sub(x, scale(along, normal))
     weight = closest_weights(below, a, b, c)
     y = add(add(scale(weight[0], a), scale(weight[1], b)), scale(weight[2], c))
     past = sub(below, y)

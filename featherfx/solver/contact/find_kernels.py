@@ -6,9 +6,9 @@ from featherfx.algebra.vec3_kernels import cross, dot, length, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.clearance_kernels import (
-    BESIDE,
-    CREASE,
-    SLANT,
+    BESIDE_RATIO,
+    CREASE_RATIO,
+    SLANT_RATIO,
     clear,
     follow,
     is_clear,
@@ -31,10 +31,10 @@ from featherfx.solver.contact.search_kernels import (
 
 # part of a depth of up to so many thicknesses that a contact keeps in an interval: to close it at
 # once, by a force that is carried on from interval to interval, would make it swing
-KEPT, SMALL = 0.5, 0.1
+_KEPT, _SMALL = 0.5, 0.1
 # depth, in thicknesses, from which on a point that comes around its host's rim stays on the side
 # where it comes
-AROUND = 1.0
+_AROUND = 1.0
 
 
 class Node(NamedTuple):
@@ -98,7 +98,7 @@ def set_gaps(contact, thickness, along, recovery):
     """The gap at the interval's start, along the normal (m), and what it is spared of its depth."""
     depth = max(0.0, thickness - along)
     contact.thickness, contact.start_gap = thickness, along - thickness + depth
-    contact.spared = max(KEPT * min(depth, SMALL * thickness), depth - recovery)
+    contact.spared = max(_KEPT * min(depth, _SMALL * thickness), depth - recovery)
 
 
 @kernel
@@ -131,7 +131,7 @@ def _find_node(x, node, near, closest, search, touch, count):
         _put_on(contact, place, weight, columns)
     if not _meets(contact, along, node, search):
         return count
-    if node.known < 0 and search.turns and contact.spared > AROUND * contact.thickness:
+    if node.known < 0 and search.turns and contact.spared > _AROUND * contact.thickness:
         # of planes that it only now is over it may have been on either side
         begin = guest_place(bodies.start[guest], node.row, p, fraction)
         _, found, height = _at_start(contact, begin, near, search)
@@ -156,7 +156,9 @@ def _put_on(contact, place, weight, columns):
 @kernel
 def _is_over(along, beside, thickness):
     """Return whether a point is over its closest triangle, not beyond an edge."""
-    return beside <= BESIDE * thickness + SLANT * min(abs(along), CREASE * thickness)
+    return beside <= BESIDE_RATIO * thickness + SLANT_RATIO * min(
+        abs(along), CREASE_RATIO * thickness
+    )
 
 
 @kernel
@@ -170,7 +172,7 @@ def _choose_side(contact, along, node, near, search):
     host. The contact is put on other triangles.
     """
     depth, turned = -contact.side * along, contact.side != node.side
-    if not turned and depth < AROUND * contact.thickness:
+    if not turned and depth < _AROUND * contact.thickness:
         return
     bodies, host = search.bodies, node.host
     x = guest_place(bodies.start[node.guest], contact.row, contact.point, contact.fraction)
@@ -183,7 +185,7 @@ def _choose_side(contact, along, node, near, search):
     # deeper than it goes past the host in the step: not through it, but around
     ahead = guest_place(bodies.ahead[node.guest], contact.row, contact.point, contact.fraction)
     led = sub(host_place(bodies.ahead[host], contact), host_place(bodies.start[host], contact))
-    leaps = depth > max(AROUND * contact.thickness, length(sub(sub(ahead, x), led)))
+    leaps = depth > max(_AROUND * contact.thickness, length(sub(sub(ahead, x), led)))
     if not turned and node.known >= 0 and not leaps:
         return
     contact.side = node.side
@@ -192,7 +194,7 @@ def _choose_side(contact, along, node, near, search):
         return
     if not turned:
         over, found, height = _at_start(contact, x, near, search)
-        low = over and height < -AROUND * contact.thickness
+        low = over and height < -_AROUND * contact.thickness
         if node.known >= 0 and low:
             # drawn back through the host
             return
@@ -243,7 +245,7 @@ def _belongs_to_order(contact, x, near, search):
         over, _, height = _at_start(contact, y, near, search)
         if not over:
             continue
-        if height > -AROUND * contact.thickness or abs(height - low) > margin:
+        if height > -_AROUND * contact.thickness or abs(height - low) > margin:
             continue
         key = (contact.pair * guests.shape[0] + i) * guests.shape[1] + c
         at = _first_key(known, key)

@@ -11,7 +11,7 @@ from featherfx.solver.contact.search_kernels import closest_weights, guest_place
 from featherfx.solver.contact.wall_kernels import meet_triangle, weighted
 
 # steps from triangle to triangle of a skin
-MOST_STEPS = 12
+_MAX_STEPS = 12
 
 
 @kernel
@@ -25,7 +25,7 @@ def skin_under(x, skin, ground, triangle):
     """Height of a point over a skin (V, 3) m, the normal there, and the triangle that it is over,
     walking from one."""
     normal, height = (0.0, 0.0, 1.0), 0.0
-    for _ in range(MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         a, b = _corner(skin, ground, triangle, 0), _corner(skin, ground, triangle, 1)
         c = _corner(skin, ground, triangle, 2)
         product = cross(sub(b, a), sub(c, a))

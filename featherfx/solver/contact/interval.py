@@ -22,8 +22,8 @@ from featherfx.mechanics.model import Loads
 from featherfx.solver.contact.colour_kernels import islands_of, neighbours
 from featherfx.solver.contact.list_kernels import add_forces, list_by_body, soften
 from featherfx.solver.contact.move_kernels import largest_moves
-from featherfx.solver.contact.run import Run, Team, islands_before, no_colours
-from featherfx.solver.contact.search import Found, Searcher, new_touch
+from featherfx.solver.contact.run import BatchRun, Team, islands_before, no_colours
+from featherfx.solver.contact.search import ContactSearch, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
     NEAR_ROOT_OF_OBSTACLE,
     WALL_FIT,
@@ -41,11 +41,11 @@ from featherfx.solver.contact.types import (
     ByBody,
     Bytes,
     Candidates,
-    Ground,
-    Handing,
+    ContactMemory,
+    GroundSurface,
+    HandoverRules,
     Indices,
-    Memory,
-    Search,
+    SearchSettings,
     Wall,
 )
 from featherfx.solver.solver import Solver, StepReport
@@ -57,18 +57,18 @@ Flags = NDArray[np.bool_]
 
 # springs of a round over the estimated stiffness of one node: of 2 to 16, 8 took the fewest
 # iterations in a dense plumage (stiffer ones leave feathers unsolved)
-FIT = 8.0
+_FIT = 8.0
 # gap, over the margin, beyond which a contact without a force is not handed to a feather
-FAR = 0.5
+_FAR = 0.5
 # stiffness of contacts that yield, over what it would be
-SOFT = 1e-2
+_SOFT = 1e-2
 # N/m, of what is led and gives way to nothing; weights of corners, and sums, have to stay finite
-RIGID = 1e150
+_RIGID = 1e150
 # Newton iterations of one solve of a feather; one that needs more gets a shorter interval
-MOST_ITERATIONS = 1000
+MAX_CONTACT_ITERATIONS = 1000
 # searches for contacts in one interval: the poses at its end are not known before; margin of the
 # next, over the way that a body went against expectation
-SEARCHES, WIDER = 4, 2.0
+_MAX_SEARCHES, _WIDER = 4, 2.0
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class ContactSettings:
     newton: float = 0.0
 
 
-class Led(NamedTuple):
+class LedMotion(NamedTuple):
     """Bodies whose motion over an interval is given. free: (B,) the others, which are solved.
     start, end: (B, n, 1 + 2 m, 3) m, nodes of those that are led. fixed: (B,) those that are led
     for good, as obstacles are, and not for this interval only."""
@@ -104,7 +104,7 @@ class Led(NamedTuple):
     fixed: Flags
 
 
-class Manner(NamedTuple):
+class IntervalOptions(NamedTuple):
     """Options of one interval's solve.
 
     substeps: most regular steps that a feather may divide it into by itself, to keep to its
@@ -121,14 +121,14 @@ class Manner(NamedTuple):
     substeps: int = 1
     resting: Flags | None = None
     yielding: Flags | None = None
-    led: Led | None = None
-    iterations: int = MOST_ITERATIONS
+    led: LedMotion | None = None
+    iterations: int = MAX_CONTACT_ITERATIONS
     turns: bool = False
     settling: bool = False
     lost: float = np.inf
 
 
-PLAIN = Manner()
+PLAIN_INTERVAL = IntervalOptions()
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ class ContactSolver:
         self._fixed = np.zeros(bodies, dtype=np.int8)
         self.memory = no_memory(self.surfaces)
         self._searched: Array | None = None
-        self.found, self._spare = Found(new_touch(), 0), new_touch()
+        self.found, self._spare = ContactSearch(new_touch(), 0), new_touch()
         self._listed = ByBody(np.zeros(bodies + 1, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
     def add_pairs(self, pairs: Indices) -> None:
@@ -220,8 +220,8 @@ class ContactSolver:
         loads: Sequence[Loads],
         paths: Sequence[RootPath],
         duration: float,
-        walls: Sequence[Wall | Ground] = (),
-        manner: Manner = PLAIN,
+        walls: Sequence[Wall | GroundSurface] = (),
+        manner: IntervalOptions = PLAIN_INTERVAL,
     ) -> tuple[list[State], list[StepReport], ContactReport]:
         """Advance all batches by a duration in s; the given states are not changed.
 
@@ -233,7 +233,9 @@ class ContactSolver:
         substeps, resting, yielding, led, iterations, turns, settling, lost = manner
         free = np.ones(self.grids.bodies, dtype=np.bool_) if led is None else led.free
         shares = self._followed(duration)
-        run = Run(self._team, states, loads, paths, duration, substeps, iterations, free, shares)
+        run = BatchRun(
+            self._team, states, loads, paths, duration, substeps, iterations, free, shares
+        )
         if not settling:
             run.alone = run.step._replace(newton=max(run.step.newton, self.settings.newton))
         if led is not None:
@@ -244,15 +246,15 @@ class ContactSolver:
         soft = np.zeros(self.grids.bodies, dtype=np.int8)
         if yielding is not None:
             soft[yielding] = 1
-        before, forces = Found(new_touch(1), 0), np.zeros(self.grids.bodies)
+        before, forces = ContactSearch(new_touch(1), 0), np.zeros(self.grids.bodies)
         margin, off = self._margin.copy(), np.zeros(self.grids.bodies)
         moved, searched = np.zeros(self.grids.bodies), self._searched_room(run.now)
-        for number in range(SEARCHES):
+        for number in range(_MAX_SEARCHES):
             np.copyto(searched, run.now)
             looked = stale if number else free
             self._find(run, walls, (memory, before), looked, margin, (turns, number > 0))
             if yielding is not None:
-                soften(*self.found, soft, looked.astype(np.int8), SOFT)
+                soften(*self.found, soft, looked.astype(np.int8), _SOFT)
             if number:
                 stale = self._changed(stale, forces, soft) & free
             solved = self._solve(run, stale & (off == 0.0), soft, off > 0.0)
@@ -264,7 +266,7 @@ class ContactSolver:
             if not stale.any():
                 break
             # the bodies did not go where they were headed: look again where they went, and wider
-            margin[stale] = np.minimum(WIDER * moved[stale], self.settings.margin)
+            margin[stale] = np.minimum(_WIDER * moved[stale], self.settings.margin)
             add_forces(*self.found, forces)
             order = self.candidates.order
             memory = self.found.remembered(order, self._found_in, self.memory)
@@ -307,7 +309,9 @@ class ContactSolver:
         new = self.found.remembered(self.candidates.order, self._found_in)
         self.memory = self._joined(self.memory, new, kept, but is None) if kept.any() else new
 
-    def _joined(self, old: Memory, new: Memory, kept: Flags, led: bool) -> Memory:
+    def _joined(
+        self, old: ContactMemory, new: ContactMemory, kept: Flags, led: bool
+    ) -> ContactMemory:
         """Memories as one: the old of some bodies (B,), the new of the others. led: pairs of both
         kinds go by the new one, else by the old."""
         _, rows, columns = old.wall.shape
@@ -320,7 +324,7 @@ class ContactSolver:
         key = np.concatenate([each.key[chosen] for each, chosen in parts])
         order = np.argsort(key, kind="stable")
         bodies = kept[:, None, None]
-        return Memory(
+        return ContactMemory(
             key=key[order],
             force=np.concatenate([each.force[chosen] for each, chosen in parts])[order],
             side=np.concatenate([each.side[chosen] for each, chosen in parts])[order],
@@ -345,9 +349,9 @@ class ContactSolver:
 
     def _find(
         self,
-        run: Run,
-        walls: Sequence[Wall | Ground],
-        known: tuple[Memory, Found],
+        run: BatchRun,
+        walls: Sequence[Wall | GroundSurface],
+        known: tuple[ContactMemory, ContactSearch],
         stale: Flags,
         margin: Array,
         manner: tuple[bool, bool],
@@ -356,11 +360,11 @@ class ContactSolver:
         grows. margin: of Search; manner: turns and again (Search)."""
         settings, (memory, before), (turns, again) = self.settings, known, manner
         inertia = self._inertia(run.duration) * self._mass
-        impedance, firm = FIT * (inertia + self._elastic), FIT * (inertia + self._firm)
-        impedance[~self._free] = RIGID
+        impedance, firm = _FIT * (inertia + self._elastic), _FIT * (inertia + self._firm)
+        impedance[~self._free] = _RIGID
         bodies = moving_bodies(run.start, run.now, impedance)
         self._found_in = memory._replace(inside=memory.inside.copy())
-        search = Search(
+        search = SearchSettings(
             self.surfaces,
             bodies._replace(firm=firm, fixed=self._fixed),
             self._found_in,
@@ -400,7 +404,7 @@ class ContactSolver:
         pressed = (found > 0.0) | (forces > 0.0) | (soft != 0)
         return np.asarray((np.abs(found - forces) > 1e-9 * forces) | (stale & pressed))
 
-    def _solve(self, run: Run, stale: Flags, soft: Bytes, lost: Flags) -> Sweep:
+    def _solve(self, run: BatchRun, stale: Flags, soft: Bytes, lost: Flags) -> Sweep:
         """Rounds of solves with the contacts found; what they ended with.
 
         stale: (B,) bodies that are solved in the first round, whatever their contacts. soft: (B,)
@@ -425,7 +429,7 @@ class ContactSolver:
             rules=RoundRules(
                 rounds=settings.rounds,
                 tolerance=settings.tolerance,
-                reach=FAR * settings.margin,
+                reach=_FAR * settings.margin,
                 friction=settings.friction > 0.0,
                 thinnest=self._thinnest,
             ),
@@ -438,10 +442,10 @@ class ContactSolver:
         self._team.solve(sweep)
         return sweep
 
-    def _handing(self, run: Run) -> Handing:
+    def _handing(self, run: BatchRun) -> HandoverRules:
         slip = self.settings.smoothing * run.duration
         widest, columns = self.grids.most_columns, self.surfaces.columns
-        return Handing(self.settings.friction, slip, np.inf, widest, columns)
+        return HandoverRules(self.settings.friction, slip, np.inf, widest, columns)
 
     def _neighbours(self) -> ByBody:
         """List which bodies each has contacts with."""

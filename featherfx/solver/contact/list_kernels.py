@@ -17,12 +17,12 @@ from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.search_kernels import guest_place, side_normal
 
 # least part of a contact that a corner carries: it needs a stiffness to divide by
-LEAST_WEIGHT = 1e-6
+_MIN_WEIGHT = 1e-6
 # stiffness of a contact that presses with the force it had, over its own
-GENTLE = 1e-2
+_GENTLE = 1e-2
 # contacts that press from opposite sides: cosine between their normals, and how many rows they are
 # apart, at most
-OPPOSED, BESIDE = -0.5, 1
+_OPPOSED, _BESIDE = -0.5, 1
 
 
 @kernel
@@ -159,9 +159,9 @@ def _is_opposed(contact, body, touch, listed, fixed):
     for at in range(listed.first[body], listed.first[body + 1]):
         other = touch[listed.items[at]]
         there, sense = _row_and_sign(other, body)
-        if abs(there - row) > BESIDE or other.gap > 0.0 or not _is_on_fixed(other, body, fixed):
+        if abs(there - row) > _BESIDE or other.gap > 0.0 or not _is_on_fixed(other, body, fixed):
             continue
-        if sign * sense * dot(contact.normal, other.normal) < OPPOSED:
+        if sign * sense * dot(contact.normal, other.normal) < _OPPOSED:
             return True
     return False
 
@@ -234,7 +234,7 @@ def hand_out(body, touch, listed, mine, start, now, rules, planes):
     """Write the plane contacts of a body to planes; returns how many there are.
 
     mine: (B,) bodies that are solved for. start, now: (B, n, 1 + 2 m, 3) poses at the interval's
-    start and at the last iterate. rules: Handing.
+    start and at the last iterate. rules: HandoverRules.
     """
     to = 0
     for at in range(listed.first[body], listed.first[body + 1]):
@@ -272,7 +272,7 @@ def _hand_to(contact, body, start, now, rules, planes, to):
     # what the other felt, or, before it is solved, what this one felt itself
     felt = is_guest == rules.beginning
     force = contact.guest_force if felt else contact.host_force
-    stiffness = contact.stiffness * (GENTLE if rules.beginning else 1.0)
+    stiffness = contact.stiffness * (_GENTLE if rules.beginning else 1.0)
     for q in range(parts):
         if is_guest:
             row, p = contact.row + q, contact.point
@@ -280,7 +280,7 @@ def _hand_to(contact, body, start, now, rules, planes, to):
         else:
             row, p = contact.corner[q, 0], contact.corner[q, 1]
             weight = contact.weight[q]
-        weight = max(weight, LEAST_WEIGHT)
+        weight = max(weight, _MIN_WEIGHT)
         strength = planes.strength[to]
         strength[0] = weight * stiffness
         strength[1] = weight * force

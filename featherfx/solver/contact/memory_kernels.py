@@ -9,7 +9,7 @@ def remember(touch, count, order, goes_on, key, force, side, wall):
     bodies are kept.
 
     order: (N,) of Candidates. goes_on: whether an interval goes on, so that only forces tell sides.
-    Written: key, force and side of those kept, and wall, as of Memory.
+    Written: key, force and side of those kept, and wall, as of ContactMemory.
     """
     rows, columns = wall.shape[1], wall.shape[2]
     kept = 0

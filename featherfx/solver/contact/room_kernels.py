@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 from featherfx.algebra.vec3_kernels import add, dot, scale, sub
 from featherfx.jit.compiled import kernel
-from featherfx.solver.contact.clearance_kernels import OVER, ROUNDED
+from featherfx.solver.contact.clearance_kernels import OVER_RATIO, ROUNDING_RATIO
 from featherfx.solver.contact.search_kernels import box_distance, corner_place, side_normal
 
 
-class Room(NamedTuple):
+class GuestBounds(NamedTuple):
     """Bounds within which the points of a guest meet a host. up: (3,), and top: m, along it, beyond
     which none does. margin: m, gap below which they are followed. way: m, what they go past the
     host in the interval, at most; thickness: m, sum of both half thicknesses, at most."""
@@ -28,13 +28,16 @@ def room_of(guest, host, side, margin, way, search, half):
     """The Room of a pair. half: (B,) m, largest half thickness.
 
     What meets the host (clearance_kernels) is along a normal of it no farther on its own side than
-    margin, thickness and way, and beside that by OVER thicknesses: so far above the slab at most.
+    margin, thickness and way, and beside that by OVER_RATIO thicknesses: so far above the slab at
+    most.
     """
     slab, thickness = search.bodies.slab[host], half[guest] + half[host]
     if side == 0:
-        return Room((0.0, 0.0, 0.0), 1e300, margin, way, thickness)
-    top = (slab[4] if side > 0 else -slab[3]) + margin + way + (1.0 + OVER) * thickness
-    return Room((side * slab[0], side * slab[1], side * slab[2]), top, margin, way, thickness)
+        return GuestBounds((0.0, 0.0, 0.0), 1e300, margin, way, thickness)
+    top = (slab[4] if side > 0 else -slab[3]) + margin + way + (1.0 + OVER_RATIO) * thickness
+    return GuestBounds(
+        (side * slab[0], side * slab[1], side * slab[2]), top, margin, way, thickness
+    )
 
 
 @kernel
@@ -66,10 +69,10 @@ def is_off(x, begin, closest, host, columns, side, room):
     normal = side_normal(place[0], now[a[0], a[1]], now[b[0], b[1]], now[c[0], c[1]])
     away = sub(x, _on(now, (a, b, c), weight))
     along = dot(normal, away)
-    beside, most = sub(away, scale(along, normal)), OVER * room.thickness + ROUNDED
+    beside, most = sub(away, scale(along, normal)), OVER_RATIO * room.thickness + ROUNDING_RATIO
     if dot(beside, beside) > most * most:
         return True
-    gap = side * along - room.thickness - room.margin - ROUNDED
+    gap = side * along - room.thickness - room.margin - ROUNDING_RATIO
     if side == 0 or gap <= 0.0:
         return False
     if gap > room.way:

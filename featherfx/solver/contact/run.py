@@ -13,24 +13,29 @@ from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.jit.thread_team import new_team
 from featherfx.jit.threads import allowed
 from featherfx.jit.views import Held, views_of
-from featherfx.mechanics.model import Contacts, Loads, wind_of_each
-from featherfx.solver.contact.state_rooms import StateRooms, put
+from featherfx.mechanics.model import Contacts, Loads, expand_wind
+from featherfx.solver.contact.state_rooms import StateBuffers, put
 from featherfx.solver.contact.surfaces import Grids
 from featherfx.solver.contact.sweep_kernels import (
-    KINDS,
+    STEP_KINDS,
     Batches,
-    Colours,
+    BodyColours,
     Islands,
     Marks,
     Sweep,
     solve_rounds,
 )
 from featherfx.solver.settle.reinitialise import carry_to
-from featherfx.solver.solver import COARSE, HARD, NEWTON_ITERATIONS, Solver
-from featherfx.solver.state import State, StepReport, no_steps
+from featherfx.solver.solver import (
+    COARSE_ERROR_RATIO,
+    HARD_STEP_WORK,
+    MAX_NEWTON_ITERATIONS,
+    Solver,
+)
+from featherfx.solver.state import State, StepReport, make_report
 from featherfx.solver.step.retry_kernels import StepSettings
 from featherfx.solver.step.root_path import RootPath
-from featherfx.solver.work import kept_matrices, make_work
+from featherfx.solver.work import make_matrices, make_scratch
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -40,9 +45,9 @@ Bytes = NDArray[np.int8]
 # bodies of an island that one thread solves by itself, over its share of all, at most: of many
 # bodies, whose rounds may take it longer than all else takes the others, and of fewer than those,
 # of which threads that share them often wait for each other
-UNEVEN, UNEVEN_OF_FEW, MANY = 0.75, 1.2, 32
+_UNEVEN, _UNEVEN_OF_FEW, _MANY = 0.75, 1.2, 32
 # bodies from which on threads make states of batches ready, and those of a batch at once
-WORTH_IT, AT_ONCE = 300, 256
+_WORTH_IT, _AT_ONCE = 300, 256
 
 
 class Team:
@@ -59,28 +64,28 @@ class Team:
         self._pool = ThreadPoolExecutor(jobs - 1) if jobs > 1 else None
         models = [solver.model for solver in solvers]
         self.models = views_of(models)
-        self.works = views_of([make_work(model) for _ in range(jobs) for model in models])
-        self.kept = views_of([kept_matrices(model) for model in models])
+        self.works = views_of([make_scratch(model) for _ in range(jobs) for model in models])
+        self.kept = views_of([make_matrices(model) for model in models])
         counts = np.diff(grids.first)
         self.batch = np.repeat(np.arange(len(models)), counts)
         self.place = np.concatenate([np.arange(count) for count in counts])
-        self._rooms: StateRooms | None = None
+        self._rooms: StateBuffers | None = None
 
-    def rooms(self, states: Sequence[State]) -> StateRooms:
+    def rooms(self, states: Sequence[State]) -> StateBuffers:
         """Allocate memory for states of the batches; given some."""
         if self._rooms is None:
-            self._rooms = StateRooms(states)
+            self._rooms = StateBuffers(states)
         return self._rooms
 
     def for_each_part(self, function: Callable[[tuple[int, slice]], None]) -> None:
         """Call a function with the number of each batch and some of its feathers, until it had all,
         by all threads where that is worth it."""
         parts = [
-            (batch, slice(low, min(low + AT_ONCE, count)))
+            (batch, slice(low, min(low + _AT_ONCE, count)))
             for batch, count in enumerate(np.diff(self.grids.first).tolist())
-            for low in range(0, count, AT_ONCE)
+            for low in range(0, count, _AT_ONCE)
         ]
-        if self.grids.bodies < WORTH_IT:
+        if self.grids.bodies < _WORTH_IT:
             for part in parts:
                 function(part)
         else:
@@ -93,7 +98,7 @@ class Team:
 
     def solve(self, sweep: Sweep) -> None:
         """All rounds of a sweep, by all threads."""
-        counters, size = new_team(KINDS), allowed(self.jobs)
+        counters, size = new_team(STEP_KINDS), allowed(self.jobs)
         pool = self._pool
         others = [
             pool.submit(solve_rounds, k, counters, size, sweep) for k in range(1, size) if pool
@@ -105,7 +110,7 @@ class Team:
     def loads(self, loads: Sequence[Loads], room: int) -> Held:
         """The loads of the batches, for each thread with room for contacts of one feather."""
         windy = [
-            wind_of_each(each, solver.model.feathers)
+            expand_wind(each, solver.model.feathers)
             for each, solver in zip(loads, self.solvers, strict=True)
         ]
         found = []
@@ -117,7 +122,7 @@ class Team:
         return views_of(found)
 
 
-class Run:
+class BatchRun:
     """Starts of the batches, and the state of the last iterate.
 
     duration: s. substeps: most regular steps of a feather within it. iterations: of Newton in one
@@ -169,7 +174,7 @@ class Run:
         self._acting: Held | None = None
         self._room = 0
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
-        self.report = no_steps(grids.bodies)
+        self.report = make_report(grids.bodies)
         self._step = self.alone = self._step_settings(substeps, iterations)
         self._paths, self._reports = views_of(paths), views_of(self.reports())
 
@@ -181,10 +186,10 @@ class Run:
             shortest=float(self.duration / substeps),
             spectral_radius=float(settings.spectral_radius),
             tolerance=min(float(each.tolerance) for each in every),
-            coarse=COARSE,
+            coarse=COARSE_ERROR_RATIO,
             newton=min(float(each.newton) for each in every),
-            iterations=NEWTON_ITERATIONS,
-            hard=HARD,
+            iterations=MAX_NEWTON_ITERATIONS,
+            hard=HARD_STEP_WORK,
             most_iterations=min(settings.max_iterations, iterations),
             unsolved=0.0,
         )
@@ -264,7 +269,7 @@ def islands_before(count: int, island: Indices, jobs: int) -> Islands:
     bodies = np.argsort(island, kind="stable")[np.count_nonzero(island < 0) :]
     sizes = np.bincount(island[bodies], minlength=count)
     order = np.argsort(-sizes, kind="stable")
-    most = np.where(sizes < MANY, UNEVEN_OF_FEW, UNEVEN) * max(1, len(bodies))
+    most = np.where(sizes < _MANY, _UNEVEN_OF_FEW, _UNEVEN) * max(1, len(bodies))
     return Islands(
         rounds=np.zeros(count, dtype=np.int64),
         worst=np.zeros(count),
@@ -275,9 +280,9 @@ def islands_before(count: int, island: Indices, jobs: int) -> Islands:
     )
 
 
-def no_colours(bodies: int) -> Colours:
+def no_colours(bodies: int) -> BodyColours:
     """Scratch for the colours of so many bodies."""
-    return Colours(
+    return BodyColours(
         bodies=np.zeros(bodies, dtype=np.int64),
         first=np.zeros(bodies + 2, dtype=np.int64),
         number=np.zeros(1, dtype=np.int64),

@@ -17,33 +17,33 @@ from featherfx.solver.contact.find_kernels import find_contacts, refit
 from featherfx.solver.contact.ground_kernels import find_ground_contacts
 from featherfx.solver.contact.memory_kernels import remember
 from featherfx.solver.contact.types import (
-    CONTACT,
+    CONTACT_DTYPE,
     Bytes,
     Candidates,
     Clearance,
-    Earlier,
-    Ground,
+    ContactMemory,
+    EarlierContacts,
+    GroundSurface,
     Indices,
-    Memory,
-    Search,
+    SearchSettings,
     Touch,
     VaneSurfaces,
     Wall,
 )
 from featherfx.solver.contact.wall_kernels import find_wall_contacts
 
-FIRST_ROOM = 1024
+_FIRST_CAPACITY = 1024
 # points of guests that are one piece of work, at the least, and pieces for each thread
-LEAST_POINTS, PIECES = 5_000, 20
+_MIN_POINTS, _PIECES = 5_000, 20
 # contacts that threads put together beside each other, at the least
-MANY = 5_000
+_MANY = 5_000
 # walls that have a bit of their own of what has grown into them; all after them share the next
-OWN_BITS = 6
+_OWN_BITS = 6
 
 ForEach = Callable[[Callable[[Any], None], Iterable[Any]], None]
 
 
-class Found(NamedTuple):
+class ContactSearch(NamedTuple):
     """Contacts found: the first number of touch."""
 
     touch: Touch
@@ -51,10 +51,12 @@ class Found(NamedTuple):
 
     @property
     def contacts(self) -> Touch:
-        """(number,) of CONTACT."""
+        """(number,) of CONTACT_DTYPE."""
         return self.touch[: self.number]
 
-    def remembered(self, order: Indices, memory: Memory, start: Memory | None = None) -> Memory:
+    def remembered(
+        self, order: Indices, memory: ContactMemory, start: ContactMemory | None = None
+    ) -> ContactMemory:
         """Return what the next search needs of them: forces, and sides that an order does not tell,
         or that poses tell otherwise.
 
@@ -71,7 +73,7 @@ class Found(NamedTuple):
             along = np.argsort(key, kind="stable")
             force = np.concatenate([force, np.zeros((int(idle.sum()), 2))])[along]
             key, side = key[along], np.concatenate([side, start.side[idle]])[along]
-        return Memory(key, force, side, wall, memory.inside.copy())
+        return ContactMemory(key, force, side, wall, memory.inside.copy())
 
 
 class Searcher:
@@ -101,7 +103,7 @@ class Searcher:
         pairs, bodies = len(candidates.pairs), len(self._clearance.half)
         known, points = len(self._clearance.until), int(pairs * self._points)
         jobs = self._jobs
-        pieces = 1 if jobs == 1 else max(1, min(PIECES * jobs, points // LEAST_POINTS))
+        pieces = 1 if jobs == 1 else max(1, min(_PIECES * jobs, points // _MIN_POINTS))
         self.candidates = candidates
         self._spans = np.linspace(0, pairs, pieces + 1).astype(np.int64).tolist()
         self._bodies = np.linspace(0, bodies, pieces + 1).astype(np.int64).tolist()
@@ -128,21 +130,21 @@ class Searcher:
 
     def find(
         self,
-        search: Search,
-        walls: Sequence[Wall | Ground] = (),
-        before: Found | None = None,
+        search: SearchSettings,
+        walls: Sequence[Wall | GroundSurface] = (),
+        before: ContactSearch | None = None,
         stale: NDArray[np.bool_] | None = None,
         room: Touch | None = None,
         free: NDArray[np.bool_] | None = None,
-    ) -> Found:
+    ) -> ContactSearch:
         """Find what touches; boxes of the bodies are refitted.
 
         before: contacts that hold on for pairs of bodies that are not stale (B,). room: to be
         written over; not before. free: (B,) bodies that may touch walls, all by default.
         """
-        before = before or Found(new_touch(1), 0)
+        before = before or ContactSearch(new_touch(1), 0)
         anew = np.ones(len(search.surfaces.far), dtype=bool) if stale is None else stale
-        earlier = Earlier(before.touch, before.number, anew.astype(np.int8))
+        earlier = EarlierContacts(before.touch, before.number, anew.astype(np.int8))
         every = np.ones(len(anew), dtype=np.int8) if free is None else free.astype(np.int8)
         near = np.ones_like(every) if anew.all() else self._near(anew)
         pieces, counts = range(len(self._rooms)), np.zeros((len(self._rooms), 2), dtype=np.int64)
@@ -182,7 +184,7 @@ class Searcher:
         return near.astype(np.int8)
 
     def _meeting(
-        self, search: Search, walls: Sequence[Wall | Ground], free: Bytes
+        self, search: SearchSettings, walls: Sequence[Wall | GroundSurface], free: Bytes
     ) -> tuple[Callable[[int], None], Indices]:
         """Return a function that finds contacts with all walls of bodies that are free (B,), called
         with the number of a piece; and how many it finds, wall after wall, in each piece.
@@ -197,8 +199,10 @@ class Searcher:
         def meet(piece: int) -> None:
             low, high = self._bodies[piece], self._bodies[piece + 1]
             for number, wall in enumerate(walls):
-                k, bit = number * pieces + piece, 1 << min(number, OWN_BITS)
-                find = find_ground_contacts if isinstance(wall, Ground) else find_wall_contacts
+                k, bit = number * pieces + piece, 1 << min(number, _OWN_BITS)
+                find = (
+                    find_ground_contacts if isinstance(wall, GroundSurface) else find_wall_contacts
+                )
                 while True:
                     counts[k] = find(wall, bit, search, free, low, high, self._on_walls[k])
                     if counts[k] <= len(self._on_walls[k]):
@@ -207,7 +211,7 @@ class Searcher:
 
         return meet, counts
 
-    def _joined(self, parts: Sequence[Touch], touch: Touch) -> Found:
+    def _joined(self, parts: Sequence[Touch], touch: Touch) -> ContactSearch:
         """The contacts of all parts, one after the other."""
         first = np.concatenate([[0], np.cumsum([len(part) for part in parts])]).tolist()
         if first[-1] > len(touch):
@@ -216,9 +220,9 @@ class Searcher:
         def put(k: int) -> None:
             _copy(parts[k], touch[first[k] : first[k + 1]])
 
-        for_each = self._for_each if first[-1] > MANY else _one_by_one
+        for_each = self._for_each if first[-1] > _MANY else _one_by_one
         for_each(put, range(len(parts)))
-        return Found(touch, first[-1])
+        return ContactSearch(touch, first[-1])
 
 
 def _on_walls_still(contacts: Touch, anew: NDArray[np.bool_]) -> Touch:
@@ -234,9 +238,9 @@ def _copy(contacts: Touch, to: Touch) -> None:
     to.view(np.uint8)[:] = contacts.view(np.uint8)
 
 
-def new_touch(count: int = FIRST_ROOM) -> Touch:
+def new_touch(count: int = _FIRST_CAPACITY) -> Touch:
     """Room for that many contacts."""
-    return np.zeros(count, dtype=CONTACT)
+    return np.zeros(count, dtype=CONTACT_DTYPE)
 
 
 def _call(work: Callable[[], None]) -> None:

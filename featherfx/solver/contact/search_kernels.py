@@ -14,9 +14,9 @@ from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 
 # parts into which the rim between two rows is divided
-RIM_PARTS = 4
+RIM_SAMPLES = 4
 # what the square of a guessed distance is rounded up by, of itself
-GUESSED = 1e-9
+_GUESSED = 1e-9
 
 
 @kernel
@@ -37,9 +37,9 @@ def guest_point(c, columns, own):
     extra = c - 2 * columns - 1
     if extra < 0:
         return strip_point(c, columns), 0.0
-    between = RIM_PARTS - 1
+    between = RIM_SAMPLES - 1
     p = columns + own if extra < between else own
-    return p, (extra % between + 1.0) / RIM_PARTS
+    return p, (extra % between + 1.0) / RIM_SAMPLES
 
 
 @kernel
@@ -165,7 +165,7 @@ def nearest_node(x, points, present, boxes, guess, limit):
     if row >= 0 and present[row, column] != 0:
         square = _square(points[row, strip_point(column, columns)], x)
         # a little more, so that which of several equally near ones is found does not go by it
-        best = min(best, square + GUESSED * square)
+        best = min(best, square + _GUESSED * square)
     for i in range(points.shape[0]):
         if box_distance(x, boxes[i]) >= best:
             continue

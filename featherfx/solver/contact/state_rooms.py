@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-class Room(NamedTuple):
+class StateBuffer(NamedTuple):
     """States of all batches, views of them and of their rows of numbers, one for each feather."""
 
     states: list[State]
@@ -27,7 +27,7 @@ class Room(NamedTuple):
     rows: Views
 
 
-class StateRooms:
+class StateBuffers:
     """Makes room for states that are like some, one per batch. before: a room to be written over
     again and again."""
 
@@ -41,7 +41,7 @@ class StateRooms:
         self._at_rows = _addresses([2 for _ in arrays[0]])
         self.before = self.made(np.zeros)
 
-    def made(self, new: Callable[..., Any]) -> Room:
+    def made(self, new: Callable[..., Any]) -> StateBuffer:
         """A room of arrays as np.empty or np.zeros makes them."""
         states = [
             State.of({name: new(shape, dtype) for name, shape, dtype in forms})
@@ -50,7 +50,9 @@ class StateRooms:
         addresses = [[each.ctypes.data for each in state.arrays().values()] for state in states]
         whole, rows = self._whole.words.copy(), self._rows.words.copy()
         whole[:, self._at_whole] = rows[:, self._at_rows] = addresses
-        return Room(states, self._whole._replace(words=whole), self._rows._replace(words=rows))
+        return StateBuffer(
+            states, self._whole._replace(words=whole), self._rows._replace(words=rows)
+        )
 
 
 def put(given: State, state: State, some: Flags) -> None:

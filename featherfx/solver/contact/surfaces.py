@@ -14,12 +14,12 @@ import numpy as np
 from featherfx.algebra.types import Flags
 from featherfx.feather.types import barb_slice
 from featherfx.mechanics.model import Model
-from featherfx.solver.contact.search_kernels import RIM_PARTS
+from featherfx.solver.contact.search_kernels import RIM_SAMPLES
 from featherfx.solver.contact.types import (
     Array,
     Bytes,
+    ContactMemory,
     Indices,
-    Memory,
     MovingBodies,
     VaneSurfaces,
 )
@@ -35,7 +35,7 @@ NEAR_ROOT = 0.4
 NEAR_ROOT_OF_OBSTACLE = 0.2
 # depth, over the feather's length, beyond which a point counts as on the other side of something
 # else; how much farther barbs' tips are apart than rows, over the barbs' length
-DEEPEST, FAN = 0.1, 0.3
+_DEEPEST, _FAN = 0.1, 0.3
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def as_torn(
     """The same surfaces without what spans gaps that have opened: barbs beside them are fibres,
     whose nodes touch others, and others go between them."""
     guests, exists = surfaces.guests.copy(), surfaces.exists.copy()
-    nodes, parts = surfaces.present.shape[2], RIM_PARTS - 1
+    nodes, parts = surfaces.present.shape[2], RIM_SAMPLES - 1
     for model, state, low, high in zip(
         models, states, grids.first[:-1], grids.first[1:], strict=True
     ):
@@ -168,7 +168,7 @@ def _far(model: Model) -> Array:
     """(F,) m, VaneSurfaces.far: where the deepest comes back from, and half a cell's size."""
     row, length = model.length.max(axis=1), model.length.sum(axis=1)
     segment = model.segment.max(axis=(1, 2), initial=0.0)
-    return DEEPEST * length + row + segment + FAN * model.columns * segment
+    return _DEEPEST * length + row + segment + _FAN * model.columns * segment
 
 
 def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
@@ -195,7 +195,7 @@ def _guests(present: Bytes, columns: Indices) -> Bytes:
         end = present[each, :, middle + way * columns]
         rim = np.zeros(present.shape[:2], dtype=np.int8)
         rim[:, :-1] = end[:, :-1] & end[:, 1:]
-        parts.append(np.repeat(rim[:, :, None], RIM_PARTS - 1, axis=2))
+        parts.append(np.repeat(rim[:, :, None], RIM_SAMPLES - 1, axis=2))
     return np.concatenate([present, *parts], axis=2)
 
 
@@ -245,9 +245,9 @@ def carried_mass(model: Model) -> Array:
     return mass
 
 
-def no_memory(surfaces: VaneSurfaces) -> Memory:
+def no_memory(surfaces: VaneSurfaces) -> ContactMemory:
     """Nothing touched yet."""
-    return Memory(
+    return ContactMemory(
         key=np.zeros(0, dtype=np.int64),
         force=np.zeros((0, 2)),
         side=np.zeros(0, dtype=np.int8),

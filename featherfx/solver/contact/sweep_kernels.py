@@ -27,21 +27,21 @@ from featherfx.solver.contact.list_kernels import (
     share_pinch,
     update,
 )
-from featherfx.solver.contact.types import Array, ByBody, Bytes, Handing, Indices
-from featherfx.solver.step.frame_kernels import advance
-from featherfx.solver.step.newton_kernels import EASY
-from featherfx.solver.step.retry_kernels import StepSettings, settings_of
+from featherfx.solver.contact.types import Array, ByBody, Bytes, HandoverRules, Indices
+from featherfx.solver.step.frame_kernels import advance_feather
+from featherfx.solver.step.newton_kernels import MAX_REUSE_ITERATIONS
+from featherfx.solver.step.retry_kernels import StepSettings, scale_settings
 from featherfx.solver.step.start_kernels import start_acceleration
-from featherfx.solver.work import Kept, Work
+from featherfx.solver.work import SolverScratch, StoredMatrix
 
 # length of the last step of a feather that has none, but its first acceleration
-BEGUN = -1.0
+_BEGUN = -1.0
 # contacts, and bodies, that a thread takes at a time
-CONTACTS, BODIES = 1024, 64
+_CONTACTS, _BODIES = 1024, 64
 # rounds after which what pinches a body shares the depth that is left
-PATIENCE = 4
+_PATIENCE = 4
 # what a team takes tickets for: two kinds, in turns
-KINDS = 2
+STEP_KINDS = 2
 
 
 class Batches(NamedTuple):
@@ -69,7 +69,7 @@ class Marks(NamedTuple):
     those, -1 of others. fresh: to be solved in the first round, whatever contacts. soft: whose
     contacts yield. active: to be solved in this round. moved: or what they touch, since worst and
     depth, m, of their contacts were looked at. solves: of each. status: of the solves. fixed:
-    led for good (Led)."""
+    led for good (LedMotion)."""
 
     mine: Bytes
     island: Indices
@@ -97,7 +97,7 @@ class Islands(NamedTuple):
     alone: Indices
 
 
-class Colours(NamedTuple):
+class BodyColours(NamedTuple):
     """The bodies of a round by colours: bodies[first[c]] to bodies[first[c + 1] - 1]; first
     (B + 2,), number: (1,) of colours. colour: (B,) of each, -1 of others. done: (B,) whether it is
     solved in this round. taken_by: (B + 1,) scratch."""
@@ -134,13 +134,13 @@ class Sweep(NamedTuple):
     contacts: int
     listed: ByBody
     touching: ByBody
-    handing: Handing
+    handing: HandoverRules
     rules: RoundRules
     start: Array
     now: Array
     marks: Marks
     islands: Islands
-    colours: Colours
+    colours: BodyColours
 
 
 @kernel
@@ -165,7 +165,7 @@ def _put(nodes, columns, to):
 def _hand(body, f, planes, reach, beginning, sweep):
     """Write the planes of a body's contacts where feather f of its batch finds them."""
     given = sweep.handing
-    handing = Handing(
+    handing = HandoverRules(
         given.friction,
         given.smoothing,
         reach,
@@ -182,8 +182,8 @@ def _hand(body, f, planes, reach, beginning, sweep):
 @kernel
 def _with_matrix(work, kept, f):
     """Work with the matrix that is kept of feather f."""
-    own = Kept(kept.made[f], kept.plain[f], kept.pace[f])
-    return Work(
+    own = StoredMatrix(kept.made[f], kept.plain[f], kept.pace[f])
+    return SolverScratch(
         now=work.now,
         trial=work.trial,
         around=work.around,
@@ -218,12 +218,12 @@ def _advance(body, thread, reach, frame, sweep):
     kept = viewed(batches.kept, g)
     work = _with_matrix(viewed(batches.work, own), kept.matrices, f)
     report = viewed(batches.report, g)
-    settings = settings_of(frame, model.length[f])
+    settings = scale_settings(frame, model.length[f])
     if old.step[f] == 0.0:
         kept.matrices.pace[f] = 0.0
         _hand(body, f, loads.contacts, reach, True, sweep)
         start_acceleration(model, loads, f, path, settings, old, work)
-        old.step[f] = BEGUN
+        old.step[f] = _BEGUN
     _hand(body, f, loads.contacts, reach, False, sweep)
     _take(
         viewed(batches.rows_old, g),
@@ -235,9 +235,9 @@ def _advance(body, thread, reach, frame, sweep):
     before, begins = report.iterations[f], marks.solves[body] == 0
     if begins and kept.hard[f] != 0:
         kept.matrices.pace[f] = 0.0
-    advance(model, loads, f, path, new, settings, work, report)
+    advance_feather(model, loads, f, path, new, settings, work, report)
     if begins:
-        hard = report.iterations[f] - before > EASY * max(1.0, report.steps[f])
+        hard = report.iterations[f] - before > MAX_REUSE_ITERATIONS * max(1.0, report.steps[f])
         kept.hard[f] = 1 if hard else 0
     marks.solves[body] += 1
     if report.status[f] != 0.0:
@@ -286,10 +286,10 @@ def _measure(team, size, kind, sweep):
     """All contacts in the pose now."""
     count = sweep.contacts
     while True:
-        low = CONTACTS * ticket(team, kind)
+        low = _CONTACTS * ticket(team, kind)
         if low >= count:
             break
-        measure(sweep.touch, low, min(low + CONTACTS, count), sweep.now)
+        measure(sweep.touch, low, min(low + _CONTACTS, count), sweep.now)
 
 
 @kernel
@@ -302,7 +302,7 @@ def _look(body, number, sweep):
         return
     if marks.moved[body] != 0:
         marks.moved[body] = 0
-        if number >= PATIENCE:
+        if number >= _PATIENCE:
             share_pinch(body, sweep.touch, sweep.listed, marks.fixed, sweep.rules.tolerance)
         worst, depth = residual(body, sweep.touch, sweep.listed, marks.soft, sweep.rules.thinnest)
         marks.worst[body], marks.depth[body] = worst, depth
@@ -317,10 +317,10 @@ def _judge(team, size, kind, number, sweep):
     """Measure how far the contacts of each body are off after so many rounds."""
     bodies = sweep.marks.mine.shape[0]
     while True:
-        low = BODIES * ticket(team, kind)
+        low = _BODIES * ticket(team, kind)
         if low >= bodies:
             break
-        for body in range(low, min(low + BODIES, bodies)):
+        for body in range(low, min(low + _BODIES, bodies)):
             _look(body, number, sweep)
 
 

@@ -19,14 +19,14 @@ Bytes = NDArray[np.int8]
 # start and now; thickness: sum of both halves; spared: of a depth that was there at the start.
 # Forces, N, that guest and host feel; stiffness, N/m, of the spring that each of them is pressed
 # against. place_start, place_now: m, of the host's point.
-CONTACT = np.dtype(
+CONTACT_DTYPE = np.dtype(
     [(name, "i8") for name in ("pair", "row", "column", "point", "guest", "host", "side", "mirror")]
     + [("corner", "i8", (3, 2)), ("weight", "f8", (3,)), ("normal", "f8", (3,))]
     + [(name, "f8") for name in ("start_gap", "gap", "thickness", "spared", "fraction")]
     + [(name, "f8") for name in ("guest_force", "host_force", "stiffness")]
     + [("place_start", "f8", (3,)), ("place_now", "f8", (3,))]
 )
-# (K,) of CONTACT
+# (K,) of CONTACT_DTYPE
 Touch = NDArray[Any]
 
 
@@ -65,7 +65,7 @@ class MovingBodies(NamedTuple):
     slab: Array
 
 
-class Memory(NamedTuple):
+class ContactMemory(NamedTuple):
     """Data that is kept between intervals. key: (K,) ascending, pair, row and guest's column of K
     contacts of feathers, as one number; force: (K, 2) N, on guest and host; side: (K,) of the host.
     wall: (B, n, W) N, forces of walls. inside: (B, n, W), a bit for each wall that guests have
@@ -86,7 +86,7 @@ class Candidates(NamedTuple):
     order: Indices
 
 
-class Search(NamedTuple):
+class SearchSettings(NamedTuple):
     """Settings of a search. margin: (B,) m, gap below which a body's nodes are followed, for two
     bodies the mean of theirs; widest: the largest that one may have. recovery: m, that a depth may
     be reduced by. wall_fit: stiffness of a contact with a wall over that of the node. turns:
@@ -95,7 +95,7 @@ class Search(NamedTuple):
 
     surfaces: VaneSurfaces
     bodies: MovingBodies
-    memory: Memory
+    memory: ContactMemory
     margin: Array
     widest: float
     recovery: float
@@ -104,7 +104,7 @@ class Search(NamedTuple):
     again: bool = False
 
 
-class Earlier(NamedTuple):
+class EarlierContacts(NamedTuple):
     """The first number contacts of touch, found last; they hold on for pairs of bodies that are
     not stale (B,)."""
 
@@ -144,7 +144,7 @@ class ByBody(NamedTuple):
     items: Indices
 
 
-class Handing(NamedTuple):
+class HandoverRules(NamedTuple):
     """Rules by which contacts are handed to bodies. friction: coefficient. smoothing: m, slip over
     which it sets in. reach: m, gap beyond which contacts without a force are left out. widest:
     columns of the widest grid; columns: (B,) of the bodies' own. beginning: whether they are to
@@ -191,7 +191,7 @@ class SkinMesh(NamedTuple):
     beside: Indices
 
 
-class Ground(NamedTuple):
+class GroundSurface(NamedTuple):
     """A skin that feathers grow on, over an interval. start, end: (V, 3) m. triangles, beside: of a
     SkinMesh. under: (B, n, 1 + 2 m) the triangle that each node is over at rest, -1 for a node that
     is not over this skin. deepest: m, below it, up to which points are pushed out. beginning: as of

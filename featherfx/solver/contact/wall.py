@@ -7,7 +7,7 @@ import numpy as np
 from featherfx.solver.contact.types import Array, CubeGrid, Indices, Wall
 from featherfx.solver.contact.wall_kernels import count_cells, fill_cells
 
-MOST_CUBES = 200_000
+_MAX_CUBES = 200_000
 
 
 def wall_of(
@@ -22,7 +22,7 @@ def wall_of(
     low = corners.min(axis=(0, 1)) - reach
     size = corners.max(axis=(0, 1)) + reach - low
     edges = np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=2)
-    edge = max(float(np.median(edges)), reach, float(np.prod(size) / MOST_CUBES) ** (1.0 / 3.0))
+    edge = max(float(np.median(edges)), reach, float(np.prod(size) / _MAX_CUBES) ** (1.0 / 3.0))
     cubes = np.maximum(np.ceil(size / edge), 1.0).astype(np.int64)
     grid = CubeGrid(low, edge, float(reach), cubes)
     counts = np.zeros(int(cubes.prod()), dtype=np.int64)

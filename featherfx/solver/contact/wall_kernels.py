@@ -9,7 +9,7 @@ from math import floor, sqrt
 
 from featherfx.algebra.vec3_kernels import add, dot, scale, store, sub
 from featherfx.jit.compiled import kernel
-from featherfx.solver.contact.clearance_kernels import BESIDE, CREASE, SLANT
+from featherfx.solver.contact.clearance_kernels import BESIDE_RATIO, CREASE_RATIO, SLANT_RATIO
 from featherfx.solver.contact.find_kernels import Node, set_gaps, slot, start_contact
 from featherfx.solver.contact.search_kernels import (
     closest_weights,
@@ -101,7 +101,7 @@ def _closest_triangle(x, wall):
 def meet_triangle(node, found, wall, bit, search, touch, count):
     """Add the contact of a node with what it is closest to of a wall at the start, if they meet;
     returns the count. found: triangle, square of its distance (m^2), weights of its corners. bit:
-    the wall's of Memory.inside."""
+    the wall's of ContactMemory.inside."""
     surfaces, bodies, body, i = search.surfaces, search.bodies, node.guest, node.row
     inside, (t, square, weight) = search.memory.inside[body, i], found
     p, fraction = guest_point(node.column, surfaces.exists.shape[3], surfaces.columns[body])
@@ -120,7 +120,12 @@ def meet_triangle(node, found, wall, bit, search, touch, count):
         inside[node.column] |= bit
     if outside:
         inside[node.column] &= ~bit
-    if beside > BESIDE * thickness + SLANT * min(abs(along), CREASE * thickness) + closing:
+    if (
+        beside
+        > BESIDE_RATIO * thickness
+        + SLANT_RATIO * min(abs(along), CREASE_RATIO * thickness)
+        + closing
+    ):
         return count
     if along - thickness > search.margin[body] + closing or inside[node.column] & bit != 0:
         return count

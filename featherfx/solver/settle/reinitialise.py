@@ -12,10 +12,10 @@ from featherfx.mechanics.model import Model
 from featherfx.solver.state import State
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose
 from featherfx.solver.step.root_path import RootPath
-from featherfx.solver.work import make_work
+from featherfx.solver.work import make_scratch
 
 
-def take_up(
+def set_pose(
     model: Model,
     state: State,
     f: int,
@@ -38,7 +38,7 @@ def take_up(
     state.velocity.at(f).assign(velocity)
     state.step[f] = state.proposal[f] = 0.0
     state.time[f] = time
-    work = make_work(model)
+    work = make_scratch(model)
     load_pose(model, f, state, work.now)
     complete_pose(model, f, work.now, work.around.reference)
     state.points.at(f).assign(work.now.points)
@@ -47,7 +47,7 @@ def take_up(
 
 
 # m and rad; what a path may differ from the state by round-off
-SAME = 1e-9
+_SAME_PLACE = 1e-9
 
 
 def carry_to(held: Flags, state: State, path: RootPath) -> None:
@@ -59,9 +59,9 @@ def carry_to(held: Flags, state: State, path: RootPath) -> None:
     """
     move = np.abs(path.samples[:, 0, :3] - state.centre[:, 0])
     near = np.abs(np.einsum("fk,fk->f", path.base, state.rotation[:, 0]))
-    if move.max(initial=0.0) <= SAME and near.min(initial=1.0) >= 1.0 - 0.125 * SAME:
+    if move.max(initial=0.0) <= _SAME_PLACE and near.min(initial=1.0) >= 1.0 - 0.125 * _SAME_PLACE:
         return
-    cut = held & ((move.max(axis=1) > SAME) | (near < 1.0 - 0.125 * SAME))
+    cut = held & ((move.max(axis=1) > _SAME_PLACE) | (near < 1.0 - 0.125 * _SAME_PLACE))
     for f in np.flatnonzero(cut):
         _carry(int(f), state, path)
 

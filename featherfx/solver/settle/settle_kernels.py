@@ -7,14 +7,14 @@ deformations on a path that Newton can follow.
 
 The pressure of wind follows the vane: it has no energy to be minimised. With the areas and normals
 of the vane held as a, the pose at rest is a minimum and gives areas g(a). At rest g(a) = a, found
-by Anderson's mixing of the last DEPTH pairs (a, r = g(a) - a):
+by Anderson's mixing of the last MIXING_DEPTH pairs (a, r = g(a) - a):
 
     a+ = a - dA c + s (r - dR c),        c = argmin |r - dR c|
 
-dA, dR their differences from the last one, s MIXED; the first guess is g(a) where that is CLOSE to
-a, as in most plumage. Each pose is found with the matrix of the one
-before, where that still serves. Taking g(a) itself oscillates from some 3 m/s
-on, because the vane swings through the wind. Source: Anderson 1965; Walker and Ni 2011.
+dA, dR their differences from the last one, s MIXING_FRACTION; the first guess is g(a) where that is
+_SMALL_AREA_CHANGE to a, as in most plumage. Each pose is found with the matrix of the one before,
+where that still serves. Taking g(a) itself oscillates from some 3 m/s on, because the vane swings
+through the wind. Source: Anderson 1965; Walker and Ni 2011.
 
 Where that fails the feather is carried along by short steps that start at rest, in air that is
 felt anew before each; they grow while the feather goes on in one way and shrink where it turns
@@ -34,33 +34,39 @@ from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED
-from featherfx.solver.step.gap_kernels import give_way, slip_of_step
-from featherfx.solver.step.integrator_kernels import Factors
-from featherfx.solver.step.newton_kernels import UNKNOWN, Goal, minimise, pace_after
+from featherfx.solver.step.gap_kernels import slip_gaps, weaken_gaps
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
+from featherfx.solver.step.newton_kernels import (
+    UNKNOWN_CONVERGENCE,
+    NewtonGoal,
+    minimise,
+    next_convergence,
+)
 from featherfx.solver.step.pose_kernels import keep_pose, load_pose
 from featherfx.solver.step.strain_kernels import copy_strains, strains_of
 
-FIRST, SHORTEST, GROWTH = 1e-2, 1e-7, 8.0  # step lengths, s
-ITERATIONS, STEPS = 100, 80
-STATIC = 1e4  # s, a step after which hardly any inertia is left
-DEPTH, MIXED, RIDGE = 6, 0.3, 1e-10
+FIRST_SETTLE_STEP, MIN_SETTLE_STEP, SETTLE_STEP_GROWTH = 1e-2, 1e-7, 8.0  # step lengths, s
+_MAX_ITERATIONS, MAX_SETTLE_STEPS = 100, 80
+STATIC_STEP = 1e4  # s, a step after which hardly any inertia is left
+MIXING_DEPTH, MIXING_FRACTION, _RIDGE = 6, 0.3, 1e-10
 # part of all areas, change by the first pose that the wind's answer to is small beside it
-CLOSE = 0.1
+_SMALL_AREA_CHANGE = 0.1
 # part of all areas that counts as no change, and where the pose has not changed by more than it may
 # be wrong; mixing steps; as many as may pass without progress
-SETTLED, NEARLY, MIXINGS, PATIENCE = 1e-5, 1e-4, 60, 12
+_AREA_TOLERANCE, _STILL_AREA_TOLERANCE, _MAX_MIXINGS, _MAX_STALLED_MIXINGS = 1e-5, 1e-4, 60, 12
 # in wind: of Newton, a step; number of short steps
-WIND_ITERATIONS, WIND_STEPS = 25, 30
+_MAX_WIND_ITERATIONS, _MAX_WIND_STEPS = 25, 30
 
 Array = NDArray[np.float64]
 
 
-class Mixing(NamedTuple):
+class MixingScratch(NamedTuple):
     """Scratch of mixing K numbers, of which R are a pose's.
 
-    guess, change: (DEPTH, K), pairs, the next one where the oldest was. next: (K,). normal:
-    (DEPTH, DEPTH) and weight: (DEPTH,), of the least squares. before: (R,), where nodes were after
-    the last solution or when the last short step began, and way: (R,), where it led.
+    guess, change: (MIXING_DEPTH, K), pairs, the next one where the oldest was. next: (K,). normal:
+    (MIXING_DEPTH, MIXING_DEPTH) and weight: (MIXING_DEPTH,), of the least squares. before: (R,),
+    where nodes were after the last solution or when the last short step began, and way: (R,), where
+    it led.
     """
 
     guess: Array
@@ -72,20 +78,20 @@ class Mixing(NamedTuple):
     way: Array
 
 
-def make_mixing(size: int) -> Mixing:
+def make_mixing(size: int) -> MixingScratch:
     """Scratch of K = R = size numbers."""
-    return Mixing(
-        guess=np.zeros((DEPTH, size)),
-        change=np.zeros((DEPTH, size)),
+    return MixingScratch(
+        guess=np.zeros((MIXING_DEPTH, size)),
+        change=np.zeros((MIXING_DEPTH, size)),
         next=np.zeros(size),
-        normal=np.zeros((DEPTH, DEPTH)),
-        weight=np.zeros(DEPTH),
+        normal=np.zeros((MIXING_DEPTH, MIXING_DEPTH)),
+        weight=np.zeros(MIXING_DEPTH),
         before=np.zeros(size),
         way=np.zeros(size),
     )
 
 
-class Found(NamedTuple):
+class SettleResult(NamedTuple):
     """Result of settling, (F,): Newton's status or NO_REST, and Newton's iterations."""
 
     status: Array
@@ -93,7 +99,7 @@ class Found(NamedTuple):
 
 
 @kernel
-def settle_some(model, loads, feathers, goal, state, found, mixing, work):
+def settle_feathers(model, loads, feathers, goal, state, found, mixing, work):
     """Bring feathers (K,) of the state to rest, in place; their velocities become zero.
 
     goal: the place within the loads' frame, 0..1, and m, distance of a step from its solution.
@@ -161,8 +167,8 @@ def _keep(model, f, state, work):
     keep_pose(f, now, state)
     copy_strains(now.strains, strains_of(state.strains, f, 1))
     if not never_slip(before):
-        slip_of_step(model, f, now.strains.cell, before, after)
-        give_way(model, f, now.strains.cell, before, after)
+        slip_gaps(model, f, now.strains.cell, before, after)
+        weaken_gaps(model, f, now.strains.cell, before, after)
         copy_gaps(after, before)
         copy_gaps(after, gaps_of(state.gaps, f))
 
@@ -176,17 +182,17 @@ def _feel_wind(model, loads, f, state, work):
 
 @kernel
 def _step(model, loads, f, goal, times, pace, found, work):
-    """One step from rest, in the air around as it is; returns Newton's Solved.
+    """One step from rest, in the air around as it is; returns the NewtonResult.
 
     times: s, its length, and Newton's iterations at most. pace: of the step before, whose matrix
-    may serve, or UNKNOWN.
+    may serve, or UNKNOWN_CONVERGENCE.
     """
     h, limit = times
     fraction, tolerance = goal
     copy_points(work.now.points, work.around.target)
     copy_points(work.now.points, work.around.past)
-    factors = Factors(1.0 / (h * h), 1.0 / h, 0.0)
-    wanted = Goal(tolerance, limit, pace, True)
+    factors = IntegratorFactors(1.0 / (h * h), 1.0 / h, 0.0)
+    wanted = NewtonGoal(tolerance, limit, pace, True)
     solved = minimise(model, loads, f, fraction, factors, wanted, work)
     found.iterations[f] += solved.iterations
     return solved
@@ -198,20 +204,20 @@ def _settle_still(model, loads, f, goal, state, found, work):
     status."""
     if loads.air[0] > 0.0:
         _feel_wind(model, loads, f, state, work)
-    h, limit, status, rests = STATIC, WIND_ITERATIONS, CONVERGED, False
-    for k in range(STEPS):
-        status = _step(model, loads, f, goal, (h, limit), UNKNOWN, found, work).status
+    h, limit, status, rests = STATIC_STEP, _MAX_WIND_ITERATIONS, CONVERGED, False
+    for k in range(MAX_SETTLE_STEPS):
+        status = _step(model, loads, f, goal, (h, limit), UNKNOWN_CONVERGENCE, found, work).status
         if status != CONVERGED:
-            h, limit = FIRST if k == 0 else 0.25 * h, ITERATIONS
-            if h < SHORTEST:
+            h, limit = FIRST_SETTLE_STEP if k == 0 else 0.25 * h, _MAX_ITERATIONS
+            if h < MIN_SETTLE_STEP:
                 return status
             _load(model, f, state, work)
             continue
         _keep(model, f, state, work)
         if rests:
             return CONVERGED
-        rests = h >= STATIC
-        h *= 1.0 if rests else GROWTH
+        rests = h >= STATIC_STEP
+        h *= 1.0 if rests else SETTLE_STEP_GROWTH
     return NOT_CONVERGED if status == CONVERGED else status
 
 
@@ -235,15 +241,17 @@ def _mix(model, loads, f, goal, state, found, mixing, work):
     area, nodes = work.around.area, work.now.points.nodes
     _feel_wind(model, loads, f, state, work)
     copy_values(area, mixing.next)
-    least, waited, pace = inf, 0, UNKNOWN
-    for k in range(MIXINGS):
-        guess, change = mixing.guess[k % DEPTH], mixing.change[k % DEPTH]
+    least, waited, pace = inf, 0, UNKNOWN_CONVERGENCE
+    for k in range(_MAX_MIXINGS):
+        guess, change = mixing.guess[k % MIXING_DEPTH], mixing.change[k % MIXING_DEPTH]
         copy_values(mixing.next, guess)
         copy_values(guess, area)
-        solved = _step(model, loads, f, goal, (STATIC, WIND_ITERATIONS), pace, found, work)
+        solved = _step(
+            model, loads, f, goal, (STATIC_STEP, _MAX_WIND_ITERATIONS), pace, found, work
+        )
         if solved.status != CONVERGED:
             return False
-        pace = pace_after(solved.iterations, solved.pace)
+        pace = next_convergence(solved.iterations, solved.pace)
         _feel_wind(model, loads, f, state, work)
         left, whole, own = 0.0, 0.0, area.flat
         still = k > 0 and _has_stayed(nodes, mixing.before, goal)
@@ -253,15 +261,15 @@ def _mix(model, loads, f, goal, state, found, mixing, work):
             left += change[i] * change[i]
             whole += own[i] * own[i]
         left = sqrt(left)
-        if left <= (NEARLY if still else SETTLED) * sqrt(whole):
+        if left <= (_STILL_AREA_TOLERANCE if still else _AREA_TOLERANCE) * sqrt(whole):
             _keep(model, f, state, work)
             return True
         waited = 0 if left < 0.9 * least else waited + 1
         least = min(least, left)
-        if waited > PATIENCE:
+        if waited > _MAX_STALLED_MIXINGS:
             return False
-        share = 1.0 if k == 0 and left <= CLOSE * sqrt(whole) else MIXED
-        mix(mixing, min(k + 1, DEPTH), k % DEPTH, share)
+        share = 1.0 if k == 0 and left <= _SMALL_AREA_CHANGE * sqrt(whole) else MIXING_FRACTION
+        mix(mixing, min(k + 1, MIXING_DEPTH), k % MIXING_DEPTH, share)
     return False
 
 
@@ -309,7 +317,7 @@ def _least_squares(mixing, count, last):
                 normal[a, b] += by_a * (change[last, i] - change[b, i])
         trace += normal[a, a]
     for a in range(count):
-        normal[a, a] += RIDGE * trace
+        normal[a, a] += _RIDGE * trace
         if a == last or trace == 0.0:
             normal[a, a] = 1.0
         for b in range(a + 1):
@@ -329,15 +337,17 @@ def _least_squares(mixing, count, last):
 @kernel
 def _drift(model, loads, f, goal, state, found, mixing, work):
     """Short steps towards rest; returns Newton's status, CONVERGED if any step could be solved."""
-    h, best, steps, nodes = FIRST, NOT_CONVERGED, 0, work.now.points.nodes
-    for _ in range(WIND_STEPS):
+    h, best, steps, nodes = FIRST_SETTLE_STEP, NOT_CONVERGED, 0, work.now.points.nodes
+    for _ in range(_MAX_WIND_STEPS):
         copy_values(nodes, mixing.before)
         _feel_wind(model, loads, f, state, work)
-        status = _step(model, loads, f, goal, (h, WIND_ITERATIONS), UNKNOWN, found, work).status
+        status = _step(
+            model, loads, f, goal, (h, _MAX_WIND_ITERATIONS), UNKNOWN_CONVERGENCE, found, work
+        ).status
         best = CONVERGED if best == CONVERGED else status
         if status != CONVERGED:
             h *= 0.25
-            if h < SHORTEST:
+            if h < MIN_SETTLE_STEP:
                 break
             _load(model, f, state, work)
             continue
@@ -349,6 +359,6 @@ def _drift(model, loads, f, goal, state, found, mixing, work):
             mixing.way[i] = way
         if steps > 0:
             h *= 2.0 if goes_on > 0.0 else 0.5
-        h, steps = min(max(h, 1e3 * SHORTEST), STATIC), steps + 1
+        h, steps = min(max(h, 1e3 * MIN_SETTLE_STEP), STATIC_STEP), steps + 1
     _load(model, f, state, work)
     return best

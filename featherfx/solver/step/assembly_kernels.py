@@ -24,12 +24,12 @@ from featherfx.mechanics.turn_guard_kernels import (
     add_turn_guard_stiffness,
     add_turn_guard_stress,
 )
-from featherfx.solver.step.closing_kernels import followed
+from featherfx.solver.step.closing_kernels import followed_contacts
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes
 from featherfx.solver.vane.assembly_kernels import add_rows, subtract_barb_forces
 from featherfx.solver.vane.crushed_hinge_kernels import add_crushed_hinges
 from featherfx.solver.vane.force_kernels import add_vane_forces
-from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, WHOLE, damped_stress
+from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, WHOLE_STIFFNESS, damped_stress
 
 
 @kernel
@@ -85,9 +85,9 @@ def _add_rachis_stiffness(model, f, i, damping, wanted, pose, beam, band):
     length, stiffness = model.length[f, i], model.rachis_stiffness[f, i]
     _set_squares(stiffness, 1.0 + damping, gradient, matrix)
     strain = pose.strains.rachis[i]
-    add_curl_stiffness(model, f, i, strain, wanted == WHOLE, gradient, matrix)
+    add_curl_stiffness(model, f, i, strain, wanted == WHOLE_STIFFNESS, gradient, matrix)
     add_turn_guard_stiffness(model, f, i, strain, gradient, matrix)
-    if wanted == WHOLE:
+    if wanted == WHOLE_STIFFNESS:
         rachis_geometric_stiffness(start, end, length, halfway, pose.rachis[i], stress, matrix)
     else:
         rachis_stabilising_stiffness(start, end, length, halfway, stress, matrix)
@@ -126,7 +126,7 @@ def _add_contacts(model, contacts, f, fraction, work):
     """Forces of contacts, and the stiffnesses of those that are not followed."""
     points = work.now.points.nodes
     add_contact_forces(contacts, f, fraction, points, work.force)
-    _, last = followed(model, contacts, f)
+    _, last = followed_contacts(model, contacts, f)
     for c in range(last, contacts.first[f + 1]):
         presses = press(contacts, c, fraction, points) > 0.0
         add_contact_stiffness(contacts, c, presses, fraction, points, work.stiff)
@@ -155,7 +155,7 @@ def _add_vane(model, f, damping, wanted, work):
         return
     add_crushed_hinges(model, f, damping, pose.strains, work.around, work.vane)
     barb_jacobians(model.shapes, pose, work.axes, work.jacobian)
-    add_rows(model, f, damping, wanted == WHOLE, work)
+    add_rows(model, f, damping, wanted == WHOLE_STIFFNESS, work)
 
 
 @shared_kernel(None)
@@ -163,10 +163,10 @@ def assemble(model, loads, f, fraction, factors, wanted, shift, work):
     """Hessian of step_energy at the pose work.now to work.system.band, minus gradient to right.
 
     fraction: of the frame, for the grips. factors: of the integrator.
-    wanted: WHOLE, with the geometric stiffness of compression: then the Hessian may be indefinite,
-    but Newton converges where a vane wrinkles; STABILISING, without; FORCES_ONLY: right alone, the
-    band stays as it is. shift: inertia that is added to the Hessian alone, as a part of the
-    integrator's. Contacts that are followed (closing_kernels) are not in it.
+    wanted: WHOLE_STIFFNESS, with the geometric stiffness of compression: then the Hessian may be
+    indefinite, but Newton converges where a vane wrinkles; STABILISING, without; FORCES_ONLY: right
+    alone, the band stays as it is. shift: inertia that is added to the Hessian alone, as a part of
+    the integrator's. Contacts that are followed (closing_kernels) are not in it.
     """
     pose, system, strains = work.now, work.system, work.around.reference
     rows, row_size = pose.rotation.shape[0], system.band.shape[1] // 3

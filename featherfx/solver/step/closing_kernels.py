@@ -19,21 +19,26 @@ from featherfx.algebra.array_kernels import add_scaled, copy_values
 from featherfx.algebra.rotation_kernels import conjugate, multiply, rotate, store_rotation
 from featherfx.algebra.vec3_kernels import store
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.contact_kernels import FORCE, STIFFNESS, add_contact_stiffness, press
+from featherfx.mechanics.contact_kernels import (
+    CONTACT_FORCE,
+    CONTACT_STIFFNESS,
+    add_contact_stiffness,
+    press,
+)
 
 # contacts of a feather that are followed, at most; others are as they are where K is made
-FOLLOWED = 16384
+MAX_FOLLOWED_CONTACTS = 16384
 # m, by which a gap must be open or closed to be so
-CLEAR = 1e-8
+_GAP_CLEARANCE = 1e-8
 
 
 @kernel
-def followed(model, contacts, f):
+def followed_contacts(model, contacts, f):
     """The contacts of feather f that are followed: from one number to another."""
     first = contacts.first[f]
     if model.joints.shape[3] == 0:
         return first, first
-    return first, min(contacts.first[f + 1], first + FOLLOWED)
+    return first, min(contacts.first[f + 1], first + MAX_FOLLOWED_CONTACTS)
 
 
 @kernel
@@ -111,7 +116,7 @@ def _put_node(stiff, place, held, work):
 
 
 @kernel
-def turn_closing(made, rotations, closing):
+def turn_contact_axes(made, rotations, closing):
     """Have contacts in the coordinates of a matrix that was made where the rows had other
     rotations (n, 4) than where the Jacobian is."""
     for i in range(made.shape[0]):
@@ -120,17 +125,17 @@ def turn_closing(made, rotations, closing):
 
 
 @kernel
-def begin_contacts(model, contacts, f, fraction, points, before, work):
+def add_contacts_to_matrix(model, contacts, f, fraction, points, before, work):
     """Put the contacts of feather f at points (n, 1 + 2 m, 3) into a matrix without them, those on
     that press, or did in the step before; note which, and keep the matrix."""
     closing, held = work.closing, model.held[f]
-    first, last = followed(model, contacts, f)
+    first, last = followed_contacts(model, contacts, f)
     if last == first:
         return
     closing.stiff[:] = 0.0
     for c in range(first, last):
         if before:
-            is_on = contacts.strength[c, FORCE] > 0.0
+            is_on = contacts.strength[c, CONTACT_FORCE] > 0.0
         else:
             is_on = press(contacts, c, fraction, points) > 0.0
         closing.on[c - first] = 1 if is_on else 0
@@ -144,11 +149,11 @@ def begin_contacts(model, contacts, f, fraction, points, before, work):
 
 
 @kernel
-def take_for_linear(model, contacts, f, fraction, points, work):
+def linearise_contacts(model, contacts, f, fraction, points, work):
     """Note what the contacts of feather f press, and have minus the gradient, work.system.right,
     with the forces that they have as the matrix has them."""
     closing, right, slopes = work.closing, work.system.right, work.closing.slopes[0]
-    first, last = followed(model, contacts, f)
+    first, last = followed_contacts(model, contacts, f)
     for c in range(first, last):
         push, is_on = press(contacts, c, fraction, points), closing.on[c - first] != 0
         closing.push[c - first] = push
@@ -175,22 +180,25 @@ def _go(step, jacobian, closing):
 
 
 @kernel
-def turn_contacts(model, contacts, f, step, back, work):
+def switch_contacts(model, contacts, f, step, back, work):
     """Have on what presses after a step (N,), or, to go back, what did in the step before, in the
     matrix and the right-hand side that were kept; returns how many have changed."""
     closing, jacobian, slopes = work.closing, work.jacobian, work.closing.slopes[0]
-    first, last = followed(model, contacts, f)
+    first, last = followed_contacts(model, contacts, f)
     changed = 0
     if last > first:
         _go(step, jacobian, closing)
     for c in range(first, last):
         k, place = c - first, _place_of(contacts, c, model)
-        stiffness, sign = contacts.strength[c, STIFFNESS], -1.0 if closing.on[k] != 0 else 1.0
+        stiffness, sign = (
+            contacts.strength[c, CONTACT_STIFFNESS],
+            -1.0 if closing.on[k] != 0 else 1.0,
+        )
         opened = _along(contacts.normal[c], place, closing.nodes[place[0], place[1]])
         depth = closing.push[k] / stiffness - opened
         if back:
-            depth = 1.0 if contacts.strength[c, FORCE] > 0.0 else -1.0
-        if sign * depth > CLEAR:
+            depth = 1.0 if contacts.strength[c, CONTACT_FORCE] > 0.0 else -1.0
+        if sign * depth > _GAP_CLEARANCE:
             closing.on[k] = 1 - closing.on[k]
             _slopes(contacts.normal[c], place, model.held[f], work, slopes)
             _put_product(slopes, slopes, place, sign * stiffness, jacobian, closing.band)

@@ -29,19 +29,19 @@ from featherfx.jit.compiled import kernel
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy
 from featherfx.mechanics.vane_hook_kernels import gaps_of
 from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.step.integrator_kernels import DIRECTORS, NODES, motion_of
+from featherfx.solver.step.integrator_kernels import DIRECTOR_POINTS, NODE_POINTS, motion_of
 from featherfx.solver.step.strain_kernels import strains_of
 
 # growth that round-off and Newton's tolerance may cause, part of the energy that there is, and
 # rounding of a strain (1 or rad)
-ROUNDING, STRAIN = 1e-8, 1e-11
+_ENERGY_ROUNDING, _STRAIN_ROUNDING = 1e-8, 1e-11
 # m over m, by which a path may leave the even motion that it is taken for
-EVEN = 1e-12
+_EVEN_MOTION_TOLERANCE = 1e-12
 # of what has no drift: directors
-NO_DRIFT = 0.0, 0.0, 0.0
+_NO_DRIFT = 0.0, 0.0, 0.0
 
 
-class Promise(NamedTuple):
+class EnergyBound(NamedTuple):
     """Bound on the energy of a feather in the steps of a frame.
 
     alone: whether anything is promised. drift: (x, y, z) m/s, velocity of the root. rounding: J, by
@@ -72,13 +72,16 @@ def _evenly(path):
     for i in range(count):
         for k in range(3):
             place = path[0, k] + (path[count - 1, k] - path[0, k]) * i / (count - 1)
-            if abs(path[i, k] - place) > EVEN * size or path[i, 3 + k] != path[0, 3 + k]:
+            if (
+                abs(path[i, k] - place) > _EVEN_MOTION_TOLERANCE * size
+                or path[i, 3 + k] != path[0, 3 + k]
+            ):
                 return False
     return True
 
 
 @kernel
-def left_alone(model, loads, f, path, duration):
+def is_isolated(model, loads, f, path, duration):
     """Return whether no work is done on feather f in a frame; return also the velocity d of its
     root (m/s).
 
@@ -133,7 +136,7 @@ def _rounding_energy(model, f):
     stiffness = _sum(model.rachis_stiffness[f]) + _sum(model.barb_stiffness[f])
     stiffness += _sum(model.cell_stiffness[f]) + _sum(model.hinge_stiffness[f])
     stiffness += _sum(model.twist_stiffness[f])
-    return 0.5 * stiffness * STRAIN * STRAIN
+    return 0.5 * stiffness * _STRAIN_ROUNDING * _STRAIN_ROUNDING
 
 
 @kernel
@@ -153,28 +156,28 @@ def _state_energy(model, loads, f, drift, state):
     velocity, nodes = state.velocity, state.points.nodes[f]
     strains, gaps = strains_of(state.strains, f, 0), gaps_of(state.gaps, f)
     potential, _ = _potential(model, loads, f, nodes, strains, gaps)
-    turning = _kinetic(model.rotary_inertia[f], velocity.directors[f], NO_DRIFT)
+    turning = _kinetic(model.rotary_inertia[f], velocity.directors[f], _NO_DRIFT)
     return potential + _kinetic(model.mass[f], velocity.nodes[f], drift) + turning
 
 
 @kernel
-def promise_of(model, loads, f, path, duration, state):
-    """The Promise of a frame of duration (s) at its start; path: RootPath."""
-    alone, drift = left_alone(model, loads, f, path.samples[f], duration)
+def begin_bound(model, loads, f, path, duration, state):
+    """Return the EnergyBound of a frame of duration (s) at its start; path: RootPath."""
+    alone, drift = is_isolated(model, loads, f, path.samples[f], duration)
     if not alone:
-        return Promise(alone, drift, 0.0, 0.0, inf)
+        return EnergyBound(alone, drift, 0.0, 0.0, inf)
     energy = _state_energy(model, loads, f, drift, state)
-    return Promise(alone, drift, _rounding_energy(model, f), energy, inf)
+    return EnergyBound(alone, drift, _rounding_energy(model, f), energy, inf)
 
 
 @kernel
-def with_energy(promise, energy):
+def update_bound(promise, energy):
     """The promise after a step that ends with so much energy (J)."""
-    return Promise(promise.alone, promise.drift, promise.rounding, energy, promise.most)
+    return EnergyBound(promise.alone, promise.drift, promise.rounding, energy, promise.most)
 
 
 @kernel
-def held_sums(mass, drift, motion):
+def stored_sums(mass, drift, motion):
     """Sums of m |a|^2 and m (v - d).(a - w) of a Motion."""
     square, lag = 0.0, 0.0
     for i in range(mass.shape[0]):
@@ -186,21 +189,21 @@ def held_sums(mass, drift, motion):
 
 
 @kernel
-def held_energy(model, f, h, drift, state):
+def stored_energy(model, f, h, drift, state):
     """Return the energy that the accelerations of feather f may give back in a step of h (s), J."""
-    square, lag = held_sums(model.mass[f], drift, motion_of(state, f, NODES))
-    turning = held_sums(model.rotary_inertia[f], NO_DRIFT, motion_of(state, f, DIRECTORS))
+    square, lag = stored_sums(model.mass[f], drift, motion_of(state, f, NODE_POINTS))
+    turning = stored_sums(model.rotary_inertia[f], _NO_DRIFT, motion_of(state, f, DIRECTOR_POINTS))
     return 0.125 * h * h * (square + turning[0]) + 0.25 * h * abs(lag + turning[1])
 
 
 @kernel
-def for_step(promise, model, f, h, state):
+def bound_step(promise, model, f, h, state):
     """The promise for a step of h (s) from a state on."""
     if not promise.alone:
         return promise
-    held = held_energy(model, f, h, promise.drift, state)
+    held = stored_energy(model, f, h, promise.drift, state)
     most = min(promise.most, promise.energy + held)
-    return Promise(promise.alone, promise.drift, promise.rounding, promise.energy, most)
+    return EnergyBound(promise.alone, promise.drift, promise.rounding, promise.energy, most)
 
 
 @kernel
@@ -224,8 +227,8 @@ def solved_energy(model, loads, f, promise, growth, rate, work):
     points, past, rotary = work.now.points, work.around.past, model.rotary_inertia[f]
     potential, size = _potential(model, loads, f, points.nodes, work.now.strains, work.gaps)
     kinetic = _solved_kinetic(model.mass[f], rate, points.nodes, past.nodes, promise.drift)
-    kinetic += _solved_kinetic(rotary, rate, points.directors, past.directors, NO_DRIFT)
-    growth += promise.rounding + ROUNDING * (size + kinetic)
+    kinetic += _solved_kinetic(rotary, rate, points.directors, past.directors, _NO_DRIFT)
+    growth += promise.rounding + _ENERGY_ROUNDING * (size + kinetic)
     most = promise.energy + growth - potential
     if kinetic <= most:
         return 1.0, potential + kinetic
@@ -247,4 +250,4 @@ def slow_down(keeps, drift, velocity):
     """Multiply velocities (RowPoints), measured from the root's, by what they keep, in place."""
     if keeps < 1.0:
         _slow_down(keeps, drift, velocity.nodes)
-        _slow_down(keeps, NO_DRIFT, velocity.directors)
+        _slow_down(keeps, _NO_DRIFT, velocity.directors)

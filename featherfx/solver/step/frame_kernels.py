@@ -17,24 +17,24 @@ from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, GREW, NOT_CONVERGED, TOO_MUCH_WORK
 from featherfx.solver.step.energy_kernels import damped_energy
 from featherfx.solver.step.energy_promise_kernels import (
-    for_step,
-    promise_of,
+    begin_bound,
+    bound_step,
     slow_down,
     solved_energy,
-    with_energy,
+    update_bound,
 )
 from featherfx.solver.step.gap_kernels import (
-    DAMPED,
-    LARGEST_SLIP,
-    PASSED,
+    DAMPED_ENERGY,
+    MAX_STEP_SLIP,
+    PASSED_ERROR_RATIO,
     barbs_pass,
-    give_way,
-    slip_of_step,
+    slip_gaps,
+    weaken_gaps,
 )
 from featherfx.solver.step.integrator_kernels import (
     EULER,
-    NODES,
-    Factors,
+    NODE_POINTS,
+    IntegratorFactors,
     begin_points,
     end_points,
     integrator_of,
@@ -42,14 +42,14 @@ from featherfx.solver.step.integrator_kernels import (
     step_error,
 )
 from featherfx.solver.step.newton_kernels import (
-    UNKNOWN,
-    Goal,
-    Solved,
-    keep_pace,
+    UNKNOWN_CONVERGENCE,
+    NewtonGoal,
+    NewtonResult,
+    accept_nearly_solved,
+    load_convergence,
     minimise,
-    nearly_solved,
-    pace_after,
-    pace_of,
+    next_convergence,
+    store_convergence,
 )
 from featherfx.solver.step.pose_kernels import (
     keep_pose,
@@ -59,23 +59,23 @@ from featherfx.solver.step.pose_kernels import (
     rotate_by,
 )
 from featherfx.solver.step.retry_kernels import (
-    BACKWARD,
-    FOLLOW,
-    GO_ON,
-    LATEST,
+    EXTRAPOLATE,
+    FOLLOW_ROOT,
+    IMPLICIT_EULER,
+    RECENT_WORK_WEIGHT,
     TAKEN,
     Attempt,
     Outcome,
     after_step,
-    allowed_now,
-    count_try,
-    given_up,
-    judge,
+    allowed_distance,
+    attempt_work,
+    count_attempt,
+    judge_attempt,
+    load_parts,
+    min_step_length,
     next_step,
-    parts_now,
-    shortest_now,
-    stop,
-    work_of,
+    record_failure,
+    work_after_failure,
 )
 from featherfx.solver.step.root_kernels import root_at
 from featherfx.solver.step.strain_kernels import (
@@ -86,12 +86,12 @@ from featherfx.solver.step.strain_kernels import (
 )
 
 # of where Newton ends for a held feather, where it ends for one that flies
-FREE = 0.1
+_FREE_TOLERANCE_RATIO = 0.1
 # of the error that no step may have, within which all parts of a step but the last are solved
-ROUGH = 0.1
+_PART_TOLERANCE_RATIO = 0.1
 # of the last change of the rates, what a prediction adds to them: with all of it what iterations
 # leave would grow with the square of the steps
-BEND = 0.5
+_RATE_CHANGE_WEIGHT = 0.5
 
 
 @kernel
@@ -154,7 +154,7 @@ def _place(model, f, path, attempt, state, work):
         rotate_by(before, state.spin[f, 0], h, expected)
         root_at(path, f, attempt.fraction, now.rotation[0], now.centre[0])
         same_sign(expected, now.rotation[0])
-    if attempt.way != GO_ON and model.held[f]:
+    if attempt.way != EXTRAPOLATE and model.held[f]:
         same_sign(before, now.rotation[0])
         _follow_root(model.length[f], before, now)
     else:
@@ -183,24 +183,26 @@ def _predict(model, loads, f, path, attempt, state, work):
         time, velocity = state.time[f] + h, state.velocity.nodes[f]
         blow(now.points.nodes, time, loads, f, velocity, model, around)
     method = integrator_of(radius, h)
-    return Factors(method.inertia, method.rate, weights[2] / h)
+    return IntegratorFactors(method.inertia, method.rate, weights[2] / h)
 
 
 @kernel
 def _goal_of(model, f, attempt, settings):
     """Return how far Newton goes."""
-    firm = attempt.way != GO_ON
+    firm = attempt.way != EXTRAPOLATE
     if model.held[f]:
-        return Goal(settings.newton, attempt.limit, attempt.pace, firm)
+        return NewtonGoal(settings.newton, attempt.limit, attempt.pace, firm)
     # what is left of a step would be momentum that a feather in flight keeps for ever
-    return Goal(FREE * settings.newton, attempt.limit, UNKNOWN, firm)
+    return NewtonGoal(
+        _FREE_TOLERANCE_RATIO * settings.newton, attempt.limit, UNKNOWN_CONVERGENCE, firm
+    )
 
 
 @kernel
 def _together(before, solved):
-    """The Solved of the last of two solves, with the work of both."""
+    """Return the NewtonResult of the last of two solves, with the work of both."""
     iterations, matrices = before.iterations + solved.iterations, before.matrices + solved.matrices
-    return Solved(solved.status, iterations, matrices, solved.move, solved.pace)
+    return NewtonResult(solved.status, iterations, matrices, solved.move, solved.pace)
 
 
 @kernel
@@ -222,7 +224,10 @@ def _in_parts(model, loads, f, path, attempt, state, settings, work):
     now, around = work.now, work.around
     before, factors = work.trial.rotation[0], _predict(model, loads, f, path, attempt, state, work)
     load_pose(model, f, state, now)
-    solved, whole = Solved(CONVERGED, 0, 0, 0.0, UNKNOWN), attempt.h / settings.duration
+    solved, whole = (
+        NewtonResult(CONVERGED, 0, 0, 0.0, UNKNOWN_CONVERGENCE),
+        attempt.h / settings.duration,
+    )
     for part in range(1, attempt.parts + 1):
         share = part / attempt.parts
         fraction = attempt.fraction - (1.0 - share) * whole
@@ -234,8 +239,8 @@ def _in_parts(model, loads, f, path, attempt, state, settings, work):
         tolerance = settings.newton
         if part < attempt.parts:
             _aim_at_part(share, state, f, around)
-            tolerance = max(tolerance, ROUGH * settings.coarse)
-        goal = Goal(tolerance, attempt.limit, UNKNOWN, True)
+            tolerance = max(tolerance, _PART_TOLERANCE_RATIO * settings.coarse)
+        goal = NewtonGoal(tolerance, attempt.limit, UNKNOWN_CONVERGENCE, True)
         solved = _together(solved, minimise(model, loads, f, fraction, factors, goal, work))
         if solved.status not in (CONVERGED, NOT_CONVERGED):
             break
@@ -252,13 +257,15 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     if solved.status != CONVERGED and attempt.parts > 0:
         again = _in_parts(model, loads, f, path, attempt, state, settings, work)
         solved = _together(solved, again)
-    error = step_error(radius, h, motion_of(state, f, NODES), now.points.nodes, around.target.nodes)
-    slipped = slip_of_step(model, f, now.strains.cell, around.gaps, work.gaps) / LARGEST_SLIP
+    error = step_error(
+        radius, h, motion_of(state, f, NODE_POINTS), now.points.nodes, around.target.nodes
+    )
+    slipped = slip_gaps(model, f, now.strains.cell, around.gaps, work.gaps) / MAX_STEP_SLIP
     before, after = state.points.nodes[f], now.points.nodes
     passed = barbs_pass(model, f, before, after, now.strains.cell, around.gaps)
-    excess = max(error, settings.tolerance * max(slipped, PASSED if passed else 0.0))
-    allowed = attempt.allowed if attempt.way == BACKWARD else 0.0
-    status = nearly_solved(solved, excess, allowed)
+    excess = max(error, settings.tolerance * max(slipped, PASSED_ERROR_RATIO if passed else 0.0))
+    allowed = attempt.allowed if attempt.way == IMPLICIT_EULER else 0.0
+    status = accept_nearly_solved(solved, excess, allowed)
     if status != solved.status:
         error, excess = max(error, solved.move), max(excess, solved.move)
     keeps, energy = 1.0, attempt.promise.energy
@@ -268,7 +275,7 @@ def _try(model, loads, f, path, attempt, state, settings, work):
             growth = max(0.0, attempt.promise.most - attempt.promise.energy)
         keeps, energy = solved_energy(model, loads, f, attempt.promise, growth, factors.rate, work)
         status = GREW if keeps < 0.0 else status
-    pace = solved.pace if status == CONVERGED else UNKNOWN
+    pace = solved.pace if status == CONVERGED else UNKNOWN_CONVERGENCE
     numbers = solved.iterations, solved.matrices, solved.move
     return Outcome(status, *numbers, error, passed, slipped, excess, keeps, energy, pace)
 
@@ -281,10 +288,10 @@ def _accept(model, f, attempt, state, work):
     Returns what these release, J.
     """
     now, around, h = work.now, work.around, attempt.h
-    released = give_way(model, f, now.strains.cell, around.gaps, work.gaps)
+    released = weaken_gaps(model, f, now.strains.cell, around.gaps, work.gaps)
     if not never_slip(around.gaps):
         rate = _weights(h, attempt.spectral_radius, state.step[f])[2] / h
-        work.gaps.spent[DAMPED] += damped_energy(
+        work.gaps.spent[DAMPED_ENERGY] += damped_energy(
             model, f, now.strains, around.reference, around.gaps, rate, h
         )
     copy_gaps(work.gaps, gaps_of(state.gaps, f))
@@ -300,7 +307,7 @@ def _accept(model, f, attempt, state, work):
 
 
 @shared_kernel(int)
-def advance(model, loads, f, path, state, settings, work, report):
+def advance_feather(model, loads, f, path, state, settings, work, report):
     """Bring feather f of the state through one frame, in place.
 
     path: RootPath. settings: StepSettings. report: StepReport, added to. Returns the status; if it
@@ -309,48 +316,48 @@ def advance(model, loads, f, path, state, settings, work, report):
     """
     duration, left = settings.duration, settings.most_iterations
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
-    done, taken, way, pace, before = 0.0, 0, GO_ON, pace_of(work.kept.pace), 0.0
+    done, taken, way, pace, before = 0.0, 0, EXTRAPOLATE, load_convergence(work.kept.pace), 0.0
     recent, begun = 0.0, left
-    keep_pace(UNKNOWN, work.kept.pace)
-    found = UNKNOWN
-    promise = promise_of(model, loads, f, path, duration, state)
+    store_convergence(UNKNOWN_CONVERGENCE, work.kept.pace)
+    found = UNKNOWN_CONVERGENCE
+    promise = begin_bound(model, loads, f, path, duration, state)
     while done < duration * (1.0 - 1e-9):
         if left <= 0:
-            return stop(report, f, TOO_MUCH_WORK)
-        allowed, limit = allowed_now(settings, left), min(settings.iterations, left)
+            return record_failure(report, f, TOO_MUCH_WORK)
+        allowed, limit = allowed_distance(settings, left), min(settings.iterations, left)
         if allowed > 0.0 and left < settings.iterations:
-            h, way, limit = duration - done, BACKWARD, settings.iterations
+            h, way, limit = duration - done, IMPLICIT_EULER, settings.iterations
         step, fraction = next_step(h, done, duration)
         if state.step[f] <= 0.0:
-            way = max(way, FOLLOW)  # there are no rates to go on with
-        radius = EULER if way == BACKWARD else settings.spectral_radius
-        floor = shortest_now(settings, done, taken, left, recent)
+            way = max(way, FOLLOW_ROOT)  # there are no rates to go on with
+        radius = EULER if way == IMPLICIT_EULER else settings.spectral_radius
+        floor = min_step_length(settings, done, taken, left, recent)
         last = state.step[f]
-        bend = BEND * (step + last) / (last + before) if before > 0.0 else 0.0
-        promise = for_step(promise, model, f, step, state)
-        parts = parts_now(settings, way, left, model.held[f])
+        bend = _RATE_CHANGE_WEIGHT * (step + last) / (last + before) if before > 0.0 else 0.0
+        promise = bound_step(promise, model, f, step, state)
+        parts = load_parts(settings, way, left, model.held[f])
         attempt = Attempt(
             step, floor, fraction, way, radius, limit, promise, pace, bend, allowed, parts
         )
         outcome = _try(model, loads, f, path, attempt, state, settings, work)
-        verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
-        count_try(report, f, verdict, attempt, outcome, settings)
-        left, found = left - work_of(outcome), outcome.pace
-        pace = pace_after(outcome.iterations, found)
+        verdict, h, way = judge_attempt(h, EXTRAPOLATE, attempt, outcome, settings)
+        count_attempt(report, f, verdict, attempt, outcome, settings)
+        left, found = left - attempt_work(outcome), outcome.pace
+        pace = next_convergence(outcome.iterations, found)
         if verdict == TAKEN:
             released = _accept(model, f, attempt, state, work)
             slow_down(outcome.keeps, promise.drift, points_of(state.velocity, f))
-            promise, done = with_energy(promise, outcome.energy - released), done + step
+            promise, done = update_bound(promise, outcome.energy - released), done + step
             taken, before = taken + 1, last if pace.inertia > 0.0 else 0.0
-            recent, begun = recent + LATEST * (begun - left - recent), left
-            h, way = after_step(GO_ON, attempt, outcome, settings)
+            recent, begun = recent + RECENT_WORK_WEIGHT * (begun - left - recent), left
+            h, way = after_step(EXTRAPOLATE, attempt, outcome, settings)
         elif h == 0.0:
             # no shorter one is solved either
-            left, h = given_up(settings, left), floor
+            left, h = work_after_failure(settings, left), floor
             if left == 0:
-                return stop(report, f, outcome.status)
+                return record_failure(report, f, outcome.status)
             begun = left
     state.proposal[f] = h
     if work.kept.plain.shape[0] > 0:
-        keep_pace(found, work.kept.pace)
+        store_convergence(found, work.kept.pace)
     return CONVERGED

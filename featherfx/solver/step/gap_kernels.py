@@ -33,20 +33,20 @@ from featherfx.mechanics.vane_hook_kernels import (
 )
 
 # slip in one step, as a strain, above which the step is repeated shorter where it can be
-LARGEST_SLIP = 0.02
+MAX_STEP_SLIP = 0.02
 # error over tolerance of a step in which barbs pass through each other, and how near that is, over
 # the distance at which they touch
-PASSED, THROUGH = 8.0, 0.5
+PASSED_ERROR_RATIO, _PASS_DISTANCE_RATIO = 8.0, 0.5
 # part of the strength that counts as none
-LOOSE = 1e-3
+LOOSE_FRACTION = 1e-3
 # of Gaps.spent
-SLIP, OPENING, RELEASED, PREENING, DAMPED = 0, 1, 2, 3, 4
+SLIP_WORK, OPENING_WORK, RELEASED_ENERGY, PREENING_WORK, DAMPED_ENERGY = 0, 1, 2, 3, 4
 # of Gaps.length
-OPENED, HEALED = 0, 1
+OPENED_LENGTH, HEALED_LENGTH = 0, 1
 
 
 @kernel
-def slip_of_step(model, f, cell, before, after):
+def slip_gaps(model, f, cell, before, after):
     """Gaps after the slip of a step, and the level that it brings; returns the largest slip of the
     step, a strain.
 
@@ -126,7 +126,7 @@ def barbs_pass(model, f, before, after, cell, gaps):
         for i in range(rest.shape[1]):
             for j in range(rest.shape[2]):
                 for half in range(2):
-                    near = THROUGH * _touching(model, f, gaps, (side, i, j, half))
+                    near = _PASS_DISTANCE_RATIO * _touching(model, f, gaps, (side, i, j, half))
                     if near == 0.0 or rest[side, i, j, half, 0] == 0.0:
                         continue
                     size = rest[side, i, j, half, 0] * rest[side, i, j, half, 2]
@@ -200,10 +200,10 @@ def _weaken(hooks, f, place, beyond, strain, after):
     side, i, j, half = place
     hooked = after.hooked[side, i, j, half]
     left = hooked - beyond / hooks.release[f, side, i, j, half]
-    after.hooked[side, i, j, half] = left if left > LOOSE else 0.0
-    if left <= LOOSE:
+    after.hooked[side, i, j, half] = left if left > LOOSE_FRACTION else 0.0
+    if left <= LOOSE_FRACTION:
         after.level[side, i, j, half] = _distance(strain)
-    return left <= LOOSE
+    return left <= LOOSE_FRACTION
 
 
 @kernel
@@ -215,8 +215,8 @@ def _open(hooks, f, place, stiffness, strain, after):
     cost = min(0.5 * hooks.strength[f] * hooks.release[f, side, i, j, half], held)
     after.hooked[side, i, j, half] = 0.0
     after.level[side, i, j, half] = _distance(strain)
-    after.spent[OPENING] += cost
-    after.spent[RELEASED] += held - cost
+    after.spent[OPENING_WORK] += cost
+    after.spent[RELEASED_ENERGY] += held - cost
 
 
 @kernel
@@ -239,14 +239,14 @@ def _slip_row(model, f, side, i, cell, before, after):
             if gap.hooked == 1.0:
                 beyond = _harden(hooks, f, place, work, gap, after)
             if beyond == 0.0 or hooks.release[f, side, i, j, half] == inf:
-                after.spent[SLIP] += cost
+                after.spent[SLIP_WORK] += cost
             elif _is_brittle(hooks, f, place, model.cell_stiffness[f, side, i, j, half]):
-                after.spent[SLIP] += cost
+                after.spent[SLIP_WORK] += cost
                 farthest = max(farthest, beyond / gap.limit[0])
             else:
-                after.spent[OPENING] += cost
+                after.spent[OPENING_WORK] += cost
                 if _weaken(hooks, f, place, beyond, cell[side, i, j, half], after):
-                    after.length[OPENED] += half_cell(model, f, side, i, half)
+                    after.length[OPENED_LENGTH] += half_cell(model, f, side, i, half)
     return farthest
 
 
@@ -262,15 +262,15 @@ def _open_row(model, f, side, i, cell, before, after):
             strong = after.level[side, i, j, half] < hooks.strength[f]
             if work > 0.0 and not strong and _is_brittle(hooks, f, place, stiffness):
                 _open(hooks, f, place, stiffness, cell[side, i, j, half], after)
-                after.length[OPENED] += half_cell(model, f, side, i, half)
+                after.length[OPENED_LENGTH] += half_cell(model, f, side, i, half)
 
 
 @kernel
-def give_way(model, f, cell, before, after):
+def weaken_gaps(model, f, cell, before, after):
     """Weaken and open the gaps of feather f where a step ends; returns what they release, J.
 
     cell: (2, n-1, m, 2, 2) strains at the step's end. before: Gaps at its start. after: those of
-    slip_of_step, changed in place.
+    slip_gaps, changed in place.
     """
     if never_slip(before) or all_hold(model, f, cell, before):
         return 0.0
@@ -282,4 +282,4 @@ def give_way(model, f, cell, before, after):
                 first, farthest = i, slipped
         if first >= 0:
             _open_row(model, f, side, first, cell, before, after)
-    return after.spent[RELEASED] - before.spent[RELEASED]
+    return after.spent[RELEASED_ENERGY] - before.spent[RELEASED_ENERGY]

@@ -35,7 +35,7 @@ class Integrator(NamedTuple):
     g: float
 
 
-class Factors(NamedTuple):
+class IntegratorFactors(NamedTuple):
     """Factors of the integrator in a step's energy: inertia (1/s^2), rate of velocities and
     strain_rate of strains (1/s)."""
 
@@ -45,10 +45,10 @@ class Factors(NamedTuple):
 
 
 # places in RowPoints
-NODES, DIRECTORS = 0, 1
+NODE_POINTS, DIRECTOR_POINTS = 0, 1
 
 
-class Motion(NamedTuple):
+class PointMotion(NamedTuple):
     """Nodes or directors (n, ., 3) of one feather and their rates, as in State."""
 
     points: NDArray[np.float64]
@@ -59,8 +59,8 @@ class Motion(NamedTuple):
 
 @kernel
 def motion_of(state, f, part):
-    """The Motion of feather f's NODES or DIRECTORS."""
-    return Motion(
+    """The Motion of feather f's NODE_POINTS or DIRECTOR_POINTS."""
+    return PointMotion(
         state.points[part][f],
         state.velocity[part][f],
         state.acceleration[part][f],

@@ -5,7 +5,7 @@ from featherfx.jit.compiled import kernel
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 
 # iterations at most; change of the quotient, part of it, that ends them
-MOST, ENOUGH = 100, 1e-9
+_MAX_ITERATIONS, _QUOTIENT_TOLERANCE = 100, 1e-9
 
 
 @kernel
@@ -31,7 +31,7 @@ def lowest_quotient(stiffness, mass, factor, panel, mode, image):
     if not factorise(factor, panel):
         return 0.0
     quotient = 0.0
-    for _ in range(MOST):
+    for _ in range(_MAX_ITERATIONS):
         _times(mass, mode, image)
         copy_values(image, mode)
         solve_factored(factor, mode)
@@ -41,6 +41,6 @@ def lowest_quotient(stiffness, mass, factor, panel, mode, image):
         quotient = product(mode, image) / square
         for k in range(mode.shape[0]):
             mode[k] /= square**0.5
-        if abs(quotient - before) <= ENOUGH * quotient:
+        if abs(quotient - before) <= _QUOTIENT_TOLERANCE * quotient:
             break
     return quotient

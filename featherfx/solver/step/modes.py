@@ -10,21 +10,21 @@ from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import panel_shape
-from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.mode_kernels import lowest_quotient
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.vane.pairs_kernels import STABILISING
-from featherfx.solver.work import Work, make_work
+from featherfx.solver.vane.pairs_kernels import STABILISING_STIFFNESS
+from featherfx.solver.work import SolverScratch, make_scratch
 
 Array = NDArray[np.float64]
 
-STIFFNESSES = (
+_STIFFNESSES = (
     "rachis_stiffness", "barb_stiffness", "cell_stiffness", "hinge_stiffness", "twist_stiffness",
 )  # fmt: skip
 
 # unknowns up to which all modes are found at once; the Krylov space of few unknowns breaks down
-SMALL = 120
+_MAX_DENSE_UNKNOWNS = 120
 
 
 def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
@@ -35,8 +35,8 @@ def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
     # nothing here may take time for the others, or a batch would take the square of their number
     model = model.only(feather)
     state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
-    weightless = {name: np.zeros_like(getattr(model, name)) for name in STIFFNESSES}
-    work = make_work(model)
+    weightless = {name: np.zeros_like(getattr(model, name)) for name in _STIFFNESSES}
+    work = make_scratch(model)
     stiffness = _band(model, 0.0, state, work)
     mass = _band(model._replace(**weightless), 1.0, state, work)
     if model.held[0]:
@@ -44,12 +44,12 @@ def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
     return stiffness, mass
 
 
-def _band(model: Model, inertia: float, state: State, work: Work) -> Array:
+def _band(model: Model, inertia: float, state: State, work: SolverScratch) -> Array:
     """Stiffness plus inertia (1/s^2) times mass of the pose of a model's only feather."""
-    f, loads, factors, now = 0, no_loads(1), Factors(inertia, 0.0, 0.0), work.now
+    f, loads, factors, now = 0, no_loads(1), IntegratorFactors(inertia, 0.0, 0.0), work.now
     load_pose(model, f, state, now)
     evaluate(model, loads, f, 0.0, factors, now, work.around)
-    assemble(model, loads, f, 0.0, factors, STABILISING, 0.0, work)
+    assemble(model, loads, f, 0.0, factors, STABILISING_STIFFNESS, 0.0, work)
     return work.system.band.copy()
 
 
@@ -68,7 +68,7 @@ def frequencies(model: Model, feather: int, count: int) -> Array:
     """(count,) lowest natural frequencies of one held feather, Hz, ascending."""
     stiffness, mass = (_sparse(band) for band in rest_bands(model, feather))
     size = mass.shape[0]
-    if size <= SMALL:
+    if size <= _MAX_DENSE_UNKNOWNS:
         from scipy.linalg import eigh
 
         # compliance rather than stiffness, so that rounding is a part of the lowest mode's

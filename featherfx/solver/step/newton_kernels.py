@@ -1,32 +1,33 @@
 """Minimise the energy of one implicit step: Newton with a line search on the full energy.
 
 Where the matrix is indefinite, only the stabilising part of the geometric stiffness is taken. That
-is definite, but may be so much stiffer that the feather creeps: after CREPT such iterations,
-inertia is added to the whole matrix instead, as if the step were shorter, as much as it takes. The
-same is done where a definite matrix is too far from the energy: where less than SHORT of its step
-can be gone. Of a step that leads upwards so much is tried next as a parabola through both energies
-and the slope has its minimum at. Whether that gets anywhere is chance where a feather is crumpled,
-so a step that is tried again goes half as far each time instead, by the stabilising part first.
-No increment turns a joint of a barb by more than half a turn: beyond a whole one the same places
-come again, where the barb is wound up and most of its energy is where the next steps do not look.
+is definite, but may be so much stiffer that the feather creeps: after _MAX_STABILISED_ITERATIONS
+such iterations, inertia is added to the whole matrix instead, as if the step were shorter, as much
+as it takes. The same is done where a definite matrix is too far from the energy: where less than
+_MIN_STEP_FRACTION of its step can be gone. Of a step that leads upwards so much is tried next as a
+parabola through both energies and the slope has its minimum at. Whether that gets anywhere is
+chance where a feather is crumpled, so a step that is tried again goes half as far each time
+instead, by the stabilising part first. No increment turns a joint of a barb by more than half a
+turn: beyond a whole one the same places come again, where the barb is wound up and most of its
+energy is where the next steps do not look.
 
 A new matrix costs four times what a gradient and a solution do. So it is kept, corrected by what
-the steps since have shown (secant_kernels), for as long as each full step is less than SLOW of the
-one before; after a step that had to be cut, or with a matrix that was not the whole one, the next
-is new. Contacts that open or close on the way ask for no other matrix (closing_kernels). The next
-steps of the frame begin with it as well while their inertia is within ALIKE of its own, and so do
-the next solves of a feather among others that touch: there it is kept without contacts, which are
-put in anew before it is factored. It is kept in coordinates that turn with the rows, in which what
-moves or turns rigidly has the matrix of before.
+the steps since have shown (secant_kernels), for as long as each full step is less than
+_MAX_REUSE_CONTRACTION of the one before; after a step that had to be cut, or with a matrix that was
+not the whole one, the next is new. Contacts that open or close on the way ask for no other matrix
+(closing_kernels). The next steps of the frame begin with it as well while their inertia is within
+_MAX_INERTIA_RATIO of its own, and so do the next solves of a feather among others that touch: there
+it is kept without contacts, which are put in anew before it is factored. It is kept in coordinates
+that turn with the rows, in which what moves or turns rigidly has the matrix of before.
 
 It stops where the distance to the minimum is below the tolerance. With moves d_1, d_2, ... of full
 steps that shrink by t = d_k / d_(k-1), that distance is at most d_k t / (1 - t) if they go on to
 shrink like that. Newton's shrink faster, so for a new matrix this is the estimate if t < 1/2, else
 d_k. With a kept one soft directions may shrink more slowly than what is seen, so there it is taken
 as no less than d_k. A first move has no t yet; it is taken to shrink as in the step before, worse
-by as much as it is longer, with a kept matrix by SOFT as well, and a little worse each time that
-this was not seen again (Hairer and Wanner, Solving Ordinary Differential Equations II, section
-IV.8). What that misjudges counts as error of the step, which is then done again.
+by as much as it is longer, with a kept matrix by _SOFT_MOVE_RATIO as well, and a little worse each
+time that this was not seen again (Hairer and Wanner, Solving Ordinary Differential Equations II,
+section IV.8). What that misjudges counts as error of the step, which is then done again.
 """
 
 from math import inf, isfinite, pi, sqrt
@@ -39,11 +40,11 @@ from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise
 from featherfx.solver.step.closing_kernels import (
-    begin_contacts,
-    followed,
-    take_for_linear,
-    turn_closing,
-    turn_contacts,
+    add_contacts_to_matrix,
+    followed_contacts,
+    linearise_contacts,
+    switch_contacts,
+    turn_contact_axes,
 )
 from featherfx.solver.step.energy_kernels import step_energy
 from featherfx.solver.step.pose_kernels import (
@@ -53,41 +54,41 @@ from featherfx.solver.step.pose_kernels import (
     turn_rows,
 )
 from featherfx.solver.step.secant_kernels import (
-    PAIRS,
-    begin_step,
-    end_step,
-    keep_step,
+    MAX_SECANT_PAIRS,
+    begin_pair,
+    end_pair,
     solve_corrected,
+    store_step,
 )
 from featherfx.solver.step.strain_kernels import copy_strains
-from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, STABILISING, WHOLE
+from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, STABILISING_STIFFNESS, WHOLE_STIFFNESS
 
 # rad, that an increment turns a joint of a barb by at most
-LARGEST_TURN = pi
+_MAX_JOINT_TURN = pi
 # places along an increment at most; the next one over the last, at least and at most
-TRIES, CUT = 8, (0.1, 0.5)
+MAX_LINE_SEARCH_TRIALS, _LINE_SEARCH_CUTS = 8, (0.1, 0.5)
 # shares of the inertia that are added to an indefinite matrix; what is done beyond the last
-FIRST_SHIFT, GROWTH, LAST_SHIFT = 0.25, 4.0, 100.0
-STABLE, NONE, ALONE = -1.0, -2.0, -3.0
-CREPT = 4
+_FIRST_SHIFT, _SHIFT_GROWTH, MAX_SHIFT = 0.25, 4.0, 100.0
+STABILISED, _INDEFINITE, STABILISED_ONLY = -1.0, -2.0, -3.0
+_MAX_STABILISED_ITERATIONS = 4
 # part of a step below which its matrix was too far from the energy
-SHORT = 0.2
+_MIN_STEP_FRACTION = 0.2
 # a kept matrix is given up when a step is longer than this part of the one before
-SLOW = 0.5
+_MAX_REUSE_CONTRACTION = 0.5
 # inertia of a step over that of a kept matrix, and the other way round, at most; iterations of a
 # step that leaves its matrix to the next, at most: where there are more, poses are not alike
-ALIKE, EASY = 1.2, 4
+_MAX_INERTIA_RATIO, MAX_REUSE_ITERATIONS = 1.2, 4
 # distance from the minimum after a first move with it over what the moves of the step before tell
-SOFT = 10.0
+_SOFT_MOVE_RATIO = 10.0
 # part of a step's own error that it may be away from its solution where Newton cannot go on
-NEARLY = 0.01
+_NEARLY_SOLVED_RATIO = 0.01
 # times that contacts are turned on and off in a step, at most
-TURNS = 4
+_MAX_CONTACT_SWITCHES = 4
 # power of a shrink that was not seen again
-FORGET = 0.8
+_CONTRACTION_MEMORY = 0.8
 
 
-class Pace(NamedTuple):
+class ConvergenceHistory(NamedTuple):
     """Convergence of Newton's moves in the last steps: with a new matrix the second over the first
     (shrink, 1 where it is not known), and that first one (m); with the reused matrix each over the
     one before (kept), and the longer of the two (longest, m). Of that matrix, the inertia (1/s^2, 0
@@ -101,37 +102,37 @@ class Pace(NamedTuple):
     pairs: int
 
 
-UNKNOWN = Pace(1.0, 0.0, 1.0, 0.0, 0.0, 0)
+UNKNOWN_CONVERGENCE = ConvergenceHistory(1.0, 0.0, 1.0, 0.0, 0.0, 0)
 # pairs where there is the matrix without contacts, and no factor of it
-UNFACTORED = -1
+_UNFACTORED = -1
 
 
 @kernel
-def pace_after(iterations, pace):
-    """The Pace for the next step after one of so many iterations."""
-    if iterations <= EASY:
+def next_convergence(iterations, pace):
+    """Return the ConvergenceHistory for the next step after one of so many iterations."""
+    if iterations <= MAX_REUSE_ITERATIONS:
         return pace
-    return Pace(pace.shrink, pace.first, pace.kept, pace.longest, 0.0, pace.pairs)
+    return ConvergenceHistory(pace.shrink, pace.first, pace.kept, pace.longest, 0.0, pace.pairs)
 
 
 @kernel
-def pace_of(numbers):
-    """The Pace that was kept in Kept.pace, of a factor that is no longer there."""
+def load_convergence(numbers):
+    """Load the history of StoredMatrix.pace, of a factor that is no longer there."""
     shrink, first, kept = numbers[0], numbers[1], numbers[2]
     longest, inertia = numbers[3], numbers[4]
     if inertia == 0.0:
-        return UNKNOWN
-    return Pace(shrink, first, kept, longest, inertia, UNFACTORED)
+        return UNKNOWN_CONVERGENCE
+    return ConvergenceHistory(shrink, first, kept, longest, inertia, _UNFACTORED)
 
 
 @kernel
-def keep_pace(pace, numbers):
-    """Keep a Pace in Kept.pace, without its pairs."""
+def store_convergence(pace, numbers):
+    """Store a history in StoredMatrix.pace, without its pairs."""
     numbers[0], numbers[1], numbers[2] = pace.shrink, pace.first, pace.kept
     numbers[3], numbers[4] = pace.longest, pace.inertia
 
 
-class Goal(NamedTuple):
+class NewtonGoal(NamedTuple):
     """End of a Newton solve: the distance from the minimum that counts as converged (tolerance, m),
     most iterations (limit), the convergence of the step before; and whether a matrix that is too
     far from the energy is made stiffer before inertia is added, and increments are halved (firm).
@@ -139,11 +140,11 @@ class Goal(NamedTuple):
 
     tolerance: float
     limit: int
-    pace: Pace
+    pace: ConvergenceHistory
     firm: bool
 
 
-class Solved(NamedTuple):
+class NewtonResult(NamedTuple):
     """Result of minimise: status, Newton iterations, those of them with a new matrix, estimated
     distance from the minimum (move, m), the convergence."""
 
@@ -151,7 +152,7 @@ class Solved(NamedTuple):
     iterations: int
     matrices: int
     move: float
-    pace: Pace
+    pace: ConvergenceHistory
 
 
 @kernel
@@ -197,29 +198,29 @@ def copy_pose(source, target):
 
 
 @kernel
-def _factorised(model, loads, f, fraction, factors, last, before, work):
+def _assemble_definite(model, loads, f, fraction, factors, last, before, work):
     """Assemble at work.now and factorise; returns the shift that made the matrix definite.
 
-    last: shift of the iteration before, or ALONE. before: of begin_contacts. STABLE: only the
-    stabilising part of the geometric stiffness is in the matrix, as is asked for by ALONE; NONE:
-    not even that is definite.
+    last: shift of the iteration before, or STABILISED_ONLY. before: of add_contacts_to_matrix.
+    STABILISED: only the stabilising part of the geometric stiffness is in the matrix, as is asked
+    for by STABILISED_ONLY; _INDEFINITE: not even that is definite.
     """
     system, points = work.system, work.now.points.nodes
-    shift = last / GROWTH if last > FIRST_SHIFT * GROWTH else 0.0
-    if last == ALONE:
-        shift = STABLE
+    shift = last / _SHIFT_GROWTH if last > _FIRST_SHIFT * _SHIFT_GROWTH else 0.0
+    if last == STABILISED_ONLY:
+        shift = STABILISED
     while True:
-        wanted = STABILISING if shift == STABLE else WHOLE
+        wanted = STABILISING_STIFFNESS if shift == STABILISED else WHOLE_STIFFNESS
         assemble(model, loads, f, fraction, factors, wanted, max(shift, 0.0), work)
         copy_values(system.band[: work.kept.plain.shape[0]], work.kept.plain)
-        begin_contacts(model, loads.contacts, f, fraction, points, before, work)
+        add_contacts_to_matrix(model, loads.contacts, f, fraction, points, before, work)
         if factorise(system.band, system.panel):
             return shift
-        if shift == STABLE:
-            return NONE
-        shift = GROWTH * shift if shift > 0.0 else FIRST_SHIFT
-        if last == STABLE or shift > LAST_SHIFT:
-            shift = STABLE
+        if shift == STABILISED:
+            return _INDEFINITE
+        shift = _SHIFT_GROWTH * shift if shift > 0.0 else _FIRST_SHIFT
+        if last == STABILISED or shift > MAX_SHIFT:
+            shift = STABILISED
 
 
 @kernel
@@ -227,8 +228,8 @@ def _stiffer(shift, firm):
     """Return what to ask for after a matrix with a shift that was too far from the energy: inertia,
     then more of it; if firm, after the whole one its stabilising part first."""
     if shift == 0.0 and firm:
-        return ALONE
-    return GROWTH * GROWTH * max(shift, FIRST_SHIFT)
+        return STABILISED_ONLY
+    return _SHIFT_GROWTH * _SHIFT_GROWTH * max(shift, _FIRST_SHIFT)
 
 
 @kernel
@@ -246,9 +247,9 @@ def _nearer(scale, gain, slope):
     parabola with this slope (J) at the beginning has its minimum."""
     bend = gain - slope * scale
     if not (isfinite(bend) and slope < 0.0 < bend):
-        return CUT[1] * scale
+        return _LINE_SEARCH_CUTS[1] * scale
     part = -0.5 * slope * scale / bend
-    return scale * min(max(part, CUT[0]), CUT[1])
+    return scale * min(max(part, _LINE_SEARCH_CUTS[0]), _LINE_SEARCH_CUTS[1])
 
 
 @kernel
@@ -277,8 +278,8 @@ def _search(model, loads, f, fraction, factors, level, tolerance, work):
     """
     now, trial, energy, slope = work.now, work.trial, level[0], level[1]
     turn = _largest_turn(model.shapes, now.rotation.shape[0], work.system.right)
-    scale, new, move = LARGEST_TURN / max(turn, LARGEST_TURN), energy, 0.0
-    for _ in range(TRIES):
+    scale, new, move = _MAX_JOINT_TURN / max(turn, _MAX_JOINT_TURN), energy, 0.0
+    for _ in range(MAX_LINE_SEARCH_TRIALS):
         step, gradient = work.system.right, work.beam.gradient
         add_increment(model.length[f], now, step, scale, trial, gradient)
         new = evaluate(model, loads, f, fraction, factors, trial, work.around)
@@ -301,25 +302,29 @@ def _distance_left(move, before, fresh):
 
 @kernel
 def _first_left(move, reused, pace):
-    """Distance to the minimum (m) after a first full step, by the Pace of the step before. reused:
-    whether it is with the matrix of that."""
-    shrink, before = (SOFT * pace.kept, pace.longest) if reused else (pace.shrink, pace.first)
+    """Distance to the minimum (m) after a first full step, by the history of the step before.
+    reused: whether it is with the matrix of that."""
+    shrink, before = (
+        (_SOFT_MOVE_RATIO * pace.kept, pace.longest) if reused else (pace.shrink, pace.first)
+    )
     if shrink >= 1.0:
         return move
     return move * shrink * max(1.0, move / before)
 
 
 @kernel
-def _serves(pace, inertia):
+def _can_reuse(pace, inertia):
     """Return whether the matrix of a convergence history serves a step of such inertia (1/s^2)."""
-    alike = inertia < ALIKE * pace.inertia and pace.inertia < ALIKE * inertia
-    return alike and (pace.kept < SLOW or pace.kept == 1.0)
+    alike = (
+        inertia < _MAX_INERTIA_RATIO * pace.inertia and pace.inertia < _MAX_INERTIA_RATIO * inertia
+    )
+    return alike and (pace.kept < _MAX_REUSE_CONTRACTION or pace.kept == 1.0)
 
 
 @kernel
 def _take_contacts(model, loads, f, fraction, work):
     """Take contacts for as linear as the matrix has them, in the right-hand side."""
-    take_for_linear(model, loads.contacts, f, fraction, work.now.points.nodes, work)
+    linearise_contacts(model, loads.contacts, f, fraction, work.now.points.nodes, work)
 
 
 @kernel
@@ -329,51 +334,51 @@ def _solve(model, loads, f, kept, turns, work):
     still knows."""
     system, secants, closing, right = work.system, work.secants, work.closing, work.system.right
     copy_values(right, closing.right)
-    begin_step(kept, right, secants)
+    begin_pair(kept, right, secants)
     solve_corrected(system.band, kept, secants, right)
     contacts = loads.contacts
     for _ in range(turns):
-        if turn_contacts(model, contacts, f, right, False, work) == 0:
+        if switch_contacts(model, contacts, f, right, False, work) == 0:
             break
         copy_values(closing.band, system.band)
         definite = factorise(system.band, system.panel)
         if not definite:
             # what a contact held may not hold itself
-            turn_contacts(model, contacts, f, right, True, work)
+            switch_contacts(model, contacts, f, right, True, work)
             copy_values(closing.band, system.band)
             factorise(system.band, system.panel)
         kept = 0
         copy_values(closing.right, right)
-        begin_step(kept, right, secants)
+        begin_pair(kept, right, secants)
         solve_corrected(system.band, kept, secants, right)
         if not definite:
             break
-    keep_step(kept, right, secants)
+    store_step(kept, right, secants)
     return kept
 
 
 @kernel
-def _taken_up(model, loads, f, fraction, work):
+def _factorise_stored(model, loads, f, fraction, work):
     """Have contacts in a matrix that was kept without them, and factorise; returns whether it is
     definite."""
     now, system, kept = work.now, work.system, work.kept
     if kept.plain.shape[0] == 0:
         return False
     barb_jacobians(model.shapes, now, work.axes, work.jacobian)
-    turn_closing(kept.made, now.rotation, work.closing)
+    turn_contact_axes(kept.made, now.rotation, work.closing)
     copy_values(kept.plain, system.band)
-    begin_contacts(model, loads.contacts, f, fraction, now.points.nodes, True, work)
+    add_contacts_to_matrix(model, loads.contacts, f, fraction, now.points.nodes, True, work)
     return factorise(system.band, system.panel)
 
 
 @kernel
-def _forces_with_kept(model, loads, f, fraction, factors, first, work):
+def _reuse_matrix(model, loads, f, fraction, factors, first, work):
     """Minus the gradient at work.now for the matrix that is kept, in its coordinates, and, at the
     first solve with one that knows no contacts (first), these in it; returns whether it serves."""
     now, right = work.now, work.system.right
     assemble(model, loads, f, fraction, factors, FORCES_ONLY, 0.0, work)
     turn_rows(work.kept.made, now.rotation, right)
-    serves = not first or _taken_up(model, loads, f, fraction, work)
+    serves = not first or _factorise_stored(model, loads, f, fraction, work)
     _take_contacts(model, loads, f, fraction, work)
     return serves
 
@@ -381,55 +386,58 @@ def _forces_with_kept(model, loads, f, fraction, factors, first, work):
 @kernel
 def _new_matrix(model, loads, f, fraction, factors, last, before, work):
     """A matrix made and kept at work.now, and minus the gradient for it; arguments and what is
-    returned as of _factorised."""
+    returned as of _assemble_definite."""
     made = work.kept.made
     copy_values(work.now.rotation, made)
-    turn_closing(made, made, work.closing)
-    shift = _factorised(model, loads, f, fraction, factors, last, before, work)
-    if shift != NONE:
+    turn_contact_axes(made, made, work.closing)
+    shift = _assemble_definite(model, loads, f, fraction, factors, last, before, work)
+    if shift != _INDEFINITE:
         _take_contacts(model, loads, f, fraction, work)
     return shift
 
 
-@shared_kernel(Solved)
+@shared_kernel(NewtonResult)
 def minimise(model, loads, f, fraction, factors, goal, work):
     """Bring the pose work.now to the minimum of step_energy.
 
-    fraction: of the frame. goal: Goal. Returns Solved.
+    fraction: of the frame. goal: Goal. Returns NewtonResult.
     """
     now, right, secants, made = work.now, work.system.right, work.secants, work.kept.made
-    begin, end = followed(model, loads.contacts, f)
+    begin, end = followed_contacts(model, loads.contacts, f)
     touches = turning = end > begin
     pace, tolerance = goal.pace, goal.tolerance
-    reused, unfactored = _serves(pace, factors.inertia), pace.pairs == UNFACTORED
+    reused, unfactored = _can_reuse(pace, factors.inertia), pace.pairs == _UNFACTORED
     energy = evaluate(model, loads, f, fraction, factors, now, work.around)
     if not isfinite(energy):
-        return Solved(NOT_FINITE, 0, 0, 0.0, UNKNOWN)
-    shrink, first, slowest, longest = pace.shrink**FORGET, pace.first, 1.0, 0.0
+        return NewtonResult(NOT_FINITE, 0, 0, 0.0, UNKNOWN_CONVERGENCE)
+    shrink, first, slowest, longest = pace.shrink**_CONTRACTION_MEMORY, pace.first, 1.0, 0.0
     inertia, kept = pace.inertia, 0
     if reused:
-        slowest, longest = pace.kept**FORGET, pace.longest
-        kept = pace.pairs if 0 <= pace.pairs < PAIRS - 2 else 0
+        slowest, longest = pace.kept**_CONTRACTION_MEMORY, pace.longest
+        kept = pace.pairs if 0 <= pace.pairs < MAX_SECANT_PAIRS - 2 else 0
     before, left, shift, stable, matrices = 0.0, inf, 0.0, 0, 0
     crept, fresh = False, not reused
     for iteration in range(1, goal.limit + 1):
         if not fresh:
             first_of_it = iteration == 1 and unfactored
-            fresh = not _forces_with_kept(model, loads, f, fraction, factors, first_of_it, work)
+            fresh = not _reuse_matrix(model, loads, f, fraction, factors, first_of_it, work)
             if iteration > 1:
-                fresh = not end_step(kept, right, secants)
+                fresh = not end_pair(kept, right, secants)
                 kept += 1
         if fresh:
-            last, begun = shift if crept or shift == ALONE else STABLE, turning and iteration == 1
+            last, begun = (
+                shift if crept or shift == STABILISED_ONLY else STABILISED,
+                turning and iteration == 1,
+            )
             shift = _new_matrix(model, loads, f, fraction, factors, last, begun, work)
-            if shift == NONE:
-                return Solved(NOT_DEFINITE, iteration, matrices, left, UNKNOWN)
+            if shift == _INDEFINITE:
+                return NewtonResult(NOT_DEFINITE, iteration, matrices, left, UNKNOWN_CONVERGENCE)
             kept, matrices, slowest, longest = 0, matrices + 1, 1.0, 0.0
             inertia = factors.inertia if shift == 0.0 else 0.0
-            stable += 1 if shift == STABLE else 0
-            if stable == CREPT:
+            stable += 1 if shift == STABILISED else 0
+            if stable == _MAX_STABILISED_ITERATIONS:
                 crept, shift = True, 0.0
-        kept = _solve(model, loads, f, kept, TURNS if turning else 0, work)
+        kept = _solve(model, loads, f, kept, _MAX_CONTACT_SWITCHES if turning else 0, work)
         level = energy, 0.0 if goal.firm else _slope(work.closing.right, right)
         if not fresh:
             turn_rows(now.rotation, made, right)
@@ -438,11 +446,11 @@ def minimise(model, loads, f, fraction, factors, goal, work):
             turning, fresh = False, True
             continue
         if scale == 0.0:
-            if fresh and ((crept and shift == STABLE) or shift > LAST_SHIFT):
+            if fresh and ((crept and shift == STABILISED) or shift > MAX_SHIFT):
                 move *= 1.0 + max(shift, 0.0)
-                return Solved(NOT_CONVERGED, iteration, matrices, move, UNKNOWN)
+                return NewtonResult(NOT_CONVERGED, iteration, matrices, move, UNKNOWN_CONVERGENCE)
             if fresh:
-                crept, shift = crept or shift == STABLE, _stiffer(shift, goal.firm)
+                crept, shift = crept or shift == STABILISED, _stiffer(shift, goal.firm)
             fresh = True
             continue
         copy_pose(work.trial, now)
@@ -451,8 +459,8 @@ def minimise(model, loads, f, fraction, factors, goal, work):
         # inertia that was added makes moves shorter
         move *= 1.0 + max(shift, 0.0)
         left, turning = move, touches and scale == 1.0
-        if fresh and scale < (0.5 if shift > 0.0 else SHORT):
-            crept, shift = crept or shift == STABLE, _stiffer(shift, goal.firm)
+        if fresh and scale < (0.5 if shift > 0.0 else _MIN_STEP_FRACTION):
+            crept, shift = crept or shift == STABILISED, _stiffer(shift, goal.firm)
         if scale == 1.0:
             left = _distance_left(move, before, fresh)
             if iteration == 1:
@@ -462,23 +470,23 @@ def minimise(model, loads, f, fraction, factors, goal, work):
             if iteration == 2 and before > 0.0 and not reused:
                 shrink, first = move / before, before
             if left < tolerance:
-                pairs = UNFACTORED if touches else kept
-                found = Pace(shrink, first, slowest, longest, inertia, pairs)
-                return Solved(CONVERGED, iteration, matrices, left, found)
-        slow = not fresh and before > 0.0 and move > SLOW * before
-        fresh = slow or scale < 1.0 or shift != 0.0 or kept + 1 == PAIRS
+                pairs = _UNFACTORED if touches else kept
+                found = ConvergenceHistory(shrink, first, slowest, longest, inertia, pairs)
+                return NewtonResult(CONVERGED, iteration, matrices, left, found)
+        slow = not fresh and before > 0.0 and move > _MAX_REUSE_CONTRACTION * before
+        fresh = slow or scale < 1.0 or shift != 0.0 or kept + 1 == MAX_SECANT_PAIRS
         before = move if scale == 1.0 else 0.0
-    return Solved(NOT_CONVERGED, goal.limit, matrices, left, UNKNOWN)
+    return NewtonResult(NOT_CONVERGED, goal.limit, matrices, left, UNKNOWN_CONVERGENCE)
 
 
 @kernel
-def nearly_solved(solved, error, allowed):
+def accept_nearly_solved(solved, error, allowed):
     """Its status, or CONVERGED where Newton ended close to the minimum.
 
     error: m, of the step, far above its distance from the solution; within a part of the tolerance
     alone, short steps would end with accelerations, and energy in them, that are not there.
     allowed: m, a distance that is close enough whatever the error.
     """
-    if solved.status == NOT_CONVERGED and solved.move <= max(NEARLY * error, allowed):
+    if solved.status == NOT_CONVERGED and solved.move <= max(_NEARLY_SOLVED_RATIO * error, allowed):
         return CONVERGED
     return solved.status

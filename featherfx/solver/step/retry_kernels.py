@@ -2,9 +2,9 @@
 
 A step is tried from the predicted pose, then from the rigidly moved one, then by implicit Euler,
 and is then cut. Where the last two fail the way of the root and the step's inertia are put on in
-PARTS, each solved from the pose of the one before. Steps that were cut grow again from their own
-length, by implicit Euler if that was needed, because where Newton failed it mostly fails again at
-once.
+LOAD_PARTS, each solved from the pose of the one before. Steps that were cut grow again from their
+own length, by implicit Euler if that was needed, because where Newton failed it mostly fails again
+at once.
 
 The length of a step follows from its error. What is bounded is the work of a frame: half of its
 steps may be as short as their errors ask, which what is struck or starts at full speed needs for a
@@ -26,36 +26,36 @@ from typing import NamedTuple
 
 from featherfx.jit.compiled import kernel
 from featherfx.solver.status import CONVERGED, GREW
-from featherfx.solver.step.energy_promise_kernels import Promise
-from featherfx.solver.step.newton_kernels import Pace
+from featherfx.solver.step.energy_promise_kernels import EnergyBound
+from featherfx.solver.step.newton_kernels import ConvergenceHistory
 
 # what becomes of a try
-TAKEN, REJECTED, FAILED = 0, 1, 2
+TAKEN, _REJECTED, _FAILED = 0, 1, 2
 # how a step is tried, in this order
-GO_ON, FOLLOW, BACKWARD = 0, 1, 2
+EXTRAPOLATE, FOLLOW_ROOT, IMPLICIT_EULER = 0, 1, 2
 # in which a step's root and inertia go on where Newton fails
-PARTS = 4
+LOAD_PARTS = 4
 # error over tolerance beyond which a step that may not be shorter is taken by implicit Euler
-LOST = 30.0
+_LOST_ERROR_RATIO = 30.0
 # a regular step may be cut this far when Newton fails, by this factor each time
-SMALLEST, CUT = 1e6, 0.25
+_MAX_CUT_RATIO, _STEP_CUT = 1e6, 0.25
 # length of the next step over that whose error is the tolerance, and most over the last: more of
 # either costs more in steps that are done again than it saves, as a vibration that turns round has
 # no error for a moment (docs/log.md)
-SAFETY, GROWTH = 0.7, 1.5
+_STEP_SAFETY, _MAX_STEP_GROWTH = 0.7, 1.5
 # part that the last step's work has in the mean of the last ones
-LATEST = 0.5
+RECENT_WORK_WEIGHT = 0.5
 # a next step that would be within this range of the last one is as long, so that its matrix serves,
 # where a frame has more than two
-STEADY = 0.8, 1.25
+_EQUAL_STEP_RANGE = 0.8, 1.25
 # a step for its error alone over a regular one, at least; work set aside for a step, and over what
 # those of the frame have taken in the mean
-FINEST, SET_ASIDE, RESERVE = 1e-4, 12.0, 2.0
+MIN_STEP_RATIO, _MIN_STEP_WORK, _WORK_RESERVE = 1e-4, 12.0, 2.0
 # tries that are left for the end of a frame whose steps are easy, at least
-TRIES_LEFT = 16
+MIN_ATTEMPTS_LEFT = 16
 # part of a wanted length that its steps are divided by, and of the shortest one that a step is no
 # longer than that is no longer cut: more than one over the former, or it is tried over and over
-EVEN, AS_SHORT = 0.999, 1.01
+_EVEN_STEPS_RATIO, _FLOOR_RATIO = 0.999, 1.01
 
 
 class StepSettings(NamedTuple):
@@ -66,7 +66,7 @@ class StepSettings(NamedTuple):
     tolerance: m, error of a step. coarse: m, error that no step may have where it can be shorter.
     newton: m, distance from a step's solution that counts as converged. iterations: Newton's of a
     try at most. hard: work beyond which the next step is not made longer. most_iterations: work of
-    the whole frame (work_of). unsolved: m, distance from its solution at which a step is taken
+    the whole frame (attempt_work). unsolved: m, distance from its solution at which a step is taken
     where the frame must end.
     """
 
@@ -83,7 +83,7 @@ class StepSettings(NamedTuple):
 
 
 @kernel
-def settings_of(frame, length):
+def scale_settings(frame, length):
     """Settings of a frame for a feather with rachis elements length (n-1,), m.
 
     frame: StepSettings whose coarse and unsolved are parts of the feather's length.
@@ -107,11 +107,11 @@ def settings_of(frame, length):
 
 class Attempt(NamedTuple):
     """A try of a step: its length h (s), the length below which none is tried for its error (floor,
-    s), the fraction of the frame at its end, GO_ON, FOLLOW or BACKWARD (way), the spectral radius,
-    Newton iterations at most (limit), the Promise, the Pace of the try before, how much of the last
-    change of the rates the prediction adds to them (bend), where the frame must end, distance
-    (m) from its solution at which implicit Euler's step is taken (allowed, else 0), and in how many
-    parts it is tried where Newton fails (0: it is not)."""
+    s), the fraction of the frame at its end, EXTRAPOLATE, FOLLOW_ROOT or IMPLICIT_EULER (way), the
+    spectral radius, Newton iterations at most (limit), the EnergyBound, the history of the try
+    before, how much of the last change of the rates the prediction adds to them (bend), where the
+    frame must end, distance (m) from its solution at which implicit Euler's step is taken (allowed,
+    else 0), and in how many parts it is tried where Newton fails (0: it is not)."""
 
     h: float
     floor: float
@@ -119,8 +119,8 @@ class Attempt(NamedTuple):
     way: int
     spectral_radius: float
     limit: int
-    promise: Promise
-    pace: Pace
+    promise: EnergyBound
+    pace: ConvergenceHistory
     bend: float
     allowed: float
     parts: int
@@ -145,21 +145,21 @@ class Outcome(NamedTuple):
     excess: float
     keeps: float
     energy: float
-    pace: Pace
+    pace: ConvergenceHistory
 
 
 @kernel
-def count_try(report, f, verdict, attempt, outcome, settings):
+def count_attempt(report, f, verdict, attempt, outcome, settings):
     """Add a try to the StepReport of feather f."""
     report.iterations[f] += outcome.iterations
     report.matrices[f] += outcome.matrices
-    if verdict == REJECTED:
+    if verdict == _REJECTED:
         report.rejected[f] += 1
-    elif verdict == FAILED:
+    elif verdict == _FAILED:
         report.failed[f] += 1
     else:
         report.steps[f] += 1
-        report.fallbacks[f] += 1 if attempt.way == BACKWARD else 0
+        report.fallbacks[f] += 1 if attempt.way == IMPLICIT_EULER else 0
         report.forced[f] += 1 if outcome.error > settings.tolerance else 0
         report.passed[f] += 1 if outcome.passed else 0
         report.slipped[f] += 1 if outcome.slipped > 1.0 else 0
@@ -168,38 +168,42 @@ def count_try(report, f, verdict, attempt, outcome, settings):
 
 
 @kernel
-def work_of(outcome):
+def attempt_work(outcome):
     """Return the cost of an attempt, in Newton iterations with a new matrix each; one with a matrix
     at hand costs a quarter of that."""
     return max(1, (outcome.iterations + 3 * outcome.matrices) // 4)
 
 
 @kernel
-def stop(report, f, status):
+def record_failure(report, f, status):
     """Note why the frame was not finished."""
     report.status[f] = status
     return status
 
 
 @kernel
-def shortest_now(settings, done, taken, left, recent):
+def min_step_length(settings, done, taken, left, recent):
     """Length (s) below which no step is tried for its error, once so many steps have brought the
     frame to done (s) and so much work is left. recent: work that the last ones took each."""
     most, kept = settings.duration / settings.shortest, 0.5 * settings.most_iterations
-    if RESERVE * recent <= SET_ASIDE:
-        kept = min(kept, max(0.5 * kept, TRIES_LEFT * settings.iterations))
+    if _WORK_RESERVE * recent <= _MIN_STEP_WORK:
+        kept = min(kept, max(0.5 * kept, MIN_ATTEMPTS_LEFT * settings.iterations))
     if 2.0 * (taken + 1) <= most and left >= kept:
-        return FINEST * settings.shortest
+        return MIN_STEP_RATIO * settings.shortest
     spent = max(recent, (settings.most_iterations - left) / max(taken, 1))
-    count = min(most - taken, left / max(SET_ASIDE, RESERVE * spent))
+    count = min(most - taken, left / max(_MIN_STEP_WORK, _WORK_RESERVE * spent))
     return (settings.duration - done) / max(1.0, count)
 
 
 @kernel
-def parts_now(settings, way, left, held):
+def load_parts(settings, way, left, held):
     """In how many parts a step is tried where Newton fails; 0 for none, as where too little work is
     left for all of them. held: whether a root carries the feather."""
-    return PARTS if held and way != GO_ON and left >= (PARTS + 2) * settings.iterations else 0
+    return (
+        LOAD_PARTS
+        if held and way != EXTRAPOLATE and left >= (LOAD_PARTS + 2) * settings.iterations
+        else 0
+    )
 
 
 @kernel
@@ -212,7 +216,7 @@ def _urgency(settings, left):
 
 
 @kernel
-def allowed_now(settings, left):
+def allowed_distance(settings, left):
     """Distance (m) from its solution at which a step is taken of a frame with so much work left; 0
     where the frame need not end yet."""
     urgency = _urgency(settings, left)
@@ -222,9 +226,9 @@ def allowed_now(settings, left):
 
 
 @kernel
-def given_up(settings, left):
+def work_after_failure(settings, left):
     """Work that a frame with so much of it left goes on with where no shorter step is solved: so
-    little that more is allowed (allowed_now), 0 where that is so already."""
+    little that more is allowed (allowed_distance), 0 where that is so already."""
     if settings.unsolved == 0.0:
         return 0
     urgency = _urgency(settings, left)
@@ -236,7 +240,7 @@ def next_step(h, done, duration):
     """Length (s) of a step if at most h is wanted, and the fraction of the frame (duration, of
     which done have passed, s) at its end: what is left is divided evenly."""
     left = duration - done
-    count = ceil(EVEN * left / h)
+    count = ceil(_EVEN_STEPS_RATIO * left / h)
     if count <= 1:
         return left, 1.0
     step = left / count
@@ -246,37 +250,37 @@ def next_step(h, done, duration):
 @kernel
 def _length_for(error, tolerance, step, least, most):
     """Length whose error would be a little below the tolerance, within least to most of step."""
-    change = SAFETY * (tolerance / max(error, 1e-30)) ** (1.0 / 3.0)
+    change = _STEP_SAFETY * (tolerance / max(error, 1e-30)) ** (1.0 / 3.0)
     return step * min(most, max(least, change))
 
 
 @kernel
-def judge(h, first, attempt, outcome, settings):
-    """Judge an attempt: (TAKEN, REJECTED or FAILED, next wanted length h, next way).
+def judge_attempt(h, first, attempt, outcome, settings):
+    """Judge an attempt: (TAKEN, _REJECTED or _FAILED, next wanted length h, next way).
 
     h: s, wanted length, the one tried may be shorter. first: way of a fresh step. The next h is 0
     where a step cannot be cut further.
     """
     shortest, floor, tolerance = settings.shortest, attempt.floor, settings.tolerance
     step, way, error = attempt.h, attempt.way, outcome.excess
-    smallest, shorter = shortest / SMALLEST, CUT * step
+    smallest, shorter = shortest / _MAX_CUT_RATIO, _STEP_CUT * step
     if outcome.status == GREW:
         # another start of Newton would find the same
-        way = max(way, FOLLOW)
+        way = max(way, FOLLOW_ROOT)
     if outcome.status != CONVERGED:
         last = step < 0.999 * shortest or attempt.allowed > 0.0
-        way = BACKWARD if last and way < BACKWARD else way + 1
-        if way <= BACKWARD:
-            return FAILED, h, way
-        return FAILED, shorter if shorter >= smallest else 0.0, first
-    if error > tolerance and step > AS_SHORT * floor:
-        return REJECTED, max(floor, _length_for(error, tolerance, step, 0.2, 1.0)), first
-    lost = error > LOST * tolerance
-    if lost and way != BACKWARD:
-        return REJECTED, h, BACKWARD
+        way = IMPLICIT_EULER if last and way < IMPLICIT_EULER else way + 1
+        if way <= IMPLICIT_EULER:
+            return _FAILED, h, way
+        return _FAILED, shorter if shorter >= smallest else 0.0, first
+    if error > tolerance and step > _FLOOR_RATIO * floor:
+        return _REJECTED, max(floor, _length_for(error, tolerance, step, 0.2, 1.0)), first
+    lost = error > _LOST_ERROR_RATIO * tolerance
+    if lost and way != IMPLICIT_EULER:
+        return _REJECTED, h, IMPLICIT_EULER
     far = error > settings.coarse and attempt.allowed == 0.0
     if lost and far and shorter > smallest:
-        return REJECTED, shorter, way
+        return _REJECTED, shorter, way
     return TAKEN, h, way
 
 
@@ -284,13 +288,15 @@ def judge(h, first, attempt, outcome, settings):
 def after_step(first, attempt, outcome, settings):
     """The next (h, way) where a step was taken; arguments as in judge."""
     tolerance, error = settings.tolerance, outcome.excess
-    pressed, hard = attempt.allowed > 0.0, work_of(outcome) > settings.hard
-    most = 1.0 if not pressed and (hard or error > LOST * tolerance) else GROWTH
+    pressed, hard = attempt.allowed > 0.0, attempt_work(outcome) > settings.hard
+    most = (
+        1.0 if not pressed and (hard or error > _LOST_ERROR_RATIO * tolerance) else _MAX_STEP_GROWTH
+    )
     wanted = _length_for(error, tolerance, attempt.h, 0.5, most)
     several = attempt.h < 0.4 * settings.duration
-    if several and STEADY[0] * attempt.h < wanted < STEADY[1] * attempt.h:
+    if several and _EQUAL_STEP_RANGE[0] * attempt.h < wanted < _EQUAL_STEP_RANGE[1] * attempt.h:
         wanted = attempt.h
     h = max(min(attempt.floor, most * attempt.h), wanted)
     cut = attempt.h < 0.999 * settings.shortest or (pressed and hard)
-    way = BACKWARD if cut and attempt.way == BACKWARD else first
+    way = IMPLICIT_EULER if cut and attempt.way == IMPLICIT_EULER else first
     return h, way

@@ -9,19 +9,25 @@ from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of
-from featherfx.solver.step.integrator_kernels import Factors
-from featherfx.solver.step.newton_kernels import UNKNOWN, Goal, evaluate, largest_move, minimise
+from featherfx.solver.step.integrator_kernels import IntegratorFactors
+from featherfx.solver.step.newton_kernels import (
+    UNKNOWN_CONVERGENCE,
+    NewtonGoal,
+    evaluate,
+    largest_move,
+    minimise,
+)
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.step.retry_kernels import shortest_now
+from featherfx.solver.step.retry_kernels import min_step_length
 from featherfx.solver.step.root_kernels import root_at
 from featherfx.solver.step.strain_kernels import copy_strains, strains_of
 
 # Newton iterations that a first acceleration gets: the second one only corrects for the curved
 # paths of barbs and frames
-START_ITERATIONS = 8
+_MAX_START_ITERATIONS = 8
 
 
-class Span(NamedTuple):
+class StartInterval(NamedTuple):
     """The begin of a frame: its length (s), the fraction of the frame at its end, Newton iterations
     at most (limit)."""
 
@@ -52,8 +58,8 @@ def start_acceleration(model, loads, f, path, settings, state, work):
     path: of the roots, over the frame. settings: StepSettings of the frame.
     """
     given, duration = state.proposal[f], settings.duration
-    limit = min(START_ITERATIONS, settings.iterations)
-    floor = shortest_now(settings, 0.0, 0, settings.most_iterations, 0.0)
+    limit = min(_MAX_START_ITERATIONS, settings.iterations)
+    floor = min_step_length(settings, 0.0, 0, settings.most_iterations, 0.0)
     h = given if 0.0 < given < duration else duration
     before = strains_of(state.strains, f, 0)
     copy_gaps(gaps_of(state.gaps, f), work.around.gaps)
@@ -62,12 +68,12 @@ def start_acceleration(model, loads, f, path, settings, state, work):
     evaluate(model, loads, f, 0.0, _factors(h), work.now, work.around)
     copy_strains(work.now.strains, before)
     accepted, finer = points_of(state.acceleration, f), points_of(state.smoothed, f)
-    _accelerate(model, loads, f, path, Span(h, h / duration, limit), state, work, accepted)
+    _accelerate(model, loads, f, path, StartInterval(h, h / duration, limit), state, work, accepted)
     while 0.5 * h > floor:
         allowed = min(settings.tolerance, settings.coarse) / (h * h)
         if _largest(accepted.nodes) <= allowed:
             break
-        half = Span(0.5 * h, 0.5 * h / duration, limit)
+        half = StartInterval(0.5 * h, 0.5 * h / duration, limit)
         _accelerate(model, loads, f, path, half, state, work, finer)
         if largest_move(accepted, finer, 0.0) <= allowed:
             break
@@ -80,12 +86,12 @@ def start_acceleration(model, loads, f, path, settings, state, work):
 @kernel
 def _factors(h):
     """Return the factors of an implicit Euler step of h (s)."""
-    return Factors(1.0 / (h * h), 1.0 / h, 1.0 / h)
+    return IntegratorFactors(1.0 / (h * h), 1.0 / h, 1.0 / h)
 
 
 @kernel
 def _accelerate(model, loads, f, path, span, state, work, to):
-    """Accelerations of feather f over a Span, to rates."""
+    """Accelerations of feather f over a StartInterval, to rates."""
     now, around, h = work.now, work.around, span.length
     points, velocity = points_of(state.points, f), points_of(state.velocity, f)
     copy_points(points, around.target)
@@ -99,7 +105,7 @@ def _accelerate(model, loads, f, path, span, state, work, to):
         copy_points(points, now.points)
         time = state.time[f] + h
         blow(now.points.nodes, time, loads, f, velocity.nodes, model, around)
-    goal = Goal(0.0, span.limit, UNKNOWN, True)
+    goal = NewtonGoal(0.0, span.limit, UNKNOWN_CONVERGENCE, True)
     minimise(model, loads, f, 0.0, _factors(h), goal, work)
     _rates_of(now.points, around.target, h * h, to)
 

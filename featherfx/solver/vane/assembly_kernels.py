@@ -13,7 +13,15 @@ from featherfx.algebra.vec3_kernels import add, combined, cross, scale
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
 from featherfx.mechanics.row_kernels import node_index
-from featherfx.solver.vane.pairs_kernels import ALONG, BACK, OWN, SKIP, SLANT, UP, damped_stress
+from featherfx.solver.vane.pairs_kernels import (
+    PAIR_ALONG,
+    PAIR_BACK,
+    PAIR_OWN,
+    PAIR_SKIP,
+    PAIR_SLANT,
+    PAIR_UP,
+    damped_stress,
+)
 
 
 @kernel
@@ -41,7 +49,11 @@ def _add_tension(i, side, segment, signed, points, force, vane):
     """
     if not segment > 0.0:
         return
-    tension, own, along = vane.tension, vane.blocks[i, side, OWN], vane.blocks[i, side, ALONG]
+    tension, own, along = (
+        vane.tension,
+        vane.blocks[i, side, PAIR_OWN],
+        vane.blocks[i, side, PAIR_ALONG],
+    )
     columns, count = tension.shape[0], own.shape[1] // 3
     barb = slice(1 + side * columns, 1 + (side + 1) * columns)
     barb_tensions(points[i, 0], points[i, barb], force[i, barb], tension)
@@ -258,7 +270,11 @@ def add_rows(model, f, damping, signed, work):
         at = i * row_size
         for side in range(2):
             shift = side * count
-            barb, own, along = jacobian[i, side], blocks[i, side, OWN], blocks[i, side, ALONG]
+            barb, own, along = (
+                jacobian[i, side],
+                blocks[i, side, PAIR_OWN],
+                blocks[i, side, PAIR_ALONG],
+            )
             for c in range(count):
                 stiffness = model.barb_stiffness[f, side, i, c]
                 band[at + 6 + shift + c, 0] += stiffness * (1.0 + damping)
@@ -273,9 +289,9 @@ def add_rows(model, f, damping, signed, work):
             first = at * (stride + 1) + row_size
             if i + 1 < rows:
                 between = blocks[i, side]
-                _push_next(between[BACK], between[UP], between[SLANT], barb, product)
+                _push_next(between[PAIR_BACK], between[PAIR_UP], between[PAIR_SLANT], barb, product)
                 _add_products(jacobian[i + 1, side], product, band, first, stride, shift)
             if i + 2 < rows:
-                _push_far(blocks[i + 1, side, SKIP], barb, product)
+                _push_far(blocks[i + 1, side, PAIR_SKIP], barb, product)
                 beyond = first + row_size
                 _add_products(jacobian[i + 2, side], product, band, beyond, stride, shift)

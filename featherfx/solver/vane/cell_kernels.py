@@ -20,14 +20,14 @@ from featherfx.mechanics.vane_membrane_kernels import (
     membrane_normal_stiffness,
 )
 from featherfx.solver.vane.line_kernels import (
-    AXIS,
-    GEOMETRIC,
-    HALF,
-    PAIRS,
-    STRAIN,
-    STRESS,
-    STRIP,
-    WEIGHT,
+    AXIS_SIZE,
+    GEOMETRIC_PLACE,
+    HALF_SIZE,
+    PAIR_SIZE,
+    STRAIN_SIZE,
+    STRESS_PLACE,
+    STRIP_SIZE,
+    WEIGHT_PLACE,
     add_outer,
     block_of,
     lanes,
@@ -36,12 +36,12 @@ from featherfx.solver.vane.line_kernels import (
     vectors,
 )
 from featherfx.solver.vane.pairs_kernels import (
-    ALONG,
     FORCES_ONLY,
-    OWN,
-    SLANT,
-    STABILISING,
-    UP,
+    PAIR_ALONG,
+    PAIR_OWN,
+    PAIR_SLANT,
+    PAIR_UP,
+    STABILISING_STIFFNESS,
     damped_stress,
 )
 
@@ -67,9 +67,9 @@ class Strip(NamedTuple):
 
 
 # part of the elastic stiffness that counts as none
-NOTHING = 1e-12
+_NO_STIFFNESS = 1e-12
 # strains of a triangle beside e_ww and 2 e_vw: the guard's J and the one along the normal
-GUARD, NORMAL = 0, 1
+_GUARD_STRAIN, _NORMAL_STRAIN = 0, 1
 
 
 @loop_kernel
@@ -90,13 +90,13 @@ def _load_triangles(j, half, of_half, damping, rest, cells):
     """Those A or B (half) of the cells j to j + 3. of_half: rest values, stiffnesses, strains and
     references, each of this half."""
     known, (first, second), strain, before = of_half
-    at, second = block_of(j, STRIP) + 2 * AXIS * half, where_there(first, second)
+    at, second = block_of(j, STRIP_SIZE) + 2 * AXIS_SIZE * half, where_there(first, second)
     for k in range(3):
         put(rest[half, k], j, where_there(first, known[k]))
-    put(cells, at + WEIGHT, first * (1.0 + damping))
-    put(cells, at + WEIGHT + AXIS, second * (1.0 + damping))
-    put(cells, at + STRESS, damped_stress(first, strain[0], before[0], damping))
-    put(cells, at + STRESS + AXIS, damped_stress(second, strain[1], before[1], damping))
+    put(cells, at + WEIGHT_PLACE, first * (1.0 + damping))
+    put(cells, at + WEIGHT_PLACE + AXIS_SIZE, second * (1.0 + damping))
+    put(cells, at + STRESS_PLACE, damped_stress(first, strain[0], before[0], damping))
+    put(cells, at + STRESS_PLACE + AXIS_SIZE, damped_stress(second, strain[1], before[1], damping))
 
 
 @loop_kernel
@@ -131,23 +131,23 @@ def _let_slip(half, gaps, strip, damping, coupling, cells):
         k = strip.stiffness[j, half, 0], strip.stiffness[j, half, 1]
         if k[0] == 0.0:
             continue
-        at = place_of(j, STRIP) + 2 * AXIS * half
-        weight, stress = at + WEIGHT, at + STRESS
+        at = place_of(j, STRIP_SIZE) + 2 * AXIS_SIZE * half
+        weight, stress = at + WEIGHT_PLACE, at + STRESS_PLACE
         strain = strip.strains[j, half, 0], strip.strains[j, half, 1]
         if holds(k, strain, gaps, j, half):
             cells[stress] -= k[0] * gaps.slip[j, half, 0]
-            cells[stress + AXIS] -= k[1] * gaps.slip[j, half, 1]
+            cells[stress + AXIS_SIZE] -= k[1] * gaps.slip[j, half, 1]
             continue
         coupled, gap = True, gap_of(gaps, j, half)
         pulled, (ww, wv, vv) = gap_response(k, strain, gap)
         across, shear = damping * gap.hooked * k[0], damping * gap.hooked * k[1]
         cells[stress] = pulled[0] + across * (strain[0] - strip.reference[j, half, 0])
-        cells[stress + AXIS] = pulled[1] + shear * (strain[1] - strip.reference[j, half, 1])
+        cells[stress + AXIS_SIZE] = pulled[1] + shear * (strain[1] - strip.reference[j, half, 1])
         ww, vv = ww + across, vv + shear
-        if ww > NOTHING * k[0]:
+        if ww > _NO_STIFFNESS * k[0]:
             coupling[j] = wv / ww
             vv -= wv * wv / ww
-        cells[weight], cells[weight + AXIS] = ww, vv
+        cells[weight], cells[weight + AXIS_SIZE] = ww, vv
     return coupled
 
 
@@ -156,100 +156,103 @@ def _mix_strains(half, columns, coupling, cells):
     """The gradient of the strain that C_ww belongs to, in place of that of e_ww, and the stresses
     with which the forces stay the same."""
     for j in range(columns):
-        at = place_of(j, STRIP)
-        first, stress = at + HALF * half, at + STRESS + 2 * AXIS * half
-        for place in range(first, first + STRAIN, AXIS):
-            cells[place] += coupling[j] * cells[place + STRAIN]
-        cells[stress + AXIS] -= coupling[j] * cells[stress]
+        at = place_of(j, STRIP_SIZE)
+        first, stress = at + HALF_SIZE * half, at + STRESS_PLACE + 2 * AXIS_SIZE * half
+        for place in range(first, first + STRAIN_SIZE, AXIS_SIZE):
+            cells[place] += coupling[j] * cells[place + STRAIN_SIZE]
+        cells[stress + AXIS_SIZE] -= coupling[j] * cells[stress]
 
 
 @kernel
 def _add_guard(half, guard, strains, rare, cells):
-    """The guard's stresses, and its J as the strain GUARD; guard, strains: (m, 2, 2). Whether any
-    triangle feels it."""
+    """The guard's stresses, and its J as the strain _GUARD_STRAIN; guard, strains: (m, 2, 2).
+    Whether any triangle feels it."""
     pressed = False
     for j in range(guard.shape[0]):
-        rare.weight[GUARD, j] = 0.0
+        rare.weight[_GUARD_STRAIN, j] = 0.0
         if is_apart(guard[j, half], strains[j, half, 0], strains[j, half, 1]):
             continue
         pressed = True
         slope, curvature, by_across, by_shear = guard_slopes(
             guard[j, half], strains[j, half, 0], strains[j, half, 1]
         )
-        at = place_of(j, STRIP)
-        first, stress = at + HALF * half, at + STRESS + 2 * AXIS * half
+        at = place_of(j, STRIP_SIZE)
+        first, stress = at + HALF_SIZE * half, at + STRESS_PLACE + 2 * AXIS_SIZE * half
         cells[stress] += slope * by_across
-        cells[stress + AXIS] += slope * by_shear
-        rare.weight[GUARD, j] = curvature
+        cells[stress + AXIS_SIZE] += slope * by_shear
+        rare.weight[_GUARD_STRAIN, j] = curvature
         for line in range(9):
-            place = first + AXIS * line
-            rare.gradient[GUARD, line, j] = (
-                by_across * cells[place] + by_shear * cells[place + STRAIN]
+            place = first + AXIS_SIZE * line
+            rare.gradient[_GUARD_STRAIN, line, j] = (
+                by_across * cells[place] + by_shear * cells[place + STRAIN_SIZE]
             )
     return pressed
 
 
 @kernel
 def _find_normal_stiffness(half, columns, own, other, rare, cells):
-    """The stabilising geometric stiffness of a row of triangles, as the strain NORMAL."""
+    """The stabilising geometric stiffness of a row of triangles, as the strain _NORMAL_STRAIN."""
     found, gradient = rare.single[2, 0], rare.single[0]
     for j in range(columns):
-        stress = place_of(j, STRIP) + STRESS + 2 * AXIS * half
+        stress = place_of(j, STRIP_SIZE) + STRESS_PLACE + 2 * AXIS_SIZE * half
         membrane_normal_stiffness(
             own[:, j],
             own[:, j + 1],
             other[:, j + half],
             rare.rest[half, :, j],
-            (cells[stress], cells[stress + AXIS]),
+            (cells[stress], cells[stress + AXIS_SIZE]),
             found,
             rare.single,
         )
-        rare.weight[NORMAL, j] = found[0]
+        rare.weight[_NORMAL_STRAIN, j] = found[0]
         for node in range(3):
             for k in range(3):
-                rare.gradient[NORMAL, 3 * node + k, j] = gradient[node, k]
+                rare.gradient[_NORMAL_STRAIN, 3 * node + k, j] = gradient[node, k]
 
 
 @kernel
 def _add_pairs(count, half, rare, strain, low, high):
-    """GUARD or NORMAL (strain) of triangles A or B (half) to the blocks of the rows below and above
-    them, (6, 3, 3 S)."""
+    """_GUARD_STRAIN or _NORMAL_STRAIN (strain) of triangles A or B (half) to the blocks of the rows
+    below and above them, (6, 3, 3 S)."""
     k, h, gradient = rare.weight[strain], rare.halved, rare.gradient[strain]
     for j in range(k.shape[0]):
         h[j] = 0.5 * k[j]
     a, b, c = gradient[0:3], gradient[3:6], gradient[6:9]
     if half == 0:
-        add_outer(count, h, a, a, 0, low[OWN])
-        add_outer(count, h, b, b, 1, low[OWN])
-        add_outer(count, h, c, c, 0, high[OWN])
-        add_outer(count, k, a, b, 0, low[ALONG])
-        add_outer(count, k, c, a, 0, low[UP])
-        add_outer(count, k, c, b, 0, low[SLANT])
+        add_outer(count, h, a, a, 0, low[PAIR_OWN])
+        add_outer(count, h, b, b, 1, low[PAIR_OWN])
+        add_outer(count, h, c, c, 0, high[PAIR_OWN])
+        add_outer(count, k, a, b, 0, low[PAIR_ALONG])
+        add_outer(count, k, c, a, 0, low[PAIR_UP])
+        add_outer(count, k, c, b, 0, low[PAIR_SLANT])
     else:
-        add_outer(count, h, a, a, 0, high[OWN])
-        add_outer(count, h, b, b, 1, high[OWN])
-        add_outer(count, h, c, c, 1, low[OWN])
-        add_outer(count, k, a, b, 0, high[ALONG])
-        add_outer(count, k, b, c, 1, low[UP])
-        add_outer(count, k, a, c, 0, low[SLANT])
+        add_outer(count, h, a, a, 0, high[PAIR_OWN])
+        add_outer(count, h, b, b, 1, high[PAIR_OWN])
+        add_outer(count, h, c, c, 1, low[PAIR_OWN])
+        add_outer(count, k, a, b, 0, high[PAIR_ALONG])
+        add_outer(count, k, b, c, 1, low[PAIR_UP])
+        add_outer(count, k, a, c, 0, low[PAIR_SLANT])
 
 
 @loop_kernel
 def _find_geometric_stiffness(half, count, whole, rest, cells):
     """The geometric stiffness of a row of triangles, or none of it; rest: (3, .)."""
     for j in range(0, count, LANES):
-        block = block_of(j, STRIP)
-        at, stress = block + GEOMETRIC + PAIRS * half, block + STRESS + 2 * AXIS * half
+        block = block_of(j, STRIP_SIZE)
+        at, stress = (
+            block + GEOMETRIC_PLACE + PAIR_SIZE * half,
+            block + STRESS_PLACE + 2 * AXIS_SIZE * half,
+        )
         factors = membrane_geometric_stiffness(
-            vectors(rest, j), load(cells, stress), load(cells, stress + AXIS)
+            vectors(rest, j), load(cells, stress), load(cells, stress + AXIS_SIZE)
         )
         part = spread(1.0 if whole else 0.0)
         put(cells, at, part * factors[0])
-        put(cells, at + AXIS, part * factors[1])
-        put(cells, at + 2 * AXIS, part * factors[2])
-        put(cells, at + 3 * AXIS, part * factors[3])
-        put(cells, at + 4 * AXIS, part * factors[4])
-        put(cells, at + 5 * AXIS, part * factors[5])
+        put(cells, at + AXIS_SIZE, part * factors[1])
+        put(cells, at + 2 * AXIS_SIZE, part * factors[2])
+        put(cells, at + 3 * AXIS_SIZE, part * factors[3])
+        put(cells, at + 4 * AXIS_SIZE, part * factors[4])
+        put(cells, at + 5 * AXIS_SIZE, part * factors[5])
 
 
 @loop_kernel
@@ -271,10 +274,12 @@ def fill_strip(i, side, strip, damping, wanted, vane, cells):
         if wanted == FORCES_ONLY:
             continue
         if pressed:
-            _add_pairs(count, half, rare, GUARD, below, above)
-        if wanted == STABILISING:
+            _add_pairs(count, half, rare, _GUARD_STRAIN, below, above)
+        if wanted == STABILISING_STIFFNESS:
             _find_normal_stiffness(half, columns, own, other, rare, cells)
-            _add_pairs(count, half, rare, NORMAL, below, above)
-        _find_geometric_stiffness(half, count, wanted != STABILISING, rare.rest[half], cells)
+            _add_pairs(count, half, rare, _NORMAL_STRAIN, below, above)
+        _find_geometric_stiffness(
+            half, count, wanted != STABILISING_STIFFNESS, rare.rest[half], cells
+        )
         if slips:
             _mix_strains(half, columns, rare.coupling, cells)

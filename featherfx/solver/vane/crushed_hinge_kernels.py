@@ -10,7 +10,14 @@ from featherfx.algebra.vec3_kernels import accumulate
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_bending_kernels import hinge_gradient, openness_gradient
 from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold
-from featherfx.solver.vane.pairs_kernels import ALONG, BACK, OWN, SKIP, SLANT, UP
+from featherfx.solver.vane.pairs_kernels import (
+    PAIR_ALONG,
+    PAIR_BACK,
+    PAIR_OWN,
+    PAIR_SKIP,
+    PAIR_SLANT,
+    PAIR_UP,
+)
 
 
 @kernel
@@ -30,16 +37,16 @@ def _add_square(blocks, i, j, weight, slopes):
     slopes: (4, 3), its gradient by nodes.
     """
     start, end, above, below = slopes[0], slopes[1], slopes[2], slopes[3]
-    _add(blocks[i, OWN], j, 0.5 * weight, start, start)
-    _add(blocks[i, OWN], j + 1, 0.5 * weight, end, end)
-    _add(blocks[i + 1, OWN], j + 1, 0.5 * weight, above, above)
-    _add(blocks[i - 1, OWN], j + 1, 0.5 * weight, below, below)
-    _add(blocks[i, ALONG], j, weight, start, end)
-    _add(blocks[i, UP], j + 1, weight, above, end)
-    _add(blocks[i - 1, UP], j + 1, weight, end, below)
-    _add(blocks[i - 1, SLANT], j, weight, start, below)
-    _add(blocks[i, BACK], j + 1, weight, above, start)
-    _add(blocks[i, SKIP], j + 1, weight, above, below)
+    _add(blocks[i, PAIR_OWN], j, 0.5 * weight, start, start)
+    _add(blocks[i, PAIR_OWN], j + 1, 0.5 * weight, end, end)
+    _add(blocks[i + 1, PAIR_OWN], j + 1, 0.5 * weight, above, above)
+    _add(blocks[i - 1, PAIR_OWN], j + 1, 0.5 * weight, below, below)
+    _add(blocks[i, PAIR_ALONG], j, weight, start, end)
+    _add(blocks[i, PAIR_UP], j + 1, weight, above, end)
+    _add(blocks[i - 1, PAIR_UP], j + 1, weight, end, below)
+    _add(blocks[i - 1, PAIR_SLANT], j, weight, start, below)
+    _add(blocks[i, PAIR_BACK], j + 1, weight, above, start)
+    _add(blocks[i, PAIR_SKIP], j + 1, weight, above, below)
 
 
 @kernel
@@ -58,7 +65,7 @@ def _damped_slopes(corners, rest, openness, lag, single):
 def add_crushed_hinges(model, f, damping, strains, around, vane):
     """Add the damping of crushed hinges of feather f to vane.blocks.
 
-    strains: of the pose whose nodes are in vane.nodes. around: Surroundings.
+    strains: of the pose whose nodes are in vane.nodes. around: StepEnvironment.
     """
     stiffness, gaps, nodes = model.hinge_stiffness[f], around.gaps, vane.nodes
     if damping == 0.0:

@@ -84,8 +84,8 @@ def add_vane_forces(model, f, damping, wanted, pose, around, vane, force):
     Row by row: first the cells above it and the hinges on the next one, then the sums at its own
     nodes, for which two strips and three rows of hinges are kept.
 
-    around: Surroundings. wanted: FORCES_ONLY leaves the blocks as they are, STABILISING leaves out
-    what of the geometric stiffness may be indefinite.
+    around: StepEnvironment. wanted: FORCES_ONLY leaves the blocks as they are, STABILISING leaves
+    out what of the geometric stiffness may be indefinite.
     """
     rows, strains, gaps = pose.rotation.shape[0], pose.strains, around.gaps
     held = all_hold(model, f, strains.cell, gaps)

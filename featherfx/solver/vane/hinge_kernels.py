@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.vane_bending_kernels import folded, openness_gradient
 from featherfx.solver.vane.line_kernels import (
-    AXIS,
-    FOLD,
-    HINGE_STRESS,
-    HINGE_WEIGHT,
-    NODE,
-    STRESS,
-    STRIP,
-    TWISTED,
-    WEIGHT,
+    AXIS_SIZE,
+    HINGE_SIZE,
+    HINGE_STRESS_PLACE,
+    HINGE_WEIGHT_PLACE,
+    NODE_SIZE,
+    STRESS_PLACE,
+    STRIP_SIZE,
+    TWIST_LANE,
+    WEIGHT_PLACE,
     hinge_gradients,
     lanes,
     place_of,
@@ -47,9 +47,9 @@ def _load_hinges(hinges, damping, cells):
     for j in range(hinges.stiffness.shape[0]):
         value, angle = hinges.stiffness[j], hinges.angle[j]
         fold, slope = folded(angle)
-        lag, at = angle - hinges.reference[j], place_of(j, FOLD)
-        cells[at + HINGE_WEIGHT] = value * (slope * slope + damping)
-        cells[at + HINGE_STRESS] = value * (fold * slope + damping * lag)
+        lag, at = angle - hinges.reference[j], place_of(j, HINGE_SIZE)
+        cells[at + HINGE_WEIGHT_PLACE] = value * (slope * slope + damping)
+        cells[at + HINGE_STRESS_PLACE] = value * (fold * slope + damping * lag)
 
 
 @kernel
@@ -64,7 +64,7 @@ def _crush(j, strain, cells, shrink, pull, above, below):
     fold, openness, by_angle, by_openness = strain
     for k in range(3):
         for node in range(4):
-            at = place_of(j, FOLD) + NODE * node + AXIS * k
+            at = place_of(j, HINGE_SIZE) + NODE_SIZE * node + AXIS_SIZE * k
             force = by_angle * cells[at] + by_openness * shrink[node, k]
             cells[at] = openness * cells[at] + fold * shrink[node, k]
             if node < 2:
@@ -92,9 +92,9 @@ def _crush_hinges(i, side, hinges, damping, vane, cells):
         by_openness = stiffness * openness * (fold * fold + damping * lag * lag)
         strain = fold, slope * openness, by_angle, by_openness
         _crush(j, strain, cells, shrink, on_own, on_up, on_down)
-        cells[place_of(j, FOLD) + HINGE_STRESS] = 0.0
+        cells[place_of(j, HINGE_SIZE) + HINGE_STRESS_PLACE] = 0.0
         # of the elastic part; that of damping: crushed_hinge_kernels
-        cells[place_of(j, FOLD) + HINGE_WEIGHT] = stiffness
+        cells[place_of(j, HINGE_SIZE) + HINGE_WEIGHT_PLACE] = stiffness
 
 
 @loop_kernel
@@ -123,8 +123,8 @@ def fill_twists(i, side, twists, damping, vane, cells):
     for j in range(twists.stiffness.shape[0]):
         value, factor = twists.stiffness[j], twists.rest[j, 0]
         stress = damped_stress(value, twists.twist[j], twists.reference[j], damping)
-        at = place_of(j, STRIP) + TWISTED
-        cells[at + WEIGHT] = value * (1.0 + damping) * factor * factor
-        cells[at + STRESS] = factor * stress
+        at = place_of(j, STRIP_SIZE) + TWIST_LANE
+        cells[at + WEIGHT_PLACE] = value * (1.0 + damping) * factor * factor
+        cells[at + STRESS_PLACE] = factor * stress
     count = lanes(twists.stiffness.shape[0])
     twist_gradients(count, nodes[i, side], nodes[i + 1, side], cells)

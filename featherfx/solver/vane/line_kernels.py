@@ -17,14 +17,16 @@ from featherfx.mechanics.vane_twist_kernels import twist_slopes
 # Places in a block of LANES cells of a strip between two rows: gradients of the strains of
 # triangles A and B (half), by strain, node and axis, and of the twist, by node and axis; the
 # stiffnesses of both strains of A and B and of the twist; their stresses; and the geometric
-# stiffness of the six pairs of nodes of A and B. STRIP: all of them.
-AXIS = LANES
-NODE, STRAIN, HALF = 3 * AXIS, 9 * AXIS, 18 * AXIS
-TWIST, WEIGHT, STRESS, GEOMETRIC, STRIP = (LANES * first for first in (36, 48, 53, 58, 70))
-# the twist among WEIGHT and STRESS, and pairs among GEOMETRIC
-TWISTED, PAIRS = 4 * LANES, 6 * LANES
+# stiffness of the six pairs of nodes of A and B. STRIP_SIZE: all of them.
+AXIS_SIZE = LANES
+NODE_SIZE, STRAIN_SIZE, HALF_SIZE = 3 * AXIS_SIZE, 9 * AXIS_SIZE, 18 * AXIS_SIZE
+TWIST_PLACE, WEIGHT_PLACE, STRESS_PLACE, GEOMETRIC_PLACE, STRIP_SIZE = (
+    LANES * first for first in (36, 48, 53, 58, 70)
+)
+# the twist among WEIGHT_PLACE and STRESS_PLACE, and pairs among GEOMETRIC_PLACE
+TWIST_LANE, PAIR_SIZE = 4 * LANES, 6 * LANES
 # The same of LANES hinges on a barb: gradients of the angle by node and axis, stiffness, stress.
-HINGE_WEIGHT, HINGE_STRESS, FOLD = 12 * LANES, 13 * LANES, 14 * LANES
+HINGE_WEIGHT_PLACE, HINGE_STRESS_PLACE, HINGE_SIZE = 12 * LANES, 13 * LANES, 14 * LANES
 
 
 @kernel
@@ -83,8 +85,8 @@ def vectors(lines, j):
 @loop_kernel
 def _put_vectors(cells, at, value):
     put(cells, at, value[0])
-    put(cells, at + AXIS, value[1])
-    put(cells, at + 2 * AXIS, value[2])
+    put(cells, at + AXIS_SIZE, value[1])
+    put(cells, at + 2 * AXIS_SIZE, value[2])
 
 
 @loop_kernel
@@ -94,13 +96,13 @@ def _membrane_axis(count, start, end, opposite, rest, first, cells):
         across, shear = membrane_slopes(
             load(start, j), load(end, j), load(opposite, j), vectors(rest, j)
         )
-        at = block_of(j, STRIP) + first
+        at = block_of(j, STRIP_SIZE) + first
         put(cells, at, across[0])
-        put(cells, at + NODE, across[1])
-        put(cells, at + 2 * NODE, across[2])
-        put(cells, at + STRAIN, shear[0])
-        put(cells, at + STRAIN + NODE, shear[1])
-        put(cells, at + STRAIN + 2 * NODE, shear[2])
+        put(cells, at + NODE_SIZE, across[1])
+        put(cells, at + 2 * NODE_SIZE, across[2])
+        put(cells, at + STRAIN_SIZE, shear[0])
+        put(cells, at + STRAIN_SIZE + NODE_SIZE, shear[1])
+        put(cells, at + STRAIN_SIZE + 2 * NODE_SIZE, shear[2])
 
 
 @loop_kernel
@@ -111,7 +113,7 @@ def membrane_gradients(count, own, other, half, rest, cells):
     further on is opposite. rest: (3, .) of membrane_strain.
     """
     for k in range(3):
-        first = HALF * half + AXIS * k
+        first = HALF_SIZE * half + AXIS_SIZE * k
         _membrane_axis(count, own[k], own[k, 1:], other[k, half:], rest, first, cells)
 
 
@@ -128,17 +130,17 @@ def hinge_gradients(count, own, above, below, hinges):
     own, above, below: (3, .) nodes of the barb and its neighbours.
     """
     for j in range(0, count, LANES):
-        x, at = vectors(own, j), block_of(j, FOLD)
-        there = load(hinges, at + HINGE_WEIGHT)
+        x, at = vectors(own, j), block_of(j, HINGE_SIZE)
+        there = load(hinges, at + HINGE_WEIGHT_PLACE)
         a, b, c, d = hinge_slopes(
             sub(vectors(own, j + 1), x),
             sub(vectors(above, j + 1), x),
             sub(vectors(below, j + 1), x),
         )
         _put_vectors(hinges, at, _kept(there, a))
-        _put_vectors(hinges, at + NODE, _kept(there, b))
-        _put_vectors(hinges, at + 2 * NODE, _kept(there, c))
-        _put_vectors(hinges, at + 3 * NODE, _kept(there, d))
+        _put_vectors(hinges, at + NODE_SIZE, _kept(there, b))
+        _put_vectors(hinges, at + 2 * NODE_SIZE, _kept(there, c))
+        _put_vectors(hinges, at + 3 * NODE_SIZE, _kept(there, d))
 
 
 @loop_kernel
@@ -146,14 +148,14 @@ def twist_gradients(count, own, above, cells):
     """Gradients of 6 V of a row of cells, to the cells of a strip; own, above: (3, .) nodes of the
     barbs below and above them."""
     for j in range(0, count, LANES):
-        x, at = vectors(own, j), block_of(j, STRIP) + TWIST
+        x, at = vectors(own, j), block_of(j, STRIP_SIZE) + TWIST_PLACE
         a, b, c, d = twist_slopes(
             sub(vectors(own, j + 1), x), sub(vectors(above, j), x), sub(vectors(above, j + 1), x)
         )
         _put_vectors(cells, at, a)
-        _put_vectors(cells, at + NODE, b)
-        _put_vectors(cells, at + 2 * NODE, c)
-        _put_vectors(cells, at + 3 * NODE, d)
+        _put_vectors(cells, at + NODE_SIZE, b)
+        _put_vectors(cells, at + 2 * NODE_SIZE, c)
+        _put_vectors(cells, at + 3 * NODE_SIZE, d)
 
 
 @loop_kernel

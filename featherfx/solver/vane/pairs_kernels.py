@@ -5,9 +5,9 @@ from featherfx.jit.compiled import kernel
 # blocks K(p, q) of row i and column j: p, q =
 # (i, j), (i, j), halved; (i, j), (i, j+1); (i+1, j), (i, j); (i+1, j), (i, j+1);
 # (i+1, j), (i, j-1); (i+1, j), (i-1, j)
-OWN, ALONG, UP, SLANT, BACK, SKIP = 0, 1, 2, 3, 4, 5
+PAIR_OWN, PAIR_ALONG, PAIR_UP, PAIR_SLANT, PAIR_BACK, PAIR_SKIP = 0, 1, 2, 3, 4, 5
 # which second derivatives are wanted: none, those without what may be indefinite, all
-FORCES_ONLY, STABILISING, WHOLE = 0, 1, 2
+FORCES_ONLY, STABILISING_STIFFNESS, WHOLE_STIFFNESS = 0, 1, 2
 
 
 @kernel

@@ -16,7 +16,7 @@ from featherfx.algebra.raster import nodes_within
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.crossings import BODY, Crossings, crossed_triangles, crossings_of, patches_of
-from featherfx.feather.types import RACHIS
+from featherfx.feather.types import RACHIS_PART
 from featherfx.usd.read.cache import Cache, Scene, named_by
 
 # pairs that are named
@@ -116,7 +116,7 @@ def _meshes(
         for index, points in zip(scene.chosen, scene.points(code), strict=True):
             feather = scene.cache.feathers[index]
             own = scene is scenes[0] and feather.is_feather
-            shaft = np.asarray((feather.side == RACHIS) & own)
+            shaft = np.asarray((feather.side == RACHIS_PART) & own)
             yield points, feather.triangles, shaft, index if own else BODY
 
 

@@ -18,7 +18,7 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.feather.types import RACHIS
+from featherfx.feather.types import RACHIS_PART
 from featherfx.phases import counted
 from featherfx.usd import arrays
 from featherfx.usd.convert.merge import begun
@@ -97,7 +97,7 @@ def _whole(feather: CachedFeather) -> tuple[Indices, Indices]:
 
 
 def _without_shaft(feather: CachedFeather) -> tuple[Indices, Indices]:
-    vane = feather.triangles[feather.side != RACHIS]
+    vane = feather.triangles[feather.side != RACHIS_PART]
     return _used(vane if len(vane) else feather.triangles)
 
 
@@ -107,7 +107,7 @@ def _rows(
     """The ends of the barbs at some of the rows, and the shaft where the middle is wanted, as
     strips. among: points that there are; None: all."""
     points, triangles = _without_shaft(feather)
-    if feather.st is None or not (feather.side != RACHIS).any():
+    if feather.st is None or not (feather.side != RACHIS_PART).any():
         return points, triangles
     if among is not None:
         points = np.intersect1d(points, among)
@@ -129,7 +129,7 @@ def _rows(
     real = (made[:, 0] != made[:, 1]) & (made[:, 1] != made[:, 2]) & (made[:, 2] != made[:, 0])
     made = made[real]
     # wound as the feather's own
-    whole = _areas(feather.st, feather.triangles[feather.side != RACHIS]).sum()
+    whole = _areas(feather.st, feather.triangles[feather.side != RACHIS_PART]).sum()
     turned = _areas(feather.st, made) * whole < 0.0
     made[turned] = made[turned][:, [0, 2, 1]]
     return _used(made)

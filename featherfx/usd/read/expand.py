@@ -19,7 +19,7 @@ from featherfx.errors import InputError, Problem, require
 from featherfx.feather.barb_length_kernels import keep_lengths
 from featherfx.feather.barb_looks import clumped, drawn_barbs
 from featherfx.feather.build import scaled
-from featherfx.feather.colours import Colours, colours_of
+from featherfx.feather.colours import FeatherColours, colours_of
 from featherfx.feather.density import density_map, scaled_map, scaled_points
 from featherfx.feather.detail import Thinning, restored, thinning
 from featherfx.feather.render import BARB_SEGMENTS
@@ -199,7 +199,7 @@ class Expansion:
         return str(self._prims[0].prim.GetPath())
 
     @cached_property
-    def colours(self) -> tuple[Colours, ...] | None:
+    def colours(self) -> tuple[FeatherColours, ...] | None:
         """Linear colours of each feather's points, shaft and barbs, and their film in m; None where
         the cache tells of none."""
         if not all(each.is_coloured for each in self._prims):
@@ -349,7 +349,7 @@ class _Shafts:
         colours = each_of_texts(self.prim, COLOUR, colour_of, len(kinds))
         return [replace(kind, colour=own) for kind, own in zip(kinds, colours, strict=True)]
 
-    def colours(self, film: bool) -> Iterator[Colours]:
+    def colours(self, film: bool) -> Iterator[FeatherColours]:
         """Of each feather. film: whether its thickness is wanted."""
         barbs: Sequence[BarbCurves | None] = self._drawn or [None] * len(self.feathers)
         for kind, built, own, each in zip(

@@ -13,13 +13,13 @@ from featherfx import usd
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.barb_looks import clumped
 from featherfx.feather.lengths import carried_moving
-from featherfx.feather.split_edges import Lips, carried_rates
-from featherfx.feather.types import RACHIS as SHAFT
+from featherfx.feather.split_edges import SplitEdges, difference_rates
+from featherfx.feather.types import RACHIS_PART as SHAFT
 from featherfx.feather.types import (
     Feather,
     PointMap,
     RowPoints,
-    Surface,
+    FeatherSurface,
     both,
 )
 from featherfx.shot.frames import FeatherPose
@@ -212,7 +212,7 @@ class PosedFeather:
             curves = _curves(barbs.points_map, values)
             if strands is not None:
                 second = values if name == ACCELERATIONS else None
-                rate = carried_rates(strands.carried, points, given.velocities, second)
+                rate = difference_rates(strands.carried, points, given.velocities, second)
                 curves = strands.joined(curves, rate)
             finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB, name])
         return finite
@@ -334,7 +334,7 @@ class _Surface:
             parted=np.zeros(len(lips), dtype=np.bool_),
             carried=np.zeros((len(lips), 3)),
         )
-        self._lips = Lips.of(feather) if len(lips) else None
+        self._lips = SplitEdges.of(feather) if len(lips) else None
 
     @property
     def cells(self) -> NDArray[np.int64]:
@@ -357,7 +357,7 @@ class _Surface:
     ) -> None:
         """Set their velocities, or their accelerations where those are given."""
         if self._lips and self.drawn.parted.any():
-            self.drawn.carried[:] = carried_rates(
+            self.drawn.carried[:] = difference_rates(
                 self._lips.carried, points, velocities, accelerations
             )
 
@@ -395,7 +395,7 @@ def posed_feathers(
     ]
 
 
-def barb_edges(surface: Surface, points: Array) -> NDArray[np.int32]:
+def barb_edges(surface: FeatherSurface, points: Array) -> NDArray[np.int32]:
     """(T, 2) the edge of each triangle that runs along its barb, directed as barb_direction.
 
     points: (V, 3) surface points at rest, feather frame.
@@ -411,7 +411,7 @@ def barb_edges(surface: Surface, points: Array) -> NDArray[np.int32]:
     return directed.astype(np.int32)
 
 
-def strain_rest(surface: Surface, edges: NDArray[np.int32], points: Array) -> tuple[Indices, Array]:
+def strain_rest(surface: FeatherSurface, edges: NDArray[np.int32], points: Array) -> tuple[Indices, Array]:
     """Corners (T, 3), barb edge first, and rest values (T, 3) of membrane_strain in the vanes.
 
     points: (V, 3) surface points at rest. The height over the edge is negative on faces that lie

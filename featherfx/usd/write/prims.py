@@ -20,7 +20,7 @@ from pxr import Gf, Sdf, UsdGeom, UsdShade
 from featherfx import usd
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather import colours
-from featherfx.feather.types import LEADING, RACHIS, TRAILING
+from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING
 from featherfx.usd import arrays
 from featherfx.usd.types import (
     BARB,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from featherfx.usd.write.posed_groups import PosedGroup
 
 
-SUBSETS = {"leadingVane": LEADING, "trailingVane": TRAILING, "rachis": RACHIS}
+SUBSETS = {"leadingVane": LEADING, "trailingVane": TRAILING, "rachis": RACHIS_PART}
 
 # type, interpolation and numbers of an element
 _TYPES, _CONSTANT = Sdf.ValueTypeNames, UsdGeom.Tokens.constant
@@ -260,7 +260,7 @@ def _define_subsets(mesh: Any, part: Indices, materials: Any) -> None:
             continue
         kind, indices = UsdGeom.Tokens.face, arrays.ints(faces)
         subset = UsdGeom.Subset.CreateGeomSubset(mesh, name, kind, indices, family)
-        look = materials["rachis" if number == RACHIS else "vane"]
+        look = materials["rachis" if number == RACHIS_PART else "vane"]
         UsdShade.MaterialBindingAPI.Apply(subset.GetPrim()).Bind(look)
     UsdGeom.Subset.SetFamilyType(mesh, family, UsdGeom.Tokens.partition)
 
@@ -331,7 +331,7 @@ def define_polylines(stage: Any, path: Any, counts: Any) -> Any:
     return curve
 
 
-COLOURS = {"vane": colours.VANE, "rachis": colours.SHAFT}
+COLOURS = {"vane": colours.VANE_COLOUR, "rachis": colours.RACHIS_COLOUR}
 ROUGHNESS = {"vane": 0.65, "rachis": 0.4}
 
 

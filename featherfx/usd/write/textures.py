@@ -22,7 +22,7 @@ from pxr import Gf, Sdf, UsdShade
 from featherfx.algebra.srgb import displayed
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import Problem
-from featherfx.feather.colours import VANE, brightness, charted
+from featherfx.feather.colours import VANE_COLOUR, brightness, charted
 from featherfx.files.atomic_write import Store
 from featherfx.usd.types import FeatherEntry, OutputError
 from featherfx.usd.write.prims import COLOURS, ROUGHNESS, Look, MaterialNodes
@@ -103,7 +103,7 @@ class Atlas:
         known: dict[Any, Array] = {}
         for tile in range(int(tiles[-1]) + 1):
             image = np.empty((side, side, 3), np.uint8)
-            image[...] = np.round(255.0 * displayed(np.array(VANE)))
+            image[...] = np.round(255.0 * displayed(np.array(VANE_COLOUR)))
             for k in np.flatnonzero(tiles == tile).tolist():
                 left, low = columns[k] * width, side - (rows[k] + 1) * height
                 shades = np.round(255.0 * displayed(self._chart(entries[k], known)))
@@ -113,7 +113,7 @@ class Atlas:
     def _chart(self, entry: FeatherEntry, known: dict[Any, Array]) -> Array:
         """(H, W, 3) linear colours of a feather, the root first."""
         if entry.shape is None:
-            return np.array(VANE)[None, None]
+            return np.array(VANE_COLOUR)[None, None]
         kind, mirrored, _ = entry.shape
         if (id(kind), mirrored) not in known:
             if len(known) >= _KEPT:
