@@ -203,5 +203,8 @@ def test_kernels_call_each_other_with_what_is_taken():
     for path, tree in trees.items():
         if path.stem.endswith("_kernels"):
             assert miscalled(tree, known) == [], path
-    planted = "from featherfx.solver.step.newton_kernels import NewtonResult\nNewtonResult(0, 1, 1, 0.0, 1.0, 0.0)"
+    planted = (
+        "from featherfx.solver.step.newton_kernels import NewtonResult\n"
+        "NewtonResult(0, 1, 1, 0.0, 1.0, 0.0)"
+    )
     assert miscalled(ast.parse(planted), known) == ["NewtonResult, line 2: 6 arguments"]
