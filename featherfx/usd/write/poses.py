@@ -17,9 +17,9 @@ from featherfx.feather.split_edges import SplitEdges, difference_rates
 from featherfx.feather.types import RACHIS_PART as SHAFT
 from featherfx.feather.types import (
     Feather,
+    FeatherSurface,
     PointMap,
     RowPoints,
-    FeatherSurface,
     both,
 )
 from featherfx.shot.frames import FeatherPose
@@ -411,7 +411,9 @@ def barb_edges(surface: FeatherSurface, points: Array) -> NDArray[np.int32]:
     return directed.astype(np.int32)
 
 
-def strain_rest(surface: FeatherSurface, edges: NDArray[np.int32], points: Array) -> tuple[Indices, Array]:
+def strain_rest(
+    surface: FeatherSurface, edges: NDArray[np.int32], points: Array
+) -> tuple[Indices, Array]:
     """Corners (T, 3), barb edge first, and rest values (T, 3) of membrane_strain in the vanes.
 
     points: (V, 3) surface points at rest. The height over the edge is negative on faces that lie
