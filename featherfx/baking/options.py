@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -50,6 +50,10 @@ class DrawnOptions:
     def grid(self, quality: Quality) -> tuple[int, int]:
         """Rows and columns of the meshes."""
         return self.render_rows or quality.rows, self.render_columns or quality.columns
+
+
+# options of DrawnOptions that commands derive from it
+DRAWN = tuple(each.name for each in fields(DrawnOptions) if each.name != "preset_folders")
 
 
 @dataclass(frozen=True)

@@ -1,24 +1,52 @@
-"""`featherfx export`: a cache in other forms."""
+"""`featherfx groom`, `export` and `retime`: USD of a groom at rest, and caches in other forms."""
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import click
 
 from featherfx.baking import pipeline
+from featherfx.baking.options import DRAWN, GroomOptions
 from featherfx.cli.options import (
     FRAMES,
     NUMBERS,
+    options_of,
     output_option,
     overwrite_option,
     pairs,
+    presets_option,
     progress_option,
+    quality_option,
     readable_path,
 )
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
+from featherfx.usd.write.options import StageOptions
+
+
+@click.command(
+    cls=Command,
+    short_help="Write a groom's feathers at rest to USD.",
+    epilog="""
+    featherfx groom samples/swan_wing/groom.toml -o feathers.usdc
+    featherfx groom groom.toml -o feathers.usda --up-axis Y --meters-per-unit 0.01
+    featherfx groom bird.usda -o feathers.usdc --render-rows 60 --barbs 300
+    """,
+)
+@click.argument("groom", metavar="GROOM", type=readable_path())
+@output_option("USD file to write (.usd, .usdc, .usda).")
+@quality_option("Quality preset that gives rows and columns.  [default: final]")
+@presets_option
+@progress_option
+@options_of(GroomOptions, "instances", *DRAWN, *(each.name for each in fields(StageOptions)))
+def groom(groom: Path, quality: str | None, style: str, **options: Any) -> None:
+    """Write the feathers of GROOM (a TOML or USD file) at rest to USD, without time samples."""
+    with Progress("feathers", style):
+        count = pipeline.export_groom(groom, quality=quality or "final", **options)
+    click.echo(f"{options['output']}: {count} feathers at rest", err=True)
 
 
 @click.command(

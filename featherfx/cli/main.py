@@ -1,29 +1,58 @@
-"""The `featherfx` command. Commands import what they need when they run, not before."""
+"""The `featherfx` command. A command is imported when it is called, and imports its work then."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 
 import click
 
 from featherfx._version import __version__
-from featherfx.cli.bake import bake, groom, join
-from featherfx.cli.bench import bench
-from featherfx.cli.check import check
-from featherfx.cli.completion import completion
-from featherfx.cli.doctor import doctor
-from featherfx.cli.export import export, retime
-from featherfx.cli.inspect import inspect
-from featherfx.cli.lab.group import lab
-from featherfx.cli.plugins import plugins
-from featherfx.cli.presets import presets, sample, schema
-from featherfx.cli.preview import preview
 from featherfx.cli.program import Program, leave
-from featherfx.cli.stats import error, stats
-from featherfx.cli.trace import trace
-from featherfx.cli.tune import tune
-from featherfx.cli.view import view
+
+# module of featherfx.cli that holds each command
+_MODULES = {
+    "bake": "bake",
+    "bench": "bench",
+    "check": "check",
+    "completion": "install",
+    "doctor": "install",
+    "error": "stats",
+    "export": "export",
+    "groom": "export",
+    "inspect": "check",
+    "join": "farm",
+    "lab": "lab.group",
+    "plugins": "install",
+    "presets": "presets",
+    "preview": "preview",
+    "retime": "export",
+    "sample": "presets",
+    "schema": "presets",
+    "stats": "stats",
+    "trace": "presets",
+    "tune": "view",
+    "view": "view",
+}
 
 
-@click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
+class _Commands(Mapping[str, click.Command]):
+    """Commands by name, each imported when it is asked for."""
+
+    def __getitem__(self, name: str) -> click.Command:
+        command: click.Command = getattr(import_module(f"featherfx.cli.{_MODULES[name]}"), name)
+        return command
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_MODULES)
+
+    def __len__(self) -> int:
+        return len(_MODULES)
+
+
+@click.group(
+    cls=Program, commands=_Commands(), context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.version_option(__version__, prog_name="featherfx")
 def main() -> None:
     """Feathers from groom files to simulated USD caches.
@@ -32,34 +61,8 @@ def main() -> None:
     """
 
 
-for command in (
-    bake,
-    join,
-    export,
-    retime,
-    groom,
-    check,
-    inspect,
-    schema,
-    stats,
-    error,
-    presets,
-    trace,
-    sample,
-    preview,
-    view,
-    tune,
-    lab,
-    bench,
-    plugins,
-    doctor,
-    completion,
-):
-    main.add_command(command)
-
-
 def run() -> None:
-    """The command as a process of its own."""
+    """Run the command as a process of its own."""
     try:
         main(prog_name="featherfx")
     except SystemExit as end:

@@ -14,8 +14,7 @@ from typing import Any, Self
 
 import click
 
-from featherfx.cli.log import LOGGER
-from featherfx.cli.program import command_begin, raise_interrupt
+from featherfx.cli.program import LOGGER, command_begin, raise_interrupt
 from featherfx.phases import Account, Told, time_left
 
 _SECONDS_BETWEEN_LINES = 1.0

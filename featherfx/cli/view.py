@@ -1,30 +1,31 @@
-"""`featherfx view`: a cache, groom or shot in a browser."""
+"""`featherfx view` and `tune`: pages in a browser that play caches and change presets."""
 
 from __future__ import annotations
 
 import contextlib
 import tempfile
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from featherfx.baking import pipeline
-from featherfx.cli.log import tell
 from featherfx.cli.options import (
     default_jobs,
     overwrite_option,
+    presets_option,
     progress_option,
     readable_path,
     serving_options,
 )
-from featherfx.cli.program import Command
+from featherfx.cli.program import Command, tell
 from featherfx.cli.progress import Progress
 
 if TYPE_CHECKING:
     from featherfx.view.serve import Server
+
 
 _QUALITY = "draft"
 
@@ -132,3 +133,122 @@ def _cache_of(file: Path, quality: str) -> Iterator[Path]:
         else:
             pipeline.export_groom(file, cache, quality=quality, instances=False)
         yield cache
+
+
+# what is simulated where a preset is given: one feather of it, or of this kind
+_KIND, _WIND, _MOTION = "swan_primary", "breeze", "hold"
+_FAMILIES = ("feather", "material/vane", "material/rachis", "wind", "motion", "wing")
+# of a wing that is tuned by itself, which has some two hundred feathers with its coverts
+_OF_WING = "wing_primary_*"
+
+
+@click.command(
+    cls=Command,
+    short_help="Change presets with sliders, in a browser, while feathers move.",
+    epilog="""
+    featherfx tune swan_primary
+    featherfx tune wing/pigeon --motion flap
+    featherfx tune samples/breeze/shot.toml --feather 'right_primary_0?' --into my_presets
+    featherfx bake samples/breeze/shot.toml -o breeze.usdc --presets my_presets
+    """,
+)
+@click.argument("what", metavar="SHOT|PRESET")
+@click.option(
+    "--feather",
+    "feathers",
+    multiple=True,
+    metavar="ID",
+    help="Show only these feathers of a shot or wing; * and ? are wild cards. Repeatable."
+    f"  [default: all of a shot, {_OF_WING} of a wing]",
+)
+@click.option(
+    "--into",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("tuned_presets"),
+    show_default=True,
+    metavar="FOLDER",
+    help="Folder of presets that `save` writes into.",
+)
+@click.option(
+    "--wind", metavar="NAME", help=f"Wind in which a preset is shown.  [default: {_WIND}]"
+)
+@click.option(
+    "--motion", metavar="NAME", help=f"Motion in which a preset is shown.  [default: {_MOTION}]"
+)
+@click.option(
+    "--quality", metavar="NAME", default="draft", show_default=True, help="Quality preset."
+)
+@presets_option
+@serving_options
+@overwrite_option("`save` may replace presets in the folder.")
+def tune(
+    what: str,
+    feathers: Sequence[str],
+    into: Path,
+    wind: str | None,
+    motion: str | None,
+    quality: str,
+    preset_folders: Sequence[Path],
+    overwrite: bool,
+    **serving: Any,
+) -> None:
+    """Simulate a SHOT (TOML), or one feather or wing of a PRESET, while you move sliders.
+
+    In the page: drag a feather to pull it; drag beside it, or anywhere with shift, to turn the
+    view; hold b to blow along the view. `save` writes presets that hold only what you changed; give
+    their folder to `bake --presets`. The address works on this machine only and holds a secret
+    token; the server writes nothing but these presets. Ctrl-C ends it.
+    """
+    # simulates and draws, which takes its time to load
+    from featherfx.view.live import Live, LiveServer, LiveSource, presets_of
+
+    shot = Path(what)
+    given = shot.suffix == ".toml"
+    if given and (wind or motion):
+        raise click.UsageError("--wind and --motion are for presets; a shot has its own")
+    with tempfile.TemporaryDirectory(prefix="featherfx-") as name:
+        folder = Path(name)
+        if not given:
+            shot, family = _stage(what, folder, preset_folders, wind or _WIND, motion or _MOTION)
+            if feathers and family != "wing":
+                raise click.UsageError("--feather is for shots and wings")
+            feathers = feathers or [_OF_WING] * (family == "wing")
+        source = LiveSource(shot, folder, feathers, quality, preset_folders, default_jobs())
+        with Live(source, presets_of(source)) as live:
+            server = LiveServer(live, into, overwrite, serving["port"] or 0)
+            serve(server, serving["no_browser"])
+
+
+def _stage(
+    preset: str, folder: Path, folders: Sequence[Path], wind: str, motion: str
+) -> tuple[Path, str]:
+    """A shot of one feather, or of a wing, that a preset is of, and the preset's family."""
+    from featherfx.errors import InputError, Problem
+    from featherfx.groom.presets.presets import load_preset, toml_of
+
+    family, _ = load_preset(preset, folders)
+    name = preset.rpartition("/")[2]
+    if family not in _FAMILIES:
+        told = f"is a {family} preset, allowed: {', '.join(_FAMILIES)}"
+        if family == "bird":
+            told += (
+                "; a bird needs a body, so give a shot that has one (featherfx sample first_bird)"
+            )
+        raise InputError(Problem("tune", preset, told))
+    feather = {"id": "feather", "kind": name if family == "feather" else _KIND}
+    own = {"wind": wind, "motion": motion} | (
+        {family: name} if family in ("wind", "motion") else {}
+    )
+    lines = ['name = "groom"', "[[feather]]", "position = [0, 0, 0]"]
+    lines += [f"{key} = {toml_of(value)}" for key, value in feather.items()]
+    if family.startswith("material/"):
+        lines.append(f"overrides = {{ {family[9:]}_material = {toml_of(name)} }}")
+    if family == "wing":
+        own_wing = {"id": "wing", "type": name, "shoulder": [0, 0, 0], "fold": 0}
+        lines = ['name = "groom"', "[[wing]]"]
+        lines += [f"{key} = {toml_of(value)}" for key, value in own_wing.items()]
+    (folder / "groom.toml").write_text("\n".join(lines), encoding="utf-8")
+    shot = {"name": name, "groom": "groom.toml", "frames": [1, 2], **own}
+    text = "\n".join(f"{key} = {toml_of(value)}" for key, value in shot.items())
+    (folder / "shot.toml").write_text(text, encoding="utf-8")
+    return folder / "shot.toml", family

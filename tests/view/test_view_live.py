@@ -18,7 +18,7 @@ from places import ROOT
 from test_view_page import BROWSER_OPTIONS, PIXELS, needs_browser, scripted
 
 from featherfx.api import read_quality, read_shot
-from featherfx.cli.tune import _OF_WING, _stage
+from featherfx.cli.view import _OF_WING, _stage
 from featherfx.errors import InputError
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset

@@ -1,0 +1,139 @@
+"""Warnings and notes about a finished bake, from its report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from featherfx.cli.program import tell
+
+# counts of a report's substeps that were too long, and what for
+_TOO_LONG = {
+    "substeps_over_tolerance": "{} with a local error above the tolerance",
+    "substeps_with_barbs_passing": "{} in which loose barbs pass through each other",
+    "substeps_with_hooks_slipping": "{} in which hooks slip by more than a step should",
+}
+_FIXED_STEPS = "[contact] steps"
+_MAX_CHANGES = 12  # printed of a bake that reused samples of an earlier one
+
+
+def print_bake_notes(result: dict[str, Any]) -> None:
+    """Print what a bake simulated again, its warnings, and why no error is promised."""
+    if again := result.get("again"):
+        laid = again.get("feathers_laid_again", 0)
+        tell(
+            f"{again['feathers_simulated']} feathers simulated again,"
+            + (f" {laid} laid over these anew," if laid else "")
+            + f" {again['feathers_taken_over']} taken over from the cache that was there"
+        )
+        for change in again["changed"][:_MAX_CHANGES]:
+            tell(f"  {change}")
+        if len(again["changed"]) > _MAX_CHANGES:
+            tell(f"  and {len(again['changed']) - _MAX_CHANGES} more changes")
+    print_warnings(result)
+    print_missing_promise(result)
+
+
+def print_warnings(result: dict[str, Any]) -> None:
+    """Print the warnings that the report of a bake, or of a partition, gives reason for."""
+    if result.get("worst_substeps"):
+        tell("\n".join(_too_long(result)))
+    if result.get("worst_unsolved"):
+        tell("\n".join(_unsolved(result)))
+    promised = result.get("error_promised")
+    if promised is not None and result["error_estimated"] > promised:
+        tell(_missed(promised, result["error_estimated"]))
+    if result.get("contact", {}).get("feathers_lifted"):
+        tell("\n".join(_lifted(result["contact"])))
+
+
+def print_missing_promise(result: dict[str, Any]) -> None:
+    """Print why a report promises no error, if it says so."""
+    if why := result.get("error_not_promised"):
+        found = f"{result['error_estimated']:.2g} % is estimated for each feather by itself"
+        tell(f"featherfx: no error is promised: {why}; {found}")
+
+
+def _unsolved(result: dict[str, Any]) -> Iterator[str]:
+    """The warning of steps that are no solutions: of which feathers, and where."""
+    count = result["feathers_unsolved"]
+    yield (
+        f"featherfx: warning: {count} feather{'s have' if count > 1 else ' has'} sub-steps that"
+        " were not solved: poses that feathers can have, where forces do not balance; look at"
+        " how roots move, at grips, forces and stiffness"
+    )
+    for each in result["worst_unsolved"]:
+        far = f"{1e3 * each['distance']:.3g} mm"
+        yield f"  {each['feather']} at frame {each['frame']:g}: {far} from the solution"
+
+
+def _missed(promised: float, estimated: float) -> str:
+    """The warning of an error that is estimated to be more than was asked for, both percent.
+
+    What is estimated goes with about the power 0.6 of what is asked for (docs/detail.md).
+    """
+    return (
+        f"featherfx: warning: an error of {promised:g} % was asked for, {estimated:.2g} % is"
+        " estimated: feathers bent farther, or erred more in a step, than their loads told;"
+        f" ask for {promised * (promised / estimated) ** 1.6:.2g} %"
+    )
+
+
+def _too_long(result: dict[str, Any]) -> Iterator[str]:
+    """The warning of sub-steps that were too long: how many, why, what helps, and where."""
+    count = result["feathers_over_tolerance"]
+    told = "; ".join(text.format(result[key]) for key, text in _TOO_LONG.items() if result[key])
+    yield (
+        f"featherfx: warning: sub-steps of {count} feather{'s' if count > 1 else ''} were longer"
+        f" than their errors allow: {told}."
+        f" None shorter is allowed: {_shorter(result['substep_limits'])}"
+    )
+    for each in result["worst_substeps"]:
+        yield f"  {each['feather']} at frame {each['frame']:g}: {', '.join(_why(each))}"
+
+
+def _shorter(limits: dict[str, int]) -> str:
+    """What lets steps be shorter, where these limits bound them."""
+    fixed = limits.get(_FIXED_STEPS)
+    leave = [f"leave out {_FIXED_STEPS} = {fixed}, which fixes their number"] if fixed else []
+    raised = [f"{key} ({most})" for key, most in limits.items() if key != _FIXED_STEPS]
+    return ", and ".join(leave + ([f"raise {' and '.join(raised)}"] if raised else []))
+
+
+def _why(each: dict[str, Any]) -> Iterator[str]:
+    """Of one feather and frame, what its sub-steps were too long for."""
+    if count := each["substeps"]:
+        over = each["error"] / each["tolerance"]
+        yield (
+            f"error of {1e3 * each['error']:.3g} mm, {over:.3g} times the tolerance, in"
+            f" {_substeps(count)}"
+        )
+    if count := each["substeps_with_barbs_passing"]:
+        yield f"loose barbs pass through each other in {_substeps(count)}"
+    if count := each["substeps_with_hooks_slipping"]:
+        yield f"hooks slip too far in {_substeps(count)}"
+
+
+def _substeps(count: int) -> str:
+    return f"{count} sub-step{'' if count == 1 else 's'}"
+
+
+def _lifted(contact: dict[str, Any]) -> Iterator[str]:
+    """The warning of feathers that are shown far from where they were simulated."""
+    count, worst = contact["feathers_lifted"], contact["worst_lifted"]
+    yield (
+        f"featherfx: warning: {count} feather{'s are' if count > 1 else ' is'} lifted out of the"
+        " skin and of what is beneath by a quarter of the length or more; wind or motion presses"
+        " them in: shelter them from the wind ([[shelter]]), make them stiffer, or let them push"
+        " ([contact] forces, regions)"
+    )
+    if contact["feathers_at_limit"]:
+        yield (
+            f"  {contact['feathers_at_limit']} of them by twice their length, the most; what would"
+            " have to be lifted more stays deep (contact.written_depth of the report)"
+        )
+    for each in worst:
+        yield (
+            f"  {each['feather']} at frame {each['frame']:g}: {1e3 * each['lift']:.2g} mm,"
+            f" {100 * each['of_length']:.0f} % of its length"
+        )
