@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import featherfx
-from featherfx.baking.samples import copy_sample
+from featherfx.baking.install import copy_sample
 from featherfx.errors import InputError
 from featherfx.usd.read.cache import Cache
 

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-import gc
 import json
-import mmap
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from featherfx import usd
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, takes
-from featherfx.baking.task import prepare
-from featherfx.baking.types import Task
+from featherfx.baking.task import BakeTask, prepare
 from featherfx.files.atomic_write import Standing, into, remove_leftovers, standing, write_all
 from featherfx.files.gc_pause import seldom_collected
-from featherfx.files.memory import give_back_memory
 from featherfx.phases import Account, account, phase
 
-NOTHING_DONE = {"mean": 0.0, "max": 0.0}
-# what the seconds of a report are made of; setting_up is all the rest
-PHASES = {
+_NONE = {"mean": 0.0, "max": 0.0}
+# phases in the seconds of a report; setting_up is all the rest
+_PHASES = {
     "settling": ("settling",),
     "simulating": ("preroll", "earlier", "simulating"),
     "writing": ("writing",),
@@ -60,15 +57,10 @@ def bake(
     shot, groom, presets and outputs before any work, SimulationError where a feather cannot be
     advanced.
     """
+    notify = on_frame or (lambda done, total: None)
     current = account()
-    if current is not None:
-        return _bake(shot_path, output, on_frame or _unheard, BakeOptions(**options), current)
-    with Account() as own:
-        return _bake(shot_path, output, on_frame or _unheard, BakeOptions(**options), own)
-
-
-def _unheard(done: int, total: int) -> None:
-    pass
+    with nullcontext(current) if current else Account() as timed:
+        return _bake(shot_path, output, notify, BakeOptions(**options), timed)
 
 
 def _bake(
@@ -78,45 +70,62 @@ def _bake(
     options: BakeOptions,
     timed: Account,
 ) -> dict[str, Any]:
+    """Read, check, simulate, write, report."""
     try:
         with seldom_collected():
-            task = prepare(shot_path, output, options)
+            task = open_task(shot_path, output, options)
     except KeyboardInterrupt as error:
         during = timed.failed or "checking what is to be done"
         raise KeyboardInterrupt(f"interrupted during {during}: nothing was written") from error
-    report = None if task.options.report is None else Path(task.options.report)
-    before = standing(report) if report else None
-    complete = False
+    path = None if options.report is None else Path(options.report)
+    before = standing(path) if path else None
+    is_complete = False
     try:
-        result = carry_out(task, notify)
-        complete = True
+        report = carry_out(task, notify)
+        is_complete = True
         with phase("finishing", silent=True):
-            _report(result, timed, report, before)
+            report |= _seconds(timed)
+            if path is not None:
+                store_report(report, path, before)
     except KeyboardInterrupt as error:
         message = str(error) or "interrupted before the first frame: nothing new was written"
-        if complete and not str(error):
-            lost = "" if report is None else f"; {report} was not written"
+        if is_complete and not str(error):
+            lost = "" if path is None else f"; {path} was not written"
             message = f"interrupted, but {task.path} is complete{lost}"
         raise KeyboardInterrupt(message) from error
-    return result
+    return report
 
 
-def carry_out(task: Task, notify: Callable[[int, int], None]) -> dict[str, Any]:
-    """Do a task; returns its report without times. notify: as on_frame of bake."""
-    if not task.finished:
+def open_task(shot_path: str | Path, output: str | Path | None, options: BakeOptions) -> BakeTask:
+    """Prepare a bake; with resume, as it goes on from the cache at its output.
+
+    Raises InputError with every problem.
+    """
+    task = prepare(shot_path, output, options)
+    if options.resume:
+        from featherfx.baking.reuse import resume_task
+
+        return resume_task(task)
+    return task
+
+
+def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, Any]:
+    """Simulate and write a task, unless it is finished; return its report without times.
+
+    notify: as on_frame of bake.
+    """
+    if task.finished:
+        usd.previous_cache.tidy(task.path, task.settings)
+        notify(task.samples, task.samples)
+        done = task.samples
+        figures: dict[str, Any] = {"newton_iterations": _NONE, "substeps": _NONE}
+        figures |= {"worst_residual": 0.0, "skipped": {}}
+    else:
         # the solver takes its time to load, which a finished cache does without
         with seldom_collected():
-            from featherfx.baking.loop import simulate_and_write
+            from featherfx.baking.frame_loop import simulate_and_write
 
-        taken_over, figures = simulate_and_write(task, notify)
-        return {**_summary(task, taken_over), **figures}
-    usd.previous_cache.tidy(task.path, task.settings)
-    notify(task.samples, task.samples)
-    nothing: dict[str, Any] = {"newton_iterations": NOTHING_DONE, "substeps": NOTHING_DONE}
-    return {**_summary(task, task.samples), **nothing, "worst_residual": 0.0, "skipped": {}}
-
-
-def _summary(task: Task, taken_over: int) -> dict[str, Any]:
+        done, figures = simulate_and_write(task, notify)
     first, last = task.frames
     return {
         "version": __version__,
@@ -125,30 +134,24 @@ def _summary(task: Task, taken_over: int) -> dict[str, Any]:
         "feathers": len(task.names),
         "frames": last - first + 1,
         "samples": task.samples,
-        "samples_taken_over": taken_over,
+        "samples_taken_over": done,
         "wall_seconds": 0.0,
         "simulated_seconds": (last - task.shot.first_frame) / task.shot.frames_per_second,
         "peak_memory_bytes": peak_memory_bytes(),
+        **figures,
     }
 
 
-def _report(result: dict[str, Any], timed: Account, report: Path | None, before: Standing) -> None:
-    """Add where the time has gone to a result, and write it."""
-    result |= _seconds(timed)
-    if report is not None:
-        store_report(result, report, before)
-
-
 def store_report(result: Mapping[str, Any], report: Path, before: Standing) -> None:
-    """Write a report. before: what stood at its place when the work began."""
+    """Write a report. before: state of its path when the work began."""
     remove_leftovers(report)
     text = json.dumps(result, indent=2) + "\n"
     write_all([(report, into(lambda file: file.write(text.encode())))], {report: before})
 
 
 def _seconds(timed: Account) -> dict[str, Any]:
-    """Where the time has gone: the five parts of a bake, which add up to wall_seconds, each phase
-    by its own name, and the processor time of all."""
+    """Return times for the report: five parts that add up to wall_seconds, each phase by its own
+    name, and the CPU time of all."""
     phases = timed.seconds()
     return {
         "wall_seconds": sum(phases.values()),
@@ -159,32 +162,17 @@ def _seconds(timed: Account) -> dict[str, Any]:
 
 
 def in_parts(phases: Mapping[str, float]) -> dict[str, float]:
-    """Seconds of phases as those of the five parts of a bake."""
-    parts = {part: sum(phases.get(name, 0.0) for name in names) for part, names in PHASES.items()}
+    """Sum the seconds of phases to those of the five parts of a bake."""
+    parts = {part: sum(phases.get(name, 0.0) for name in names) for part, names in _PHASES.items()}
     setting_up = max(sum(phases.values()) - sum(parts.values()), 0.0)
     return {"setting_up": setting_up, **parts}
 
 
 def peak_memory_bytes() -> int | None:
-    """Largest resident memory of this process so far; None where the system does not tell."""
+    """Return the largest resident memory of this process so far; None where it is not known."""
     try:
         import resource
     except ImportError:
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024
-
-
-def resident_bytes(release: bool = False) -> int:
-    """Resident memory of this process now, or where the system does not tell its largest so far.
-
-    release: what is free goes back to the system first, where that can be asked.
-    """
-    if release:
-        gc.collect()
-        give_back_memory()
-    try:
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-        return pages * mmap.PAGESIZE
-    except OSError:
-        return peak_memory_bytes() or 0

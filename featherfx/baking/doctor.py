@@ -17,7 +17,7 @@ from packaging.requirements import Requirement
 from featherfx._version import __version__
 from featherfx.baking.bake import bake
 from featherfx.baking.check import check
-from featherfx.baking.samples import sample_names
+from featherfx.baking.install import sample_names
 from featherfx.errors import InputError, SimulationError
 from featherfx.files.cache_folder import wanted_folder
 from featherfx.files.shipped import shipped

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from featherfx.baking.accuracy import error_of as error_of
     from featherfx.baking.bake import bake as bake
     from featherfx.baking.check import check as check
-    from featherfx.baking.convert import export as export
-    from featherfx.baking.convert import join as join
-    from featherfx.baking.groom import export_groom as export_groom
+    from featherfx.baking.export import export as export
+    from featherfx.baking.export import export_groom as export_groom
     from featherfx.baking.plan import plan as plan
+    from featherfx.baking.shares import join as join
     from featherfx.baking.stats import plumage_stats as plumage_stats
     from featherfx.usd.check.measures import count_crossings as count_crossings
     from featherfx.usd.check.measures import measure_holes as measure_holes
@@ -33,12 +33,12 @@ _HOMES = {
     "check": "featherfx.baking.check",
     "count_crossings": "featherfx.usd.check.measures",
     "error_of": "featherfx.baking.accuracy",
-    "export": "featherfx.baking.convert",
-    "export_groom": "featherfx.baking.groom",
+    "export": "featherfx.baking.export",
+    "export_groom": "featherfx.baking.export",
     "export_levels": "featherfx.usd.convert.levels",
     "export_rigid": "featherfx.usd.convert.rigid",
     "inspect_stage": "featherfx.usd.read.inspect",
-    "join": "featherfx.baking.convert",
+    "join": "featherfx.baking.shares",
     "measure_holes": "featherfx.usd.check.measures",
     "measure_moves": "featherfx.usd.check.measures",
     "plan": "featherfx.baking.plan",

@@ -1,34 +1,30 @@
-"""What a bake is about to do: options, inputs, and all that can be wrong with them."""
+"""Preparation of a bake: options and inputs are read, and all their problems reported."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from featherfx import usd
 from featherfx._version import __version__
 from featherfx.api import read_quality, shot_as_written
 from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large, refuse_unfit_form
-from featherfx.baking.incremental import taken_over
 from featherfx.baking.options import BakeOptions
-from featherfx.baking.types import Dependences, Task
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.files.content import program_digest
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
-from featherfx.shot.detail.guides import uses_guides
 from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.placement import place_feathers
-from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.types import Shot
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.space import origin_for
-from featherfx.usd.types import OutputError
 from featherfx.usd.write.forms import chosen_group
 from featherfx.usd.write.options import (
     CHUNK,
@@ -47,11 +43,97 @@ from featherfx.usd.write.output import (
 )
 from featherfx.usd.write.parts import refuse_unfinished
 
+if TYPE_CHECKING:
+    from featherfx.shot.layers.types import Laid
+    from featherfx.usd.write.previous_cache import EarlierCache
+
 Options = TypeVar("Options", bound=StageOptions)
 
 
-def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptions) -> Task:
-    """The bake to do, after all that can be known to be wrong."""
+class Dependences:
+    """Texts that name all inputs of some feathers of a shot, by their numbers; computed once."""
+
+    def __init__(self, shot: Shot, numbers: Sequence[int]) -> None:
+        self._shot, self._numbers = shot, numbers
+        self._shown: list[str] = []
+
+    @cached_property
+    def motion(self) -> list[str]:
+        """Texts of the motion of all feathers of the shot, before they are layered."""
+        # loads compiled code, which a finished cache does without
+        from featherfx.shot.dependence import motion_dependences
+
+        return motion_dependences(self._shot)
+
+    def shown(self, laid: Laid | None = None) -> list[str]:
+        """Return texts of the final shapes, given the stacking order where that is known."""
+        from featherfx.shot.dependence import dependences
+
+        if not self._shown:
+            every = dependences(self._shot, laid, self.motion)
+            self._shown = [every[k] for k in self._numbers]
+        return self._shown
+
+
+@dataclass(frozen=True)
+class ReusedFeathers:
+    """Feathers whose samples a bake takes from an earlier cache at its output.
+
+    cache: the earlier one. feathers: numbers among the bake's of those whose samples are taken.
+    moving: numbers in the shot of those that move as they did, before they are layered. changed:
+    differences, in words.
+    """
+
+    cache: EarlierCache
+    feathers: tuple[int, ...]
+    moving: tuple[int, ...]
+    changed: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class BakeTask:
+    """Bake that can start: shot (reduced to its partition), output, frames, settings.
+
+    whole, wanted: the shot that is simulated for it, and the numbers of the task's feathers in that
+    (None: all). names: prim name per feather. root: name of the root prim. finished: the output is
+    there already. taken: feathers that are reused of a cache of other settings at the output.
+    origin: position of the root prim. options: with the final units and axis. dependences: texts of
+    its feathers (featherfx/shot/dependence.py); None for a trial, which keeps nothing.
+    frames_each: frames of a chunk, where it must be another cache's; else the writer's choice.
+    """
+
+    shot: Shot
+    path: Path
+    frames: tuple[int, int]
+    settings: dict[str, str]
+    names: Sequence[str]
+    root: str
+    finished: bool
+    options: BakeOptions
+    whole: Shot
+    wanted: Sequence[int] | None
+    taken: ReusedFeathers | None
+    origin: tuple[float, float, float]
+    dependences: Dependences | None
+    frames_each: int | None = None
+
+    @property
+    def samples(self) -> int:
+        """Number of samples from the first frame to the last."""
+        return (self.frames[1] - self.frames[0]) * self.options.subframes + 1
+
+    @property
+    def samples_after(self) -> int:
+        """Number of samples simulated after the last one, since its layering depends on them."""
+        shot, subframes = self.whole, self.options.subframes
+        if shot.layers is None:
+            return 0
+        ahead = shot.layers.samples_ahead(1.0 / (shot.frames_per_second * subframes))
+        return min(ahead, (shot.last_frame - self.frames[1]) * subframes)
+
+
+def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptions) -> BakeTask:
+    """Read and check all inputs of a bake; raises InputError with every problem."""
     refuse_unfit_usd()
     shot, target, path = _checked(shot_path, output, options)
     frames = options.frames or (shot.first_frame, shot.last_frame)
@@ -67,7 +149,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     refuse_too_large(part.groom, shot.quality, options, str(shot_path))
     refuse_unfit_form(part.groom, options, str(shot_path))
     refuse_splits_elsewhere(part.groom, shot.quality, options, str(shot_path))
-    task = Task(
+    return BakeTask(
         shot=part,
         path=path,
         frames=frames,
@@ -79,16 +161,15 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
         whole=whole,
         wanted=None if whole is part else numbers,
         taken=None,
-        origin=_origin(shot),
+        origin=origin_for([each.position for each in shot.groom.feathers]),
         dependences=Dependences(shot, numbers),
     )
-    return _resumed(task, shot.inputs) if options.resume else task
 
 
 def _checked(
     shot_path: str | Path, output: str | Path | None, options: BakeOptions
 ) -> tuple[Shot, Path, Path]:
-    """The shot as it will be simulated, the output's name as asked for, and the file to write.
+    """Return the shot as it will be simulated, the output's name as given, and the file to write.
 
     Raises InputError with all that is wrong with the shot, what it names, output and report, before
     feathers are placed, which may take long.
@@ -121,30 +202,13 @@ def _checked(
     return replace(shot, quality=quality), target, path
 
 
-def _resumed(task: Task, inputs: Mapping[str, str]) -> Task:
-    """A task that goes on with what stands at its output. inputs: of the whole shot. Raises
-    OutputError where nothing there can be gone on with."""
-    try:
-        previous, overwrite = usd.previous_cache, task.options.overwrite
-        finished = previous.is_finished(task.path, task.settings, inputs, overwrite)
-        return replace(task, finished=finished)
-    except OutputError:
-        if task.options.can_be_taken_over:
-            taken = taken_over(task, inputs)
-            if taken is not None:
-                return replace(task, taken=taken)
-        raise
-
-
-def _origin(shot: Shot) -> tuple[float, float, float]:
-    """The same for all shares of a shot."""
-    return origin_for([each.position for each in shot.groom.feathers])
-
-
 def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Sequence[int]]:
-    """The shot of a share, what is simulated for it, and the share's numbers in the shot."""
+    """Return the shot of a partition, the shot simulated for it, and its numbers in the shot."""
     if feathers is None:
         return shot, shot, range(len(shot.groom.feathers))
+    from featherfx.shot.detail.guides import uses_guides
+    from featherfx.shot.share import part_of, share_numbers
+
     numbers = share_numbers(shot, *feathers)
     part = part_of(shot, numbers)
     # followers need guides, and layers what is beneath, that may be of another share; islands are
@@ -154,7 +218,7 @@ def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Seq
 
 
 def in_space(options: Options, groom: Groom, skin: BoundSkin | None) -> Options:
-    """Options with units and axis: as asked for, else as the stages have them that came in."""
+    """Return options with units and axis: as given, else those of the input stages."""
     unit, axis = 1.0, "Z"
     if skin is not None and skin.parts:
         unit, axis = skin.parts[0].surface.space
@@ -168,7 +232,7 @@ def in_space(options: Options, groom: Groom, skin: BoundSkin | None) -> Options:
 
 
 def _settings(shot: Shot, frames: tuple[int, int], options: BakeOptions) -> dict[str, str]:
-    """All that the frames depend on, as texts."""
+    """Return all that the frames depend on, as texts."""
     written = {each.name for each in fields(WriteOptions)} - {"overwrite", "resume"}
     return {
         "version": __version__,
@@ -178,26 +242,27 @@ def _settings(shot: Shot, frames: tuple[int, int], options: BakeOptions) -> dict
         **{name: json.dumps(getattr(options, name)) for name in sorted(written)},
         "render grid": "{} x {}".format(*options.grid(shot.quality)),
         "barbs": str(options.barbs or "none"),
-        "origin": json.dumps(_origin(shot)),
+        "origin": json.dumps(origin_for([each.position for each in shot.groom.feathers])),
         **{f"shot.{key}": text for key, text in shot_settings(shot).items()},
     }
 
 
 def part_path(path: Path, feathers: tuple[int, int]) -> Path:
-    """File of one share of the feathers of a cache: wing.usdc gives wing.2of4.usdc."""
+    """Name the file of one share of the feathers of a cache: wing.usdc gives wing.2of4.usdc."""
     return path.with_name(f"{path.stem}.{feathers[0]}of{feathers[1]}{path.suffix}")
 
 
 def default_output(shot: Shot) -> Path:
-    """The shot's name with .usdc, in the current folder."""
+    """Name the output after the shot, with .usdc, in the current folder."""
     return Path(re.sub(r"[^\w.-]+", "_", shot.name) + ".usdc")
 
 
 def wanted_shot(
     shot_path: str | Path, options: BakeOptions, note: Callable[[Path], object]
 ) -> Shot:
-    """The shot as it is written. Raises InputError for it, its groom, and frames that it does not
-    have.
+    """Read the shot without placing its feathers.
+
+    Raises InputError for it, its groom, and frames that it does not have.
 
     note: is told every scene that is read.
     """
@@ -225,7 +290,7 @@ def check_report(report: str | Path | None, overwrite: bool) -> None:
 
 
 def _is_report(options: BakeOptions) -> bool:
-    """Whether the report's file holds the report of a bake."""
+    """Check that the report's file holds the report of a bake."""
     path = Path(options.report or "")
     try:
         found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None

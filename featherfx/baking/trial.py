@@ -13,6 +13,8 @@ frames, and a frame costs as many Newton iterations as they take, and a part tha
 
 from __future__ import annotations
 
+import gc
+import mmap
 import tempfile
 import time
 import warnings
@@ -25,10 +27,11 @@ from pathlib import Path
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.baking.bake import resident_bytes
+from featherfx.baking.bake import peak_memory_bytes
 from featherfx.baking.options import TRIAL_SECONDS, BakeOptions
-from featherfx.baking.types import Task
+from featherfx.baking.task import BakeTask
 from featherfx.errors import InputWarning
+from featherfx.files.memory import give_back_memory
 from featherfx.phases import Account, phase
 from featherfx.shot.detail.detail import CARRIED, Resolution
 from featherfx.shot.detail.levels import LevelPlan, level_plan
@@ -79,7 +82,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedCost:
     """What a bake will take. phases: s of each on the clock. processor: s of all. memory: bytes
     of the process. trial: the largest that this was learnt from. seconds: that all of it took."""
 
@@ -90,7 +93,7 @@ class Expected:
     seconds: float
 
 
-def expected(shot: Shot, jobs: int, budget: float | None = None) -> Expected:
+def expected(shot: Shot, jobs: int, budget: float | None = None) -> ExpectedCost:
     """What the phases of a bake will take on this machine as it is now.
 
     budget: s of processor time for the trials, None: TRIAL_SECONDS, or a share of the bake's.
@@ -98,14 +101,14 @@ def expected(shot: Shot, jobs: int, budget: float | None = None) -> Expected:
     """
     begin = time.perf_counter()
     # the solver takes its time to load, here as in a bake
-    once = {"starting": time_of(lambda: import_module("featherfx.baking.loop"))}
+    once = {"starting": time_of(lambda: import_module("featherfx.baking.frame_loop"))}
     held = resident_bytes(release=True)
     with phase("building"):
         simulate(shot, jobs)
         once["building"] = time_of(lambda: simulate(shot, jobs))
     trials, course = _tried(shot, jobs, budget)
     once = _whole(shot, trials, course) | once
-    return Expected(
+    return ExpectedCost(
         phases={name: float(seconds[0]) for name, seconds in once.items()},
         processor=float(sum(seconds[1] for seconds in once.values())),
         memory=held + _memory(trials, len(shot.groom.feathers)),
@@ -114,7 +117,7 @@ def expected(shot: Shot, jobs: int, budget: float | None = None) -> Expected:
     )
 
 
-def _whole(shot: Shot, trials: Sequence[Trial], course: Course | None) -> dict[str, Array]:
+def _whole(shot: Shot, trials: Sequence[Trial], course: TrialCourse | None) -> dict[str, Array]:
     """(2,) s that the phases of the whole take, by the first trial, which is done twice, and the
     last."""
     first, again, last = trials[0], trials[1], trials[-1]
@@ -142,7 +145,7 @@ def time_of(work: Callable[[], object]) -> Array:
     return np.array([time.perf_counter(), time.process_time()]) - begin
 
 
-def _tried(shot: Shot, jobs: int, budget: float | None) -> tuple[list[Trial], Course | None]:
+def _tried(shot: Shot, jobs: int, budget: float | None) -> tuple[list[Trial], TrialCourse | None]:
     """The trials that s of processor time suffice for, and the course of all frames, None where
     they tried them all."""
     total, frames = len(shot.groom.feathers), shot.last_frame - shot.first_frame + 1
@@ -188,7 +191,7 @@ def _memory(trials: Sequence[Trial], total: int) -> float:
 
 
 def _trial(shot: Shot, count: int, frames: int, jobs: int) -> Trial:
-    from featherfx.baking.loop import simulate_and_write
+    from featherfx.baking.frame_loop import simulate_and_write
 
     part = part_of(shot.uneased(), _some(shot, count))
     marks: list[Array] = []
@@ -204,7 +207,7 @@ def _trial(shot: Shot, count: int, frames: int, jobs: int) -> Trial:
 
     with tempfile.TemporaryDirectory(prefix="featherfx-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
-        task = Task(
+        task = BakeTask(
             part,
             Path(folder) / "trial.usdc",
             (shot.first_frame, shot.first_frame + frames - 1),
@@ -248,8 +251,23 @@ def _spent(timed: Account, names: Sequence[str]) -> Array:
     return np.array([sum(each.get(name, 0.0) for name in names) for each in (own, worked)])
 
 
+def resident_bytes(release: bool = False) -> int:
+    """Return the resident memory of this process now, or its largest so far where that is unknown.
+
+    release: give free memory back to the system first, where that is possible.
+    """
+    if release:
+        gc.collect()
+        give_back_memory()
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+        return pages * mmap.PAGESIZE
+    except OSError:
+        return peak_memory_bytes() or 0
+
+
 @dataclass(frozen=True)
-class Course:
+class TrialCourse:
     """What a few feathers took to reach the frames after the first. iterations: (K,) of Newton's
     method, of all of them; seconds: (K,) of processor time; work: unknowns of a frame."""
 
@@ -279,7 +297,7 @@ class Course:
         return own / (alike * work)
 
 
-def _course(shot: Shot, jobs: int, most: float) -> Course:
+def _course(shot: Shot, jobs: int, most: float) -> TrialCourse:
     """A few feathers through the frames of a shot, or the first of them that s of processor time
     suffice for."""
     part = _pinned(shot.uneased())
@@ -295,7 +313,7 @@ def _course(shot: Shot, jobs: int, most: float) -> Course:
             marks.append(time.process_time())
             if marks[-1] - begin > most and len(marks) > FRAMES:
                 break
-    return Course(np.array(iterations[1:]), np.diff(marks), work_of(part))
+    return TrialCourse(np.array(iterations[1:]), np.diff(marks), work_of(part))
 
 
 def _pinned(shot: Shot) -> Shot:

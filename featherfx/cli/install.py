@@ -10,7 +10,7 @@ from typing import Any
 import click
 from click.shell_completion import get_completion_class
 
-from featherfx.baking.plugins import HOSTS, install, listed
+from featherfx.baking.install import HOSTS, install, listed
 from featherfx.cli.options import json_option, overwrite_option, progress_option
 from featherfx.cli.program import Command, CommandGroup, tell
 from featherfx.cli.progress import Progress, about

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from featherfx.baking.samples import copy_sample, sample_names
+from featherfx.baking.install import copy_sample, sample_names
 from featherfx.cli.options import (
     output_option,
     overwrite_option,

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _CALL, _MEET, _QUIET, _OFTEN = 10.0, 60.0, 30.0, 0.2
 
 # what workers of this machine load before their first order, while others are looked at
-_LOADED = ["featherfx.farm.ignore_sigint", "featherfx.farm.work", "featherfx.baking.loop"]
+_LOADED = ["featherfx.farm.ignore_sigint", "featherfx.farm.work", "featherfx.baking.frame_loop"]
 
 _ONE_AT_A_TIME = threading.Lock()
 LOG = logging.getLogger("featherfx.farm")

@@ -15,7 +15,7 @@ with seldom_collected():
     for _name in (
         "distributed",
         "featherfx.farm.work",
-        "featherfx.baking.loop",
+        "featherfx.baking.frame_loop",
         # that a share loads when it gets so far
         "featherfx.shot.dependence",
         "scipy.sparse.csgraph",

@@ -14,12 +14,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from featherfx.baking.bake import carry_out
+from featherfx.baking.bake import carry_out, open_task
 from featherfx.baking.entries import drawn_entries
-from featherfx.baking.merge import merge, merge_piece
 from featherfx.baking.options import BakeOptions
-from featherfx.baking.task import prepare
-from featherfx.baking.types import Task
+from featherfx.baking.shares import merge, merge_piece
+from featherfx.baking.task import BakeTask
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.farm.places import Shares, mapped
 from featherfx.files.content import program_digest
@@ -102,10 +101,10 @@ def _when_free(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         time.sleep(PAUSE)
 
 
-def _prepared(order: Order, output: Path, **changed: Any) -> Task:
+def _prepared(order: Order, output: Path, **changed: Any) -> BakeTask:
     folders = [mapped(str(each)) for each in order.options["preset_folders"]]
     options = {**order.options, "preset_folders": folders, **changed}
-    return prepare(order.shot, output, BakeOptions(**options))
+    return open_task(order.shot, output, BakeOptions(**options))
 
 
 def _look(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
@@ -128,7 +127,7 @@ def _look(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
     }
 
 
-def _chunk(task: Task) -> int:
+def _chunk(task: BakeTask) -> int:
     """Frames of a chunk of the whole."""
     shot, options = task.shot, task.options
     entries = drawn_entries(shot.groom, shot.quality, options, task.names, shot.skin, shot.wets)

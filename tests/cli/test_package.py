@@ -15,7 +15,7 @@ from places import ROOT
 
 from featherfx._version import __version__
 from featherfx.baking import doctor
-from featherfx.baking.samples import copy_sample, sample_names
+from featherfx.baking.install import copy_sample, sample_names
 from featherfx.errors import InputError
 
 LOG_LINE = re.compile(r"\d{4}-\d\d-\d\d [\d:,]{12} \[\d+\] (INFO|WARNING|ERROR) ")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.rotation import from_rotation_vector, rotation_vectors
-from featherfx.baking.groom import export_groom
+from featherfx.baking.export import export_groom
 from featherfx.errors import InputError
 from featherfx.groom.presets.presets import list_presets
 from featherfx.groom.read.read import read_groom

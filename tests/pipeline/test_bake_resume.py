@@ -16,7 +16,7 @@ from places import SAMPLES
 from pxr import Sdf, Usd, UsdGeom
 
 import featherfx
-from featherfx.baking import sink
+from featherfx.baking import frame_loop
 from featherfx.baking.options import BakeOptions
 from featherfx.baking.task import prepare
 from featherfx.errors import InputError, Problem
@@ -244,7 +244,7 @@ def test_a_writer_that_cannot_be_built_ends_the_bake(tmp_path, monkeypatch):
     def refused(task):
         raise OutputError(Problem(str(task.path), "", "cannot be written"))
 
-    monkeypatch.setattr(sink, "new_writer", refused)
+    monkeypatch.setattr(frame_loop, "new_writer", refused)
     for resume in (False, True):
         with pytest.raises(OutputError, match="cannot be written"):
             featherfx.bake(SHOT, tmp_path / "pull.usdc", **OPTIONS, resume=resume)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import featherfx
-from featherfx.baking import loop, pipeline, sink
+from featherfx.baking import frame_loop, pipeline
 from featherfx.errors import InputError, Problem
 from featherfx.feather import shapes
 from featherfx.feather.layout import layout
@@ -152,13 +152,13 @@ def test_an_output_is_refused_before_feathers_are_laid_over_each_other(shot, mon
 
 
 def test_what_later_bakes_compare_is_found_beside_the_frames(shot, monkeypatch):
-    threads, own = [], sink.compared
+    threads, own = [], frame_loop.cache_tables
 
     def noted(*given):
         threads.append(threading.current_thread())
         return own(*given)
 
-    monkeypatch.setattr(sink, "compared", noted)
+    monkeypatch.setattr(frame_loop, "cache_tables", noted)
     baked(shot, "one")
     assert len(threads) == 1
     assert threads[0] is not threading.main_thread()
@@ -168,7 +168,7 @@ def test_where_it_cannot_be_found_nothing_is_written(shot, monkeypatch):
     def failing(*_):
         raise InputError(Problem("shot.toml", "wind", "is no more"))
 
-    monkeypatch.setattr(sink, "compared", failing)
+    monkeypatch.setattr(frame_loop, "cache_tables", failing)
     with pytest.raises(InputError, match="is no more"):
         baked(shot, "one")
     assert not (shot.parent / "one" / "crowd.usdc").exists()
@@ -176,7 +176,7 @@ def test_where_it_cannot_be_found_nothing_is_written(shot, monkeypatch):
 
 def test_what_was_simulated_is_gone_when_the_writer_ends(shot, monkeypatch):
     simulations, standing = [], []
-    simulate, end = loop.simulate, CacheWriter._finish
+    simulate, end = frame_loop.simulate, CacheWriter._finish
 
     def noted(*given):
         simulation = simulate(*given)
@@ -187,7 +187,7 @@ def test_what_was_simulated_is_gone_when_the_writer_ends(shot, monkeypatch):
         standing.extend(each() for each in simulations)
         end(writer)
 
-    monkeypatch.setattr(loop, "simulate", noted)
+    monkeypatch.setattr(frame_loop, "simulate", noted)
     monkeypatch.setattr(CacheWriter, "_finish", ended)
     baked(shot, "first")
     assert standing == [None]

@@ -13,7 +13,7 @@ from featherfx.jit.objects import can_load
 
 ALTERNATE = """
 import numpy as np
-from featherfx.baking.bake import resident_bytes
+from featherfx.baking.trial import resident_bytes
 from featherfx.files.memory import keep_arrays_apart
 for _ in range(2):  # what is freed once is else kept from then on
     arrays = [np.ones(1_000_000) for _ in range(20)]
@@ -48,7 +48,7 @@ def test_a_bake_whose_kernels_are_stored_does_without_what_compiles(tmp_path):
     code = """
 import sys
 from featherfx.baking import pipeline
-from featherfx.baking.bake import resident_bytes
+from featherfx.baking.trial import resident_bytes
 found = []
 
 def note(done, total):

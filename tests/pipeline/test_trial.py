@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from featherfx.api import read_shot
-from featherfx.baking.trial import FEW, MORE, Course, Trial, _larger, _memory, _some, _whole
+from featherfx.baking.trial import FEW, MORE, Trial, TrialCourse, _larger, _memory, _some, _whole
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 
@@ -36,21 +36,21 @@ def test_what_goes_with_iterations_gets_dearer_with_them(fixed):
     """Of a frame of 10 feathers and of 1,000: a part that goes with none, and 1 ms for each."""
     rng = np.random.default_rng(3)
     iterations = np.concatenate([rng.uniform(20, 30, 5), rng.uniform(20, 90, 60)])
-    course = Course(iterations, 0.04 + 1e-3 * iterations, work=100.0)
+    course = TrialCourse(iterations, 0.04 + 1e-3 * iterations, work=100.0)
     seconds = fixed + 0.1 * iterations
     tried = replace(trial(1000), frame=np.full(2, seconds[:5].mean()), work=1e4)
     assert course.harder(tried) == pytest.approx(seconds.mean() / seconds[:5].mean())
 
 
 def test_frames_that_are_alike_are_not_harder():
-    course = Course(np.full(20, 7.0), np.full(20, 0.1), work=100.0)
+    course = TrialCourse(np.full(20, 7.0), np.full(20, 0.1), work=100.0)
     assert course.harder(trial(1000)) == 1.0
 
 
 @pytest.mark.parametrize("each", [0.01, 0.04])
 def test_feathers_that_hold_each_other_up_take_what_they_take_together(each):
     """Of 1,000 unknowns 400 are tried together, and the others go as in a trial of a few."""
-    course = Course(np.full(20, 7.0), np.full(20, 400.0 * each), work=400.0)
+    course = TrialCourse(np.full(20, 7.0), np.full(20, 400.0 * each), work=400.0)
     tried = replace(trial(100), frame=np.full(2, 0.01 * 100.0), work=100.0)
     of_all = 400.0 * each + 600.0 * 0.01
     assert course.denser(tried, 1000.0) == pytest.approx(of_all / (1000.0 * 0.01))
@@ -59,7 +59,7 @@ def test_feathers_that_hold_each_other_up_take_what_they_take_together(each):
 def test_of_feathers_that_push_the_course_counts():
     touching = read_shot(SAMPLES / "flapping_bird" / "shot.toml")
     few = replace(trial(4), work=200.0)
-    course = Course(np.full(20, 7.0), np.full(20, 10.0), work=400.0)
+    course = TrialCourse(np.full(20, 7.0), np.full(20, 10.0), work=400.0)
     alone = replace(touching, contact=None)
     found, free = (_whole(each, [few, few], course)["simulating"][1] for each in (touching, alone))
     frames = touching.last_frame - touching.first_frame

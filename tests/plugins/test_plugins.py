@@ -17,7 +17,7 @@ from commands import invoke
 from places import ROOT
 
 from featherfx._version import __version__
-from featherfx.baking import plugins
+from featherfx.baking import install as plugins
 from featherfx.usd.write.cache_writer import CacheWriter
 
 SOURCE = ROOT / "featherfx" / "plugins"

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from featherfx.baking import pace
-from featherfx.baking.pace import Pace
+from featherfx.baking import frame_loop
+from featherfx.baking.frame_loop import FrameEta
 
 SIMULATE, PART, CORES = 0.4, 0.15, 1.6
 
@@ -14,8 +14,8 @@ SIMULATE, PART, CORES = 0.4, 0.15, 1.6
 def clock(monkeypatch):
     """A thread beside, whose seconds pass as it works, and the process, with CORES at a time."""
     known = SimpleNamespace(worked=7.0, seconds=0.0, processor_seconds=0.0)
-    monkeypatch.setattr(pace.time, "process_time", lambda: known.worked)
-    monkeypatch.setattr(pace.time, "perf_counter", lambda: known.worked / CORES)
+    monkeypatch.setattr(frame_loop.time, "process_time", lambda: known.worked)
+    monkeypatch.setattr(frame_loop.time, "perf_counter", lambda: known.worked / CORES)
     return known
 
 
@@ -23,7 +23,7 @@ def clock(monkeypatch):
 def test_what_is_laid_later_is_part_of_the_time_left(ahead, clock):
     """Samples are taken up at once, and laid for good `ahead` samples later."""
     frames = 20
-    known, todo = Pace(frames, 2 * frames), frames * (SIMULATE + 2 * PART)
+    known, todo = FrameEta(frames, 2 * frames), frames * (SIMULATE + 2 * PART)
     for number in range(1, frames + 1):
         parts = 1 + (number > ahead)
         clock.seconds += parts * PART
@@ -44,7 +44,7 @@ def test_what_is_laid_later_is_part_of_the_time_left(ahead, clock):
 
 
 def test_samples_that_only_others_need_are_waited_for(clock):
-    known = Pace(8 + 12, 0)
+    known = FrameEta(8 + 12, 0)
     for _ in range(8):
         clock.worked += SIMULATE
         known.simulated += 1
@@ -75,7 +75,7 @@ def test_time_left_is_right_to_a_factor_of_two_after_the_first_tenth(costs, wait
     """Of what is recorded, laid 6 samples later, beside a thread that waits for the interpreter for
     a part of the time. The first sample, in which all settles, is not of it."""
     part, ahead, frames = 0.01, 6, len(costs) + 1
-    known, ratios, todo = Pace(frames, 2 * frames), [], []
+    known, ratios, todo = FrameEta(frames, 2 * frames), [], []
     for number, cost in enumerate([0.0, *costs], 1):
         parts = 1 + (number > ahead)
         clock.worked += cost + parts * part
@@ -92,7 +92,7 @@ def test_time_left_is_right_to_a_factor_of_two_after_the_first_tenth(costs, wait
 
 def test_what_is_left_is_never_less_than_nothing(clock):
     """Where all is done, what is laid last is told once more."""
-    known = Pace(3, 6)
+    known = FrameEta(3, 6)
     for _ in range(5):
         clock.worked += SIMULATE
         clock.processor_seconds += PART

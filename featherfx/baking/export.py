@@ -1,4 +1,4 @@
-"""A groom at rest, from its file to USD."""
+"""Exports: a groom at rest to USD, and a cache to other forms."""
 
 from __future__ import annotations
 
@@ -26,7 +26,13 @@ from featherfx.usd.space import origin_for
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter
 from featherfx.usd.write.instances import write_instances
 from featherfx.usd.write.options import FEATHER, StageOptions, WriteOptions, check_ranges
-from featherfx.usd.write.output import check_output, output_files, refuse_inputs, unique_prim_names
+from featherfx.usd.write.output import (
+    SUFFIXES,
+    check_output,
+    output_files,
+    refuse_inputs,
+    unique_prim_names,
+)
 
 
 @takes(GroomOptions)
@@ -82,3 +88,45 @@ def _prototypes(groom: Groom, first: Sequence[int], grid: tuple[int, int]) -> li
     """Rest geometry of every shape, at the size of its prototype."""
     placements = [replace(groom.feathers[k], size=1.0) for k in first]
     return feathers_of(placements, *grid)
+
+
+def export(
+    cache: str | Path,
+    output: str | Path,
+    *,
+    condensed: bool = False,
+    morph: bool = False,
+    frames: tuple[int, int] | None = None,
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write a cache in another form and return the files.
+
+    output: .usd, .usdc or .usda for one plain file of the whole cache, or with condensed for
+    Houdini's condensed feathers; .abc for one Alembic file (needs the extra "alembic"); .glb,
+    .obj, .ply or .stl for a file per frame, or with morph for one .glb whose morph targets are the
+    frames. Of Alembic and these, frames gives the first and last.
+    Raises InputError.
+    """
+    path = Path(output)
+    if path.suffix == ".abc":
+        from featherfx.usd.convert.alembic import export_alembic
+
+        return [export_alembic(cache, path, frames, overwrite)]
+    if path.suffix == ".glb" and morph:
+        from featherfx.usd.convert.mesh_files import export_morph
+
+        return [export_morph(cache, path, frames, overwrite)]
+    if path.suffix not in SUFFIXES:
+        from featherfx.usd.convert.mesh_files import mesh_sequence
+
+        chosen = range(frames[0], frames[1] + 1) if frames else None
+        return mesh_sequence(cache, path, chosen, overwrite)
+    if condensed:
+        from featherfx.usd.convert.condensed import export_condensed
+
+        export_condensed(cache, path, overwrite)
+    else:
+        from featherfx.usd.convert.merge import flatten
+
+        flatten(cache, path, overwrite)
+    return [path]

@@ -1,7 +1,7 @@
-"""One cache from shares of its feathers, with the bytes of a bake of all of them at once.
+"""One cache from partitions (shares) of its feathers, each baked to a cache of its own.
 
-Samples are read from the shares, which are caches themselves, and written as a bake writes them;
-nothing is simulated. (`join`, of baking/convert.py, leaves the samples in the shares instead.)
+`join` writes a root that refers to the partitions. `merge` reads their samples and writes them as a
+bake of all feathers at once does, with the same bytes; nothing is simulated.
 """
 
 from __future__ import annotations
@@ -10,21 +10,34 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from featherfx.baking.sink import new_writer, tables
-from featherfx.baking.types import Task
+from featherfx.baking.frame_loop import cache_tables, new_writer
+from featherfx.baking.task import BakeTask, part_path
 from featherfx.errors import Problem
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number
+from featherfx.usd.convert.merge import join_shares
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.cache_writer import CacheWriter
+from featherfx.usd.write.output import check_output
 from featherfx.usd.write.previous_cache import EarlierCache
 
 # settings in which a share may differ from the whole
 _OWN = ("feathers", "layout", "chunk")
 
 
+def join(output: str | Path, shares: int, overwrite: bool = False) -> int:
+    """Write the root of a cache that was baked in shares of its feathers; return their number.
+
+    output: name of the whole; the shares stand beside it (featherfx.baking.task.part_path). Raises
+    InputError where one is missing or was baked with other settings.
+    """
+    path = check_output(output, overwrite)
+    parts = [part_path(path, (k, shares)) for k in range(1, shares + 1)]
+    return join_shares(path, parts, overwrite)
+
+
 def merge(
-    task: Task,
+    task: BakeTask,
     shares: Sequence[Path],
     notify: Callable[[int, int], None],
     pieces: Sequence[Path] = (),
@@ -46,12 +59,12 @@ def merge(
                 writer.adopt(piece)
             if not pieces:
                 _write(task, writer, range(task.samples), notify)
-        writer.tell(tables(task, [depend[name] for name in task.names]))
+        writer.tell(cache_tables(task, [depend[name] for name in task.names]))
     notify(task.samples, task.samples)
 
 
 def merge_piece(
-    task: Task,
+    task: BakeTask,
     shares: Sequence[Path],
     notify: Callable[[int, int], None],
     piece: Path,
@@ -75,7 +88,7 @@ def merge_piece(
 
 
 def _write(
-    task: Task, writer: CacheWriter, samples: range, notify: Callable[[int, int], None]
+    task: BakeTask, writer: CacheWriter, samples: range, notify: Callable[[int, int], None]
 ) -> None:
     for done, sample in enumerate(samples):
         notify(done, len(samples))
@@ -84,7 +97,7 @@ def _write(
 
 
 def _taken(
-    task: Task, writer: CacheWriter, shares: Sequence[Path], caches: Sequence[EarlierCache]
+    task: BakeTask, writer: CacheWriter, shares: Sequence[Path], caches: Sequence[EarlierCache]
 ) -> dict[str, str]:
     """Have a writer take the feathers of all shares; returns their dependences by name."""
     depend = {name: text for each in caches for name, text in each.dependences.items()}
@@ -99,7 +112,7 @@ def _taken(
 
 
 def _problems(
-    task: Task, writer: CacheWriter, shares: Sequence[Path], caches: Sequence[EarlierCache]
+    task: BakeTask, writer: CacheWriter, shares: Sequence[Path], caches: Sequence[EarlierCache]
 ) -> Iterator[Problem]:
     """What keeps shares from being parts of the task's cache."""
     for path, cache in zip(shares, caches, strict=True):
