@@ -1,4 +1,4 @@
-"""What goes wrong in a user's hands, as data: one problem per line, all of them at once."""
+"""Errors that a user can cause, as data: one problem per line, all of them at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What long work is doing: named phases, timed, and told to whoever listens.
+"""Named phases of long work, timed, and reported to listeners.
 
 Work that takes long says so where it happens,
 
@@ -69,7 +69,7 @@ def time_left(first: float, done: float, total: float, seconds: float) -> float 
 
 
 class Account:
-    """Where the time of one piece of work goes; a context manager that phases within it report to.
+    """Account of the time of one piece of work; a context manager that phases in it report to.
 
     listener: is told of every phase. begin: reading of time.perf_counter from which time counts,
     default now; until the first phase it belongs to STARTING. failed: name of the innermost phase

@@ -201,7 +201,7 @@ def chosen_feathers(shot: Shot, count: int) -> Indices:
 
 
 def own_grids(shot: Shot, resolutions: Sequence[Resolution], chosen: Indices) -> list[Resolution]:
-    """What is simulated of every chosen feather, or would be if it did not follow others."""
+    """Return the resolution of every chosen feather, for followers as if they were simulated."""
     detailer = Detailer(shot, drawn_feathers(shot), root_motion(shot))
     return [
         detailer.resolution(int(f), "full") if each.level in CARRIED else each

@@ -1,4 +1,4 @@
-"""What is wrong with files of every kind."""
+"""Checks of files of every kind."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from featherfx.shot.types import Shot
 
 
 def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
-    """What is wrong with a groom, preset, shot or USD file; empty when nothing is.
+    """Find the problems of a groom, preset, shot or USD file.
 
     Grooms and shots without a wrong value are also tried: their feathers are built and the motion
     is fitted to the joints. InputWarning for what of a shot's channels and targets is not felt.

@@ -1,4 +1,4 @@
-"""Whether this install works, and what it is made of: for who installs it, and for reports."""
+"""Self-test and description of this installation, for users and for problem reports."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _HELD = 1e-6
 
 
 def examine(self_test: bool) -> dict[str, Any]:
-    """What this install is made of, and `problems`: what hinders it, one text each.
+    """Describe this installation, with its `problems`, one text each.
 
     version, python, platform, cores; packages: version by name of what is required, null where it
     is missing; extras: by name, whether it is there, and what is missing; usd: version and folder,
@@ -86,7 +86,7 @@ def _packages(found: dict[str, Any], problems: list[str]) -> None:
 
 
 def _of(wanted: list[Requirement], extra: str) -> Iterator[Requirement]:
-    """What an extra asks for on this machine, other extras' included; of "" what all need."""
+    """Yield requirements of an extra on this machine, other extras' included; "": of all."""
     for each in wanted:
         if each.marker is None:
             asked = not extra
@@ -164,7 +164,7 @@ def _self_test(problems: list[str]) -> dict[str, Any]:
 
 
 def _read_back(file: Path) -> Iterator[str]:
-    """What is wrong with the motion of a pulled feather."""
+    """Yield problems of the motion of a pulled feather."""
     import numpy as np
 
     from featherfx.usd.read.cache import Cache

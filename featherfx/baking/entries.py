@@ -1,4 +1,4 @@
-"""What the writer of caches takes of a groom."""
+"""Cache entries: feathers and metadata as the writer of caches takes them, and their limits."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _BUILDING_BARB_BYTES, _BARB_BYTES = 32_000, 10_000
 def entries_of(
     groom: Groom, feathers: Sequence[Feather], static: bool, skin: BoundSkin | None = None
 ) -> list[FeatherEntry]:
-    """What the writer takes, for every feather of a groom."""
+    """Make the entry of every feather of a groom."""
     coloured, film = _coloured(groom), _with_film(groom)
     shapes = [_shape(placement) for placement in groom.feathers]
     # the same for feathers of one shape, whatever their size
@@ -93,12 +93,12 @@ def _shape(placement: Placement) -> tuple[FeatherKind, bool, float]:
 
 
 def _coloured(groom: Groom) -> bool:
-    """Whether any feather has colours; then all are written with theirs."""
+    """Check for any feather with colours; then all are written with theirs."""
     return any(not each.kind.colour.is_plain for each in groom.feathers)
 
 
 def _with_film(groom: Groom) -> bool:
-    """Whether any feather shines by interference; then the film of all is written."""
+    """Check for any iridescent feather; then the film of all is written."""
     return any(each.kind.colour.has_film for each in groom.feathers)
 
 
@@ -210,7 +210,7 @@ def drawn_entries(
     skin: BoundSkin | None,
     wets: Sequence[Wet] = (),
 ) -> list[FeatherEntry]:
-    """What the writer takes of a bake: feathers as they are drawn, and how they follow.
+    """Make the entries of a bake: feathers as they are drawn, and maps from the simulated grid.
 
     quality: of the simulation. names: prim name per feather. wets: rules of the shot.
     """
@@ -250,12 +250,12 @@ def drawn_entries(
 
 
 def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:
-    """What a cache tells of where it comes from."""
+    """Return metadata about the origin of a cache."""
     return {"featherfx": __version__, "groom": groom.name, "quality": quality.name}
 
 
 def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
-    """What a cache at a path tells of the skin and the colliders of its shot, for pictures."""
+    """Return metadata of a cache at a path about skin and colliders of its shot, for images."""
     skin = () if shot.skin is None else shot.skin.parts
     start = 0.0 if shot.skin is None else shot.skin.start
     found = [("skin", part.surface, start) for part in skin]
@@ -272,7 +272,7 @@ def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
 
 
 def scenery_of_groom(groom: Groom, path: Path) -> dict[str, Any]:
-    """What a groom at rest at a path tells of the mesh that it is of, for pictures."""
+    """Return metadata of a groom at rest at a path about its mesh, for images."""
     scene, prim, rest = (
         json.loads(groom.inputs.get(f"skin.{name}", "null")) for name in ("usd", "prim", "rest")
     )

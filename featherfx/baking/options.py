@@ -1,4 +1,4 @@
-"""What a bake and a groom's export may be told; importable without numpy and USD."""
+"""Options of a bake and of a groom's export; importable without numpy and USD."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class DrawnOptions:
-    """What is drawn of the feathers, independent of what is simulated."""
+    """Options of the drawn feathers, independent of the simulated ones."""
 
     preset_folders: Iterable[str | Path] = option(
         (), "Folder of presets that win over the shipped ones. Repeatable."
@@ -58,7 +58,7 @@ DRAWN = tuple(each.name for each in fields(DrawnOptions) if each.name != "preset
 
 @dataclass(frozen=True)
 class GroomOptions(StageOptions, DrawnOptions):
-    """How a groom is written at rest."""
+    """Options of a groom that is written at rest."""
 
     quality: str = option("final", "Quality preset that gives rows and columns.")
     instances: bool | None = option(
@@ -70,7 +70,7 @@ class GroomOptions(StageOptions, DrawnOptions):
 
 @dataclass(frozen=True)
 class BakeOptions(WriteOptions, DrawnOptions):
-    """How a shot is baked."""
+    """Options of a bake."""
 
     frames: tuple[int, int] | None = option(
         None, "First and last frame to write.  [default: all of the shot]", form="A-B"

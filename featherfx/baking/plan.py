@@ -143,7 +143,7 @@ def _search_path() -> list[Path]:
 
 
 def _parameters(paths: Sequence[dict[str, Any]], kind: str) -> list[str]:
-    """What stands for the parameters of a kind, by the start of their names."""
+    """List placeholders of the parameters whose names begin with a kind."""
     return [f"{{{{Param.{each['name']}}}}}" for each in paths if each["name"].startswith(kind)]
 
 
@@ -245,7 +245,7 @@ def _searching(folders: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _required(options: Sequence[str]) -> dict[str, Any]:
-    """What a worker has to have for a bake with these options: processors."""
+    """Return host requirements of a bake with these options: processors."""
     count = int(dict(pairwise(options)).get("--jobs", 1))
     return {"amounts": [{"name": "amount.worker.vcpu", "min": count}]}
 

@@ -114,7 +114,7 @@ def _taken(
 def _problems(
     task: BakeTask, writer: CacheWriter, shares: Sequence[Path], caches: Sequence[EarlierCache]
 ) -> Iterator[Problem]:
-    """What keeps shares from being parts of the task's cache."""
+    """Yield reasons why shares are no parts of the task's cache."""
     for path, cache in zip(shares, caches, strict=True):
         for key, text in task.settings.items():
             found = cache.settings.get(key)

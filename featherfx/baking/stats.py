@@ -1,4 +1,4 @@
-"""What a groom or shot holds and what its bake will cost, before any bake."""
+"""Contents of a groom or shot, and the expected cost of its bake."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _starting() -> Array:
 
 
 def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None) -> dict[str, Any]:
-    """What a bake of a shot will take on this machine as it is now.
+    """Estimate time and memory of a bake of a shot on this machine as it is now.
 
     read: (2,) s of starting and reading the shot, on the clock and of the processors. The rest of
     the time is what bakes of a part of it (trial.py) tell of all. budget: s of processor time for

@@ -83,8 +83,9 @@ class Trial:
 
 @dataclass(frozen=True)
 class ExpectedCost:
-    """What a bake will take. phases: s of each on the clock. processor: s of all. memory: bytes
-    of the process. trial: the largest that this was learnt from. seconds: that all of it took."""
+    """Expected cost of a bake. phases: s of wall time of each. processor: s of CPU time of all.
+    memory: bytes of the process. trial: the largest that this was learnt from. seconds: that all of
+    it took."""
 
     phases: dict[str, float]
     processor: float
@@ -94,7 +95,7 @@ class ExpectedCost:
 
 
 def expected(shot: Shot, jobs: int, budget: float | None = None) -> ExpectedCost:
-    """What the phases of a bake will take on this machine as it is now.
+    """Estimate the time of the phases of a bake on this machine as it is now.
 
     budget: s of processor time for the trials, None: TRIAL_SECONDS, or a share of the bake's.
     Raises SimulationError where one of the feathers that are tried cannot be simulated.
@@ -268,15 +269,16 @@ def resident_bytes(release: bool = False) -> int:
 
 @dataclass(frozen=True)
 class TrialCourse:
-    """What a few feathers took to reach the frames after the first. iterations: (K,) of Newton's
-    method, of all of them; seconds: (K,) of processor time; work: unknowns of a frame."""
+    """Cost of the frames after the first, of a few feathers. iterations: (K,) of Newton's method,
+    of all of them; seconds: (K,) of processor time; work: unknowns of a frame."""
 
     iterations: Array
     seconds: Array
     work: float
 
     def harder(self, trial: Trial) -> float:
-        """What a frame of the shot takes, over what one of a trial of its first frames did."""
+        """Return the cost of a frame of the shot over that of a frame of a trial of its first
+        frames."""
         first = self.iterations[: trial.frames - 1].mean()
         spread = self.iterations - self.iterations.mean()
         if not spread.any() or not first:
@@ -287,8 +289,8 @@ class TrialCourse:
         return float(1.0 - share + share * self.iterations.mean() / first)
 
     def denser(self, trial: Trial, work: float) -> float:
-        """What a frame of a shot with so many unknowns takes, over as many times what one of a
-        trial did: feathers that push each other, which are together in a course, hold each other
+        """Return the cost of a frame of a shot with so many unknowns, over as many times that of a
+        trial: feathers that push each other, which are together in a course, hold each other
         up more than the part of them that a trial has."""
         alike = self.harder(trial) * float(trial.frame[1]) / trial.work
         if not alike > 0.0:

@@ -93,7 +93,7 @@ def _too_long(result: dict[str, Any]) -> Iterator[str]:
 
 
 def _shorter(limits: dict[str, int]) -> str:
-    """What lets steps be shorter, where these limits bound them."""
+    """Name the settings that allow shorter substeps, where these limits bound them."""
     fixed = limits.get(_FIXED_STEPS)
     leave = [f"leave out {_FIXED_STEPS} = {fixed}, which fixes their number"] if fixed else []
     raised = [f"{key} ({most})" for key, most in limits.items() if key != _FIXED_STEPS]
@@ -101,7 +101,7 @@ def _shorter(limits: dict[str, int]) -> str:
 
 
 def _why(each: dict[str, Any]) -> Iterator[str]:
-    """Of one feather and frame, what its sub-steps were too long for."""
+    """List reasons why the substeps of one feather and frame were too long."""
     if count := each["substeps"]:
         over = each["error"] / each["tolerance"]
         yield (

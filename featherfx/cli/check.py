@@ -104,7 +104,7 @@ def check(
 
 
 class _Told(NamedTuple):
-    """What is said of what is measured: the line of a frame, and what all frames have in JSON."""
+    """Output of a measurement: line of a frame, and JSON of all frames."""
 
     line: Callable[[dict[str, Any]], str]
     whole: Callable[[list[dict[str, Any]]], dict[str, Any]]

@@ -177,7 +177,7 @@ def _as_choice(told: Mapping[str, Any], default: Any) -> Any:
 
 
 def _click_type(told: Mapping[str, Any], hint: Any) -> click.ParamType | None:
-    """What a field takes on the command line."""
+    """Return the click type of a field."""
     if "form" in told:
         return _FORMS[told["form"]]
     if "allowed" in told:

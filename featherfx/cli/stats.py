@@ -1,4 +1,4 @@
-"""What a groom or shot holds, what a bake will cost, and how far finer settings would differ."""
+"""`featherfx stats` and `error`: contents, expected cost and estimated error of a shot."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ _WORKER_LOG = logging.getLogger("distributed.worker.featherfx")
 
 
 def is_at_work() -> bool:
-    """Whether this process carries out an order."""
+    """Check that this process carries out an order."""
     return _ONE_AT_A_TIME.locked()
 
 

@@ -1,4 +1,4 @@
-"""What carries orders to workers and news back; Dask (cluster.py) is one."""
+"""Interface that carries orders to workers and news back; Dask (cluster.py) implements it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BEGUN, PROGRESS, DONE, FAILED, LOST, QUIET = "begun", "progress", "done", "faile
 
 @dataclass(frozen=True)
 class News:
-    """What is heard of an order.
+    """News about an order.
 
     what: BEGUN; PROGRESS, with value the samples done and their number; DONE, with a Done; FAILED,
     with an exception; LOST: every worker that took it was lost; QUIET: nothing was heard for a

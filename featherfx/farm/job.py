@@ -140,8 +140,8 @@ class Job:
         return [self._report(each) for each in self._shots]
 
     def seconds(self) -> dict[str, float]:
-        """Of a job that has just ended, s: until all shots were looked at and workers were there,
-        until the last share was baked, and what merging took from there on."""
+        """Return s of a job that has just ended: until all shots were looked at and workers were
+        there, until the last share was baked, and of merging from there on."""
         looking, baking = self._looked_at - self._begin_at, self._baked_at - self._looked_at
         merging = time.perf_counter() - self._baked_at
         return {"looking": looking, "baking": baking, "merging": merging}

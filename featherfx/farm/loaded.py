@@ -1,4 +1,4 @@
-"""What workers of this machine have loaded when they are forked (origin.py).
+"""Modules that workers of this machine have loaded when they are forked (origin.py).
 
 Nothing of it may start threads, which a fork leaves behind. Ctrl-C is for the command.
 """

@@ -1,4 +1,4 @@
-"""Where a job puts things: an output for every shot, and its shares until they are merged.
+"""Paths of a job: an output for every shot, and its shares until they are merged.
 
 FOLDER/wing.usdc                       an output
 FOLDER/.wing.usdc.shares/              until it is there
@@ -72,12 +72,12 @@ class Shares:
 
     @property
     def target(self) -> Path:
-        """What a share's bake takes for the output of the whole."""
+        """Path that a share's bake takes for the output of the whole."""
         return self.folder / self._output.name
 
     def piece(self, place: tuple[int, int]) -> Path:
-        """Where a run of chunks of the whole, the i-th of n, waits for the others: those of an
-        unfinished cache at this path."""
+        """Return the path of a run of chunks of the whole, the i-th of n, until all are there:
+        those of an unfinished cache at this path."""
         name = "{}.piece{}of{}{}".format(self._output.stem, *place, self._output.suffix)
         return self.folder / name
 

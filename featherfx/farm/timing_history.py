@@ -1,4 +1,4 @@
-"""What shares of a shot took in earlier jobs of this machine, by which later ones give them out."""
+"""Time of the shares of a shot in earlier jobs of this machine, by which later ones order them."""
 
 from __future__ import annotations
 

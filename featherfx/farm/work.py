@@ -1,4 +1,4 @@
-"""What a worker does for a job: look at a shot, bake a share of it, merge its shares.
+"""Work of a worker for a job: look at a shot, bake a share of it, merge its shares.
 
 A worker holds nothing between two orders: all that one leaves is on disk, so that another worker
 goes on after its last finished chunk.
@@ -59,7 +59,7 @@ class Order:
 
 @dataclass(frozen=True)
 class Done:
-    """What came of an order. report: of a bake, or of a look: feathers, samples, shares and their
+    """Result of an order. report: of a bake, or of a look: feathers, samples, shares and their
     sizes (feathers of each), chunk and finished. times: s that it took by the clock and of the
     processor. warnings: that it gave."""
 
@@ -108,7 +108,7 @@ def _prepared(order: Order, output: Path, **changed: Any) -> BakeTask:
 
 
 def _look(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
-    """What there is to do for a shot, after all that can be known to be wrong with it."""
+    """Check a shot and describe its work."""
     task = _prepared(order, Path(order.output))
     shares = share_count(task.shot, order.shares) if task.options.can_be_taken_over else 1
     # most of the feathers are taken over from the cache that is there

@@ -61,14 +61,14 @@ def streak(number, place):
 
 @kernel
 def half_width(number, place, free):
-    """Of the barb at (b, s), in barbs; negative beyond its end."""
+    """Half width of the barb at (b, s), in barbs; negative beyond its end."""
     left = (1.0 - UNEVEN * free * chance(int(number)) - place) / free
     return 0.5 if left >= 1.0 else 0.25 * left * (3.0 - left)
 
 
 @kernel
 def _is_barbule(number, place, half):
-    """Whether (b, s), beside a loose barb of a half width, is on one of its barbules."""
+    """Check that (b, s), beside a loose barb of a half width, is on one of its barbules."""
     own = int(number)
     off = number - own - 0.5
     across = BARBULES * place + chance(2 * own + (1 if off > 0.0 else 0))
@@ -79,7 +79,7 @@ def _is_barbule(number, place, half):
 
 @kernel
 def is_gap(number, place, free):
-    """Whether light passes at (b, s) between barbs."""
+    """Check that light passes at (b, s) between barbs."""
     own, half = int(number), half_width(number, place, free)
     if abs(number - own - 0.5) > half:
         return free < LOOSE or not _is_barbule(number, place, half)

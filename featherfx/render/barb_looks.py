@@ -94,7 +94,7 @@ def _clumped(strips: BarbStrips, look: BarbLook, place: Array, roots: Array) -> 
 
 
 def _line(values: Array) -> Array:
-    """Of both edges their mean."""
+    """Mean of both edges."""
     stations = values.shape[2] // 2
     middle = 0.5 * (values[:, :, :stations] + values[:, :, stations:-1])
     return np.concatenate([middle, middle, values[:, :, -1:]], axis=2)

@@ -1,4 +1,4 @@
-"""Where to look from: what is drawn fits into the picture at every frame, or as a USD camera sees.
+"""Cameras of images: framed so that all frames fit, on a turntable, or from USD.
 
 All in the world: metres, z up.
 """
@@ -201,8 +201,8 @@ class Way:
 
 
 def way_of(reach: Sequence[tuple[float, Array]]) -> Way:
-    """Of the middles of hulls at time codes, by least squares, so that it does not beat with a
-    wing."""
+    """Fit a path to the middles of hulls at time codes, by least squares, so that it does not beat
+    with a wing."""
     codes = np.array([code for code, _ in reach])
     middles = np.array([0.5 * (hull.min(axis=0) + hull.max(axis=0)) for _, hull in reach])
     first, span = float(codes.min()), max(float(np.ptp(codes)), 1e-9)
@@ -217,7 +217,7 @@ def standing_still() -> Way:
 
 
 def travels(way: Way, reach: Sequence[tuple[float, Array]]) -> bool:
-    """Whether what is drawn goes farther than it is large."""
+    """Check that the subject moves farther than its own size."""
     places = np.array([way(code) for code, _ in reach])
     sizes = [float(np.linalg.norm(np.ptp(hull, axis=0))) for _, hull in reach]
     return float(np.linalg.norm(np.ptp(places, axis=0))) > max(sizes)

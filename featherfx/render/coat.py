@@ -1,4 +1,4 @@
-"""How a coat takes light: together, where its feathers are small in the picture.
+"""Shading of plumage as one surface, where its feathers are small in the image.
 
 Light that enters a coat is scattered by many vanes that lie on each other before it leaves, so
 that neighbours are lit alike; and what of a feather is smaller than a few pixels is no shape of its

@@ -1,4 +1,4 @@
-"""What the colours of a picture mean and the key to them."""
+"""Colours of an image by value or region, and the key to them."""
 
 from __future__ import annotations
 

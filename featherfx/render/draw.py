@@ -140,7 +140,7 @@ def _drawn(tracer: Tracer, drawers: ThreadPoolExecutor, done: Done) -> Picture:
 def _shots(
     path: Path, subjects: Sequence[Subject], times: Sequence[float | None], options: PictureOptions
 ) -> list[Exposure]:
-    """What is drawn from where."""
+    """List the images to draw, with their cameras."""
     named = [(time, _name(time), _number(time)) for time in times]
     if options.camera is not None:
         seen = camera_of(path, options.camera, subjects[0].cache)

@@ -1,4 +1,4 @@
-"""What rays meet: triangles with everything that shading asks of them, of one pose."""
+"""Triangles of one pose with the attributes that shading needs."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def geometry_of(
     normals: Array | Floats,
     colours: Array | Floats,
 ) -> Geometry:
-    """Of triangles without barbs. material: one, or (T,). colours: (V, 3) or (3,)."""
+    """Make geometry of triangles without barbs. material: one, or (T,). colours: (V, 3) or (3,)."""
     flat = np.zeros_like(points, dtype=np.float32)
     return Geometry(
         points=points.astype(np.float32),

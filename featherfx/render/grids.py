@@ -1,4 +1,4 @@
-"""How the vertices of a mesh make up a feather: rows of barbs on either side, rings of a shaft."""
+"""Feather topology of a mesh: rows of barbs on either side, rings of a rachis."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class DrawnGrid(NamedTuple):
 
 @dataclass(frozen=True)
 class Topology:
-    """How the vertices of a mesh make up a feather.
+    """Vertices of a mesh as rows of barbs and rings of the rachis.
 
     vanes: of each side. shaft: (R, M) vertices around the shaft and heights (R,); None where it has
     none.

@@ -107,8 +107,8 @@ class Tile(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """What is hit. triangles: (T, 3). material: (T,). normals, tangents, colours: (V, 3), of
-    vertices; colours are linear. barbs: (V, 5) as of Geometry."""
+    """Surface that rays hit. triangles: (T, 3). material: (T,). normals, tangents, colours: (V, 3),
+    of vertices; colours are linear. barbs: (V, 5) as of Geometry."""
 
     triangles: Integers
     material: NDArray[np.uint8]
@@ -137,7 +137,7 @@ class Lights(NamedTuple):
 
 
 class Points(NamedTuple):
-    """Where N rays hit. places: (N, 3) a little off the surface, on the sun's side. beyond: (N, 3)
+    """Hits of N rays. places: (N, 3) a little off the surface, on the sun's side. beyond: (N, 3)
     on the sky ray's side. normals, tangents, colours: (N, 3). to_sun, to_sky: (N, 3) rays on from
     there. material: (N,). through: (N,) share of light that goes through. film: (N,) nm."""
 
@@ -293,7 +293,7 @@ def _off(place, face, direction, offset):
 
 @kernel
 def _passes(surface, prim, u, v):
-    """Whether a ray that has hit something goes on between barbs."""
+    """Check that a ray that has hit something goes on between barbs."""
     if prim < 0 or surface.material[prim] != VANE:
         return False
     number, place, _, free = barb_there(surface.barbs, surface.triangles[prim], u, v)

@@ -1,4 +1,4 @@
-"""What is drawn of a cache, and what of it cannot be. Importable without USD."""
+"""Options of images, and their limits; importable without USD."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SHEET_FRAMES = 9  # of a sheet, where nothing else is said
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """What is drawn of a cache, and how.
+    """Options of images of a cache.
 
     frames: time codes; None: the first frame, on a sheet up to nine spread over the range, of a
     film all whole frames. sheet: all frames on one picture. turntable: number of views around the
@@ -76,7 +76,7 @@ class PictureOptions:
 
     @property
     def pixels(self) -> tuple[int, int]:
-        """Of one frame."""
+        """Size of one frame."""
         return self.size or ((480, 320) if self.sheet else (1280, 720))
 
     @property
@@ -86,12 +86,12 @@ class PictureOptions:
 
     @property
     def is_look(self) -> bool:
-        """Whether light falls on what is drawn; else colours stand for values."""
+        """True for lit images; else colours stand for values."""
         return self.colour in ("shaded", "region")
 
 
 def check_pixels(count: int, options: PictureOptions) -> list[Problem]:
-    """What is wrong with the sum of so many pictures."""
+    """Find problems of the number of pixels of so many images."""
     width, height = options.pixels
     sides = 1 if options.against is None else 2
     total = count * sides * width * height

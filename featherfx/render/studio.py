@@ -1,4 +1,4 @@
-"""Where pictures are taken: lights, what is behind all, and a floor."""
+"""Lights, background and floor of images."""
 
 from __future__ import annotations
 

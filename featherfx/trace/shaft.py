@@ -116,7 +116,7 @@ def _ridges(grey: Array, width: float) -> list[Array]:
 
 
 def _path(ridge: Array, mask: Flags, bare: Flags) -> tuple[float, Indices, Array]:
-    """How far the best line stands out, the line (U,), and how much it shows along it, 0.1 to 1."""
+    """Find the best line (U,), its contrast, and its visibility along it, 0.1 to 1."""
     inner = ndimage.binary_erosion(mask, iterations=3) & ~bare[:, None]
     usual = float(np.median(np.abs(ridge[inner]))) if inner.any() else 0.0
     value = np.where(mask, ridge / (usual or np.inf), -10.0)

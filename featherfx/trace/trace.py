@@ -55,7 +55,7 @@ _HAIR = 0.006
 
 @dataclass(frozen=True)
 class TraceOptions:
-    """What a user may say of a picture.
+    """Options of a trace.
 
     base: feather preset for what the picture cannot tell. length: m, None: the base's. threshold:
     of the silhouette, None: found. turned: whether the thicker end is the base. shaft: columns and
@@ -92,7 +92,7 @@ class _Try(NamedTuple):
 
 
 class _Outlines:
-    """What was measured of both vanes, leading first. edges: shares and widths, widened by what
+    """Measured outlines of both vanes, leading first. edges: fractions and widths, widened by what
     the feather that was built lacks. straight: whether guides follow a line."""
 
     def __init__(self, laid: Laid, line: ShaftLine, leading: str | None) -> None:
@@ -176,7 +176,7 @@ def _turnings(line: ShaftLine, first: float) -> tuple[float, float, list[list[fl
 
 
 def _apart(line: ShaftLine, heading: Array) -> float:
-    """How far a line of other headings gets off, in lengths."""
+    """Return the deviation of a line of other headings, in lengths."""
     steps = np.exp(1j * heading) - np.exp(1j * line.heading)
     return float(np.abs(np.cumsum(steps)).max()) / len(steps)
 

@@ -51,7 +51,7 @@ def widths(laid: Laid, line: ShaftLine, side: float) -> tuple[Array, Array]:
 
 
 def calamus_of(fractions: Array, left: Array, right: Array) -> tuple[float, float]:
-    """Where the first vane begins, a share of the length, and half the width of the calamus."""
+    """Find the start of the first vane, a fraction of the length, and half the calamus width."""
     bare = 0.5 * float(np.median((left + right)[(fractions > 0.005) & (fractions < 0.04)]))
     beyond = np.maximum(left, right) - bare
 

@@ -1,4 +1,4 @@
-"""What stands beside the feathers of a cache, as a page takes it: skin, eyes, colliders."""
+"""Skin, eyes and colliders beside the feathers of a cache, as the viewer takes them."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Body:
         return sum(self._counts)
 
     def header(self) -> dict[str, Any] | None:
-        """What a page says of it; None where there is nothing. framed: how many points, the first,
-        the camera is to see."""
+        """Describe the meshes for the viewer; None where there are none. framed: number of points,
+        the first, that the camera is to see."""
         if not self._meshes:
             return None
         pairs = zip(self._meshes, self._counts, strict=True)

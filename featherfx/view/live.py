@@ -53,8 +53,9 @@ _LIVE = re.compile(r"(points|strain)-after-(\d{1,12})")
 
 @dataclass(frozen=True)
 class LiveSource:
-    """What is simulated. shot: its file. feathers: patterns of ids, all by default. quality: name
-    of a preset. folders: of presets. jobs: threads. folder: for what is needed meanwhile."""
+    """Shot and settings of a live simulation. shot: its file. feathers: patterns of ids, all by
+    default. quality: name of a preset. folders: of presets. jobs: threads. folder: for what is
+    needed meanwhile."""
 
     shot: Path
     folder: Path

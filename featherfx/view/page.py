@@ -26,8 +26,8 @@ PREFIXES = ("", "second-")
 
 
 def header_of(first: Played, second: Played | None = None) -> dict[str, Any]:
-    """What a page says of a cache, or of two that it compares. alike: whether points of one are
-    those of the other."""
+    """Describe a cache, or two that are compared, for the viewer. alike: points of one are those
+    of the other."""
     header = first.header()
     if second is not None:
         header["second"] = second.header() | {"keptBytes": _KEPT_BYTES}

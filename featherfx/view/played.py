@@ -97,7 +97,7 @@ class Played:
 
     @cached_property
     def rest(self) -> DrawnPose:
-        """What strain and barb angles are of; may be set to another one."""
+        """Rest geometry of strain and barb angles; may be set to another one."""
         return self._scene.rest
 
     @cached_property
@@ -108,7 +108,7 @@ class Played:
         return own + ([HOOKED] if self._has_hooks else []) + crossed
 
     def _most_strain(self) -> float:
-        """What nearly all strains of a few frames are below, by two digits."""
+        """Return a bound of nearly all strains of a few frames, to two digits."""
         few = np.unique(np.linspace(0, len(self.codes) - 1, 4).astype(int))
         vanes = ~self._scene.rachis
         found = [self._strain(self._points(k))[vanes] for k in few.tolist()]
@@ -117,7 +117,7 @@ class Played:
 
     @cached_property
     def body(self) -> Body | None:
-        """What stands beside the feathers, and is shown."""
+        """Meshes beside the feathers."""
         found = None if self.bare else Body(self._cache, self.path)
         return found if found and found.points else None
 
@@ -138,7 +138,7 @@ class Played:
 
     @property
     def frames_per_second(self) -> float:
-        """Of the frames that are kept."""
+        """Rate of the frames that are kept."""
         return self._cache.frames_per_second / self._every
 
     @property
@@ -213,7 +213,7 @@ class Played:
         return [round(float(each), 4) for each in best]
 
     def told(self) -> list[str]:
-        """What is left out, in words."""
+        """List messages about omitted points and frames."""
         whole = len(self._scene.rest.points)
         told = []
         if self._kept.told:
@@ -243,7 +243,7 @@ class Played:
 
     @property
     def levels(self) -> int:
-        """How many levels of fewer points there are."""
+        """Number of levels with fewer points."""
         return len(self._levels)
 
     def names(self) -> tuple[list[str], list[list[str]]]:
@@ -255,7 +255,7 @@ class Played:
         return ["constant"] + ["bodyconstant"] * body, frames
 
     def content(self, name: str) -> bytes | None:
-        """What a page asks for by a name; None where there is no such thing."""
+        """Return the content of a name for the viewer; None where there is none."""
         if name == "constant":
             return self.constant()
         if name == "bodyconstant" and self.body:
@@ -347,7 +347,7 @@ class Played:
 
     @property
     def _angle_range(self) -> tuple[float, float] | None:
-        """Of colours; None where there are no barbs."""
+        """Range of barb angles for colours; None where there are no barbs."""
         if not self.rest.barbs.any():
             return None
         low, high = value_limits(self._angles[~self._scene.rachis], symmetric=False)

@@ -73,7 +73,7 @@ class Server(ThreadingHTTPServer):
         return None
 
     def posted(self, name: str, content: Any) -> Any:
-        """What is answered, as JSON, to what a page says; None where there is nothing to say.
+        """Answer a request of the viewer as JSON; None where there is no answer.
 
         Raises InputError, or KeyError, TypeError or ValueError where it is not understood.
         """

@@ -1,4 +1,4 @@
-"""What every host's plugin does: run the featherfx command beside the host, and hear what it says.
+"""Shared part of the host plugins: run the featherfx command beside the host, and read its output.
 
 The command runs in a process of its own, with its own Python and its own USD; nothing of featherfx
 is imported here. It tells what it does as JSON lines. Python 3.9 and newer, standard library only.
@@ -25,7 +25,8 @@ class HostError(Exception):
 
 
 def command() -> list[str]:
-    """What to call: FEATHERFX_COMMAND, else what installed this plugin, else `featherfx`."""
+    """Return the command to call: FEATHERFX_COMMAND, else what installed this plugin, else
+    `featherfx`."""
     asked = os.environ.get("FEATHERFX_COMMAND")
     if asked:
         return [asked]
@@ -103,7 +104,7 @@ class Run:
 
 
 def share_done(told):
-    """How much of a run is done, 0 to 1, by what it told last."""
+    """Return the fraction of a run that is done, 0 to 1, by its last line."""
     return min(told.get("done", 0) / max(told.get("total", 1), 1), 1.0)
 
 
@@ -175,5 +176,5 @@ def _write(file, *lines):
 
 
 def report(file):
-    """What `featherfx inspect` tells of a stage."""
+    """Return the report of `featherfx inspect` about a stage."""
     return json.loads(Run("inspect", file, "--json").finish())

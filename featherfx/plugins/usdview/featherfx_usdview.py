@@ -75,7 +75,7 @@ def show_plain(api):
 
 
 def show_report(api):
-    """What featherfx finds in the file of the stage."""
+    """Show the report of featherfx about the file of the stage."""
     from pxr.Usdviewq.qt import QtWidgets
 
     try:
