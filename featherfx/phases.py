@@ -22,14 +22,14 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import NamedTuple, Self, TypeVar
 
-STARTING = "starting"
-Part = TypeVar("Part")
+_STARTING = "starting"
+_Part = TypeVar("_Part")
 
 # what a phase is told of its progress: parts done, and seconds left where it knows better
-Done = Callable[..., None]
+ReportDone = Callable[..., None]
 
 
-class Told(NamedTuple):
+class PhaseState(NamedTuple):
     """State of a phase. name: of it. done, total: parts; a total of 0 is not known. seconds: spent
     in it, without those of phases within it. left: s until its end, None: not known. ended: over,
     complete or not."""
@@ -42,7 +42,7 @@ class Told(NamedTuple):
     ended: bool
 
 
-Listener = Callable[[Told], object]
+Listener = Callable[[PhaseState], object]
 
 
 @dataclass
@@ -72,14 +72,14 @@ class Account:
     """Account of the time of one piece of work; a context manager that phases in it report to.
 
     listener: is told of every phase. begin: reading of time.perf_counter from which time counts,
-    default now; until the first phase it belongs to STARTING. failed: name of the innermost phase
+    default now; until the first phase it belongs to _STARTING. failed: name of the innermost phase
     that an exception left, empty: none.
     """
 
     def __init__(self, listener: Listener | None = None, begin: float | None = None) -> None:
         self._listener = listener
         self._lock = threading.RLock()
-        self._open = [_Phase(STARTING, 0.0, 0.0, 0.0)]
+        self._open = [_Phase(_STARTING, 0.0, 0.0, 0.0)]
         self._mark = time.perf_counter() if begin is None else begin
         self._begin = self._mark
         self._seconds: dict[str, float] = {}
@@ -182,7 +182,7 @@ class Account:
             is_done = own.total > 0.0 and own.done >= own.total
             spent = own.seconds - (own.begin or 0.0)
             left = 0.0 if is_done else time_left(own.first, own.done, own.total, spent)
-        self._listener(Told(own.name, own.done, own.total, own.seconds, left, ended))
+        self._listener(PhaseState(own.name, own.done, own.total, own.seconds, left, ended))
 
 
 _current: ContextVar[Account | None] = ContextVar("account", default=None)
@@ -206,7 +206,7 @@ def phase(
     first: float = 0.0,
     silent: bool = False,
     at_most: bool = False,
-) -> Iterator[Done]:
+) -> Iterator[ReportDone]:
     """Work under a name; call what this gives with the parts done so far.
 
     total: parts, 0: not known. first: those done before. silent: timed, not told. at_most: whether
@@ -225,7 +225,7 @@ def phase(
     current.close(own)
 
 
-def counted(name: str, parts: Iterable[Part], total: int) -> Iterator[Part]:
+def counted(name: str, parts: Iterable[_Part], total: int) -> Iterator[_Part]:
     """The parts of some work, told as a phase while they are gone through."""
     with phase(name, total) as done:
         for number, part in enumerate(parts, 1):

@@ -46,30 +46,30 @@ from featherfx.shot.simulate import Simulation, drawn_feathers, simulate
 from featherfx.shot.types import Quality, Shot
 
 # feathers that are looked at by default
-LOOKED_AT = 4
+_LOOKED_AT = 4
 # what a finer simulation has more: intervals of rows and columns, and sub-steps, times as many;
 # coefficients, in addition; the tolerance of a step, divided
-FINER, MORE_COEFFICIENTS, TIGHTER, MORE_SUBSTEPS = 2, 2, 16.0, 4
+_FINER, _MORE_COEFFICIENTS, _TIGHTER, _MORE_SUBSTEPS = 2, 2, 16.0, 4
 # bounds of the quality's keys
-MOST_ROWS, MOST_COLUMNS, MOST_COEFFICIENTS, MOST_SUBSTEPS = 400, 100, 6, 20_000
-LEAST_TOLERANCE = 1e-9
+_MOST_ROWS, _MOST_COLUMNS, _MOST_COEFFICIENTS, _MOST_SUBSTEPS = 400, 100, 6, 20_000
+_LEAST_TOLERANCE = 1e-9
 # a share of the length that is no difference
-ROUNDING = 1e-9
-TOTAL = "all"
+_ROUNDING = 1e-9
+_TOTAL = "all"
 # what is farther off in the first frame, on a grid that is finer twice over, than the series tells
-AT_FIRST = "rest"
+_AT_FIRST = "rest"
 # what is made finer for each part of the error
-PARTS = {name: frozenset((name,)) for name in ("rows", "columns", "coefficients", "time")}
-PARTS[TOTAL] = frozenset(PARTS)
+_PARTS = {name: frozenset((name,)) for name in ("rows", "columns", "coefficients", "time")}
+_PARTS[_TOTAL] = frozenset(_PARTS)
 # the error is the difference times this, for errors that fall with the square of the spacing, and
 # with the power 2/3 of the tolerance; what coefficients leave after two more is nothing beside it
-HALVED = 1.0 / (1.0 - FINER**-2.0)
-REST = {
-    "rows": HALVED,
-    "columns": HALVED,
+_HALVED = 1.0 / (1.0 - _FINER**-2.0)
+_REST = {
+    "rows": _HALVED,
+    "columns": _HALVED,
     "coefficients": 1.0,
-    "time": 1.0 / (1.0 - TIGHTER ** (-2.0 / 3.0)),
-    TOTAL: HALVED,
+    "time": 1.0 / (1.0 - _TIGHTER ** (-2.0 / 3.0)),
+    _TOTAL: _HALVED,
 }
 
 
@@ -102,7 +102,7 @@ class ShotError:
     seconds: float
 
 
-def shot_error(shot: Shot, feathers: int = LOOKED_AT, jobs: int = 1) -> ShotError:
+def shot_error(shot: Shot, feathers: int = _LOOKED_AT, jobs: int = 1) -> ShotError:
     """The error of a shot, estimated on so many of its feathers.
 
     jobs: threads. Raises InputError where feathers cannot be built, and SimulationError where one
@@ -120,7 +120,7 @@ def shot_error(shot: Shot, feathers: int = LOOKED_AT, jobs: int = 1) -> ShotErro
     chosen = chosen_feathers(shot, feathers)
     alone = part_of(shot, chosen)
     part = replace(alone, contact=contact)
-    with phase("comparing", 3 + len(PARTS)) as done:
+    with phase("comparing", 3 + len(_PARTS)) as done:
         simulation = simulate(shot, jobs, wanted=chosen.tolist())
         shown = _Run(simulation.feathers, _by_feather(simulation))
         done(1)
@@ -130,18 +130,18 @@ def shot_error(shot: Shot, feathers: int = LOOKED_AT, jobs: int = 1) -> ShotErro
         bare = _simulated(alone, grids, frozenset(), jobs) if touching else plain
         found = {"detail": _ways(bare, shown)}
         done(2)
-        for number, (name, finer) in enumerate(PARTS.items(), 3):
+        for number, (name, finer) in enumerate(_PARTS.items(), 3):
             fine = _simulated(part, grids, finer, jobs)
-            coarse = shown if name == TOTAL and not touching else plain
-            found[name] = REST[name] * _ways(fine, coarse)
+            coarse = shown if name == _TOTAL and not touching else plain
+            found[name] = _REST[name] * _ways(fine, coarse)
             done(number)
         at_first = _ways_at_first(alone, grids, jobs)
         done(number + 1)
-    total = found.pop(TOTAL) + (found["detail"] if touching else 0.0)
+    total = found.pop(_TOTAL) + (found["detail"] if touching else 0.0)
     if (at_first > total).any():
-        found[AT_FIRST], total = at_first, np.maximum(at_first, total)
+        found[_AT_FIRST], total = at_first, np.maximum(at_first, total)
     lengths = np.array([each.kind.length for each in part.groom.feathers])
-    if (found["detail"] < ROUNDING * lengths).all():
+    if (found["detail"] < _ROUNDING * lengths).all():
         found.pop("detail")
     ids = tuple(each.id for each in part.groom.feathers)
     parts = {
@@ -165,7 +165,7 @@ def error_of(
     path: str | Path,
     *,
     quality: str | None = None,
-    feathers: int = LOOKED_AT,
+    feathers: int = _LOOKED_AT,
     jobs: int = 1,
     preset_folders: Folders = (),
 ) -> ShotError:
@@ -245,12 +245,14 @@ def _ways_at_first(alone: Shot, grids: Sequence[Resolution], jobs: int) -> Array
     """(F,) m, largest distance of the nodes of feathers in the first frame from where they are on
     four times the rows and columns; both come to rest in it, however they got there in the shot."""
     first = replace(alone, last_frame=alone.first_frame, preroll=0)
-    finer = [finer_quality(alone.quality, grid, PARTS["rows"] | PARTS["columns"]) for grid in grids]
+    finer = [
+        finer_quality(alone.quality, grid, _PARTS["rows"] | _PARTS["columns"]) for grid in grids
+    ]
     twice = [
         replace(grid, rows=each.rows, columns=each.columns)
         for grid, each in zip(grids, finer, strict=True)
     ]
-    space = PARTS[TOTAL] - PARTS["time"]
+    space = _PARTS[_TOTAL] - _PARTS["time"]
     fine = _simulated(first, twice, space, jobs)
     return _ways(fine, _simulated(first, grids, frozenset(), jobs))
 
@@ -261,14 +263,14 @@ def finer_quality(quality: Quality, grid: Resolution, finer: frozenset[str]) -> 
     rows, columns, count = grid.rows, grid.columns, grid.coefficients
     tolerance, substeps = grid.tolerance, quality.max_substeps
     if "rows" in finer:
-        rows = min(FINER * (rows - 1) + 1, MOST_ROWS)
+        rows = min(_FINER * (rows - 1) + 1, _MOST_ROWS)
     if "columns" in finer:
-        columns = min(FINER * columns, MOST_COLUMNS)
+        columns = min(_FINER * columns, _MOST_COLUMNS)
     if "coefficients" in finer:
-        count = min(count + MORE_COEFFICIENTS, MOST_COEFFICIENTS)
+        count = min(count + _MORE_COEFFICIENTS, _MOST_COEFFICIENTS)
     if "time" in finer:
-        tolerance = max(tolerance / TIGHTER, LEAST_TOLERANCE)
-        substeps = min(MORE_SUBSTEPS * substeps, MOST_SUBSTEPS)
+        tolerance = max(tolerance / _TIGHTER, _LEAST_TOLERANCE)
+        substeps = min(_MORE_SUBSTEPS * substeps, _MOST_SUBSTEPS)
     return replace(
         quality,
         rows=rows,

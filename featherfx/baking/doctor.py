@@ -22,7 +22,7 @@ from featherfx.errors import InputError, SimulationError
 from featherfx.files.cache_folder import wanted_folder
 from featherfx.files.shipped import shipped
 
-NAME = "featherfx"
+_NAME = "featherfx"
 _SAMPLE, _FRAMES = "feather_pull", (1, 3)
 # of the length: how far a base that is held moves in single precision, with a margin
 _HELD = 1e-6
@@ -63,8 +63,8 @@ def examine(self_test: bool) -> dict[str, Any]:
 def _packages(found: dict[str, Any], problems: list[str]) -> None:
     """Add what is required, and by extra what is optional, as the package's metadata have it."""
     try:
-        wanted = [Requirement(each) for each in importlib.metadata.requires(NAME) or ()]
-        extras = importlib.metadata.metadata(NAME).get_all("Provides-Extra") or []
+        wanted = [Requirement(each) for each in importlib.metadata.requires(_NAME) or ()]
+        extras = importlib.metadata.metadata(_NAME).get_all("Provides-Extra") or []
     except importlib.metadata.PackageNotFoundError:
         found["packages"] = found["extras"] = None  # runs from a checkout that is not installed
         return
@@ -95,7 +95,7 @@ def _of(wanted: list[Requirement], extra: str) -> Iterator[Requirement]:
             asked = asked and (not extra or not each.marker.evaluate({"extra": ""}))
         if not asked:
             continue
-        if each.name == NAME:
+        if each.name == _NAME:
             for other in each.extras:
                 yield from _of(wanted, other)
         else:

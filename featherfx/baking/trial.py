@@ -44,15 +44,15 @@ from featherfx.usd.write.forms import chosen_group
 from featherfx.usd.write.output import unique_prim_names
 
 # feathers of the first trials and of the next, and frames of each
-FEW, MORE, FRAMES = 12, 96, 6
+_FEW, _MORE, _FRAMES = 12, 96, 6
 # feathers that go through all frames, and their share of the time for trials
-COURSE, OF_COURSE = 32, 0.25
+_COURSE, _OF_COURSE = 32, 0.25
 # neighbours that are tried together
-TOGETHER = 16
+_TOGETHER = 16
 # share of a bake's processor time that a trial may take where TRIAL_SECONDS are less, up to s of it
-OF_BAKE, MOST_SECONDS = 1.0 / 6.0, 60.0
+_OF_BAKE, _MOST_SECONDS = 1.0 / 6.0, 60.0
 # over the feathers of the last trial, those that make a larger one worth its time
-WORTH = 1.5
+_WORTH = 1.5
 # phases that go with what is solved, and those of the frames
 _OF_WORK = ("settling", "preroll", "earlier", "simulating")
 _LOOP = ("simulating", "writing")
@@ -150,18 +150,18 @@ def _tried(shot: Shot, jobs: int, budget: float | None) -> tuple[list[Trial], Tr
     """The trials that s of processor time suffice for, and the course of all frames, None where
     they tried them all."""
     total, frames = len(shot.groom.feathers), shot.last_frame - shot.first_frame + 1
-    few, begin = (min(total, FEW), min(frames, FRAMES)), time.process_time()
+    few, begin = (min(total, _FEW), min(frames, _FRAMES)), time.process_time()
     most = TRIAL_SECONDS if budget is None else budget
     with phase("measuring") as done:
         trials = [_trial(shot, *few, jobs), _trial(shot, *few, jobs)]
         done(2)
-        course = _course(shot, jobs, OF_COURSE * most) if frames > FRAMES else None
+        course = _course(shot, jobs, _OF_COURSE * most) if frames > _FRAMES else None
         done(3)
         while trials[-1].feathers < total:
             left = most - (time.process_time() - begin)
             if budget is None:
                 cost = float(sum(_whole(shot, trials, course).values(), np.zeros(2))[1])
-                left = max(left, min(OF_BAKE * cost, MOST_SECONDS))
+                left = max(left, min(_OF_BAKE * cost, _MOST_SECONDS))
             count = _larger(trials, left, total)
             if count is None:
                 break
@@ -176,12 +176,14 @@ def _larger(trials: Sequence[Trial], left: float, total: int) -> int | None:
     last, before = trials[-1], trials[-2]
     if before.feathers == last.feathers:
         # what is fixed looks as if it went with these
-        return min(total, MORE, max(int(2.0 * last.feathers * left / last.cost), last.feathers + 1))
+        return min(
+            total, _MORE, max(int(2.0 * last.feathers * left / last.cost), last.feathers + 1)
+        )
     # more fixed costs than these tell, at most
     grown = (last.cost - before.cost) / (last.feathers - before.feathers)
     each = max(grown, 0.2 * last.cost / last.feathers)
     count = min(last.feathers + int((left - last.cost) / each), total)
-    return count if count >= min(WORTH * last.feathers, total) else None
+    return count if count >= min(_WORTH * last.feathers, total) else None
 
 
 def _memory(trials: Sequence[Trial], total: int) -> float:
@@ -313,7 +315,7 @@ def _course(shot: Shot, jobs: int, most: float) -> TrialCourse:
                 pass
             iterations.append(sum(float(r.iterations.sum()) for r in simulation.counted().reports))
             marks.append(time.process_time())
-            if marks[-1] - begin > most and len(marks) > FRAMES:
+            if marks[-1] - begin > most and len(marks) > _FRAMES:
                 break
     return TrialCourse(np.array(iterations[1:]), np.diff(marks), work_of(part))
 
@@ -325,10 +327,10 @@ def _pinned(shot: Shot) -> Shot:
     push = np.flatnonzero(_pushing(shot))
     if len(push):
         lengths = np.array([feathers[f].kind.length for f in push])
-        chosen = np.sort(push[np.argsort(-lengths, kind="stable")[:COURSE]])
+        chosen = np.sort(push[np.argsort(-lengths, kind="stable")[:_COURSE]])
     else:
         numbers = plan.leading if len(plan.leading) else np.arange(len(feathers))
-        places = np.linspace(0, len(numbers) - 1, min(COURSE, len(numbers)))
+        places = np.linspace(0, len(numbers) - 1, min(_COURSE, len(numbers)))
         chosen = numbers[places.astype(np.int64)]
     part, finest = part_of(shot, chosen), plan.table.min(axis=0)
     pinned = tuple(
@@ -364,7 +366,7 @@ def _some(shot: Shot, count: int) -> Indices:
 def _neighbours(shot: Shot, numbers: Indices, count: int) -> Indices:
     """So many of some feathers, in groups of neighbours evenly among them."""
     roots = np.array([shot.groom.feathers[f].position for f in numbers])
-    groups = max(count // TOGETHER, 1)
+    groups = max(count // _TOGETHER, 1)
     found = []
     for places, some in zip(
         np.array_split(np.arange(len(numbers)), groups),

@@ -15,7 +15,7 @@ from typing import Any, Self
 import click
 
 from featherfx.cli.program import LOGGER, command_begin, raise_interrupt
-from featherfx.phases import Account, Told, time_left
+from featherfx.phases import Account, PhaseState, time_left
 
 _SECONDS_BETWEEN_LINES = 1.0
 # of phases: those that are over sooner are not worth a line, others not one every second
@@ -97,7 +97,7 @@ class Progress:
             self._close_bar()
             click.echo(json.dumps({"message": line}) if self.style == "json" else line, err=True)
 
-    def _hear(self, told: Told) -> None:
+    def _hear(self, told: PhaseState) -> None:
         if threading.current_thread() is threading.main_thread():
             raise_interrupt()
         with self.lock:
@@ -117,7 +117,7 @@ class Progress:
                     self.last_line = now
                     self._line(told.name, told.done, told.total, told.left)
 
-    def _log(self, told: Told) -> None:
+    def _log(self, told: PhaseState) -> None:
         """Begin and end of phases that take time; parts of one name, as kernels are, once."""
         if told.ended and told.seconds >= _SHORT_PHASE:
             LOGGER.info("%s: %.2f s", told.name, told.seconds)
@@ -125,14 +125,14 @@ class Progress:
             LOGGER.info("%s begins", told.name)
         self.logged = told.name
 
-    def _announce(self, told: Told) -> None:
+    def _announce(self, told: PhaseState) -> None:
         """Say once that there is compiling, before the first kernel."""
         if told.name not in self.announced and told.left and told.left > _SOON:
             self._close_bar()
             click.echo(f"compiling, once, {about(told.left)}", err=True)
         self.announced.add(told.name)
 
-    def _json_phase(self, told: Told) -> None:
+    def _json_phase(self, told: PhaseState) -> None:
         now, total = time.monotonic(), told.total or 1
         done = told.done if told.total else int(told.ended)
         name, last, when = self.last_json

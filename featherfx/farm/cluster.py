@@ -21,7 +21,7 @@ from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 from featherfx.errors import InputError, Problem, SimulationError
-from featherfx.farm.engine import BEGUN, DONE, FAILED, LOST, PROGRESS, QUIET, News
+from featherfx.farm.engine import BEGUN, DONE, FAILED, LOST, PROGRESS, QUIET, OrderNews
 from featherfx.farm.origin import forked
 from featherfx.farm.work import PLAN, Order, work
 from featherfx.jit.threads import allow, cores
@@ -37,7 +37,7 @@ _CALL, _MEET, _QUIET, _OFTEN = 10.0, 60.0, 30.0, 0.2
 _LOADED = ["featherfx.farm.ignore_sigint", "featherfx.farm.work", "featherfx.baking.frame_loop"]
 
 _ONE_AT_A_TIME = threading.Lock()
-LOG = logging.getLogger("featherfx.farm")
+_LOG = logging.getLogger("featherfx.farm")
 # below "distributed.worker", so that a worker's own log holds these lines
 _WORKER_LOG = logging.getLogger("distributed.worker.featherfx")
 
@@ -70,7 +70,7 @@ class DaskEngine:
         self._cores, self._threads = cores, 0
         self._topic = f"featherfx-{uuid.uuid4().hex}"
         self._looks: list[tuple[int, Order]] = []
-        self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
+        self._news: queue.SimpleQueue[OrderNews] = queue.SimpleQueue()
         self._futures: dict[int, Future] = {}
         # orders that some workers alone may take, with these
         self._bound: dict[int, tuple[Order, set[str]]] = {}
@@ -85,8 +85,8 @@ class DaskEngine:
         _ = self._client
 
     def _heard(self, event: tuple[float, dict[str, Any]]) -> None:
-        told = {each: event[1][each] for each in News.__dataclass_fields__}
-        self._news.put(News(**told))
+        told = {each: event[1][each] for each in OrderNews.__dataclass_fields__}
+        self._news.put(OrderNews(**told))
 
     def _addresses(self) -> list[str]:
         return list(self._client.scheduler_info(n_workers=-1)["workers"])
@@ -124,16 +124,16 @@ class DaskEngine:
                 self.cancel(number)
                 self.submit(number, order)
 
-    def _outcome(self, number: int, future: Future) -> News:
+    def _outcome(self, number: int, future: Future) -> OrderNews:
         if future.status == "finished":
-            return News(**future.result())
+            return OrderNews(**future.result())
         if future.status == "error":
             from distributed import KilledWorker
 
             error = future.exception()
-            return News(LOST if isinstance(error, KilledWorker) else FAILED, number, "", error)
+            return OrderNews(LOST if isinstance(error, KilledWorker) else FAILED, number, "", error)
         message = "the connection to the scheduler was lost; --resume goes on"
-        return News(FAILED, number, "", InputError(Problem("scheduler", "", message)))
+        return OrderNews(FAILED, number, "", InputError(Problem("scheduler", "", message)))
 
     def cancel(self, number: int) -> None:
         self._bound.pop(number, None)
@@ -148,21 +148,21 @@ class DaskEngine:
             self._threads = threads
             self._client.run(allow, threads, on_error="ignore")
 
-    def hear(self) -> News:
+    def hear(self) -> OrderNews:
         if self._looks:
             number, order = self._looks.pop()
             with _ONE_AT_A_TIME:
                 what, value = _carried_out(order, lambda done, total: None)
-            return News(what, number, value=value)
+            return OrderNews(what, number, value=value)
         self._free_those_whose_workers_are_gone()
         try:
             return self._news.get(timeout=_QUIET)
         except queue.Empty:
-            return News(QUIET, value=len(self._addresses()))
+            return OrderNews(QUIET, value=len(self._addresses()))
 
 
 def on_worker(number: int, order: Order, topic: str) -> dict[str, Any]:
-    """Carry out an order within a worker; returns the fields of its News."""
+    """Carry out an order within a worker; returns the fields of its OrderNews."""
     from distributed import get_worker
 
     worker: Any = get_worker()
@@ -273,5 +273,5 @@ def _client(distributed: Any, address: str, workers: int) -> Iterator[Client]:
             raise InputError(Problem("scheduler", "", message)) from None
         known = client.scheduler_info(n_workers=-1)["workers"].values()
         if any(each["nthreads"] > 1 for each in known):
-            LOG.warning("workers bake one share at a time; --nthreads 1 lets Dask know")
+            _LOG.warning("workers bake one share at a time; --nthreads 1 lets Dask know")
         yield client

@@ -11,11 +11,11 @@ BEGUN, PROGRESS, DONE, FAILED, LOST, QUIET = "begun", "progress", "done", "faile
 
 
 @dataclass(frozen=True)
-class News:
+class OrderNews:
     """News about an order.
 
-    what: BEGUN; PROGRESS, with value the samples done and their number; DONE, with a Done; FAILED,
-    with an exception; LOST: every worker that took it was lost; QUIET: nothing was heard for a
+    what: BEGUN; PROGRESS, with value the samples done and their number; DONE, with an OrderResult;
+    FAILED, with an exception; LOST: every worker that took it was lost; QUIET: nothing was heard for a
     while, with the number of workers. number: of the order. place: address of the worker, with the
     number of its process.
     """
@@ -44,5 +44,5 @@ class Engine(Protocol):
     def share_out(self, busy: int) -> None:
         """Let so many workers have the machine's cores, where all are of one machine."""
 
-    def hear(self) -> News:
+    def hear(self) -> OrderNews:
         """The next news; waits for it, some seconds at most."""

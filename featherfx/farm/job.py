@@ -18,20 +18,20 @@ from typing import Any
 
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm import timing_history
-from featherfx.farm.engine import DONE, FAILED, LOST, PROGRESS, QUIET, Engine, News
+from featherfx.farm.engine import DONE, FAILED, LOST, PROGRESS, QUIET, Engine, OrderNews
 from featherfx.farm.places import Shares
-from featherfx.farm.work import BAKE, MERGE, PLAN, Done, Order
+from featherfx.farm.work import BAKE, MERGE, PLAN, Order, OrderResult
 from featherfx.files.content import program_digest
 from featherfx.files.lock import Lock
 from featherfx.usd.types import BUSY, OutputError
 from featherfx.usd.write.parts import lock_file
 
 # how often an order is given to a worker when what it writes is refused
-TRIES = 3
+_TRIES = 3
 # shares for each worker, so that those that are done early take over from others
-SHARES_EACH = 2
+_SHARES_EACH = 2
 
-LOG = logging.getLogger("featherfx.farm")
+_LOG = logging.getLogger("featherfx.farm")
 
 
 @dataclass
@@ -111,8 +111,8 @@ class Job:
             _ShotState(shot.absolute(), output.absolute(), Shares(output.absolute()))
             for shot, output in zip(shots, outputs, strict=True)
         ]
-        one_each = engine.workers == 1 or len(shots) >= SHARES_EACH * engine.workers
-        by_workers = 1 if one_each else -(-SHARES_EACH * engine.workers // len(shots))
+        one_each = engine.workers == 1 or len(shots) >= _SHARES_EACH * engine.workers
+        by_workers = 1 if one_each else -(-_SHARES_EACH * engine.workers // len(shots))
         self._wanted = shares or by_workers
         self._out: dict[int, _Given] = {}
         self._finished: list[_Given] = []
@@ -223,14 +223,14 @@ class Job:
             news = self._engine.hear()
             if news.what == QUIET:
                 if news.value == 0:
-                    LOG.warning("no worker is there; waiting for one")
+                    _LOG.warning("no worker is there; waiting for one")
             elif (given := self._out.get(news.number)) is not None:
                 self._heard(given, news)
                 if given.order.what != PLAN:
                     # cores of who has nothing to do go to those that still work
                     self._engine.share_out(len(self._out))
 
-    def _heard(self, given: _Given, news: News) -> None:
+    def _heard(self, given: _Given, news: OrderNews) -> None:
         if news.place and given.worker != news.place:
             self._taken_up(given, news.place)
         if news.what == PROGRESS:
@@ -254,20 +254,20 @@ class Job:
             given.worker = worker
             return
         if given.worker:
-            LOG.warning("%s: worker %s was lost", given.name, given.worker)
+            _LOG.warning("%s: worker %s was lost", given.name, given.worker)
             given.lost.append(given.worker)
         given.worker = worker
-        LOG.info("%s: on %s", given.name, worker)
+        _LOG.info("%s: on %s", given.name, worker)
 
-    def _complete(self, given: _Given, done: Done) -> None:
+    def _complete(self, given: _Given, done: OrderResult) -> None:
         each, order = given.shot, given.order
         for text in done.warnings:
-            LOG.warning("%s: %s", given.name, text)
+            _LOG.warning("%s: %s", given.name, text)
         if order.what == PLAN:
             each.plan, each.looked = done.report, done.times
             return
         seconds = done.times["wall_seconds"]
-        LOG.info("%s: done on %s in %.1f s", given.name, given.worker, seconds)
+        _LOG.info("%s: done on %s in %.1f s", given.name, given.worker, seconds)
         told = {"worker": given.worker, "workers_lost": given.lost}
         if order.what == MERGE and order.piece:
             each.pieces.append({"piece": order.piece, **told, **done.times})
@@ -303,11 +303,11 @@ class Job:
             order = self._order(each, MERGE, each.plan["shares"], pieces=each.runs)
             self._give(each, order)
 
-    def _failed(self, given: _Given, news: News) -> None:
+    def _failed(self, given: _Given, news: OrderNews) -> None:
         """An order that was not carried out: given again where another worker may do better."""
         error = news.value
-        if isinstance(error, OutputError) and given.order.what != PLAN and given.tries < TRIES:
-            LOG.warning("%s: failed on %s: %s", given.name, news.place, error)
+        if isinstance(error, OutputError) and given.order.what != PLAN and given.tries < _TRIES:
+            _LOG.warning("%s: failed on %s: %s", given.name, news.place, error)
             given.tries, given.worker = given.tries + 1, ""
             self._engine.submit(news.number, given.order, avoid=news.place)
             return

@@ -24,7 +24,7 @@ from featherfx.usd.write.output import SUFFIXES
 from featherfx.usd.write.parts import remove_cache
 
 # of a worker: FROM=TO for paths of the machine that gives the work, with os.pathsep between
-PATHS_VARIABLE = "FEATHERFX_PATHS"
+_PATHS_VARIABLE = "FEATHERFX_PATHS"
 _RECORD = "shares.json"
 
 
@@ -112,7 +112,7 @@ class Shares:
 
 def mapped(path: str) -> str:
     """A path of the machine that gives the work, as this worker has it."""
-    pairs = os.environ.get(PATHS_VARIABLE, "").split(os.pathsep)
+    pairs = os.environ.get(_PATHS_VARIABLE, "").split(os.pathsep)
     for given, _, own in (pair.partition("=") for pair in pairs if "=" in pair):
         if path == given or path.startswith(given.rstrip("/\\") + "/"):
             return own + path[len(given) :]

@@ -31,7 +31,7 @@ from featherfx.usd.write.poses import posed_feathers
 
 PLAN, BAKE, MERGE = "look at", "bake", "merge"
 # s for which a share may still be written by a worker that is thought to be lost, and between looks
-PATIENCE, PAUSE = 60.0, 1.0
+_PATIENCE, _PAUSE = 60.0, 1.0
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Order:
 
 
 @dataclass(frozen=True)
-class Done:
+class OrderResult:
     """Result of an order. report: of a bake, or of a look: feathers, samples, shares and their
     sizes (feathers of each), chunk and finished. times: s that it took by the clock and of the
     processor. warnings: that it gave."""
@@ -68,7 +68,7 @@ class Done:
     warnings: tuple[str, ...]
 
 
-def work(order: Order, notify: Callable[[int, int], None]) -> Done:
+def work(order: Order, notify: Callable[[int, int], None]) -> OrderResult:
     """Carry out an order; raises what a bake raises.
 
     notify: called with the samples done and their number; ends the work by raising.
@@ -86,19 +86,19 @@ def work(order: Order, notify: Callable[[int, int], None]) -> Done:
         "wall_seconds": time.perf_counter() - begin,
         "processor_seconds": time.process_time() - spent,
     }
-    return Done(report, times, tuple(dict.fromkeys(told)))
+    return OrderResult(report, times, tuple(dict.fromkeys(told)))
 
 
 def _when_free(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """Do what writes an output, which a worker that is thought to be lost may still be writing."""
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + _PATIENCE
     while True:
         try:
             return work()
         except BusyError:
             if time.monotonic() > until:
                 raise
-        time.sleep(PAUSE)
+        time.sleep(_PAUSE)
 
 
 def _prepared(order: Order, output: Path, **changed: Any) -> BakeTask:

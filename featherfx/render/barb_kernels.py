@@ -6,7 +6,7 @@ A place is (b, s), b counts barbs along the shaft and s is the place on the barb
 
 where f is the part of the barb over which its end is free, and e_k its uneven end. At some
 boundaries, drawn at random, the vane has come apart from its edge inwards. What is between barbs
-is open, so that an edge is as soft as its barbs are fine; barbs that hook nowhere (f above LOOSE)
+is open, so that an edge is as soft as its barbs are fine; barbs that hook nowhere (f above _LOOSE)
 have barbules there, lines across that grow thin away from their barb. Barbs lean a little, near
 ones together, which makes the streaks of a vane's gloss. How much of each is chosen by eye.
 """
@@ -15,9 +15,9 @@ from __future__ import annotations
 
 from featherfx.jit.compiled import kernel
 
-UNEVEN = 0.6  # of the free end, by which barbs differ at most
-SPLITS, DEEP, WIDE = 0.007, 0.55, 0.9  # share of boundaries, of the barb, half width in barbs
-LOOSE, BARBULES, DENSE = 0.5, 90.0, 0.8  # number on a barb, share of its length that they cover
+_UNEVEN = 0.6  # of the free end, by which barbs differ at most
+_SPLITS, _DEEP, _WIDE = 0.007, 0.55, 0.9  # share of boundaries, of the barb, half width in barbs
+_LOOSE, _BARBULES, _DENSE = 0.5, 90.0, 0.8  # number on a barb, share of its length that they cover
 
 
 @kernel
@@ -62,7 +62,7 @@ def streak(number, place):
 @kernel
 def half_width(number, place, free):
     """Half width of the barb at (b, s), in barbs; negative beyond its end."""
-    left = (1.0 - UNEVEN * free * chance(int(number)) - place) / free
+    left = (1.0 - _UNEVEN * free * chance(int(number)) - place) / free
     return 0.5 if left >= 1.0 else 0.25 * left * (3.0 - left)
 
 
@@ -71,10 +71,10 @@ def _is_barbule(number, place, half):
     """Check that (b, s), beside a loose barb of a half width, is on one of its barbules."""
     own = int(number)
     off = number - own - 0.5
-    across = BARBULES * place + chance(2 * own + (1 if off > 0.0 else 0))
+    across = _BARBULES * place + chance(2 * own + (1 if off > 0.0 else 0))
     far = (abs(off) - max(half, 0.0)) / (0.5 - max(half, 0.0))
     ending = 1.0 - place * place
-    return abs(across - int(across) - 0.5) < 0.5 * DENSE * ending * (1.0 - 0.7 * far)
+    return abs(across - int(across) - 0.5) < 0.5 * _DENSE * ending * (1.0 - 0.7 * far)
 
 
 @kernel
@@ -82,11 +82,11 @@ def is_gap(number, place, free):
     """Check that light passes at (b, s) between barbs."""
     own, half = int(number), half_width(number, place, free)
     if abs(number - own - 0.5) > half:
-        return free < LOOSE or not _is_barbule(number, place, half)
+        return free < _LOOSE or not _is_barbule(number, place, half)
     for boundary in range(own, own + 2):
-        drawn = chance(boundary + 7919) / SPLITS
+        drawn = chance(boundary + 7919) / _SPLITS
         if drawn < 1.0:
-            deep = 0.1 + DEEP * drawn
-            if abs(number - boundary) < WIDE * (place + deep - 1.0) / deep:
+            deep = 0.1 + _DEEP * drawn
+            if abs(number - boundary) < _WIDE * (place + deep - 1.0) / deep:
                 return True
     return False

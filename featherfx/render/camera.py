@@ -184,7 +184,7 @@ def tile_size(right: Array, up: Array, points: Array) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class Way:
+class CameraPath:
     """The smooth way of what is drawn: polynomials of time codes, (4, 3) m, the constants last.
 
     first, span: codes from which and over which they count from -1 to 1.
@@ -200,7 +200,7 @@ class Way:
         return np.vander([fraction], len(self.coefficients))[0] @ self.coefficients
 
 
-def way_of(reach: Sequence[tuple[float, Array]]) -> Way:
+def fit_camera_path(reach: Sequence[tuple[float, Array]]) -> CameraPath:
     """Fit a path to the middles of hulls at time codes, by least squares, so that it does not beat
     with a wing."""
     codes = np.array([code for code, _ in reach])
@@ -208,15 +208,15 @@ def way_of(reach: Sequence[tuple[float, Array]]) -> Way:
     first, span = float(codes.min()), max(float(np.ptp(codes)), 1e-9)
     degree = min(3, len(np.unique(codes)) - 1)
     fractions = 2.0 * (codes - first) / span - 1.0
-    return Way(np.polyfit(fractions, middles, degree).reshape(degree + 1, 3), first, span)
+    return CameraPath(np.polyfit(fractions, middles, degree).reshape(degree + 1, 3), first, span)
 
 
-def standing_still() -> Way:
+def still_path() -> CameraPath:
     """The way of a camera that stays where it is."""
-    return Way(np.zeros((1, 3)), 0.0, 1.0)
+    return CameraPath(np.zeros((1, 3)), 0.0, 1.0)
 
 
-def travels(way: Way, reach: Sequence[tuple[float, Array]]) -> bool:
+def travels(way: CameraPath, reach: Sequence[tuple[float, Array]]) -> bool:
     """Check that the subject moves farther than its own size."""
     places = np.array([way(code) for code, _ in reach])
     sizes = [float(np.linalg.norm(np.ptp(hull, axis=0))) for _, hull in reach]

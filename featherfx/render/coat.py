@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import unit
 
-PLACES = 4  # along a feather, at the middles of as many equal parts of it
+_PLACES = 4  # along a feather, at the middles of as many equal parts of it
 _NEAR = 32  # places of vanes that are looked at
 _MOST = 0.75  # how far normals are drawn towards the coat's, at most
 _SMALL = 120.0  # pixels, length of a feather up to which they are
@@ -26,15 +26,15 @@ def coat_fractions(pixels: Array) -> Array:
 
 
 def coat_normals(points: Array, triangles: Indices, owner: Indices, heights: Array) -> Array:
-    """(N, PLACES, 3) units, dorsal, of the coat about each feather; zero where it has no vane.
+    """(N, _PLACES, 3) units, dorsal, of the coat about each feather; zero where it has no vane.
 
     points: (V, 3) m. triangles: (T, 3) of vanes. owner: (T,) feather, ascending, N of the last and
     1. heights: (T,) of the triangles' middles, 0 to 1 along the feather.
     """
     first, second, third = (points[triangles[:, k]] for k in range(3))
     crossed = np.cross(second - first, third - first)
-    count = PLACES * (int(owner[-1]) + 1)
-    cell = PLACES * owner + np.minimum((heights * PLACES).astype(np.int64), PLACES - 1)
+    count = _PLACES * (int(owner[-1]) + 1)
+    cell = _PLACES * owner + np.minimum((heights * _PLACES).astype(np.int64), _PLACES - 1)
     area = np.linalg.norm(crossed, axis=1)
     middles = _summed((first + second + third) / 3.0 * area[:, None], cell, count)
     own = unit(_summed(crossed, cell, count))
@@ -48,7 +48,7 @@ def coat_normals(points: Array, triangles: Indices, owner: Indices, heights: Arr
     weight = (1.0 - 0.9 * (distance / reach) ** 2) * np.maximum(alike, 0.0)
     result = np.zeros((count, 3))
     result[there] = unit(np.einsum("nk,nkc->nc", weight, own[there][near]))
-    return result.reshape(-1, PLACES, 3)
+    return result.reshape(-1, _PLACES, 3)
 
 
 def _summed(values: Array, cell: Indices, count: int) -> Array:
@@ -59,10 +59,10 @@ def _summed(values: Array, cell: Indices, count: int) -> Array:
 def drawn_towards(normals: Array, coat: Array, heights: Array, fractions: Array) -> Array:
     """Normals (n, B, S, 3) of barbs at heights (B,) of n feathers, drawn towards those of the coat.
 
-    coat: (n, PLACES, 3). fractions: (n,).
+    coat: (n, _PLACES, 3). fractions: (n,).
     """
-    at = np.clip(heights * PLACES - 0.5, 0.0, PLACES - 1.0)
-    low = np.minimum(at.astype(int), PLACES - 2)
+    at = np.clip(heights * _PLACES - 0.5, 0.0, _PLACES - 1.0)
+    low = np.minimum(at.astype(int), _PLACES - 2)
     part = (at - low)[:, None]
     there = ((1.0 - part) * coat[:, low] + part * coat[:, low + 1])[:, :, None]
     own = unit(normals)

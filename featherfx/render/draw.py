@@ -12,18 +12,18 @@ import numpy as np
 
 from featherfx.errors import InputError, Problem, require
 from featherfx.files.atomic_write import standing
-from featherfx.phases import Done, phase
+from featherfx.phases import ReportDone, phase
 from featherfx.render.annotate import add_key, beside, contact_sheet, label
 from featherfx.render.camera import (
     Eye,
     axes_of,
     carried,
+    fit_camera_path,
     framing,
-    standing_still,
+    still_path,
     tile_size,
     travels,
     turntable,
-    way_of,
     whole,
 )
 from featherfx.render.colour import Bar, Legend
@@ -123,7 +123,7 @@ def _pictures(
         preparer.shutdown(cancel_futures=True)
 
 
-def _drawn(tracer: Tracer, drawers: ThreadPoolExecutor, done: Done) -> Picture:
+def _drawn(tracer: Tracer, drawers: ThreadPoolExecutor, done: ReportDone) -> Picture:
     """One picture, by threads that share its rows; done: called with the strips that are."""
     lens = tracer.lens
     picture = np.zeros((lens.rows, lens.columns, 3), np.uint8)
@@ -152,9 +152,9 @@ def _shots(
     kept = times if options.framed == "drawn" else None
     reaches = [subject.reach(kept) if kept else subject.whole_reach for subject in subjects]
     reach = [each for found in reaches for each in found]
-    way = way_of(reach)
+    way = fit_camera_path(reach)
     if options.framing not in (None, "follow") or not (options.framing or travels(way, reach)):
-        way = standing_still()
+        way = still_path()
     points = np.concatenate([hull - way(code) for code, hull in reach])
     right, up = axes_of(options.view, *subjects[0].shape(kept), options.floor)
     is_shaped = options.sheet and options.size is None

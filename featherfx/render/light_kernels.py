@@ -50,20 +50,20 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
 
-# what a triangle is of; rows of MATERIALS. A floor only takes shadow: its colour is that behind it
+# what a triangle is of; rows of _MATERIALS. A floor only takes shadow: its colour is that behind it
 VANE, SHAFT, SKIN, FLOOR, EYE = 0, 1, 2, 3, 4
 # all by eye
 EXPOSURE = 0.40
-FINE = 4.0  # pixels: what stands nearer before a vane than these casts no shadow on it
-FURROW = 0.8  # darkness of furrows between barbs of full roundness
-THIN = 0.25  # more light goes through the free ends of barbs
-FILM_SUN, FILM_SKY = 0.13, 0.14  # shares of light that films send back where colours agree
-INDEX, WAVES = 1.56, (6.1e2, 5.4e2, 4.5e2)  # of keratin; nm, of red, green and blue
-LEAN = 0.24  # of barbs, tangent, at most
-BENT, WIDER = 0.12, 0.2  # tangents of the lobes of gloss: to the root, to the end of the fibre
+_FINE = 4.0  # pixels: what stands nearer before a vane than these casts no shadow on it
+_FURROW = 0.8  # darkness of furrows between barbs of full roundness
+_THIN = 0.25  # more light goes through the free ends of barbs
+_FILM_SUN, _FILM_SKY = 0.13, 0.14  # shares of light that films send back where colours agree
+_INDEX, _WAVES = 1.56, (6.1e2, 5.4e2, 4.5e2)  # of keratin; nm, of red, green and blue
+_LEAN = 0.24  # of barbs, tangent, at most
+_BENT, _WIDER = 0.12, 0.2  # tangents of the lobes of gloss: to the root, to the end of the fibre
 # share of light that goes through, light that a shadow lets through, sheen, and of both lobes of
 # gloss k and p
-MATERIALS = np.array(
+_MATERIALS = np.array(
     [
         [0.34, 0.30, 0.35, 0.10, 24.0, 0.24, 5.0],
         [0.0, 0.0, 0.10, 0.20, 40.0, 0.10, 8.0],
@@ -106,7 +106,7 @@ class Tile(NamedTuple):
     rays: Floats
 
 
-class Surface(NamedTuple):
+class HitSurface(NamedTuple):
     """Surface that rays hit. triangles: (T, 3). material: (T,). normals, tangents, colours: (V, 3),
     of vertices; colours are linear. barbs: (V, 5) as of Geometry."""
 
@@ -136,7 +136,7 @@ class Lights(NamedTuple):
     harmonics: Array
 
 
-class Points(NamedTuple):
+class RayHits(NamedTuple):
     """Hits of N rays. places: (N, 3) a little off the surface, on the sun's side. beyond: (N, 3)
     on the sky ray's side. normals, tangents, colours: (N, 3). to_sun, to_sky: (N, 3) rays on from
     there. material: (N,). through: (N,) share of light that goes through. film: (N,) nm."""
@@ -245,15 +245,15 @@ def surface_points(surface, lights, tile, hits, which, points):
         face = scale(-1.0, face) if dot(face, ray) > 0.0 else face
         tangent = _unit(_interpolated(surface.tangents, corners, u, v), (0.0, 0.0, 0.0))
         smooth = _unit(_interpolated(surface.normals, corners, u, v), face)
-        through, rounded, lean = MATERIALS[material, 0], 0.0, 0.0
+        through, rounded, lean = _MATERIALS[material, 0], 0.0, 0.0
         if material == VANE:
             number, barb, strong, free = barb_there(surface.barbs, corners, u, v)
             half, off = half_width(number, barb, free), number - int(number) - 0.5
             rounded = strong * off / half if abs(off) < half else 0.0
             rounded += 0.8 * min(free, 1.0) * (chance(int(number) + 104729) - 0.5)
-            lean = LEAN * streak(number, barb)
-            through += THIN * (1.0 - 2.0 * max(half, 0.0))
-        furrow = 1.0 - FURROW * rounded * rounded
+            lean = _LEAN * streak(number, barb)
+            through += _THIN * (1.0 - 2.0 * max(half, 0.0))
+        furrow = 1.0 - _FURROW * rounded * rounded
         side = _unit(cross(tangent, smooth), (0.0, 0.0, 0.0))
         smooth = scale(-1.0, smooth) if dot(smooth, face) < 0.0 else smooth
         normal = _unit(combined(1.0, smooth, rounded + lean, side), face)
@@ -266,7 +266,7 @@ def surface_points(surface, lights, tile, hits, which, points):
             axis, fraction = scale(-1.0, normal), (first - 1.0 + through) / through
         sky = _around(axis, sqrt(fraction), sqrt(max(1.0 - fraction, 0.0)), 2.0 * pi * second)
         place = combined(1.0, tile.origins[at], far[at], ray)
-        fine = offset if material != VANE else FINE * _pixel_there(lens, far[at])
+        fine = offset if material != VANE else _FINE * _pixel_there(lens, far[at])
         store(points.places[index], combined(1.0, _off(place, face, sun, offset), fine, sun))
         store(points.beyond[index], combined(1.0, _off(place, face, sky, offset), fine, sky))
         store(points.normals[index], normal)
@@ -319,7 +319,7 @@ def pass_vanes(surface, hits, which, offset, places, rays, light):
         if prim < 0:
             continue
         if not _passes(surface, prim, us[index], vs[index]):
-            light[at] *= MATERIALS[surface.material[prim], 1]
+            light[at] *= _MATERIALS[surface.material[prim], 1]
         store(places[at], combined(1.0, places[at], far[index] + offset, rays[at]))
 
 
@@ -362,22 +362,22 @@ def _lobe(tangent, bent, normal, halfway, power):
 @kernel
 def _shining(points, index, sun, ray):
     """Both lobes of gloss."""
-    row = MATERIALS[points.material[index]]
+    row = _MATERIALS[points.material[index]]
     normal, tangent = scale(1.0, points.normals[index]), scale(1.0, points.tangents[index])
     halfway = _unit(sub(sun, ray), normal)
     if points.material[index] in (SKIN, EYE):
         facing = max(dot(normal, halfway), 0.0)
         return row[3] * facing ** row[4], row[5] * facing ** row[6]
-    narrow = row[3] * _lobe(tangent, -BENT, normal, halfway, row[4])
-    return narrow, row[5] * _lobe(tangent, WIDER, normal, halfway, row[6])
+    narrow = row[3] * _lobe(tangent, -_BENT, normal, halfway, row[4])
+    return narrow, row[5] * _lobe(tangent, _WIDER, normal, halfway, row[6])
 
 
 @kernel
 def of_film(film, cosine):
     """(3,) shares 0..1 by which a film of keratin on melanin agrees with red, green and blue that
     come at an angle: both of its faces turn the phase, so 2 n d cos(b) of a whole wave is full."""
-    path = 2.0 * INDEX * film * sqrt(1.0 - (1.0 - cosine * cosine) / (INDEX * INDEX))
-    red, green, blue = WAVES
+    path = 2.0 * _INDEX * film * sqrt(1.0 - (1.0 - cosine * cosine) / (_INDEX * _INDEX))
+    red, green, blue = _WAVES
     return (
         0.5 + 0.5 * cos(2.0 * pi * path / red),
         0.5 + 0.5 * cos(2.0 * pi * path / green),
@@ -396,8 +396,8 @@ def _add_film(lights, points, index, sun, ray, light):
     far = of_film(film, min(abs(dot(normal, ray)), 1.0))
     sky = _received(lights, dot(normal, lights.up))
     for k in range(3):
-        light[0][index, k] += FILM_SUN * gloss * near[k] * lights.sun_light[k]
-        light[1][index, k] += FILM_SKY * far[k] * sky[k]
+        light[0][index, k] += _FILM_SUN * gloss * near[k] * lights.sun_light[k]
+        light[1][index, k] += _FILM_SKY * far[k] * sky[k]
 
 
 @kernel
@@ -435,7 +435,7 @@ def shade(surface, lights, points, rays, which, sky_prims, light):
             rest = combined(1.0, sky, 1.0, sub(met, hidden))
         narrow, broad = _shining(points, index, sun, ray)
         shown = min(max(4.0 * toward, 0.0), 1.0)
-        sheen = MATERIALS[material, 2] * (1.0 - min(abs(dot(normal, ray)), 1.0)) ** 4
+        sheen = _MATERIALS[material, 2] * (1.0 - min(abs(dot(normal, ray)), 1.0)) ** 4
         for k in range(3):
             lit[index, k] = lights.sun_light[k] * (
                 colour[k] * back + shown * (narrow + broad * (0.15 + 0.85 * colour[k]))

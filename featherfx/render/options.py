@@ -11,11 +11,11 @@ from pathlib import Path
 from featherfx.errors import Problem, require
 from featherfx.limits import MOST_PIXELS, MOST_SHEET, MOST_SIDE, option
 
-COLOURS = ("shaded", "barb", "region", "strain", "hooked")
-VIEWS = ("auto", "top", "side", "front")
-FRAMINGS = ("all", "drawn", "follow")
-SAMPLES = (1, 4, 16, 64)
-SUFFIXES = (".png", ".gif", ".mp4")
+_COLOURS = ("shaded", "barb", "region", "strain", "hooked")
+_VIEWS = ("auto", "top", "side", "front")
+_FRAMINGS = ("all", "drawn", "follow")
+_SAMPLES = (1, 4, 16, 64)
+_SUFFIXES = (".png", ".gif", ".mp4")
 SHEET_FRAMES = 9  # of a sheet, where nothing else is said
 
 
@@ -34,16 +34,18 @@ class PictureOptions:
     colour: str = option(
         "shaded",
         "Shaded vanes, barb angle, region, strain across the barbs, or hooks that hold.",
-        allowed=COLOURS,
+        allowed=_COLOURS,
         flag="--colour --color",
     )
     sheet: bool = False
-    view: str = option("auto", "Where the camera stands; auto looks onto the vanes.", allowed=VIEWS)
+    view: str = option(
+        "auto", "Where the camera stands; auto looks onto the vanes.", allowed=_VIEWS
+    )
     framing: str | None = option(
         None,
         "Keep in view what all frames of FILE show, or those drawn, or go along with it."
         "  [default: all; drawn with --feather or --region; follow where it goes far]",
-        allowed=FRAMINGS,
+        allowed=_FRAMINGS,
     )
     camera: str | None = option(
         None,
@@ -68,7 +70,7 @@ class PictureOptions:
         metavar="FILE",
     )
     bare: bool = option(False, "Leave out skin and colliders.")
-    samples: int = option(16, "Rays a pixel.", allowed=SAMPLES)
+    samples: int = option(16, "Rays a pixel.", allowed=_SAMPLES)
     turntable: int = 0
     floor: bool = option(False, "A floor under what is drawn, which takes its shadow.")
     f_stop: float = 0.0
@@ -81,7 +83,7 @@ class PictureOptions:
 
     @property
     def framed(self) -> str:
-        """One of FRAMINGS."""
+        """One of _FRAMINGS."""
         return self.framing or ("drawn" if self.feathers or self.regions else "all")
 
     @property
@@ -114,8 +116,8 @@ def check_options(path: Path, output: Path, options: PictureOptions) -> None:
             told = ", ".join(map(str, allowed))
             problems.append(Problem("preview", each.name, f"'{value}' is not one of {told}"))
     problems += _number_problems(options)
-    if output.suffix.lower() not in SUFFIXES:
-        told = f"suffix '{output.suffix}' is not one of {', '.join(SUFFIXES)}"
+    if output.suffix.lower() not in _SUFFIXES:
+        told = f"suffix '{output.suffix}' is not one of {', '.join(_SUFFIXES)}"
         problems.append(Problem(str(output), "", told))
     elif options.sheet and output.suffix.lower() != ".png":
         problems.append(Problem(str(output), "", "a sheet is one picture, a .png"))

@@ -46,7 +46,7 @@ _DRAWS = 61  # of numbers of barbs, by which feathers' ends differ
 
 
 @dataclass(frozen=True)
-class Group:
+class StripGroup:
     """Feathers of one topology, one number of strips and one look. members: (n,) of the scene.
     barbs: strips of a vane. stations: points along a barb. real: barbs of a vane. wide: pixels of
     each. draws: (n,) by which each feather draws what is random of the look."""
@@ -67,7 +67,7 @@ class Group:
         return _ROUND * float(faded((self.wide - _ROUND_FROM) / (_ROUND_AT - _ROUND_FROM)))
 
 
-def shades_of(colours: Array, ahead: Array | None, vane: DrawnGrid, group: Group) -> Floats:
+def shades_of(colours: Array, ahead: Array | None, vane: DrawnGrid, group: StripGroup) -> Floats:
     """(n, B, 2 S + 1, 3) colours of strips.
 
     colours: (n, R, C, 3) linear, of a vane's vertices. ahead: (n, R, C) how far along the shaft
@@ -88,7 +88,7 @@ def shades_of(colours: Array, ahead: Array | None, vane: DrawnGrid, group: Group
     return _of_strips(*parts).astype(np.float32)
 
 
-def _places(vane: DrawnGrid, group: Group) -> tuple[Array, Array, Array]:
+def _places(vane: DrawnGrid, group: StripGroup) -> tuple[Array, Array, Array]:
     """Heights (B + 1,) between strips and (B,) of their middles, places (S,) on a barb."""
     edges = np.linspace(vane.heights[0], vane.heights[-1], group.barbs + 1)
     return edges, 0.5 * (edges[1:] + edges[:-1]), np.linspace(0.0, 1.0 - _TAPER, group.stations)
@@ -118,7 +118,7 @@ class PosedVane(NamedTuple):
     coated: Array
 
 
-def strips_of(posed: PosedVane, vane: DrawnGrid, group: Group) -> Geometry:
+def strips_of(posed: PosedVane, vane: DrawnGrid, group: StripGroup) -> Geometry:
     """The barbs of one vane."""
     grid, parted, shades, loose, film, wet, coat, coated = posed
     heights, places, stations = vane.heights, vane.places, group.stations
@@ -159,7 +159,7 @@ def strips_of(posed: PosedVane, vane: DrawnGrid, group: Group) -> Geometry:
 
 
 def _numbered(
-    group: Group, inner: Array, loose: Array, slender: float, film: Floats | None
+    group: StripGroup, inner: Array, loose: Array, slender: float, film: Floats | None
 ) -> Floats:
     """(n B (2 S + 1), 5) barbs of Geometry. inner: (S,) places on a barb. loose: (n, B, 2 S + 1)
     and film: (n, R, C) as of PosedVane. slender: length of a vane over that of its barbs."""

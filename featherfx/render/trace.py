@@ -16,8 +16,8 @@ from featherfx.render.camera import Eye
 from featherfx.render.geometry import Geometry, joined
 from featherfx.render.light_kernels import (
     FLOOR,
-    Points,
-    Surface,
+    HitSurface,
+    RayHits,
     Tile,
     camera_rays,
     find_gaps,
@@ -36,11 +36,11 @@ _OFFSET = 2e-5  # of the size of all that is drawn: how far rays start off a sur
 _GAPS = 6  # between barbs that a ray goes through
 
 
-def _points(count: int) -> Points:
+def _points(count: int) -> RayHits:
     """Room for what `count` rays hit."""
     places, beyond, normals, tangents, colours, to_sun, to_sky = np.zeros((7, count, 3), np.float32)
     material, (through, film) = np.zeros(count, np.uint8), np.zeros((2, count), np.float32)
-    return Points(
+    return RayHits(
         places, beyond, normals, tangents, colours, to_sun, to_sky, material, through, film
     )
 
@@ -75,8 +75,8 @@ class Tracer:
         points = np.ascontiguousarray(geometry.points - middle, dtype=np.float32)
         self._mesh = TriangleMesh(self._embree, points, geometry.triangles)
         # of one layout in memory, for which kernels are compiled once
-        parts = (getattr(geometry, name) for name in Surface._fields)
-        self._surface = Surface(*map(np.ascontiguousarray, parts))
+        parts = (getattr(geometry, name) for name in HitSurface._fields)
+        self._surface = HitSurface(*map(np.ascontiguousarray, parts))
         # the first query builds the tree; then several threads may ask
         self._hits(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
         numbers = 0 if values else NUMBERS
@@ -139,7 +139,7 @@ class Tracer:
             going = going[found["primID"][going] >= 0]
         return tile, found, np.flatnonzero(found["primID"] >= 0)
 
-    def _points(self, tile: Tile, found: dict[str, Any], which: Any) -> Points:
+    def _points(self, tile: Tile, found: dict[str, Any], which: Any) -> RayHits:
         points = _points(len(which))
         surface_points(self._surface, self._lights, tile, _hit(found), which, points)
         return points
@@ -160,7 +160,7 @@ class Tracer:
             open_sky[on_floor] *= colours
         return lit, open_sky, sunlight, seen
 
-    def _sunlight(self, points: Points) -> Array:
+    def _sunlight(self, points: RayHits) -> Array:
         """(N,) share of the sun's light that arrives through vanes."""
         light = np.ones(len(points.places))
         going = np.arange(len(light))

@@ -19,8 +19,8 @@ from featherfx.render.geometry import Geometry, geometry_of, joined, vertex_norm
 from featherfx.render.grids import DrawnGrid, Topology, topology_of
 from featherfx.render.light_kernels import SKIN
 from featherfx.render.strips import (
-    Group,
     PosedVane,
+    StripGroup,
     shades_of,
     strips_of,
     tubes_of,
@@ -56,7 +56,7 @@ class DrawnPlumage:
 
     feathers: tuple[CachedFeather, ...]
     starts: Indices
-    groups: tuple[Group, ...]
+    groups: tuple[StripGroup, ...]
     plain: Indices
     colours: Array
     shaft: Array
@@ -158,7 +158,7 @@ class DrawnPlumage:
         ahead = grid.heights[:, None] + ahead / np.maximum(length, 1e-12)[:, None, None]
         return colours, np.maximum.accumulate(ahead, axis=1)
 
-    def _shafts(self, group: Group, points: Array) -> Iterator[Geometry]:
+    def _shafts(self, group: StripGroup, points: Array) -> Iterator[Geometry]:
         """Those that are as wide as pixels; slim ones in the colour of the vane beside them."""
         assert group.topology.shaft is not None
         (rings, heights), vane = group.topology.shaft, group.topology.vanes[0]
@@ -220,7 +220,7 @@ def plumage_of(
         feathers=tuple(feathers) if own else tuple(replace(f, colour=None) for f in feathers),
         starts=starts,
         groups=tuple(
-            Group(
+            StripGroup(
                 members=np.array(members),
                 topology=found[key],
                 barbs=barbs,

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.trace.silhouette import Laid
+from featherfx.trace.silhouette import AlignedPicture
 
 # blur along, a share of the feather's length, and across, of half the width of the calamus
 _ALONG, _SCALES = 0.02, (1.0, 0.7, 0.45, 0.3)
@@ -34,7 +34,8 @@ _FINE = 2001
 
 @dataclass(frozen=True)
 class ShaftLine:
-    """A smooth line from base to tip. places: (N, 2) in Laid, evenly apart; length: pixels."""
+    """A smooth line from base to tip. places: (N, 2) in AlignedPicture, evenly apart; length:
+    pixels."""
 
     places: Array
     length: float
@@ -58,7 +59,7 @@ class ShaftLine:
         return places + beyond * np.stack([np.cos(heading), np.sin(heading)], axis=1), heading
 
 
-def shaft_of(laid: Laid, source: str) -> ShaftLine:
+def shaft_of(laid: AlignedPicture, source: str) -> ShaftLine:
     """The shaft that shows in a picture. Raises InputError where none does; source: the file."""
     columns = np.flatnonzero(laid.mask.any(axis=1))
     columns = np.arange(columns[0], columns[-1] + 1)
@@ -152,7 +153,9 @@ def _best_path(value: Array) -> Indices:
     return path
 
 
-def drawn_shaft(laid: Laid, pixels: Sequence[tuple[float, float]], source: str) -> ShaftLine:
+def drawn_shaft(
+    laid: AlignedPicture, pixels: Sequence[tuple[float, float]], source: str
+) -> ShaftLine:
     """The shaft through columns and rows of the photo, from base to tip. Raises InputError."""
     places = laid.from_photo(np.array(pixels, dtype=np.float64))
     if len(places) < 2 or (np.diff(places[:, 0]) <= 0.0).any():

@@ -19,8 +19,8 @@ from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, Problem
 
 # pixels of a picture, and its longest side while it is looked at
-MOST_PIXELS = 200_000_000
-SIDE = 1600
+_MOST_PIXELS = 200_000_000
+_SIDE = 1600
 # of the picture, what a silhouette covers at least and at most
 _COVERS = (0.002, 0.9)
 _SECOND = 0.2  # of the largest piece, up to which others are dirt; chosen by eye
@@ -49,7 +49,7 @@ class Photo:
 
 
 @dataclass(frozen=True)
-class Laid:
+class AlignedPicture:
     """The picture turned so that the feather lies along its first axis, base first.
 
     grey: (U, V), the surroundings filled with the nearest of the feather. mask: (U, V). origin,
@@ -72,13 +72,13 @@ class Laid:
 
 
 def read_photo(path: Path) -> Photo:
-    """Read a picture, at most SIDE pixels long. Raises InputError."""
+    """Read a picture, at most _SIDE pixels long. Raises InputError."""
     try:
         with Image.open(path) as image:
-            if image.width * image.height > MOST_PIXELS:
-                told = f"has {image.width} x {image.height} pixels, at most {MOST_PIXELS} are read"
+            if image.width * image.height > _MOST_PIXELS:
+                told = f"has {image.width} x {image.height} pixels, at most {_MOST_PIXELS} are read"
                 raise InputError(Problem(str(path), "", told))
-            shrunk = max(1.0, max(image.size) / SIDE)
+            shrunk = max(1.0, max(image.size) / _SIDE)
             size = round(image.width / shrunk), round(image.height / shrunk)
             pixels = np.asarray(image.convert("RGBA").resize(size), dtype=np.float64) / 255.0
     except FileNotFoundError:
@@ -223,7 +223,7 @@ def _otsu(values: Array) -> float:
     return float(middles[inside][np.argmax(between)])
 
 
-def laid_out(photo: Photo, mask: Flags, turned: bool = False) -> Laid:
+def laid_out(photo: Photo, mask: Flags, turned: bool = False) -> AlignedPicture:
     """The feather along its longest axis, with its thinner end, the calamus, first.
 
     turned: whether its other end is the base. Raises InputError where it is about as wide as long.
@@ -252,4 +252,4 @@ def laid_out(photo: Photo, mask: Flags, turned: bool = False) -> Laid:
     grey = ndimage.map_coordinates(photo.colours.mean(axis=-1), at, order=1, mode="nearest")
     core = ndimage.binary_erosion(inside, iterations=2)
     nearest = ndimage.distance_transform_edt(~core, return_distances=False, return_indices=True)
-    return Laid(grey[tuple(nearest)], inside, origin, both)
+    return AlignedPicture(grey[tuple(nearest)], inside, origin, both)

@@ -27,7 +27,7 @@ from featherfx.groom.presets.library import Library
 from featherfx.groom.presets.presets import toml_of
 from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.trace.shaft import ShaftLine, drawn_shaft, shaft_of
-from featherfx.trace.silhouette import Laid, Photo, laid_out, read_photo, silhouette
+from featherfx.trace.silhouette import AlignedPicture, Photo, laid_out, read_photo, silhouette
 from featherfx.trace.vanes import (
     LEFT,
     RIGHT,
@@ -95,7 +95,7 @@ class _Outlines:
     """Measured outlines of both vanes, leading first. edges: fractions and widths, widened by what
     the feather that was built lacks. straight: whether guides follow a line."""
 
-    def __init__(self, laid: Laid, line: ShaftLine, leading: str | None) -> None:
+    def __init__(self, laid: AlignedPicture, line: ShaftLine, leading: str | None) -> None:
         self.laid, self.line = laid, line
         fractions, left = widths(laid, line, LEFT)
         _, right = widths(laid, line, RIGHT)
@@ -314,7 +314,7 @@ def flattened(kind: FeatherKind) -> FeatherKind:
 
 
 def _places(found: _Outlines, points: Array, length: float) -> Array:
-    """(K, 2) places in Laid of points (K, 3) m of a flat feather."""
+    """(K, 2) places in AlignedPicture of points (K, 3) m of a flat feather."""
     line = found.line
     start, heading = line.places[0], found.heading
     flat = points[:, :2] * [1.0, found.first] * (line.length / length)

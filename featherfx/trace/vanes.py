@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from featherfx.algebra.types import Array
 from featherfx.trace.shaft import ShaftLine
-from featherfx.trace.silhouette import Laid
+from featherfx.trace.silhouette import AlignedPicture
 
 LEFT, RIGHT = 1.0, -1.0
 # shares of the shaft at which widths are taken, on past its tip
@@ -35,7 +35,7 @@ _FINE, _COARSE, _LEAST_TEXTURE = 1.0, 2.0, 1e-3
 _ALLOWED, _CURL = (8.0, 118.0), (-10.0, 30.0)
 
 
-def widths(laid: Laid, line: ShaftLine, side: float) -> tuple[Array, Array]:
+def widths(laid: AlignedPicture, line: ShaftLine, side: float) -> tuple[Array, Array]:
     """(K,) shares of the length along the shaft, and (K,) how far the vane of a side goes from it,
     across, in lengths: to its outermost pixel."""
     places, heading = line.at(_FRACTIONS)
@@ -84,7 +84,11 @@ def simplified(points: Array, tolerance: float) -> Array:
 
 
 def barb_angles(
-    laid: Laid, line: ShaftLine, side: float, bare: tuple[float, float], edge: tuple[Array, Array]
+    laid: AlignedPicture,
+    line: ShaftLine,
+    side: float,
+    bare: tuple[float, float],
+    edge: tuple[Array, Array],
 ) -> list[tuple[float, float, float]]:
     """(position, angle, curl) of guides of a vane where its barbs show, in degrees.
 
@@ -135,7 +139,7 @@ def _root_and_curl(angles: list[tuple[float, float]]) -> tuple[float, float]:
     return float(np.mean(values) + curl * np.mean(places)), curl
 
 
-def _directions(laid: Laid) -> NDArray[np.complex128]:
+def _directions(laid: AlignedPicture) -> NDArray[np.complex128]:
     """(U, V) doubled direction of the texture's lines, as long as it is coherent, 0 to 1: the
     difference of the eigenvalues of the gradient's tensor over their sum."""
     along, across = (

@@ -12,7 +12,7 @@ from featherfx.usd.read.cache import Cache
 from featherfx.view.packing import packed_colours, packed_points
 
 
-class Body:
+class SceneryMeshes:
     """The meshes that a cache at a path names, as pictures have them; a warning tells what is not
     there. points: of all of them, 0 where there are none."""
 

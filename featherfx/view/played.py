@@ -36,7 +36,7 @@ from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_scen
 from featherfx.usd.check.measures import CrossedPoints
 from featherfx.usd.convert.levels import Thinned, levels, thinned
 from featherfx.usd.read.cache import Cache
-from featherfx.view.body import Body
+from featherfx.view.body import SceneryMeshes
 from featherfx.view.packing import Bytes, packed_colours, packed_points
 
 # what, at which level, in which frame
@@ -68,8 +68,8 @@ def strain_value(most: float) -> Value:
 
 
 STRAIN = strain_value(_STRAIN)
-HOOKED = Value("hooked", "hooks", 0.0, 1.0, "open to holding", HOOKS.tolist())
-PENETRATION = Value(
+_HOOKED = Value("hooked", "hooks", 0.0, 1.0, "open to holding", HOOKS.tolist())
+_PENETRATION = Value(
     "penetration", "vanes that pass through others or the body", 0.0, 1.0, "no to yes",
     CROSSED.tolist(),
 )  # fmt: skip
@@ -104,8 +104,8 @@ class Played:
     def values(self) -> list[Value]:
         """Those that frames have."""
         own = [strain_value(self._most_strain())] if self.rest.barbs.any() else []
-        crossed = [PENETRATION] if len(self._scene.feathers) > 1 or self.body else []
-        return own + ([HOOKED] if self._has_hooks else []) + crossed
+        crossed = [_PENETRATION] if len(self._scene.feathers) > 1 or self.body else []
+        return own + ([_HOOKED] if self._has_hooks else []) + crossed
 
     def _most_strain(self) -> float:
         """Return a bound of nearly all strains of a few frames, to two digits."""
@@ -116,9 +116,9 @@ class Played:
         return float(f"{min(max(most, _LEAST_STRAIN), _STRAIN):.1e}")
 
     @cached_property
-    def body(self) -> Body | None:
+    def body(self) -> SceneryMeshes | None:
         """Meshes beside the feathers."""
-        found = None if self.bare else Body(self._cache, self.path)
+        found = None if self.bare else SceneryMeshes(self._cache, self.path)
         return found if found and found.points else None
 
     @cached_property
@@ -282,11 +282,11 @@ class Played:
 
     def value(self, name: str, number: int) -> bytes:
         """A value of all points in a frame, as `frame`."""
-        if name == PENETRATION.name:
+        if name == _PENETRATION.name:
             crossed = self._crossed.at(self._code(number))[self._kept.points]
             return packed_colours(crossed.astype(float))
         hooked = None
-        if name == HOOKED.name:
+        if name == _HOOKED.name:
             hooked = self._cache.hooked_of(self._scene.chosen.tolist(), self._code(number))
         return self.valued(name, self._points(number), hooked)
 

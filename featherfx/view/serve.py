@@ -20,7 +20,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.view.page import PREFIXES, header_of, page
 from featherfx.view.played import Played
 
-HOST = "127.0.0.1"
+_HOST = "127.0.0.1"
 _HEADERS = {
     "Cache-Control": "no-store",
     "Cross-Origin-Opener-Policy": "same-origin",
@@ -48,14 +48,14 @@ class Server(ThreadingHTTPServer):
         self.shown, self.token = shown, secrets.token_urlsafe(24)
         self.reading = threading.Lock()
         try:
-            super().__init__((HOST, port), _Handler)
+            super().__init__((_HOST, port), _Handler)
         except OSError as error:
             told = f"{port} cannot be used: {error.strerror or error}; leave it out for a free one"
             raise InputError(Problem("view", "port", told)) from error
 
     @property
     def address(self) -> str:
-        return f"http://{HOST}:{self.server_port}/{self.token}/"
+        return f"http://{_HOST}:{self.server_port}/{self.token}/"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A page that was closed is no error."""
@@ -112,7 +112,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _allowed(self) -> str | None:
         """Name of what is asked for, by who may; None after an answer to who may not. A page must
         name its origin where it says something, which a browser sees to."""
-        own = f"{HOST}:{self.server.server_port}"
+        own = f"{_HOST}:{self.server.server_port}"
         origin = self.headers.get("Origin")
         anonymous = origin is None and self.command == "GET"
         if self.headers.get("Host") != own or not (anonymous or origin == f"http://{own}"):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, SimulationError
-from featherfx.farm.engine import BEGUN, DONE, FAILED, PROGRESS, QUIET, News
+from featherfx.farm.engine import BEGUN, DONE, FAILED, PROGRESS, QUIET, OrderNews
 from featherfx.farm.work import Order, work
 from featherfx.groom.presets.folders import SHIPPED
 
@@ -29,7 +29,7 @@ class SerialEngine:
 
     def __init__(self, workers: int = 2, fail: Any = lambda order, times: None) -> None:
         self.workers, self._fail = workers, fail
-        self._news: deque[News] = deque()
+        self._news: deque[OrderNews] = deque()
         self._orders: deque[tuple[int, Order, str]] = deque()
         self.given: list[tuple[Order, str]] = []
         self.cancelled: list[int] = []
@@ -48,24 +48,26 @@ class SerialEngine:
     def share_out(self, busy: int) -> None:
         self.shared.append(busy)
 
-    def hear(self) -> News:
+    def hear(self) -> OrderNews:
         if not self._news and self._orders:
             self._carry_out(*self._orders.popleft())
-        return self._news.popleft() if self._news else News(QUIET, value=self.workers)
+        return self._news.popleft() if self._news else OrderNews(QUIET, value=self.workers)
 
     def _carry_out(self, number: int, order: Order, avoid: str) -> None:
         place = "b" if avoid == "a" else "a"
         self.given.append((order, place))
-        self._news.append(News(BEGUN, number, place))
+        self._news.append(OrderNews(BEGUN, number, place))
         times = sum(each == order for each, _ in self.given)
         error = self._fail(order, times)
         try:
             if error is not None:
                 raise error
-            done = work(order, lambda *done: self._news.append(News(PROGRESS, number, place, done)))
-            self._news.append(News(DONE, number, place, done))
+            done = work(
+                order, lambda *done: self._news.append(OrderNews(PROGRESS, number, place, done))
+            )
+            self._news.append(OrderNews(DONE, number, place, done))
         except (InputError, SimulationError) as raised:
-            self._news.append(News(FAILED, number, place, raised))
+            self._news.append(OrderNews(FAILED, number, place, raised))
 
 
 def options_of(**changed: Any) -> dict[str, Any]:

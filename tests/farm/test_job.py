@@ -16,7 +16,7 @@ from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm import job as job_module
 from featherfx.farm import timing_history
 from featherfx.farm.job import Job
-from featherfx.farm.places import PATHS_VARIABLE, Shares, mapped, outputs_of
+from featherfx.farm.places import _PATHS_VARIABLE, Shares, mapped, outputs_of
 from featherfx.farm.work import BAKE, MERGE, PLAN
 from featherfx.files.lock import Lock
 from featherfx.usd.types import OutputError
@@ -89,7 +89,7 @@ def test_what_is_most_work_is_given_out_first(tmp_path):
 def test_what_took_longest_before_is_given_out_first(tmp_path, monkeypatch):
     """Once all shares of a shot were baked, whole; a share that was not says nothing."""
     monkeypatch.setenv("FEATHERFX_CACHE", str(tmp_path / "cache"))
-    done, shot = job_module.Done, tmp_path / "wing.toml"
+    done, shot = job_module.OrderResult, tmp_path / "wing.toml"
 
     class Timed(SerialEngine):
         def _carry_out(self, number, order, avoid):
@@ -217,7 +217,7 @@ def test_outputs_of_shots_of_one_file_name_take_the_shots_names(tmp_path):
 
 
 def test_paths_are_those_of_the_worker(monkeypatch):
-    monkeypatch.setenv(PATHS_VARIABLE, "/show=/mnt/show:/tmp=/scratch")
+    monkeypatch.setenv(_PATHS_VARIABLE, "/show=/mnt/show:/tmp=/scratch")
     assert mapped("/show/a.toml") == "/mnt/show/a.toml"
     assert mapped("/shows/a.toml") == "/shows/a.toml"
     assert mapped("/tmp") == "/scratch"

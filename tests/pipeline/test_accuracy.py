@@ -10,7 +10,7 @@ from commands import invoke
 from places import SAMPLES
 
 from featherfx.api import read_shot
-from featherfx.baking.accuracy import AT_FIRST, PARTS, chosen_feathers, own_grids, shot_error
+from featherfx.baking.accuracy import _AT_FIRST, _PARTS, chosen_feathers, own_grids, shot_error
 from featherfx.errors import InputWarning
 from featherfx.feather.density import density_map
 from featherfx.shot.share import part_of
@@ -60,7 +60,7 @@ def test_pulled_feather_errs_as_estimated():
     found = shot_error(shot, jobs=2)
     true = 1e3 * true_error(shot, 1)
     assert 0.5 * true < found.error_mm < 2.0 * true
-    assert set(found.parts) == set(PARTS) - {"all"}
+    assert set(found.parts) == set(_PARTS) - {"all"}
     assert found.feathers == ("feather",)
     assert max(each.mm for each in found.parts.values()) < 2.0 * found.error_mm
 
@@ -88,7 +88,7 @@ def test_samples_err_as_estimated(name):
     nothing = 1e-6
     assert 0.5 * true - nothing < found.error_mm < 2.0 * true + nothing
     # ends of its barbs flutter on 81 rows and more
-    assert (AT_FIRST in found.parts) >= (name == "wet_feather")
+    assert (_AT_FIRST in found.parts) >= (name == "wet_feather")
 
 
 def test_feathers_that_are_pulled_or_bend_most_are_chosen():

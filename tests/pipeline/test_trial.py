@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from featherfx.api import read_shot
-from featherfx.baking.trial import FEW, MORE, Trial, TrialCourse, _larger, _memory, _some, _whole
+from featherfx.baking.trial import _FEW, _MORE, Trial, TrialCourse, _larger, _memory, _some, _whole
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 
@@ -21,10 +21,10 @@ def trial(feathers, each=0.02, fixed=1.0, frame=0.01, work=None):
 
 
 def test_a_trial_is_as_large_as_its_time_allows():
-    few, more = trial(FEW), trial(MORE)
-    assert _larger([few, few], 15.0, 2000) == MORE
+    few, more = trial(_FEW), trial(_MORE)
+    assert _larger([few, few], 15.0, 2000) == _MORE
     assert _larger([few, few], 15.0, 40) == 40
-    assert _larger([few, few], 2.0, 2000) == pytest.approx(2 * FEW, rel=0.1)
+    assert _larger([few, few], 2.0, 2000) == pytest.approx(2 * _FEW, rel=0.1)
     # 0.07 s a feather and 1 s
     assert _larger([few, more], 21.0, 2000) == pytest.approx(285, abs=1)
     assert _larger([few, more], 200.0, 2000) == 2000

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.vectors import unit
-from featherfx.render.coat import PLACES, coat_fractions, coat_normals, mixed
+from featherfx.render.coat import _PLACES, coat_fractions, coat_normals, mixed
 from featherfx.render.geometry import geometry_of, joined
 from featherfx.render.light_kernels import VANE
 
@@ -35,7 +35,7 @@ def test_neighbours_are_lit_alike_and_what_looks_elsewhere_is_not_among_them():
     owner = np.repeat(np.arange(128), 2)
     heights = np.tile([0.7, 0.3], 128)
     found = coat_normals(np.concatenate([above, below]), triangles, owner, heights)
-    assert found.shape == (128, PLACES, 3)
+    assert found.shape == (128, _PLACES, 3)
     there = found[:, 1:3]
     assert np.degrees(np.arccos(there[:64, ..., 2])).max() < 15.0
     assert np.degrees(np.arccos(-there[64:, ..., 2])).max() < 15.0

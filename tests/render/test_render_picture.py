@@ -21,7 +21,7 @@ from featherfx.render.colour import (
     strain_across_barbs,
     value_colours,
 )
-from featherfx.render.options import COLOURS, VIEWS
+from featherfx.render.options import _COLOURS, _VIEWS
 from featherfx.render.picture import render
 from featherfx.render.scene import DrawnPose, load_pose, load_scene
 from featherfx.render.studio import backdrop
@@ -45,7 +45,7 @@ def drawn(picture: np.ndarray) -> np.ndarray:
     return np.abs(picture - behind).sum(axis=2) > 12
 
 
-@pytest.mark.parametrize("colour", COLOURS)
+@pytest.mark.parametrize("colour", _COLOURS)
 def test_every_colour_draws_something_and_adds_its_key(tmp_path, cache, colour):
     (path,) = render(cache, tmp_path / "a.png", frames=[3], size=SIZE, colour=colour, samples=4)
     picture = pixels(path)
@@ -54,7 +54,7 @@ def test_every_colour_draws_something_and_adds_its_key(tmp_path, cache, colour):
     assert 0.05 < drawn(picture[: SIZE[1]]).mean() < 0.9
 
 
-@pytest.mark.parametrize(("view", "axis"), [*((view, "Y") for view in VIEWS), ("side", "Z")])
+@pytest.mark.parametrize(("view", "axis"), [*((view, "Y") for view in _VIEWS), ("side", "Z")])
 def test_views_frame_all_feathers_and_do_not_depend_on_units(tmp_path, cache, view, axis):
     other = tmp_path / "other.usdc"
     with CacheWriter(
@@ -184,7 +184,7 @@ def Xform "a" (kind = "component") {
 }
 """
     )
-    for colour in COLOURS:
+    for colour in _COLOURS:
         file = tmp_path / f"{colour}.png"
         (path,) = render(tmp_path / "quad.usda", file, size=(64, 48), colour=colour)
         assert drawn(pixels(path)).mean() > 0.2

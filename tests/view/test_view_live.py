@@ -24,7 +24,7 @@ from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
 from featherfx.shot.simulate import simulate
 from featherfx.view.live import Live, LiveServer, LiveSource, presets_of
-from featherfx.view.serve import HOST
+from featherfx.view.serve import _HOST
 from featherfx.view.tuned import Tuned
 
 SHOT = ROOT / "samples/feather_pull/shot.toml"
@@ -237,8 +237,8 @@ def served(server):
 
 
 def post(server, name, content, own_origin=True, **headers):
-    own = f"{HOST}:{server.server_port}"
-    connection = http.client.HTTPConnection(HOST, server.server_port, timeout=20)
+    own = f"{_HOST}:{server.server_port}"
+    connection = http.client.HTTPConnection(_HOST, server.server_port, timeout=20)
     origin = {"Origin": f"http://{own}"} if own_origin else {}
     connection.request("POST", name, body=content, headers={"Host": own, **origin, **headers})
     answer = connection.getresponse()

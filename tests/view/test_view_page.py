@@ -21,7 +21,7 @@ from featherfx.render.scene import load_points, load_scene
 from featherfx.usd.read.cache import Cache
 from featherfx.view.page import fitting, header_of, write_page
 from featherfx.view.played import Played
-from featherfx.view.serve import HOST, Server
+from featherfx.view.serve import _HOST, Server
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
 EVERYTHING = 1 << 40
@@ -388,8 +388,8 @@ def served(played: Played):
 
 
 def ask(server: Server, path: str, **headers) -> tuple[int, bytes]:
-    connection = http.client.HTTPConnection(HOST, server.server_port, timeout=20)
-    own = {"Host": f"{HOST}:{server.server_port}", **headers}
+    connection = http.client.HTTPConnection(_HOST, server.server_port, timeout=20)
+    own = {"Host": f"{_HOST}:{server.server_port}", **headers}
     connection.request("GET", path, headers=own)
     answer = connection.getresponse()
     return answer.status, answer.read()
@@ -398,12 +398,12 @@ def ask(server: Server, path: str, **headers) -> tuple[int, bytes]:
 def test_only_who_has_the_token_and_asks_from_the_page_gets_anything(cache):
     with served(Played(cache, EVERYTHING)) as server:
         token = server.token
-        assert server.server_address[0] == HOST
+        assert server.server_address[0] == _HOST
         assert ask(server, f"/{token}/")[0] == 200
         assert ask(server, f"/{token}/frame-0") == (200, server.shown[0].frame(0))
         assert ask(server, f"/{token}/frame1-0") == (200, server.shown[0].frame(0, 1))
         assert ask(server, f"/{token}/strain-4") == (200, server.shown[0].value("strain", 4))
-        own = f"http://{HOST}:{server.server_port}"
+        own = f"http://{_HOST}:{server.server_port}"
         assert ask(server, f"/{token}/constant", Origin=own)[0] == 200
         for path in ("/", "/frame-0", f"/{token[:-1]}/", f"/{token}x/frame-0", "//", "/%2e%2e/"):
             assert ask(server, path)[0] == 404

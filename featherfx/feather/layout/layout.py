@@ -41,7 +41,7 @@ from featherfx.files.disk_cache import kept
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Groom, Layout, Placement
 from featherfx.jit.thread_team import new_team
-from featherfx.phases import Done, phase
+from featherfx.phases import ReportDone, phase
 
 _MOST_SWEEPS = 30
 _SWEEPS_PER_SEARCH = 10  # after which the skin's tangent planes are looked up again
@@ -264,7 +264,7 @@ class _Solving:
     meshes: LayoutMeshes
     skin: SkinPlanes | None
     layout: Layout
-    done: Done
+    done: ReportDone
     restless: Flags
     sunk: Indices
     crossed: list[Indices] = field(default_factory=list)
