@@ -15,9 +15,9 @@ class OrderNews:
     """News about an order.
 
     what: BEGUN; PROGRESS, with value the samples done and their number; DONE, with an OrderResult;
-    FAILED, with an exception; LOST: every worker that took it was lost; QUIET: nothing was heard for a
-    while, with the number of workers. number: of the order. place: address of the worker, with the
-    number of its process.
+    FAILED, with an exception; LOST: every worker that took it was lost; QUIET: there was no news
+    for a while, with the number of workers. number: of the order. place: address of the worker,
+    with the number of its process.
     """
 
     what: str
