@@ -1,0 +1,142 @@
+"""The language of the program: names that mean one thing, docstrings that say what is done."""
+
+import ast
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "featherfx"
+# a docstring begins with a verb or a noun phrase, not with one of these
+RIDDLES = ("What", "Whether", "How", "Of", "Where", "Which", "Who")
+MISLEADING = """
+    again alone aside beneath carried collecting crew crowds deaf earlier felt held_types late
+    lie lips lying matter mend parts past raised store sunk take_up team through tightest
+    together told twins whole
+"""
+# the lists below may only shrink
+SHARED_CLASSES = """
+    Asked Bends Body Carried Colours Course Curves Element Found Ground Group Grown Hooks Kept
+    Kind Laid Layers Library Manner Meshes Motion Pace Part Pattern Pieces Point Room Rows Run
+    Solved Span Surface Surroundings Way Work
+"""
+AMBIGUOUS_CONSTANTS = """
+    ACROSS ALONE ALONG ANGLES APART AT_ONCE BAD BARB BARBS BEGUN BESIDE CELLS CHANGE CLEAR CLOSE
+    COARSE COEFFICIENTS COLLIDER COLOUR COLOURS COLUMNS CONTACT CORRECTIONS COST COUNTS CRUSHED
+    CURVES CUT DEEP DEEPEST DEFAULT DEPTH DETAIL DIRECTIONS EASY ELEMENTS ENOUGH ERROR EVEN
+    EXPERIMENTS EXPONENT FACTORS FAILED FAMILIES FAR FEATHER FEW FILE FINE FINER FINEST FIRST
+    FLOOR FOLD FORCE FRACTIONS FRAMES FREE FULL GRAVITY GROUPS GROWTH GUARD HALVINGS HELD HOOKED
+    HOOKS HOUGHTON INSTANT INTRODUCTION ITERATIONS KIND KINDS LARGE LARGEST LEAN LEAST LEFT
+    LENGTH LENGTHS LESS LIMIT LINKS LOOKED_AT LOOKS LOOSE LOST MANY MARGIN MATERIALS MESH
+    METHODS MISSING MIXED MODULUS MORE MOST MOST_COEFFICIENTS MOST_COLUMNS MOST_FEATHERS
+    MOST_FRAMES MOST_ITERATIONS MOST_NAMED MOST_PIXELS MOST_ROWS MOST_SIDE MOST_STEPS
+    MOST_SUBSTEPS MOST_WORK NAME NAMED NAMES NARROW NEAR NEARLY NODES NORMAL NOTE NOTHING
+    NO_SHAFT NUMBERS OLDEST OPPOSED OPTIONS OWN PAIRS PARTS PATIENCE PIECES PIGEON PULLED QUICK
+    RACHIS RADIUS RATIOS REACH REGION REPEATS RIGID RIM_PARTS RISE ROOT ROUNDING ROUNDS ROW ROWS
+    SAFETY SAME SAMPLES SEED SEGMENTS SET SETTLED SHAFT SHAPE SHEAR SHIFT SHORTEST SIZE SIZES
+    SKIN SLACK SLANT SLIP SMALL SMALLEST SOFT SPACING SPREAD STATIC STEADY STEP STEPS STIFF
+    STIFFNESS STILL STRAIN STREAM STRETCH SUBSTEPS SUFFIXES SWAN TABLE TABLES TERMS TEXTS
+    THICKNESS THIN TILTED TINY TOLERANCE TOO_LONG TRIALS TRIES TURN TWIST UNEVEN VANE VECTORS
+    VIEWS WAVES WET WHOLE WIDE WIDER WIDTH WRONG
+"""
+MISLEADING_MODULES = ["featherfx/usd/write/parts.py"]
+RIDDLES_ALLOWED = {
+    "algebra": 5,
+    "baking": 43,
+    "cli": 8,
+    "errors": 1,
+    "farm": 12,
+    "feather": 33,
+    "files": 11,
+    "groom": 78,
+    "jit": 44,
+    "lab": 51,
+    "mechanics": 19,
+    "phases": 2,
+    "plugins": 5,
+    "render": 23,
+    "shot": 197,
+    "solver": 110,
+    "trace": 5,
+    "usd": 119,
+    "view": 13,
+}
+
+
+@cache
+def parsed_modules() -> dict[str, ast.Module]:
+    """Return the syntax tree of each module by its path from the root."""
+    files = sorted(PACKAGE.rglob("*.py"))
+    return {each.relative_to(ROOT).as_posix(): ast.parse(each.read_text()) for each in files}
+
+
+def public_classes(tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            yield node.name
+
+
+def public_constants(tree: ast.Module) -> Iterator[tuple[str, str]]:
+    """Yield name and source text of each constant that a module assigns."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                pairs = [(target, node.value)]
+                if isinstance(target, ast.Tuple):
+                    values = getattr(node.value, "elts", [node.value] * len(target.elts))
+                    pairs = list(zip(target.elts, values, strict=True))
+                for name, value in pairs:
+                    if isinstance(name, ast.Name) and name.id.isupper() and name.id[0] != "_":
+                        yield name.id, ast.unparse(value)
+
+
+def riddles(tree: ast.Module) -> Iterator[str]:
+    """Yield the first lines of docstrings that begin with the wrong word."""
+    kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+    for node in ast.walk(tree):
+        text = ast.get_docstring(node) if isinstance(node, kinds) else None
+        if text and text.split()[0].strip(",.:;") in RIDDLES:
+            yield text.splitlines()[0]
+
+
+def test_public_classes_have_names_of_their_own():
+    count = Counter(name for tree in parsed_modules().values() for name in public_classes(tree))
+    shared = {name for name, times in count.items() if times > 1}
+    assert sorted(shared - set(SHARED_CLASSES.split())) == []
+
+
+def test_public_constants_have_one_value():
+    values = defaultdict(set)
+    for tree in parsed_modules().values():
+        for name, value in public_constants(tree):
+            values[name].add(value)
+    ambiguous = {name for name, given in values.items() if len(given) > 1}
+    assert sorted(ambiguous - set(AMBIGUOUS_CONSTANTS.split())) == []
+
+
+def test_docstrings_begin_with_a_verb_or_a_noun():
+    found = defaultdict(list)
+    for file, tree in parsed_modules().items():
+        package = Path(file).relative_to("featherfx").parts[0].removesuffix(".py")
+        found[package] += [f"{file}: {line}" for line in riddles(tree)]
+    for package, lines in found.items():
+        assert len(lines) <= RIDDLES_ALLOWED.get(package, 0), "\n".join(lines)
+
+
+def test_modules_have_names_that_say_what_they_hold():
+    wrong = {
+        name
+        for name in parsed_modules()
+        if set(Path(name).with_suffix("").parts) & set(MISLEADING.split())
+    }
+    assert sorted(wrong - set(MISLEADING_MODULES)) == []
+
+
+def test_wrong_language_is_noticed():
+    tree = ast.parse(
+        '"""What is told."""\nclass Told:\n    """Of it."""\nA, B = 1, 2\n_C = 3\nD: int = 4'
+    )
+    assert list(riddles(tree)) == ["What is told.", "Of it."]
+    assert list(public_classes(tree)) == ["Told"]
+    assert [name for name, _ in public_constants(tree)] == ["A", "B", "D"]
