@@ -1,10 +1,10 @@
 """Compiling is told as a phase of whatever work needs the code.
 
-How many kernels are still to come, and how long they take, follows from seconds.json: what
-docs/measure_compiling.py has measured of the kernels of a layout, of a bake and of one with
-contact. Those whose code is stored need no compiling, unless for other types, for which the crew is
-asked then. Waiting for what another process compiles is compiling, too. Seconds of another machine
-become those of this one by what has been compiled so far.
+How many kernels are still to come, and how long they take, follows from seconds.json, which
+`featherfx lab measure compiling --write` writes: of the kernels of a layout, of a bake and of one
+with contact. Those whose code is stored need no compiling, unless for other types, for which the
+crew is asked then. Waiting for what another process compiles is compiling, too. Seconds of another
+machine become those of this one by what has been compiled so far.
 """
 
 from __future__ import annotations

@@ -235,3 +235,33 @@ def test_wrong_values_are_all_told_and_exit_with_one(arguments, keys):
 )
 def test_wrong_usage_exits_with_two(arguments):
     assert run(*arguments).exit_code == 2
+
+
+def test_measure_house_counts_each_line_once(tmp_path):
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one/__init__.py").write_text('"""Things."""\n')
+    (tmp_path / "one/a.py").write_text('"""Two\n\nlines."""\n\n# why\nx = 1\n')
+    lines = run("measure", "house", str(tmp_path)).stdout.splitlines()
+    assert "| all | 2 | 7 | 4 | 1 | 1 |  |" in lines
+    assert "| one | 2 | 7 | 4 | 1 | 1 | Things. |" in lines
+
+
+def test_measure_scaling_keeps_the_droop_of_similar_feathers_in_proportion():
+    rows = [
+        row.split(" | ")
+        for row in run("measure", "scaling").stdout.splitlines()
+        if "similar" in row
+    ]
+    droop = {float(size): float(tip) for _, size, tip, _, _ in rows}
+    assert droop[2.0] == pytest.approx(2.0 * droop[1.0], rel=0.05)
+
+
+@pytest.mark.parametrize("swan", [(), ("--swan",)])
+def test_measure_plumage_bakes_what_it_writes(swan, tmp_path):
+    arguments = ("--frames", "2", "-o", str(tmp_path))
+    result = run("measure", "plumage", "30", *swan, *arguments)
+    assert result.exit_code == 0, result.stderr
+    title, _, row = (line.strip("| ").split(" | ") for line in result.stdout.splitlines())
+    assert title[0] == "feathers"
+    assert len(row) == len(title)
+    assert (tmp_path / "30/cache/plumage.usdc").is_file()

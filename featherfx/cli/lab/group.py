@@ -37,7 +37,9 @@ class Lab(CommandGroup):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         name, command, rest = super().resolve_command(ctx, args)
-        if name in EXPERIMENTS:
+        if name == "measure":
+            from featherfx.cli.lab.measure import measure as command
+        elif name in EXPERIMENTS:
             from featherfx.cli.lab.experiments import COMMANDS
 
             command = COMMANDS[name]
@@ -83,5 +85,6 @@ def lab() -> None:
     """
 
 
+lab.add_command(Command("measure", short_help="Measure figures of the pages again."))
 for experiment, meaning in EXPERIMENTS.items():
     lab.add_command(Command(experiment, short_help=meaning))

@@ -1,17 +1,14 @@
-"""Prints the table of a Newton iteration's kernels in docs/benchmarks.md.
+"""Processor time of the kernels of a Newton iteration, and how near they come to the peak.
 
-OPENBLAS_NUM_THREADS=1 python docs/measure_kernels.py
-
-Hero and production feather of the benchmarks, in the middle of their shake: processor time of each
-kernel, called in a compiled loop, the least of several runs; floating-point operations by formula,
-a product and its sum as two, where loops over numbers are what a kernel does; and what share they
-are of the peak, that of BLAS's product of matrices in the same run. What a kernel reads and writes
-is given beside it: all of it fits the second-level cache of a core.
+Hero and production feather of the benchmarks, in the middle of their shake. Each kernel is called
+in a compiled loop; the least of several runs counts. Floating-point operations follow from
+formulas where a kernel is a loop over numbers; a product and its sum are two. The peak is that of
+BLAS's product of matrices in the same run, with one thread.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from time import thread_time
 
 import numpy as np
@@ -32,9 +29,9 @@ from featherfx.solver.step.pose_kernels import add_increment, barb_jacobians
 from featherfx.solver.vane.assembly_kernels import add_rows
 from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, WHOLE_STIFFNESS
 
-FEATHERS = {"hero": (41, 10, 2), "production": (21, 6, 2)}
-STEP, STEPS = 1.0 / 384.0, 40
-CALLS, RUNS = 200, 7
+_FEATHERS = {"hero": (41, 10, 2), "production": (21, 6, 2)}
+_STEP, _STEPS = 1.0 / 384.0, 40  # s
+_CALLS, _RUNS = 200, 7
 
 
 @kernel
@@ -88,94 +85,89 @@ def _solutions(count, right, system):
         solve_factored(system.band, system.right)
 
 
-def microseconds(call: Callable[[int], None]) -> float:
-    """Processor time of one of CALLS calls, the least of RUNS."""
+def _microseconds(call: Callable[[int], None]) -> float:
+    """Return the processor time of one call, the least of some runs."""
     call(1)
     best = np.inf
-    for _ in range(RUNS):
+    for _ in range(_RUNS):
         begin = thread_time()
-        call(CALLS)
+        call(_CALLS)
         best = min(best, thread_time() - begin)
-    return float(1e6 * best / CALLS)
+    return float(1e6 * best / _CALLS)
 
 
-def peak() -> float:
-    """Thousand million operations a second of a product of matrices."""
-    size = 512
+def _peak() -> float:
+    """Return the floating-point operations a microsecond of a product of matrices."""
+    size, best = 512, np.inf
     a = np.random.default_rng(1).uniform(size=(size, size))
-    best = np.inf
     for _ in range(20):
         begin = thread_time()
         a @ a
         best = min(best, thread_time() - begin)
-    return float(2.0 * size**3 / best / 1e9)
+    return float(2e-6 * size**3 / best)
 
 
-def products(n: int, m: int, c: int) -> float:
-    """Operations of add_rows: K J of all barbs, of shifts as sums of blocks, then their products
-    with J of this row and the next two, of rows as forces and moments."""
+def _operations(n: int, m: int, c: int) -> float:
+    """Return the operations of add_rows.
+
+    K J of all barbs, of shifts as sums of blocks, then their products with J of this row and the
+    next two, of rows as forces and moments.
+    """
     lanes, wide = 4 * ((m + 1) // 4 + 1), 6 + 2 * c
     along = 108.0 * (wide - 3) + 27.0
     each = 15.0 * wide + 6.0 * (wide - 6) * wide
     return 2.0 * n * lanes * (along + 3.0 * each)
 
 
-def measure(name: str) -> None:
-    n, m, c = FEATHERS[name]
+def kernel_rows() -> Iterator[tuple[str, str, float, float | None, float | None]]:
+    """Yield feather, kernel, microseconds, operations, and share of the peak."""
+    peak = _peak()
+    for name in _FEATHERS:
+        for kernel_name, (spent, count) in _kernel_times(name).items():
+            yield name, kernel_name, spent, count, count and count / spent / peak
+
+
+def _kernel_times(name: str) -> dict[str, tuple[float, float | None]]:
+    """Return microseconds and operations of each kernel for one feather."""
+    n, m, c = _FEATHERS[name]
     kind = swan_primary()
     model = with_damping(make_model([build_feather(kind, n, m)], [kind], c), [kind])
     loads = expand_wind(no_loads(1), 1)
     state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
     solver = Solver(model, Settings(1e30, 1e-6, 1, 0.8))
-    for k in range(STEPS):
-        state, _ = solver.step(state, no_loads(1), root_paths(k * STEP, (k + 1) * STEP, 1), STEP)
-    work, integrator = solver._work(), integrator_of(0.8, STEP)
-    factors = IntegratorFactors(integrator.inertia, integrator.rate, 1.0 / STEP)
+    for k in range(_STEPS):
+        paths = root_paths(k * _STEP, (k + 1) * _STEP, 1)
+        state, _ = solver.step(state, no_loads(1), paths, _STEP)
+    work, integrator = solver._work(), integrator_of(0.8, _STEP)
+    factors = IntegratorFactors(integrator.inertia, integrator.rate, 1.0 / _STEP)
     size, width = work.system.band.shape
     assemble(model, loads, 0, 0.0, factors, WHOLE_STIFFNESS, 0.0, work)
     band, right = work.system.band.copy(), work.system.right.copy()
-    copied = microseconds(lambda k: _copies(k, band, work.system))
-    found = {
+    copied = _microseconds(lambda k: _copies(k, band, work.system))
+    calls: dict[str, tuple[Callable[[int], None], float | None]] = {
         "whole assembly": (
-            microseconds(lambda k: _assemblies(k, WHOLE_STIFFNESS, model, loads, factors, work)),
+            lambda k: _assemblies(k, WHOLE_STIFFNESS, model, loads, factors, work),
             None,
         ),
         "of it K J and products with J": (
-            microseconds(lambda k: _products(k, model, work)),
-            products(n, m, c),
+            lambda k: _products(k, model, work),
+            _operations(n, m, c),
         ),
-        "of it derivatives of barbs' nodes": (
-            microseconds(lambda k: _jacobians(k, model, work)),
-            None,
-        ),
+        "of it derivatives of barbs' nodes": (lambda k: _jacobians(k, model, work), None),
         "forces alone": (
-            microseconds(lambda k: _assemblies(k, FORCES_ONLY, model, loads, factors, work)),
+            lambda k: _assemblies(k, FORCES_ONLY, model, loads, factors, work),
             None,
         ),
-        "increment of a pose": (microseconds(lambda k: _increments(k, model, work)), None),
+        "increment of a pose": (lambda k: _increments(k, model, work), None),
         "points, strains and energy": (
-            microseconds(lambda k: _energies(k, model, loads, factors, work)),
+            lambda k: _energies(k, model, loads, factors, work),
             None,
-        ),
-        "factorisation": (
-            microseconds(lambda k: _factors(k, band, work.system)) - copied,
-            float(size) * (width - 1) * (width + 2),
         ),
     }
+    found = {each: (_microseconds(call), count) for each, (call, count) in calls.items()}
+    factorised = _microseconds(lambda k: _factors(k, band, work.system)) - copied
+    found["factorisation"] = factorised, float(size) * (width - 1) * (width + 2)
     _factors(1, band, work.system)
-    solved = microseconds(lambda k: _solutions(k, right, work.system))
+    solved = _microseconds(lambda k: _solutions(k, right, work.system))
     found["solution"] = solved, 4.0 * size * (width - 1)
-    best = peak()
-    for what, (time, count) in found.items():
-        told = f"{count / 1e6:.3g} | {1e-3 * count / time:.1f} | " if count else " | | "
-        share = f"{100e-3 * count / time / best:.0f} %" if count else ""
-        print(f"| {name} | {what} | {time:.0f} | {told}{share} |", flush=True)
-    kilobytes = band.nbytes / 1024.0
-    print(f"{name}: {size} unknowns, band {width}, {kilobytes:.0f} KiB; peak {best:.1f} GFlop/s")
-
-
-if __name__ == "__main__":
-    print("| feather | kernel | microseconds | million operations | GFlop/s | of the peak |")
-    print("|---|---|---|---|---|---|")
-    for each in FEATHERS:
-        measure(each)
+    return found

@@ -1,0 +1,1 @@
+"""Measurements of the program itself: its size, times, memory and accuracy."""
