@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hint
 
 from featherfx.errors import Problem
 
-MEANING, ALLOWED, OPTION = "meaning", "allowed", "option"
+MEANING, _ALLOWED, OPTION = "meaning", "allowed", "option"
 WITHOUT, DEFAULTS = "without", "defaults"
 
 
@@ -25,7 +25,7 @@ class Range(NamedTuple):
     unit: str = ""
 
     def holds(self, number: float) -> bool:
-        """Whether a number is in the range."""
+        """Return whether a number is in the range."""
         over = number > self.low if self.above else number >= self.low
         under = number < self.high if self.below else number <= self.high
         return isfinite(number) and over and under
@@ -49,7 +49,7 @@ def value(
 ) -> Any:
     """A field of an experiment. meaning: with its unit. option: on the command line, where it has
     another name than the field."""
-    return field(default=default, metadata={MEANING: meaning, ALLOWED: allowed, OPTION: option})
+    return field(default=default, metadata={MEANING: meaning, _ALLOWED: allowed, OPTION: option})
 
 
 def part(*without: str, **defaults: Any) -> Any:
@@ -67,7 +67,7 @@ def out_of_range(
     in every one."""
     problems, hints = [], get_type_hints(type(item))
     for each in fields(item):
-        found, allowed = getattr(item, each.name), each.metadata.get(ALLOWED)
+        found, allowed = getattr(item, each.name), each.metadata.get(_ALLOWED)
         choices = get_args(hints[each.name]) if get_origin(hints[each.name]) is Literal else ()
         if choices and found not in choices:
             message = f"'{found}' is not one of {', '.join(choices)}"

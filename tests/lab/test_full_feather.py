@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.lab.feathers.full_feather import LENGTH, FullPull, edge_waves, pull_feather
+from featherfx.lab.feathers.full_feather import FEATHER_LENGTH, FullPull, edge_waves, pull_feather
 
 
 @pytest.mark.parametrize("wavelength", [0.022, 0.035])
@@ -21,7 +21,7 @@ def test_pulled_tip_goes_where_it_is_pulled_and_barbs_do_not_stretch():
     pull = FullPull("tip", 0.1, parts=2, rows=13, columns=3)
     found = pull_feather(pull)
     assert found.rachis_deflection == pytest.approx(0.1, abs=0.005)
-    assert found.points[-1, 0, 1] == pytest.approx(-0.1 * LENGTH, abs=1e-3)
+    assert found.points[-1, 0, 1] == pytest.approx(-0.1 * FEATHER_LENGTH, abs=1e-3)
     assert found.barb_strain < 1e-10
     assert found.points.shape == found.rest.shape == (13, 7, 3)
     # linear spring of the grip: shaft and pull agree

@@ -10,8 +10,8 @@ from scipy.special import ellipe, ellipk
 from featherfx.errors import InputError, SimulationError
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.equations import solved
-from featherfx.lab.ribbons.experiments import GRAVITY, clamp_frame, hang
-from featherfx.lab.ribbons.motion import Air, FarClamp, Pace, RibbonMotion
+from featherfx.lab.ribbons.experiments import GRAVITY_ALONG_Y, clamp_frame, hang
+from featherfx.lab.ribbons.motion import Air, FarClamp, FixedSteps, RibbonMotion
 
 # Charrondiere et al. 2019, section 5.2; D in N m, as in their other figures
 PEACOCK = Ribbon(0.5, 0.015, 2e-4, 0.015, 30.0, 0.5, elements=40)
@@ -24,14 +24,14 @@ STILL = np.zeros(3)
 def test_a_peacocks_barb_at_rest_is_that_of_shooting():
     """Section 5.2: nearly the same. The largest gap is 0.05 % of the length."""
     rest = hang(PEACOCK).rest
-    exact = solved(PEACOCK, rest, LEVEL, GRAVITY)
+    exact = solved(PEACOCK, rest, LEVEL, GRAVITY_ALONG_Y)
     assert np.abs(exact - rest.curve.points).max() < 1e-3 * PEACOCK.length
     # as an element that moves it stays there
-    moving = RibbonMotion(PEACOCK, LEVEL, GRAVITY)
+    moving = RibbonMotion(PEACOCK, LEVEL, GRAVITY_ALONG_Y)
     state = moving.at_rest(rest.unknowns)
     before = moving.points(state.unknowns)
     for _ in range(3):
-        state = moving.advance(state, Pace(0.01))
+        state = moving.advance(state, FixedSteps(0.01))
     assert moving.points(state.unknowns) == pytest.approx(before, abs=1e-6)
 
 
@@ -46,7 +46,7 @@ def test_a_straight_strip_swings_at_a_beams_frequency_and_keeps_its_energy():
     frequency = 1.8751**2 * np.sqrt(2e-4 / (0.1 * 0.1**4)) / (2.0 * np.pi)
     step, heights, energy = 1.0 / frequency / 48.0, [], moving.energy(state)
     for _ in range(48):
-        state = moving.advance(state, Pace(step, 0.9))
+        state = moving.advance(state, FixedSteps(step, 0.9))
         heights.append(moving.points(state.unknowns)[-3, 1])
         assert moving.energy(state) < energy * (1.0 + 1e-3)
     crossings = np.flatnonzero(np.diff(np.sign(heights)) != 0)
@@ -59,10 +59,10 @@ def test_a_straight_strip_swings_at_a_beams_frequency_and_keeps_its_energy():
 def test_a_limp_strip_in_wind_stands_where_drag_and_weight_balance():
     """At sin a / cos^2 a = rho C U^2 / (2 sigma g) from the plumb line."""
     ribbon = Ribbon(0.2, 0.002, 1e-9, 0.05, elements=4)
-    moving, air = RibbonMotion(ribbon, clamp_frame("down"), GRAVITY), Air((0.8, 0.0, 0.0))
+    moving, air = RibbonMotion(ribbon, clamp_frame("down"), GRAVITY_ALONG_Y), Air((0.8, 0.0, 0.0))
     state = moving.at_rest()
     for _ in range(30):
-        state = moving.advance(state, Pace(0.1, 0.0), air)
+        state = moving.advance(state, FixedSteps(0.1, 0.0), air)
     load = air.density * air.drag * 0.8**2 / (2.0 * 0.05 * 9.81)
     angle = brentq(lambda a: np.sin(a) - load * np.cos(a) ** 2, 0.0, 1.5)
     points = moving.points(state.unknowns)[:-2]
@@ -85,7 +85,7 @@ def test_a_strip_held_at_both_ends_is_the_elastica():
     assert np.abs(points[:, 1]).max() == pytest.approx(modulus * ribbon.length / first, rel=5e-3)
     push = 16.0 * first**2 * ribbon.rigidity * ribbon.width / ribbon.length**2
     assert -state.pull.sum(axis=0)[0] == pytest.approx(push, rel=5e-3)
-    moved = moving.advance(state, Pace(0.001))
+    moved = moving.advance(state, FixedSteps(0.001))
     assert moving.points(moved.unknowns)[:-2] == pytest.approx(points, abs=1e-5)
 
 
@@ -93,9 +93,9 @@ def test_what_no_ribbon_can_do_is_said():
     moving = RibbonMotion(Ribbon(0.1, 0.005, 2e-4, 0.05, elements=4), LEVEL, STILL)
     state = moving.at_rest()
     with pytest.raises(InputError, match="step"):
-        moving.advance(state, Pace(0.0))
+        moving.advance(state, FixedSteps(0.0))
     with pytest.raises(InputError, match="drag"):
-        moving.advance(state, Pace(0.01), Air(drag=-1.0))
+        moving.advance(state, FixedSteps(0.01), Air(drag=-1.0))
     far = FarClamp(np.array([0.2, 0.0, 0.0]), LEVEL)
     with pytest.raises(SimulationError, match="clamp"):
         RibbonMotion(moving.ribbon, LEVEL, STILL, far).at_rest()

@@ -8,15 +8,21 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import lagrange
 
-from featherfx.lab.ribbons.curve import TURN, centreline, energy_of_loads, pieces_of, series_points
+from featherfx.lab.ribbons.curve import (
+    MAX_PIECE_TURN,
+    centreline,
+    energy_of_loads,
+    pieces_of,
+    series_points,
+)
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.equations import solved
-from featherfx.lab.ribbons.experiments import GRAVITY as WEIGHT
+from featherfx.lab.ribbons.experiments import GRAVITY_ALONG_Y as WEIGHT
 from featherfx.lab.ribbons.experiments import clamp_frame, hang
 
 pytestmark = pytest.mark.verification
 RIBBON = Ribbon(0.7, 0.02, 2e-4, 0.3, 5.0, tip_width=0.01, elements=3)
-GRAVITY, FORCE = np.array([0.3, -9.81, 1.0]), np.array([0.01, 0.02, -0.03])
+GRAVITY_ALONG_Y, FORCE = np.array([0.3, -9.81, 1.0]), np.array([0.01, 0.02, -0.03])
 
 
 CUBIC = replace(RIBBON, length=0.1, elements=1, degree=3)
@@ -58,7 +64,7 @@ def test_strong_curls_are_cut_so_that_no_term_grows():
     """A circle of 300 rad in one element comes back to where a circle is."""
     ribbon = Ribbon(1.0, 0.01, 1.0, 0.0, elements=1)
     unknowns = np.array([300.0, 300.0, 0.0, 0.0])
-    assert len(pieces_of(ribbon, unknowns).length) == pytest.approx(300.0 / TURN, abs=1)
+    assert len(pieces_of(ribbon, unknowns).length) == pytest.approx(300.0 / MAX_PIECE_TURN, abs=1)
     tip = series_points(ribbon, unknowns, np.eye(3), 1)[0][-1]
     assert tip == pytest.approx(
         [0.0, (np.cos(300.0) - 1) / 300.0, np.sin(300.0) / 300.0], abs=1e-11
@@ -68,12 +74,13 @@ def test_strong_curls_are_cut_so_that_no_term_grows():
 @pytest.mark.parametrize("ribbon", [RIBBON, CUBIC])
 def test_gradient_and_hessian_are_those_of_the_energy(ribbon):
     unknowns, frame = drawn(1, ribbon)
-    _, gradient, hessian = energy_of_loads(ribbon, unknowns, frame, GRAVITY, FORCE)
+    _, gradient, hessian = energy_of_loads(ribbon, unknowns, frame, GRAVITY_ALONG_Y, FORCE)
     step = 1e-5
     for k in range(len(unknowns)):
         way = step * np.eye(len(unknowns))[k]
         above, below = (
-            energy_of_loads(ribbon, unknowns + each, frame, GRAVITY, FORCE) for each in (way, -way)
+            energy_of_loads(ribbon, unknowns + each, frame, GRAVITY_ALONG_Y, FORCE)
+            for each in (way, -way)
         )
         assert gradient[k] == pytest.approx((above[0] - below[0]) / (2 * step), abs=1e-9)
         assert hessian[k] == pytest.approx((above[1] - below[1]) / (2 * step), abs=1e-8)

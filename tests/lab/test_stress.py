@@ -7,7 +7,7 @@ import pytest
 
 from featherfx.errors import InputError, SimulationError
 from featherfx.lab.bench import stress
-from featherfx.lab.bench.cases import MOST_WORK, draw_case
+from featherfx.lab.bench.cases import MAX_CASE_WORK, draw_case
 from featherfx.mechanics.model import no_loads
 from featherfx.shot.counts import Bounds, Counts
 from featherfx.solver.overload import overload_describer, specific_energy
@@ -124,7 +124,7 @@ def test_a_dear_case_has_fewer_iterations():
     assert small.settings.max_iterations == MAX_FRAME_ITERATIONS
     assert large.model.rows == 174
     work = large.settings.max_iterations * large.model.unknowns
-    assert 0.99 * MOST_WORK < work <= MOST_WORK
+    assert 0.99 * MAX_CASE_WORK < work <= MAX_CASE_WORK
 
 
 def hurried(seed, most):

@@ -13,7 +13,7 @@ from places import ROOT
 from featherfx.errors import InputError, SimulationError
 from featherfx.lab.studies import pages, report, runs, study
 from featherfx.lab.studies.study import (
-    Rows,
+    Comparisons,
     Study,
     StudyResult,
     independent,
@@ -25,7 +25,7 @@ from featherfx.lab.studies.study import (
 
 def row(way, *values, **options):
     """The one that a method of Rows adds."""
-    rows = Rows()
+    rows = Comparisons()
     getattr(rows, way)(*values, **options)
     return rows[0]
 
@@ -97,7 +97,7 @@ def trial(folder):
 
 
 def alone(folder):
-    rows = Rows()
+    rows = Comparisons()
     rows.report("length", 2.0, unit="m")
     rows.report("seconds", 2.0, unit="s")
     rows.report("none", math.nan)
@@ -158,7 +158,7 @@ def test_studies_that_were_not_run_stay_on_the_page(tmp_path):
     row = next(line for line in first.splitlines() if "shortening / L" in line)
     assert row in text.splitlines()
     assert text.index("`elastica`") < text.index("`fibre_merging`")
-    kept = json.loads((tmp_path / "page" / report.NUMBERS).read_text())["studies"]
+    kept = json.loads((tmp_path / "page" / report.RECORD_FILE).read_text())["studies"]
     assert list(kept) == ["elastica", "fibre_merging"]
     assert report.moved(done, {"studies": kept}) == []
 

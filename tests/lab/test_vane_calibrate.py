@@ -9,8 +9,8 @@ from commands import invoke
 
 from featherfx.errors import InputError
 from featherfx.groom.presets.presets import load_preset
-from featherfx.lab.vane.calibrate import NAMES, calibrate
-from featherfx.lab.vane.curves import COLUMNS, MeasuredCurve, read_curves
+from featherfx.lab.vane.calibrate import CALIBRATED, calibrate
+from featherfx.lab.vane.curves import CURVE_COLUMNS, MeasuredCurve, read_curves
 from featherfx.lab.vane.sample import Moduli, Sample
 from featherfx.lab.vane.traction import Traction, pull_test
 
@@ -22,7 +22,7 @@ def write_curves(path, curves):
     """A file that read_curves reads."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(COLUMNS)
+        writer.writerow(CURVE_COLUMNS)
         for curve in curves:
             part = curve.sample
             size = (part.angle, part.width, part.height, part.thickness)
@@ -46,7 +46,7 @@ def fitted(curves):
 
 
 def test_round_trip(fitted):
-    for name in NAMES:
+    for name in CALIBRATED:
         assert getattr(fitted.moduli, name) == pytest.approx(getattr(TRUE, name), rel=1e-3)
     assert fitted.residual < 1e-3
     assert min(fitted.identified) > 0.1
@@ -61,7 +61,7 @@ def test_noise_is_borne_and_known(curves):
         for c in curves
     ]
     found = calibrate(noisy, ELEMENTS)
-    for name in NAMES:
+    for name in CALIBRATED:
         value, true = getattr(found.moduli, name), getattr(TRUE, name)
         low, high = getattr(found.low, name), getattr(found.high, name)
         assert value == pytest.approx(true, rel=0.05)
@@ -114,7 +114,7 @@ def test_csv_round_trip(curves, tmp_path):
 )
 def test_faults_of_a_csv(tmp_path, line, message):
     file = tmp_path / "tests.csv"
-    file.write_text(",".join(COLUMNS) + "\n" + line + "\n")
+    file.write_text(",".join(CURVE_COLUMNS) + "\n" + line + "\n")
     with pytest.raises(InputError, match=message):
         read_curves(file)
 
@@ -122,7 +122,7 @@ def test_faults_of_a_csv(tmp_path, line, message):
 def test_all_faults_of_a_csv_are_told(tmp_path):
     file = tmp_path / "tests.csv"
     lines = [
-        ",".join(COLUMNS),
+        ",".join(CURVE_COLUMNS),
         "0.1,1,95,0.01,0.02,1e-4",
         "-0.6,1,0,0.01,0.02,nan",
         "0.1,1,0,0,1,1",

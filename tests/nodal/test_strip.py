@@ -9,11 +9,11 @@ from commands import invoke
 
 from featherfx.errors import InputError
 from featherfx.lab.feathers.strip import (
-    DENSITY,
-    GRAVITY,
-    LENGTH,
+    GRAVITY_ALONG_Z,
     STIFF,
-    THICKNESS,
+    STRIP_DENSITY,
+    STRIP_LENGTH,
+    STRIP_THICKNESS,
     StripTest,
     run_strip,
 )
@@ -27,9 +27,16 @@ ISO = StripTest("iso", 1.0 / 80.0, columns=1)
 def test_isotropic_strip_falls_as_a_chain_of_rigid_links():
     """Without Poisson effect a plate is a rod of EI = E h^3 / 12 per width. 24 links are 2 mm off;
     96 links end at (0.12015, -0.20899) after 0.2 s."""
-    held = LENGTH / 100
-    bending = STIFF * THICKNESS**2 / 12.0
-    chain = link_chain(24, LENGTH - held, bending, DENSITY, -DENSITY * GRAVITY[2], [0.0, 0.1, 0.2])
+    held = STRIP_LENGTH / 100
+    bending = STIFF * STRIP_THICKNESS**2 / 12.0
+    chain = link_chain(
+        24,
+        STRIP_LENGTH - held,
+        bending,
+        STRIP_DENSITY,
+        -STRIP_DENSITY * GRAVITY_ALONG_Z[2],
+        [0.0, 0.1, 0.2],
+    )
     ours = run_strip(replace(ISO, dt=1.0 / 640.0), end=0.2).tip
     gap = np.linalg.norm(ours[:, [0, 2]] - chain[1:] - [held, 0.0], axis=1)
     assert gap[0] < 5e-4

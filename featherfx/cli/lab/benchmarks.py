@@ -36,8 +36,8 @@ from featherfx.lab.bench.stress import (
     summary,
 )
 
-TABLES, PEER_TABLES = 8, 2
-QUICK_ROWS, MOST_ROWS = 40, 200
+_TABLES, _PEER_TABLES = 8, 2
+_QUICK_ROWS, _MOST_ROWS = 40, 200
 
 
 def run_benchmarks(options: BenchOptions) -> None:
@@ -61,16 +61,16 @@ def run_benchmarks(options: BenchOptions) -> None:
             rest_of = options.frames, options.every
             tables.append(kept_table(shots, options.error, progress, *rest_of))
     elif options.stress:
-        rows = QUICK_ROWS if options.quick else MOST_ROWS
+        rows = _QUICK_ROWS if options.quick else _MOST_ROWS
         outcome = _stress(options, jobs, rows)
     else:
-        extent = experiments.QUICK if options.quick else experiments.FULL
+        extent = experiments.QUICK_EXTENT if options.quick else experiments.FULL_EXTENT
         with Progress("tables") as progress:
             for table in experiments.all_tables(extent, jobs):
                 tables.append(table)
                 if output is not None:
                     write(output, tables, None, __version__)
-                progress(len(tables), TABLES)
+                progress(len(tables), _TABLES)
     if outcome is not None and options.as_json:
         if output is not None:
             write(output, tables, outcome, __version__)
@@ -87,9 +87,9 @@ def run_benchmarks(options: BenchOptions) -> None:
 def _beside_peers(options: BenchOptions) -> None:
     tables = []
     with Progress("tables") as progress:
-        for table in peers.peer_tables(peers.QUICK if options.quick else peers.FULL):
+        for table in peers.peer_tables(peers.QUICK_RATES if options.quick else peers.FULL_RATES):
             tables.append(table)
-            progress(len(tables), PEER_TABLES)
+            progress(len(tables), _PEER_TABLES)
     if options.output is None:
         click.echo(peers.peer_page(tables, __version__))
         return

@@ -46,10 +46,10 @@ from featherfx.lab.vane.locking import LockingTest, run_locking
 from featherfx.lab.vane.mesoscale import BandTest, run_bands, run_size_effect
 from featherfx.lab.vane.traction import Traction, run_traction
 
-FILE = click.Path(path_type=Path, dir_okay=False)
-PRESETS = presets_option(click.Command("")).params[0]
-PICTURE = click.Option(
-    ["-o", "--output"], type=FILE, help="Picture (PNG); needs matplotlib, the extra `plots`."
+_FILE = click.Path(path_type=Path, dir_okay=False)
+_PRESETS = presets_option(click.Command("")).params[0]
+_PICTURE = click.Option(
+    ["-o", "--output"], type=_FILE, help="Picture (PNG); needs matplotlib, the extra `plots`."
 )
 
 
@@ -187,16 +187,16 @@ def _angles(test: AnglesTest, side_by_side: Path | None, output: Path | None) ->
         yield from _drawn(pictures.angles_picture(output, slopes, bands.barbule))
 
 
-SAVE_CELL = click.Option(
+_SAVE_CELL = click.Option(
     ["--save"],
-    type=FILE,
+    type=_FILE,
     metavar="FILE",
     help="A material preset with these moduli; what the cell does not tell is the preset's.",
 )
-SIZE_EFFECT = click.Option(
+_SIZE_EFFECT = click.Option(
     ["--size-effect"], is_flag=True, help="Press along the barbs instead, for four widths."
 )
-CALIBRATION = (
+_CALIBRATION = (
     click.Argument(["file"], type=readable_path()),
     click.Option(
         ["--save"],
@@ -212,9 +212,9 @@ CALIBRATION = (
         help="Fit a law of soft tissue to columns strain, stress and strain_across instead.",
     ),
 )
-BAND_PICTURE = click.Option(
+_BAND_PICTURE = click.Option(
     ["--pictures", "side_by_side"],
-    type=FILE,
+    type=_FILE,
     help="Picture of the shear bands, both models side by side.",
 )
 
@@ -240,7 +240,7 @@ EXPERIMENTS = {
         _feather,
         "--preset swan_primary --shake-amplitude 0.05 --shake-frequency 3",
         "--preset tail_feather --pull 0,0,0.05 --duration 1 --json",
-        more=(PRESETS,),
+        more=(_PRESETS,),
     ),
     "strip": Experiment(
         StripTest,
@@ -272,7 +272,7 @@ EXPERIMENTS = {
         "--preset swan_primary",
         "--preset swan_primary --angle 40 --diameter 12e-6 --hooks 4 --json",
         "--preset swan_primary --diameter 13e-6 --save my_vane.toml",
-        more=(SAVE_CELL, PRESETS),
+        more=(_SAVE_CELL, _PRESETS),
     ),
     "network": Experiment(
         NetworkTest,
@@ -291,10 +291,10 @@ EXPERIMENTS = {
         _traction,
         "--angle 45 --width 0.013 --height 0.018",
         "--angle 30 --width 0.013 --height 0.018 --model inextensible --json",
-        more=(PICTURE,),
+        more=(_PICTURE,),
     ),
     "locking": Experiment(
-        LockingTest, _locking, "-o locking.png", "--ratio 1e4 --json", more=(PICTURE,)
+        LockingTest, _locking, "-o locking.png", "--ratio 1e4 --json", more=(_PICTURE,)
     ),
     "mesoscale": Experiment(
         BandTest,
@@ -302,14 +302,14 @@ EXPERIMENTS = {
         "--barb-fraction 0.14",
         "--angle 45 --strain 0.1 --json",
         "--size-effect -o size.png",
-        more=(SIZE_EFFECT, PICTURE),
+        more=(_SIZE_EFFECT, _PICTURE),
     ),
     "tear": Experiment(
         TearTest,
         _tear,
         "--direction across -o tear.png",
         "--direction tilted --rows 41 --json",
-        more=(PICTURE,),
+        more=(_PICTURE,),
     ),
     "cycle": Experiment(
         CycleTest,
@@ -329,10 +329,10 @@ EXPERIMENTS = {
         "tests.csv --save mine --name my_vane",
         "cycles.csv --cycles --json",
         "skin.csv --law sacks",
-        more=CALIBRATION,
+        more=_CALIBRATION,
     ),
     "angles": Experiment(
-        AnglesTest, _angles, "-o angles.png --pictures bands.png", more=(BAND_PICTURE, PICTURE)
+        AnglesTest, _angles, "-o angles.png --pictures bands.png", more=(_BAND_PICTURE, _PICTURE)
     ),
 }
 COMMANDS: dict[str, click.Command] = {

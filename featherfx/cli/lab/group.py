@@ -6,7 +6,7 @@ import click
 
 from featherfx.cli.program import Command, CommandGroup
 
-EXPERIMENTS = {
+_EXPERIMENTS = {
     "rod": "Bend a rod by its weight and a force at its tip.",
     "modes": "Natural frequencies of a rod.",
     "release": "Let go a rod that was held straight.",
@@ -39,7 +39,7 @@ class Lab(CommandGroup):
         name, command, rest = super().resolve_command(ctx, args)
         if name == "measure":
             from featherfx.cli.lab.measure import measure as command
-        elif name in EXPERIMENTS:
+        elif name in _EXPERIMENTS:
             from featherfx.cli.lab.experiments import COMMANDS
 
             command = COMMANDS[name]
@@ -86,5 +86,5 @@ def lab() -> None:
 
 
 lab.add_command(Command("measure", short_help="Measure figures of the pages again."))
-for experiment, meaning in EXPERIMENTS.items():
+for experiment, meaning in _EXPERIMENTS.items():
     lab.add_command(Command(experiment, short_help=meaning))

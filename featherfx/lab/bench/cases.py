@@ -20,22 +20,22 @@ from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rebuild_centres
 from featherfx.solver.work import Pose, make_scratch
 
-FRAMES = 3
-PATH_SAMPLES = 5
-GRAVITY = 9.81
-ROOTS = ("held", "moved", "spun", "jumped", "moved and spun")
-POSES = ("at rest", "bent", "wrung", "crumpled")
+_FRAMES = 3
+_PATH_SAMPLES = 5
+_GRAVITY = 9.81
+_ROOTS = ("held", "moved", "spun", "jumped", "moved and spun")
+_POSES = ("at rest", "bent", "wrung", "crumpled")
 # of the tolerance, distance from a step's solution, as of the strictest bakes, those with contact
-SOLVED = 1e-3
+_SOLVED = 1e-3
 # Newton iterations of a frame times the feather's unknowns, at most: some 10 s of the processor
-MOST_WORK = 1e7
+MAX_CASE_WORK = 1e7
 # largest turn between two rows and largest barb coefficient of a start pose, rad
-POSE_ANGLES = {"at rest": 0.0, "bent": 0.05, "wrung": 0.5, "crumpled": np.pi}
+_POSE_ANGLES = {"at rest": 0.0, "bent": 0.05, "wrung": 0.5, "crumpled": np.pi}
 
 
 @dataclass(frozen=True)
 class Case:
-    """One feather through FRAMES frames.
+    """One feather through _FRAMES frames.
 
     seed: draws the same case again. numbers: what was drawn, for the report. model, state,
     loads, settings: as the solver takes them. paths: one per frame. duration: s, of a frame.
@@ -66,16 +66,16 @@ def draw_case(seed: int, most_rows: int = 200, hooks: bool = False) -> Case:
         feather, kind = hooked(drawn.feather, drawn.kind, hooks_of(seed))
         drawn = replace(drawn, feather=feather, kind=kind)
     model = with_damping(make_model([drawn.feather], [drawn.kind], coefficients), [drawn.kind])
-    pose, root = str(random.choice(POSES)), str(random.choice(ROOTS))
+    pose, root = str(random.choice(_POSES)), str(random.choice(_ROOTS))
     windy = bool(random.random() < 0.4)
     duration = log_uniform(random, 1e-5, 1.0 / 12.0)
-    state = _start(model, random, POSE_ANGLES[pose])
+    state = _start(model, random, _POSE_ANGLES[pose])
     loads = _loads(random, windy)
     paths = _paths(state, random, root, duration, drawn.kind.length)
     tolerance = log_uniform(random, 1e-5, 1e-1) * drawn.kind.length
     settings = Settings(
         tolerance,
-        newton=max(1e-6 * drawn.kind.length, SOLVED * tolerance),
+        newton=max(1e-6 * drawn.kind.length, _SOLVED * tolerance),
         max_iterations=most_iterations(model),
     )
     numbers = _numbers(drawn, model, loads, settings, duration)
@@ -84,13 +84,13 @@ def draw_case(seed: int, most_rows: int = 200, hooks: bool = False) -> Case:
     strokes: tuple[Stroke | None, ...] = ()
     if hooks:
         numbers |= {"hooks": drawn.kind.vane_material.hooks, "split": drawn.kind.is_split}
-        strokes = strokes_of(hooks_of(seed), FRAMES, drawn.kind.length)
+        strokes = strokes_of(hooks_of(seed), _FRAMES, drawn.kind.length)
     return Case(seed, numbers, model, state, loads, paths, duration, settings, still, strokes)
 
 
 def most_iterations(model: Model) -> int:
     """Newton iterations of a frame: as many as a bake has, fewer where each is dear."""
-    return min(MAX_FRAME_ITERATIONS, int(MOST_WORK / model.unknowns))
+    return min(MAX_FRAME_ITERATIONS, int(MAX_CASE_WORK / model.unknowns))
 
 
 def _numbers(
@@ -120,7 +120,7 @@ def _direction(random: np.random.Generator) -> Array:
 
 def _loads(random: np.random.Generator, windy: bool) -> Loads:
     """Gravity up to 50 g, and air that rests or blows at up to 80 m/s with gusts."""
-    gravity = log_uniform(random, 0.01, 50.0) * GRAVITY * _direction(random)
+    gravity = log_uniform(random, 0.01, 50.0) * _GRAVITY * _direction(random)
     loads = no_loads(1)._replace(gravity=gravity)
     if not windy:
         return loads
@@ -190,11 +190,11 @@ def _paths(
 ) -> tuple[RootPath, ...]:
     """Root paths: up to 50 m/s, 300 rad/s, or a jump of up to two lengths and any turn."""
     if root == "held":
-        return (hold_roots(state),) * FRAMES
+        return (hold_roots(state),) * _FRAMES
     position, frame = state.centre[0, 0], quats_to_frames(state.rotation[0, 0])
     if root == "jumped":
         jump = random.uniform(0.0, 2.0 * length) * _direction(random)
-        return (_path(position + jump, 0.0, _turn(random, np.pi) @ frame, 0.0),) * FRAMES
+        return (_path(position + jump, 0.0, _turn(random, np.pi) @ frame, 0.0),) * _FRAMES
     move = random.uniform(0.0, 50.0) * duration * _direction(random)
     spin = random.uniform(0.0, 300.0) * duration * _direction(random)
     if root == "moved":
@@ -202,7 +202,7 @@ def _paths(
     if root == "spun":
         move = np.zeros(3)
     paths = []
-    for _ in range(FRAMES):
+    for _ in range(_FRAMES):
         paths.append(_path(position, move, frame, spin))
         position = position + move
         frame = _rotation(spin) @ frame
@@ -216,8 +216,8 @@ def _rotation(vector: Array) -> Array:
 
 def _path(position: Array, move: Array | float, frame: Array, spin: Array | float) -> RootPath:
     """A path at constant velocity: move (3,) m and spin (3,) rad within the frame."""
-    progress = np.linspace(0.0, 1.0, PATH_SAMPLES)[:, None]
-    samples = np.zeros((1, PATH_SAMPLES, 6))
+    progress = np.linspace(0.0, 1.0, _PATH_SAMPLES)[:, None]
+    samples = np.zeros((1, _PATH_SAMPLES, 6))
     samples[0, :, :3] = position + progress * np.broadcast_to(move, 3)
     samples[0, :, 3:] = progress * np.broadcast_to(spin, 3)
     return RootPath(samples, frames_to_quats(frame)[None])

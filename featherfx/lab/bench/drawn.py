@@ -13,9 +13,9 @@ from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 
 # share of cases with narrow vanes, and of vanes that are missing
-SLIVERS, MISSING = 0.15, 0.12
+_SLIVERS, _MISSING = 0.15, 0.12
 # barb bending over that of a plate of the barb modulus, measured on swan feathers
-BARB_OVER_PLATE = 4.8
+_BARB_OVER_PLATE = 4.8
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def draw_feather(random: np.random.Generator, rows: int, columns: int) -> Drawn:
 def _draw_kind(random: np.random.Generator) -> tuple[FeatherKind, float, float, bool]:
     length = log_uniform(random, 5e-3, 2.0)
     ratio, rachis = log_uniform(random, 1.0, 1e8), log_uniform(random, 1e-4, 1e4)
-    sliver = bool(random.random() < SLIVERS)
+    sliver = bool(random.random() < _SLIVERS)
     base = 0.017 * length * log_uniform(random, 0.3, 2.0)
     shape = RachisShape(
         diameter_base=base,
@@ -74,7 +74,7 @@ def _draw_kind(random: np.random.Generator) -> tuple[FeatherKind, float, float, 
 
 
 def _draw_vane(random: np.random.Generator, sliver: bool) -> VaneShape:
-    if random.random() < MISSING:
+    if random.random() < _MISSING:
         return VaneShape((), ())
     width = log_uniform(random, 2e-4, 5e-3) if sliver else random.uniform(0.005, 0.2)
     outline = (
@@ -97,7 +97,7 @@ def _draw_vane(random: np.random.Generator, sliver: bool) -> VaneShape:
 def _draw_vane_material(random: np.random.Generator, ratio: float) -> VaneMaterial:
     thickness = log_uniform(random, 1e-5, 1e-3)
     across = log_uniform(random, 1e3, 1e6)
-    bending = BARB_OVER_PLATE * ratio * across * thickness**3 / 12.0
+    bending = _BARB_OVER_PLATE * ratio * across * thickness**3 / 12.0
     return VaneMaterial(
         along=ratio * across,
         across=across,

@@ -1,4 +1,4 @@
-"""What `featherfx bench` measures, each as a table. All ratios are of one run on one machine."""
+"""Tables of `featherfx bench`. All ratios are of one run on one machine."""
 
 from __future__ import annotations
 
@@ -31,26 +31,26 @@ from featherfx.shot.detail.promise import Bends
 from featherfx.shot.groups import NEWTON_FRACTION
 from featherfx.shot.types import Quality
 
-METHODS: dict[str, Method] = {"barb-curvature": barb_curvature}
+_METHODS: dict[str, Method] = {"barb-curvature": barb_curvature}
 # methods that are compared on one setting; the slow ones would spend hours on the whole front
-COMPARED: dict[str, Method] = {
-    **METHODS,
+_COMPARED: dict[str, Method] = {
+    **_METHODS,
     "nodal, improved": nodal("improved"),
     "nodal, textbook": nodal("textbook"),
 }
-RATIOS = tuple(10.0**k for k in range(2, 9))
+_RATIOS = tuple(10.0**k for k in range(2, 9))
 # 1/s, fixed steps of the table of steps
-STEP_RATES = (24, 96, 384, 480)
-COST = "ms a simulated second"
-QUALITIES = ("draft", "preview", "final")
+_STEP_RATES = (24, 96, 384, 480)
+_COST = "ms a simulated second"
+_QUALITIES = ("draft", "preview", "final")
 # percent of the length
-PROMISED = (2.0, 1.0, 0.5, 0.25)
+_PROMISED = (2.0, 1.0, 0.5, 0.25)
 
 
 def all_tables(extent: Extent, jobs: int) -> Iterator[ResultTable]:
     """Every table, one after another, so that progress can be shown. jobs: of the thread test."""
     kind = swan_primary()
-    for method in METHODS.values():
+    for method in _METHODS.values():
         method(kind, replace(PRODUCTION, duration=1.0 / 24.0))  # compiles before anything is timed
     reference = barb_curvature(kind, extent.reference)
     yield steps_table(kind, extent, reference)
@@ -67,7 +67,7 @@ def steps_table(kind: FeatherKind, extent: Extent, reference: ShakeRun) -> Resul
     """Hero and production feather at several steps, against the factorisation."""
     rows: list[Row] = []
     for title, shake in (("hero", HERO), ("production", PRODUCTION)):
-        for rate, radius in product(STEP_RATES, (0.0, 0.8)):
+        for rate, radius in product(_STEP_RATES, (0.0, 0.8)):
             timed = replace(shake, step=1.0 / rate, duration=extent.duration, radius=radius)
             yardstick = factorisation_seconds()
             run = fastest(barb_curvature, kind, timed)
@@ -100,7 +100,7 @@ def methods_table(kind: FeatherKind, extent: Extent) -> ResultTable:
     shake = replace(HERO, duration=extent.duration)
     rows: list[Row] = []
     runs: list[ShakeRun] = []
-    for name, method in COMPARED.items():
+    for name, method in _COMPARED.items():
         method(kind, replace(shake, duration=shake.step))  # compiles before it is timed
         runs.append(fastest(method, kind, shake))
         rows.append(
@@ -144,14 +144,14 @@ def stiff_kind(kind: FeatherKind, ratio: float, varied: str = "barbs") -> Feathe
 def stiffness_table(kind: FeatherKind, extent: Extent) -> ResultTable:
     """Iterations against the stiffness ratio."""
     rows: list[Row] = []
-    cases = [("barb-curvature", HERO, varied, RATIOS) for varied in ("stretch", "vane", "barbs")]
-    cases.append(("nodal, improved", PRODUCTION, "barbs", RATIOS[:3]))
+    cases = [("barb-curvature", HERO, varied, _RATIOS) for varied in ("stretch", "vane", "barbs")]
+    cases.append(("nodal, improved", PRODUCTION, "barbs", _RATIOS[:3]))
     for name, shake, varied, ratios in cases:
         for ratio in ratios:
             feather = stiff_kind(kind, ratio, varied)
             for rate in (96, 24):
                 timed = replace(shake, step=1.0 / rate, duration=extent.duration)
-                run = COMPARED[name](feather, timed)
+                run = _COMPARED[name](feather, timed)
                 rows.append(
                     {
                         "method": name,
@@ -216,12 +216,12 @@ def quality_shake(kind: FeatherKind, quality: Quality) -> Shake:
 def presets_table(kind: FeatherKind, reference: ShakeRun) -> ResultTable:
     """Cost and error of the quality presets."""
     rows: list[Row] = []
-    shakes = {name: preset_shake(kind, name) for name in QUALITIES}
-    for error in PROMISED:
+    shakes = {name: preset_shake(kind, name) for name in _QUALITIES}
+    for error in _PROMISED:
         shakes[f"error = {error:g}"] = quality_shake(kind, Quality(name="", error=error))
     for name, shake in shakes.items():
         row = _front_row(kind, "barb-curvature", barb_curvature, shake, reference)
-        names = ("rows", "columns", "coefficients", "tolerance", "radius", "error", COST)
+        names = ("rows", "columns", "coefficients", "tolerance", "radius", "error", _COST)
         rows.append({"preset": name, **{key: row[key] for key in names}, "steps": row["steps"]})
     note = (
         "The same shake and the same measure of error as below, with the steps that the presets'"
@@ -233,7 +233,7 @@ def presets_table(kind: FeatherKind, reference: ShakeRun) -> ResultTable:
 def front_table(kind: FeatherKind, extent: Extent, reference: ShakeRun) -> ResultTable:
     """Time against the trajectory's error."""
     rows: list[Row] = []
-    for name, method in METHODS.items():
+    for name, method in _METHODS.items():
         rows += [_front_row(kind, name, method, shake, reference) for shake in front_shakes(extent)]
     finest = extent.reference
     note = (
@@ -276,7 +276,7 @@ PRODUCTION = Shake(rows=21, columns=6, coefficients=2)
 
 @dataclass(frozen=True)
 class Extent:
-    """How much is measured.
+    """Amount to measure.
 
     grids (rows, columns), coefficients, steps (1/s), radii: of the front. tolerances: share of the
     length, with error control. reference: shake of the reference. batches: feathers at a time.
@@ -293,7 +293,7 @@ class Extent:
     duration: float
 
 
-QUICK = Extent(
+QUICK_EXTENT = Extent(
     grids=((11, 4), (21, 6)),
     coefficients=(1, 2),
     steps=(24, 96, 384),
@@ -303,7 +303,7 @@ QUICK = Extent(
     batches=(1, 10, 100),
     duration=0.25,
 )
-FULL = Extent(
+FULL_EXTENT = Extent(
     grids=((6, 4), (11, 4), (21, 6), (41, 10)),
     coefficients=(0, 1, 2, 3),
     steps=(24, 96, 384),
@@ -315,12 +315,12 @@ FULL = Extent(
 )
 
 
-REPEATS = 3
+_REPEATS = 3
 
 
 def fastest(method: Method, kind: FeatherKind, shake: Shake) -> ShakeRun:
     """The fastest of several equal runs: what the machine does when nobody disturbs it."""
-    return min((method(kind, shake) for _ in range(REPEATS)), key=lambda run: run.seconds)
+    return min((method(kind, shake) for _ in range(_REPEATS)), key=lambda run: run.seconds)
 
 
 def threads_table(kind: FeatherKind, extent: Extent, jobs: int) -> ResultTable:
@@ -330,7 +330,7 @@ def threads_table(kind: FeatherKind, extent: Extent, jobs: int) -> ResultTable:
     for threads in sorted({1, 2, jobs}):
         begin = process_time()
         run = fastest(barb_curvature, kind, replace(shake, jobs=threads))
-        processor = (process_time() - begin) / (REPEATS * run.steps)
+        processor = (process_time() - begin) / (_REPEATS * run.steps)
         first = rows[0]["ms a frame of 1/96 s"] if rows else 1e3 * run.step_seconds
         rows.append(
             {

@@ -11,9 +11,9 @@ from time import thread_time
 import numpy as np
 from scipy.linalg.lapack import dpbtrf
 
-UNKNOWNS, HALF_BANDWIDTH = 2583, 131
-REPEATS = 15
-THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+_UNKNOWNS, _HALF_BANDWIDTH = 2583, 131
+_REPEATS = 15
+_THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def factorisation_seconds() -> float:
@@ -23,7 +23,7 @@ def factorisation_seconds() -> float:
     """
     done = subprocess.run(
         [sys.executable, "-m", __name__],
-        env={**os.environ, **dict.fromkeys(THREAD_VARIABLES, "1")},
+        env={**os.environ, **dict.fromkeys(_THREAD_VARIABLES, "1")},
         capture_output=True,
         text=True,
         check=True,
@@ -33,10 +33,10 @@ def factorisation_seconds() -> float:
 
 def _measured() -> float:
     random = np.random.default_rng(1)
-    band = np.asfortranarray(random.uniform(-1.0, 1.0, (HALF_BANDWIDTH + 1, UNKNOWNS)))
-    band[0] = 4.0 * HALF_BANDWIDTH  # diagonally dominant, so that it is positive definite
+    band = np.asfortranarray(random.uniform(-1.0, 1.0, (_HALF_BANDWIDTH + 1, _UNKNOWNS)))
+    band[0] = 4.0 * _HALF_BANDWIDTH  # diagonally dominant, so that it is positive definite
     seconds = []
-    for _ in range(REPEATS):
+    for _ in range(_REPEATS):
         matrix = band.copy(order="F")
         begin = thread_time()
         _, info = dpbtrf(matrix, lower=1, overwrite_ab=1)

@@ -33,9 +33,9 @@ from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Quality, Shot
 
 # (columns, coefficients)
-ENDS = ((2, 1), (3, 1), (4, 1), (6, 1), (2, 2), (4, 2))
+_ENDS = ((2, 1), (3, 1), (4, 1), (6, 1), (2, 2), (4, 2))
 # (tolerance over the feather's length, rows)
-STEPS = (
+_STEPS = (
     (6e-3, (6, 8, 11)),
     (2e-3, (6, 8, 11, 15, 21)),
     (6e-4, (6, 8, 11, 15, 21)),
@@ -43,12 +43,12 @@ STEPS = (
     (6e-5, (11, 15, 21, 29)),
 )
 # rows and columns of a reference
-MOST_ROWS, MOST_COLUMNS = 57, 12
+_MOST_ROWS, _MOST_COLUMNS = 57, 12
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What is simulated of every feather. tolerance: of the feather's length."""
+    """Resolution of every feather. tolerance: over the feather's length."""
 
     rows: int = 11
     columns: int = 4
@@ -57,13 +57,13 @@ class Setting:
     radius: float = 0.5
 
 
-FINEST = Setting(rows=MOST_ROWS, columns=MOST_COLUMNS, coefficients=3, tolerance=1e-5)
+_FINEST = Setting(rows=_MOST_ROWS, columns=_MOST_COLUMNS, coefficients=3, tolerance=1e-5)
 
 
 def settings(touching: bool) -> Iterator[Setting]:
-    """What is measured. touching: whether feathers push each other, which takes long."""
-    for tolerance, rows in STEPS[1:3] if touching else STEPS:
-        for n, (m, c) in product(rows, ENDS[::2][:2] if touching else ENDS):
+    """Yield the settings to measure. touching: feathers push each other, which takes long."""
+    for tolerance, rows in _STEPS[1:3] if touching else _STEPS:
+        for n, (m, c) in product(rows, _ENDS[::2][:2] if touching else _ENDS):
             yield Setting(n, m, c, tolerance)
 
 
@@ -149,7 +149,7 @@ def bent(ran: FrontRun) -> list[float]:
 def iteration_times() -> dict[tuple[int, int, int], float]:
     """s, of a Newton iteration of a feather in a batch, by rows, columns and coefficients."""
     kind, found = swan_primary(), dict[tuple[int, int, int], float]()
-    for (n, (m, c)), _ in product(product((6, 8, 11, 15, 21, 29), ENDS), range(2)):
+    for (n, (m, c)), _ in product(product((6, 8, 11, 15, 21, 29), _ENDS), range(2)):
         shake = Shake(n, m, c, 0.0, 3.5e-4, 0.5, 3.5e-5, 1.0 / 12.0, count=8, max_substeps=4096)
         ran = barb_curvature(kind, shake)
         time = ran.seconds / (shake.count * ran.iterations)
@@ -163,7 +163,7 @@ def measure(name: str) -> list[Row]:
     shot = scene(name)
     estimated = estimated_deflections(shot)
     run(at(shot, Setting(tolerance=1e-2)))  # compiles
-    finest = run(at(shot, replace(FINEST, rows=REFERENCE_ROWS[name])))
+    finest = run(at(shot, replace(_FINEST, rows=REFERENCE_ROWS[name])))
     real = bent(finest)
     for setting in settings(shot.contact is not None):
         each = run(at(shot, setting))
@@ -188,14 +188,14 @@ def measure(name: str) -> list[Row]:
     return rows
 
 
-NOTE = """\
+_NOTE = """\
 The error that a shot is simulated with, as promised, as the simulation itself estimates it, and as
 measured: of every feather the largest distance of any point that is simulated, at any frame, from
 where a reference has it, percent of the feather's length. References have as many rows and columns
 as were measured at most, three coefficients, and steps of a tolerance of 1e-5 of the median
 length. Points of the meshes between simulated rows are interpolated, and not counted. Seconds are
 processor times of one thread without the first frame."""
-REFERENCE_ERROR = 0.01
+_REFERENCE_ERROR = 0.01
 
 
 def kept_table(
@@ -218,20 +218,20 @@ def kept_table(
         for error in promised:
             rows.append(_kept(some, error, reference))
             progress(len(rows), total)
-    return ResultTable("promise", "Promised errors", NOTE, rows)
+    return ResultTable("promise", "Promised errors", _NOTE, rows)
 
 
 def fine(shot: Shot) -> Shot:
     """The shot as it is compared with."""
     length = float(np.median([p.kind.length for p in shot.groom.feathers]))
     quality = replace(
-        shot.quality.with_error(REFERENCE_ERROR),
-        rows=FINEST.rows,
-        simulated_rows=FINEST.rows,
-        columns=FINEST.columns,
-        simulated_columns=FINEST.columns,
-        coefficients=FINEST.coefficients,
-        tolerance=FINEST.tolerance * length,
+        shot.quality.with_error(_REFERENCE_ERROR),
+        rows=_FINEST.rows,
+        simulated_rows=_FINEST.rows,
+        columns=_FINEST.columns,
+        simulated_columns=_FINEST.columns,
+        coefficients=_FINEST.coefficients,
+        tolerance=_FINEST.tolerance * length,
     )
     return replace(shot, quality=quality)
 

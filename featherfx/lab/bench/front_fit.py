@@ -25,10 +25,10 @@ HOW = (
     " deflections of shaft and barbs in air. Feathers that push each other are left out."
 )
 # of feathers and scenes, in how many what is estimated afterwards is not less than what they miss
-HELD = 0.9
-LEAST = 1e-5
+_HELD = 0.9
+LEAST_ERROR = 1e-5
 # of the finest tolerance that was measured, to what the power of steps is trusted
-TRUSTED = 0.1
+_TRUSTED = 0.1
 # of rows and columns: the polylines of shafts and barbs are of second order
 _LINES = 2.0
 # bounds of (log factor, exponent) of rows and columns, and of (log factor, exponent, air) of steps:
@@ -40,7 +40,7 @@ _LEAST, _LEAST_BENT = 0.05, 0.015
 _STEPS = (-6.0, 3.0), (0.3, 1.1), (0.0, 5.0)
 # a feather that errs by more than a power says weighs so much more than one that errs by less, so
 # that the power is one that some nine of ten keep to
-UNDER = 3.0
+_UNDER = 3.0
 # what a second coefficient takes away shows where grid and steps miss little; least of it; and what
 # further ones take away: 1, 2 and 3 missed 0.48, 0.07 and 0.016 % where all else was the finest
 _SHOWN_ROWS, _SHOWN_TOLERANCE, _SHOWN, _ORDER = 11, 1e-3, 1e-4, 3.0
@@ -76,7 +76,7 @@ class _Measured(NamedTuple):
 
 
 def missed(rows: Sequence[Row], times: Mapping[tuple[int, int, int], float]) -> dict[str, Any]:
-    """What promises are made by, of the rows that `measure` gives and of `iteration_times`. Of
+    """Fit the error model to rows of `measure` and to `iteration_times`. Of
     feathers that push each other nothing is promised, so theirs are left out."""
     rows = [r for r in rows if not r["touching"]]
     wrung = [r for r in rows if r["wrung"]]
@@ -84,9 +84,9 @@ def missed(rows: Sequence[Row], times: Mapping[tuple[int, int, int], float]) -> 
     before, after = _measured(rows, ""), _measured(rows, " bent")
     grid, steps = _fitted(before, _LEAST)
     held, _ = _fitted(after, _LEAST_BENT)
-    off = np.quantile(np.log(after.error / after.missed(held, steps)), HELD)
+    off = np.quantile(np.log(after.error / after.missed(held, steps)), _HELD)
     held = Grid(*(each._replace(factor=each.factor * float(np.exp(off))) for each in held))
-    tolerances = TRUSTED * float(before.tolerance.min()), float(before.tolerance.max())
+    tolerances = _TRUSTED * float(before.tolerance.min()), float(before.tolerance.max())
     blown = before.air >= CALM_AIR
     calm = float(before.shaft[blown].min()), float(before.barb[blown].min())
     found = Front(grid, held, _wrung(wrung), steps, _work(times), tolerances, calm)
@@ -104,8 +104,8 @@ def missed(rows: Sequence[Row], times: Mapping[tuple[int, int, int], float]) -> 
 def _measured(rows: Sequence[Row], when: str) -> _Measured:
     names = ("rows", "columns", "coefficients", "tolerance", "shaft", f"barb{when}", "air")
     values: list[Array] = [np.array([float(r[name]) for r in rows]) for name in names]
-    values[4:6] = [np.maximum(each, LEAST) for each in values[4:6]]
-    values.append(np.maximum([r["error"] for r in rows], LEAST))
+    values[4:6] = [np.maximum(each, LEAST_ERROR) for each in values[4:6]]
+    values.append(np.maximum([r["error"] for r in rows], LEAST_ERROR))
     feathers = [f"{r['scene']}/{r['feather']}" for r in rows]
     _, number, count = np.unique(feathers, return_inverse=True, return_counts=True)
     return _Measured._make([*values, count[number] ** -0.5, number])
@@ -122,7 +122,7 @@ def _fitted(measured: _Measured, least: float) -> tuple[Grid, MissedBySteps]:
 
     def off(parameters: Array) -> Array:
         over = np.log(measured.missed(*powers(parameters)) / measured.error)
-        return np.asarray(measured.weight * np.where(over < 0.0, UNDER, 1.0) * over / _FAR)
+        return np.asarray(measured.weight * np.where(over < 0.0, _UNDER, 1.0) * over / _FAR)
 
     low, high = np.transpose([*_GRID, *_GRID, *_STEPS])
     found = least_squares(off, 0.5 * (low + high), bounds=(low, high), loss="soft_l1").x
@@ -130,7 +130,7 @@ def _fitted(measured: _Measured, least: float) -> tuple[Grid, MissedBySteps]:
 
 
 def _coefficients(measured: _Measured) -> Missed:
-    """By the most that a second coefficient takes away of any feather, not less in HELD of them."""
+    """By the most that a second coefficient takes away of any feather, not less in _HELD."""
     fine = (measured.rows >= _SHOWN_ROWS) & (measured.tolerance <= _SHOWN_TOLERANCE)
     kept = measured._replace(**{k: v[fine] for k, v in measured._asdict().items()})
     settings = zip(kept.feather, kept.rows, kept.columns, kept.tolerance, strict=True)
@@ -144,12 +144,12 @@ def _coefficients(measured: _Measured) -> Missed:
     barbs = dict(zip(kept.feather, kept.barb, strict=True))
     bend, gain = np.log([barbs[f] for f in most]), np.log(list(most.values()))
     slope = float(np.clip(np.polyfit(bend, gain, 1)[0], 0.0, 1.0))
-    factor = float(np.exp(np.quantile(gain - slope * bend, HELD)))
+    factor = float(np.exp(np.quantile(gain - slope * bend, _HELD)))
     return Missed(factor / (1.0 - 2.0**-_ORDER), _ORDER, slope)
 
 
 def _wrung(rows: Sequence[Row]) -> Missed:
-    """Of rows, of the middle feather, whatever else is simulated and however far loads bend."""
+    """Fit the error of rows for the middle feather, whatever the other settings and loads."""
     number = np.log([r["rows"] for r in rows])
     slope, level = np.polyfit(number, np.log([r["error"] for r in rows]), 1)
     return Missed(float(np.exp(level)), -float(slope), 0.0)

@@ -18,12 +18,12 @@ from featherfx.solver.preen import close_gaps
 from featherfx.solver.state import State
 
 # of the draws of hooks, apart from those of the rest of a case, which is the same without
-STREAM = 1
+_STREAM = 1
 # draws of splits that may cross before a vane stays whole
-TRIES = 20
+_TRIES = 20
 # shares of cases with splits and with vanes that are loose in part, and of frames before which a
 # stroke zips the vane up
-SPLIT, LOOSE, STROKES = 0.5, 0.3, 0.5
+_SPLIT, _LOOSE, _STROKES = 0.5, 0.3, 0.5
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Stroke:
 
 def hooks_of(seed: int) -> np.random.Generator:
     """Draws the hooks of a case."""
-    return np.random.default_rng([STREAM, seed])
+    return np.random.default_rng([_STREAM, seed])
 
 
 def hooked(
@@ -45,11 +45,11 @@ def hooked(
 ) -> tuple[Feather, FeatherKind]:
     """A feather, and its kind, with hooks."""
     kind = replace(kind, vane_material=_hooks(kind.vane_material, random))
-    if random.random() < LOOSE:
+    if random.random() < _LOOSE:
         kind = _with_vanes(kind, replace(kind.leading, hooked=_loose(random)), kind.trailing)
-    if random.random() >= SPLIT:
+    if random.random() >= _SPLIT:
         return build_feather(kind, feather.rows, feather.columns), kind
-    for _ in range(TRIES):
+    for _ in range(_TRIES):
         split = _with_vanes(kind, _split(kind.leading, random), _split(kind.trailing, random))
         try:
             return build_feather(split, feather.rows, feather.columns), split
@@ -61,10 +61,10 @@ def hooked(
 def strokes_of(
     random: np.random.Generator, frames: int, length: float
 ) -> tuple[Stroke | None, ...]:
-    """What happens before each of the frames of a feather of a length (m)."""
+    """Return the strokes before each frame of a feather of a length (m)."""
     return tuple(
         Stroke(random.uniform(0.1, 1.0), log_uniform(random, 1e-4, 1.0) * length)
-        if frame > 0 and random.random() < STROKES
+        if frame > 0 and random.random() < _STROKES
         else None
         for frame in range(frames)
     )

@@ -1,4 +1,4 @@
-"""How much `featherfx bench` measures; imports nothing heavy."""
+"""Options of `featherfx bench`; imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from featherfx.limits import option
 
-STRESS_CASES, QUICK_STRESS_CASES = 10_000, 200
+_STRESS_CASES, _QUICK_STRESS_CASES = 10_000, 200
 
 
 def _shots(text: str) -> Any:
@@ -19,7 +19,7 @@ def _shots(text: str) -> Any:
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """What to measure and how much of it."""
+    """Choice and extent of the measurements."""
 
     quick: bool = option(False, "A smaller set of settings, in two minutes of one core.")
     stress: bool = option(False, "Random absurd cases instead of measurements.")
@@ -41,7 +41,7 @@ class BenchOptions:
     )
     cases: int | None = option(
         None,
-        f"Number of random cases.  [default: {STRESS_CASES}, quick: {QUICK_STRESS_CASES}]",
+        f"Number of random cases.  [default: {_STRESS_CASES}, quick: {_QUICK_STRESS_CASES}]",
         least=1,
     )
     as_json: bool = option(
@@ -56,6 +56,6 @@ class BenchOptions:
 
     @property
     def seeds(self) -> range:
-        """Of the random cases."""
-        count = self.cases or (QUICK_STRESS_CASES if self.quick else STRESS_CASES)
+        """Seeds of the random cases."""
+        count = self.cases or (_QUICK_STRESS_CASES if self.quick else _STRESS_CASES)
         return range(self.seed, self.seed + count)

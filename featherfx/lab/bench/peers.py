@@ -28,27 +28,27 @@ from featherfx.lab.bench.report import (
 )
 from featherfx.lab.feathers.strip import (
     CELLS,
-    DENSITY,
-    GRAVITY,
-    LENGTH,
+    GRAVITY_ALONG_Z,
     OUTPUT_TIMES,
     STIFF,
-    THICKNESS,
-    WIDTH,
+    STRIP_DENSITY,
+    STRIP_LENGTH,
+    STRIP_THICKNESS,
+    STRIP_WIDTH,
     StripTest,
     run_strip,
 )
 
-COLUMNS = 12
-END = 0.2
-OLDEST = 4
+_COLUMNS = 12
+_END = 0.2
+_OLDEST = 4
 COST, ERROR = "CPU s a simulated second", "error"
-INTRODUCTION = """\
+_INTRODUCTION = """\
 This page is what `featherfx bench --peers -o DIR` writes; no number on it is typed in. All programs
 simulate the strip of `featherfx lab strip` on one thread; times are processor times of stepping.
 Compare ratios, not seconds, between machines.
 """
-MODEL = """
+_MODEL = """
 <mujoco>
   <option timestep="{step}" gravity="{gravity}" integrator="discrete">
     <flag contact="disable"/>
@@ -69,7 +69,7 @@ MODEL = """
 
 @dataclass(frozen=True)
 class PeerRates:
-    """How much is measured. rates: 1/s, steps a second of our iso strip; peer_rates: of MuJoCo's;
+    """Amount to measure. rates: 1/s, steps a second of our iso strip; peer_rates: of MuJoCo's;
     feather_rates: of our feather strip."""
 
     rates: tuple[int, ...]
@@ -77,16 +77,18 @@ class PeerRates:
     feather_rates: tuple[int, ...]
 
 
-FULL = PeerRates((40, 60, 80, 100, 160, 320), (240, 500, 1000, 2000, 4000), (60, 120, 240))
-QUICK = PeerRates((40, 80, 100), (240, 1000), (60, 240))
+FULL_RATES = PeerRates((40, 60, 80, 100, 160, 320), (240, 500, 1000, 2000, 4000), (60, 120, 240))
+QUICK_RATES = PeerRates((40, 80, 100), (240, 1000), (60, 240))
 # columns do not matter where there is no Poisson effect; four times the cells along the strip
-ISO_REFERENCE = StripTest("iso", 1.0 / 2560.0, columns=1, refinement=4, newton=1e-7)
-FEATHER_REFERENCE = StripTest("feather", 1.0 / 960.0, "barb-curvature", coefficients=3, newton=1e-7)
+_ISO_REFERENCE = StripTest("iso", 1.0 / 2560.0, columns=1, refinement=4, newton=1e-7)
+_FEATHER_REFERENCE = StripTest(
+    "feather", 1.0 / 960.0, "barb-curvature", coefficients=3, newton=1e-7
+)
 
 
 @dataclass(frozen=True)
 class PeerRun:
-    """tip: (T, 3) m at the output times up to END. cpu_seconds: of stepping. steps: count."""
+    """tip: (T, 3) m at the output times up to _END. cpu_seconds: of stepping. steps: count."""
 
     tip: Array
     cpu_seconds: float
@@ -95,25 +97,25 @@ class PeerRun:
 
 def mujoco_or_error() -> Any:
     """The module mujoco. Raises InputError where it is not installed or too old."""
-    wanted = f"needs MuJoCo {OLDEST} or later: pip install 'featherfx[peers]'"
+    wanted = f"needs MuJoCo {_OLDEST} or later: pip install 'featherfx[peers]'"
     if importlib.util.find_spec("mujoco") is None:
         raise InputError(Problem("bench", "peers", wanted))
     import mujoco
 
-    if int(mujoco.__version__.split(".")[0]) < OLDEST:
+    if int(mujoco.__version__.split(".")[0]) < _OLDEST:
         raise InputError(Problem("bench", "peers", f"{wanted}; found {mujoco.__version__}"))
     return mujoco
 
 
 def mujoco_iso(step: float) -> PeerRun:
-    """The isotropic strip by MuJoCo with steps of the given length (s), until END."""
+    """The isotropic strip by MuJoCo with steps of the given length (s), until _END."""
     mujoco = mujoco_or_error()
     model = mujoco.MjModel.from_xml_string(_mujoco_model(step))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    end = np.linalg.norm(data.flexvert_xpos - [LENGTH, 0.0, 0.0], axis=1).argmin()
+    end = np.linalg.norm(data.flexvert_xpos - [STRIP_LENGTH, 0.0, 0.0], axis=1).argmin()
     tips, seconds, steps = [], 0.0, 0
-    for output in (each for each in OUTPUT_TIMES if each <= END):
+    for output in (each for each in OUTPUT_TIMES if each <= _END):
         begin = time.process_time()
         while data.time < output - 0.5 * step:
             mujoco.mj_step(model, data)
@@ -125,25 +127,25 @@ def mujoco_iso(step: float) -> PeerRun:
 
 
 def _mujoco_model(step: float) -> str:
-    return MODEL.format(
+    return _MODEL.format(
         step=step,
-        gravity=" ".join(f"{each:g}" for each in GRAVITY),
+        gravity=" ".join(f"{each:g}" for each in GRAVITY_ALONG_Z),
         rows=CELLS + 1,
-        columns=COLUMNS + 1,
-        last=COLUMNS,
-        along=LENGTH / CELLS,
-        across=WIDTH / COLUMNS,
-        mass=DENSITY * LENGTH * WIDTH,
-        radius=0.5 * THICKNESS,
-        middle=0.5 * LENGTH,
-        young=STIFF / THICKNESS,
-        thickness=THICKNESS,
+        columns=_COLUMNS + 1,
+        last=_COLUMNS,
+        along=STRIP_LENGTH / CELLS,
+        across=STRIP_WIDTH / _COLUMNS,
+        mass=STRIP_DENSITY * STRIP_LENGTH * STRIP_WIDTH,
+        radius=0.5 * STRIP_THICKNESS,
+        middle=0.5 * STRIP_LENGTH,
+        young=STIFF / STRIP_THICKNESS,
+        thickness=STRIP_THICKNESS,
     )
 
 
 def our_iso(step: float) -> PeerRun:
     """The isotropic strip by our nodal kinematics."""
-    run = run_strip(StripTest("iso", step), END)
+    run = run_strip(StripTest("iso", step), _END)
     return PeerRun(run.tip, run.cpu_seconds, run.steps)
 
 
@@ -157,7 +159,7 @@ def peer_tables(extent: PeerRates) -> Iterator[ResultTable]:
 def iso_table(extent: PeerRates) -> ResultTable:
     """Error against processor time of all programs on the isotropic strip."""
     version = mujoco_or_error().__version__
-    reference = run_strip(ISO_REFERENCE, END).tip
+    reference = run_strip(_ISO_REFERENCE, _END).tip
     programs: tuple[tuple[str, Callable[[float], PeerRun], tuple[int, ...]], ...] = (
         ("featherfx, nodal", our_iso, extent.rates),
         (f"MuJoCo {version}", mujoco_iso, extent.peer_rates),
@@ -167,7 +169,7 @@ def iso_table(extent: PeerRates) -> ResultTable:
         for rate in rates:
             done = run(1.0 / rate)
             rows.append(_row(name, rate, done, reference))
-    fine = ISO_REFERENCE
+    fine = _ISO_REFERENCE
     note = (
         "The isotropic strip of 100 x 12 cells, 0.2 s from its release. Error: distance in m of"
         " the middle of its end from the reference, the larger of those at 0.1 and 0.2 s."
@@ -180,7 +182,7 @@ def iso_table(extent: PeerRates) -> ResultTable:
 
 def feather_table(extent: PeerRates) -> ResultTable:
     """Cost, error and barb strain of our feather strip in both kinematics."""
-    reference = run_strip(FEATHER_REFERENCE, END).tip
+    reference = run_strip(_FEATHER_REFERENCE, _END).tip
     start = StripTest("feather", 1.0)
     methods = {
         "barb-curvature, 1 coefficient": replace(
@@ -193,10 +195,10 @@ def feather_table(extent: PeerRates) -> ResultTable:
     rows: list[Row] = []
     for name, test in methods.items():
         for rate in extent.feather_rates:
-            run = run_strip(replace(test, dt=1.0 / rate), END)
+            run = run_strip(replace(test, dt=1.0 / rate), _END)
             done = PeerRun(run.tip, run.cpu_seconds, run.steps)
             rows.append({**_row(name, rate, done, reference), "barb strain": run.strain_max})
-    fine = FEATHER_REFERENCE
+    fine = _FEATHER_REFERENCE
     note = (
         "The strip with barbs and a rachis, measured as above. Reference: barb-curvature with"
         f" {fine.coefficients} coefficients and {round(1.0 / fine.dt)} steps a second. Barb"
@@ -211,7 +213,7 @@ def _row(name: str, rate: int, run: PeerRun, reference: Array) -> Row:
         "steps a second": rate,
         "steps": run.steps,
         ERROR: float(np.linalg.norm(np.subtract(run.tip, reference), axis=1).max()),
-        COST: run.cpu_seconds / END,
+        COST: run.cpu_seconds / _END,
     }
 
 
@@ -219,7 +221,7 @@ def peer_page(tables: list[ResultTable], program: str) -> str:
     """The run as Markdown; program: version of featherfx."""
     date, facts = facts_of(machine(program))
     head = f"Measured on {date}. Machine and versions: {facts}.\n"
-    parts = [f"# Beside other simulators\n\n{INTRODUCTION}", head]
+    parts = [f"# Beside other simulators\n\n{_INTRODUCTION}", head]
     for table in tables:
         parts.append(as_markdown(table))
         if can_plot():

@@ -18,14 +18,14 @@ from typing import Any, BinaryIO
 
 from featherfx.files.atomic_write import write_whole
 
-LIBRARIES = ("numpy", "scipy", "numba")
-INTRODUCTION = """\
+_LIBRARIES = ("numpy", "scipy", "numba")
+_INTRODUCTION = """\
 This page is what `featherfx bench -o DIR` (and `featherfx bench --stress -o DIR`) writes; no number
 on it is typed in. The swan primary of the presets, 0.35 m long, is shaken by its root in vacuum.
 Times are processor times of one thread, so that other work on the machine disturbs them little;
 only the table of threads is wall time. Compare ratios, not milliseconds, between machines.
 """
-COST, ERROR = "ms a simulated second", "error"
+_COST, _ERROR = "ms a simulated second", "error"
 
 
 def machine(program: str) -> dict[str, Any]:
@@ -38,7 +38,7 @@ def machine(program: str) -> dict[str, Any]:
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         "python": platform.python_version(),
         "featherfx": program,
-        **{name: version(name) for name in LIBRARIES},
+        **{name: version(name) for name in _LIBRARIES},
     }
 
 
@@ -62,7 +62,7 @@ def front_of(tables: Sequence[ResultTable]) -> ResultTable | None:
     found = [table for table in tables if table.name == "front"]
     if not found:
         return None
-    rows = pareto(found[0].rows, COST, ERROR)
+    rows = pareto(found[0].rows, _COST, _ERROR)
     note = "The settings of the table of run time against error that no other beats in both."
     return ResultTable("pareto", "Best settings", note, rows)
 
@@ -73,7 +73,7 @@ def page(tables: Sequence[ResultTable], stress: dict[str, Any] | None, program: 
         return stress_page(stress)
     date, facts = facts_of(machine(program))
     parts = [
-        f"# Benchmarks\n\n{INTRODUCTION}",
+        f"# Benchmarks\n\n{_INTRODUCTION}",
         f"Measured on {date}. Machine and versions: {facts}.\n",
     ]
     front = front_of(tables)
@@ -91,10 +91,10 @@ def page(tables: Sequence[ResultTable], stress: dict[str, Any] | None, program: 
 
 
 def presets_text(table: ResultTable) -> str:
-    """What the quality presets cost and err, in words."""
+    """Describe cost and error of the quality presets."""
     sentences = [
-        f"`{row['preset']}` errs by {100.0 * row[ERROR]:.2g} % of the feather's length and takes"
-        f" {shown(row[COST])} ms of one core a simulated second and feather."
+        f"`{row['preset']}` errs by {100.0 * row[_ERROR]:.2g} % of the feather's length and takes"
+        f" {shown(row[_COST])} ms of one core a simulated second and feather."
         for row in table.rows
     ]
     closing = (
@@ -151,10 +151,10 @@ def write(
     for table in tables:
         files[f"{table.name}.csv"] = as_csv(table).encode()
         if table.name == "front" and can_plot():
-            usable = [row for row in table.rows if row[ERROR] < float("inf")]
+            usable = [row for row in table.rows if row[_ERROR] < float("inf")]
             for group in ("rows", "coefficients", "radius", "steps per s"):
                 name = f"front_{group.replace(' ', '_')}.png"
-                files[name] = work_precision_plot(usable, group, COST, ERROR)
+                files[name] = work_precision_plot(usable, group, _COST, _ERROR)
     record = {
         "machine": machine(program),
         "tables": {table.name: list(table.rows) for table in tables},
@@ -225,7 +225,7 @@ def pareto(rows: Sequence[Row], cost: str, error: str) -> list[Row]:
 
 
 def can_plot() -> bool:
-    """Whether matplotlib (the optional extra `plots`) is installed."""
+    """Return whether matplotlib (the optional extra `plots`) is installed."""
     return importlib.util.find_spec("matplotlib") is not None
 
 

@@ -89,7 +89,7 @@ SCENES = {
     ),
     "soft plume": (_PLUMES, "[wind]\nbase = 'breeze'\ndirection = [1, 0.2, 0]\ngust = 0.4\n"),
 }
-FRAMES = {name: 13 if name == "contact" else 25 for name in SCENES}
+_FRAMES = {name: 13 if name == "contact" else 25 for name in SCENES}
 # rows of a reference; a primary in the strong gust is 0.3 % of its length off on 57
 REFERENCE_ROWS = {name: 113 if name == "strong gust" else 57 for name in SCENES}
 
@@ -97,7 +97,7 @@ REFERENCE_ROWS = {name: 113 if name == "strong gust" else 57 for name in SCENES}
 def scene(name: str) -> Shot:
     """A shot of a second, of half of one where feathers touch."""
     groom, shot = SCENES[name]
-    head = f'name = "{name}"\ngroom = "groom.toml"\nframes = [1, {FRAMES[name]}]\n'
+    head = f'name = "{name}"\ngroom = "groom.toml"\nframes = [1, {_FRAMES[name]}]\n'
     with TemporaryDirectory() as folder:
         Path(folder, "groom.toml").write_text(f'name = "{name}"\n{groom}', encoding="utf-8")
         Path(folder, "shot.toml").write_text(head + shot, encoding="utf-8")

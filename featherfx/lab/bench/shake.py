@@ -27,12 +27,12 @@ from featherfx.solver.solver import RootPath, Settings, Solver, raise_if_failed
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.modes import with_damping
 
-AMPLITUDE, FREQUENCY = 0.05, 3.0
+_AMPLITUDE, _FREQUENCY = 0.05, 3.0
 # m/s^2, largest of the root
-ACCELERATION = AMPLITUDE * (2.0 * math.pi * FREQUENCY) ** 2
-OUTPUT_RATE = 24.0
-PATH_SAMPLES = 5
-NO_ERROR_CONTROL = 1e30
+ACCELERATION = _AMPLITUDE * (2.0 * math.pi * _FREQUENCY) ** 2
+_OUTPUT_RATE = 24.0
+_PATH_SAMPLES = 5
+_NO_ERROR_CONTROL = 1e30
 # spectral radius that stands for implicit Euler in the solver
 EULER = -1.0
 
@@ -51,7 +51,7 @@ class Shake:
     columns: int = 10
     coefficients: int = 2
     step: float = 1.0 / 96.0
-    tolerance: float = NO_ERROR_CONTROL
+    tolerance: float = _NO_ERROR_CONTROL
     radius: float = 0.0
     newton: float = 1e-6
     duration: float = 0.5
@@ -100,14 +100,14 @@ def swan_primary() -> FeatherKind:
 
 def shifted(time: float) -> float:
     """Place of the root on z at a time in s, m; from rest within a quarter period."""
-    periods = time * FREQUENCY
-    return AMPLITUDE * math.sin(2.0 * math.pi * periods) * smooth_step(4.0 * periods)
+    periods = time * _FREQUENCY
+    return _AMPLITUDE * math.sin(2.0 * math.pi * periods) * smooth_step(4.0 * periods)
 
 
 def root_paths(start: float, end: float, count: int) -> RootPath:
     """Paths of all roots from start to end (s)."""
-    samples = np.zeros((count, PATH_SAMPLES, 6))
-    samples[:, :, 2] = [shifted(time) for time in np.linspace(start, end, PATH_SAMPLES)]
+    samples = np.zeros((count, _PATH_SAMPLES, 6))
+    samples[:, :, 2] = [shifted(time) for time in np.linspace(start, end, _PATH_SAMPLES)]
     return RootPath(samples, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
 
 
@@ -160,7 +160,7 @@ def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int
         raise_if_failed(report.status, state.time, ["shaken feather"] * shake.count)
         steps += int(report.steps[0])
         iterations += int(report.iterations[0])
-        if abs(after * OUTPUT_RATE - round(after * OUTPUT_RATE)) < 1e-6:
+        if abs(after * _OUTPUT_RATE - round(after * _OUTPUT_RATE)) < 1e-6:
             moved.append(_followed(feather, state.points.nodes[0]) - rest)
     present = np.concatenate([np.ones((1, feather.rows)), feather.barb_length]) > 0.0
     return ShakeRun(
@@ -169,7 +169,7 @@ def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int
 
 
 def _step_times(shake: Shake) -> Array:
-    step = shake.step or 1.0 / OUTPUT_RATE
+    step = shake.step or 1.0 / _OUTPUT_RATE
     times: Array = np.linspace(0.0, shake.duration, max(1, round(shake.duration / step)) + 1)
     return times
 

@@ -1,4 +1,4 @@
-"""What skipping work saves on shots, and what it costs: each switch alone, on and off."""
+"""Time saved and error added by each way of skipping work, switched on and off alone."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
 Change = Callable[[Shot], Shot]
 
 # feathers of a shot that are simulated first, so that kernels are compiled
-WARMING = 16
+_WARMING = 16
 # the most coefficients that the solver chooses by itself
-MOST_COEFFICIENTS = 4
+_MOST_COEFFICIENTS = 4
 # fewer feathers are no plumage whose feathers could follow each other
-GUIDABLE = 8
+_GUIDABLE = 8
 
-NOTE = """\
+_NOTE = """\
 Each line switches one skip on and compares with the same shot without it, everything else as in
 the file. Seconds are processor times of one thread, without the first frame, in which the feathers
 settle; the error is the largest distance of any point at any frame, as a share of its feather's
@@ -43,9 +43,9 @@ and backs away until a feather of mean length is ten pixels long, at the usual l
 
 
 # s, how long feathers are held still or fly straight on
-SCENE = 6.0
+_SCENE = 6.0
 # of a wing that beats on
-BEATS = 8
+_BEATS = 8
 
 
 @dataclass(frozen=True)
@@ -86,14 +86,14 @@ def still(shot: Shot) -> Shot:
     """Nothing moves, in still air, for some seconds."""
     wind = replace(shot.wind, speed=0.0, gust=0.0)
     free = replace(shot, grips=(), forces=(), skin=None, wind_source=None)
-    last = shot.first_frame + round(SCENE * shot.frames_per_second)
+    last = shot.first_frame + round(_SCENE * shot.frames_per_second)
     return replace(free, motion=Motion("hold", {}), wind=wind, last_frame=last)
 
 
 def cruising(shot: Shot) -> Shot:
     """The whole groom flies straight on at 10 m/s in vacuum, after a start of a second."""
     held, start = still(shot), 1.0
-    times = np.linspace(0.0, SCENE, 121)
+    times = np.linspace(0.0, _SCENE, 121)
     way = np.where(times < start, 5.0 * times**2 / start, 10.0 * (times - 0.5 * start))
     keys = [
         {"time": float(t), "joint": "", "position": (float(x), 0.0, 0.0)}
@@ -106,7 +106,7 @@ def cruising(shot: Shot) -> Shot:
 def beating_on(shot: Shot) -> Shot:
     """Eight beats of a wing that take whole frames each, in steady wind."""
     values = shot.motion.values | {"beats": 0.0, "period": beat(shot) / shot.frames_per_second}
-    last = shot.first_frame + BEATS * beat(shot)
+    last = shot.first_frame + _BEATS * beat(shot)
     wind = replace(shot.wind, gust=0.0)
     return replace(shot, motion=Motion("flap", values), wind=wind, last_frame=last)
 
@@ -117,7 +117,7 @@ def beat(shot: Shot) -> int:
 
 
 def beats(shot: Shot) -> bool:
-    """Whether a shot is a wing beat that may be replayed."""
+    """Return whether a shot is a wing beat that may be replayed."""
     return shot.motion.kind == "flap" and shot.contact is None
 
 
@@ -171,7 +171,7 @@ def _untouched(shot: Shot) -> bool:
 
 def _guidable(shot: Shot) -> bool:
     """Feathers that are many, free and do not touch."""
-    return _not_pulled(shot) and _untouched(shot) and len(shot.groom.feathers) > GUIDABLE
+    return _not_pulled(shot) and _untouched(shot) and len(shot.groom.feathers) > _GUIDABLE
 
 
 SKIPS = (
@@ -199,7 +199,7 @@ SKIPS = (
     Skip(
         "coefficients chosen, not 4",
         _quality(coefficients=CHOSEN_BY_SOLVER),
-        _quality(coefficients=MOST_COEFFICIENTS),
+        _quality(coefficients=_MOST_COEFFICIENTS),
         _always,
     ),
     Skip("rows chosen, not all", _quality(simulated_rows=CHOSEN_BY_SOLVER), _all_rows, _always),
@@ -235,7 +235,7 @@ def skips_table(
     for shot, skip in pairs:
         rows.append(_measured(shot, skip, known))
         progress(len(rows), len(pairs))
-    return ResultTable("skips", "Skipped work", NOTE, rows)
+    return ResultTable("skips", "Skipped work", _NOTE, rows)
 
 
 def share_of(shot: Shot, index: int, count: int) -> Shot:
@@ -279,7 +279,7 @@ def _measured(shot: Shot, skip: Skip, known: dict[tuple[int, Change], _Baked]) -
 
 def _run(shot: Shot) -> _Baked:
     """The shot on one thread, after two frames of some feathers have compiled what they need."""
-    some = share_of(shot, 1, max(1, len(shot.groom.feathers) // WARMING))
+    some = share_of(shot, 1, max(1, len(shot.groom.feathers) // _WARMING))
     list(simulate(some, frames=(shot.first_frame, min(shot.first_frame + 1, shot.last_frame))))
     simulation = simulate(shot)
     frames = iter(simulation)

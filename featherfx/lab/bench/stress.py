@@ -29,14 +29,14 @@ from featherfx.solver.step.energy_promise_kernels import stored_energy
 # growth of energy that round-off and Newton's tolerance may cause, share of all energy there is
 ENERGY_SLACK = 1e-6
 # distance of a state's points from those that its coordinates give, share of the length
-POSE_SLACK = 1e-9
+_POSE_SLACK = 1e-9
 WORST = 5
-COUNTED = ("steps", "iterations", "rejected", "failed", "fallbacks", "forced")
+_COUNTED = ("steps", "iterations", "rejected", "failed", "fallbacks", "forced")
 
 
 @dataclass
 class CaseOutcome:
-    """What became of a case.
+    """Outcome of a case.
 
     seed, numbers: of the case. status: 0 or why the solver stopped; frame: in which frame. cause:
     what of the input stopped it, empty where nothing is known of.
@@ -120,7 +120,7 @@ def run_case(case: Case) -> CaseOutcome:
 
 
 def _count(outcome: CaseOutcome, report: StepReport) -> None:
-    for name in COUNTED:
+    for name in _COUNTED:
         setattr(outcome, name, getattr(outcome, name) + int(getattr(report, name)[0]))
     outcome.status = int(report.status[0])
 
@@ -128,7 +128,7 @@ def _count(outcome: CaseOutcome, report: StepReport) -> None:
 def _broken_promises(
     case: Case, before: State, given: State, new: State, report: StepReport
 ) -> list[str]:
-    """What the solver promises of any step: see the names of the violations."""
+    """Check the solver's promises of any step: see the names of the violations."""
     broken = []
     if any(given.arrays()[n].tobytes() != a.tobytes() for n, a in before.arrays().items()):
         broken.append("the given state was changed")
@@ -141,7 +141,7 @@ def _broken_promises(
         broken.append("time and status contradict each other")
     if report.steps[0] == 0 and not all(map(np.array_equal, new.points, given.points)):
         broken.append("no step was accepted, and the pose changed")
-    if _pose_gap(case.model, new) > POSE_SLACK * case.numbers["length"]:
+    if _pose_gap(case.model, new) > _POSE_SLACK * case.numbers["length"]:
         broken.append("points do not belong to the coordinates")
     return broken
 
@@ -212,7 +212,7 @@ def as_record(outcome: CaseOutcome) -> dict[str, Any]:
 
 FILE = "stress_cases.jsonl"
 # that records of earlier versions may lack
-NEEDED = "unexplained_gain", "cause", "unsolved"
+_NEEDED = "unexplained_gain", "cause", "unsolved"
 Record = dict[str, Any]
 
 
@@ -230,7 +230,7 @@ def read_records(folder: Path) -> dict[int, Record]:
     for number, line in enumerate(lines[:-1], 1):
         try:
             record = json.loads(line)
-            found[int(record["seed"])] = {name: record[name] for name in NEEDED} | record
+            found[int(record["seed"])] = {name: record[name] for name in _NEEDED} | record
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
                 Problem(str(path), f"line {number}", "not a record of a case; remove the file")
@@ -282,7 +282,7 @@ def summary(records: Sequence[Record]) -> Record:
 
 
 def _stop_of(record: Record) -> Record:
-    """Which case stopped, in which frame, why, and what of its input is the cause."""
+    """Describe the case that stopped: frame, reason, and the input that causes it."""
     reason = _reason(record["status"])
     return {name: record[name] for name in ("seed", "frame", "cause")} | {"reason": reason}
 

@@ -46,15 +46,15 @@ from featherfx.solver.step.modes import with_damping
 
 Kinematics = Literal["nodal", "barb-curvature"]
 
-GRAVITY = (0.0, 0.0, -9.81)
-FRAMES_PER_SECOND = 24.0
+_GRAVITY = (0.0, 0.0, -9.81)
+_FRAMES_PER_SECOND = 24.0
 # spring of a pulled tip: far stiffer than any feather's tip, N/m
-PULL_STIFFNESS = 1e3
-NEWTON_SHARE = 1e-3
-SUBSTEPS = 4096
+_PULL_STIFFNESS = 1e3
+_NEWTON_SHARE = 1e-3
+_SUBSTEPS = 4096
 # periods within which a shake rises: hard, as the tables of benchmarks were measured
-RISE = 0.25
-UNLIMITED = 1e30
+_RISE = 0.25
+_UNLIMITED = 1e30
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,8 @@ def run_feather(test: FeatherTest, preset_folders: tuple[str | Path, ...] = ()) 
 
 
 def _settings(test: FeatherTest) -> Settings:
-    tolerance = UNLIMITED if test.fixed_step else test.tolerance
-    return Settings(tolerance, NEWTON_SHARE * test.tolerance, SUBSTEPS)
+    tolerance = _UNLIMITED if test.fixed_step else test.tolerance
+    return Settings(tolerance, _NEWTON_SHARE * test.tolerance, _SUBSTEPS)
 
 
 def _body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _FeatherBody:
@@ -156,7 +156,7 @@ def _body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _FeatherBod
 def _stepped(test: FeatherTest, shot: Shot, feather: Feather, body: _FeatherBody) -> FeatherRun:
     motion, grips = root_motion(shot), _grips(test)
     members = np.zeros(1, dtype=np.int64)
-    interval = test.fixed_step or 1.0 / FRAMES_PER_SECOND
+    interval = test.fixed_step or 1.0 / _FRAMES_PER_SECOND
     count = max(1, round(test.duration / interval))
     interval = test.duration / count
     state, steps, iterations, seconds = body.state, 0.0, 0.0, 0.0
@@ -200,21 +200,21 @@ def _shot(test: FeatherTest, kind: FeatherKind) -> Shot:
     motion = Motion("hold", {})
     if test.shake_amplitude is not None:
         values = {"amplitude": test.shake_amplitude, "frequency": test.shake_frequency}
-        motion = Motion("shake", values | {"direction": (0.0, 0.0, 1.0), "rise": RISE})
+        motion = Motion("shake", values | {"direction": (0.0, 0.0, 1.0), "rise": _RISE})
     source = Path(test.preset)
     vacuum = Wind(np.array([1.0, 0.0, 0.0]), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1)
-    quality = Quality("lab", test.rows, test.columns, test.coefficients, test.tolerance, SUBSTEPS)
+    quality = Quality("lab", test.rows, test.columns, test.coefficients, test.tolerance, _SUBSTEPS)
     return Shot(
         name=test.preset,
         source=source,
         groom=Groom(test.preset, source, (placement,)),
         first_frame=0,
         last_frame=1,
-        frames_per_second=FRAMES_PER_SECOND,
+        frames_per_second=_FRAMES_PER_SECOND,
         motion=motion,
         wind=vacuum,
         quality=quality,
-        gravity=np.array(GRAVITY),
+        gravity=np.array(_GRAVITY),
     )
 
 
@@ -229,7 +229,7 @@ def _grips(test: FeatherTest) -> tuple[tuple[int, Grip], ...]:
         displacement=np.asarray(test.pull, dtype=float),
         start=0.0,
         end=test.duration,
-        stiffness=PULL_STIFFNESS,
+        stiffness=_PULL_STIFFNESS,
     )
     return ((0, grip),)
 
@@ -260,7 +260,7 @@ def feather_kind(preset: str, preset_folders: tuple[str | Path, ...] = ()) -> Fe
     return replace(kind, leading=leading, trailing=trailing)
 
 
-TIMED_ITERATIONS, TIMED_RUNS = 10, 8
+_TIMED_ITERATIONS, _TIMED_RUNS = 10, 8
 # repeat(factors, solve, count): that many iterations, with the factorisation if solve
 Repeat = Callable[[IntegratorFactors, bool, int], object]
 
@@ -290,9 +290,9 @@ def iteration_seconds(repeat: Repeat, step: float) -> tuple[float, float]:
         repeat(factors, solve, 1)
         best = np.inf
         # the shortest of several runs: other work on the machine only ever adds
-        for _ in range(TIMED_RUNS):
+        for _ in range(_TIMED_RUNS):
             begin = time.perf_counter()
-            repeat(factors, solve, TIMED_ITERATIONS)
+            repeat(factors, solve, _TIMED_ITERATIONS)
             best = min(best, time.perf_counter() - begin)
-        seconds.append(float(best) / TIMED_ITERATIONS)
+        seconds.append(float(best) / _TIMED_ITERATIONS)
     return seconds[0], max(seconds[1] - seconds[0], 0.0)

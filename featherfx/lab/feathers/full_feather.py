@@ -45,13 +45,13 @@ from featherfx.solver.state import rest_state
 Scene = Literal["tip", "side"]
 Material = Literal["barbs", "cloth", "isotropic"]
 
-MATERIALS: tuple[Material, ...] = get_args(Material)
+VANE_MATERIALS: tuple[Material, ...] = get_args(Material)
 # table 6.1, SI units
-LENGTH = 0.2
-RACHIS = RachisMaterial(
+FEATHER_LENGTH = 0.2
+_RACHIS = RachisMaterial(
     young=34e6, shear=34e6 / 2.98, wall=1.0, flattening=5.0, cortex_density=700.0
 )
-WIDTH_BASE, WIDTH_TIP = 4e-3, 1e-3
+_WIDTH_BASE, _WIDTH_TIP = 4e-3, 1e-3
 SWAN = VaneMaterial(
     along=3.6e8,
     across=4.8e4,
@@ -64,7 +64,7 @@ SWAN = VaneMaterial(
 )
 # isotropic without Poisson effect: the shear modulus is half of Young's; its hinges take the
 # bending of the vane, and nothing bends within its plane that is not stretched or sheared
-ISOTROPIC = replace(
+_ISOTROPIC = replace(
     SWAN,
     along=4.8e4,
     shear=2.4e4,
@@ -75,30 +75,30 @@ ISOTROPIC = replace(
 # "gray-interlock" of Wang, Ramamoorthi and O'Brien 2011, as ARCSim's file of that name has it:
 # stretching at zero strain, halves of N/m, and bending in N m along two directions. Its shear entry
 # is in a measure of its own; half of the modulus across instead, as if it had no Poisson effect
-WEFT, WARP, WEFT_BENDING, WARP_BENDING = 16.593832, 34.477123, 23.191698e-6, 14.267624e-6
-CLOTH = replace(
-    ISOTROPIC,
-    along=2.0 * WARP / SWAN.thickness,
-    across=2.0 * WEFT / SWAN.thickness,
-    shear=WEFT / SWAN.thickness,
-    barb_bending_normal=WEFT_BENDING,
-    bending_across=WARP_BENDING,
+_WEFT, _WARP, _WEFT_BENDING, _WARP_BENDING = 16.593832, 34.477123, 23.191698e-6, 14.267624e-6
+_CLOTH = replace(
+    _ISOTROPIC,
+    along=2.0 * _WARP / SWAN.thickness,
+    across=2.0 * _WEFT / SWAN.thickness,
+    shear=_WEFT / SWAN.thickness,
+    barb_bending_normal=_WEFT_BENDING,
+    bending_across=_WARP_BENDING,
 )
 # of the penalty on lost area, equation 6.6
-KAPPA = 5.04e7
-VANES = {"barbs": SWAN, "cloth": CLOTH, "isotropic": ISOTROPIC}
+_KAPPA = 5.04e7
+_VANES = {"barbs": SWAN, "cloth": _CLOTH, "isotropic": _ISOTROPIC}
 
 # N, root mean square of the forces that push the nodes off their plane
-IMPERFECTION, SEED = 1e-4, 1
+_IMPERFECTION, _SEED = 1e-4, 1
 # halvings of a part of the pull for which no rest is found
-HALVINGS = 4
-GRIP_STIFFNESS = 1e3
+_HALVINGS = 4
+_GRIP_STIFFNESS = 1e3
 # where the vane's edge is pulled, as a share of the rows
-SIDE_ROW = 0.7
-SETTLED = 1e-7
+_SIDE_ROW = 0.7
+_SETTLED = 1e-7
 # a wrinkled edge has at least so many waves, and at least this amplitude (m)
-WAVES, LEAST = 3.0, 2.5e-4 * LENGTH
-PADDING = 8
+_WAVES, MIN_WRINKLE = 3.0, 2.5e-4 * FEATHER_LENGTH
+_PADDING = 8
 
 
 @dataclass(frozen=True)
@@ -152,11 +152,11 @@ def flat_kind(material: Material, guard: bool = False) -> FeatherKind:
     kind = feather_kind("swan_primary")
     return replace(
         kind,
-        length=LENGTH,
+        length=FEATHER_LENGTH,
         rachis=replace(
             kind.rachis,
-            diameter_base=WIDTH_BASE,
-            diameter_tip=WIDTH_TIP,
+            diameter_base=_WIDTH_BASE,
+            diameter_tip=_WIDTH_TIP,
             taper=1.0,
             camber=0.0,
             sweep=0.0,
@@ -164,8 +164,8 @@ def flat_kind(material: Material, guard: bool = False) -> FeatherKind:
         ),
         leading=_flat(kind.leading),
         trailing=_flat(kind.trailing),
-        vane_material=replace(VANES[material], compression_guard=KAPPA if guard else 0.0),
-        rachis_material=RACHIS,
+        vane_material=replace(_VANES[material], compression_guard=_KAPPA if guard else 0.0),
+        rachis_material=_RACHIS,
     )
 
 
@@ -194,9 +194,9 @@ def pull_feather(pull: FullPull, **vane: Any) -> PulledFeather:
     apart = loads.grip_end[0, 0] - points[node]
     wavelength, amplitude = wrinkles(feather, points)
     return PulledFeather(
-        rachis_deflection=float(np.linalg.norm(points[-1, 0] - rest[-1, 0])) / LENGTH,
+        rachis_deflection=float(np.linalg.norm(points[-1, 0] - rest[-1, 0])) / FEATHER_LENGTH,
         barb_strain=barb_strain(feather, points),
-        force=GRIP_STIFFNESS * float(np.linalg.norm(apart)),
+        force=_GRIP_STIFFNESS * float(np.linalg.norm(apart)),
         wavelength=wavelength,
         amplitude=amplitude,
         iterations=iterations,
@@ -220,14 +220,14 @@ def _pulled(
             state, done = new, next_done
             continue
         part *= 0.5
-        if part < 0.5**HALVINGS / pull.parts:
+        if part < 0.5**_HALVINGS / pull.parts:
             raise_if_failed(status, state.time, [pull.material])
     return state, iterations
 
 
 def _solver(feather: Feather, kind: FeatherKind, nodal: bool) -> tuple[Any, Any]:
     model = make_model([feather], [kind], 2)
-    settings = Settings(newton=SETTLED * LENGTH)
+    settings = Settings(newton=_SETTLED * FEATHER_LENGTH)
     root = np.zeros((1, 3)), np.eye(3)[None]
     if not nodal:
         return Solver(model, settings), rest_state(model, *root)
@@ -240,26 +240,26 @@ def _gripped(pull: FullPull, feather: Feather) -> tuple[int, int]:
     """Row and node that the grip holds: rachis tip, or edge of the trailing vane."""
     if pull.scene == "tip":
         return feather.rows - 1, 0
-    return round(SIDE_ROW * (feather.rows - 1)), 2 * feather.columns
+    return round(_SIDE_ROW * (feather.rows - 1)), 2 * feather.columns
 
 
 def _loads(
     pull: FullPull, feather: Feather, node: tuple[int, int], done: float, pushed: bool = True
 ) -> Loads:
     rest = feather.rest.nodes
-    start, aside = rest[node], done * pull.distance * LENGTH
+    start, aside = rest[node], done * pull.distance * FEATHER_LENGTH
     # what a cantilever that is bent by aside at its end falls short by: the shaft is not stretched
     target = start - np.array([0.6 * aside**2 / start[0], aside, 0.0])
     force = np.zeros((1, *rest.shape))
     count = 2 * feather.columns
-    random = np.random.default_rng(SEED).normal(size=(feather.rows, count))
+    random = np.random.default_rng(_SEED).normal(size=(feather.rows, count))
     if pushed:
-        force[0, :, 1:, 2] = IMPERFECTION * random
+        force[0, :, 1:, 2] = _IMPERFECTION * random
     return no_loads(1)._replace(
         grip_node=np.array([[node]], dtype=np.int64),
         grip_start=target[None, None],
         grip_end=target[None, None],
-        grip_stiffness=np.full((1, 1), GRIP_STIFFNESS),
+        grip_stiffness=np.full((1, 1), _GRIP_STIFFNESS),
         force=force,
     )
 
@@ -278,13 +278,13 @@ def wrinkles(feather: Feather, points: Array) -> tuple[float, float]:
         found = edge_waves(arc, points[rows, last, 2])
         if found[1] > best[1]:
             best = found
-    return best if best[1] > LEAST else (float("nan"), best[1])
+    return best if best[1] > MIN_WRINKLE else (float("nan"), best[1])
 
 
 def edge_waves(arc: Array, height: Array) -> tuple[float, float]:
     """(wavelength, amplitude) in m of the waves in heights (k,) at arc lengths (k,).
 
-    The heights, less the best cubic, resampled evenly; of their spectrum, what has at least WAVES
+    The heights, less the best cubic, resampled evenly; of their spectrum, what has at least _WAVES
     waves along the edge and at least four nodes a wave. The wavelength is that of its highest peak,
     the amplitude the root mean square of the heights in that band. (NaN, 0) where there is none.
     """
@@ -292,12 +292,14 @@ def edge_waves(arc: Array, height: Array) -> tuple[float, float]:
     even = np.linspace(arc[0], arc[-1], count)
     values = CubicSpline(arc, height)(even)
     rest = values - np.polynomial.Polynomial.fit(even, values, 3)(even)
-    spectrum = np.abs(np.fft.rfft(rest, PADDING * count))
-    frequency = np.fft.rfftfreq(PADDING * count, even[1] - even[0])
+    spectrum = np.abs(np.fft.rfft(rest, _PADDING * count))
+    frequency = np.fft.rfftfreq(_PADDING * count, even[1] - even[0])
     span = arc[-1] - arc[0]
-    seen = np.where((frequency > WAVES / span) & (frequency < len(arc) / (4.0 * span)), spectrum, 0)
+    seen = np.where(
+        (frequency > _WAVES / span) & (frequency < len(arc) / (4.0 * span)), spectrum, 0
+    )
     if not seen.any():
         return float("nan"), 0.0
     # Parseval's sum over the one-sided spectrum
-    power = 2.0 * float(np.sum(seen**2)) / (PADDING * count * count)
+    power = 2.0 * float(np.sum(seen**2)) / (_PADDING * count * count)
     return 1.0 / float(frequency[int(np.argmax(seen))]), float(np.sqrt(power))

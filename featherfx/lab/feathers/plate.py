@@ -31,11 +31,11 @@ from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings, raise_if_failed
 
-GRAVITY = 9.81
+_GRAVITY = 9.81
 # of the membrane, which such small deflections do not stretch
-THICKNESS, STRETCH = 1e-4, 1e4
+_THICKNESS, _STRETCH = 1e-4, 1e4
 # m over the deflection, that the pose may be off
-CLOSE = 1e-6
+_CLOSE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -115,11 +115,11 @@ def _bent(test: PlateTest, moduli: Array, load: float) -> Array:
     cell = test.length / (test.rows - 0.5)
     whole = test.length + 0.5 * cell
     vane = VaneMaterial(
-        along=STRETCH / THICKNESS,
-        across=STRETCH / THICKNESS,
-        shear=0.5 * STRETCH / THICKNESS,
-        thickness=THICKNESS,
-        surface_density=load / GRAVITY,
+        along=_STRETCH / _THICKNESS,
+        across=_STRETCH / _THICKNESS,
+        shear=0.5 * _STRETCH / _THICKNESS,
+        thickness=_THICKNESS,
+        surface_density=load / _GRAVITY,
         barb_bending_normal=test.along,
         barb_bending_in_plane=0.0,
         barb_taper=0.0,
@@ -138,10 +138,10 @@ def _bent(test: PlateTest, moduli: Array, load: float) -> Array:
     area = np.full(feather.cell.shape, 0.5 * cell * 0.5 * test.width / test.columns)
     table = plate_tables(feather.rest.nodes, area, hinge_places(feather.cell), weight)
     nodal = nodal._replace(plate=table[None])
-    settings = Settings(1e30, CLOSE * test.deflection * test.length, 1, 0.0)
+    settings = Settings(1e30, _CLOSE * test.deflection * test.length, 1, 0.0)
     state = nodal_rest_state(model, nodal, np.zeros((1, 3)), np.eye(3)[None])
     solver = NodalSolver(model, nodal, settings)
-    bent, status, _ = solver.equilibrium(state, no_loads(1, (0.0, 0.0, -GRAVITY)))
+    bent, status, _ = solver.equilibrium(state, no_loads(1, (0.0, 0.0, -_GRAVITY)))
     raise_if_failed(status, np.zeros(1), ["plate"])
     end: Array = bent.points.nodes[0, -1] - bent.points.nodes[0, 0, 0]
     return end

@@ -44,16 +44,16 @@ Kinematics = Literal["nodal", "barb-curvature"]
 Method = Literal["improved", "textbook"]
 Stretch = Literal["stiff", "inextensible"]
 
-LENGTH, WIDTH, THICKNESS, DENSITY = 0.25, 0.05, 1e-4, 0.1
+STRIP_LENGTH, STRIP_WIDTH, STRIP_THICKNESS, STRIP_DENSITY = 0.25, 0.05, 1e-4, 0.1
 CELLS = 100
-STIFF, SOFT = 3.2e4, 4.5
-BARB_BENDING, BENDING_ACROSS = 2.67e-5, 3.75e-9
-RACHIS_STRETCH, RACHIS_BENDING = 5e3, 8e-4
-GRAVITY = (0.0, 0.0, -9.81)
+STIFF, _SOFT = 3.2e4, 4.5
+_BARB_BENDING, _BENDING_ACROSS = 2.67e-5, 3.75e-9
+_RACHIS_STRETCH, _RACHIS_BENDING = 5e3, 8e-4
+GRAVITY_ALONG_Z = (0.0, 0.0, -9.81)
 OUTPUT_TIMES = (0.1, 0.2, 0.4)
-UNLIMITED = 1e30
+_UNLIMITED = 1e30
 # N m: barbs of the held row are rigid beside their own 1e-7
-HELD_BARB = 1.0
+_HELD_BARB = 1.0
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class StripTest:
         "1 conserves energy, 0 damps most of what a step does not resolve.", 0.8, Range(0.0, 1.0)
     )
     newton: float = value(
-        "m, last move of a step's iterations.", 1e-5, Range(0.0, LENGTH, above=True, unit="m")
+        "m, last move of a step's iterations.", 1e-5, Range(0.0, STRIP_LENGTH, above=True, unit="m")
     )
 
 
@@ -118,7 +118,7 @@ class _StripBody:
 
 
 def _fall(test: StripTest, body: _StripBody, times: list[float]) -> StripRun:
-    state, loads, path = body.state, no_loads(1, GRAVITY), _held_root(body.state)
+    state, loads, path = body.state, no_loads(1, GRAVITY_ALONG_Z), _held_root(body.state)
     rest = _edges(test, state.points.nodes[0])
     tips, strain, seconds, steps, iterations = [], 0.0, 0.0, 0, 0
     body.solver.step(state, loads, path, test.dt)  # compiles before anything is timed
@@ -172,18 +172,18 @@ def _edges(test: StripTest, points: Array) -> Array:
 
 def _material(scene: Scene) -> VaneMaterial:
     iso = scene == "iso"
-    plate = STIFF * THICKNESS**2 / 12.0
+    plate = STIFF * STRIP_THICKNESS**2 / 12.0
     return VaneMaterial(
-        along=STIFF / THICKNESS,
-        across=(STIFF if iso else SOFT) / THICKNESS,
+        along=STIFF / STRIP_THICKNESS,
+        across=(STIFF if iso else _SOFT) / STRIP_THICKNESS,
         # no Poisson effect: the shear modulus is half of Young's
-        shear=(0.5 * STIFF if iso else SOFT) / THICKNESS,
-        thickness=THICKNESS,
-        surface_density=DENSITY,
-        barb_bending_normal=plate if iso else BARB_BENDING,
-        barb_bending_in_plane=0.0 if iso else BARB_BENDING,
+        shear=(0.5 * STIFF if iso else _SOFT) / STRIP_THICKNESS,
+        thickness=STRIP_THICKNESS,
+        surface_density=STRIP_DENSITY,
+        barb_bending_normal=plate if iso else _BARB_BENDING,
+        barb_bending_in_plane=0.0 if iso else _BARB_BENDING,
         barb_taper=0.0,
-        bending_across=plate if iso else BENDING_ACROSS,
+        bending_across=plate if iso else _BENDING_ACROSS,
         loss_factor=0.0,
     )
 
@@ -191,15 +191,15 @@ def _material(scene: Scene) -> VaneMaterial:
 def _with_rachis(model: Model) -> Model:
     """The model with the rachis of the scene in its middle."""
     length = model.length[0][:, None]
-    stretch, bending = np.full(3, RACHIS_STRETCH), np.full(3, RACHIS_BENDING)
+    stretch, bending = np.full(3, _RACHIS_STRETCH), np.full(3, _RACHIS_BENDING)
     stiffness = np.concatenate([stretch * length, bending / length], axis=1)
     return model._replace(rachis_stiffness=stiffness[None])
 
 
 def _nodal_body(test: StripTest) -> _StripBody:
     rows = CELLS * test.refinement + 1
-    kind = strip_kind(LENGTH, _material(test.scene))
-    feather = strip_feather(LENGTH, WIDTH, rows, test.columns)
+    kind = strip_kind(STRIP_LENGTH, _material(test.scene))
+    feather = strip_feather(STRIP_LENGTH, STRIP_WIDTH, rows, test.columns)
     model = make_model([feather], [kind], 0)
     pinned = np.zeros((rows, 1 + 2 * test.columns), dtype=np.bool_)
     pinned[: test.refinement + 1] = True
@@ -223,20 +223,20 @@ def _nodal_body(test: StripTest) -> _StripBody:
 
 def _curvature_body(test: StripTest) -> _StripBody:
     """The held columns are the root: the feather begins at the second, whose barbs are rigid."""
-    held = LENGTH / CELLS
+    held = STRIP_LENGTH / CELLS
     rows = (CELLS - 1) * test.refinement + 1
-    kind = strip_kind(LENGTH - held, _material(test.scene))
-    feather = strip_feather(LENGTH - held, WIDTH, rows, test.columns)
+    kind = strip_kind(STRIP_LENGTH - held, _material(test.scene))
+    feather = strip_feather(STRIP_LENGTH - held, STRIP_WIDTH, rows, test.columns)
     model = _with_rachis(make_model([feather], [kind], test.coefficients))
     barbs = model.barb_stiffness.copy()
-    barbs[:, :, 0] = HELD_BARB
+    barbs[:, :, 0] = _HELD_BARB
     model = model._replace(barb_stiffness=barbs)
     state = rest_state(model, np.array([[held, 0.0, 0.0]]), np.eye(3)[None])
     return _StripBody(Solver(model, _settings(test)), state, model.unknowns)
 
 
 def _settings(test: StripTest) -> Settings:
-    return Settings(UNLIMITED, test.newton, 1, test.radius)
+    return Settings(_UNLIMITED, test.newton, 1, test.radius)
 
 
 def _check(test: StripTest) -> None:

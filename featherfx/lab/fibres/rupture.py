@@ -34,7 +34,7 @@ from featherfx.errors import Problem, require
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, value
 
 # fitted to the test RHD14 of human skin (section 4.5.1.2)
-STIFFNESS, EXPONENT = 0.5289e6, 14.1395
+_STIFFNESS, _EXPONENT = 0.5289e6, 14.1395
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Fibre:
 
     critical: float
     release: float
-    stiffness: float = STIFFNESS
-    exponent: float = EXPONENT
+    stiffness: float = _STIFFNESS
+    exponent: float = _EXPONENT
 
     @property
     def plateau(self) -> float:
@@ -121,10 +121,10 @@ def membrane_response(
     )
 
 
-GAUSS = 1.0 / np.sqrt(3.0)
-ITERATIONS, TOLERANCE = 30, 1e-7
+_GAUSS = 1.0 / np.sqrt(3.0)
+_ITERATIONS, _TOLERANCE = 30, 1e-7
 # a step that does not converge is cut in two, this often
-CUTS = 8
+_CUTS = 8
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class _Mesh:
         self.bottom, self.top = number[0], number[-1]
         wide, high = specimen.size / columns, specimen.size / rows
         signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
-        at = GAUSS * signs
+        at = _GAUSS * signs
         self.slopes: Array = np.stack(
             [
                 np.stack(
@@ -191,7 +191,7 @@ def pull(specimen: Specimen, step: float, furthest: float) -> Iterator[Pulled]:
     """Equilibria along the path, unloaded first.
 
     step: m, length of a step in the space of all displacements. furthest: E_22 at which it ends; it
-    also ends where no equilibrium is found within a step cut CUTS times. Where fibres break and
+    also ends where no equilibrium is found within a step cut _CUTS times. Where fibres break and
     hold in turns from iteration to iteration, the step is tried with what broke once left broken.
     """
     mesh = _Mesh(specimen)
@@ -203,7 +203,7 @@ def pull(specimen: Specimen, step: float, furthest: float) -> Iterator[Pulled]:
     yield system.result(moved, largest)
     while True:
         found = None
-        for final, cut in product((False, True), range(CUTS)):
+        for final, cut in product((False, True), range(_CUTS)):
             found = system.step(moved, largest, step * 0.5**cut, direction, final=final)
             if found is not None:
                 break
@@ -294,7 +294,7 @@ class _System:
         first = way * (length / np.linalg.norm(way))
         first *= 1.0 if first @ direction >= 0.0 else -1.0
         change = first.copy()
-        for _ in range(ITERATIONS):
+        for _ in range(_ITERATIONS):
             moved = start + (self.map @ change).reshape(-1, 2)
             force, matrix = self.forces(moved, largest)
             if final:
@@ -302,7 +302,7 @@ class _System:
                 largest = np.where(broken, self.largest, largest)
             scale = np.abs(force).max() + 1e-12
             miss = np.append(-force[:-1], length**2 - first @ change)
-            if np.abs(miss[:-1]).max() < TOLERANCE * scale and abs(miss[-1]) < 1e-9 * length**2:
+            if np.abs(miss[:-1]).max() < _TOLERANCE * scale and abs(miss[-1]) < 1e-9 * length**2:
                 return moved
             try:
                 change = change + solve(np.vstack([matrix[:-1], first]), miss)
@@ -311,7 +311,7 @@ class _System:
         return None
 
     def result(self, moved: Array, largest: Array) -> Pulled:
-        """What a step has come to."""
+        """Return the state after a step."""
         force, _ = self.forces(moved, largest)
         specimen, shape = self.specimen, self.specimen.mean.shape
         stretch = 1.0 + moved[self.mesh.top[0], 1] / specimen.size
@@ -328,12 +328,12 @@ class _System:
 
 
 # rows and columns of the specimens of section 4.5; of the 24 elements only the number is printed
-SHAPES = {1: (1, 1), 9: (3, 3), 24: (6, 4)}
+_SHAPES = {1: (1, 1), 9: (3, 3), 24: (6, 4)}
 # weak elements, counted from 1 along the rows from the fixed clamp: figure 4-12, appendix 8
-WEAK = {9: (6, 5), 24: (12, 11)}
+_WEAK = {9: (6, 5), 24: (12, 11)}
 # (C_c, C_r) of the sections with narrow (4.5) and with wide (4.6) distributions of fibres
-NARROW, WIDE = (1.36, 1.41), (1.34, 1.44)
-FURTHEST = 0.3
+_NARROW, _WIDE = (1.36, 1.41), (1.34, 1.44)
+_FURTHEST = 0.3
 
 
 @dataclass(frozen=True)
@@ -358,8 +358,8 @@ class RuptureTest:
         None,
         Range(1.0, 4.0, above=True),
     )
-    stiffness: float = value("Pa, of the fibres (a).", STIFFNESS, POSITIVE)
-    exponent: float = value("Exponent of the fibres (b).", EXPONENT, Range(0.0, 100.0, above=True))
+    stiffness: float = value("Pa, of the fibres (a).", _STIFFNESS, POSITIVE)
+    exponent: float = value("Exponent of the fibres (b).", _EXPONENT, Range(0.0, 100.0, above=True))
     weak: int = value("Elements with another main direction, 0 to 2.", 0, Range(0, 2))
     weak_mu: float = value("rad, their main direction.", pi / 3, Range(-10, 10))
     scatter: float = value(
@@ -375,7 +375,7 @@ class RuptureTest:
 
     def fibre(self) -> Fibre:
         """The law of its fibres."""
-        critical, release = NARROW if self.sigma <= 1.0 else WIDE
+        critical, release = _NARROW if self.sigma <= 1.0 else _WIDE
         return Fibre(
             critical if self.critical is None else self.critical,
             release if self.release is None else self.release,
@@ -385,10 +385,10 @@ class RuptureTest:
 
     def means(self) -> np.ndarray:
         """(rows, columns) rad, main directions."""
-        shape = SHAPES[self.elements]
+        shape = _SHAPES[self.elements]
         rng = np.random.default_rng(self.seed)
         means = self.mu + self.scatter * rng.normal(size=shape)
-        for number in WEAK.get(self.elements, ())[: self.weak]:
+        for number in _WEAK.get(self.elements, ())[: self.weak]:
             means.flat[number - 1] = self.weak_mu
         return means
 
@@ -424,10 +424,10 @@ class Rupture:
 def run_rupture(test: RuptureTest) -> Rupture:
     """InputError for values out of range."""
     problems = out_of_range(test, "rupture")
-    if test.elements not in SHAPES:
-        allowed = ", ".join(str(each) for each in SHAPES)
+    if test.elements not in _SHAPES:
+        allowed = ", ".join(str(each) for each in _SHAPES)
         problems.append(Problem("rupture", "elements", f"{test.elements}; allowed: {allowed}"))
-    elif test.weak > 0 and test.elements not in WEAK:
+    elif test.weak > 0 and test.elements not in _WEAK:
         problems.append(Problem("rupture", "weak", "one element alone has no weaker neighbour"))
     fibre = test.fibre()
     if not problems and fibre.release < fibre.critical:
@@ -435,5 +435,5 @@ def run_rupture(test: RuptureTest) -> Rupture:
         problems.append(Problem("rupture", "release", text))
     require(*problems)
     specimen = Specimen(fibre, test.means(), test.sigma, fibres=test.fibres)
-    path = list(pull(specimen, test.step, FURTHEST))
+    path = list(pull(specimen, test.step, _FURTHEST))
     return Rupture(path, fibre, int(np.argmin(path[-1].intact)) + 1)

@@ -30,14 +30,14 @@ from featherfx.errors import InputError, Problem, require
 from featherfx.limits import MOST_LISTED
 
 # of fibre directions, and of the stretch that damage is integrated over
-DIRECTIONS, STRETCHES = 201, 400
-SPREAD = np.pi / 2.0
-FIRST_DAMAGE = 0.01
-CONFIDENCE = 0.95
+_DIRECTIONS, _STRETCHES = 201, 400
+_SPREAD = np.pi / 2.0
+_FIRST_DAMAGE = 0.01
+_CONFIDENCE = 0.95
 # where a curve does not tell all parameters, the search goes on along those that it does not
-TRIALS = 300
-COLUMNS = ("strain", "stress")
-ACROSS = "strain_across"
+_TRIALS = 300
+_COLUMNS = ("strain", "stress")
+_ACROSS = "strain_across"
 
 
 def fung(parameters: Array, along: Array, across: Array) -> Array:
@@ -49,10 +49,10 @@ def fung(parameters: Array, along: Array, across: Array) -> Array:
 
 
 def sacks(parameters: Array, along: Array, across: Array) -> Array:
-    """Stress for a (unit of the stress) and b, fibres spread by SPREAD about the pull."""
+    """Stress for a (unit of the stress) and b, fibres spread by _SPREAD about the pull."""
     a, b = parameters
-    angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, DIRECTIONS)
-    fraction = np.exp(-(angle**2) / (2.0 * SPREAD**2)) / (SPREAD * np.sqrt(2.0 * np.pi))
+    angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, _DIRECTIONS)
+    fraction = np.exp(-(angle**2) / (2.0 * _SPREAD**2)) / (_SPREAD * np.sqrt(2.0 * np.pi))
     square = np.cos(angle) ** 2
     strain = along[:, None] * square + across[:, None] * (1.0 - square)
     stress = a * np.expm1(np.minimum(b * strain, 50.0))
@@ -63,10 +63,10 @@ def arnoux(parameters: Array, along: Array, across: Array) -> Array:
     """Stress for a (unit of the stress), b, Q (the same unit) and n; 0 once D is 1."""
     a, b, q, n = parameters
     stretch = np.sqrt(1.0 + 2.0 * along)
-    path = np.linspace(1.0, max(float(stretch.max()), 1.0 + 1e-9), STRETCHES)
+    path = np.linspace(1.0, max(float(stretch.max()), 1.0 + 1e-9), _STRETCHES)
     growth = np.exp(np.minimum(b * (path**2 + 2.0 / path - 3.0), 50.0)) - 1.0 / path
     done = cumulative_simpson(growth, x=path, initial=0.0)
-    damage = (FIRST_DAMAGE ** (1.0 / n) + a * b / q * done) ** n - FIRST_DAMAGE
+    damage = (_FIRST_DAMAGE ** (1.0 / n) + a * b / q * done) ** n - _FIRST_DAMAGE
     whole = np.clip(1.0 - np.interp(stretch, path, damage), 0.0, 1.0)
     e = np.exp(np.minimum(b * (stretch**2 + 2.0 / stretch - 3.0), 50.0))
     elastic = e * (1.0 - stretch**-3) - 0.5 / stretch + 0.5 * stretch**-4
@@ -126,11 +126,11 @@ def fit_tissue(name: str, along: Array, stress: Array, across: Array, source: st
     def left(logarithms: Array) -> Array:
         return (law.stress(np.exp(logarithms) * units, along, across) - stress) / scale
 
-    found = least_squares(left, np.log(law.start), bounds=(-25.0, 25.0), max_nfev=TRIALS)
+    found = least_squares(left, np.log(law.start), bounds=(-25.0, 25.0), max_nfev=_TRIALS)
     values = np.exp(found.x) * units
     variance = float(found.fun @ found.fun) / (count - size)
     covariance = np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-12) * variance
-    width = student.ppf(0.5 + 0.5 * CONFIDENCE, count - size) * np.sqrt(np.diag(covariance))
+    width = student.ppf(0.5 + 0.5 * _CONFIDENCE, count - size) * np.sqrt(np.diag(covariance))
     told = np.linalg.norm(found.jac, axis=0) > 1e-9
     return FittedTissue(
         name,
@@ -153,16 +153,16 @@ def incompressible(along: Array) -> Array:
 
 def read_tissue(path: Path) -> tuple[Array, Array, Array]:
     """Strain, stress (Pa) and strain across, one point a line, of a CSV file with the columns of
-    COLUMNS; without ACROSS, that of a tissue that keeps its volume. Raises InputError."""
+    _COLUMNS; without _ACROSS, that of a tissue that keeps its volume. Raises InputError."""
     source, problems = str(path), list[Problem]()
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
-            given = [each for each in (*COLUMNS, ACROSS) if each in (reader.fieldnames or ())]
+            given = [each for each in (*_COLUMNS, _ACROSS) if each in (reader.fieldnames or ())]
             lines = [[line[each] for each in given] for line in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(Problem(source, "", f"cannot be read as CSV: {error}")) from error
-    require(*(Problem(source, each, "column is missing") for each in COLUMNS if each not in given))
+    require(*(Problem(source, each, "column is missing") for each in _COLUMNS if each not in given))
     table = np.full((len(lines), len(given)), np.nan)
     for number, line in enumerate(lines):
         for k, (key, text) in enumerate(zip(given, line, strict=True)):
@@ -175,4 +175,4 @@ def read_tissue(path: Path) -> tuple[Array, Array, Array]:
                 )
     require(*problems[:MOST_LISTED])
     along, stress = table[:, 0], table[:, 1]
-    return along, stress, table[:, 2] if ACROSS in given else incompressible(along)
+    return along, stress, table[:, 2] if _ACROSS in given else incompressible(along)

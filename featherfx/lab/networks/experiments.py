@@ -22,7 +22,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots
 from featherfx.errors import InputError, Problem, SimulationError, require
 from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, part, value
-from featherfx.lab.networks.krylov import DIRECT, Method, Preconditioner, Solved, solve
+from featherfx.lab.networks.krylov import DIRECT, KrylovSolution, Method, Preconditioner, solve
 from featherfx.lab.networks.layouts import (
     FibreSection,
     Mikado,
@@ -37,7 +37,7 @@ SHEAR = 0.1
 # stretch along x, along y, and simple shear along x
 GRADIENTS = np.array([[[1, 0], [0, 0]], [[0, 0], [0, 1]], [[0, 1], [0, 0]]], dtype=float)
 # a share of the affine form below which there is no stiffness, only rounding
-NO_STIFFNESS = 1e-9
+_NO_STIFFNESS = 1e-9
 
 
 @dataclass(frozen=True)
@@ -142,11 +142,11 @@ def network_moduli(layout: NetworkLayout) -> NetworkModuli:
     with without_mechanism():
         forms = homogenised(network, GRADIENTS)
     relaxed, affine = forms[0] / layout.area, forms[1] / layout.area
-    relaxed[np.abs(relaxed) < NO_STIFFNESS * affine.max()] = 0.0
+    relaxed[np.abs(relaxed) < _NO_STIFFNESS * affine.max()] = 0.0
     # the strains that are not asked for are free, and cost nothing where there is no stiffness
-    sides = np.linalg.pinv(relaxed[1:, 1:], rcond=NO_STIFFNESS) @ relaxed[1:, 0]
+    sides = np.linalg.pinv(relaxed[1:, 1:], rcond=_NO_STIFFNESS) @ relaxed[1:, 0]
     young = float(relaxed[0, 0] - relaxed[0, 1:] @ sides)
-    stiff = young > NO_STIFFNESS * affine.max()
+    stiff = young > _NO_STIFFNESS * affine.max()
     length = np.linalg.norm(network.span, axis=1)
     return NetworkModuli(
         shear_modulus=float(relaxed[2, 2]),
@@ -184,7 +184,7 @@ def sheared(layout: NetworkLayout) -> Array:
     return np.stack([SHEAR * layout.places[:, 1], np.zeros(len(layout.places))], axis=1)
 
 
-def precondition(test: PreconditionTest) -> Solved:
+def precondition(test: PreconditionTest) -> KrylovSolution:
     """Raises InputError for values out of range and for mechanisms, SimulationError where the
     residual does not come down to the tolerance."""
     require(*out_of_range(test, "network"))
@@ -211,9 +211,9 @@ def without_mechanism() -> Iterator[None]:
 
 
 # iterations, halvings of a step, and a step over the width that is the last
-ITERATIONS, HALVINGS, CLOSE = 200, 20, 1e-9
+_ITERATIONS, _HALVINGS, _CLOSE = 200, 20, 1e-9
 # share of the diagonal that keeps the matrix regular; it only shortens steps
-GROUND = 1e-9
+_GROUND = 1e-9
 
 
 class _Pose(NamedTuple):
@@ -242,22 +242,22 @@ def sheared_energies(layout: NetworkLayout, shears: Array) -> Array:
 
 def _rest(layout: NetworkLayout, moved: Array, inner: Indices) -> tuple[Array, float]:
     pose = _pose(layout, moved)
-    for _ in range(ITERATIONS):
+    for _ in range(_ITERATIONS):
         matrix = pose.matrix[inner][:, inner]
-        ground = sparse.diags_array(GROUND * matrix.diagonal() + 1e-300)
+        ground = sparse.diags_array(_GROUND * matrix.diagonal() + 1e-300)
         step = np.zeros_like(moved)
         step[inner] = -factor_of(matrix + ground).solve(pose.gradient[inner])
         slope = float(pose.gradient @ step)
         fraction = 1.0
-        for _ in range(HALVINGS):
+        for _ in range(_HALVINGS):
             trial = _pose(layout, moved + fraction * step)
             if trial.energy <= pose.energy + 1e-4 * fraction * slope + 1e-15 * pose.energy:
                 break
             fraction *= 0.5
         moved, pose = moved + fraction * step, trial
-        if np.abs(fraction * step).max() < CLOSE * layout.size.max():
+        if np.abs(fraction * step).max() < _CLOSE * layout.size.max():
             return moved, pose.energy
-    raise SimulationError("network", 0.0, f"no rest in {ITERATIONS} iterations")
+    raise SimulationError("network", 0.0, f"no rest in {_ITERATIONS} iterations")
 
 
 def _pose(layout: NetworkLayout, moved: Array) -> _Pose:

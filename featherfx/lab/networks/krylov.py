@@ -34,13 +34,13 @@ DIRECT = ("direct", "cholmod")
 SYMMETRIC = ("NONE", "P_J", "P_Db", "P_S")
 
 # S has no zeros: beyond this number of unknowns of a direction it does not fit into memory
-MOST_DENSE = 6000
+_MOST_DENSE = 6000
 # directions that GMRES keeps before it begins anew
-RESTART = 100
+_RESTART = 100
 
 
 @dataclass(frozen=True)
-class Solved:
+class KrylovSolution:
     """iterations: of the method, 0 for the direct solution. seconds: processor time with that of
     the preconditioner, preparing: its share of it. unknowns: of the system. residual: |b - H u|
     over |b|. entries: numbers kept for the preconditioner or the factors, 0 where CHOLMOD does not
@@ -65,7 +65,7 @@ def solve(
     tolerance: float = 1e-10,
     most: int = 100_000,
     directions: int = 2,
-) -> Solved:
+) -> KrylovSolution:
     """Solution of a network's equations, from zero until the residual is tolerance |b|.
 
     most: iterations. directions: of space; the direction of an unknown is its place modulo them.
@@ -97,11 +97,11 @@ def solve(
     moved = np.empty_like(found)
     moved[order] = found
     spent = seconds, prepared - begin
-    return Solved(iterations, *spent, len(right), residual, int(entries), moved, early)
+    return KrylovSolution(iterations, *spent, len(right), residual, int(entries), moved, early)
 
 
 def _cholmod(matrix: sparse.csr_array) -> Callable[[Array], Array]:
-    """What solves with a symmetric positive definite matrix, by the wheel of cvxopt."""
+    """Return a solver with a symmetric positive definite matrix, by the wheel of cvxopt."""
     try:
         from cvxopt import cholmod, spmatrix
         from cvxopt import matrix as vector
@@ -130,8 +130,8 @@ def _check(unknowns: int, method: Method, preconditioner: Preconditioner) -> Non
     if method in ("pcg", "minres") and preconditioner not in SYMMETRIC:
         text = f"{preconditioner}; allowed with {method}: {', '.join(SYMMETRIC)}"
         problems.append(Problem("network", "preconditioner", text))
-    if method not in DIRECT and preconditioner in ("P_S", "P_AS") and unknowns > 2 * MOST_DENSE:
-        text = f"{preconditioner} for {unknowns} unknowns; allowed: up to {2 * MOST_DENSE}"
+    if method not in DIRECT and preconditioner in ("P_S", "P_AS") and unknowns > 2 * _MOST_DENSE:
+        text = f"{preconditioner} for {unknowns} unknowns; allowed: up to {2 * _MOST_DENSE}"
         problems.append(Problem("network", "preconditioner", text))
     require(*problems)
 
@@ -139,7 +139,7 @@ def _check(unknowns: int, method: Method, preconditioner: Preconditioner) -> Non
 def _prepared(
     matrix: sparse.csr_array, kind: Preconditioner, starts: Indices
 ) -> tuple[Callable[[Array], Array], int]:
-    """What applies the inverse of a preconditioner, and how many numbers it keeps.
+    """Return the inverse of a preconditioner, and how many numbers it stores.
 
     starts: (d + 1,) of the unknowns of the directions.
     """
@@ -197,7 +197,7 @@ class _Count:
             return self.last, self.iterations
         settings: dict[str, Any] = {"rtol": self.tolerance, "maxiter": most, "M": operator}
         if method == "gmres":
-            settings |= {"restart": RESTART, "callback_type": "pr_norm"}
+            settings |= {"restart": _RESTART, "callback_type": "pr_norm"}
         if method == "gmres":
             found, _ = gmres(self.matrix, self.right, callback=self._left, **settings)
         else:

@@ -18,7 +18,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.lab.networks.network import FibreNetwork, following, joined
 
 Periodic = Literal["no", "x", "both"]
-ROW = np.sqrt(0.75)
+_ROW = np.sqrt(0.75)
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ def triangular(
     edges = (0, rows - 1) if periodic != "both" else ()
     return NetworkLayout(
         network.keeping(stays),
-        np.stack([j + 0.5 * (i % 2), ROW * i], axis=1),
-        np.array([columns, ROW * height]),
+        np.stack([j + 0.5 * (i % 2), _ROW * i], axis=1),
+        np.array([columns, _ROW * height]),
         np.flatnonzero(np.isin(i, edges)),
     )
 
@@ -141,7 +141,7 @@ def mikado(plan: Mikado, section: FibreSection) -> NetworkLayout:
 
 @dataclass(frozen=True)
 class _Stops:
-    """Where nodes are on fibres. places: (M, 2) m, of the nodes. fibre, node: (K,). at: (K,) m,
+    """Places of nodes on fibres. places: (M, 2) m, of the nodes. fibre, node: (K,). at: (K,) m,
     from the fibre's middle."""
 
     places: Array

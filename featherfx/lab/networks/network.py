@@ -25,8 +25,8 @@ from featherfx.algebra.types import Array, Flags, Indices
 
 # springs to the ground that make the matrix of a network with mechanisms regular, as a share of its
 # diagonal; their effect is taken out by corrections, until these no longer halve the residual; a
-# residual above MOVES, as a share of the forces, means that these move a mechanism
-SHIFT, CORRECTIONS, CLOSE, MOVES = 1e-12, 30, 1e-13, 1e-7
+# residual above _MOVES, as a share of the forces, means that these move a mechanism
+_SHIFT, _CORRECTIONS, _CLOSE, _MOVES = 1e-12, 30, 1e-13, 1e-7
 
 
 @dataclass(frozen=True)
@@ -152,16 +152,16 @@ def equilibrium(matrix: sparse.csr_array, right: Array) -> Array:
     forces move one.
     """
     diagonal = matrix.diagonal()
-    ground = SHIFT * np.where(diagonal > 0.0, diagonal, 1.0)
+    ground = _SHIFT * np.where(diagonal > 0.0, diagonal, 1.0)
     factor = factor_of(matrix + sparse.diags_array(ground))
     found, left = np.zeros_like(right), 1.0
-    for _ in range(CORRECTIONS):
+    for _ in range(_CORRECTIONS):
         found, before = found + factor.solve(right - matrix @ found), left
         rest = np.linalg.norm(right - matrix @ found)
         left = float(rest / (np.linalg.norm(right) or 1.0))
-        if left <= CLOSE or left > 0.5 * before:
+        if left <= _CLOSE or left > 0.5 * before:
             break
-    if left > MOVES:
+    if left > _MOVES:
         raise ValueError("the forces move a mechanism of the network")
     return found
 

@@ -25,13 +25,13 @@ from featherfx.algebra.rotation_kernels import multiply, rotate
 from featherfx.algebra.vec3_kernels import add, combined, cross, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
 
-SMALLEST = 1e-6  # of c: a barb folded back on itself would have an infinite slope
+MIN_COSINE = 1e-6  # of c: a barb folded back on itself would have an infinite slope
 
 
 @kernel
 def turns(first, second, normal):
     """(s, b) between unit directions first and second, each (3,), with unit normal (3,)."""
-    c = max(1.0 + dot(first, second), SMALLEST)
+    c = max(1.0 + dot(first, second), MIN_COSINE)
     out, within = dot(sub(first, second), normal), dot(cross(first, second), normal)
     return sqrt(2.0 / c) * out, 2.0 / c * within
 
@@ -39,7 +39,7 @@ def turns(first, second, normal):
 @kernel
 def turns_gradient(first, second, normal, gradient):
     """Derivatives of (s, b) by the three vectors, written to gradient (2, 3, 3)."""
-    c = max(1.0 + dot(first, second), SMALLEST)
+    c = max(1.0 + dot(first, second), MIN_COSINE)
     root = sqrt(2.0 / c)
     out, within = turns(first, second, normal)
     store(gradient[0, 0], combined(root, normal, -0.5 * out / c, second))

@@ -21,14 +21,14 @@ from featherfx.algebra.rotation_kernels import multiply, rotate
 from featherfx.algebra.vec3_kernels import accumulate, add, cross, dot, scale, store
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.barb_bending_kernels import (
-    SMALLEST,
+    MIN_COSINE,
     pull_back,
     turns,
     turns_gradient,
     unit_between,
 )
 
-TWIST = 4  # line that holds the derivative of r_j
+_TWIST = 4  # line that holds the derivative of r_j
 
 
 @kernel
@@ -43,7 +43,7 @@ def begin_barb(row, clamp, frame):
 def _carry(frame):
     """Frame to the next segment: n_j+1 to row 2, t_j+1 to row 0."""
     first, second, normal = frame[0], frame[1], frame[2]
-    lean = dot(normal, second) / max(1.0 + dot(first, second), SMALLEST)
+    lean = dot(normal, second) / max(1.0 + dot(first, second), MIN_COSINE)
     accumulate(normal, -lean, add(first, second))
     store(first, second)
 
@@ -61,9 +61,9 @@ def carried_turns(start, end, frame):
 def begin_twist(frame, lines):
     """Derivative of r_0 at the clamp: that of the row's rotation, along t_0."""
     for a in range(lines.shape[1]):
-        lines[TWIST, a] = 0.0
+        lines[_TWIST, a] = 0.0
     for k in range(3):
-        lines[TWIST, 3 + k] = frame[0, k]
+        lines[_TWIST, 3 + k] = frame[0, k]
 
 
 @kernel
@@ -84,11 +84,11 @@ def carried_gradient(joint, before, start, end, frame, gradient, lines):
     """Gradients of (s, b) at a joint to lines 0 and 1, over the first 3 (joint + 3) unknowns.
 
     before: length of segment joint. start, end: (3,) of the segment after it. frame: (3, 3) of the
-    segment before. lines[TWIST] and frame go on to the next segment, whose length is returned.
+    segment before. lines[_TWIST] and frame go on to the next segment, whose length is returned.
     Scratch: gradient (2, 3, 3).
     """
     length = unit_between(start, end, frame[1])
-    first, second, normal, twist = frame[0], frame[1], frame[2], lines[TWIST]
+    first, second, normal, twist = frame[0], frame[1], frame[2], lines[_TWIST]
     turns_gradient(first, second, normal, gradient)
     side = cross(first, normal)
     for d in range(2):
@@ -99,7 +99,7 @@ def carried_gradient(joint, before, start, end, frame, gradient, lines):
             lines[d, a] = about * twist[a]
         _add_direction(joint, first, before, by_first, lines[d])
         _add_direction(joint + 1, second, length, by_second, lines[d])
-    by_direction = scale(-1.0 / max(1.0 + dot(first, second), SMALLEST), cross(first, second))
+    by_direction = scale(-1.0 / max(1.0 + dot(first, second), MIN_COSINE), cross(first, second))
     for half in range(2):
         slope = gradient[0, half]
         store(slope, by_direction)

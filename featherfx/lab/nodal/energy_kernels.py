@@ -30,7 +30,7 @@ def quadratic(strain, reference, stiffness, damping):
 
 @kernel
 def sections(rows, columns):
-    """Where stretch, turns, membrane and hinges start in a strain vector."""
+    """Return the first indices of stretch, turns, membrane and hinges in a strain vector."""
     stretch = 6 * (rows - 1)
     turns = stretch + 2 * rows * columns
     cells = turns + 4 * rows * columns

@@ -37,7 +37,7 @@ from featherfx.solver.step.pose_kernels import chain, rotate_by, store_directors
 
 
 class Minimiser(NamedTuple):
-    """How a step is solved: tolerance (m), the move of a Newton step that counts as converged; most
+    """Options of a solve: tolerance (m), the move of a Newton step that counts as converged; most
     iterations; textbook: which method."""
 
     tolerance: float
@@ -46,9 +46,9 @@ class Minimiser(NamedTuple):
 
 
 # largest strain of an inextensible segment
-INEXTENSIBLE = 1e-10
+_INEXTENSIBLE = 1e-10
 # of the diagonal, where the stiffness is singular
-SHIFT = 1e-8
+_SHIFT = 1e-8
 
 
 @kernel
@@ -197,7 +197,7 @@ def _solve(model, nodal, loads, f, fraction, factors, textbook, work):
         if attempt == 2:
             # what nothing holds, such as a strip turning about its pinned end, is rounding error
             for a in range(system.right.shape[0]):
-                system.band[a, 0] *= 1.0 + SHIFT
+                system.band[a, 0] *= 1.0 + _SHIFT
         if factorise(system.band, system.panel):
             solve_factored(system.band, system.right)
             return True
@@ -234,7 +234,7 @@ def nodal_minimise(model, nodal, loads, f, fraction, factors, method, work):
         if move < tolerance:
             if not nodal.inextensible:
                 return NewtonResult(CONVERGED, iteration, iteration, move, UNKNOWN_CONVERGENCE)
-            if _raise_multipliers(nodal, f, now.strains, work.multiplier) < INEXTENSIBLE:
+            if _raise_multipliers(nodal, f, now.strains, work.multiplier) < _INEXTENSIBLE:
                 return NewtonResult(CONVERGED, iteration, iteration, move, UNKNOWN_CONVERGENCE)
     return NewtonResult(
         NOT_CONVERGED, method.iterations, method.iterations, move, UNKNOWN_CONVERGENCE

@@ -132,8 +132,8 @@ def nodal_start(
 Method = Literal["improved", "textbook"]
 
 # Newton iterations of a step at most; the improved method gives up early and halves the step
-LIMITS = {"improved": 30, "textbook": 50}
-SETTLE_LIMITS = {"improved": 60, "textbook": 200}
+_LIMITS = {"improved": 30, "textbook": 50}
+_SETTLE_LIMITS = {"improved": 60, "textbook": 200}
 
 
 @dataclass(frozen=True)
@@ -156,8 +156,8 @@ class NodalSolver:
     def __init__(
         self, model: Model, nodal: NodalModel, settings: Settings, method: Method = "improved"
     ) -> None:
-        if method not in LIMITS:
-            message = f"'{method}' is not one of {', '.join(LIMITS)}"
+        if method not in _LIMITS:
+            message = f"'{method}' is not one of {', '.join(_LIMITS)}"
             raise InputError(Problem("", "method", message))
         self.model, self.nodal, self.settings, self.method = model, nodal, settings, method
         self._work: NodalWork = make_nodal_work(model, nodal)
@@ -175,7 +175,7 @@ class NodalSolver:
         report: see raise_if_failed of featherfx/solver/solver.py.
         """
         new, loads = state.copy(), expand_wind(loads, self.model.feathers)
-        report, limit = make_report(self.model.feathers), LIMITS[self.method]
+        report, limit = make_report(self.model.feathers), _LIMITS[self.method]
         hard = limit if self._textbook else HARD_STEP_WORK
         for f in range(self.model.feathers):
             if new.step[f] == 0.0:
@@ -197,7 +197,7 @@ class NodalSolver:
         new, loads = state.copy(), expand_wind(loads, self.model.feathers)
         status = np.zeros(self.model.feathers)
         iterations = np.zeros(self.model.feathers)
-        method = Minimiser(self.settings.newton, SETTLE_LIMITS[self.method], self._textbook)
+        method = Minimiser(self.settings.newton, _SETTLE_LIMITS[self.method], self._textbook)
         for f in range(self.model.feathers):
             status[f], iterations[f] = nodal_settle(
                 self.model, self.nodal, loads, f, fraction, new, method, self._work

@@ -52,7 +52,7 @@ class NodalPose(NamedTuple):
     strains: Array
 
 
-class Element(NamedTuple):
+class StencilSums(NamedTuple):
     """Sums of one energy's stencil, of K points at most.
 
     lines: (8, 3 K) gradients, weight: (8,) theirs. slots: (K,), nodes: (6, 2) int. membrane:
@@ -95,7 +95,7 @@ class NodalWork(NamedTuple):
     multiplier: Array
     around: NodalSurroundings
     system: LinearSystem
-    element: Element
+    element: StencilSums
     force: Array
     stiff: Array
 
@@ -172,7 +172,7 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
             speed=np.zeros((n, size)),
         ),
         system=make_system(unknowns, nodal.band + 1),
-        element=Element(
+        element=StencilSums(
             lines=np.zeros((8, 3 * points)),
             weight=np.zeros(8),
             slots=np.zeros(points, np.int64),

@@ -50,11 +50,11 @@ from featherfx.solver.step.root_path import RootPath
 from featherfx.solver.step.strain_kernels import difference_weights, set_reference
 
 # beside the ways of solver/step/retry_kernels.py: start at the last pose
-STAY = -1
+_STAY = -1
 
 
 class NodalFrame(NamedTuple):
-    """What a frame is: the roots' path, the settings of its steps, and which method they have."""
+    """Input of a frame: the roots' path, the settings and the method of its steps."""
 
     path: RootPath
     settings: StepSettings
@@ -117,7 +117,7 @@ def _follow_root(before, start, rotation, centre, pose):
 def _predict(model, nodal, loads, f, path, attempt, state, work):
     """Set up a step: pose work.now, surroundings; returns the factors of the integrator.
 
-    attempt.way: EXTRAPOLATE: the rates go on, STAY: the last pose, else rigidly with the root.
+    attempt.way: EXTRAPOLATE: the rates go on, _STAY: the last pose, else rigidly with the root.
     """
     now, around, h, way = work.now, work.around, attempt.h, attempt.way
     load_state(state, f, work)
@@ -191,7 +191,7 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
             step, floor, fraction, way, radius, limit, promise, UNKNOWN_CONVERGENCE, 0.0, 0.0, 0
         )
         place = Attempt(
-            step, floor, fraction, STAY, radius, limit, promise, UNKNOWN_CONVERGENCE, 0.0, 0.0, 0
+            step, floor, fraction, _STAY, radius, limit, promise, UNKNOWN_CONVERGENCE, 0.0, 0.0, 0
         )
         factors = _predict(
             model, nodal, loads, f, frame.path, place if textbook else attempt, state, work

@@ -187,11 +187,11 @@ def angle_slopes(ribbon: Ribbon, unknowns: Array, links: int) -> Array:
 
 # rad, of a piece at most; terms of its series of degree 1, of which the next is below rounding, and
 # more for each degree above
-TURN, TERMS, MORE_TERMS = 1.0, 20, 15
+MAX_PIECE_TURN, _TERMS, _MORE_TERMS = 1.0, 20, 15
 # [e_a]x
-CROSS = np.zeros((3, 3, 3))
+_CROSS = np.zeros((3, 3, 3))
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    CROSS[_a, _c, _b], CROSS[_a, _b, _c] = 1.0, -1.0
+    _CROSS[_a, _c, _b], _CROSS[_a, _b, _c] = 1.0, -1.0
 
 
 @lru_cache
@@ -206,7 +206,7 @@ def _twist(degree: int) -> Array:
 
 
 @dataclass(frozen=True)
-class Pieces:
+class CurvePieces:
     """length: (P,) m. values: (P, V) coefficients of c, then of t, by powers of the place from 0 to
     1. to_unknowns: (P, V, U) of these values. width: (P, 2) m, at the begin and its growth."""
 
@@ -216,26 +216,26 @@ class Pieces:
     width: Array
 
 
-def pieces_of(ribbon: Ribbon, unknowns: Array, least: int = 1) -> Pieces:
+def pieces_of(ribbon: Ribbon, unknowns: Array, least: int = 1) -> CurvePieces:
     """Pieces that turn by TURN at most, whatever the signs of their coefficients; least: of an
     element."""
     shapes = values_at(ribbon.degree, np.linspace(0.0, 1.0, 4 * ribbon.degree - 2))
     nodal = unknowns.reshape(2, -1)[:, ribbon.own_nodes()]
     curvature, ruling = nodal @ shapes.T
     turn = (np.abs(curvature) * np.sqrt(1.0 + ruling**2)).max(axis=1)
-    wanted = np.ceil(np.diff(ribbon.stations) * turn / TURN - 1e-9).astype(np.int64)
+    wanted = np.ceil(np.diff(ribbon.stations) * turn / MAX_PIECE_TURN - 1e-9).astype(np.int64)
     counts = np.maximum(wanted, least)
     while True:
         pieces = _cut(ribbon, unknowns, counts)
         c, t = np.abs(pieces.values).reshape(-1, 2, ribbon.degree + 1).sum(axis=2).T
         turn = pieces.length * c * np.sqrt(1.0 + t**2)
-        many = np.maximum.reduceat(turn, np.cumsum(counts) - counts) > TURN + 1e-9
+        many = np.maximum.reduceat(turn, np.cumsum(counts) - counts) > MAX_PIECE_TURN + 1e-9
         if not many.any():
             return pieces
         counts = np.where(many, 2 * counts, counts)
 
 
-def _cut(ribbon: Ribbon, unknowns: Array, counts: Indices) -> Pieces:
+def _cut(ribbon: Ribbon, unknowns: Array, counts: Indices) -> CurvePieces:
     """So many equal pieces of each element."""
     size, step, own = ribbon.nodes, np.diff(ribbon.stations), ribbon.own_nodes()
     element = np.repeat(np.arange(ribbon.elements), counts)
@@ -253,12 +253,12 @@ def _cut(ribbon: Ribbon, unknowns: Array, counts: Indices) -> Pieces:
     begin = ribbon.stations[element] + place * step[element]
     width = ribbon.width_at(np.stack([begin, begin + length], axis=1))
     width[:, 1] -= width[:, 0]
-    return Pieces(length, to_unknowns @ unknowns, to_unknowns, width)
+    return CurvePieces(length, to_unknowns @ unknowns, to_unknowns, width)
 
 
 @dataclass(frozen=True)
 class Moved:
-    """What pieces do, by the place of a derivative: none, by one of their values, by two.
+    """Motion of pieces, by order of the derivative: none, by one of their values, by two.
 
     turn: (P, ..., 3, 3) of their frame. end: (P, ..., 3) m, from begin to end, in the frame of the
     begin. moment: (P, ..., 3) kg m, of their mass about the begin, the same.
@@ -269,7 +269,7 @@ class Moved:
     moment: Array
 
 
-def moved(ribbon: Ribbon, pieces: Pieces, orders: int = 2) -> list[Moved]:
+def moved(ribbon: Ribbon, pieces: CurvePieces, orders: int = 2) -> list[Moved]:
     """Pieces, and their first and second derivatives by their values, up to an order."""
     count, h = len(pieces.length), pieces.length
     twist, each = _twist(ribbon.degree), ribbon.degree + 1
@@ -281,8 +281,8 @@ def moved(ribbon: Ribbon, pieces: Pieces, orders: int = 2) -> list[Moved]:
     spin[..., 2] = 0.5 * np.einsum("kpi,pi->kp", by_one[..., 2], pieces.values)
     by_two = np.zeros((*twist.shape, 3))
     by_two[..., 2] = twist
-    terms_of = TERMS + MORE_TERMS * (ribbon.degree - 1)
-    zero, one, two = (np.einsum("...a,aij->...ij", w, CROSS) for w in (spin, by_one, by_two))
+    terms_of = _TERMS + _MORE_TERMS * (ribbon.degree - 1)
+    zero, one, two = (np.einsum("...a,aij->...ij", w, _CROSS) for w in (spin, by_one, by_two))
     zero, one = zero * h[:, None, None], one * h[:, None, None, None]
     two = two[:, None] * h[:, None, None, None, None]
     now = [
@@ -316,7 +316,7 @@ def moved(ribbon: Ribbon, pieces: Pieces, orders: int = 2) -> list[Moved]:
     return found
 
 
-def piece_masses(ribbon: Ribbon, pieces: Pieces) -> Array:
+def piece_masses(ribbon: Ribbon, pieces: CurvePieces) -> Array:
     """(P,) kg."""
     mean = pieces.width[:, 0] + 0.5 * pieces.width[:, 1]
     return np.asarray(ribbon.surface_density * pieces.length * mean)

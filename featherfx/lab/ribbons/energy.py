@@ -29,7 +29,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.errors import Problem, require
 from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, value
 
-SERIES, TERMS = 0.1, 9
+_SERIES, _TERMS = 0.1, 9
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Ribbon:
 
 def width_factor(x: Array) -> tuple[Array, Array, Array]:
     """H(x) = artanh(x) / x and its first two derivatives; |x| below 1."""
-    near = np.abs(x) < SERIES
+    near = np.abs(x) < _SERIES
     far = np.where(near, 0.5, x)
     square = 1.0 - far**2
     value = np.arctanh(far) / far
@@ -111,7 +111,7 @@ def width_factor(x: Array) -> tuple[Array, Array, Array]:
     second = 2.0 * (far / square**2 - first) / far
     small = np.where(near, x, 0.0)
     # artanh(x) / x = sum of x^2k / (2 k + 1)
-    k = np.arange(TERMS)[:, None]
+    k = np.arange(_TERMS)[:, None]
     powers = small[None] ** (2 * k)
     series = (powers / (2 * k + 1)).sum(0)
     once = (2 * k[1:] * small[None] ** (2 * k[1:] - 1) / (2 * k[1:] + 1)).sum(0)

@@ -19,7 +19,7 @@ from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 from featherfx.lab.declare import FINITE, NOT_NEGATIVE, POSITIVE, out_of_range, part, value
 from featherfx.lab.ribbons.energy import Ribbon
-from featherfx.lab.ribbons.motion import Air, Pace, RibbonMotion
+from featherfx.lab.ribbons.motion import Air, FixedSteps, RibbonMotion
 from featherfx.lab.ribbons.rest import RibbonRest, settle_ribbon
 from featherfx.lab.rods.rod import Rod, rod_loads, rod_model, tributary_length
 from featherfx.mechanics.batch import make_model
@@ -29,18 +29,18 @@ from featherfx.solver.state import rest_state
 
 Clamp = Literal["level", "down", "up"]
 
-GRAVITY = np.array([0.0, -9.81, 0.0])
+GRAVITY_ALONG_Y = np.array([0.0, -9.81, 0.0])
 # direction along the strip and normal to it, at the clamp; a rest curvature curls a level strip
 # downwards
-CLAMPS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+_CLAMPS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
     "level": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
     "down": ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0)),
     "up": ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
 }
 # elements of a rod, and how far gravity is tilted to let it leave its plane
-ROD_SEGMENTS, TILT = 200, 1e-3
+_ROD_SEGMENTS, _TILT = 200, 1e-3
 # width over length of the ribbons of the cantilever curve, how their stations crowd, and elements
-NARROW, GRADING, ELEMENTS = 0.05, 2.5, 20
+_NARROW, _GRADING, _ELEMENTS = 0.05, 2.5, 20
 
 
 @dataclass(frozen=True)
@@ -76,10 +76,10 @@ class Hung:
 
 def clamp_frame(clamp: Clamp) -> Array:
     """(3, 3) columns across, normal and along the strip at its clamp. Raises InputError."""
-    if clamp not in CLAMPS:
-        message = f"'{clamp}' is not one of {', '.join(CLAMPS)}"
+    if clamp not in _CLAMPS:
+        message = f"'{clamp}' is not one of {', '.join(_CLAMPS)}"
         raise InputError(Problem("ribbon", "clamp", message))
-    along, normal = (np.array(each) for each in CLAMPS[clamp])
+    along, normal = (np.array(each) for each in _CLAMPS[clamp])
     return np.stack([np.cross(normal, along), normal, along], axis=1)
 
 
@@ -91,7 +91,7 @@ def hang(ribbon: Ribbon, clamp: Clamp = "level", *, planar: bool = False) -> Hun
     """
     frame = clamp_frame(clamp)
     begin = time.perf_counter()
-    rest = settle_ribbon(ribbon, frame, GRAVITY, leave_saddles=not planar)
+    rest = settle_ribbon(ribbon, frame, GRAVITY_ALONG_Y, leave_saddles=not planar)
     seconds = time.perf_counter() - begin
     return Hung(rest, float(np.abs(rest.curve.points[:, 2]).max()), seconds)
 
@@ -106,8 +106,8 @@ def blown(test: HangTest, hung: Hung) -> tuple[Array, Array]:
         problems.append(Problem("ribbon", "series", "is for rest; what moves is made of links"))
     require(*problems)
     ribbon = replace(test.ribbon, finite_width=not test.sadowsky)
-    moving = RibbonMotion(ribbon, clamp_frame(test.clamp), GRAVITY)
-    state, pace = moving.let_go(hung.rest.unknowns), Pace(test.step)
+    moving = RibbonMotion(ribbon, clamp_frame(test.clamp), GRAVITY_ALONG_Y)
+    state, pace = moving.let_go(hung.rest.unknowns), FixedSteps(test.step)
     times, tips = [0.0], [hung.rest.curve.points[-1]]
     while times[-1] < test.seconds - 0.5 * test.step:
         state = moving.advance(state, pace, Air((test.wind, 0.0, 0.0)))
@@ -146,9 +146,9 @@ def cantilever_ratios(loads: Sequence[float]) -> Array:
     """
     frame, start, ratios = clamp_frame("level"), None, []
     for load in loads:
-        density = load / float(np.linalg.norm(GRAVITY))
-        ribbon = Ribbon(1.0, NARROW, 1.0, density, elements=ELEMENTS, grading=GRADING)
-        rest = settle_ribbon(ribbon, frame, GRAVITY, start=start)
+        density = load / float(np.linalg.norm(GRAVITY_ALONG_Y))
+        ribbon = Ribbon(1.0, _NARROW, 1.0, density, elements=_ELEMENTS, grading=_GRADING)
+        rest = settle_ribbon(ribbon, frame, GRAVITY_ALONG_Y, start=start)
         start, tip = rest.unknowns, rest.curve.points[-1]
         ratios.append(-tip[1] / tip[0])
     return np.array(ratios)
@@ -176,7 +176,7 @@ def rod_of(ribbon: Ribbon, thickness: float) -> Rod:
         # Y / (2 (1 + nu)) w h^3 / 3 with Y h^3 = 12 (1 - nu^2) D
         gj=2.0 * (1.0 - poisson) * ei * correction,
         rest_curvature=float(ribbon.rest_curvature),
-        segments=ROD_SEGMENTS,
+        segments=_ROD_SEGMENTS,
     )
 
 
@@ -188,14 +188,14 @@ def hang_rod(rod: Rod, line_density: float) -> Array:
     """
     across, normal, along = clamp_frame("level").T
     loads = rod_loads(rod)
-    loads.force[0, :, 0] = line_density * tributary_length(rod)[:, None] * _tilted(TILT)
+    loads.force[0, :, 0] = line_density * tributary_length(rod)[:, None] * _tilted(_TILT)
     root = np.stack([along, -normal, across], axis=1)
     return _rest(rod_model(rod), root, [loads], 1e-8 * rod.length)
 
 
 def _tilted(fraction: float) -> Array:
     """(3,) m/s^2, gravity with a share of it out of the plane."""
-    return GRAVITY + np.array([0.0, 0.0, fraction * np.linalg.norm(GRAVITY)])
+    return GRAVITY_ALONG_Y + np.array([0.0, 0.0, fraction * np.linalg.norm(GRAVITY_ALONG_Y)])
 
 
 def _rest(model: Model, root: Array, loads: Sequence[Loads], move: float) -> Array:
@@ -210,7 +210,7 @@ def _rest(model: Model, root: Array, loads: Sequence[Loads], move: float) -> Arr
 
 
 # m, and moduli and density, of a shaft that is as good as none
-NO_SHAFT, NOTHING = 1e-5, 1.0
+_NO_SHAFT, _NOTHING = 1e-5, 1.0
 
 
 def feather_of(ribbon: Ribbon, thickness: float) -> FeatherKind:
@@ -226,11 +226,11 @@ def feather_of(ribbon: Ribbon, thickness: float) -> FeatherKind:
         length=ribbon.length,
         calamus=0.0,
         vane_material=VaneMaterial(
-            along=NOTHING,
-            across=NOTHING,
-            shear=NOTHING,
-            barb_bending_normal=NOTHING,
-            barb_bending_in_plane=NOTHING,
+            along=_NOTHING,
+            across=_NOTHING,
+            shear=_NOTHING,
+            barb_bending_normal=_NOTHING,
+            barb_bending_in_plane=_NOTHING,
             thickness=thickness,
             surface_density=ribbon.surface_density,
             bending_across=ribbon.rigidity,
@@ -238,10 +238,10 @@ def feather_of(ribbon: Ribbon, thickness: float) -> FeatherKind:
             poisson=ribbon.poisson,
         ),
         rachis_material=RachisMaterial(
-            young=NOTHING, shear=NOTHING, wall=1.0, cortex_density=NOTHING
+            young=_NOTHING, shear=_NOTHING, wall=1.0, cortex_density=_NOTHING
         ),
         rachis=RachisShape(
-            NO_SHAFT, NO_SHAFT, camber=np.degrees(float(ribbon.rest_curvature) * ribbon.length)
+            _NO_SHAFT, _NO_SHAFT, camber=np.degrees(float(ribbon.rest_curvature) * ribbon.length)
         ),
         leading=vane,
         trailing=vane,

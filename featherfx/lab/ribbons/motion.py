@@ -47,13 +47,13 @@ from featherfx.solver.step.integrator_kernels import (
 
 # a clamp's springs over D w / L^3, lever of its turns over the length, misfit over the length that
 # is small enough, and how often its forces are carried on
-SPRING, LEVER, SLACK, ROUNDS = 1e5, 0.05, 1e-8, 20
+_SPRING, _LEVER, _SLACK, _ROUNDS = 1e5, 0.05, 1e-8, 20
 # residual of a step over that of a rest shape
-LOOSER = 1e4
+_LOOSER = 1e4
 
 
 class FarClamp(NamedTuple):
-    """Where the ribbon's end is held. point: (3,) m. frame: (3, 3) columns across, normal,
+    """Pose at which the ribbon's end is held. point: (3,) m. frame: (3, 3) columns across, normal,
     along."""
 
     point: Array
@@ -70,7 +70,7 @@ class Air:
 
 
 @dataclass(frozen=True)
-class Pace:
+class FixedSteps:
     """Steps of one length."""
 
     step: float = value("s.", allowed=POSITIVE)
@@ -103,8 +103,8 @@ class RibbonMotion:
         size = ribbon.nodes
         self._scale = np.concatenate([np.full(size, 1.0 / ribbon.length), np.ones(size)])
         self._unit = ribbon.rigidity * ribbon.width / ribbon.length
-        self._spring = SPRING * self._unit / ribbon.length**2
-        self._lever = LEVER * ribbon.length
+        self._spring = _SPRING * self._unit / ribbon.length**2
+        self._lever = _LEVER * ribbon.length
 
     def points(self, unknowns: Array) -> Array:
         """(N + 3, 3) m: the centreline's, and two that are fixed to the last link."""
@@ -135,7 +135,7 @@ class RibbonMotion:
         none = _Quadratic(np.zeros((len(points), 3, 3)), points, self._weight)
         return self._reached(state, state.unknowns, none, GRADIENT)
 
-    def advance(self, state: RibbonState, pace: Pace, air: Air | None = None) -> RibbonState:
+    def advance(self, state: RibbonState, pace: FixedSteps, air: Air | None = None) -> RibbonState:
         """The state one step later; the given one is not changed. Raises InputError for values out
         of range, SimulationError where a step finds no solution."""
         require(*out_of_range(pace, "pace"), *(out_of_range(air, "air") if air else []))
@@ -151,7 +151,7 @@ class RibbonMotion:
             inertia[:, None, None] * np.eye(3), target[:, 0], self._weight.copy(),
             None if air is None else self._drag(state, air, past[:, 0], method.rate),
         )  # fmt: skip
-        new = self._reached(state, state.unknowns, step, LOOSER * GRADIENT)
+        new = self._reached(state, state.unknowns, step, _LOOSER * GRADIENT)
         ends = self.points(new.unknowns)[:, None]
         end_step(radius, h, old, ends, target, past)
         old.points[:] = ends
@@ -175,14 +175,14 @@ class RibbonMotion:
     ) -> RibbonState:
         """The minimum, the far clamp's forces carried on until it holds."""
         unknowns, pull = start, state.pull
-        for _ in range(ROUNDS if self.far else 1):
+        for _ in range(_ROUNDS if self.far else 1):
             unknowns = self._minimum(unknowns, pull, step, accuracy)
             points = self.points(unknowns)
             if self.far is None:
                 break
             away = points[-3:] - self._held()
             pull = pull - self._spring * away
-            if np.abs(away).max() < SLACK * self.ribbon.length:
+            if np.abs(away).max() < _SLACK * self.ribbon.length:
                 break
         else:
             raise SimulationError("ribbon", state.time, "its far clamp cannot be reached")

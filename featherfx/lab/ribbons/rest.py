@@ -32,12 +32,12 @@ from featherfx.lab.ribbons.energy import Ribbon, closeness, elastic
 System = Callable[[Array], tuple[float, Array, Array]]
 Energy = Callable[[Array], float]
 
-ITERATIONS, ESCAPES, HALVINGS = 300, 6, 30
+_ITERATIONS, _ESCAPES, _HALVINGS = 300, 6, 30
 # a gradient that ends the search, and an eigenvalue that counts as negative, as shares of D w / L
-GRADIENT, NEGATIVE, FLOOR = 1e-9, 1e-6, 1e-11
-TO_BOUND = 0.9
+GRADIENT, _NEGATIVE, _FLOOR = 1e-9, 1e-6, 1e-11
+_TO_BOUND = 0.9
 # 1, first size of a step off a saddle, in the scaled unknowns
-ESCAPE = 0.05
+_ESCAPE = 0.05
 
 
 @dataclass(frozen=True)
@@ -96,12 +96,12 @@ def settle_ribbon(
 
     unknowns = np.array(ribbon.rest if start is None else start, dtype=float)
     iterations = 0
-    for _ in range(ESCAPES):
+    for _ in range(_ESCAPES):
         unknowns, count = descend(ribbon, unknowns, scale, at, energy_at)
         iterations += count
         energy, gradient, matrix = at(unknowns)
         values, vectors = eigh(matrix, subset_by_index=[0, 0])
-        if values[0] > -NEGATIVE or not leave_saddles:
+        if values[0] > -_NEGATIVE or not leave_saddles:
             break
         unknowns = _leave(ribbon, unknowns, scale * vectors[:, 0], energy, energy_at)
     residual = float(np.abs(gradient).max())
@@ -150,15 +150,15 @@ def descend(
 ) -> tuple[Array, int]:
     """Newton steps to a stationary shape; returns it with the number of iterations."""
     energy, gradient, matrix = at(unknowns)
-    for count in range(ITERATIONS):
+    for count in range(_ITERATIONS):
         if np.abs(gradient).max() < GRADIENT:
             return unknowns, count
         values, vectors = eigh(matrix)
-        values = np.maximum(np.abs(values), FLOOR * np.abs(values).max())
+        values = np.maximum(np.abs(values), _FLOOR * np.abs(values).max())
         step = -scale * (vectors @ ((vectors.T @ gradient) / values))
         slope = float(gradient @ (step / scale))
         fraction = _longest(ribbon, unknowns, step)
-        for _ in range(HALVINGS):
+        for _ in range(_HALVINGS):
             trial = unknowns + fraction * step
             rounding = 1e-13 * (1.0 + abs(energy))
             if energy_at(trial) <= energy + 1e-4 * fraction * slope + rounding:
@@ -168,7 +168,7 @@ def descend(
             return unknowns, count
         unknowns = trial
         energy, gradient, matrix = at(unknowns)
-    return unknowns, ITERATIONS
+    return unknowns, _ITERATIONS
 
 
 def _longest(ribbon: Ribbon, unknowns: Array, step: Array) -> float:
@@ -180,15 +180,15 @@ def _longest(ribbon: Ribbon, unknowns: Array, step: Array) -> float:
     moving = np.abs(change) > 0.0
     if not moving.any():
         return 1.0
-    return float(min(1.0, TO_BOUND * (room[moving] / np.abs(change[moving])).min()))
+    return float(min(1.0, _TO_BOUND * (room[moving] / np.abs(change[moving])).min()))
 
 
 def _leave(
     ribbon: Ribbon, unknowns: Array, direction: Array, energy: float, energy_at: Energy
 ) -> Array:
     """A shape of less energy than the saddle, along its direction of negative curvature."""
-    size = ESCAPE
-    for _ in range(HALVINGS):
+    size = _ESCAPE
+    for _ in range(_HALVINGS):
         step = size * direction
         trial = unknowns + _longest(ribbon, unknowns, step) * step
         if energy_at(trial) < energy:

@@ -37,20 +37,20 @@ from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
 from featherfx.solver.work import SolverScratch, make_scratch
 
 # a Newton move that ends statics, as a share of the rod's length
-STATIC_MOVE = 1e-9
+_STATIC_MOVE = 1e-9
 # Newton stops in a swing where a step moves nothing by more than this share of its tolerance
-NEWTON_SHARE = 1e-3
+_NEWTON_SHARE = 1e-3
 # sub-steps are limited by their error, not by their number
-SUBSTEPS = 1_000_000
+_SUBSTEPS = 1_000_000
 # share of the first output interval that is stepped first: a state's first step is implicit
 # Euler's, which would take energy from the rod
-START = 1e-3
+_START = 1e-3
 # factors of velocity and acceleration in the forces: none
-STATIC = IntegratorFactors(0.0, 0.0, 0.0)
-NAME = "rod"
-LEAST_SEGMENTS = 40
+_STATIC = IntegratorFactors(0.0, 0.0, 0.0)
+_NAME = "rod"
+_LEAST_SEGMENTS = 40
 # of the length within which a load bends a rod
-ELEMENTS_WITHIN = 3
+_ELEMENTS_WITHIN = 3
 
 
 @dataclass(frozen=True)
@@ -135,10 +135,10 @@ def bend(
     _warn_of_coarse(rod, load + abs(rod.line_weight) * rod.length)
     _compile()
     begin = time.perf_counter()
-    settings = Settings(newton=STATIC_MOVE * rod.length)
+    settings = Settings(newton=_STATIC_MOVE * rod.length)
     state, status, iterations = Solver(model, settings).equilibrium(clamped(model), loads)
     seconds = time.perf_counter() - begin
-    raise_if_failed(status, state.time, [NAME])
+    raise_if_failed(status, state.time, [_NAME])
     return Bent(
         tip=state.centre[0, -1].copy(),
         points=state.centre[0].copy(),
@@ -154,7 +154,7 @@ def enough_segments(rod: Rod, load: float) -> int:
     The load bends the rod within sqrt(EI / load) of its clamp. With k elements in that length the
     error is 0.018 / k^2 of the reach, measured at weights of 1e3 to 1e5 EI / length^2.
     """
-    return max(LEAST_SEGMENTS, math.ceil(ELEMENTS_WITHIN * rod.length / _bent_within(rod, load)))
+    return max(_LEAST_SEGMENTS, math.ceil(_ELEMENTS_WITHIN * rod.length / _bent_within(rod, load)))
 
 
 def _bent_within(rod: Rod, load: float) -> float:
@@ -182,7 +182,7 @@ def natural_frequencies(rod: Rod, count: int) -> Array:
     twice. Raises InputError for wrong values; count is 1 to 3 times the segments.
     """
     most = Range(1, 3 * rod.segments)
-    problem = Problem(NAME, "count", f"{count}; allowed: {most}")
+    problem = Problem(_NAME, "count", f"{count}; allowed: {most}")
     require(*rod_problems(rod), *([] if most.holds(count) else [problem]))
     return frequencies(rod_model(rod), 0, count)
 
@@ -194,22 +194,22 @@ def release(test: ReleaseTest) -> Swing:
     values, SimulationError where a step cannot be solved.
     """
     rod, tolerance = test.rod, test.tolerance
-    require(*rod_problems(rod), *out_of_range(test, NAME))
+    require(*rod_problems(rod), *out_of_range(test, _NAME))
     model, loads = rod_model(rod), rod_loads(rod)
     if test.loss_factor > 0.0:
         model = damped(model, test.loss_factor)
     _compile()
     begin = time.perf_counter()
-    settings = Settings(tolerance, NEWTON_SHARE * tolerance, SUBSTEPS, test.radius)
+    settings = Settings(tolerance, _NEWTON_SHARE * tolerance, _SUBSTEPS, test.radius)
     solver = Solver(model, settings)
     state = straight(model)
     states, steps = [state], 0.0
     path = hold_roots(state)
     interval = test.duration / test.samples
-    for pieces in ((START, 1.0 - START), *(((1.0,),) * (test.samples - 1))):
+    for pieces in ((_START, 1.0 - _START), *(((1.0,),) * (test.samples - 1))):
         for piece in pieces:
             state, report = solver.step(state, loads, path, piece * interval)
-            raise_if_failed(report.status, state.time, [NAME])
+            raise_if_failed(report.status, state.time, [_NAME])
             steps += report.steps[0]
         states.append(state)
     seconds = time.perf_counter() - begin
@@ -233,7 +233,7 @@ def posed(model: Model, loads: Loads, state: State) -> SolverScratch:
     """Scratch that holds points and strains of the first feather of a batch."""
     work = make_scratch(model)
     load_pose(model, 0, state, work.now)
-    evaluate(model, loads, 0, 0.0, STATIC, work.now, work.around)
+    evaluate(model, loads, 0, 0.0, _STATIC, work.now, work.around)
     return work
 
 
@@ -254,7 +254,7 @@ def total_energy(model: Model, loads: Loads, state: State) -> float:
 
 def _residual(model: Model, loads: Loads, state: State, length: float) -> float:
     work = posed(model, loads, state)
-    assemble(model, loads, 0, 0.0, STATIC, FORCES_ONLY, 0.0, work)
+    assemble(model, loads, 0, 0.0, _STATIC, FORCES_ONLY, 0.0, work)
     unbalanced = np.abs(work.system.right.reshape(model.rows, -1))
     return float(max(unbalanced[:, :3].max(), unbalanced[:, 3:].max() / length))
 

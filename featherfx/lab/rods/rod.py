@@ -27,13 +27,13 @@ Vector = tuple[float, float, float]
 
 # stretch and shear stiffness of rods that are to have none, in units of EI / length^2: a load of
 # EI / length^2 stretches them by one part in a million; more would cost digits of the forces
-RIGID = 1e6
+_RIGID = 1e6
 # and at least this many times the load, for loads that are beyond all bending
-STIFFER = 1e5
+_STIFFER = 1e5
 # radius of gyration of the section as a share of the length, for rotary inertia
-GYRATION = 1e-4
+_GYRATION = 1e-4
 # mass that gives statics a time scale to settle in: length^4 line mass / EI, s^2
-SETTLING = 1e-2
+_SETTLING = 1e-2
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
         twist_rest=np.zeros((1, 2, rows - 1, 0, 2)),
         twist_stiffness=np.zeros((1, 2, rows - 1, 0)),
         mass=mass,
-        rotary_inertia=np.repeat(mass * (GYRATION * rod.length) ** 2, 2, axis=2),
+        rotary_inertia=np.repeat(mass * (_GYRATION * rod.length) ** 2, 2, axis=2),
         shaft_area=np.zeros((1, rows)),
         retardation=np.zeros((1, 2)),
         hooks=no_hooks(1, rows),
@@ -131,13 +131,13 @@ def stations(rod: Rod) -> Array:
 
 def line_mass(rod: Rod) -> float:
     """Mass per length at the clamp, kg/m."""
-    return SETTLING * rod.ei / rod.length**4 if rod.line_mass is None else rod.line_mass
+    return _SETTLING * rod.ei / rod.length**4 if rod.line_mass is None else rod.line_mass
 
 
 def _stiffness(rod: Rod, station: Array, load: float) -> Array:
     """(n-1, 6) rachis_stiffness of Model. load: as for rod_model."""
     load += abs(rod.line_weight) * rod.length
-    rigid = max(RIGID * rod.ei / rod.length**2, STIFFER * load)
+    rigid = max(_RIGID * rod.ei / rod.length**2, _STIFFER * load)
     ea, ga = rod.ea or rigid, rod.ga or rigid
     along = np.array([ea, ga, ga])
     turning = np.array([rod.gj or rod.ei, rod.ei2 or rod.ei, rod.ei])

@@ -14,7 +14,7 @@ from featherfx.feather.build import build_feather
 from featherfx.groom.keys.preset import Wind
 from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.lab.feathers.feather import feather_kind
-from featherfx.lab.studies.study import Rows, StudyResult, ourselves, published
+from featherfx.lab.studies.study import Comparisons, StudyResult, ourselves, published
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.section import rachis_mass, rachis_stiffness
@@ -23,8 +23,8 @@ from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_faile
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.modes import frequencies
 
-ROWS, COLUMNS, COEFFICIENTS = 41, 6, 2
-WEIGHED = "Harvey et al. 2022 (Nature 603), data of AvInertia"
+_ROWS, _COLUMNS, _COEFFICIENTS = 41, 6, 2
+_WEIGHED = "Harvey et al. 2022 (Nature 603), data of AvInertia"
 
 
 class Weighed(NamedTuple):
@@ -41,7 +41,7 @@ class Weighed(NamedTuple):
 
 
 # printed digits beyond the third are noise of pixels
-GULL = (
+_GULL = (
     Weighed(10, 64.9, 267.2, 5.48, 21.9, 3.29, 1.150),
     Weighed(9, 72.3, 271.0, 5.22, 24.4, 6.64, 1.144),
     Weighed(8, 73.8, 261.4, 5.94, 27.1, 5.87, 1.019),
@@ -53,7 +53,7 @@ GULL = (
     Weighed(2, 59.6, 158.5, 4.61, 24.9, 7.57, 0.395),
     Weighed(1, 52.1, 145.7, 3.39, 20.8, 8.73, 0.341),
 )
-PIGEON = (
+_PIGEON = (
     Weighed(10, 30.9, 146.9, 2.53, 10.1, 1.64, 0.28),
     Weighed(9, 40.4, 151.2, 2.64, 12.0, 3.65, 0.29),
     Weighed(8, 43.5, 146.3, 2.52, 13.2, 4.38, 0.27),
@@ -66,9 +66,9 @@ PIGEON = (
     Weighed(1, 33.4, 102.4, 2.71, 12.0, 6.56, 0.10),
 )
 # increase of the first frequency where the vanes are cut off, percent: middle and half width
-RISE = 60.5, 9.5
-TRIMMED = published("Deng et al. 2022 (Journal of Bionic Engineering), abstract: 51 to 70 %")
-FITTED = ourselves(f"{WEIGHED}; the wall of the shaft was fitted to both birds together")
+_RISE = 60.5, 9.5
+_TRIMMED = published("Deng et al. 2022 (Journal of Bionic Engineering), abstract: 51 to 70 %")
+_FITTED = ourselves(f"{_WEIGHED}; the wall of the shaft was fitted to both birds together")
 
 
 def as_weighed(kind: FeatherKind, bird: Weighed) -> FeatherKind:
@@ -86,8 +86,9 @@ def as_weighed(kind: FeatherKind, bird: Weighed) -> FeatherKind:
 
 
 def moving_fraction(rise: float) -> float:
-    """Of the mass that moves in the first mode, that of the vanes without which its frequency is so
-    many percent higher, if the shape of the mode is the same."""
+    """Return the vanes' fraction of the mass that moves in the first mode.
+
+    Without the vanes its frequency is so many percent higher, for the same mode shape."""
     return 1.0 - (1.0 + 0.01 * rise) ** -2
 
 
@@ -100,8 +101,8 @@ def _widened(vane: VaneShape, mean: float) -> VaneShape:
 
 def mass(kind: FeatherKind) -> float:
     """kg."""
-    feather = build_feather(kind, ROWS, COLUMNS)
-    return float(make_model([feather], [kind], COEFFICIENTS).mass.sum())
+    feather = build_feather(kind, _ROWS, _COLUMNS)
+    return float(make_model([feather], [kind], _COEFFICIENTS).mass.sum())
 
 
 def _bare(kind: FeatherKind) -> FeatherKind:
@@ -110,14 +111,14 @@ def _bare(kind: FeatherKind) -> FeatherKind:
 
 def _frequencies(kind: FeatherKind, columns: int, coefficients: int, count: int) -> Array:
     """(count,) Hz, of the clamped feather."""
-    model = make_model([build_feather(kind, ROWS, columns)], [kind], coefficients)
+    model = make_model([build_feather(kind, _ROWS, columns)], [kind], coefficients)
     return frequencies(model, 0, count)
 
 
 def masses(folder: Path) -> StudyResult:
     """Presets with the measures of weighed primaries, and as they are."""
-    rows, powers, ratios = Rows(), Rows(), []
-    for bird, preset, birds in (("gull", "swan_primary", GULL), ("pigeon", "primary", PIGEON)):
+    rows, powers, ratios = Comparisons(), Comparisons(), []
+    for bird, preset, birds in (("gull", "swan_primary", _GULL), ("pigeon", "primary", _PIGEON)):
         kinds = [as_weighed(feather_kind(preset), each) for each in birds]
         ours = [1e3 * mass(each) for each in kinds]
         ratios.append([one / each.mass for one, each in zip(ours, birds, strict=True)])
@@ -126,44 +127,44 @@ def masses(folder: Path) -> StudyResult:
         power, told = (np.polyfit(np.log(length), np.log(each), 1)[0] for each in (ours, weighed))
         text = f"power of the length with which {preset} of a {bird}'s ten primaries weighs"
         note = f"weighed {told:.3g}; ours takes the measured widths of the calamus"
-        powers.compare(text, power, *POWER, DAWSON, absolute=True, note=note)
+        powers.compare(text, power, *_POWER, _DAWSON, absolute=True, note=note)
     both = float(np.exp(np.mean(np.log(ratios))))
-    rows.compare("mass over measured, all twenty, geometric mean", both, 1.0, 0.1, FITTED)
-    for preset, birds in (("swan_primary", GULL), ("primary", PIGEON)):
+    rows.compare("mass over measured, all twenty, geometric mean", both, 1.0, 0.1, _FITTED)
+    for preset, birds in (("swan_primary", _GULL), ("primary", _PIGEON)):
         kind = feather_kind(preset)
         text = f"mass of {preset}, {kind.length:g} m long"
         other = 1e3 * kind.rachis.diameter_base
         note = f"calamus {other:g} mm, theirs {_mean_width(birds):.2g} in the mean"
         text_of_line = "line through the ten, at that length; the wall was fitted to such masses"
-        source = ourselves(f"{WEIGHED}: {text_of_line}")
+        source = ourselves(f"{_WEIGHED}: {text_of_line}")
         measured = at_length(birds, kind.length)
         rows.compare(text, 1e3 * mass(kind), measured, 0.25, source, unit="g", note=note)
     for preset in ("swan_primary", "primary"):
         kind = feather_kind(preset)
-        whole = _frequencies(kind, COLUMNS, COEFFICIENTS, 1)[0]
+        whole = _frequencies(kind, _COLUMNS, _COEFFICIENTS, 1)[0]
         bare = _frequencies(_bare(kind), 1, 0, 1)[0]
         rise = 100.0 * (bare / whole - 1.0)
         text = f"first frequency of {preset} without its vanes, more by"
         note = f"so vanes have {moving_fraction(rise):.0%} of the mass that moves; of theirs"
-        note += f" {moving_fraction(RISE[0] - RISE[1]):.0%} to {moving_fraction(sum(RISE)):.0%}"
-        rows.compare(text, rise, *RISE, TRIMMED, unit="%", absolute=True, note=note)
+        note += f" {moving_fraction(_RISE[0] - _RISE[1]):.0%} to {moving_fraction(sum(_RISE)):.0%}"
+        rows.compare(text, rise, *_RISE, _TRIMMED, unit="%", absolute=True, note=note)
         rows.report(f"first frequency of {preset}, clamped", whole, unit="Hz")
     return StudyResult([*rows, *powers, *_keratin(), *_along(), *_stream(), *_train()])
 
 
 # Dawson 2005: power of the length with which primaries of a wing weigh, mean and deviation
-POWER = 2.41, 0.42
-DAWSON = published("Dawson 2005 (Ibis 147), abstract: 2.41, s.d. 0.42, of 120 species")
+_POWER = 2.41, 0.42
+_DAWSON = published("Dawson 2005 (Ibis 147), abstract: 2.41, s.d. 0.42, of 120 species")
 
 
-def _keratin() -> Rows:
-    """What shafts of keratin_rachis are made of, beside what is measured of others."""
+def _keratin() -> Comparisons:
+    """Compare the keratin of keratin_rachis with measured rachises."""
     shaft, one = feather_kind("primary").rachis_material, np.ones(1)
     stretch, bend = (each[0] for each in rachis_stiffness(one, one, shaft))
     macleod = "MacLeod 1980 (J. exp. Biol. 87), abstract, distal shafts of contour feathers"
     deng = "Deng et al. 2023 (Applied Physics A 129), section 1"
     swans = "the preset serves all birds: 0.1, between these and the 0.07 to 0.54 of pigeons"
-    rows = Rows()
+    rows = Comparisons()
     for text, ours, low, high, source, note in (
         (
             "Young's modulus of keratin_rachis, GPa",
@@ -176,9 +177,9 @@ def _keratin() -> Rows:
         (
             "the same, beside pulled shafts",
             1e-9 * shaft.young,
-            1e-3 * min(stiff for stiff, _, _ in PULLED),
-            1e-3 * max(stiff for stiff, _, _ in PULLED),
-            f"{OWL}, table 1, instantaneous, of five pigeons",
+            1e-3 * min(stiff for stiff, _, _ in _PULLED),
+            1e-3 * max(stiff for stiff, _, _ in _PULLED),
+            f"{_OWL}, table 1, instantaneous, of five pigeons",
             "whole shafts, pulled by 0.5 mm a minute",
         ),
         (
@@ -211,20 +212,20 @@ def _keratin() -> Rows:
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         rows.compare(text, ours, middle, half, printed, absolute=True, note=note)
     text = "largest loss factor of the law that table 1 fits to pulled shafts, five pigeons"
-    loss = [_largest_loss(*each) for each in PULLED]
+    loss = [_largest_loss(*each) for each in _PULLED]
     rate = float(np.mean([rate for _, rate in loss]))
-    fast = float(np.mean([stiff / (2.0 * np.pi * 20.0 * drag) for stiff, _, drag in PULLED]))
+    fast = float(np.mean([stiff / (2.0 * np.pi * 20.0 * drag) for stiff, _, drag in _PULLED]))
     note = f"at {rate:.2g} rad/s; at 20 Hz that law has {fast:.1g}: it tells nothing of vibrations"
     mean = float(np.mean([largest for largest, _ in loss]))
-    slow = published(f"{OWL}, abstract: 0.896 +- 0.082")
+    slow = published(f"{_OWL}, abstract: 0.896 +- 0.082")
     rows.compare(text, mean, 0.896, 0.082, slow, absolute=True, note=note)
     return rows
 
 
 # A shaft of a pigeon pulled slowly (Viscoelastic characterization of long-eared owl flight feather
 # shaft, table 1): a spring, MPa, in series with a spring, MPa, beside a damper, MPa s
-OWL = "Shock and Vibration 2014, 709367"
-PULLED = (
+_OWL = "Shock and Vibration 2014, 709367"
+_PULLED = (
     (10087.0, 2411.0, 597359.0),
     (9590.0, 2314.0, 981513.0),
     (11103.0, 3851.0, 836727.0),
@@ -240,17 +241,17 @@ def _largest_loss(spring: float, beside: float, damper: float) -> tuple[float, f
     return float(0.5 * spring / together), float(together / damper)
 
 
-def _along() -> Rows:
-    """How a shaft changes from its base to its tip."""
+def _along() -> Comparisons:
+    """Compare how a rachis changes from its base to its tip."""
     kind = feather_kind("swan_primary")
-    feather = build_feather(kind, ROWS, COLUMNS)
+    feather = build_feather(kind, _ROWS, _COLUMNS)
     size, material = (feather.width, feather.height), kind.rachis_material
     bending = rachis_stiffness(*size, material)[1][:, 1]
     solid = np.pi / 64.0 * feather.width * feather.height**3
     density = rachis_mass(*size, material)[0] / (0.25 * np.pi * feather.width * feather.height)
     specific = bending / solid / density
     gulls = "Wang and Meyers 2017 (Acta Biomaterialia 48), abstract, of gulls"
-    rows = Rows()
+    rows = Comparisons()
     rows.bound(
         "bending stiffness of swan_primary's shaft, tip over base",
         bending[-1] / bending[0],
@@ -265,29 +266,29 @@ def _along() -> Rows:
 
 
 # m/s of the stream, s of the step, and degrees between two directions
-STREAM, INSTANT, TURN = 1.0, 1e-4, 2.0
+_STREAM, _INSTANT, _TURN = 1.0, 1e-4, 2.0
 
 
-def _stream() -> Rows:
+def _stream() -> Comparisons:
     """A primary in a stream across its shaft, by the momentum that it takes up at once."""
     kind = feather_kind("swan_primary")
-    model = make_model([build_feather(kind, ROWS, COLUMNS)], [kind], COEFFICIENTS)
+    model = make_model([build_feather(kind, _ROWS, _COLUMNS)], [kind], _COEFFICIENTS)
     model = model._replace(held=np.zeros(1, dtype=np.bool_))
     state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
-    wind = Wind(direction=np.array([0.0, -1.0, 0.0]), speed=STREAM)
+    wind = Wind(direction=np.array([0.0, -1.0, 0.0]), speed=_STREAM)
     cells = model.cell_rest[0][model.cell_rest[0][..., 0] > 0.0]
     area = float(np.sum(0.5 / (cells[:, 0] * cells[:, 2])))
     solver = Solver(model, Settings(tolerance=1e-5, newton=1e-12))
     found = []
-    for angle in np.radians(np.arange(-90.0, 90.0 + TURN, TURN)):
+    for angle in np.radians(np.arange(-90.0, 90.0 + _TURN, _TURN)):
         along = np.array([0.0, -np.cos(angle), np.sin(angle)])
         across = np.array([0.0, np.sin(angle), np.cos(angle)])
         air = np.array([wind.air_density, wind.drag_normal, wind.drag_tangential, SHAFT_DRAG])
         loads = no_loads(1)._replace(air=air, wind_mean=wind.speed * along[None])
-        blown, report = solver.step(state, loads, hold_roots(state), INSTANT)
+        blown, report = solver.step(state, loads, hold_roots(state), _INSTANT)
         raise_if_failed(report.status, state.time, [kind.name])
         gained = np.einsum("np,npk->k", model.mass[0], blown.velocity.nodes[0])
-        force = gained / INSTANT / (0.5 * wind.air_density * wind.speed**2 * area)
+        force = gained / _INSTANT / (0.5 * wind.air_density * wind.speed**2 * area)
         found.append((abs(float(force @ across)), float(force @ along)))
     lift, drag = np.transpose(found)
     stork = (
@@ -297,7 +298,7 @@ def _stream() -> Rows:
     note = (
         "the air presses on vanes as on plates that it leaves behind them; no flow clings to them"
     )
-    rows = Rows()
+    rows = Comparisons()
     text = "largest lift coefficient of swan_primary in a stream across its shaft"
     rows.compare(text, float(lift.max()), 1.5, 0.2, published(f"{of_one}: 1.5"), note=note)
     text = "its largest lift over drag"
@@ -307,27 +308,27 @@ def _stream() -> Rows:
 
 
 # Hz, of the train-rattling of 14 peacocks
-RATTLE = 25.6
+_RATTLE = 25.6
 
 
-def _train() -> Rows:
+def _train() -> Comparisons:
     found = _frequencies(_bare(feather_kind("peacock_tail")), 1, 0, 20)
     note = (
         "Dakin et al. 2016 (PLoS ONE 11), abstract: peacocks rattle at 25.6 Hz, driven; barbs are"
     )
     note += " left out here, and the abstract has no resonance of a single feather"
-    rows = Rows()
+    rows = Comparisons()
     rows.report("first frequency of the shaft of peacock_tail, clamped", found[0], unit="Hz")
-    nearest = found[np.argmin(np.abs(found - RATTLE))]
+    nearest = found[np.argmin(np.abs(found - _RATTLE))]
     rows.report("its frequency nearest to the train-rattling", nearest, unit="Hz", note=note)
     return rows
 
 
-def _shape(bird: str, preset: str, ratio: Sequence[float]) -> Rows:
+def _shape(bird: str, preset: str, ratio: Sequence[float]) -> Comparisons:
     text = f"mass of {preset} with the measures of a {bird}'s primary over measured"
     mean = float(np.exp(np.mean(np.log(ratio))))
-    rows = Rows()
-    rows.compare(f"{text}, geometric mean of ten", mean, 1.0, 0.25, FITTED)
+    rows = Comparisons()
+    rows.compare(f"{text}, geometric mean of ten", mean, 1.0, 0.25, _FITTED)
     rows.report(f"{text}, least", min(ratio))
     rows.report(f"{text}, most", max(ratio))
     return rows

@@ -30,15 +30,22 @@ from featherfx.lab.networks.network import (
     strain_rows,
     strung,
 )
-from featherfx.lab.studies.study import Rows, StudyResult, draw, independent, ourselves, published
+from featherfx.lab.studies.study import (
+    Comparisons,
+    StudyResult,
+    draw,
+    independent,
+    ourselves,
+    published,
+)
 
-HOUGHTON = "Houghton 2020"
+_HOUGHTON = "Houghton 2020"
 # bisections of a threshold, and networks that it is looked for in
-HALVINGS, TRIALS = 8, 10
+_HALVINGS, _TRIALS = 8, 10
 # errors of two means of random networks add up by squares; three of them are allowed
-ERRORS = 3.0 * np.sqrt(2.0)
+_ERRORS = 3.0 * np.sqrt(2.0)
 
-MIXED = (
+_MIXED = (
     "132.22 is a ninth of a whole number, so of different lattices, which the other two numbers of"
     " its row cannot be: ours takes 144 with P_J and 20 with P_Db at 0.99"
 )
@@ -48,13 +55,13 @@ def lattice(folder: Path) -> StudyResult:
     """The triangular lattice: moduli, iterations of table 5.4, dilution."""
     whole = network_moduli(NetworkPlan().layout(periodic=True))
     closed = independent("closed form of a triangular lattice of springs")
-    rows = Rows()
+    rows = Comparisons()
     rows.compare(
         "shear modulus of the whole lattice",
         whole.shear_modulus,
         np.sqrt(3.0) / 4.0,
         1e-9,
-        published(f"{HOUGHTON}, equation 5.35"),
+        published(f"{_HOUGHTON}, equation 5.35"),
         unit="N/m",
     )
     rows.compare("Young's modulus", whole.young_modulus, 2 / np.sqrt(3.0), 1e-9, closed, unit="N/m")
@@ -63,8 +70,8 @@ def lattice(folder: Path) -> StudyResult:
     rows += _diluted()
     for name, bend, reference in (("springs", 0.0, 0.651), ("fibres that bend", 1.0, 0.445)):
         found = _threshold(partial(NetworkPlan, "triangular", 40, bend=bend), (0.3, 0.8))
-        source = published(f"{HOUGHTON}, section 2.2.4, of Broedersz et al. 2011")
-        note = f"mean of {TRIALS} lattices of 40 by 40 nodes; standard error {found[1]:.2g}"
+        source = published(f"{_HOUGHTON}, section 2.2.4, of Broedersz et al. 2011")
+        note = f"mean of {_TRIALS} lattices of 40 by 40 nodes; standard error {found[1]:.2g}"
         text = f"share of segments at which a lattice of {name} becomes rigid"
         rows.compare(text, found[0], reference, 0.02, source, note=note)
     kept = np.linspace(0.4, 1.0, 31)
@@ -79,8 +86,8 @@ def lattice(folder: Path) -> StudyResult:
             plan = NetworkPlan(size=40, bend=bend)
             found = [_modulus(replace(plan, dilution=each)) for each in kept]
             axes.semilogy(kept, found, label=f"{bend:g} N m$^2$")
-        for fraction, modulus, solved, _ in TABLE_5_5:
-            axes.semilogy(fraction, modulus * LATTICES / solved, "ko")
+        for fraction, modulus, solved, _ in _TABLE_5_5:
+            axes.semilogy(fraction, modulus * _LATTICES / solved, "ko")
         axes.set_ylim(1e-7, 1.0)
         axes.set(xlabel="share of segments left", ylabel="shear modulus, N/m")
         axes.legend()
@@ -89,28 +96,28 @@ def lattice(folder: Path) -> StudyResult:
 
 
 # Houghton 2020, table 5.4: nodes in a row, unknowns, iterations
-TABLE_5_4 = ((6, 48, 37, 18), (12, 240, 79, 22), (24, 1056, 147, 22), (48, 4416, 293, 21))
-# table 5.5: share of segments; modulus over LATTICES, of which those that are not solved count as 0
+_TABLE_5_4 = ((6, 48, 37, 18), (12, 240, 79, 22), (24, 1056, 147, 22), (48, 4416, 293, 21))
+# table 5.5: share of segments; modulus over _LATTICES, of which unsolved ones count as 0
 # (section 5.3.2); how many are solved; iterations with P_J and P_Db. Printed are 0.99, 0.94, 0.90,
 # 0.84 and 0.79: cut off, as the first row shows
-TABLE_5_5 = (
+_TABLE_5_5 = (
     (1.00, 0.4330, 9, (132.22, 1.00)),
     (0.95, 0.3735, 9, (159.78, 27.22)),
     (0.90, 0.3183, 9, (175.44, 34.89)),
     (0.85, 0.1294, 5, ()),
     (0.80, 0.0764, 4, ()),
 )
-LATTICES = 9
-CUT = (
+_LATTICES = 9
+_CUT = (
     "printed as 0.99: but one iteration with P_Db and sqrt(3) / 4 are those of the whole lattice;"
     " at 0.99 ours is {:.4f}, by effective-medium theory {:.4f}"
 )
 
 
-def _counts() -> Rows:
-    source = published(f"{HOUGHTON}, table 5.4")
-    rows = Rows()
-    for size, unknowns, *printed in TABLE_5_4:
+def _counts() -> Comparisons:
+    source = published(f"{_HOUGHTON}, table 5.4")
+    rows = Comparisons()
+    for size, unknowns, *printed in _TABLE_5_4:
         system = sheared_system(NetworkPlan(size=size).layout(periodic=False))
         text = f"unknowns of {size} by {size} nodes"
         rows.compare(text, len(system.right), unknowns, 0.0, source)
@@ -122,31 +129,31 @@ def _counts() -> Rows:
     return rows
 
 
-def _diluted() -> Rows:
-    source = published(f"{HOUGHTON}, table 5.5")
-    rows = Rows()
-    for fraction, printed, solved, counts in TABLE_5_5:
-        layouts = [_springs(fraction, seed) for seed in range(LATTICES)]
+def _diluted() -> Comparisons:
+    source = published(f"{_HOUGHTON}, table 5.5")
+    rows = Comparisons()
+    for fraction, printed, solved, counts in _TABLE_5_5:
+        layouts = [_springs(fraction, seed) for seed in range(_LATTICES)]
         mean, error = _mean([_sheared_modulus(each) for each in layouts])
         note = ""
         if fraction == 1.0:
-            ours = _mean([_sheared_modulus(_springs(0.99, seed)) for seed in range(LATTICES)])[0]
+            ours = _mean([_sheared_modulus(_springs(0.99, seed)) for seed in range(_LATTICES)])[0]
             # Feng, Thorpe and Garboczi 1985: linear from 2/3 to 1
-            note = CUT.format(ours, np.sqrt(3.0) / 4.0 * (3.0 * 0.99 - 2.0))
-        elif solved < LATTICES:
-            note = f"printed {printed:g}, with 0 for {LATTICES - solved} of {LATTICES} lattices"
+            note = _CUT.format(ours, np.sqrt(3.0) / 4.0 * (3.0 * 0.99 - 2.0))
+        elif solved < _LATTICES:
+            note = f"printed {printed:g}, with 0 for {_LATTICES - solved} of {_LATTICES} lattices"
             note += " that were not solved (section 5.3.2): taken out here"
-            printed *= LATTICES / solved
+            printed *= _LATTICES / solved
         text = f"shear modulus with {fraction:.2f} of the segments, springs"
-        allowed = max(ERRORS * error, 1e-4)
+        allowed = max(_ERRORS * error, 1e-4)
         rows.compare(text, mean, printed, allowed, source, unit="N/m", absolute=True, note=note)
         choices: tuple[Preconditioner, ...] = ("P_J", "P_Db")
         for choice, count in zip(choices, counts, strict=False):
             found = [solve(sheared_system(each), "pcg", choice).iterations for each in layouts]
             mean, error = _mean(found)
             text = f"iterations of PCG with {choice}, {fraction:.2f} of the segments, springs"
-            allowed = max(ERRORS * error, 1.0)
-            note = MIXED if (fraction, choice) == (1.0, "P_J") else ""
+            allowed = max(_ERRORS * error, 1.0)
+            note = _MIXED if (fraction, choice) == (1.0, "P_J") else ""
             rows.compare(text, mean, count, allowed, source, absolute=True, note=note)
     return rows
 
@@ -186,9 +193,9 @@ def _threshold(
 ) -> tuple[float, float]:
     """Mean and standard error of where networks become rigid, which those that hold them are."""
     found = []
-    for seed in range(TRIALS):
+    for seed in range(_TRIALS):
         below, above = between
-        for _ in range(HALVINGS):
+        for _ in range(_HALVINGS):
             middle = 0.5 * (below + above)
             if _modulus(replace(plan_of(middle), seed=seed)) > 0.0:
                 above = middle
@@ -219,9 +226,9 @@ def affine_modulus(density: float) -> float:
 
 def random(folder: Path) -> StudyResult:
     """Random networks: density of crossings, threshold of rigidity, affinity, table 5.6."""
-    ours = published(f"{HOUGHTON}, section 2.2.4, of Wilhelm and Frey and of Head et al.")
+    ours = published(f"{_HOUGHTON}, section 2.2.4, of Wilhelm and Frey and of Head et al.")
     note = "from the density that is printed beside it, by the closed form of this study"
-    rows = Rows()
+    rows = Comparisons()
     rows.compare("l / l_c at density 5.71", crosslinks(5.71), 5.42, 2e-3, ours, note=note)
     rows.compare("l / l_c at density 6.68", crosslinks(6.68), 5.932, 2e-3, ours, note=note)
     closed = independent("closed form for random fibres, derived here")
@@ -234,8 +241,8 @@ def random(folder: Path) -> StudyResult:
     rows.compare(text, found.shear_modulus / found.affinity, affine_modulus(25.0), 0.03, closed)
     rows += _scattered()
     limit = _threshold(_random_plan, (5.0, 8.0))
-    source = published(f"{HOUGHTON}, section 2.2.4, of Latva-Kokko and Timonen")
-    note = f"mean of {TRIALS} networks of 12 by 12 fibre lengths; standard error {limit[1]:.2g}"
+    source = published(f"{_HOUGHTON}, section 2.2.4, of Latva-Kokko and Timonen")
+    note = f"mean of {_TRIALS} networks of 12 by 12 fibre lengths; standard error {limit[1]:.2g}"
     text = "density at which it becomes rigid"
     rows.compare(text, limit[0], 6.68, 2.0 * limit[1], source, absolute=True, note=note)
     rows.compare(
@@ -243,7 +250,7 @@ def random(folder: Path) -> StudyResult:
         crosslinks(limit[0]),
         5.9,
         0.03,
-        published(f"{HOUGHTON}, section 5.4.1 and figure 5.14"),
+        published(f"{_HOUGHTON}, section 5.4.1 and figure 5.14"),
     )
     rows += _table_5_6()
     families = {ratio: _affinities(ratio) for ratio in (6e-3, 2e-3, 6e-4)}
@@ -269,10 +276,10 @@ def random(folder: Path) -> StudyResult:
     return StudyResult(rows, figure)
 
 
-def _scattered() -> Rows:
+def _scattered() -> Comparisons:
     """Section 7.1: directions that scatter about one, normally distributed with s."""
     closed = independent("moments of a wrapped normal distribution")
-    rows = Rows()
+    rows = Comparisons()
     for degrees in (20.0, 40.0):
         plan = NetworkPlan("mikado", fibres=2000, merge=0.0, bend=1e-4, scatter=degrees)
         relaxed, affine = homogenised(plan.layout(periodic=True).network, GRADIENTS)
@@ -300,27 +307,27 @@ def _affinities(ratio: float) -> list[tuple[float, float, float, float]]:
 
 
 # Houghton 2020, table 5.6, of 100 to 800 fibres: iterations to 1e-3, and their standard errors
-TABLE_5_6: tuple[tuple[Method, Preconditioner, tuple[tuple[float, float], ...]], ...] = (
+_TABLE_5_6: tuple[tuple[Method, Preconditioner, tuple[tuple[float, float], ...]], ...] = (
     ("minres", "P_J", ((300.2, 54.0), (480.8, 67.3), (570.6, 77.3), (410.9, 103.0))),
     ("minres", "P_Db", ((8.0, 0.8), (8.5, 0.5), (7.7, 0.7), (7.2, 0.6))),
     ("minres", "P_S", ((12.3, 1.1), (14.6, 1.2))),
     ("gmres", "P_Ab", ((5.3, 0.2), (5.4, 0.2), (5.4, 0.2), (5.3, 0.2))),
 )
-NOTES = {
+_NOTES = {
     "P_J": "the last steps depend on the few shortest segments, so on how crossings are merged",
     "P_Ab": "counted as MATLAB does, by the preconditioned residual; by the true one {:.1f}",
 }
 
 
-def _table_5_6() -> Rows:
-    source = published(f"{HOUGHTON}, table 5.6")
-    rows = Rows()
+def _table_5_6() -> Comparisons:
+    source = published(f"{_HOUGHTON}, table 5.6")
+    rows = Comparisons()
     for place, fibres in enumerate((100, 200, 400, 800)):
         systems = []
         for seed in range(10):
             plan = NetworkPlan("mikado", fibres=fibres, bend=4e-4, seed=seed)
             systems.append(sheared_system(plan.layout(periodic=False)))
-        for method, choice, printed in TABLE_5_6:
+        for method, choice, printed in _TABLE_5_6:
             if place >= len(printed):
                 continue
             solved = [solve(each, method, choice, 1e-3) for each in systems]
@@ -328,42 +335,42 @@ def _table_5_6() -> Rows:
             whole = _mean([each.iterations for each in solved])[0]
             text = f"iterations of {method.upper()} with {choice}, {fibres} random fibres"
             allowed = 3.0 * float(np.hypot(error, printed[place][1]))
-            note = NOTES.get(choice, "").format(whole)
+            note = _NOTES.get(choice, "").format(whole)
             rows.compare(text, mean, printed[place][0], allowed, source, absolute=True, note=note)
     return rows
 
 
 # share of segments below that at which springs are rigid, shears, and the whole lattice's rows
-LOOSE, SHEARS, SMALL_LATTICE = 0.6, np.linspace(0.02, 0.4, 20), 12
+_LOOSE, _SHEARS, _SMALL_LATTICE = 0.6, np.linspace(0.02, 0.4, 20), 12
 
 
 def large(folder: Path) -> StudyResult:
     """Section 7.1: large strain, of the whole lattice and of one that only bending holds."""
     section = FibreSection(1.0, 1e-4)
-    whole = triangular(SMALL_LATTICE, SMALL_LATTICE, section, "x")
+    whole = triangular(_SMALL_LATTICE, _SMALL_LATTICE, section, "x")
     found = sheared_energies(whole, np.array([0.1, 0.5]))
     closed = independent("closed form of springs that move with the strain")
-    rows = Rows()
+    rows = Comparisons()
     for shear, energy in zip((0.1, 0.5), found, strict=True):
         gradient = np.array([[1.0, 0.0], [shear, 1.0]])
         stretch = np.linalg.norm(whole.network.span @ gradient, axis=1)
         exact = 0.5 * float(((stretch - 1.0) ** 2).sum())
         text = f"energy of the whole lattice at the shear {shear:g}"
         rows.compare(text, energy, exact, 1e-9, closed, unit="J")
-    loose = triangular(20, 20, section, "x", LOOSE, 1).carrying()
+    loose = triangular(20, 20, section, "x", _LOOSE, 1).carrying()
     linear = ourselves("the linear network")
     modulus = 2.0 * float(sheared_energies(loose, np.array([1e-4]))[0]) / 1e-8 / loose.area
-    text = f"shear modulus at the shear 0.0001, {LOOSE:g} of the segments"
+    text = f"shear modulus at the shear 0.0001, {_LOOSE:g} of the segments"
     rows.compare(text, modulus, _sheared_modulus(loose), 0.01, linear, unit="N/m")
-    energies = sheared_energies(loose, SHEARS)
-    slopes = np.gradient(np.gradient(energies, SHEARS), SHEARS)[1:-1] / loose.area
-    words = published(f"{HOUGHTON}, section 7.1, in words: such networks stiffen with strain")
+    energies = sheared_energies(loose, _SHEARS)
+    slopes = np.gradient(np.gradient(energies, _SHEARS), _SHEARS)[1:-1] / loose.area
+    words = published(f"{_HOUGHTON}, section 7.1, in words: such networks stiffen with strain")
     text = "shear modulus at the largest shear over that at the least"
     rows.bound(text, float(slopes[-1] / slopes[0]), words, at_least=1.0)
 
     def paint(canvas: Any) -> None:
         axes = canvas.add_subplot()
-        axes.semilogy(SHEARS[1:-1], slopes, "o-", ms=3)
+        axes.semilogy(_SHEARS[1:-1], slopes, "o-", ms=3)
         axes.set(xlabel="shear", ylabel="shear modulus of a further strain, N/m")
 
     caption = "A diluted lattice that only bending holds stiffens as its fibres draw straight."
@@ -372,23 +379,23 @@ def large(folder: Path) -> StudyResult:
 
 # Houghton 2020, tables 5.1 to 5.3: relative errors of bending and of whole energy of two merged
 # nodes, displacement of the third node and bending energy of one merged, bending of one against two
-MERGED_TWO = (
+_MERGED_TWO = (
     (7.674e-3, 1.934e-9),
     (3.741e-3, 9.416e-10),
     (3.154e-3, 8.173e-10),
     (1.868e-3, 6.248e-10),
     (1.757e-4, 1.912e-10),
 )
-MERGED_ONE = (5.881e-3, 6.570e-4, 6.407e-5, 5.001e-6)
-ONE_AGAINST_TWO = (5.000e-8, 5.000e-9, 5.000e-10)
+_MERGED_ONE = (5.881e-3, 6.570e-4, 6.407e-5, 5.001e-6)
+_ONE_AGAINST_TWO = (5.000e-8, 5.000e-9, 5.000e-10)
 
 
 def merging(folder: Path) -> StudyResult:
-    """What it costs to merge crossings: two fibres and a strut near where they meet."""
-    rows = Rows()
+    """Measure the cost of merging crossings: two fibres and a strut near where they meet."""
+    rows = Comparisons()
     # fixed: ends below left and right, end above; then where the two fibres meet
     places = [(1.0, 0.0), (3.0, 0.0), (1.0, 2.0), (2.0, 1.0)]
-    for place, (bending, energy) in enumerate(MERGED_TWO):
+    for place, (bending, energy) in enumerate(_MERGED_TWO):
         near = 10.0 ** -(place + 1)
         ends = [(2.0 - near, 1.0 - near), (2.0 + 0.1 * near, 1.0 - 0.1 * near)]
         whole = _lambda([*places, *ends], [[3, 4, 0], [1, 5, 3, 2], [4, 5]])
@@ -397,19 +404,19 @@ def merging(folder: Path) -> StudyResult:
         text = f"nodes {near:g} and {near / 10:g} off"
 
         def against(table: str, name: str, ours: float, printed: float, text: str = text) -> None:
-            source = published(f"{HOUGHTON}, table {table}")
+            source = published(f"{_HOUGHTON}, table {table}")
             rows.compare(f"{name}, {text}", ours, printed, 0.01, source)
 
         against("5.1", "error of the bending energy, both merged", _off(two, whole, 1), bending)
         against("5.1", "error of the energy, both merged", _off(two, whole, 2), energy)
         against("5.2", "error of the bending energy, one merged", _off(one, whole, 1), bending)
-        if place < len(MERGED_ONE):
+        if place < len(_MERGED_ONE):
             moved = np.linalg.norm(one[0] - whole[0]) / np.linalg.norm(whole[0])
             name = "error of the strut's displacement, one merged"
-            against("5.2", name, float(moved), MERGED_ONE[place])
-        if place < len(ONE_AGAINST_TWO):
+            against("5.2", name, float(moved), _MERGED_ONE[place])
+        if place < len(_ONE_AGAINST_TWO):
             name = "bending energy, one merged against both"
-            against("5.3", name, _off(two, one, 1), ONE_AGAINST_TWO[place])
+            against("5.3", name, _off(two, one, 1), _ONE_AGAINST_TWO[place])
     return StudyResult(rows)
 
 

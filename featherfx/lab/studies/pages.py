@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-JOUVE = {
+_JOUVE = {
     "equation 4.1": "47-49",
     "equation A.5": "88-89",
     "equation 6.6": "78-79",
@@ -22,7 +22,7 @@ JOUVE = {
     "table 5.2": "64-67",
     "table D.2": "106-108",
 }
-HOUGHTON = {
+_HOUGHTON = {
     "equation 5.35": "84-89",
     "equation 6.24": "106-109",
     "equation 6.31": "111-113",
@@ -53,13 +53,13 @@ HOUGHTON = {
     "table 6.7": "135",
     "table 6.8": "135",
 }
-JACQUEMOUD = {
+_JACQUEMOUD = {
     "figure 4-15": "177-193",
     "figure 4-16": "177-193",
     "section 4.5.2.2": "177-193",
     "table A5-3": "253-270",
 }
-PAGES = {"Jouve 2024": JOUVE, "Houghton 2020": HOUGHTON, "Jacquemoud 2007": JACQUEMOUD}
+PAGES = {"Jouve 2024": _JOUVE, "Houghton 2020": _HOUGHTON, "Jacquemoud 2007": _JACQUEMOUD}
 _PLACE = re.compile(
     r"(?:\b(table|figure|equation|section)s? |(?<= and )|(?<=, ))((?:[A-E]?\d+[.-])+\d+|[A-E]\.\d+)"
 )

@@ -18,7 +18,7 @@ from featherfx.lab.bench.report import can_plot, facts_of, machine
 from featherfx.lab.studies.runs import Entry
 from featherfx.lab.studies.study import STUDIES, Figure, Kind, Row, Source, StudyResult
 
-COLUMNS = (
+_COLUMNS = (
     "quantity",
     "ours",
     "unit",
@@ -31,11 +31,11 @@ COLUMNS = (
 )
 # how far a number may be from the one on the page: of a row's tolerance; of itself where it has
 # none; and what is rounding
-STILL, STILL_ALONE, ROUNDING = 0.1, 1e-3, 1e-9
-NUMBERS = "validation.json"
-COMMAND = "featherfx lab report"
-INTRODUCTION = (
-    f"This page is what `{COMMAND}` writes; no number on it is typed in. Every study computes its"
+_STILL, _STILL_ALONE, _ROUNDING = 0.1, 1e-3, 1e-9
+RECORD_FILE = "validation.json"
+_COMMAND = "featherfx lab report"
+_INTRODUCTION = (
+    f"This page is what `{_COMMAND}` writes; no number on it is typed in. Every study computes its"
     " numbers anew. The kind of a row says what they are held against: *published*, a number that"
     " is printed in the text, or what it says in words; *independent*, a solution by another method"
     " or of another model, which is named;"
@@ -46,7 +46,7 @@ INTRODUCTION = (
     " units."
 )
 NO_PLOTS = "There are no figures: matplotlib (the optional extra `plots`) is not installed."
-STYLE = """
+_STYLE = """
 body { font: 15px/1.5 sans-serif; max-width: 70em; margin: 2em auto; padding: 0 1em; }
 table { border-collapse: collapse; } td, th { padding: .2em .6em; border-bottom: 1px solid #ddd; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; }
@@ -61,7 +61,7 @@ def shown(value: float | None) -> str:
 
 
 def allowance(row: Row) -> str:
-    """How far a row's number may be off, in words."""
+    """Describe the tolerance of a row's number."""
     if row.comparison == "relative":
         return f"{100.0 * (row.tolerance or 0.0):.3g} %"
     if row.comparison == "absolute":
@@ -70,7 +70,7 @@ def allowance(row: Row) -> str:
 
 
 def cells(row: Row) -> list[str]:
-    """A row as texts in the order of COLUMNS."""
+    """A row as texts in the order of _COLUMNS."""
     numbers = [shown(row.ours), row.unit, shown(row.reference), allowance(row)]
     kind, text = (row.source.kind, row.source.text) if row.source is not None else ("", "")
     return [row.quantity, *numbers, kind, row.verdict, text, row.note]
@@ -99,26 +99,26 @@ def _in_words(rows: Sequence[Row]) -> list[Row]:
 
 
 def _sum_of(rows: Sequence[Row], kind: Kind) -> str:
-    """How many rows of a kind agree and differ, in words."""
+    """Describe how many rows of a kind agree and differ."""
     verdicts = [row.verdict for row in rows if row.source is not None and row.source.kind == kind]
     return f"{verdicts.count('agrees')} agree and {verdicts.count('differs')} differ"
 
 
 def taken(result: StudyResult) -> str:
-    """How long a study took, in words."""
+    """Describe how long a study took."""
     return f"{result.seconds:.1f} s, {result.processor_seconds:.1f} s of processor time"
 
 
 def markdown(entries: Sequence[Entry], version: str, folder: str = ".") -> str:
     """The page as Markdown; folder: of the figures, as the page refers to it."""
-    parts = ["# Validation", INTRODUCTION, *facts(entries, version)]
+    parts = ["# Validation", _INTRODUCTION, *facts(entries, version)]
     for study, result in ((entry.study, entry.result) for entry in entries):
         parts.append(f"## {study.title}")
         parts.append(
             f"`{study.name}`, after {study.reproduces}. {result.verdict.capitalize()};"
             f" {taken(result)}."
         )
-        lines = ["| " + " | ".join(COLUMNS) + " |", "|---|---:|---|---:|---:|---|---|---|---|"]
+        lines = ["| " + " | ".join(_COLUMNS) + " |", "|---|---:|---|---:|---:|---|---|---|---|"]
         lines += [
             "| " + " | ".join(cell.replace("|", "\\|") for cell in cells(row)) + " |"
             for row in result.rows
@@ -131,7 +131,7 @@ def markdown(entries: Sequence[Entry], version: str, folder: str = ".") -> str:
 
 def page(entries: Sequence[Entry], version: str) -> str:
     """The page as one HTML file with its figures inside."""
-    parts = [f"<p>{_text(INTRODUCTION)}</p>"]
+    parts = [f"<p>{_text(_INTRODUCTION)}</p>"]
     parts += [f"<p>{_text(each)}</p>" for each in facts(entries, version)]
     parts.append("<ul>")
     for study, result in ((entry.study, entry.result) for entry in entries):
@@ -143,14 +143,14 @@ def page(entries: Sequence[Entry], version: str) -> str:
     body = "\n".join(parts)
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        f"<title>featherfx: validation</title><style>{STYLE}</style></head>\n"
+        f"<title>featherfx: validation</title><style>{_STYLE}</style></head>\n"
         f"<body><h1>Validation</h1>\n{body}\n</body></html>\n"
     )
 
 
 def _section(entry: Entry) -> list[str]:
     study, result = entry.study, entry.result
-    head = "".join(f"<th>{_text(name)}</th>" for name in COLUMNS)
+    head = "".join(f"<th>{_text(name)}</th>" for name in _COLUMNS)
     lines = [
         f'<h2 id="{study.name}">{_text(study.title)}</h2>',
         f"<p><code>{study.name}</code>, after {_text(study.reproduces)}; {taken(result)}.</p>",
@@ -239,14 +239,14 @@ def moved(entries: Sequence[Entry], before: dict[str, Any]) -> list[str]:
 
 def _has_moved(row: Row, before: float) -> bool:
     if row.source is not None:
-        return abs(row.ours - before) > STILL * _room(row)
+        return abs(row.ours - before) > _STILL * _room(row)
     if row.is_time or (math.isnan(row.ours) and math.isnan(before)):
         return False
-    return not math.isclose(row.ours, before, rel_tol=STILL_ALONE, abs_tol=ROUNDING)
+    return not math.isclose(row.ours, before, rel_tol=_STILL_ALONE, abs_tol=_ROUNDING)
 
 
 def _room(row: Row) -> float:
-    """How far a number may be from its reference, in its unit."""
+    """Return the tolerance of a number, in its unit."""
     assert row.reference is not None
     if row.comparison in ("at most", "at least"):
         return abs(row.ours - row.reference)
@@ -308,7 +308,7 @@ def write_report(folder: Path, entries: Sequence[Entry], version: str) -> list[P
     """Write validation.html, .json and .csv into the folder; returns the files."""
     files = {
         "validation.html": page(entries, version),
-        NUMBERS: json.dumps(record(entries, version), indent=1) + "\n",
+        RECORD_FILE: json.dumps(record(entries, version), indent=1) + "\n",
         "validation.csv": as_csv(entries),
     }
     folder.mkdir(parents=True, exist_ok=True)
@@ -322,9 +322,9 @@ def write_markdown(file: Path, entries: Sequence[Entry], version: str) -> None:
     beside it. Studies that were not run stay as they are there."""
     folder = file.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
-    if (before := folder / NUMBERS).exists():
+    if (before := folder / RECORD_FILE).exists():
         entries = kept(entries, json.loads(before.read_bytes()), folder)
-    write_text(folder / NUMBERS, json.dumps(record(entries, version), indent=1) + "\n")
+    write_text(folder / RECORD_FILE, json.dumps(record(entries, version), indent=1) + "\n")
     for entry in entries:
         for figure in entry.result.figures:
             if figure.file.parent != folder:

@@ -15,37 +15,37 @@ from featherfx.lab.rods.oracles import (
     taper_frequencies,
 )
 from featherfx.lab.rods.rod import Rod
-from featherfx.lab.studies.study import Rows, StudyResult, independent, published
+from featherfx.lab.studies.study import Comparisons, StudyResult, independent, published
 
-SEGMENTS = 40
-TABLE = published("Mattiasson 1981, table 1")
+_SEGMENTS = 40
+_TABLE = published("Mattiasson 1981, table 1")
 # F L^2 / EI: (shortening, deflection) / L
-MATTIASSON = {
+_MATTIASSON = {
     1.0: (0.05643, 0.30172),
     2.0: (0.16064, 0.49346),
     5.0: (0.38763, 0.71379),
     10.0: (0.55500, 0.81061),
 }
-EIGHT_ELEMENTS = published("Simo and Vu-Quoc 1986, 45 degree bend with 8 elements")
-SHOOTING = independent("Kirchhoff's rod, by shooting")
+_EIGHT_ELEMENTS = published("Simo and Vu-Quoc 1986, 45 degree bend with 8 elements")
+_SHOOTING = independent("Kirchhoff's rod, by shooting")
 # force: tip, out of plane last
-BEND_TIPS = {
+_BEND_TIPS = {
     300.0: (58.84, 22.33, 40.08),
     450.0: (52.32, 18.62, 48.39),
     600.0: (47.23, 15.79, 53.37),
 }
-ARC = 100.0 * np.pi / 4.0
-SWING, LINKS = 1.5, (8, 16)
+_ARC = 100.0 * np.pi / 4.0
+_SWING, _LINKS = 1.5, (8, 16)
 
 
 def elastica(folder: Path) -> StudyResult:
     """A clamped rod under a dead force across its tip."""
-    rows = Rows()
-    for load, (shortening, deflection) in MATTIASSON.items():
-        tip = bend(Rod(1.0, 1.0, segments=SEGMENTS), (0.0, 0.0, -load)).tip
+    rows = Comparisons()
+    for load, (shortening, deflection) in _MATTIASSON.items():
+        tip = bend(Rod(1.0, 1.0, segments=_SEGMENTS), (0.0, 0.0, -load)).tip
         text = f"at F L^2 / EI = {load:g}"
-        rows.compare(f"shortening / L {text}", 1.0 - tip[0], shortening, 1e-3, TABLE)
-        rows.compare(f"deflection / L {text}", -tip[2], deflection, 1e-3, TABLE)
+        rows.compare(f"shortening / L {text}", 1.0 - tip[0], shortening, 1e-3, _TABLE)
+        rows.compare(f"deflection / L {text}", -tip[2], deflection, 1e-3, _TABLE)
         x, drop = elastica_tip(load)
         error = float(np.linalg.norm(tip - [x, 0.0, -drop]))
         closed = independent("closed form in elliptic integrals")
@@ -55,41 +55,48 @@ def elastica(folder: Path) -> StudyResult:
 
 def heavy(folder: Path) -> StudyResult:
     """A clamped rod, uniform or tapered, under its weight."""
-    rows = Rows()
+    rows = Comparisons()
     for taper in (0.0, 0.7):
         for load, allowed in ((1.0, 1e-3), (10.0, 1e-3), (100.0, 5e-3)):
-            tip = bend(Rod(1.0, 1.0, line_weight=load, taper=taper, segments=SEGMENTS)).tip
+            tip = bend(Rod(1.0, 1.0, line_weight=load, taper=taper, segments=_SEGMENTS)).tip
             expected = kirchhoff_tip(1.0, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), load, taper)
             text = f"tip error / L, weight {load:g} EI / L^2, taper {taper:g}"
             error = float(np.linalg.norm(tip - expected))
-            rows.bound(text, error, SHOOTING, at_most=allowed)
+            rows.bound(text, error, _SHOOTING, at_most=allowed)
     return StudyResult(rows)
 
 
 def bend_of_45_degrees(folder: Path) -> StudyResult:
     """An eighth of a circle, loaded out of its plane."""
-    rows = Rows()
-    rod = Rod(ARC, ei=1e7 / 12.0, gj=0.5e7 / 6.0, rest_curvature=0.01, segments=SEGMENTS)
+    rows = Comparisons()
+    rod = Rod(_ARC, ei=1e7 / 12.0, gj=0.5e7 / 6.0, rest_curvature=0.01, segments=_SEGMENTS)
     stiffness = (0.5e7 / 6.0, 1e7 / 12.0, 1e7 / 12.0)
     note = "the error of 8 elements is 0.2 % of the length"
-    for force, printed in BEND_TIPS.items():
+    for force, printed in _BEND_TIPS.items():
         tip = bend(rod, (0.0, 0.0, force)).tip
-        exact = kirchhoff_tip(ARC, stiffness, (0.0, 0.0, force), curvature=0.01)
+        exact = kirchhoff_tip(_ARC, stiffness, (0.0, 0.0, force), curvature=0.01)
         for axis, ours, theirs in zip("xyz", tip, printed, strict=True):
             text = f"tip {axis} at force {force:g}"
             rows.compare(
-                text, ours, theirs, 0.0025 * ARC, EIGHT_ELEMENTS, absolute=True, unit="m", note=note
+                text,
+                ours,
+                theirs,
+                0.0025 * _ARC,
+                _EIGHT_ELEMENTS,
+                absolute=True,
+                unit="m",
+                note=note,
             )
-        error = float(np.linalg.norm(tip - exact)) / ARC
-        rows.bound(f"tip from shooting, over length, {force:g}", error, SHOOTING, at_most=1e-3)
+        error = float(np.linalg.norm(tip - exact)) / _ARC
+        rows.bound(f"tip from shooting, over length, {force:g}", error, _SHOOTING, at_most=1e-3)
     return StudyResult(rows)
 
 
 def frequencies(folder: Path) -> StudyResult:
     """Natural frequencies of clamped rods, uniform and tapered."""
-    rows = Rows()
+    rows = Comparisons()
     for taper in (0.0, 0.7):
-        rod = Rod(0.3, ei=2e-3, line_mass=0.01, taper=taper, segments=SEGMENTS)
+        rod = Rod(0.3, ei=2e-3, line_mass=0.01, taper=taper, segments=_SEGMENTS)
         found = natural_frequencies(rod, 8)[::2]
         if taper:
             exact = taper_frequencies(0.3, 2e-3, 0.01, taper, 4)
@@ -105,14 +112,14 @@ def frequencies(folder: Path) -> StudyResult:
 
 def released(folder: Path) -> StudyResult:
     """A rod let go from the horizontal, against a chain of rigid links."""
-    times = np.linspace(0.0, SWING, 31)
-    coarse, fine = (link_chain(count, 1.0, 1.0, 1.0, 10.0, times) for count in LINKS)
+    times = np.linspace(0.0, _SWING, 31)
+    coarse, fine = (link_chain(count, 1.0, 1.0, 1.0, 10.0, times) for count in _LINKS)
     expected = fine + (fine - coarse) / 3.0
-    rod = Rod(1.0, 1.0, line_mass=1.0, line_weight=10.0, segments=SEGMENTS)
-    swing = release(ReleaseTest(rod, SWING, samples=30))
+    rod = Rod(1.0, 1.0, line_mass=1.0, line_weight=10.0, segments=_SEGMENTS)
+    swing = release(ReleaseTest(rod, _SWING, samples=30))
     error = np.linalg.norm(swing.tip[:, [0, 2]] - expected, axis=1)
     chain = independent("chain of rigid links, extrapolated from 8 and 16; its error dominates")
-    rows = Rows()
+    rows = Comparisons()
     rows.bound("largest tip distance of the first swing, / L", error.max(), chain, at_most=0.01)
     rows.compare("lowest tip / L", swing.tip[:, 2].min(), expected[:, 1].min(), 0.01, chain)
     rows.report("steps", swing.steps)

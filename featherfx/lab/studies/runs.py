@@ -13,10 +13,10 @@ from featherfx.errors import SimulationError
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 from featherfx.lab.rods.experiments import ReleaseTest, natural_frequencies, release
 from featherfx.lab.rods.rod import Rod
-from featherfx.lab.studies.study import Rows, Study, StudyResult, ourselves, run_study
+from featherfx.lab.studies.study import Comparisons, Study, StudyResult, ourselves, run_study
 
 # libraries of linear algebra that would start a thread for each core in each process
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ def run_all(
 
     A study that the solver cannot finish is on the page as one that differs, with its reason.
     progress: told the entry that is done, how many are, and of how many. jobs: processes; with one
-    all runs in this process. compile_first: what compiles the kernels; FAMILIES if not given.
+    all runs in this process. compile_first: what compiles the kernels; _FAMILIES if not given.
     """
-    first = FAMILIES if compile_first is None else compile_first
+    first = _FAMILIES if compile_first is None else compile_first
     if jobs > 1 and len(chosen) > 1:
         return _in_processes(chosen, folder, progress, min(jobs, len(chosen)), first)
     for family in first:
@@ -65,7 +65,7 @@ def _in_processes(
 ) -> list[Entry]:
     # a fresh process, not a fork: threads of numba do not survive one
     context = multiprocessing.get_context("spawn")
-    before = {name: os.environ.get(name) for name in THREADS}
+    before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update({name: value or "1" for name, value in before.items()})
     try:
         with ProcessPoolExecutor(jobs, context) as pool:
@@ -100,13 +100,13 @@ def compile_nodal() -> None:
     pull_feather(replace(pull, material="isotropic"))
 
 
-FAMILIES: tuple[Callable[[], None], ...] = (compile_rods, compile_nodal)
+_FAMILIES: tuple[Callable[[], None], ...] = (compile_rods, compile_nodal)
 
 
 def _run(study: Study, folder: Path) -> Entry:
     try:
         return Entry(study, run_study(study, folder))
     except SimulationError as error:
-        rows = Rows()
+        rows = Comparisons()
         rows.bound("finished", 0.0, ourselves("the solver"), at_least=1.0, note=str(error))
         return Entry(study, StudyResult(rows))

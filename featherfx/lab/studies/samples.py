@@ -9,53 +9,53 @@ from typing import Any
 import numpy as np
 
 from featherfx.lab.feathers.feather import feather_kind
-from featherfx.lab.studies.study import Rows, StudyResult, draw, ourselves, published
+from featherfx.lab.studies.study import Comparisons, StudyResult, draw, ourselves, published
 from featherfx.lab.studies.vane import RESOLVED
 from featherfx.lab.vane.mesoscale import SwanBands, effective_moduli, pull_bands, series_shear
 from featherfx.lab.vane.sample import Moduli, Sample, strains
 from featherfx.lab.vane.traction import PulledSample, Traction, pull_test
 
-THESIS = "Jouve 2024"
+_THESIS = "Jouve 2024"
 # table 3.1: width and height in mm, thickness in micrometres
-TRANSVERSE = (
+_TRANSVERSE = (
     *((15, 14, 120), (8, 14, 100), (12, 11, 120), (10, 11, 110), (10, 13, 95), (12, 11, 140)),
     *((11, 13, 120), (10, 15, 100), (17, 14, 112), (10, 13, 125), (11, 12, 120), (12, 16, 150)),
     *((8, 10, 110), (11, 12, 120)),
 )
-LONGITUDINAL = (
+_LONGITUDINAL = (
     *((9, 18, 73), (7, 15, 133), (9, 23, 60), (8, 13, 120), (9, 16, 129), (4, 12, 116)),
     *((10, 11, 80), (7, 19, 125), (10, 10, 117), (6, 6, 100), (7, 10, 145), (2, 6, 130)),
     (5, 11, 140),
 )
 # without that of 16 by 16 mm, where one barb joins both clamps
-TILTED = (
+_TILTED = (
     *((12, 16, 155), (14, 19, 114), (13, 18, 103), (8, 14, 143)),
     *((9, 16, 132), (6, 15, 120), (3, 14, 110)),
 )
 # figure D.3: slopes of a swan's vane, Pa
-SCATTER = {"across": (37e3, 61e3), "along": (263e6, 457e6)}
-SPACING, STRAIN, STEPS, ELEMENTS = 5e-4, 0.1, 2, 4000
+_SCATTER = {"across": (37e3, 61e3), "along": (263e6, 457e6)}
+_SPACING, _STRAIN, _STEPS, _ELEMENTS = 5e-4, 0.1, 2, 4000
 # of the tilted ones, those that are pulled
-PULLED = (TILTED[0], TILTED[2], TILTED[5], TILTED[6])
+_PULLED = (_TILTED[0], _TILTED[2], _TILTED[5], _TILTED[6])
 # share of barbs in the surface: figure 5.8, and the bounds of both texts
-FRACTIONS = (0.11, 0.12, 0.14, 0.16, 0.19)
+_FRACTIONS = (0.11, 0.12, 0.14, 0.16, 0.19)
 
 
 def samples(folder: Path) -> StudyResult:
     """All samples of table 3.1, and what figures 5.6 and 5.8 are drawn of."""
-    bands = SwanBands(0.14, SPACING).bands()
+    bands = SwanBands(0.14, _SPACING).bands()
     moduli = effective_moduli(bands, series_shear(bands))
-    tilted = [_sample(45.0, each) for each in PULLED]
-    strain = strains(STRAIN, STEPS)
+    tilted = [_sample(45.0, each) for each in _PULLED]
+    strain = strains(_STRAIN, _STEPS)
     by_bands = [pull_bands(each, bands, strain) for each in tilted]
-    by_membrane = [pull_test(Traction(each, moduli, STRAIN, STEPS, ELEMENTS)) for each in tilted]
-    rows = Rows()
+    by_membrane = [pull_test(Traction(each, moduli, _STRAIN, _STEPS, _ELEMENTS)) for each in tilted]
+    rows = Comparisons()
     rows += _scatter()
     rows += _uniform()
     for sample, meso, macro in zip(tilted, by_bands, by_membrane, strict=True):
         text = f"{1e3 * sample.width:g} by {1e3 * sample.height:g} mm, tilted"
         ratio = float(macro.stress[-1] / meso.stress[-1])
-        note = f"bands: {meso.stress[-1]:.4g} Pa at {100 * STRAIN:g} % strain"
+        note = f"bands: {meso.stress[-1]:.4g} Pa at {100 * _STRAIN:g} % strain"
         rows.compare(
             f"stress of the membrane over the bands', {text}",
             ratio,
@@ -73,7 +73,7 @@ def samples(folder: Path) -> StudyResult:
             absolute=True,
         )
     widest, narrowest = by_bands[0].stress[-1], by_bands[-1].stress[-1]
-    words = published(f"{THESIS}, section 3.3, in words: narrow samples are much softer")
+    words = published(f"{_THESIS}, section 3.3, in words: narrow samples are much softer")
     text = "stress of the narrowest tilted sample over the widest's"
     rows.bound(text, narrowest / widest, words, at_most=1.0)
     rows += _poisson(moduli)
@@ -112,14 +112,14 @@ def _sample(angle: float, size: tuple[int, int, int]) -> Sample:
     return Sample(angle, 1e-3 * size[0], 1e-3 * size[1], 1e-6 * size[2])
 
 
-def _scatter() -> Rows:
+def _scatter() -> Comparisons:
     """The shipped vane within what was measured."""
     vane = feather_kind("swan_primary").vane_material
     source = ourselves(
-        f"{THESIS}, figure D.3: 37 to 61 kPa and 263 to 457 MPa, of which the preset is the mean"
+        f"{_THESIS}, figure D.3: 37 to 61 kPa and 263 to 457 MPa, of which the preset is the mean"
     )
-    rows = Rows()
-    for name, (low, high) in SCATTER.items():
+    rows = Comparisons()
+    for name, (low, high) in _SCATTER.items():
         text = f"modulus {name} of the preset swan_primary, in the middle of what was measured"
         half = 0.5 * (high - low)
         middle, found = 0.5 * (low + high), getattr(vane, name)
@@ -127,32 +127,32 @@ def _scatter() -> Rows:
     return rows
 
 
-def _uniform() -> Rows:
+def _uniform() -> Comparisons:
     """The measure does not depend on the size of samples that deform evenly."""
     swan = Moduli(3.6e8, 4.8e4, 2.78e4)
     worst = max(
         abs(pull_test(Traction(_sample(angle, size), swan, 0.01, 1, 128)).slope / modulus - 1.0)
         for angle, sizes, modulus in (
-            (0.0, TRANSVERSE, swan.across),
-            (90.0, LONGITUDINAL, swan.along),
+            (0.0, _TRANSVERSE, swan.across),
+            (90.0, _LONGITUDINAL, swan.along),
         )
         for size in sizes
     )
-    text = f"slope of {len(TRANSVERSE) + len(LONGITUDINAL)} samples of table 3.1, largest error"
+    text = f"slope of {len(_TRANSVERSE) + len(_LONGITUDINAL)} samples of table 3.1, largest error"
     given = ourselves("the modulus that was given to the samples, which are pulled evenly")
-    rows = Rows()
+    rows = Comparisons()
     rows.bound(text, worst, given, at_most=1e-8)
     return rows
 
 
-def _poisson(moduli: Moduli) -> Rows:
+def _poisson(moduli: Moduli) -> Comparisons:
     """Section 3.3: none in transverse samples, a strong one in tilted ones."""
-    across = _sample(0.0, TRANSVERSE[0])
-    pulled = pull_test(Traction(across, moduli, STRAIN, STEPS, 500))
+    across = _sample(0.0, _TRANSVERSE[0])
+    pulled = pull_test(Traction(across, moduli, _STRAIN, _STEPS, 500))
     tilted = _sample(45.0, (13, 18, 103))
-    isotropic = pull_test(Traction(tilted, moduli, STRAIN, 1, 500, model="isotropic"))
-    none = ourselves(f"true by construction; {THESIS}, section 3.3, measured none either")
-    rows = Rows()
+    isotropic = pull_test(Traction(tilted, moduli, _STRAIN, 1, 500, model="isotropic"))
+    none = ourselves(f"true by construction; {_THESIS}, section 3.3, measured none either")
+    rows = Comparisons()
     rows.bound("Poisson's ratio, transverse", abs(poisson(across, pulled)), none, at_most=1e-3)
     text = "Poisson's ratio of an isotropic membrane without Poisson effect, 13 by 18 mm, tilted"
     found = poisson(tilted, isotropic)
@@ -160,17 +160,17 @@ def _poisson(moduli: Moduli) -> Rows:
     return rows
 
 
-def _fractions() -> Rows:
+def _fractions() -> Comparisons:
     """Figure 5.8: the share of barbs hardly matters to what bands carry."""
     sample = _sample(45.0, (13, 18, 103))
-    strain = strains(0.5 * STRAIN, 1)
+    strain = strains(0.5 * _STRAIN, 1)
     found = {
-        fraction: pull_bands(sample, SwanBands(fraction, SPACING).bands(), strain).stress[-1]
-        for fraction in FRACTIONS
+        fraction: pull_bands(sample, SwanBands(fraction, _SPACING).bands(), strain).stress[-1]
+        for fraction in _FRACTIONS
     }
     printed = [found[fraction] for fraction in (0.12, 0.14, 0.16)]
-    words = published(f"{THESIS}, figure 5.8, in words: not much impacted")
-    rows = Rows()
+    words = published(f"{_THESIS}, figure 5.8, in words: not much impacted")
+    rows = Comparisons()
     text = "spread of the stress over shares of barbs of 0.12 to 0.16, aspect 1.38"
     rows.bound(text, float(np.ptp(printed) / printed[1]), words, at_most=0.1)
     text = "the same over 0.11 to 0.19"

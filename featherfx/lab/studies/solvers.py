@@ -17,28 +17,28 @@ from featherfx.lab.networks.network import HeldSystem
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver
 from featherfx.lab.nodal.state import nodal_rest_state
-from featherfx.lab.studies.study import Rows, StudyResult, independent, published
+from featherfx.lab.studies.study import Comparisons, StudyResult, independent, published
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings
 from featherfx.solver.step.banded_kernels import factorise, panel_shape, solve_factored
 
 # nodes in a row of the lattices; the last has 99,456 unknowns
-SIZES = (48, 112, 224)
-GRAVITY, ROWS, COLUMNS = (0.0, 0.0, -9.81), 41, 8
+_SIZES = (48, 112, 224)
+_GRAVITY, _ROWS, _COLUMNS = (0.0, 0.0, -9.81), 41, 8
 # 1/s^2, what inertia adds in a step of 1/240 s of the solver's second order
-INERTIA = (1.5 * 240.0) ** 2
-CHOICES: tuple[Preconditioner, ...] = ("P_J", "P_Db", "P_Ab")
-TOLERANCE = 1e-8
+_INERTIA = (1.5 * 240.0) ** 2
+_CHOICES: tuple[Preconditioner, ...] = ("P_J", "P_Db", "P_Ab")
+_TOLERANCE = 1e-8
 
 
 def lattices(folder: Path) -> StudyResult:
     """A sparse factorisation beside PCG with P_Db: time, kept numbers, iterations."""
-    rows = Rows()
+    rows = Comparisons()
     source = published(
         "Houghton 2020, table 5.4 and section 5.3.1, in words: the count does not grow"
     )
-    for size in SIZES:
+    for size in _SIZES:
         system = sheared_system(NetworkPlan(size=size).layout(periodic=False))
         text = f"{len(system.right)} unknowns"
         by_factors = solve(system, "direct")
@@ -68,22 +68,22 @@ def lattices(folder: Path) -> StudyResult:
 
 def vane(folder: Path) -> StudyResult:
     """The banded solver of the nodal feather beside preconditioned iterations on its matrix."""
-    rows = Rows()
+    rows = Comparisons()
     kind = feather_kind("swan_primary")
-    feather = build_feather(kind, ROWS, COLUMNS)
+    feather = build_feather(kind, _ROWS, _COLUMNS)
     model = make_model([feather], [kind], 2)
     nodes = nodal_model(model, [feather], [kind], bending="barbs")
     solver = NodalSolver(model, nodes, Settings(newton=1e-7 * kind.length))
     state = nodal_rest_state(model, nodes, np.zeros((1, 3)), np.eye(3)[None])
-    loads = no_loads(1, GRAVITY)
-    found = solver.system(state, loads, 0, INERTIA)
+    loads = no_loads(1, _GRAVITY)
+    found = solver.system(state, loads, 0, _INERTIA)
     exact, seconds = _banded(found.band, -found.gradient)
     text = f"{len(exact)} unknowns, a step of 1/240 s"
     rows.report(f"processor time of the banded solver, {text}", seconds, unit="s")
     system = HeldSystem(_whole(found.band), -found.gradient, np.arange(len(exact)))
-    for choice in CHOICES:
+    for choice in _CHOICES:
         method: Method = "gmres" if choice == "P_Ab" else "pcg"
-        solved = solve(system, method, choice, TOLERANCE, 20_000, directions=3)
+        solved = solve(system, method, choice, _TOLERANCE, 20_000, directions=3)
         note = f"residual {solved.residual:.1e}"
         rows.report(
             f"iterations of {method.upper()} with {choice}, {text}", solved.iterations, note=note

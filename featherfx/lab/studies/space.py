@@ -19,9 +19,9 @@ from featherfx.lab.networks.network import (
     strung,
 )
 from featherfx.lab.networks.space import Sheared, SpaceMikado, linked_sheets, shear, space_mikado
-from featherfx.lab.studies.study import Rows, StudyResult, draw, ourselves, published
+from featherfx.lab.studies.study import Comparisons, StudyResult, draw, ourselves, published
 
-HOUGHTON = "Houghton 2020"
+_HOUGHTON = "Houghton 2020"
 
 
 class _Small(NamedTuple):
@@ -62,13 +62,13 @@ def _section(radius: float) -> tuple[float, float]:
     return np.pi * radius**2, 0.25 * np.pi * radius**4
 
 
-TRIPOD = ((0.75, 0, 0.5), (0.25, 1, 0.5), (0.25, 0, 0.25), (0.25, 0, 0.75), (0.5, 0.5, 0.5))
+_TRIPOD = ((0.75, 0, 0.5), (0.25, 1, 0.5), (0.25, 0, 0.25), (0.25, 0, 0.75), (0.5, 0.5, 0.5))
 # the lambda of equation 5.13 at two heights
-LAMBDA = ((1, 0, 0), (3, 0, 0), (1, 2, 0), (2, 1, 0))
+_LAMBDA = ((1, 0, 0), (3, 0, 0), (1, 2, 0), (2, 1, 0))
 # equation 6.34, for nodes e and j in turn
-TILTED = (0.00499928, 0.00140852, -0.00499968, -0.00304621, -0.00952402, 0.00413602)
+_TILTED = (0.00499928, 0.00140852, -0.00499968, -0.00304621, -0.00952402, 0.00413602)
 # tables 6.5 and 6.6: stiffness of the medium, relative difference, energy without bending
-MEDIUM = (
+_MEDIUM = (
     (1e-10, 1.013119e-9, 1.110721e-10),
     (1e-9, 1.012298e-7, 1.110721e-10),
     (1e-8, 1.004149e-5, 1.110732e-10),
@@ -76,22 +76,22 @@ MEDIUM = (
     (1e-6, 4.818023e-2, 1.164236e-10),
 )
 # table 6.7: tolerance, steps, relative error of the energy, distance from the solution
-STEPS: tuple[tuple[float, int, float | None, float], ...] = (
+_STEPS: tuple[tuple[float, int, float | None, float], ...] = (
     (1e-12, 41930, 4.049473e-9, 6.36355e-7),
     (1e-13, 52294, 4.049681e-11, 6.36371e-8),
     (1e-14, 62658, None, 6.36388e-9),
     (1e-15, 73022, None, 6.36405e-10),
     (1e-16, 83386, None, 6.36422e-11),
 )
-STEP, RATE = 100.0, 1e-2
+_STEP, _RATE = 100.0, 1e-2
 
 
 def small(folder: Path) -> StudyResult:
     """Tripod, lambda networks alone and linked, in a medium, and by steps of pseudo-time."""
-    rows = Rows()
+    rows = Comparisons()
     for mu, kappa in ((1.0, 0.02), (3e-4, 8e-9)):
-        found = _solved(_sheared(TRIPOD, ((0, 4, 1), (2, 4), (3, 4)), 1, (mu, kappa), 1.0))
-        source = published(f"{HOUGHTON}, equation 6.24")
+        found = _solved(_sheared(_TRIPOD, ((0, 4, 1), (2, 4), (3, 4)), 1, (mu, kappa), 1.0))
+        source = published(f"{_HOUGHTON}, equation 6.24")
         for axis, printed in zip("xy", _tripod(mu, kappa), strict=True):
             text = f"tripod's node along {axis} over the shear, mu {mu:g}, kappa {kappa:g}"
             rows.compare(text, found["xy".index(axis)], printed, 1e-9, source)
@@ -110,9 +110,9 @@ def _tripod(mu: float, kappa: float) -> tuple[float, float]:
     return float(top / (4 * below)), float(-aside)
 
 
-def _layered() -> Rows:
+def _layered() -> Comparisons:
     mu, kappa = _section(1e-2)
-    rows = Rows()
+    rows = Comparisons()
     for name, second, end in (
         ("parallel", (2.0, 1.0, 0.6), (1.0, 2.0, 0.6)),
         ("turned", (2.625, 0.75, 0.6), (2.0, 2.0, 0.6)),
@@ -125,40 +125,40 @@ def _layered() -> Rows:
             half = 0.5e-2 / (2.0 * kappa + mu)
             printed = np.repeat([half * (4.0 * kappa + mu), -half * mu, 0.0], 2)
         else:
-            printed = np.array(TILTED)
-        source = published(f"{HOUGHTON}, equation {6.31 if name == 'parallel' else 6.34}")
+            printed = np.array(_TILTED)
+        source = published(f"{_HOUGHTON}, equation {6.31 if name == 'parallel' else 6.34}")
         text = f"two linked lambda networks, {name}: largest difference of a displacement"
         gap = float(np.abs(found.ravel() - printed).max())
         rows.bound(text, gap, source, at_most=1e-8, unit="m", note="of 5 mm")
     return rows
 
 
-def _medium() -> Rows:
+def _medium() -> Comparisons:
     """The lambda network in space: tables 6.5 to 6.8."""
     mu, kappa = _section(1e-3)
-    rows = Rows()
+    rows = Comparisons()
     whole, springs = (
-        _sheared(LAMBDA, ((0, 3), (1, 3, 2)), 1, (mu, bend), RATE) for bend in (kappa, 0.0)
+        _sheared(_LAMBDA, ((0, 3), (1, 3, 2)), 1, (mu, bend), _RATE) for bend in (kappa, 0.0)
     )
     affine = whole.moved[-1]
     exact = _solved(whole)
     least = whole.energy(exact)
-    for medium, more, energy in MEDIUM:
+    for medium, more, energy in _MEDIUM:
         found = []
         for each in (whole, springs):
             matrix = each.system.matrix.toarray() + medium * np.eye(3)
             found.append(each.energy(np.linalg.solve(matrix, each.system.right + medium * affine)))
         text = f"energy in a medium of {medium:g} N/m"
-        source = published(f"{HOUGHTON}, table 6.5")
+        source = published(f"{_HOUGHTON}, table 6.5")
         rows.compare(f"{text}, change", found[0] / least - 1.0, more, 1e-4, source)
-        source = published(f"{HOUGHTON}, table 6.6")
+        source = published(f"{_HOUGHTON}, table 6.6")
         rows.compare(f"{text}, without bending", found[1], energy, 1e-6, source, unit="J")
     matrix, right = whole.system.matrix.toarray(), whole.system.right
     moved, count = affine.copy(), 0
-    for tolerance, steps, change, distance in STEPS:
+    for tolerance, steps, change, distance in _STEPS:
         while np.abs(force := right - matrix @ moved).max() >= tolerance:
-            moved, count = moved + STEP * force, count + 1
-        source = published(f"{HOUGHTON}, table 6.7")
+            moved, count = moved + _STEP * force, count + 1
+        source = published(f"{_HOUGHTON}, table 6.7")
         text = f"steps of pseudo-time to a force of {tolerance:g} N"
         rows.compare(text, count, steps, 0.0, source)
         if change is not None:
@@ -172,7 +172,7 @@ def _medium() -> Rows:
         springs.energy(np.linalg.lstsq(springs.system.matrix.toarray(), springs.system.right)[0]),
         1.1107207e-10,
         1e-7,
-        published(f"{HOUGHTON}, table 6.8"),
+        published(f"{_HOUGHTON}, table 6.8"),
         unit="J",
     )
     return rows
@@ -180,18 +180,18 @@ def _medium() -> Rows:
 
 # table 6.3, 2000 fibres: energy over that of affine nodes, its standard error of nine, share of
 # bending in it; fibres and seeds of ours
-TABLE_6_3, CUBE, CUBES = (4.57e-3, 1.34e-4, 4.39e-3 / 4.57e-3), 2000, 2
+_TABLE_6_3, _CUBE, _CUBES = (4.57e-3, 1.34e-4, 4.39e-3 / 4.57e-3), 2000, 2
 # m; the distance below which fibres are coupled is not printed: this one gives the energy
-COUPLED, MERGED = 9e-3, 2e-3
+_COUPLED, _MERGED = 9e-3, 2e-3
 # section 6.3: radius and length of fibres, and the printed exponent of figure 6.25 and its error
-SHEET_RADIUS, SHEET_LENGTH, EXPONENT = 1.996e-3, 0.5, (2.007796, 6.66698e-3)
-SHEETS, ASIDE = 3, 0.05
-DIRECTIONS = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
+_SHEET_RADIUS, _SHEET_LENGTH, _EXPONENT = 1.996e-3, 0.5, (2.007796, 6.66698e-3)
+_SHEETS, _ASIDE = 3, 0.05
+_DIRECTIONS = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 
 
 def random(folder: Path) -> StudyResult:
     """Random networks in a cube, and layers of random sheets."""
-    rows = Rows()
+    rows = Comparisons()
     rows += _cube()
     rows += _sheets()
     return StudyResult(rows)
@@ -199,59 +199,59 @@ def random(folder: Path) -> StudyResult:
 
 def _gradient(i: int, j: int) -> Array:
     gradient = np.zeros((3, 3))
-    gradient[i, j] = RATE
+    gradient[i, j] = _RATE
     return gradient
 
 
-def _cube() -> Rows:
+def _cube() -> Comparisons:
     section = FibreSection(*_section(1e-3))
-    plans = [SpaceMikado(CUBE, COUPLED, merge=MERGED, seed=seed) for seed in range(CUBES)]
+    plans = [SpaceMikado(_CUBE, _COUPLED, merge=_MERGED, seed=seed) for seed in range(_CUBES)]
     found = [shear(space_mikado(each, section), _gradient(0, 1)) for each in plans]
-    printed, error, bent = TABLE_6_3
-    rows = Rows()
+    printed, error, bent = _TABLE_6_3
+    rows = Comparisons()
     rows.compare(
-        f"energy over affine, {CUBE} random fibres in a cube",
+        f"energy over affine, {_CUBE} random fibres in a cube",
         float(np.mean([each.energy / each.affine for each in found])),
         printed,
-        3.0 * error * float(np.sqrt(1.0 + 9.0 / CUBES)),
-        ourselves(f"{HOUGHTON}, table 6.3, to which the distance of coupling was chosen"),
+        3.0 * error * float(np.sqrt(1.0 + 9.0 / _CUBES)),
+        ourselves(f"{_HOUGHTON}, table 6.3, to which the distance of coupling was chosen"),
         absolute=True,
-        note=f"fibres nearer than {COUPLED:g} m are coupled, which is not printed",
+        note=f"fibres nearer than {_COUPLED:g} m are coupled, which is not printed",
     )
     text = "share of bending in it"
-    source = published(f"{HOUGHTON}, table 6.3")
+    source = published(f"{_HOUGHTON}, table 6.3")
     rows.compare(
         text, float(np.mean([each.bend / each.energy for each in found])), bent, 0.03, source
     )
     return rows
 
 
-def _sheets() -> Rows:
-    """How many links join two sheets, and which shear is stiffest."""
-    section = FibreSection(*_section(SHEET_RADIUS))
+def _sheets() -> Comparisons:
+    """Count the links that join two sheets, and compare their shear stiffnesses."""
+    section = FibreSection(*_section(_SHEET_RADIUS))
     counts, links = (100, 150, 200, 300), []
     for count in counts:
-        plan = Mikado(count, 1.0, SHEET_LENGTH, periodic=False)
-        links.append(int(linked_sheets(mikado(plan, section), 2, 0.2, ASIDE).links.sum()))
-    crossings = len(mikado(Mikado(2000, 2.0, SHEET_LENGTH), section).places)
-    density = 2000 * SHEET_LENGTH / 4.0
+        plan = Mikado(count, 1.0, _SHEET_LENGTH, periodic=False)
+        links.append(int(linked_sheets(mikado(plan, section), 2, 0.2, _ASIDE).links.sum()))
+    crossings = len(mikado(Mikado(2000, 2.0, _SHEET_LENGTH), section).places)
+    density = 2000 * _SHEET_LENGTH / 4.0
     slope, error = _power(counts, links)
     note = "1-1 links of crossings that lie within 5 cm, the tolerance is not printed"
-    allowed = 3.0 * float(np.hypot(error, EXPONENT[1]))
-    rows = Rows()
+    allowed = 3.0 * float(np.hypot(error, _EXPONENT[1]))
+    rows = Comparisons()
     text = "crossings of an area, over the square of the fibres' length in it"
-    source = published(f"{HOUGHTON}, equation 6.35")
+    source = published(f"{_HOUGHTON}, equation 6.35")
     rows.compare(text, crossings / 4.0 / density**2, 1.0 / np.pi, 0.02, source)
     text = "power of the number of fibres with which links between sheets grow"
-    source = published(f"{HOUGHTON}, figure 6.25")
-    rows.compare(text, slope, EXPONENT[0], allowed, source, absolute=True, note=note)
-    sheet = mikado(Mikado(150, 1.0, SHEET_LENGTH, periodic=False), section)
-    layout = linked_sheets(sheet, SHEETS, 0.2, ASIDE)
-    found = {name: shear(layout, _gradient(*each)) for name, each in DIRECTIONS.items()}
+    source = published(f"{_HOUGHTON}, figure 6.25")
+    rows.compare(text, slope, _EXPONENT[0], allowed, source, absolute=True, note=note)
+    sheet = mikado(Mikado(150, 1.0, _SHEET_LENGTH, periodic=False), section)
+    layout = linked_sheets(sheet, _SHEETS, 0.2, _ASIDE)
+    found = {name: shear(layout, _gradient(*each)) for name, each in _DIRECTIONS.items()}
     energy = {name: each.energy for name, each in found.items()}
-    words = published(f"{HOUGHTON}, figures 6.16 and 6.17, in words")
-    similar = published(f"{HOUGHTON}, figure 6.24, in words")
-    note = f"{SHEETS} sheets of 150 fibres"
+    words = published(f"{_HOUGHTON}, figures 6.16 and 6.17, in words")
+    similar = published(f"{_HOUGHTON}, figure 6.24, in words")
+    note = f"{_SHEETS} sheets of 150 fibres"
     linked = {name: each.links / each.energy for name, each in found.items()}
     text = "shear modulus in the sheets over that between them"
     rows.bound(text, energy["xy"] / max(energy["yz"], energy["xz"]), words, at_least=1.0, note=note)
@@ -271,8 +271,8 @@ def _power(counts: Sequence[int], found: Sequence[int]) -> tuple[float, float]:
 
 
 # figures 6.26 to 6.28: fibres of a sheet and distances of sheets (m), ours as none are printed
-COUNTS, APART = (100, 150, 200), (0.1, 0.2, 0.4)
-FRACTIONS: dict[str, Callable[[Sheared], float]] = {
+_COUNTS, _APART = (100, 150, 200), (0.1, 0.2, 0.4)
+_FRACTIONS: dict[str, Callable[[Sheared], float]] = {
     "links over sheets": lambda each: each.links / (each.energy - each.links),
     "bending over all": lambda each: each.bend / each.energy,
     "energy over affine": lambda each: each.energy / each.affine,
@@ -281,51 +281,53 @@ FRACTIONS: dict[str, Callable[[Sheared], float]] = {
 
 def contours(folder: Path) -> StudyResult:
     """Figures 6.26 to 6.28: shares of the energy of layers over density and distance of sheets."""
-    section = FibreSection(*_section(SHEET_RADIUS))
+    section = FibreSection(*_section(_SHEET_RADIUS))
     found: dict[tuple[str, str], list[float]] = {}
-    for count in COUNTS:
-        sheet = mikado(Mikado(count, 1.0, SHEET_LENGTH, periodic=False), section)
-        for apart in APART:
-            layout = linked_sheets(sheet, SHEETS, apart, ASIDE)
+    for count in _COUNTS:
+        sheet = mikado(Mikado(count, 1.0, _SHEET_LENGTH, periodic=False), section)
+        for apart in _APART:
+            layout = linked_sheets(sheet, _SHEETS, apart, _ASIDE)
             for way in ("xy", "xz"):
-                sheared = shear(layout, _gradient(*DIRECTIONS[way]))
-                for name, fraction in FRACTIONS.items():
+                sheared = shear(layout, _gradient(*_DIRECTIONS[way]))
+                for name, fraction in _FRACTIONS.items():
                     found.setdefault((name, way), []).append(fraction(sheared))
-    grids = {key: np.reshape(each, (len(COUNTS), len(APART))) for key, each in found.items()}
-    rows = Rows()
+    grids = {key: np.reshape(each, (len(_COUNTS), len(_APART))) for key, each in found.items()}
+    rows = Comparisons()
     for name, way, figure, grows in (
         ("links over sheets", "xy", "6.26", False),
         ("links over sheets", "xz", "6.26", True),
         ("energy over affine", "xz", "6.28", True),
     ):
         ratio = float(grids[name, way][-1, -1] / grids[name, way][0, 0])
-        words = published(f"{HOUGHTON}, figure {figure}, in words: {'grows' if grows else 'falls'}")
+        words = published(
+            f"{_HOUGHTON}, figure {figure}, in words: {'grows' if grows else 'falls'}"
+        )
         text = f"{name}, {way}, densest and farthest sheets over least and nearest"
         note = "" if grows else "sheets of fewer fibres, near where they lose hold, do not keep it"
         most, least = (None, 1.0) if grows else (1.0, None)
         rows.bound(text, ratio, words, at_most=most, at_least=least, note=note)
-    none = published(f"{HOUGHTON}, figures 6.19 and 6.20, in words: no dependence")
+    none = published(f"{_HOUGHTON}, figures 6.19 and 6.20, in words: no dependence")
     for name in ("bending over all", "energy over affine"):
         last = grids[name, "xy"][-1]
         rows.compare(
             f"{name}, xy, farthest sheets over nearest", last[-1] / last[0], 1.0, 0.1, none
         )
-    falls = published(f"{HOUGHTON}, figure 6.20, in words: more stretching")
+    falls = published(f"{_HOUGHTON}, figure 6.20, in words: more stretching")
     last = grids["bending over all", "xz"][-1]
     text = "bending over all, xz, farthest sheets over nearest"
     rows.bound(text, float(last[-1] / last[0]), falls, at_most=1.0)
 
     def paint(canvas: Any) -> None:
-        panels = canvas.subplots(len(FRACTIONS), 2)
-        for place, key in enumerate(product(FRACTIONS, ("xy", "xz"))):
+        panels = canvas.subplots(len(_FRACTIONS), 2)
+        for place, key in enumerate(product(_FRACTIONS, ("xy", "xz"))):
             axes = panels.flat[place]
-            drawn = axes.contourf(APART, COUNTS, grids[key], levels=8, cmap="viridis")
+            drawn = axes.contourf(_APART, _COUNTS, grids[key], levels=8, cmap="viridis")
             canvas.colorbar(drawn, ax=axes)
             axes.set_title(", ".join(key), fontsize=9)
             axes.set(xlabel="distance of sheets, m", ylabel="fibres of a sheet")
 
     caption = (
-        f"Shares of the energy of {SHEETS} linked sheets under shear in them and between them."
+        f"Shares of the energy of {_SHEETS} linked sheets under shear in them and between them."
     )
     file = folder / "fibre_contours.png"
     return StudyResult(rows, draw(file, caption, paint, (8.0, 9.0)))

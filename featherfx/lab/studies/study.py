@@ -28,7 +28,7 @@ Comparison = Literal["relative", "absolute", "at most", "at least", "none"]
 
 @dataclass(frozen=True)
 class Source:
-    """What a number of ours is held against.
+    """Reference of a number.
 
     kind: "published", a number that is printed in the text, or what it says "in words";
     "independent", a solution by another method or of another model; "self": our own input, our own
@@ -78,12 +78,12 @@ class Row:
 
     @property
     def is_time(self) -> bool:
-        """Whether ours is a time, or one over another."""
+        """Return whether ours is a time, or a ratio of times."""
         return self.unit in ("s", "s/s")
 
     @property
     def verdict(self) -> Verdict:
-        """Whether ours agrees with the reference; a number that is not finite never does."""
+        """Return whether ours agrees with the reference; a number that is not finite never does."""
         if self.comparison == "none" or self.reference is None:
             return "no comparison"
         if self.comparison == "at most":
@@ -147,7 +147,7 @@ class Study:
         return found
 
 
-class Rows(list[Row]):
+class Comparisons(list[Row]):
     """Numbers of a study, in the order of the page."""
 
     def compare(
@@ -198,14 +198,14 @@ def run_study(study: Study, folder: Path) -> StudyResult:
     )
 
 
-INCHES = (7.0, 4.6)
-DOTS = 110
+_INCHES = (7.0, 4.6)
+_DOTS = 110
 # Okabe and Ito's, told apart by the colour-blind too
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 
 
 def draw(
-    file: Path, caption: str, paint: Callable[[Any], None], inches: tuple[float, float] = INCHES
+    file: Path, caption: str, paint: Callable[[Any], None], inches: tuple[float, float] = _INCHES
 ) -> tuple[Figure, ...]:
     """Write a PNG that paint draws on an empty matplotlib Figure; () without matplotlib."""
     if not can_plot():
@@ -213,16 +213,16 @@ def draw(
     from matplotlib import figure, rc_context
 
     file.parent.mkdir(parents=True, exist_ok=True)
-    with rc_context({"axes.prop_cycle": f"cycler('color', {list(COLOURS)})"}):
+    with rc_context({"axes.prop_cycle": f"cycler('color', {list(LINE_COLOURS)})"}):
         canvas = figure.Figure(figsize=inches, layout="constrained")
         paint(canvas)
         # no version or date inside: the same numbers give the same file
-        canvas.savefig(file, format="png", dpi=DOTS, metadata={"Software": None})
+        canvas.savefig(file, format="png", dpi=_DOTS, metadata={"Software": None})
     return (Figure(file, caption),)
 
 
 # of each: name, module and function here, title; then what it reproduces
-LISTED = """\
+_LISTED = """\
 elastica rods:elastica Cantilever under a force at its tip
     Bisshopp and Drucker 1945; Mattiasson 1981, table 1
 heavy_elastica rods:heavy Rod clamped level under its weight
@@ -301,7 +301,7 @@ unit_cell unit_cell:lattice The vane as a lattice of barbs and barbules
 
 
 def _listed() -> tuple[Study, ...]:
-    lines, found = LISTED.splitlines(), []
+    lines, found = _LISTED.splitlines(), []
     for head, reproduces in zip(lines[::2], lines[1::2], strict=True):
         name, place, title = head.split(" ", 2)
         found.append(Study(name, title, reproduces.strip(), f"featherfx.lab.studies.{place}"))

@@ -27,17 +27,17 @@ from featherfx.lab.networks.unit_cell import (
     cell_of,
     scattered,
 )
-from featherfx.lab.studies.study import Figure, Rows, StudyResult, draw, ourselves
+from featherfx.lab.studies.study import Comparisons, Figure, StudyResult, draw, ourselves
 
-PRESET = "swan_primary"
-SEGMENTS = (4, 8, 16, 32)
+_PRESET = "swan_primary"
+_SEGMENTS = (4, 8, 16, 32)
 
 
 def elements(folder: Path) -> StudyResult:
     """Cantilever of bend triplets; a planar network in space; bounds of a cell's energy."""
-    rows = Rows()
+    rows = Comparisons()
     closed = ourselves("closed form of the discrete cantilever, 1 / (2 n^2), derived here")
-    for count in SEGMENTS:
+    for count in _SEGMENTS:
         force = np.zeros((count + 1, 2))
         force[-1, 1] = 1.0
         fibre = chain(count, 1.0, 1.0, 1.0)
@@ -66,7 +66,7 @@ def elements(folder: Path) -> StudyResult:
         plane,
     )
     rows.bound("height to which it leaves its plane", heights, plane, at_most=1e-12, unit="m")
-    cell = cell_of(feather_kind(PRESET))
+    cell = cell_of(feather_kind(_PRESET))
     gradients = np.random.default_rng(5).normal(size=(20, 2, 2))
     relaxed, affine = homogenised(cell_network(cell), gradients + gradients.transpose(0, 2, 1))
     ratio = np.diag(relaxed) / np.diag(affine)
@@ -121,7 +121,7 @@ def fitted_cell(cell: UnitCell, across: float, shear: float) -> UnitCell:
 
 def lattice(folder: Path) -> StudyResult:
     """Moduli of the cell of a swan's primary, and the barbules that the measured ones ask for."""
-    kind = feather_kind(PRESET)
+    kind = feather_kind(_PRESET)
     vane = kind.vane_material
     cell = cell_of(kind)
     found = cell_moduli(cell)
@@ -130,7 +130,7 @@ def lattice(folder: Path) -> StudyResult:
         " modulus goes as the fourth power of the diameter, which the references do not tell"
     )
     given = ourselves("the preset that the cell is of")
-    rows = Rows()
+    rows = Comparisons()
     rows.compare("modulus along the barbs", found.along, vane.along, 0.01, given, unit="Pa")
     rows.report("modulus across, barbules of 5 um at 45 deg", found.across, unit="Pa", note=thin)
     rows.report("shear modulus, the same", found.shear, unit="Pa")

@@ -28,13 +28,13 @@ from featherfx.lab.vane.mesoscale import (
 from featherfx.lab.vane.sample import FORM, Moduli, Sample, sample_problems, slope, strains
 from featherfx.lab.vane.traction import PulledSample, Traction, pull_test
 
-WIDTH, ASPECT, STRAIN, STEPS = 13e-3, 1.3, 0.05, 1
-ANGLES = (0.0, 15.0, 30.0, 45.0)
-ASPECTS = (1.2, 1.6, 2.2)
-BAND_WIDTH = 9e-3
-ELEMENTS = 8000
+_WIDTH, _ASPECT, _STRAIN, _STEPS = 13e-3, 1.3, 0.05, 1
+_ANGLES = (0.0, 15.0, 30.0, 45.0)
+_ASPECTS = (1.2, 1.6, 2.2)
+_BAND_WIDTH = 9e-3
+_ELEMENTS = 8000
 # the shear band lies where barbs have moved by these shares of the clamp's way along them
-EDGES = (0.1, 0.9)
+_EDGES = (0.1, 0.9)
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,8 @@ class AnglesTest:
     """Fit the membrane's shear modulus to bands at 45 degrees; compare at other angles."""
 
     bands: SwanBands = part()
-    angle: tuple[float, ...] = value("Repeatable.", ANGLES)
-    aspect: tuple[float, ...] = value("Repeatable.", ASPECTS)
+    angle: tuple[float, ...] = value("Repeatable.", _ANGLES)
+    aspect: tuple[float, ...] = value("Repeatable.", _ASPECTS)
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class ShearBand:
         }
 
 
-def tilted_sample(angle: float, width: float = WIDTH, aspect: float = ASPECT) -> Sample:
+def tilted_sample(angle: float, width: float = _WIDTH, aspect: float = _ASPECT) -> Sample:
     """The sample of the fits."""
     return Sample(angle, width, width * aspect)
 
@@ -110,7 +110,7 @@ def fit_shear(
     bands: Bands,
     order: Order = 2,
     *,
-    largest: float = STRAIN,
+    largest: float = _STRAIN,
     barbs_times: float = 1.0,
 ) -> FittedShear:
     """Shear modulus of the membrane from a tilted test of bands.
@@ -120,7 +120,7 @@ def fit_shear(
     stiffened: a large one keeps them from bending. Raises InputError.
     """
     require(*out_of_range(bands, form=FORM))
-    sample, strain = tilted_sample(45.0), strains(largest, max(STEPS, round(largest / STRAIN)))
+    sample, strain = tilted_sample(45.0), strains(largest, max(_STEPS, round(largest / _STRAIN)))
     stiffened = replace(bands, barb=barbs_times * bands.barb)
     target = mean_band_slope(sample, stiffened, strain, order)
     guesses = [series_shear(bands), 1.2 * series_shear(bands)]
@@ -135,7 +135,7 @@ def fit_shear(
     return FittedShear(moduli, target, found[-1], series_shear(bands))
 
 
-def angle_slopes(bands: Bands, angles: Sequence[float] = ANGLES) -> AngleSlopes:
+def angle_slopes(bands: Bands, angles: Sequence[float] = _ANGLES) -> AngleSlopes:
     """Slopes of bands and membrane at angles, the shear modulus fitted at 45 degrees.
 
     Raises InputError for angles at which barbs join both clamps.
@@ -149,7 +149,7 @@ def angle_slopes(bands: Bands, angles: Sequence[float] = ANGLES) -> AngleSlopes:
     ]
     require(*problems)
     fitted = fit_shear(bands)
-    strain = strains(STRAIN, STEPS)
+    strain = strains(_STRAIN, _STEPS)
     by_bands, by_membrane = [], []
     for sample in samples:
         if sample.angle == 0.0:
@@ -163,17 +163,17 @@ def angle_slopes(bands: Bands, angles: Sequence[float] = ANGLES) -> AngleSlopes:
 
 
 def shear_bands(
-    bands: Bands, moduli: Moduli, aspects: Sequence[float] = ASPECTS
+    bands: Bands, moduli: Moduli, aspects: Sequence[float] = _ASPECTS
 ) -> tuple[ShearBand, ...]:
     """Tilted tests of several aspect ratios, above 1, in both models. Raises InputError."""
     wrong = [each for each in aspects if not 1.0 < each <= 5.0]
     require(*(Problem("", "aspect", f"{each:g}: must be above 1 to 5") for each in wrong))
     found = []
     for aspect in aspects:
-        sample = tilted_sample(45.0, BAND_WIDTH, aspect)
-        strain = strains(STRAIN, STEPS)
+        sample = tilted_sample(45.0, _BAND_WIDTH, aspect)
+        strain = strains(_STRAIN, _STEPS)
         meso = pull_bands(sample, replace(bands, shift=0.25), strain)
-        macro = pull_test(Traction(sample, moduli, STRAIN, STEPS, ELEMENTS))
+        macro = pull_test(Traction(sample, moduli, _STRAIN, _STEPS, _ELEMENTS))
         corners = sample.height * sample.across[1] + sample.width * sample.across[0]
         widths = [band_width(sample, each) for each in (meso, macro)]
         found.append(ShearBand(aspect, widths[0], widths[1], float(corners), meso, macro))
@@ -191,9 +191,9 @@ def band_width(sample: Sample, pulled: PulledSample) -> float:
     rows, inverse = np.unique(np.round(place / sample.height, 7), return_inverse=True)
     mean = np.bincount(inverse, moved) / np.bincount(inverse)
     moved_by = np.maximum.accumulate(mean / mean.max())
-    low, high = np.interp(EDGES, moved_by, rows * sample.height)
-    return float((high - low) / (EDGES[1] - EDGES[0]))
+    low, high = np.interp(_EDGES, moved_by, rows * sample.height)
+    return float((high - low) / (_EDGES[1] - _EDGES[0]))
 
 
 def _membrane_slope(sample: Sample, moduli: Moduli, strain: Array) -> float:
-    return pull_test(Traction(sample, moduli, float(strain[-1]), len(strain), ELEMENTS)).slope
+    return pull_test(Traction(sample, moduli, float(strain[-1]), len(strain), _ELEMENTS)).slope

@@ -33,19 +33,19 @@ from featherfx.lab.vane.sample import FORM, Moduli, isotropic, slope
 from featherfx.lab.vane.statics import Statics
 from featherfx.lab.vane.traction import ELEMENTS, Traction, clamped, mesh_of, pull
 
-BASE = "swan_vane"
-NAMES = ("along", "across", "shear")
+_BASE = "swan_vane"
+CALIBRATED = ("along", "across", "shear")
 # strains at which a tilted sample is solved; between them the secant modulus is interpolated
-KNOTS = 4
-COARSE, FINE = 600, 8000
-ROUNDS, CORRECTIONS = 8, 2
-CLOSE = 1e-5
-DIFFERENCE = 1e-3
+_KNOTS = 4
+_COARSE, _FINE = 600, 8000
+_ROUNDS, _CORRECTIONS = 8, 2
+_CLOSE = 1e-5
+_DIFFERENCE = 1e-3
 # least share of the stress that must be left to tell a modulus from the others
 IDENTIFIED = 0.02
 # degrees; below, a sample says nothing of shear
-TILTED = 5.0
-MISSING = {
+_TILTED = 5.0
+_MISSING = {
     "along": "a longitudinal test: barbs along the pull (angle 90), or steep enough to join both"
     " clamps (tan angle > height / width)",
     "across": "a transverse test: barbs across the pull (angle 0)",
@@ -64,7 +64,7 @@ class CalibrateTest:
     modulus across, the yield stress and the slip of the hooks.
     """
 
-    elements: int = value("Of tilted samples.", FINE, ELEMENTS)
+    elements: int = value("Of tilted samples.", _FINE, ELEMENTS)
     preset: str = value("Whose strength and distance of barbs hold, with --cycles.", "swan_primary")
 
 
@@ -95,7 +95,7 @@ class Calibration:
                 "high": None if self.high is None else getattr(self.high, name),
                 "identified": left,
             }
-            for name, left in zip(NAMES, self.identified, strict=True)
+            for name, left in zip(CALIBRATED, self.identified, strict=True)
         }
         for key in ("conditioning", "residual", "curves", "points", "iterations", "seconds"):
             found[key] = getattr(self, key)
@@ -103,7 +103,7 @@ class Calibration:
 
 
 def calibrate(
-    curves: Sequence[MeasuredCurve], elements: int = FINE, source: str = ""
+    curves: Sequence[MeasuredCurve], elements: int = _FINE, source: str = ""
 ) -> Calibration:
     """Moduli that fit the curves best.
 
@@ -118,13 +118,13 @@ def calibrate(
     data = np.concatenate([c.stress / s for c, s in zip(curves, scale, strict=True)])
     tests = [_Test(curve, size) for curve, size in zip(curves, scale, strict=True)]
     guess, iterations = _first_guess(curves), 0
-    for _ in range(1 + CORRECTIONS):
+    for _ in range(1 + _CORRECTIONS):
         before = guess
         guess, jacobian, spent = _gauss_newton(tests, data, guess, source)
         iterations += spent
         for test in tests:
             test.correct(_moduli(guess), elements)
-        if np.abs(guess - before).max() < CLOSE:
+        if np.abs(guess - before).max() < _CLOSE:
             break
     weighted: Array = np.concatenate([test.stress(_moduli(guess)) for test in tests])
     residual = np.asarray(weighted - data, dtype=np.float64)
@@ -146,36 +146,36 @@ def calibrate(
 
 
 class _Test:
-    """What the model says of one curve: weighted stresses at its strains."""
+    """Prediction of one curve: weighted stresses at its strains."""
 
     def __init__(self, curve: MeasuredCurve, scale: float) -> None:
         self._curve, self._scale = curve, scale
         ends = curve.strain[np.argmax(np.abs(curve.strain))]
-        self._knots = ends * np.arange(1, KNOTS + 1) / KNOTS
-        self._correction = np.ones(KNOTS)
+        self._knots = ends * np.arange(1, _KNOTS + 1) / _KNOTS
+        self._correction = np.ones(_KNOTS)
         self._bodies: dict[int, Any] = {}
 
     def stress(self, moduli: Moduli) -> Array:
         """(n,) stresses over the curve's scale."""
-        secant = self._secants(moduli, COARSE) * self._correction
-        fit = np.polynomial.Polynomial.fit(self._knots, secant, KNOTS - 1)
+        secant = self._secants(moduli, _COARSE) * self._correction
+        fit = np.polynomial.Polynomial.fit(self._knots, secant, _KNOTS - 1)
         return fit(self._curve.strain) * self._curve.strain / self._scale
 
     def correct(self, moduli: Moduli, elements: int) -> None:
         """Make the stresses at these moduli those of a finer mesh."""
         if not self._uniform:
             fine = self._secants(moduli, elements)
-            self._correction = fine / self._secants(moduli, COARSE)
+            self._correction = fine / self._secants(moduli, _COARSE)
 
     @property
     def _uniform(self) -> bool:
         return abs(self._curve.sample.angle) in (0.0, 90.0)
 
     def _secants(self, moduli: Moduli, elements: int) -> Array:
-        """(KNOTS,) Pa, stress over strain."""
+        """(_KNOTS,) Pa, stress over strain."""
         sample = self._curve.sample
         if self._uniform:
-            return np.full(KNOTS, moduli.across if sample.angle == 0.0 else moduli.along)
+            return np.full(_KNOTS, moduli.across if sample.angle == 0.0 else moduli.along)
         test = Traction(sample, moduli, 1.0, elements=elements)
         body = membrane(sample, mesh_of(test, moduli), moduli.as_array())
         statics = Statics(body, clamped(sample, body))
@@ -206,16 +206,16 @@ def _require_tests(curves: Sequence[MeasuredCurve], source: str) -> None:
         missing.append("along")
     if not free:
         missing += ["across", "shear"]
-    elif max(free) < TILTED:
+    elif max(free) < _TILTED:
         missing.append("shear")
     elif len(set(free)) == 1 and len(free) == 1:
-        missing.append("across" if max(free) >= TILTED else "shear")
+        missing.append("across" if max(free) >= _TILTED else "shear")
     problems += [_missing(name, source) for name in missing]
     require(*problems)
 
 
 def _missing(name: str, source: str) -> Problem:
-    return Problem(source, name, f"the curves do not determine it; missing is {MISSING[name]}")
+    return Problem(source, name, f"the curves do not determine it; missing is {_MISSING[name]}")
 
 
 def _first_guess(curves: Sequence[MeasuredCurve]) -> Array:
@@ -229,16 +229,16 @@ def _first_guess(curves: Sequence[MeasuredCurve]) -> Array:
 def _gauss_newton(
     tests: Sequence[_Test], data: Array, guess: Array, source: str
 ) -> tuple[Array, Array, int]:
-    for iteration in range(ROUNDS):
+    for iteration in range(_ROUNDS):
         base = np.concatenate([test.stress(_moduli(guess)) for test in tests])
         jacobian = np.empty((len(data), 3))
         for k in range(3):
-            moved = guess + DIFFERENCE * np.eye(3)[k]
+            moved = guess + _DIFFERENCE * np.eye(3)[k]
             shifted = np.concatenate([test.stress(_moduli(moved)) for test in tests])
-            jacobian[:, k] = (shifted - base) / DIFFERENCE
+            jacobian[:, k] = (shifted - base) / _DIFFERENCE
         weak = [
             n
-            for n, left in zip(NAMES, identified_fractions(jacobian), strict=True)
+            for n, left in zip(CALIBRATED, identified_fractions(jacobian), strict=True)
             if left < IDENTIFIED
         ]
         if weak:
@@ -246,14 +246,15 @@ def _gauss_newton(
         step = np.linalg.lstsq(jacobian, data - base, rcond=None)[0]
         step = np.clip(step, -1.5, 1.5)
         guess = guess + step
-        if np.abs(step).max() < CLOSE:
+        if np.abs(step).max() < _CLOSE:
             return guess, jacobian, iteration + 1
-    return guess, jacobian, ROUNDS
+    return guess, jacobian, _ROUNDS
 
 
 def identified_fractions(jacobian: Array) -> tuple[float, ...]:
-    """Of each column the stress that is left when it changes by the factor e, whatever the others
-    do, as a share of the whole."""
+    """Return, of each column, the stress left when it changes by e, as a fraction of the whole.
+
+    The other columns change so that as little as possible is left."""
     found = []
     for k in range(jacobian.shape[1]):
         others = np.delete(jacobian, k, axis=1)
@@ -299,10 +300,10 @@ def save_preset(folder: Path, name: str, found: Calibration, thickness: float) -
     lines = [
         f"# Vane calibrated from {found.curves} traction tests with {found.points} points.",
         "# 95 % intervals behind the values. Mass, bending and damping are those of the base.",
-        f'base = "{BASE}"',
+        f'base = "{_BASE}"',
         "",
     ]
-    for key in NAMES:
+    for key in CALIBRATED:
         modulus = getattr(found.moduli, key)
         known = found.low is not None and found.high is not None
         told = (

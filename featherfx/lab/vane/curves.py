@@ -13,9 +13,9 @@ from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.lab.vane.sample import Sample, sample_problems
 
-COLUMNS = ("strain", "stress", "angle", "width", "height", "thickness")
+CURVE_COLUMNS = ("strain", "stress", "angle", "width", "height", "thickness")
 # problems named one by one; more than these are counted
-NAMED = 20
+_NAMED = 20
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def read_curves(path: Path, in_order: bool = False) -> tuple[MeasuredCurve, ...]
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
-            missing = [each for each in COLUMNS if each not in (reader.fieldnames or ())]
+            missing = [each for each in CURVE_COLUMNS if each not in (reader.fieldnames or ())]
             if missing:
                 message = f"columns are missing: {', '.join(missing)}"
                 raise InputError(Problem(source, "line 1", message))
@@ -51,9 +51,9 @@ def read_curves(path: Path, in_order: bool = False) -> tuple[MeasuredCurve, ...]
         problems.append(Problem(source, "", "holds no points"))
     problems += _sample_problems(source, lines, points)
     if problems:
-        more = len(problems) - NAMED
+        more = len(problems) - _NAMED
         rest = [Problem(source, "", f"and {more} more problems")] if more > 0 else []
-        raise InputError(*problems[:NAMED], *rest)
+        raise InputError(*problems[:_NAMED], *rest)
     return _grouped([point for point in points if point is not None], in_order)
 
 
@@ -61,7 +61,7 @@ def _point(
     source: str, number: int, line: dict[str, str | None], problems: list[Problem]
 ) -> tuple[float, ...] | None:
     values = []
-    for key in COLUMNS:
+    for key in CURVE_COLUMNS:
         text = (line.get(key) or "").strip()
         place = f"line {number}, {key}"
         try:
@@ -77,7 +77,7 @@ def _point(
             message = f"{value:g} is not allowed, must be above -0.5 to 2; is this in percent?"
             problems.append(Problem(source, place, message))
         values.append(value)
-    return tuple(values) if len(values) == len(COLUMNS) else None
+    return tuple(values) if len(values) == len(CURVE_COLUMNS) else None
 
 
 def _sample_problems(

@@ -19,7 +19,7 @@ from featherfx.lab.vane.sample import Sample
 Order = Literal[1, 2]
 
 # area coordinates of the three points of a six-node triangle, each of a third of the weight
-POINTS = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
+_POINTS = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -120,10 +120,10 @@ def _slopes(mesh: Mesh) -> Array:
 
 def _quadratic_slopes(slopes: Array) -> Array:
     """(M, 3, 6, 2) 1/m, gradients of the six functions at the three points."""
-    corner = (4.0 * POINTS - 1.0)[None, :, :, None] * slopes[:, None]
+    corner = (4.0 * _POINTS - 1.0)[None, :, :, None] * slopes[:, None]
     after = np.roll(np.arange(3), -1)
     sides = 4.0 * (
-        POINTS[None, :, :, None] * slopes[:, None, after]
-        + POINTS[:, after][None, :, :, None] * slopes[:, None]
+        _POINTS[None, :, :, None] * slopes[:, None, after]
+        + _POINTS[:, after][None, :, :, None] * slopes[:, None]
     )
     return np.concatenate([corner, sides], axis=2)

@@ -42,29 +42,29 @@ from featherfx.solver.step.gap_kernels import (
 
 Direction = Literal["across", "along", "tilted"]
 
-ANGLES = {"across": 0.0, "tilted": 45.0, "along": 90.0}
+_ANGLES = {"across": 0.0, "tilted": 45.0, "along": 90.0}
 # Pa, of the compression guard; chosen so that corners of sheared samples stay open
-GUARD = 1e8
+_GUARD = 1e8
 # N/m of each node of a clamp; a sample of this size has some 5 N/m in all
-CLAMP = 1e4
+_CLAMP = 1e4
 # s, Kelvin-Voigt; at one sample height a second it adds 0.3 % to the strength
-RELAXATION = 1e-3
-# m. Where gaps open the sample snaps; with these and RADIUS the steps lose less than 1 % of the
+_RELAXATION = 1e-3
+# m. Where gaps open the sample snaps; with these and _RADIUS the steps lose less than 1 % of the
 # work (a tolerance of 1e-6 with radius 0: 2 to 6 %)
-TOLERANCE, SETTLED = 1e-9, 3e-10
-RADIUS = 0.8
-MOST_ITERATIONS = 20000
+_TOLERANCE, _SETTLED = 1e-9, 3e-10
+_RADIUS = 0.8
+_MOST_ITERATIONS = 20000
 # of a part of the pull: what gives way at once may not slip far in one of them, because a gap does
 # not weaken within a step
-MOST_SUBSTEPS = 4096
+_MOST_SUBSTEPS = 4096
 # of a reported step of the pull: strength and work are those of the parts. A sample parts within a
 # hundredth of its height, over which its stress grows by 3 %
-PARTS = 20
-SHAFT = 1e-4
+_PARTS = 20
+_SHAFT = 1e-4
 # rows below which strips are of one height
-FEWEST = 5
+_FEWEST = 5
 # 2 bear 3 % more along the barbs than 3, more of them 0.2 % less (8 columns, until a gap opens)
-COEFFICIENTS = 3
+_COEFFICIENTS = 3
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class SampleOf:
     @property
     def stations(self) -> Array:
         """(rows,) m, of the barbs."""
-        if self.gap == 0.0 or self.rows < FEWEST or 2.0 * self.gap >= self.height:
+        if self.gap == 0.0 or self.rows < _FEWEST or 2.0 * self.gap >= self.height:
             return np.linspace(0.0, self.height, self.rows)
         inner = np.linspace(self.gap, self.height - self.gap, self.rows - 2)
         return np.concatenate([[0.0], inner, [self.height]])
@@ -101,8 +101,8 @@ class SampleOf:
         return Feather(
             rest=RowPoints(nodes, directors),
             station=station / self.height,
-            width=np.full(n, SHAFT),
-            height=np.full(n, SHAFT),
+            width=np.full(n, _SHAFT),
+            height=np.full(n, _SHAFT),
             barb_length=length,
             barb_span=span,
             cell=cell,
@@ -163,7 +163,7 @@ class CycleTest:
 
 
 @dataclass(frozen=True)
-class Point:
+class CyclePoint:
     """A sample between clamps. pull: of the clamp, over the height. stress: Pa, force along the
     pull over the section at rest. stored, kinetic: J. spent: (5,) J, of the model's Gaps."""
 
@@ -184,26 +184,26 @@ class HookedSample:
         # of the material: where a preset's vane is loose or split does not count
         whole = replace(kind.leading, hooked=Hooked(), splits=Splits())
         kind = replace(kind, leading=whole, vane_material=vane)
-        model = make_model([self.feather], [kind], COEFFICIENTS)
+        model = make_model([self.feather], [kind], _COEFFICIENTS)
         model.rachis_stiffness[:] = 0.0
         self.model: Model = model._replace(held=np.zeros(1, dtype=np.bool_))
         self.way = np.array([np.cos(radians(angle)), np.sin(radians(angle)), 0.0])
-        self.model.retardation[:] = RELAXATION
+        self.model.retardation[:] = _RELAXATION
         self.solver = Solver(
             self.model,
             Settings(
-                tolerance=TOLERANCE,
-                newton=SETTLED,
-                max_iterations=MOST_ITERATIONS,
-                max_substeps=MOST_SUBSTEPS,
-                spectral_radius=RADIUS,
+                tolerance=_TOLERANCE,
+                newton=_SETTLED,
+                max_iterations=_MOST_ITERATIONS,
+                max_substeps=_MOST_SUBSTEPS,
+                spectral_radius=_RADIUS,
             ),
         )
         self.state: State = rest_state(self.model, np.zeros((1, 3)), np.eye(3)[None])
         self.still = hold_roots(self.state)
         self.pull = 0.0
 
-    def go(self, pull: float, seconds: float = 0.0) -> Point:
+    def go(self, pull: float, seconds: float = 0.0) -> CyclePoint:
         """Bring the clamp there evenly within a time (s), or, with none, the sample to rest there.
 
         Raises SimulationError where that fails.
@@ -222,9 +222,9 @@ class HookedSample:
         strains, gaps = self.state.strains.at(0, 0), self.state.gaps_of(0)
         rates = self.state.velocity.nodes[0]
         kinetic = 0.5 * np.einsum("np,npk->", self.model.mass[0], rates**2)
-        return Point(
+        return CyclePoint(
             pull=pull,
-            stress=CLAMP * float((apart @ self.way).sum()) / self.section,
+            stress=_CLAMP * float((apart @ self.way).sum()) / self.section,
             stored=float(elastic_energy(self.model, 0, strains, strains, gaps, 0.0)),
             kinetic=float(kinetic),
             spent=gaps.spent.copy(),
@@ -248,7 +248,7 @@ class HookedSample:
             grip_node=nodes[None],
             grip_start=targets[0],
             grip_end=targets[1],
-            grip_stiffness=np.full((1, 2 * count), CLAMP),
+            grip_stiffness=np.full((1, 2 * count), _CLAMP),
         )
 
     @property
@@ -272,7 +272,7 @@ class HookedSample:
 
     @property
     def parted(self) -> bool:
-        """Whether a gap is open from end to end."""
+        """Return whether a gap is open from end to end."""
         return bool(self.opened.all(axis=(1, 2)).any())
 
 
@@ -284,7 +284,7 @@ class Torn:
     the longest to the barbs. work: J, of the clamp. nodes: (n, m + 1, 3) m, and hooked:
     (n-1, m, 2), part of the strength that is left, at the end."""
 
-    path: Sequence[Point]
+    path: Sequence[CyclePoint]
     strength: float | None
     opened_length: float
     spent_length: float
@@ -319,7 +319,7 @@ def tear(test: TearTest) -> Torn:
     """Raises InputError for values out of range or a preset without gaps."""
     kind = _kind_with_gaps("tear", test.preset)
     vane = replace(
-        kind.vane_material, hooks="open", hook_scatter=test.scatter, compression_guard=GUARD
+        kind.vane_material, hooks="open", hook_scatter=test.scatter, compression_guard=_GUARD
     )
     if test.release is not None:
         vane = replace(vane, hook_release=test.release)
@@ -329,13 +329,13 @@ def tear(test: TearTest) -> Torn:
     # what is sheared begins to part in the corners of its clamps, within a few gaps
     gap = 0.0 if test.direction == "across" else kind.barb_spacing
     size = SampleOf(test.width, height, test.rows, test.columns, gap)
-    sample = HookedSample(size, vane, kind, ANGLES[test.direction])
+    sample = HookedSample(size, vane, kind, _ANGLES[test.direction])
     path, work, strength, parted = [sample.go(0.0)], 0.0, 0.0, False
     # one step more after it has parted, in which the rest comes loose
     while path[-1].pull < test.furthest and not parted:
         parted, last = sample.parted, path[-1]
-        for pull in np.linspace(last.pull, last.pull + test.step, PARTS + 1)[1:].tolist():
-            before, last = last, sample.go(pull, test.step / PARTS / test.rate)
+        for pull in np.linspace(last.pull, last.pull + test.step, _PARTS + 1)[1:].tolist():
+            before, last = last, sample.go(pull, test.step / _PARTS / test.rate)
             way = (last.pull - before.pull) * size.height
             work += 0.5 * (last.stress + before.stress) * sample.section * way
             strength = max(strength, last.stress)
@@ -389,9 +389,9 @@ def cycle(test: CycleTest) -> dict[str, Any]:
         problems.append(Problem("cycle", "strains", text))
     require(*problems)
     kind = _kind_with_gaps("cycle", test.preset)
-    vane = replace(kind.vane_material, hooks="slip", compression_guard=GUARD)
+    vane = replace(kind.vane_material, hooks="slip", compression_guard=_GUARD)
     size = SampleOf(rows=test.rows, columns=test.columns)
-    sample = HookedSample(size, vane, kind, ANGLES[test.direction])
+    sample = HookedSample(size, vane, kind, _ANGLES[test.direction])
     path, at_zero, loss = [sample.go(0.0)], [], []
     for strain in strains:
         begin = len(path) - 1

@@ -25,16 +25,16 @@ from featherfx.lab.vane.calibrate import IDENTIFIED, half_intervals, identified_
 from featherfx.lab.vane.curves import MeasuredCurve
 from featherfx.mechanics.vane_hook_kernels import hooked_response, slip_after
 
-NAMES = ("across", "hook_yield_across", "hook_slip")
-MISSING = {
+_NAMES = ("across", "hook_yield_across", "hook_slip")
+_MISSING = {
     "across": "points at small strain",
     "hook_yield_across": "a cycle that goes beyond the yield stress and back",
     "hook_slip": "a cycle that goes well beyond the yield stress",
 }
 # first guesses: yield as a share of the greatest stress, slip strain up to the strength
-YIELDS, SLIPS = (0.2, 0.5, 0.8), (0.01, 0.05, 0.2)
+_YIELDS, _SLIPS = (0.2, 0.5, 0.8), (0.01, 0.05, 0.2)
 # parts of the way between two points
-PARTS = 4
+_PARTS = 4
 
 
 class Hook(NamedTuple):
@@ -82,7 +82,7 @@ def cyclic_stress(strain: Array, hook: Hook) -> Array:
     growth = max(most - 1.0, 0.0) / (hook.limit * hook.slip)
     slip, level, last, found = (0.0, 0.0), 1.0, 0.0, []
     for end in strain.tolist():
-        for across in np.linspace(last, end, PARTS + 1)[1:].tolist():
+        for across in np.linspace(last, end, _PARTS + 1)[1:].tolist():
             now = (across, 0.0)
             stress, _ = hooked_response(stiffness, now, slip, limit, level, growth)
             slip, work = slip_after(stiffness, now, slip, limit, level, growth)
@@ -113,14 +113,14 @@ def fit_cycles(curves: Sequence[MeasuredCurve], kind: FeatherKind, source: str =
     best = min(guesses, key=lambda guess: float(np.sum(missed(guess) ** 2)))
     found = least_squares(missed, best, x_scale="jac", diff_step=1e-4, max_nfev=60)
     fractions = identified_fractions(found.jac)
-    weak = [name for name, fraction in zip(NAMES, fractions, strict=True) if fraction < IDENTIFIED]
+    weak = [name for name, fraction in zip(_NAMES, fractions, strict=True) if fraction < IDENTIFIED]
     if weak:
         message = "the curves do not determine it; missing is {}"
-        raise InputError(*(Problem(source, n, message.format(MISSING[n])) for n in weak))
+        raise InputError(*(Problem(source, n, message.format(_MISSING[n])) for n in weak))
     half = half_intervals(found.jac, found.fun)
     unit = np.array([1.0, 1.0, kind.barb_spacing])
     fitted = {}
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(_NAMES):
         middle, most = float(found.x[k]), None if half is None else float(half[k])
         low, high = (
             None if most is None else float(np.exp(middle + sign * most) * unit[k])
@@ -153,4 +153,4 @@ def _guesses(curves: Sequence[MeasuredCurve]) -> list[Array]:
     strain, stress = first.strain[:up][early], first.stress[:up][early]
     across = abs(float(strain @ stress)) / max(float(strain @ strain), 1e-12)
     most = max(float(curve.stress.max()) for curve in curves)
-    return [np.log([across, fraction * most, slip]) for fraction, slip in product(YIELDS, SLIPS)]
+    return [np.log([across, fraction * most, slip]) for fraction, slip in product(_YIELDS, _SLIPS)]

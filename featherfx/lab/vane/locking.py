@@ -16,16 +16,16 @@ from featherfx.lab.declare import value
 from featherfx.lab.vane.sample import Moduli, Sample
 from featherfx.lab.vane.traction import Meshing, Model, Traction, pull_test, traction_problems
 
-SAMPLE = Sample(45.0, 13e-3, 18e-3, 1.2e-4)
-ACROSS, SHEAR, STRAIN = 4.8e4, 2.8e4, 0.05
+_SAMPLE = Sample(45.0, 13e-3, 18e-3, 1.2e-4)
+_ACROSS, _SHEAR, _STRAIN = 4.8e4, 2.8e4, 0.05
 RATIOS = (1.0, 1e2, 1e4, 1e6)
-ELEMENTS = (128, 512, 2048, 8192)
-REFERENCE = 40_000
+_ELEMENTS = (128, 512, 2048, 8192)
+_REFERENCE = 40_000
 # Descents on locked meshes pass thousands of shallow minima; they end when a step wins less than
 # this share of the energy, which moves their stress by 2 %, against errors of several times it.
-ACCURACY = 1e-3
+_ACCURACY = 1e-3
 # unaligned meshes of a higher ratio take descents of minutes beyond this size
-STIFF, LARGEST_STIFF = 1e3, 2048
+_STIFF, _LARGEST_STIFF = 1e3, 2048
 
 
 class LockingPoint(NamedTuple):
@@ -55,7 +55,7 @@ class LockingTest:
     """Aligned and unaligned meshes at 45 degrees and 5 % strain, 13 by 18 mm."""
 
     ratio: tuple[float, ...] = value("Repeatable.", RATIOS)
-    elements: tuple[int, ...] = value("Repeatable.", ELEMENTS)
+    elements: tuple[int, ...] = value("Repeatable.", _ELEMENTS)
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,9 @@ class Locking:
 
 
 def run_locking(
-    ratios: Sequence[float] = RATIOS, elements: Sequence[int] = ELEMENTS, reference: int = REFERENCE
+    ratios: Sequence[float] = RATIOS,
+    elements: Sequence[int] = _ELEMENTS,
+    reference: int = _REFERENCE,
 ) -> Locking:
     """Errors on aligned and unaligned meshes, and of the inextensible limit on aligned ones.
 
@@ -89,7 +91,7 @@ def run_locking(
         references.append(Reference(ratio, exact, found))
         for count in elements:
             points.append(_point(ratio, count, "aligned", "shell", exact))
-            if ratio < STIFF or count <= LARGEST_STIFF:
+            if ratio < _STIFF or count <= _LARGEST_STIFF:
                 points.append(_point(ratio, count, "unaligned", "shell", exact))
     exact, found = _stress(math.inf, reference // 2, "aligned", "inextensible")[:2]
     references.append(Reference(math.inf, exact, found))
@@ -98,15 +100,15 @@ def run_locking(
 
 
 def _test(ratio: float, elements: int, mesh: Meshing, model: Model) -> Traction:
-    along = ACROSS * (ratio if math.isfinite(ratio) else 1.0)
-    return Traction(SAMPLE, Moduli(along, ACROSS, SHEAR), STRAIN, 1, elements, mesh, model)
+    along = _ACROSS * (ratio if math.isfinite(ratio) else 1.0)
+    return Traction(_SAMPLE, Moduli(along, _ACROSS, _SHEAR), _STRAIN, 1, elements, mesh, model)
 
 
 def _stress(ratio: float, elements: int, mesh: Meshing, model: Model) -> tuple[float, int, int]:
     """Pa, elements and turned elements; locked meshes may fold."""
     free = mesh == "unaligned"
     test = _test(ratio, elements, mesh, model)
-    pulled = pull_test(test, folding=free, accuracy=ACCURACY if free else 1e-10)
+    pulled = pull_test(test, folding=free, accuracy=_ACCURACY if free else 1e-10)
     turned = pulled.statics.system.turned(pulled.pose.positions)
     return float(pulled.stress[-1]), len(pulled.statics.membrane.nodes), turned
 

@@ -21,14 +21,14 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.lab.vane.sample import Sample
 
 # relative to the sample's size: rows shorter than this are points
-TINY = 1e-9
+_TINY = 1e-9
 # relative to the barbs' length: no layer is resolved that is thinner
-THINNEST = 1e-4
+_THINNEST = 1e-4
 # of random steps of the unaligned mesh's nodes, as a share of a cell
-JITTER = 0.3
-# rows near the corners' barbs: the spacing starts with a share FINEST of the layer's thickness and
-# widens by GROWTH per distance; a share EVEN / (1 + EVEN) of all rows is spread evenly
-FINEST, GROWTH, EVEN = 0.04, 0.5, 0.2
+_JITTER = 0.3
+# rows near the corners' barbs: the spacing starts with a share _FINEST of the layer's thickness and
+# widens by _GROWTH per distance; a share _EVEN / (1 + _EVEN) of all rows is spread evenly
+_FINEST, _GROWTH, _EVEN = 0.04, 0.5, 0.2
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def corner_rows(sample: Sample) -> Array:
 def cut_row(sample: Sample, place: float) -> tuple[float, float]:
     """Ends of the barb at `place` (m across the barbs), m along it from the origin's normal."""
     low, high = -np.inf, np.inf
-    tiny = TINY * max(sample.width, sample.height)
+    tiny = _TINY * max(sample.width, sample.height)
     for axis, size in enumerate((sample.width, sample.height)):
         offset, rate = place * sample.across[axis], sample.barb[axis]
         if abs(rate) < 1e-12:
@@ -73,16 +73,16 @@ def graded_rows(sample: Sample, count: int, layer: float) -> Array:
     """
     corners = corner_rows(sample)
     span = corners[-1] - corners[0]
-    inner = corners[np.concatenate([[True], np.diff(corners) > TINY * span])]
+    inner = corners[np.concatenate([[True], np.diff(corners) > _TINY * span])]
     inner[-1] = corners[-1]
-    thick = FINEST * max(layer, THINNEST) * _longest(sample)
+    thick = _FINEST * max(layer, _THINNEST) * _longest(sample)
     fine = np.concatenate([_bunched(a, b, 400) for a, b in pairwise(inner)])
     fine = np.unique(fine)
     middle = 0.5 * (fine[1:] + fine[:-1])
     near = np.min(np.abs(middle[:, None] - inner), axis=1)
-    density = 1.0 / (thick + GROWTH * near)
+    density = 1.0 / (thick + _GROWTH * near)
     # blended with an even spacing, so that coarse meshes do not spend all rows on the layers
-    weight = density / (density @ np.diff(fine)) + EVEN / span
+    weight = density / (density @ np.diff(fine)) + _EVEN / span
     total = np.concatenate([[0.0], np.cumsum(weight * np.diff(fine))])
     rows = []
     for a, b in pairwise(inner):
@@ -117,7 +117,7 @@ def aligned_mesh(sample: Sample, rows: Array, spacing: float) -> Mesh:
             strip.append(np.full(len(made), number - 1))
         before, start = (index, places), start + count + 1
     found = np.concatenate(points)
-    snap = TINY * max(sample.width, sample.height)
+    snap = _TINY * max(sample.width, sample.height)
     for axis, size in enumerate((sample.width, sample.height)):
         found[np.abs(found[:, axis]) < snap, axis] = 0.0
         found[np.abs(found[:, axis] - size) < snap, axis] = size
@@ -148,7 +148,7 @@ def unaligned_of_size(sample: Sample, elements: int) -> Mesh:
     size = np.sqrt(2.0 * sample.width * sample.height / elements)
     nx, ny = max(1, round(sample.width / size)), max(2, round(sample.height / size))
     grid = np.stack(np.meshgrid(np.arange(nx + 1.0), np.arange(ny + 1.0), indexing="ij"), axis=-1)
-    move = np.random.default_rng(7).uniform(-JITTER, JITTER, grid.shape)
+    move = np.random.default_rng(7).uniform(-_JITTER, _JITTER, grid.shape)
     move[[0, -1], :, 0] = 0.0
     move[:, [0, -1], 1] = 0.0
     move[[0, -1], :, 1] = 0.0
@@ -158,7 +158,7 @@ def unaligned_of_size(sample: Sample, elements: int) -> Mesh:
     points = grid.reshape(-1, 2) * [sample.width / nx, sample.height / ny]
     doubled = _doubled_area(points, triangles)
     triangles[doubled < 0.0] = triangles[doubled < 0.0][:, [0, 2, 1]]
-    triangles = triangles[np.abs(doubled) > TINY * size * size]
+    triangles = triangles[np.abs(doubled) > _TINY * size * size]
     return Mesh(
         points, triangles, np.full(len(triangles), -1, np.int64), np.zeros((0, 2), np.int64)
     )

@@ -41,13 +41,13 @@ from featherfx.lab.vane.statics import MembranePose, Statics
 from featherfx.lab.vane.traction import PulledSample, clamped, pull
 
 # strips thinner than this share of the barb spacing are merged with their neighbour
-SLIVER = 0.02
+_SLIVER = 0.02
 # nodes along a barb, per barb spacing
-NODES = 1.5
+_NODES = 1.5
 # strain to which the slopes of transverse tests were fitted, and the number of points of the fit
 TRANSVERSE_STRAIN, FIT_POINTS = 0.4, 200
 # Pa, slopes of a swan's longitudinal and transverse tests
-SWAN = (3.6e8, 4.8e4)
+_SWAN = (3.6e8, 4.8e4)
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class SwanBands:
         """Raises InputError."""
         wanted = Bands(self.barb_fraction, self.barb_spacing, self.barb or 1.0, self.barbule or 1.0)
         require(*out_of_range(wanted, form=FORM))
-        fitted = fitted_bands(*SWAN, self.barb_fraction, self.barb_spacing)
+        fitted = fitted_bands(*_SWAN, self.barb_fraction, self.barb_spacing)
         return replace(
             fitted,
             barb=fitted.barb if self.barb is None else self.barb,
@@ -124,7 +124,7 @@ def band_mesh(sample: Sample, bands: Bands, order: Order = 2) -> tuple[Mesh, Arr
     order: 2 for six-node triangles, 1 for three-node ones.
     """
     rows, stiff = band_rows(sample, bands)
-    step = bands.barb_spacing / NODES
+    step = bands.barb_spacing / _NODES
     mesh = aligned_mesh(sample, rows, step if order == 2 else 0.5 * step)
     moduli = np.array([isotropic(bands.barbule).as_array(), isotropic(bands.barb).as_array()])
     return mesh, moduli[stiff[mesh.strip].astype(int)]
@@ -139,7 +139,7 @@ def band_rows(sample: Sample, bands: Bands) -> tuple[Array, Flags]:
     middle = 0.5 * (low + high)
     places = middle + spacing * (np.arange(-1, count + 1) - 0.5 * (count - 1) + bands.shift)
     borders = np.concatenate([places - half, places + half])
-    tiny = SLIVER * spacing * bands.barb_fraction
+    tiny = _SLIVER * spacing * bands.barb_fraction
     inner = borders[(borders > low + tiny) & (borders < high - tiny)]
     inner = inner[np.min(np.abs(inner[:, None] - corners), axis=1) > tiny]
     rows = np.sort(np.concatenate([inner, _distinct(corners, tiny)]))
@@ -237,15 +237,15 @@ def _distinct(values: Array, tiny: float) -> Array:
     return values[np.concatenate([[True], np.diff(values) > tiny])]
 
 
-RATIO, BARB, FRACTION = 6.2e4, 2.43e9, 0.14
-SIZE = 13e-3
-SQUARE = Sample(90.0, SIZE, SIZE)
-COUNTS = (8, 12, 16, 25)
-STRAIN, STEPS = -0.03, 3
+_RATIO, _BARB, _FRACTION = 6.2e4, 2.43e9, 0.14
+_SIZE = 13e-3
+_SQUARE = Sample(90.0, _SIZE, _SIZE)
+_COUNTS = (8, 12, 16, 25)
+_STRAIN, _STEPS = -0.03, 3
 # of the coarse mesh of the membrane, along and across
-CELLS = 12
+_CELLS = 12
 # sideways deflection of the start from which the barbs are let go, as a share of the height
-PUSH = 0.02
+_PUSH = 0.02
 
 
 @dataclass(frozen=True)
@@ -262,13 +262,13 @@ class SizeEffect:
     unexplained: float
 
 
-def run_size_effect(counts: Sequence[int] = COUNTS, fraction: float = FRACTION) -> SizeEffect:
+def run_size_effect(counts: Sequence[int] = _COUNTS, fraction: float = _FRACTION) -> SizeEffect:
     """Press square samples of N barbs each. Raises InputError for fewer than 4 barbs or 3 N."""
     wrong = [n for n in counts if not 4 <= n <= 60]
     require(*(Problem("", "counts", f"{n} is not allowed, must be 4 to 60") for n in wrong))
     require(*([Problem("", "counts", "needs three or more")] if len(set(counts)) < 3 else []))
-    strain = STRAIN * np.arange(1, STEPS + 1) / STEPS
-    stresses = np.array([_press(n, fraction, strain) for n in counts]) / BARB
+    strain = _STRAIN * np.arange(1, _STEPS + 1) / _STEPS
+    stresses = np.array([_press(n, fraction, strain) for n in counts]) / _BARB
     last, inverse = stresses[:, -1], np.array(counts, dtype=float) ** -2
     quadratic, constant = np.polyfit(inverse, last, 1)
     left = float(np.var(last - constant - quadratic * inverse) / np.var(last))
@@ -277,9 +277,9 @@ def run_size_effect(counts: Sequence[int] = COUNTS, fraction: float = FRACTION) 
 
 def _press(count: int, fraction: float, strain: Array) -> Array:
     """(n,) Pa."""
-    bands = Bands(fraction, SIZE / count, BARB, BARB / RATIO)
-    mesh, moduli = band_mesh(SQUARE, bands)
-    return _pressed(membrane(SQUARE, mesh, moduli, 2), strain, count)
+    bands = Bands(fraction, _SIZE / count, _BARB, _BARB / _RATIO)
+    mesh, moduli = band_mesh(_SQUARE, bands)
+    return _pressed(membrane(_SQUARE, mesh, moduli, 2), strain, count)
 
 
 def press_membrane(count: int, gradient: bool) -> float:
@@ -289,24 +289,24 @@ def press_membrane(count: int, gradient: bool) -> float:
     has, E_B P^3 T^2 / 12 |d2x / dv2|^2 / 2 (P share, T spacing). Raises InputError
     where it has no equilibrium.
     """
-    bands = Bands(FRACTION, SIZE / count, BARB, BARB / RATIO)
-    low, *_, high = corner_rows(SQUARE)
-    mesh = aligned_mesh(SQUARE, np.linspace(low, high, CELLS + 1), SIZE / CELLS)
-    stiffness = BARB * FRACTION**3 * bands.barb_spacing**2 / 12.0 if gradient else 0.0
+    bands = Bands(_FRACTION, _SIZE / count, _BARB, _BARB / _RATIO)
+    low, *_, high = corner_rows(_SQUARE)
+    mesh = aligned_mesh(_SQUARE, np.linspace(low, high, _CELLS + 1), _SIZE / _CELLS)
+    stiffness = _BARB * _FRACTION**3 * bands.barb_spacing**2 / 12.0 if gradient else 0.0
     moduli = effective_moduli(bands, series_shear(bands)).as_array()
-    body = membrane(SQUARE, mesh, moduli, barb_bending=stiffness)
-    strain = STRAIN * np.arange(1, STEPS + 1) / STEPS
-    return float(_pressed(body, strain, count)[-1]) / BARB
+    body = membrane(_SQUARE, mesh, moduli, barb_bending=stiffness)
+    strain = _STRAIN * np.arange(1, _STEPS + 1) / _STEPS
+    return float(_pressed(body, strain, count)[-1]) / _BARB
 
 
 def _pressed(body: Membrane, strain: Array, count: int) -> Array:
     """(n,) Pa."""
-    sample = SQUARE
+    sample = _SQUARE
     statics = Statics(body, clamped(sample, body))
     rest = body.points
     # the straight sample is an equilibrium too, an unstable one: start aside of it
     level = rest[:, 1] / sample.height
-    aside = PUSH * sample.height * np.sin(np.pi * level) ** 2
+    aside = _PUSH * sample.height * np.sin(np.pi * level) ** 2
     first = displacement(float(strain[0]), sample.height)
     begin = rest + np.column_stack([aside, first * level])
     pose = MembranePose(begin, statics.system.stresses(begin), statics.rest().tensions)

@@ -17,7 +17,7 @@ from featherfx.lab.vane.locking import Locking
 from featherfx.lab.vane.mesoscale import SizeEffect
 from featherfx.lab.vane.traction import Meshing, PulledSample, TractionResult
 
-MARKS: tuple[tuple[Meshing, str], ...] = (("aligned", "o-"), ("unaligned", "s--"))
+_MARKS: tuple[tuple[Meshing, str], ...] = (("aligned", "o-"), ("unaligned", "s--"))
 
 
 def traction_picture(file: Path, result: TractionResult) -> tuple[Figure, ...]:
@@ -66,7 +66,7 @@ def locking_picture(file: Path, study: Locking) -> tuple[Figure, ...]:
         axes = canvas.subplots()
         ratios = sorted({p.ratio for p in study.points if math.isfinite(p.ratio)})
         for number, ratio in enumerate(ratios):
-            for mesh, line in MARKS:
+            for mesh, line in _MARKS:
                 points = np.array(study.error(mesh, ratio), dtype=float)
                 label = f"{mesh}, ratio {ratio:g}"
                 axes.loglog(points[:, 0], points[:, 1], line, color=f"C{number}", label=label)

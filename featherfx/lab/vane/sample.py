@@ -22,9 +22,9 @@ from featherfx.lab.declare import Range, out_of_range, value
 Regime = Literal["free", "diagonal", "bridged"]
 
 # how near a corner's barb must pass by the opposite corner to count as joining both
-SAME = 1e-9
-SIZE, THICKNESS = Range(1e-5, 1.0, unit="m"), Range(1e-7, 0.01, unit="m")
-MODULUS = Range(0.0, above=True, unit="Pa")
+_SAME = 1e-9
+_SIZE, _THICKNESS = Range(1e-5, 1.0, unit="m"), Range(1e-7, 0.01, unit="m")
+_MODULUS = Range(0.0, above=True, unit="Pa")
 FORM = "{value:g} is not allowed, must be {allowed}"
 
 
@@ -35,9 +35,9 @@ class Sample:
     angle: float = value(
         "Degrees from the x axis to the barbs.", allowed=Range(-90.0, 90.0, unit="degrees")
     )
-    width: float = value("m.", allowed=SIZE)
-    height: float = value("m, between the clamps.", allowed=SIZE)
-    thickness: float = value("m.", 1.2e-4, THICKNESS)
+    width: float = value("m.", allowed=_SIZE)
+    height: float = value("m, between the clamps.", allowed=_SIZE)
+    thickness: float = value("m.", 1.2e-4, _THICKNESS)
 
     @property
     def barb(self) -> Array:
@@ -51,13 +51,13 @@ class Sample:
 
     @property
     def regime(self) -> Regime:
-        """Whether barbs join the clamps: none ("free"), one, the diagonal, or many ("bridged").
+        """Class of a sample by barbs that join the clamps: none ("free"), the diagonal, "bridged".
 
         A barb climbs the height H within the width W where tan(angle) exceeds H / W.
         """
         climb = self.width * abs(_sin(self.angle))
         need = self.height * _cos(self.angle)
-        if isclose(climb, need, abs_tol=SAME * hypot(self.width, self.height)):
+        if isclose(climb, need, abs_tol=_SAME * hypot(self.width, self.height)):
             return "diagonal"
         return "bridged" if climb > need else "free"
 
@@ -67,9 +67,9 @@ class Moduli:
     """Moduli of the vane membrane, Pa: along the barbs, across them, and in shear (stress over
     engineering shear)."""
 
-    along: float = value("Pa.", allowed=MODULUS)
-    across: float = value("Pa.", allowed=MODULUS)
-    shear: float = value("Pa.", allowed=MODULUS)
+    along: float = value("Pa.", allowed=_MODULUS)
+    across: float = value("Pa.", allowed=_MODULUS)
+    shear: float = value("Pa.", allowed=_MODULUS)
 
     def as_array(self) -> Array:
         """(3,) along, across, shear."""
@@ -123,7 +123,7 @@ def strain_problems(strain: float, steps: int) -> list[Problem]:
 
 
 def _hint(name: str, found: float) -> str:
-    high = {"thickness": THICKNESS.high, "angle": inf}.get(name, SIZE.high)
+    high = {"thickness": _THICKNESS.high, "angle": inf}.get(name, _SIZE.high)
     if not (isfinite(found) and found > high):
         return ""
     unit = "micrometres" if name == "thickness" and found >= 5.0 else "millimetres"

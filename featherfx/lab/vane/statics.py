@@ -38,12 +38,12 @@ from featherfx.lab.vane.sample_kernels import (
     sample_system,
 )
 
-UNIT = np.array([1.0, 0.0, 1.0])
+_UNIT = np.array([1.0, 0.0, 1.0])
 # of the guard's modulus, what a volume stores at J = 0 (vane_guard_kernels)
-GUARD = 1.0 / 2592.0
+_GUARD = 1.0 / 2592.0
 
 
-class Pattern:
+class CoupledCoordinates:
     """Pairs of coordinates that elements couple. nodes: (M, K). free: (2 N,) coordinates."""
 
     def __init__(self, nodes: Indices, free: Flags) -> None:
@@ -64,11 +64,11 @@ class Pattern:
         return np.bincount(self._slot.ravel(), blocks.ravel()).astype(np.float64)
 
     def matrix(self, values: Array) -> csc_matrix:
-        """Of all coordinates."""
+        """Return the matrix of all coordinates."""
         return csc_matrix((values, self._rows, self._starts), (self._size, self._size))
 
     def inner(self, values: Array) -> csc_matrix:
-        """Of the free coordinates."""
+        """Return the matrix of the free coordinates."""
         count = len(self._inner_starts) - 1
         data = (values[self._inside], self._inner_rows, self._inner_starts)
         return csc_matrix(data, (count, count))
@@ -94,10 +94,10 @@ class MembraneSystem:
         self.size = float(np.ptp(membrane.points, axis=0).max())
         is_free = np.repeat(~held, 2)
         self.free = np.flatnonzero(is_free)
-        self.pattern = Pattern(membrane.nodes, is_free)
+        self.pattern = CoupledCoordinates(membrane.nodes, is_free)
         self._elements = Elements(
             *(membrane.nodes, membrane.along, membrane.across, membrane.volume, membrane.moduli),
-            guard=membrane.guard * GUARD,
+            guard=membrane.guard * _GUARD,
         )
         count = membrane.nodes.shape[1]
         self._scratch = (*_scratch(), np.zeros(3), np.zeros((2 * count, 3)))
@@ -106,7 +106,7 @@ class MembraneSystem:
     def strains(self, positions: Array) -> Array:
         """(M, Q, 3) e_vv, e_ww, 2 e_vw at positions (N, 2)."""
         strain = np.zeros((*self.membrane.volume.shape, 3))
-        sample_strains(positions, self._elements, UNIT, np.zeros((3, 3)), strain)
+        sample_strains(positions, self._elements, _UNIT, np.zeros((3, 3)), strain)
         return strain
 
     def stresses(self, positions: Array) -> Array:
@@ -126,7 +126,7 @@ class MembraneSystem:
         return self.assembled(positions, np.zeros((*self.membrane.volume.shape, 4)))[0]
 
     def turned(self, positions: Array) -> int:
-        """How many strain points are turned over at positions (N, 2)."""
+        """Count the strain points that are turned over at positions (N, 2)."""
         return int((self.areas(positions) <= 0.0).sum())
 
     def areas(self, positions: Array) -> Array:
@@ -145,7 +145,7 @@ class MembraneSystem:
         """
         forces = np.zeros_like(positions)
         energy = sample_system(
-            *(positions, self._elements, stresses, UNIT, self._scratch, forces, self._blocks)
+            *(positions, self._elements, stresses, _UNIT, self._scratch, forces, self._blocks)
         )
         if self.membrane.bending is not None:
             moved = (positions - self.membrane.points).ravel()
@@ -168,7 +168,7 @@ class MembraneSystem:
     def predicted_stresses(self, positions: Array, step: Array) -> Array:
         """(M, Q, 4) Pa after a step (N, 2), to first order."""
         strain = np.zeros((*self.membrane.volume.shape, 3))
-        predicted_strains(positions, step, self._elements, UNIT, _scratch(), strain)
+        predicted_strains(positions, step, self._elements, _UNIT, _scratch(), strain)
         return self._stresses(strain, positions, step)
 
     def solve(self, positions: Array, stresses: Array, shift: Array) -> tuple[Array, Array] | None:
@@ -197,12 +197,12 @@ def _scratch() -> tuple[Array, ...]:
     )
 
 
-LIMIT = 150
+_LIMIT = 150
 # the last step: below this share of the size
 # how t grows until the stiffness is definite, and how it falls from one iteration to the next
-FIRST, MORE, LESS = 0.1, 0.15, 0.3
-SHORTEST = 1e-6
-ARMIJO = 1e-4
+_FIRST, _MORE, _LESS = 0.1, 0.15, 0.3
+_SHORTEST = 1e-6
+_ARMIJO = 1e-4
 
 
 class NoEquilibrium(Exception):
@@ -237,13 +237,13 @@ def descend(
     of the energy that a step must win to be followed by another.
     """
     weight = 0.0
-    for iteration in range(LIMIT):
+    for iteration in range(_LIMIT):
         stresses = system.stresses(positions)
         step, gain, weight = _direction(system, positions, stresses, weight, shift)
         length = 1.0 if iteration == 0 else _length(system, positions, step, gain)
         positions = positions + length * step
         shift = np.zeros_like(shift)
-        close = np.abs(step).max() < CLOSE * system.size
+        close = np.abs(step).max() < _CLOSE * system.size
         if iteration and (close or gain < accuracy * system.energy(positions)):
             return positions, iteration + 1
     return None
@@ -254,12 +254,12 @@ def _direction(
 ) -> tuple[Array, float, float]:
     """Newton's step, what it would win (J, twice), and the weight t that it took."""
     convex = tensile(stresses)
-    weight = max(0.0, weight - LESS)
+    weight = max(0.0, weight - _LESS)
     while True:
         found = system.solve(positions, stresses + weight * (convex - stresses), shift)
         if found is not None or weight >= 1.0:
             break
-        weight = min(1.0, weight + MORE) if weight > 0.0 else FIRST
+        weight = min(1.0, weight + _MORE) if weight > 0.0 else _FIRST
     if found is None:
         raise NoEquilibrium("the stiffness is singular")
     step, forces = found
@@ -272,9 +272,9 @@ def _length(system: MembraneSystem, positions: Array, step: Array, gain: float) 
         return length
     # a moved clamp may have turned some over, which the way down has to mend
     most = np.inf if system.folding else system.turned(positions)
-    while length > SHORTEST:
+    while length > _SHORTEST:
         trial = positions + length * step
-        falls = system.energy(trial) <= energy - ARMIJO * length * gain
+        falls = system.energy(trial) <= energy - _ARMIJO * length * gain
         if falls and system.turned(trial) <= most:
             break
         length *= 0.5
@@ -282,12 +282,12 @@ def _length(system: MembraneSystem, positions: Array, step: Array, gain: float) 
 
 
 # a step of Newton's below this share of the sample's size is the last one
-CLOSE = 1e-8
-ITERATIONS = 25
+_CLOSE = 1e-8
+_ITERATIONS = 25
 # the path of a descent is taken in so many parts
-PARTS = 8
+_PARTS = 8
 # a step that moves a node by more than this share of the size has gone astray
-ASTRAY = 1.0
+_ASTRAY = 1.0
 
 
 @dataclass(frozen=True)
@@ -361,8 +361,8 @@ class Statics:
             if len(self._chains):
                 raise
         start = pose.positions
-        for part in range(1, PARTS + 1):
-            pose = self.descend(pose, start + part / PARTS * (target - start))
+        for part in range(1, _PARTS + 1):
+            pose = self.descend(pose, start + part / _PARTS * (target - start))
         return pose
 
     def descend(self, pose: MembranePose, target: Array) -> MembranePose:
@@ -393,10 +393,10 @@ class Statics:
     def _newton(self, pose: MembranePose, target: Array) -> MembranePose:
         shift = np.where(self.system.held[:, None], target - pose.positions, 0.0)
         last = np.inf
-        for iteration in range(ITERATIONS):
+        for iteration in range(_ITERATIONS):
             step, tensions = self._step(pose, shift)
             size = float(np.abs(step).max()) / self.system.size
-            if not size < ASTRAY:
+            if not size < _ASTRAY:
                 raise NoEquilibrium("the iterations diverge")
             positions = pose.positions + step
             stresses = (
@@ -406,11 +406,11 @@ class Statics:
             )
             moved = replace(pose, positions=positions, stresses=stresses)
             pose = replace(moved, tensions=tensions, iterations=pose.iterations + 1)
-            if iteration and size < CLOSE and last < 1e3 * CLOSE:
+            if iteration and size < _CLOSE and last < 1e3 * _CLOSE:
                 self._check(pose.positions)
                 return pose
             shift, last = np.zeros_like(shift), size
-        raise NoEquilibrium(f"no convergence in {ITERATIONS} iterations")
+        raise NoEquilibrium(f"no convergence in {_ITERATIONS} iterations")
 
     def _step(self, pose: MembranePose, shift: Array) -> tuple[Array, Array]:
         _, forces, stiffness = self.system.assembled(pose.positions, pose.stresses)

@@ -40,19 +40,19 @@ Model = Literal["shell", "inextensible", "isotropic"]
 
 # a slope that changes by more than this share when the elements are four times as many is not
 # printed: it tells of the mesh
-MESH_CHANGE = 0.1
+_MESH_CHANGE = 0.1
 ELEMENTS = Range(32, 200_000)
 # as of presets
-GUARD = Range(0.0, 1e12, unit="Pa")
-SINGULAR = (
+_GUARD = Range(0.0, 1e12, unit="Pa")
+_SINGULAR = (
     "singular: one barb joins both clamps from corner to corner; the stress grows without bound"
     " with the modulus along the barbs and depends on the mesh, so none is given"
 )
-BRIDGED = (
+_BRIDGED = (
     "barbs join both clamps: the stress is of the order of the modulus along the barbs, and says"
     " little of the moduli across and in shear"
 )
-TAUT = "barbs of constant length join both clamps: the sample cannot be pulled, no stress is given"
+_TAUT = "barbs of constant length join both clamps: the sample cannot be pulled, no stress is given"
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Traction:
         "shell",
     )
     guard: float = value(
-        "Pa, compression guard: what keeps barbs that slide upon each other apart.", 0.0, GUARD
+        "Pa, compression guard: what keeps barbs that slide upon each other apart.", 0.0, _GUARD
     )
 
 
@@ -124,19 +124,19 @@ def run_traction(test: Traction) -> TractionResult:
     begin = time.perf_counter()
     regime, found = test.sample.regime, strains(test.strain, test.steps)
     limit = test.model == "inextensible"
-    note = "" if regime == "free" or test.model == "isotropic" else BRIDGED
+    note = "" if regime == "free" or test.model == "isotropic" else _BRIDGED
     if regime == "diagonal" and test.model == "shell":
-        note = SINGULAR
+        note = _SINGULAR
     if limit and regime != "free":
-        note = TAUT
-    if note in (SINGULAR, TAUT):
+        note = _TAUT
+    if note in (_SINGULAR, _TAUT):
         return TractionResult(
             found, None, None, 0, 0, 0, time.perf_counter() - begin, regime, None, note
         )
     pulled = pull_test(test)
     coarse = pull_test(replace(test, elements=max(int(ELEMENTS.low) // 2, test.elements // 4)))
     change = pulled.slope / coarse.slope - 1.0
-    known = abs(change) <= MESH_CHANGE
+    known = abs(change) <= _MESH_CHANGE
     if not known:
         note = f"{note}; " if note else ""
         note += "no number is given, because it depends on the mesh: see mesh_change"
