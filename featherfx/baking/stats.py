@@ -134,8 +134,8 @@ def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None) -> dict[
     these. Memory is that of the process so far and of what the bake adds; an estimate.
     """
     drawn = drawn_feathers(shot)
-    table = level_plan(shot, drawn, root_motion(shot)).table
-    levels = {name: float((table == k).sum(axis=1).mean()) for k, name in enumerate(LEVELS)}
+    resolutions = level_plan(shot, drawn, root_motion(shot)).resolutions
+    levels = Counter(each.level for each in resolutions)
     frames = shot.last_frame - shot.first_frame + 1
     total = len(shot.groom.feathers)
     learnt = expected(shot, jobs, budget)
@@ -156,7 +156,7 @@ def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None) -> dict[
         "tried_feathers": learnt.trial.feathers,
         "tried_frames": learnt.trial.frames,
         "trial_seconds": learnt.seconds,
-        "levels": {name: count for name, count in levels.items() if count},
+        "levels": {name: float(levels[name]) for name in LEVELS if levels[name]},
         "unknowns": round(work_of(shot)),
         "seconds_of_a_feather_and_frame": phases["simulating"] * jobs / max(frames - 1, 1) / total,
         "wall_seconds": sum(seconds.values()),

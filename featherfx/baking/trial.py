@@ -33,13 +33,13 @@ from featherfx.baking.task import BakeTask
 from featherfx.errors import InputWarning
 from featherfx.files.memory import give_back_memory
 from featherfx.phases import Account, phase
-from featherfx.shot.detail.detail import CARRIED, Resolution
+from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.levels import LevelPlan, level_plan
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.share import part_of
 from featherfx.shot.simulate import drawn_feathers, simulate
-from featherfx.shot.types import LEVELS, Detail, Shot
+from featherfx.shot.types import Detail, Shot
 from featherfx.usd.write.forms import chosen_group
 from featherfx.usd.write.output import unique_prim_names
 
@@ -332,9 +332,9 @@ def _pinned(shot: Shot) -> Shot:
         numbers = plan.leading if len(plan.leading) else np.arange(len(feathers))
         places = np.linspace(0, len(numbers) - 1, min(_COURSE, len(numbers)))
         chosen = numbers[places.astype(np.int64)]
-    part, finest = part_of(shot, chosen), plan.table.min(axis=0)
+    part = part_of(shot, chosen)
     pinned = tuple(
-        Detail(feathers=each.id, level=LEVELS[finest[f]])
+        Detail(feathers=each.id, level=plan.resolutions[f].level)
         for f, each in zip(chosen, part.groom.feathers, strict=True)
     )
     return replace(part, details=part.details + pinned, level_of_detail=None)
@@ -383,17 +383,12 @@ def _plan(shot: Shot) -> LevelPlan:
 
 
 def work_of(shot: Shot) -> float:
-    """Unknowns of a frame, in the mean of the frames."""
-    plan = _plan(shot)
-    return 1.0 + sum(
-        float((plan.table[:, f] == LEVELS.index(each.level)).mean()) * unknowns(each)
-        for f, own in enumerate(plan.resolutions)
-        for each in own
-    )
+    """Unknowns of a frame."""
+    return 1.0 + sum(map(unknowns, _plan(shot).resolutions))
 
 
 def unknowns(resolution: Resolution) -> int:
     """Six a row, and two directions of coefficients for the two barbs of a row."""
-    if resolution.level in CARRIED:
+    if not resolution.is_simulated:
         return 0
     return resolution.rows * (6 + 4 * resolution.coefficients)

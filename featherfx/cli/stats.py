@@ -105,7 +105,7 @@ def _bake_lines(bake: dict[str, Any]) -> list[str]:
     ]
     if len(bake["levels"]) > 1:
         levels = ", ".join(f"{count:.0f} {level}" for level, count in bake["levels"].items())
-        lines.append(f"  levels in the mean of the frames: {levels}")
+        lines.append(f"  levels: {levels}")
     parts = ", ".join(
         f"{name.replace('_', ' ')} {_short(seconds)}" for name, seconds in bake["seconds"].items()
     )

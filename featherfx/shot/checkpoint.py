@@ -19,7 +19,7 @@ from featherfx.solver.state import State
 
 NOWHERE: Array = np.zeros((0, 3))
 
-_KEPT = ("contact", "levels", "cycles", "layers")
+_KEPT = ("contact", "cycles", "layers")
 
 
 @dataclass(frozen=True)
@@ -30,15 +30,14 @@ class Checkpoint:
     states: one per group of feathers. starts: per group (F, n, 1 + 2 m, 3) m, nodes at the
     first frame, from which grips count. wanted: (W,) numbers of the feathers in its frames;
     replayed: (R,) of those whose motion was taken from an earlier simulation.
-    contact, levels, cycles, layers: arrays that contact, changes of level, repeated motion and
-    layered plumage keep between frames.
+    contact, cycles, layers: arrays that contact, repeated motion and layered plumage keep between
+    frames.
     """
 
     index: int
     states: tuple[State, ...]
     starts: tuple[Array, ...]
     contact: dict[str, NDArray[Any]] = field(default_factory=dict)
-    levels: dict[str, NDArray[Any]] = field(default_factory=dict)
     cycles: dict[str, NDArray[Any]] = field(default_factory=dict)
     layers: dict[str, NDArray[Any]] = field(default_factory=dict)
     wanted: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))

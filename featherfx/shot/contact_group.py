@@ -16,10 +16,9 @@ from featherfx.shot.contact.obstacles import Obstacles, obstacles_of
 from featherfx.shot.contact.root_inside_body import warn_of_sunk
 from featherfx.shot.counts import Advanced, Bounds
 from featherfx.shot.detail.cycle import SLACK, repeats_together
-from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import LevelPlan
-from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
-from featherfx.shot.free_group import Alone
+from featherfx.shot.detail.sleep import is_at_rest, is_undisturbed, skip_frame
+from featherfx.shot.free_group import Alone, FreeRootPaths
 from featherfx.shot.groups import Group, loads_within
 from featherfx.shot.islands import ALONE
 from featherfx.shot.motion.motion import root_path
@@ -29,18 +28,13 @@ from featherfx.solver.solver import RootPath
 
 
 class Together:
-    """Batches of one island (islands.py), whose states it brings on. groups: at least one. levels:
-    of detail; what is computed at another one stands aside. obstacles: of the island."""
+    """Batches of one island (islands.py), whose states it brings on. groups: at least one.
+    obstacles: of the island."""
 
     def __init__(
-        self,
-        shot: Shot,
-        groups: Sequence[Group],
-        motion: Roots,
-        levels: LevelRun,
-        obstacles: Obstacles,
+        self, shot: Shot, groups: Sequence[Group], motion: Roots, obstacles: Obstacles
     ) -> None:
-        self._shot, self.groups, self._motion, self._levels = shot, groups, motion, levels
+        self._shot, self.groups, self._motion = shot, groups, motion
         self._obstacles = obstacles
         # what contact kept after the samples that the batches' cycles keep
         self._kept: deque[dict[str, Any]] = deque()
@@ -49,7 +43,6 @@ class Together:
             shot,
             [group.solver for group in groups],
             [group.members for group in groups],
-            [group.level for group in groups],
             [feather for group in groups for feather in group.feathers],
             obstacles,
         )
@@ -63,7 +56,7 @@ class Together:
     def settle(self, loads: Sequence[Loads]) -> None:
         """Bring the feathers to rest against each other. loads: on each batch."""
         states = [group.state for group in self.groups]
-        rested = self.contact.settle(states, loads, self._idle())
+        rested = self.contact.settle(states, loads)
         for group, state in zip(self.groups, rested, strict=True):
             group.state = state
 
@@ -96,14 +89,13 @@ class Together:
         begun: bool,
     ) -> Advanced:
         start, end = span
-        idle = self._idle()
-        states, number = [group.state for group in self.groups], int((resting & ~idle).sum())
-        if (resting | idle).all() and not self.contact.stirred(states, start, end):
-            self._pass(paths, end - start)
+        states, number = [group.state for group in self.groups], int(resting.sum())
+        if resting.all() and not self.contact.stirred(states, start, end):
+            self._pass(end - start)
             return Advanced([], resting=number)
         if begun and self._shot.cycle and self._repeats(paths, loads, end):
             self._replay(paths, end - start)
-            return Advanced([], repeated=int((~idle).sum()))
+            return Advanced([], repeated=len(resting))
 
         def loads_of(begin: float, stop: float) -> list[Loads]:
             return [
@@ -111,9 +103,7 @@ class Together:
                 for group in self.groups
             ]
 
-        states, reports = self.contact.advance(
-            states, loads_of, self._paths, start, end, resting, idle
-        )
+        states, reports = self.contact.advance(states, loads_of, self._paths, start, end, resting)
         for group, state, acting in zip(self.groups, states, loads, strict=True):
             group.state, group.loads = state, acting
         return Advanced(reports, resting=number)
@@ -143,8 +133,7 @@ class Together:
         """Note what a later cycle may replay."""
         for group, path, acting in zip(self.groups, paths, loads, strict=True):
             if group.cycle is not None:
-                everyone = np.ones(len(group.members), dtype=np.bool_)
-                group.cycle.keep(group.state, path, acting, everyone)
+                group.cycle.keep(group.state, path, acting)
                 self._kept = deque(self._kept, group.cycle.period)
         self._kept.append(self.contact.memory())
 
@@ -172,56 +161,54 @@ class Together:
             whole, low, paths = root_path(self._motion, members, start, end), 0, []
             for group in self.groups:
                 own = slice(low, low + len(group.members))
-                path = whole.part(own)
-                paths.append(self._levels.held(group, path))
+                paths.append(whole.part(own))
                 low = own.stop
             self._led = (start, end), paths
         return self._led[1]
-
-    def _idle(self) -> Flags:
-        """(B,) feathers of all batches that are computed in another one."""
-        return ~np.concatenate([self._levels.active(group) for group in self.groups])
 
     def _resting(self, paths: Sequence[RootPath], loads: Sequence[Loads], duration: float) -> Flags:
         """(B,) feathers of all batches that nothing stirs, unless others push them."""
         flags = []
         for group, path, acting in zip(self.groups, paths, loads, strict=True):
-            quiet = undisturbed(group.state, path, acting, group.loads)
+            quiet = is_undisturbed(group.state, path, acting, group.loads)
             if quiet.any():  # seldom where roots move, and what follows looks at all nodes
-                quiet &= at_rest(group.state, path, group.solver.settings.tolerance, duration)
+                quiet &= is_at_rest(group.state, group.solver.settings.tolerance, duration)
             flags.append(quiet & self._shot.sleep)
         return np.concatenate(flags)
 
-    def _pass(self, paths: Sequence[RootPath], duration: float) -> None:
-        """Time in which all sleep."""
-        for group, path in zip(self.groups, paths, strict=True):
+    def _pass(self, duration: float) -> None:
+        """Let time pass in which all sleep."""
+        for group in self.groups:
             everyone = np.ones(len(group.members), dtype=np.bool_)
-            group.state = asleep(group.state, everyone, path, duration)
+            group.state = skip_frame(group.state, everyone, duration)
 
 
 def islands_together(
     shot: Shot,
     groups: Sequence[Group],
     motion: Roots,
-    levels: LevelRun,
     plan: LevelPlan,
     islands: Indices,
+    duration: float,
 ) -> tuple[list[Together], list[Alone]]:
     """The islands of a shot, of their batches, and batches of feathers that push nothing. plan: of
-    all feathers of the shot; islands: (F,) of each, or ALONE."""
+    all feathers of the shot; islands: (F,) of each, or ALONE. duration: s, between two samples."""
+    lone = [group for group in groups if shot.contact is None or group.island == ALONE]
+    paths = FreeRootPaths(lone, motion)
+    alone = [Alone(shot, group, paths, duration) for group in lone]
     if shot.contact is None:
-        return [], [Alone(shot, group, levels) for group in groups]
+        return [], alone
     own: dict[int, list[Group]] = {}
     for group in groups:
         own.setdefault(group.island, []).append(group)
-    alone = own.pop(ALONE, [])
+    own.pop(ALONE, None)
     warn_of_sunk(shot, motion)
     found = []
     for number, some in own.items():
         members = np.flatnonzero(islands == number)
-        obstacles = obstacles_of(shot, plan, members, some, motion, levels)
-        found.append(Together(shot, some, motion, levels, obstacles))
-    return found, [Alone(shot, group, levels) for group in alone]
+        obstacles = obstacles_of(shot, plan, members, some, motion)
+        found.append(Together(shot, some, motion, obstacles))
+    return found, alone
 
 
 def contact_memory(islands: Sequence[Together]) -> dict[str, NDArray[Any]]:

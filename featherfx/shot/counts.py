@@ -65,16 +65,13 @@ class Unsolved(NamedTuple):
 class Advanced(NamedTuple):
     """What a sample took of batches that are stepped together.
 
-    reports: of the batches, none where nothing was solved. resting, coasting: feathers that nothing
-    stirs, where they are and with their roots. repeated: those that were replayed. twins: those
-    that became images of others.
+    reports: of the batches, none where nothing was solved. resting: feathers that nothing stirs.
+    repeated: those that were replayed.
     """
 
     reports: Sequence[StepReport]
     resting: int = 0
-    coasting: int = 0
     repeated: int = 0
-    twins: int = 0
 
 
 @dataclass
@@ -83,9 +80,9 @@ class Counts:
 
     reports: one per batch and frame. too_long: by feather, its worst frame. limits: what bounds the
     steps of these, by keys. unsolved: by feather, its worst frame, where a step is farther from its
-    solution than its error may be, as where a frame had to end (retry_kernels). slept, coasted,
-    repeated, twins: feather frames that were not stepped; rigid, guided: those of
-    feathers that follow their roots or guides only.
+    solution than its error may be, as where a frame had to end (retry_kernels). slept, repeated:
+    feather frames that were not stepped; rigid, guided: those of feathers that follow their roots
+    or guides only.
     """
 
     reports: list[StepReport] = field(default_factory=list)
@@ -93,9 +90,7 @@ class Counts:
     limits: dict[str, int] = field(default_factory=dict)
     unsolved: dict[str, Unsolved] = field(default_factory=dict)
     slept: int = 0
-    coasted: int = 0
     repeated: int = 0
-    twins: int = 0
     rigid: int = 0
     guided: int = 0
 
@@ -117,9 +112,7 @@ class Counts:
     def skip(self, done: Advanced) -> None:
         """Count what was not solved of a sample."""
         self.slept += done.resting
-        self.coasted += done.coasting
         self.repeated += done.repeated
-        self.twins += done.twins
 
     def frame(self, rigid: int, guided: int) -> None:
         """Count a frame that is handed out."""
@@ -145,9 +138,7 @@ class Counts:
             "worst_step_error": max((float(r.error.max()) for r in reports), default=0.0),
             "skipped": {
                 "sleeping feather frames": self.slept,
-                "coasting feather frames": self.coasted,
                 "repeated feather frames": self.repeated,
-                "twin feather frames": self.twins,
                 "rigid feather frames": self.rigid,
                 "guided feather frames": self.guided,
             },

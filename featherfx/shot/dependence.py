@@ -135,7 +135,6 @@ def _each(shot: Shot, plan: LevelPlan, motion: Roots) -> list[list[Any]]:
             pulls.get(placement.id, []),
             shelter[f],
             plan.resolutions[f],
-            plan.table[:, f],
             guarded[f],
             [each[f] for each in rules],
             [directed[f], float(share[f])],
@@ -164,9 +163,8 @@ def _guarded(shot: Shot, plan: LevelPlan) -> list[bool]:
     """Whether a feather is computed with the terms of a compression guard, its own or another's of
     its batch."""
     guards = [is_guarded(p.kind, touching=False) for p in shot.groom.feathers]
-    with_guard = {each for own, guard in zip(plan.resolutions, guards, strict=True) if guard
-                  for each in own}  # fmt: skip
-    return [any(each in with_guard for each in own) for own in plan.resolutions]
+    with_guard = {own for own, guard in zip(plan.resolutions, guards, strict=True) if guard}
+    return [own in with_guard for own in plan.resolutions]
 
 
 def _roots(skin: BoundSkin | None, count: int) -> list[Any]:
@@ -186,7 +184,7 @@ def _roots(skin: BoundSkin | None, count: int) -> list[Any]:
 
 def _with_guides(shot: Shot, plan: LevelPlan, own: Sequence[str]) -> list[str]:
     """The texts of those that follow guides, with what these depend on."""
-    result, guided = list(own), plan.of("guided")
+    result, guided = list(own), plan.at_level("guided")
     if not len(guided):
         return result
     guides, weights = guide_weights(shot, guided, plan.leading)

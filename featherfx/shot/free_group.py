@@ -9,24 +9,39 @@ import numpy as np
 from featherfx.algebra.types import Flags
 from featherfx.mechanics.model import Loads
 from featherfx.shot.counts import Advanced, Bounds
-from featherfx.shot.detail.level_run import LevelRun
-from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
-from featherfx.shot.detail.symmetry import Twins, twins_of
+from featherfx.shot.detail.sleep import is_at_rest, is_undisturbed, skip_frame
 from featherfx.shot.groups import Group
+from featherfx.shot.motion.motion import root_path
+from featherfx.shot.motion.roots import Roots
 from featherfx.shot.settled import settled
 from featherfx.shot.types import Shot
 from featherfx.solver.overload import overload_describer
-from featherfx.solver.solver import RootPath, State, hold_roots, raise_if_failed
+from featherfx.solver.solver import RootPath, raise_if_failed
+
+
+class FreeRootPaths:
+    """Paths of the roots of all batches that push nothing, found at once for each span."""
+
+    def __init__(self, groups: Sequence[Group], motion: Roots) -> None:
+        members = [np.zeros(0, dtype=np.int64), *(group.members for group in groups)]
+        self._motion, self._members = motion, np.unique(np.concatenate(members))
+        self._known: tuple[tuple[float, float], RootPath] | None = None
+
+    def path(self, group: Group, start: float, end: float) -> RootPath:
+        """Return the path of the roots of a group from start to end (s)."""
+        if self._known is None or self._known[0] != (start, end):
+            self._known = (start, end), root_path(self._motion, self._members, start, end)
+        own = np.searchsorted(self._members, group.members)
+        samples, base = (each[own] for each in self._known[1])
+        return RootPath(samples, base)
 
 
 class Alone:
-    """One batch, whose state it brings on. levels: of detail; what is computed at another one is
-    left as it is."""
+    """One batch, whose state it brings on. paths: of the roots of all such batches. duration: s,
+    between two samples."""
 
-    def __init__(self, shot: Shot, group: Group, levels: LevelRun) -> None:
-        self._shot, self._group, self._levels = shot, group, levels
-        # the state that was reached last, and its images of others
-        self._reached: tuple[State, Twins] | None = None
+    def __init__(self, shot: Shot, group: Group, paths: FreeRootPaths, duration: float) -> None:
+        self._shot, self._group, self._paths, self._duration = shot, group, paths, duration
 
     @property
     def groups(self) -> Sequence[Group]:
@@ -42,11 +57,7 @@ class Alone:
     def settle(self, loads: Sequence[Loads]) -> None:
         """Bring the feathers to rest. loads: on the batch."""
         group, (acting,) = self._group, loads
-        active = self._levels.active(group)
-        twins = self._twins(hold_roots(group.state), acting, active)
-        chosen = twins.stepped(active).tolist()
-        state = settled(group.solver, group.state, acting, group.names, chosen)
-        group.state = twins.written(state)
+        group.state = settled(group.solver, group.state, acting, group.names)
 
     def advance(
         self,
@@ -60,50 +71,32 @@ class Alone:
 
         Raises SimulationError.
         """
-        group, (acting,), duration = self._group, loads, self._levels.duration
-        active, cycle = self._levels.active(group), group.cycle if begun else None
-        path = self._levels.path(group, start, end)
-        moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
-        sleeping = self._sleeping(path, acting, duration) & active & ~stirred[0]
-        repeating = np.zeros_like(active)
+        group, (acting,), duration = self._group, loads, self._duration
+        path, cycle = self._paths.path(group, start, end), group.cycle if begun else None
+        sleeping = self._sleeping(path, acting, duration) & ~stirred[0]
+        repeating = np.zeros_like(sleeping)
         if cycle is not None:
-            repeating = cycle.repeating(path, acting) & active & ~sleeping
-        awake = active & ~sleeping & ~repeating
-        twins = self._twins(path, acting, awake)
-        stepped = twins.stepped(awake).tolist()
-        state, report = group.solver.step(group.state, acting, path, duration, stepped)
-        group.state = twins.written(state, report)
+            repeating = cycle.repeating(path, acting) & ~sleeping
+        stepped = np.flatnonzero(~sleeping & ~repeating).tolist()
+        group.state, report = group.solver.step(group.state, acting, path, duration, stepped)
         if sleeping.any():
-            group.state = asleep(group.state, sleeping, path, duration)
+            group.state = skip_frame(group.state, sleeping, duration)
         if cycle is not None:
             if repeating.any():
                 group.state = cycle.replayed(group.state, repeating, path, duration)
-            cycle.keep(group.state, path, acting, active & ~self._levels.fresh(group))
-        self._reached, group.loads = (group.state, twins), acting
+            cycle.keep(group.state, path, acting)
+        group.loads = acting
         cause_of = overload_describer(group.solver.model, group.state)
         raise_if_failed(report.status, group.state.time, group.names, cause_of=cause_of)
-        resting, coasting = int((sleeping & ~moving).sum()), int((sleeping & moving).sum())
-        return Advanced([report], resting, coasting, int(repeating.sum()), len(twins.own))
-
-    def _twins(self, path: RootPath, loads: Loads, awake: Flags) -> Twins:
-        """Feathers that become images of others over a frame, of those that are awake."""
-        group = self._group
-        if group.alike is None or group.flying or group.changes or group.pulls is not None:
-            return Twins.none()
-        written = None
-        # gaps are preened in place
-        if self._reached and self._reached[0] is group.state and not group.solver.model.hooked:
-            written = self._reached[1]
-        return twins_of(group.alike, group.state, path, loads, awake, written)
+        return Advanced([report], int(sleeping.sum()), int(repeating.sum()))
 
     def _sleeping(self, path: RootPath, loads: Loads, duration: float) -> Flags:
-        """(F,) feathers that sleep or coast through a frame."""
+        """(F,) feathers that sleep through a frame."""
         group = self._group
         if not self._shot.sleep or group.flying:
             return np.zeros(len(group.members), dtype=np.bool_)
-        tolerance = group.solver.settings.tolerance
-        coast = tolerance if self._shot.coast else None
-        quiet = undisturbed(group.state, path, loads, group.loads, coast)
+        quiet = is_undisturbed(group.state, path, loads, group.loads)
         if not quiet.any():  # seldom otherwise in gusts, and what follows looks at all nodes
             return quiet
-        return np.asarray(quiet & at_rest(group.state, path, tolerance, duration))
+        tolerance = group.solver.settings.tolerance
+        return np.asarray(quiet & is_at_rest(group.state, tolerance, duration))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.types import Array, Indices
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import scaled_map
 from featherfx.feather.lengths import Carrier
@@ -23,8 +23,7 @@ from featherfx.mechanics.batch import barb_course, has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
 from featherfx.shot.detail.cycle import Cycle
-from featherfx.shot.detail.detail import CARRIED, Resolution
-from featherfx.shot.detail.symmetry import Alike, alike
+from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.direction.material_channels import NAMES, Blown, Matter, matter_of
 from featherfx.shot.direction.targets import Pulls, pulls_of
@@ -61,7 +60,7 @@ class Group:
     one. own: model of dry feathers that nothing directs. cycle: of a shot that repeats. water: of
     feathers that are wet at times. free: s, time at which they leave their roots, None: never.
     matter: as channels have it. blown: channels of wind, and felt: how much of each acts
-    (direction/matter.py). pulls: towards shapes (direction/targets.py). alike: what may be twins.
+    (direction/matter.py). pulls: towards shapes (direction/targets.py).
     """
 
     resolution: Resolution
@@ -85,7 +84,6 @@ class Group:
     blown: Blown | None = None
     felt: tuple[float, ...] = ()
     pulls: Pulls | None = None
-    alike: Alike | None = None
 
     @property
     def level(self) -> str:
@@ -147,7 +145,8 @@ class _Alike(NamedTuple):
 def make_groups(
     shot: Shot,
     drawn: Sequence[Feather],
-    resolutions: Sequence[Sequence[Resolution]],
+    resolutions: Sequence[Resolution],
+    solved: Indices,
     motion: Roots,
     jobs: int,
     islands: Indices,
@@ -156,24 +155,22 @@ def make_groups(
     """Batches of feathers of one island, grid, barb taper, clamp, hooks, exposure, wetness,
     freedom and felt wind, at a time in s.
 
-    drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
-    each feather ever has; it is in a batch for each at which something is solved. islands: (F,)
-    numbers, or ALONE.
+    drawn: all feathers of the groom on the meshes' grid. resolutions: of each. solved: numbers of
+    the feathers that are wanted, of which those that are simulated come into batches. islands:
+    (F,) numbers, or ALONE.
     """
     alike: dict[_Alike, list[int]] = {}
     exposed, placements = exposures(shot).tolist(), shot.groom.feathers
     wets, frees = last_fitting(shot.wets, placements), last_fitting(shot.frees, placements)
     blown, directing = Blown(shot), courses(shot, NAMES)
-    for index, placement in enumerate(placements):
-        kind = placement.kind
-        for resolution in resolutions[index]:
-            if resolution.level not in CARRIED:
-                taper, clamp = barb_course(kind), has_elastic_clamp(kind)
-                island = int(islands[index])
-                hooked = _slips(kind, resolution)
-                rules = exposed[index], wets[index], frees[index], blown.weights[index]
-                key = _Alike(island, resolution, taper, clamp, hooked, *rules)
-                alike.setdefault(key, []).append(index)
+    for index in solved.tolist():
+        kind, resolution = placements[index].kind, resolutions[index]
+        if resolution.is_simulated:
+            taper, clamp = barb_course(kind), has_elastic_clamp(kind)
+            hooked = _slips(kind, resolution)
+            rules = exposed[index], wets[index], frees[index], blown.weights[index]
+            key = _Alike(int(islands[index]), resolution, taper, clamp, hooked, *rules)
+            alike.setdefault(key, []).append(index)
     groups = [
         _group(shot, drawn, np.array(members), key, motion, jobs, time)
         for key, members in counted("building", alike.items(), len(alike))
@@ -184,12 +181,10 @@ def make_groups(
     return groups
 
 
-def give_cycles(shot: Shot, groups: Sequence[Group], changing: bool, subframes: int) -> None:
-    """Cycles for batches that may repeat: what slips, dries, is directed, leaves, or touches others
-    at changing levels does not."""
+def give_cycles(shot: Shot, groups: Sequence[Group], subframes: int) -> None:
+    """Give cycles to batches that may repeat: what slips, dries, is directed or leaves does not."""
     for group in groups:
-        lasting = not group.changes and group.free is None and not group.solver.model.hooked
-        if lasting and (shot.contact is None or group.island == ALONE or not changing):
+        if not group.changes and group.free is None and not group.solver.model.hooked:
             tolerance, count = group.solver.settings.tolerance, len(group.members)
             group.cycle = Cycle(shot.cycle * subframes, tolerance, count)
 
@@ -246,7 +241,6 @@ def _group(
         free=None if key.free < 0 else shot.time_of(shot.frees[key.free].frame),
         felt=key.felt,
         pulls=pulls_of(shot, drawn, feathers, members, motion, model),
-        alike=alike(placements, shot.twins),
     )
 
 
@@ -298,7 +292,7 @@ def model_of(
         ]
         kinds = [_as_simulated(unit or placement.kind, resolution) for placement, unit, _ in own]
         model = make_model(some, kinds, resolution.coefficients, touching)
-        if resolution.level in CARRIED:
+        if not resolution.is_simulated:
             return model.arrays()
         compile_steps(model)  # while this process finds frequencies
         return with_damping(model, kinds).arrays()
@@ -373,19 +367,19 @@ def loads_within(
     return sheltered(loads, group.exposure, way, end - start)
 
 
-def poses_of(group: Group, some: Flags) -> dict[int, FeatherPose]:
-    """Points and rates of some of a group's feathers (F,), by their numbers, on the grid of the
+def poses_of(group: Group) -> dict[int, FeatherPose]:
+    """Return points and rates of a group's feathers, by their numbers, on the grid of the
     meshes."""
     state, hooked = group.state, group.solver.model.hooked
-    wanted = np.flatnonzero(some)
-    numbers = group.members[wanted].tolist()
+    numbers = group.members.tolist()
     if (carrier := group.carrier) is not None:
-        moving = carrier(wanted, state.points, state.velocity, state.acceleration)
+        every = np.arange(len(numbers))
+        moving = carrier(every, state.points, state.velocity, state.acceleration)
         each = moving.points.each(), moving.velocities.each(), moving.accelerations.each()
         given = zip(numbers, *each, strict=True)
         return {f: FeatherPose(points, rate, second) for f, points, rate, second in given}
     found = {}
-    for f, k in zip(numbers, wanted.tolist(), strict=True):
+    for k, f in enumerate(numbers):
         gaps = state.gaps_of(k) if hooked else None
         points, rate, second = state.points.at(k), state.velocity.at(k), state.acceleration.at(k)
         found[f] = FeatherPose(points, rate, second, gaps)

@@ -52,7 +52,7 @@ def _led_together(shot: Shot, plan: LevelPlan, some: Indices, island: Indices) -
     """The islands (S,) of some feathers, those made one of which one follows guides in the other:
     it pushes feathers of both."""
     assert shot.contact is not None
-    guided = plan.of("guided")
+    guided = plan.at_level("guided")
     if not shot.contact.obstacles or not len(guided) or island.max() == 0:
         return island
     guides, weights = guide_weights(shot, guided, plan.leading)

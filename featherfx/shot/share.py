@@ -152,7 +152,7 @@ def _shares(shot: Shot, count: int) -> Indices:
 
     placements = shot.groom.feathers
     plan = level_plan(shot, _drawn(shot), root_motion(shot))
-    guided = plan.of("guided")
+    guided = plan.at_level("guided")
     share = np.arange(len(placements)) % count
     if not len(guided):
         return share

@@ -29,15 +29,15 @@ from featherfx.shot.counts import Counts
 from featherfx.shot.detail.cycle import memory_of, restore, warn_if_never
 from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.estimate import Estimate
-from featherfx.shot.detail.followers import Carried, FeatherPose
-from featherfx.shot.detail.level_run import LevelRun
+from featherfx.shot.detail.followers import GuidedFeathers
 from featherfx.shot.detail.levels import level_plan
+from featherfx.shot.detail.sampled_poses import SampledPoses
 from featherfx.shot.direction.follow_through import FollowThrough
 from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.direction.targets import Reached
 from featherfx.shot.direction.unsimulated_targets import warn_of_unfelt
 from featherfx.shot.energy import Energy, energy_of
-from featherfx.shot.frames import Frame, not_finite, sample_number
+from featherfx.shot.frames import FeatherPose, Frame, not_finite, sample_number
 from featherfx.shot.free_group import Alone
 from featherfx.shot.groups import (
     Group,
@@ -108,22 +108,19 @@ class Simulation:
         plan = level_plan(shot, drawn, motion)
         refuse_other_shapes(shot, drawn, plan.resolutions, motion)
         warn_of_unfelt(shot, plan.resolutions)
-        carried = Carried(shot, drawn, plan.of("guided"), plan.leading, computed)
+        guided = GuidedFeathers(shot, drawn, plan, computed)
         self._replay = replay = replay or Replay()
-        asked = np.setdiff1d(np.union1d(computed, carried.guides), replay.numbers)
+        asked = np.setdiff1d(np.union1d(computed, guided.guides), replay.numbers)
         solved, islands = with_pushing(shot, drawn, plan, asked)
-        self.resolutions: list[Resolution] = [plan.resolutions[f][0] for f in self._wanted]
-        whole, plan = plan, plan.part(solved, replay.numbers)
-        self._groups = make_groups(
-            shot, drawn, plan.resolutions, motion, jobs, islands, self._time(self._first)
+        self.resolutions: list[Resolution] = [plan.resolutions[f] for f in self._wanted]
+        self._groups = groups = make_groups(
+            shot, drawn, plan.resolutions, solved, motion, jobs, islands, self._time(self._first)
         )
         if shot.cycle:
-            give_cycles(shot, self._groups, plan.changes, subframes)
-        groups = self._groups
-        self._levels = LevelRun(shot, plan, drawn, groups, motion, carried, replay, subframes)
-        self._islands, self._alone = islands_together(
-            shot, self._groups, motion, self._levels, whole, islands
-        )
+            give_cycles(shot, groups, subframes)
+        duration = 1.0 / (shot.frames_per_second * subframes)
+        self._poses = SampledPoses(plan, drawn, groups, motion, guided, replay, computed, duration)
+        self._islands, self._alone = islands_together(shot, groups, motion, plan, islands, duration)
         self._through = FollowThrough(shot, drawn, motion, computed)
         self._hooks = Hooks(shot, self._groups)
         self._wets, self._renewed = last_fitting(shot.wets, shot.groom.feathers), list[Group]()
@@ -233,7 +230,7 @@ class Simulation:
                 yield index
             for index in range(self._index + 1, end + 1):
                 self._reach(index)
-                self._counts.frame(*self._levels.counts())
+                self._counts.frame(*self._poses.counts)
                 yield index
             cycles = [group.cycle for group in self._groups]
             warn_if_never(cycles, self.shot.cycle, self._index // self._subframes)
@@ -258,7 +255,6 @@ class Simulation:
         """Bring all feathers to the sample with this index; those of the preroll are below 0."""
         if index > 0:
             self._say_cuts(index - 1)
-            self._levels.begin(index)
             self._hooks.preen(self._time(index - 1), self._time(index))
         self._renewed = [group for group in self._groups if self._renew(group, index)]
         if index == self._first:
@@ -277,9 +273,8 @@ class Simulation:
         self._index = index
 
     def _note(self, index: int) -> None:
-        """Note how far feathers are bent, and off their targets; changes of level go on."""
+        """Note how far feathers are bent, and off their targets."""
         self._estimate.note()
-        self._levels.finish(index)
         for group in self._groups:
             nodes, number = group.state.points.nodes, self._number(index)
             self._reached.note(group.pulls, nodes, self._time(index), number)
@@ -311,11 +306,11 @@ class Simulation:
 
     def _reached_at(self, index: int, keeps: bool) -> Reach:
         """The sample where the simulation stands. keeps: whether a checkpoint is asked for."""
-        poses, time = self._levels.shown(index), self._time(index)
+        (poses, solved), time = self._poses.at(index), self._time(index)
         poses = self._through.of(poses, self._time(index - 1), time)
         skin = NOWHERE if self._layers is None else self._layers.skin(time)
         standing = self._standing() if keeps else None
-        return Reach(index, poses, skin, standing, self._levels.solved(index))
+        return Reach(index, poses, skin, standing, solved)
 
     def _begin(self) -> None:
         """Settle all feathers where the simulation begins, carried by their roots if these move."""
@@ -349,7 +344,6 @@ class Simulation:
             tuple(group.state for group in self._groups),
             tuple(group.start for group in self._groups),
             contact_memory(self._islands),
-            self._levels.fades.memory(),
             memory_of([group.cycle for group in self._groups]),
             wanted=self._wanted,
             replayed=self._replay.numbers,
@@ -417,7 +411,6 @@ class Simulation:
             if start.index:
                 group.loads = self._loads(group, start.index)
         restore_contact(self._islands, start.contact)
-        self._levels.fades.restore(start.levels)
         if self._layers is not None:
             self._layers.restore(start.layers)
         restore([group.cycle for group in self._groups], start.cycles)
@@ -439,7 +432,7 @@ class Simulation:
     def _advance(self, some: Together | Alone, index: int) -> None:
         """Bring batches that are stepped together to the sample with this index."""
         loads = [self._loads(group, index) for group in some.groups]
-        stirred = [self._stirred(each) | self._levels.fresh(each) for each in some.groups]
+        stirred = [self._stirred(each) for each in some.groups]
         done = some.advance(self._time(index - 1), self._time(index), loads, stirred, index > 0)
         self._counts.skip(done)
         for group, report in zip(some.groups, done.reports, strict=False):

@@ -18,8 +18,6 @@ from featherfx.shot.motion.preroll import NO_RUN_UP, RunUp
 from featherfx.shot.motion.skin import BoundSkin, SkinSurfaces
 from featherfx.shot.read.sources import TimedSurface, TimedWind
 
-# which feathers are solved once
-TWINS = ("none", "mirrored", "all")
 LEVELS = ("full", "coarse", "rachis", "guided", "rigid")
 
 _PART = Number(0, 1)
@@ -244,7 +242,7 @@ class Target(SomeFeathers):
 
 @dataclass(frozen=True)
 class LevelOfDetail:
-    """How levels of detail follow what is seen (featherfx/shot/detail/levels.py).
+    """How levels of detail follow from what is seen (featherfx/shot/detail/levels.py).
 
     camera: None: all feathers are seen at pixels_per_metre.
     """
@@ -255,18 +253,22 @@ class LevelOfDetail:
         Number(1e-3, 1e9, "1/m"),
         "Without a camera: all feathers are seen at this scale.",
     ] = None
-    image_height: Annotated[float, Number(1, 100_000), "Height of the picture in pixels."] = 1080.0
+    image_height: Annotated[float, Number(1, 100_000), "Height of the image in pixels."] = 1080.0
     coarse_below: Annotated[
-        float, _PIXELS, "Feathers shorter than this in the picture, in pixels, are coarse."
+        float,
+        _PIXELS,
+        "Feathers that are shorter than this in all frames, in pixels of the image, are coarse.",
     ] = 80.0
     rachis_below: Annotated[float, _PIXELS, "Of shorter ones only the shaft is simulated."] = 0.0
     guided_below: Annotated[
         float, _PIXELS, "Shorter ones follow simulated feathers of their region."
     ] = 30.0
     rigid_below: Annotated[float, _PIXELS, "Shorter ones follow their roots."] = 6.0
-    outside: Annotated[str, Text(LEVELS), "Level of feathers outside the picture."] = "rigid"
+    outside: Annotated[
+        str, Text(LEVELS), "Level of feathers that are outside the image in all frames."
+    ] = "rigid"
     margin: Annotated[
-        float, Number(0, 10), "Share of the picture by which it is widened on every side."
+        float, Number(0, 10), "Fraction of the image by which it is widened on every side."
     ] = 0.1
     motion: Annotated[
         float,
@@ -274,11 +276,6 @@ class LevelOfDetail:
         "Sizes count 1 + this times the acceleration of root or tip, in gravities; 0: only what is "
         "seen counts.",
     ] = 0.5
-    fade: Annotated[
-        int,
-        Number(1, 1000, whole=True),
-        "Frames that a change takes at least, and that a finer level is there before it is needed.",
-    ] = 8
 
 
 @dataclass(frozen=True)
@@ -371,7 +368,7 @@ class Shot:
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
     through each other and through colliders. layers: None: they are shown as they were simulated.
     run_up: how what moves is brought up from rest before 0.
-    level_of_detail: None: levels do not change. inputs: what the shot's files say, by key
+    level_of_detail: None: levels do not follow a camera. inputs: what the shot's files say, by key
     (groom/read/value_diff.py).
     """
 
@@ -408,17 +405,6 @@ class Shot:
     sleep: Annotated[
         bool, "Whether feathers at rest are skipped until root, wind, grip or force wakes them."
     ] = True
-    coast: Annotated[
-        bool,
-        "Whether feathers at rest against a root that moves evenly on a straight line are carried "
-        "along unstepped; needs `sleep`.",
-    ] = True
-    twins: Annotated[
-        str,
-        Text(TWINS),
-        "Feathers of one shape to which the same happens are solved once: mirror images in the "
-        "plane y = 0, where that changes no bit, or all, wherever they stand, to within rounding.",
-    ] = "mirrored"
     cycle: Annotated[
         int,
         Number(0, 1_000_000, "frames", whole=True),

@@ -1,9 +1,8 @@
-"""Levels that follow a camera: chosen by frame, changed without a pop, kept by checkpoints."""
+"""Levels by the size of feathers in the image of a camera, chosen once for a shot."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +10,12 @@ import pytest
 from places import SAMPLES
 
 from featherfx.errors import InputError
-from featherfx.feather.types import RowPoints
-from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.detail.changes import JUMP, Fades
-from featherfx.shot.detail.followers import FeatherPose
-from featherfx.shot.detail.levels import NUMBER, LevelPlan, level_plan
+from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.detail.view import TimedCamera, View, relative_sizes
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.simulate import simulate
-from featherfx.shot.types import Contact, LevelOfDetail, Motion, Shot
+from featherfx.shot.types import LevelOfDetail, Motion, Shot
 
 AXES = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([-1.0, 0.0, 0.0])
 
@@ -50,7 +45,6 @@ def rules(**values: object) -> LevelOfDetail:
         "outside": "rigid",
         "margin": 0.1,
         "motion": 0.0,
-        "fade": 4,
     }
     return LevelOfDetail(**(given | values))
 
@@ -82,11 +76,10 @@ def railed(shot: Shot, distance: tuple[float, ...], **values: object) -> Shot:
     return replace(shot, level_of_detail=rules(camera=TimedCamera(Rail(distance), 0.0), **values))
 
 
-def names(shot: Shot) -> list[list[str]]:
+def levels(shot: Shot) -> list[str]:
     simulation = simulate(shot)
     plan = level_plan(shot, simulation.feathers, root_motion(shot))
-    label = {number: level for level, number in NUMBER.items()}
-    return [[label[int(each)] for each in row] for row in plan.table]
+    return [each.level for each in plan.resolutions]
 
 
 def test_without_changes_the_result_is_the_same_bytes() -> None:
@@ -116,12 +109,16 @@ def test_sizes_in_the_picture() -> None:
     assert relative_sizes(flat, roots[:3], lengths[:3], 0.0).tolist() == [0.5, 0.0, 0.0]
 
 
-def test_levels_follow_the_camera_and_are_there_before_they_are_needed() -> None:
+def test_the_largest_size_over_the_frames_chooses_one_level() -> None:
+    """A feather that is near, or in the picture, in one frame has the level of that frame."""
     far, near = 1000.0, 2.0
-    distance = (far,) * 20 + (near,) * 10 + (far,) * 15
-    shot = railed(feathers(1, 44), distance, coarse_below=60.0, rigid_below=10.0, fade=4)
-    levels = [row[0] for row in names(shot)]
-    assert levels == ["rigid"] * 16 + ["full"] * 18 + ["rigid"] * 11
+    shot, below = feathers(1, 44), {"coarse_below": 60.0, "rigid_below": 10.0}
+    assert levels(railed(shot, (far,) * 45, **below)) == ["rigid"]
+    assert levels(railed(shot, (far,) * 20 + (near,) + (far,) * 24, **below)) == ["full"]
+    assert levels(railed(shot, (12.0,) * 45, **below)) == ["coarse"]
+    behind = (-50.0,) * 45
+    assert levels(railed(shot, behind, **below, outside="rachis")) == ["rachis"]
+    assert levels(railed(shot, (*behind[1:], near), **below)) == ["full"]
 
 
 def test_frames_without_end_are_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -135,103 +132,22 @@ def test_motion_makes_feathers_count_for_more() -> None:
     still, moving = feathers(1, 8), feathers(1, 8, 0.05)
     length = still.groom.feathers[0].kind.length
     at = {"pixels_per_metre": 50.0 / length, "rigid_below": 60.0, "motion": 1.0}
-    assert names(replace(still, level_of_detail=rules(**at)))[4] == ["rigid"]
-    assert names(replace(moving, level_of_detail=rules(**at)))[4] == ["full"]
-    assert names(replace(moving, level_of_detail=rules(**at | {"motion": 0.0})))[4] == ["rigid"]
+    assert levels(replace(still, level_of_detail=rules(**at))) == ["rigid"]
+    assert levels(replace(moving, level_of_detail=rules(**at))) == ["full"]
+    assert levels(replace(moving, level_of_detail=rules(**at | {"motion": 0.0}))) == ["rigid"]
 
 
-def test_a_change_adds_less_than_the_bound_however_far_levels_are_apart() -> None:
-    """What is shown moves by the levels' own motion, in the shares of before, and dw (b - a)."""
-    length, per_frame = 0.2, 2
-    fades = Fades(
-        LevelPlan(
-            np.array([[0]] + [[4]] * 500, dtype=np.int8), (), np.zeros(1, dtype=bool), np.zeros(1)
-        ),
-        np.array([length]),
-        4,
-        per_frame,
-        1.0 / 48.0,
-    )
-    rng = np.random.default_rng(2)
-    now = np.zeros((2, 5, 4, 3))
-    now[1] += 0.05
-    still = np.zeros((5, 2, 3))
-    shares, added = [0.0], []
-    while fades.now[0] == 0:
-        fades.begin(len(shares))
-        before, now = now, now + rng.normal(0.0, 1e-4, now.shape)
-        poses = {
-            (0, level): FeatherPose(
-                *(RowPoints(part, still) for part in (each, 0 * each, 0 * each))
-            )
-            for level, each in zip((0, 4), now, strict=True)
-        }
-        if fades.fading.size:
-            fades.grow([0], poses)
-            w = shares[-1]
-            shown = (1.0 - w) * before[0] + w * before[1]
-            own = (1.0 - w) * (now[0] - before[0]) + w * (now[1] - before[1])
-            jump = fades.blended(0, poses).points.nodes - shown - own
-            added.append(np.linalg.norm(jump, axis=-1).max())
-            shares.append(float(fades.weight[0]))
-        assert len(shares) < 500
-    assert shares[-1] == 1.0
-    assert max(added) <= JUMP * length / per_frame * (1.0 + 1e-9)
-    # it takes as long as the distance asks for: 0.0866 m at 0.4 mm a sample
-    assert len(added) == pytest.approx(0.0866 / 4e-4, rel=0.05)
-
-
-@pytest.mark.parametrize("level", ["coarse", "rachis", "rigid"])
-def test_a_hanging_feather_changes_without_a_pop(level: str) -> None:
-    """Nothing moves but the change itself, both ways: under 0.5 % of the length a frame.
-
-    Under twenty gravities the feather sags by more than 3 % of its length.
-    """
-    near, far = 1.0, 60.0
-    shot = replace(feathers(1, 90), gravity=np.array([0.0, 0.0, -200.0]))
-    below = {f"{level}_below": 40.0}
-    away = railed(shot, (near,) * 8 + (far,) * 35 + (near,) * 60, **below)
-    assert {"full", level} == {row[0] for row in names(away)}
-    full = next(iter(simulate(shot))).poses[0].points.nodes
-    length = shot.groom.feathers[0].kind.length
-    points = np.stack([frame.poses[0].points.nodes for frame in simulate(away)])
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=-1).max(axis=(1, 2))
-    assert steps.max() < 0.005 * length
-    apart = np.linalg.norm(points - full, axis=-1).max()
-    assert apart > {"coarse": 2e-4, "rachis": 2e-3, "rigid": 0.03}[level] * length
-    assert points[-1] == pytest.approx(full, abs=5e-3 * length)
-
-
-def test_guided_and_rigid_by_size_with_motion() -> None:
-    distance = (1.0,) * 6 + tuple(np.linspace(2.0, 200.0, 14)) + (1.0,) * 20
-    shot = railed(
-        feathers(6, 36, 0.01), distance, coarse_below=120.0, guided_below=80.0, rigid_below=15.0
-    )
-    used = {level for row in names(shot) for level in row}
-    assert {"full", "guided", "rigid"} <= used
-    frames = list(simulate(shot))
-    full = list(simulate(replace(shot, level_of_detail=None)))
-    for frame, other in zip(frames, full, strict=True):
-        for one, two in zip(frame.points, other.points, strict=True):
-            assert np.isfinite(one).all()
-            assert np.abs(one - two).max() < 0.03
-    assert frames[0].points[0].tobytes() == full[0].points[0].tobytes()
-
-
-def test_a_resumed_fade_goes_on_as_it_would_have(tmp_path: Path) -> None:
-    distance = (1.0,) * 4 + (60.0,) * 12 + (1.0,) * 12
-    shot = railed(feathers(3, 20, 0.02), distance, coarse_below=70.0, guided_below=40.0)
-    whole = list(simulate(shot))
-    simulation = simulate(shot)
-    for frame in simulation:
-        if frame.number in (3, 9, 14):
-            simulation.checkpoint().save(tmp_path / f"{frame.number}.npz")
-    for number in (3, 9, 14):
-        start = Checkpoint.load(tmp_path / f"{number}.npz")
-        rest = list(simulate(shot, frames=(number + 1, 20), start=start))
-        for frame, other in zip(rest, whole[number + 1 :], strict=True):
+def test_guided_and_rigid_by_size_stay_near_the_full_result() -> None:
+    shot = feathers(6, 12, 0.01)
+    full = list(simulate(shot))
+    for below, level in (("guided_below", "guided"), ("rigid_below", "rigid")):
+        seen = replace(shot, level_of_detail=rules(pixels_per_metre=100.0, **{below: 120.0}))
+        simulation = simulate(seen)
+        frames = list(simulation)
+        assert level in {each.level for each in simulation.resolutions}
+        for frame, other in zip(frames, full, strict=True):
             for one, two in zip(frame.points, other.points, strict=True):
-                assert one.tobytes() == two.tobytes()
+                assert np.abs(one - two).max() < 0.03
 
 
 def test_wrong_tables_are_told(tmp_path: Path) -> None:
@@ -241,56 +157,8 @@ def test_wrong_tables_are_told(tmp_path: Path) -> None:
         ("", "level_of_detail"),
         ('usd = "a.usda"', "level_of_detail.prim"),
         ('usd = "a.usda"\nprim = "/c"\npixels_per_metre = 9', "level_of_detail"),
-        ("pixels_per_metre = 9\nfade = 0", "level_of_detail.fade"),
+        ("pixels_per_metre = 9\nfade = 8", "level_of_detail.fade"),
         ('pixels_per_metre = 9\noutside = "none"', "level_of_detail.outside"),
     ):
         (tmp_path / "shot.toml").write_text(f"{text}\n[level_of_detail]\n{table}\n")
         assert [problem.key for problem in check_file(tmp_path / "shot.toml")] == [key]
-
-
-def lying(frames: int) -> Shot:
-    """One feather pressed on another, both held at their roots; the camera backs away at once and
-    comes back."""
-    shot = feathers(2, frames)
-    below, above = shot.groom.feathers
-    c, s = np.cos(0.004), np.sin(0.004)
-    dive = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    place = below.position + np.array([0.0, 0.0, 1e-3])
-    above = replace(above, position=place, rotation=above.rotation @ dive)
-    shot = replace(
-        shot,
-        groom=replace(shot.groom, feathers=(below, above)),
-        quality=replace(shot.quality.pushing, rows=11),
-        contact=Contact(thickness=5e-4),
-    )
-    distance = (2.0,) * 3 + (1000.0,) * 8 + (2.0,) * frames
-    return railed(shot, distance, coarse_below=60.0, fade=2)
-
-
-def test_feathers_in_contact_change_their_level_without_a_pop(tmp_path: Path) -> None:
-    shot = lying(14)
-    levels = [row[0] for row in names(shot)]
-    assert {"full", "coarse"} == set(levels)
-    simulation = simulate(shot)
-    frames = list(simulation)
-    length = shot.groom.feathers[0].kind.length
-    ways = [
-        np.abs(now.points[f] - before.points[f]).max()
-        for before, now in pairwise(frames)
-        for f in range(2)
-    ]
-    # both hang still, but for the change
-    assert 0.0 < max(ways) < 2.0 * JUMP * length
-    contact = simulation.report["contact"]
-    assert contact["most_contacts"] > 0
-    # of the thickness; were each level to touch both of the other feather's, a half of it
-    assert contact["worst_depth"] < 0.2 * 5e-4
-    begun = simulate(shot, frames=(0, 5))
-    for _ in begun:
-        pass
-    begun.checkpoint().save(tmp_path / "state.npz")
-    resumed = simulate(shot, start=Checkpoint.load(tmp_path / "state.npz"))
-    for frame, other in zip(frames[6:], resumed, strict=True):
-        assert all(
-            a.tobytes() == b.tobytes() for a, b in zip(frame.points, other.points, strict=True)
-        )

@@ -216,7 +216,7 @@ def test_what_concerns_all_feathers_has_a_tolerance_either_way():
 
 
 def test_what_was_measured_is_in_the_order_of_the_feathers_however_they_are_batched():
-    shot = replace(scene("shake in vacuum"), last_frame=2, twins="none")
+    shot = replace(scene("shake in vacuum"), last_frame=2)
     order = [2, 0, 3, 1]
     feathers = tuple(shot.groom.feathers[k] for k in order) + shot.groom.feathers
     shot = replace(shot, groom=replace(shot.groom, feathers=feathers))

@@ -85,7 +85,7 @@ def test_models_from_the_store_are_those_that_were_computed(
 def test_no_camera_changes_the_level_of_a_vane_that_slips() -> None:
     values = dict.fromkeys(("coarse_below", "rachis_below", "guided_below", "rigid_below"), 0.0)
     values |= {"pixels_per_metre": 1.0, "rachis_below": 10.0, "image_height": 1e3}
-    rules = LevelOfDetail(camera=None, outside="rigid", margin=0.1, motion=0.0, fade=1, **values)
+    rules = LevelOfDetail(camera=None, outside="rigid", margin=0.1, motion=0.0, **values)
     seen = {
         hooks: simulate(replace(pulled(hooks), grips=(), level_of_detail=rules)).resolutions[0]
         for hooks in ("closed", "slip")

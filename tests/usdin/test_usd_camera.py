@@ -103,7 +103,7 @@ def test_feathers_out_of_the_picture_are_rigid(tmp_path):
     from featherfx.shot.simulate import simulate
 
     write_camera(tmp_path)
-    table = 'usd = "scene.usda"\nprim = "/cam"\nguided_below = 0\ncoarse_below = 0\nfade = 2'
+    table = 'usd = "scene.usda"\nprim = "/cam"\nguided_below = 0\ncoarse_below = 0'
     shot = with_camera(tmp_path, table)
     shot = replace(shot, last_frame=shot.first_frame + 2)
     aside = replace(

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Protocol, get_args, get_origin, get_type_hint
 
 from featherfx.errors import CONTROL
 from featherfx.groom.keys.problems import INVALID, Place
+from featherfx.groom.keys.renamed import find_replacement
 from featherfx.limits import (
     MOST_CHARACTERS,
     MOST_PATTERNS,
@@ -277,7 +278,10 @@ class Table:
             if name in self.keys:
                 result[name] = self.keys[name].type.check(each, at, partial)
             else:
-                result[name] = at.unknown("unknown key", name, self.keys)
+                instead = find_replacement(at.key)
+                result[name] = (
+                    at.fail(instead) if instead else at.unknown("unknown key", name, self.keys)
+                )
         for name, key in self.keys.items() if not partial else ():
             if name not in value and key.default is REQUIRED:
                 result[name] = place.child(name).fail(f"missing, expects {expected(key.type)}")

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,9 +13,7 @@ import numpy as np
 from featherfx.algebra.types import Array
 from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
-from featherfx.shot.detail.view import TimedCamera, View
 from featherfx.shot.frames import Frame
-from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
@@ -34,47 +31,24 @@ _NOTE = """\
 Each line switches one skip on and compares with the same shot without it, everything else as in
 the file. Seconds are processor times of one thread, without the first frame, in which the feathers
 settle; the error is the largest distance of any point at any frame, as a share of its feather's
-length, and the mean that of all points, frames and feathers. Sleeping and coasting have no occasion
-in shots in which something always moves, so they are measured on their feathers, held still in
-still air or flying straight on in vacuum for six seconds; repeated cycles on eight beats of the
-wing, without gusts. `coarse`, `rachis` and `rigid` are for feathers that are far or small; here all
-are. `guided`: every eighth feather of a region is a guide. The camera has the whole plumage in view
-and backs away until a feather of mean length is ten pixels long, at the usual levels by size."""
+length, and the mean that of all points, frames and feathers. Sleeping has no occasion in shots in
+which something always moves, so it is measured on their feathers, held still in still air for six
+seconds; repeated cycles on eight beats of the wing, without gusts. `coarse`, `rachis` and `rigid`
+are for feathers that are far or small; here all are. `guided`: every eighth feather of a region is
+a guide. Levels by size are those of a picture in which a feather of mean length is twenty pixels
+long."""
 
 
-# s, how long feathers are held still or fly straight on
+# s, how long feathers are held still
 _SCENE = 6.0
 # of a wing that beats on
 _BEATS = 8
 
 
-@dataclass(frozen=True)
-class _Dolly:
-    """A camera that looks along x at a place and backs away from it evenly, one code a second."""
-
-    target: Array
-    near: float
-    far: float
-    duration: float
-    time_codes_per_second: float = 1.0
-    origin: tuple[str, tuple[Path, ...]] = ("", ())
-
-    def view(self, code: float) -> View:
-        x, y, z = np.eye(3)
-        distance = self.near + (self.far - self.near) * code / self.duration
-        return View(self.target - distance * x, -y, z, -x, 0.8, 0.45, (0.0, 0.0), False)
-
-
-def backing_away(shot: Shot) -> Shot:
-    """A camera sees the whole plumage, then backs away until feathers are ten pixels long."""
-    lengths = np.array([p.kind.length for p in shot.groom.feathers])
-    roots, _ = root_motion(shot).frames(0.0)
-    size = float(np.linalg.norm(np.ptp(roots, axis=0))) + 2.0 * float(lengths.max())
-    far = LevelOfDetail().image_height * float(lengths.mean()) / (10.0 * 0.45)
-    duration = (shot.last_frame - shot.first_frame) / shot.frames_per_second
-    dolly = _Dolly(roots.mean(axis=0), 2.0 * size, max(far, 2.0 * size), max(duration, 1e-3))
-    rules = LevelOfDetail(camera=TimedCamera(dolly, 0.0))
-    return replace(undecided(shot), level_of_detail=rules)
+def seen_small(shot: Shot) -> Shot:
+    """All feathers are seen so small that one of mean length is twenty pixels long."""
+    mean = float(np.mean([p.kind.length for p in shot.groom.feathers]))
+    return replace(undecided(shot), level_of_detail=LevelOfDetail(pixels_per_metre=20.0 / mean))
 
 
 def undecided(shot: Shot) -> Shot:
@@ -88,19 +62,6 @@ def still(shot: Shot) -> Shot:
     free = replace(shot, grips=(), forces=(), skin=None, wind_source=None)
     last = shot.first_frame + round(_SCENE * shot.frames_per_second)
     return replace(free, motion=Motion("hold", {}), wind=wind, last_frame=last)
-
-
-def cruising(shot: Shot) -> Shot:
-    """The whole groom flies straight on at 10 m/s in vacuum, after a start of a second."""
-    held, start = still(shot), 1.0
-    times = np.linspace(0.0, _SCENE, 121)
-    way = np.where(times < start, 5.0 * times**2 / start, 10.0 * (times - 0.5 * start))
-    keys = [
-        {"time": float(t), "joint": "", "position": (float(x), 0.0, 0.0)}
-        for t, x in zip(times, way, strict=True)
-    ]
-    motion = Motion("keys", {"keyframes": keys})
-    return replace(held, motion=motion, wind=replace(held.wind, air_density=0.0))
 
 
 def beating_on(shot: Shot) -> Shot:
@@ -183,13 +144,6 @@ SKIPS = (
         ("held still", still),
     ),
     Skip(
-        "feathers on even roots coast",
-        lambda shot: replace(shot, coast=True),
-        lambda shot: replace(shot, coast=False),
-        _always,
-        ("flying straight on", cruising),
-    ),
-    Skip(
         "cycles are replayed",
         lambda shot: replace(shot, cycle=beat(shot)),
         lambda shot: replace(shot, cycle=0),
@@ -207,7 +161,7 @@ SKIPS = (
     Skip("detail rachis", _level("rachis"), _FULL, _untouched),
     Skip("detail guided", _level("guided"), _FULL, _guidable),
     Skip("detail rigid", _level("rigid"), _FULL, _not_pulled),
-    Skip("levels by a camera that backs away", backing_away, undecided, _guidable),
+    Skip("levels by size in the image", seen_small, undecided, _guidable),
 )
 
 

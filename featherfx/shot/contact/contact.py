@@ -21,7 +21,6 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
-from featherfx.shot.contact.inactive_bodies import Partners, forgotten, put_back
 from featherfx.shot.contact.lift_then_settle import raised_points
 from featherfx.shot.contact.local_retry import Stepper, Surroundings
 from featherfx.shot.contact.obstacles import Obstacles
@@ -29,7 +28,7 @@ from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pai
 from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
 from featherfx.shot.contact.steps import FrameSteps, Pace, StepRules
 from featherfx.shot.detail.promise import common_tolerance
-from featherfx.shot.detail.sleep import asleep
+from featherfx.shot.detail.sleep import skip_frame
 from featherfx.shot.groups import NEWTON_FRACTION
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
@@ -88,9 +87,8 @@ class Tally:
 class ShotContact:
     """Advances all batches of a shot together.
 
-    solvers: of the batches. members: per batch, places in the groom; levels: per batch, of detail.
-    feathers: as simulated, batch after batch. obstacles: what else they meet, bodies behind all
-    others.
+    solvers: of the batches. members: per batch, places in the groom. feathers: as simulated, batch
+    after batch. obstacles: what else they meet, bodies behind all others.
     """
 
     def __init__(
@@ -98,7 +96,6 @@ class ShotContact:
         shot: Shot,
         solvers: Sequence[Solver],
         members: Sequence[NDArray[np.int64]],
-        levels: Sequence[str],
         feathers: Sequence[Feather],
         obstacles: Obstacles,
     ) -> None:
@@ -106,10 +103,8 @@ class ShotContact:
         self.shot, self.contact, self._obstacles = shot, shot.contact, obstacles
         solvers = [*solvers, *(each.solver for each in obstacles.batches)]
         members = [*members, *(each.members for each in obstacles.batches)]
-        levels = [*levels, *(each.level for each in obstacles.batches)]
         feathers = [*feathers, *(one for each in obstacles.batches for one in each.feathers)]
         self._order = order = np.concatenate(members)
-        self._partners = Partners(order, np.repeat(levels, [len(each) for each in members]))
         placements = [shot.groom.feathers[k] for k in order]
         self.names = [placement.id for placement in placements]
         thickness = np.array([p.kind.vane_material.thickness for p in placements])
@@ -119,7 +114,7 @@ class ShotContact:
         models, halves = [solver.model for solver in solvers], 0.5 * thickness
         grids = grids_of(models)
         every = layered_pairs(rest, surfaces_of(models, grids, halves), grids)
-        others = self._may_touch(every.pairs)
+        others = obstacles.may_touch(every.pairs, order)
         candidates = Candidates(every.pairs[others], every.order[others])
         self._thickness = float(thickness.min())
         self._crossed = self._through_each_other(candidates.pairs, every.crossed[others])
@@ -147,12 +142,6 @@ class ShotContact:
         self._rules = self._step_rules()
         self._pace = Pace()
         self._unresolved: list[dict[str, Any]] = []
-
-    def _may_touch(self, pairs: Indices) -> Flags:
-        """(N,) which pairs (N, 2) of bodies may touch: no feather touches itself at another
-        level."""
-        others = self._order[pairs[:, 0]] != self._order[pairs[:, 1]]
-        return others & self._obstacles.may_touch(pairs, self._order)
 
     def _step_rules(self) -> StepRules:
         quality = self.shot.quality
@@ -189,13 +178,11 @@ class ShotContact:
         start: float,
         end: float,
         resting: Flags,
-        idle: Flags,
     ) -> tuple[list[State], list[StepReport]]:
         """Advance all batches from start to end (s); the given states are not changed.
 
         loads_of, paths_of: what acts from one time to another, per batch. resting: (B,) feathers at
-        rest on which nothing acts anew; they are stepped when others push them. idle: (B,) feathers
-        that are computed in another batch meanwhile, and stay as they are.
+        rest on which nothing acts anew; they are stepped when others push them.
         """
         steps = FrameSteps(self._rules, start, end, self._pace)
         obstacles, grids = self._obstacles, self.solver.grids
@@ -206,26 +193,18 @@ class ShotContact:
         )
         self.solver.begin_frame()
         stepper = Stepper(self.solver, self._rules, around, steps.spend, steps.tired)
-        current, parts, resting = list(states), [], self._with_obstacles(resting, True)
-        idle = self._with_obstacles(idle, False)
-        aside = obstacles.all_idle(idle)
+        current, parts = list(states), []
+        resting = np.concatenate([resting, np.ones(obstacles.count, dtype=np.bool_)])
         while steps.left():
             span = steps.span
             ends = obstacles.go(current, span.start, span.end)
             whole = [*current, *obstacles.states]
             self._meet(whole, around.paths(span.start, span.end), span.length)
-            apart = self._partners.apart(self.solver.candidates.pairs, aside)
-            if apart is not None:
-                self.solver.leave_out(apart)
-            if aside.any():
-                self.solver.memory = forgotten(self.solver.memory, self.solver.candidates, aside)
-            led = obstacles.led(grids, whole, idle, ends)
-            done = stepper.step(whole, span, resting & ~idle, led)
-            put_back(done.states, whole, idle, grids.first)
+            done = stepper.step(whole, span, resting, obstacles.led(grids, whole, ends))
             obstacles.arrive(ends)
             steps.accepted(done.states, done.reports, done.contact[0][1], done.tries > 0)
             current, reports = obstacles.solved(done.states), done.reports[: len(states)]
-            current = _slept(current, reports, paths_of(span.start, span.end), span.length)
+            current = _slept(current, reports, span.length)
             resting &= np.concatenate([report.steps for report in done.reports]) == 0.0
             self.bodies.begun = True
             for length, contact in done.contact:
@@ -239,7 +218,7 @@ class ShotContact:
     def _meet(self, states: Sequence[State], paths: Sequence[RootPath], duration: float) -> None:
         """Take on pairs of feathers that come to meet within a duration (s)."""
         pairs = self._encounters.new(states, paths, duration, self.solver.settings.margin)
-        pairs = pairs[self._may_touch(pairs)]
+        pairs = pairs[self._obstacles.may_touch(pairs, self._order)]
         if len(pairs):
             self.solver.add_pairs(pairs)
 
@@ -251,13 +230,8 @@ class ShotContact:
             states, start, end, margin
         )
 
-    def _with_obstacles(self, flags: Flags, value: bool) -> Flags:
-        """Flags of all bodies from those of what is solved."""
-        return np.concatenate([flags, np.full(self._obstacles.count, value)])
-
-    def settle(self, states: Sequence[State], loads: Sequence[Loads], idle: Flags) -> list[State]:
-        """Bring layered feathers to rest against each other by long damped steps. idle: as in
-        advance."""
+    def settle(self, states: Sequence[State], loads: Sequence[Loads]) -> list[State]:
+        """Bring layered feathers to rest against each other by long damped steps."""
         obstacles = self._obstacles
         found = settled_together(
             self.solver,
@@ -265,7 +239,6 @@ class ShotContact:
             [*states, *obstacles.states],
             [*loads, *obstacles.loads()],
             self.names,
-            self._with_obstacles(idle, False),
             self._raised,
             obstacles,
         )
@@ -393,16 +366,11 @@ def _at_rest(feathers: Sequence[Feather], placements: Sequence[Placement]) -> Fe
     )
 
 
-def _slept(
-    states: Sequence[State],
-    reports: Sequence[StepReport],
-    paths: Sequence[RootPath],
-    duration: float,
-) -> list[State]:
+def _slept(states: Sequence[State], reports: Sequence[StepReport], duration: float) -> list[State]:
     """The states after a step (s) in which some feathers were not solved: their time goes on."""
     return [
-        state if report.steps.all() else asleep(state, report.steps == 0.0, path, duration)
-        for state, report, path in zip(states, reports, paths, strict=True)
+        state if report.steps.all() else skip_frame(state, report.steps == 0.0, duration)
+        for state, report in zip(states, reports, strict=True)
     ]
 
 

@@ -18,13 +18,11 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap, RowPoints, stacked
 from featherfx.mechanics.model import Loads, no_loads
-from featherfx.shot.contact.inactive_bodies import aside
 from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.followers import turned_by
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
-from featherfx.shot.detail.level_run import LevelRun
-from featherfx.shot.detail.levels import NUMBER, LevelPlan
+from featherfx.shot.detail.levels import LevelPlan
 from featherfx.shot.groups import Group, maps_between, model_of
 from featherfx.shot.motion.roots import RootFrames, Roots, arrived
 from featherfx.shot.types import Shot
@@ -46,45 +44,34 @@ class Batch(NamedTuple):
 class Guides:
     """Guides (G,), by their numbers in the groom, as those see them that follow them.
 
-    places: by number and level of a guide where it is solved: batch, place in that, and map to the
-    grid of the followers. rest: shapes of all on that grid.
+    places: of each where it is solved: batch, place in that, and map to the grid of the followers.
     """
 
     def __init__(
         self,
         numbers: Indices,
         followers: Followers,
-        places: Mapping[tuple[int, int], tuple[int, int, RowMap | None]],
-        rest: Sequence[RowPoints],
+        places: Sequence[tuple[int, int, RowMap | None]],
     ) -> None:
         self._numbers, self._followers, self._places = numbers, followers, places
-        self._rest = rest
 
-    def followed(self, states: Sequence[State], levels: LevelRun, roots: RootFrames) -> RowPoints:
+    def followed(self, states: Sequence[State], roots: RootFrames) -> RowPoints:
         """The followers in their root frames. states: of the batches; roots: of the groom, then."""
-        found, solved = [], []
-        for f, rest in zip(self._numbers.tolist(), self._rest, strict=True):
-            place = self._places.get((f, int(levels.fades.now[f])))
-            solved.append(place is not None)
-            if place is None:
-                found.append(rest)
-                continue
-            batch, k, to_grid = place
+        found = []
+        for batch, k, to_grid in self._places:
             own = states[batch].points.at(k)
             found.append(own if to_grid is None else to_grid(own))
         points, positions = stacked(found), roots.positions[self._numbers]
         back = roots.rotations[self._numbers].swapaxes(1, 2)
-        seen = turned_by(back, points.shifted(-positions))
-        for k in np.flatnonzero(~np.array(solved)).tolist():
-            seen.at(k).assign(points.at(k))
-        return self._followers.points(seen)
+        return self._followers.points(turned_by(back, points.shifted(-positions)))
 
 
 class Obstacles:
     """Those of one island, in batches behind those that are solved.
 
-    states: where each batch is. follows: (N,) ascending, numbers of a follower and its guide as
-    one, the follower's times the number of feathers. guides: of the guided batch, if there is one.
+    states: where each batch is. total: number of feathers of the shot. follows: (N,) ascending,
+    numbers of a follower and its guide as one, the follower's times the total. guides: of the
+    guided batch, if there is one.
     """
 
     def __init__(
@@ -93,13 +80,13 @@ class Obstacles:
         follows: Indices,
         guides: Guides | None,
         motion: Roots,
-        levels: LevelRun,
+        total: int,
     ) -> None:
         self.batches, self._follows, self._guides = list(batches), follows, guides
-        self._motion, self._levels = motion, levels
+        self._motion, self._total = motion, total
         self._members = np.concatenate([follows[:0], *(each.members for each in batches)])
         self.states = [self._at_rest(each) for each in self.batches]
-        self._standing = [np.zeros(len(each.members), dtype=np.bool_) for each in self.batches]
+        self._placed = False
 
     def _at_rest(self, batch: Batch) -> State:
         roots = self._roots(batch, self._motion.frames(0.0))
@@ -112,11 +99,6 @@ class Obstacles:
     def count(self) -> int:
         """Number of bodies."""
         return sum(len(each.members) for each in self.batches)
-
-    def idle(self) -> Flags:
-        """(O,) which are none now, because their feathers are simulated."""
-        active = [self._levels.fades.active(b.members, NUMBER[b.level]) for b in self.batches]
-        return ~np.concatenate(active) if active else np.zeros(0, dtype=np.bool_)
 
     def loads(self) -> list[Loads]:
         """None, on each batch."""
@@ -131,69 +113,49 @@ class Obstacles:
         feather: (B,) of each body its number in the groom."""
         led = pairs >= len(feather) - self.count
         own, other = feather[pairs].T
-        count = len(self._levels.fades.now)
-        code = np.where(led[:, 0], own * count + other, other * count + own)
+        code = np.where(led[:, 0], own * self._total + other, other * self._total + own)
         return ~led.all(axis=1) & ~(led.any(axis=1) & np.isin(code, self._follows))
 
     def go(self, states: Sequence[State], start: float, end: float) -> list[Array]:
         """Where the nodes of each batch go from start to end (s), (F, n, 1 + 2 m, 3) m; their
         states have the velocities. states: of the batches that are solved, at the start.
 
-        What has not stood before begins where it would be at the start.
+        The first time they begin where they would be at the start.
         """
         then, ends = arrived(self._motion, start), []
         roots = self._motion.frames(end)
-        active, low = ~self.idle(), 0
         for k, batch in enumerate(self.batches):
-            own = active[low : low + len(batch.members)]
-            low += len(batch.members)
             local = self._local(batch, states, then)
-            fresh = own & ~self._standing[k]
-            if fresh.any():
-                placed = _placed(local, self._roots(batch, then))
-                self.states[k].points.nodes[fresh] = placed[fresh]
-            self._standing[k] = own
+            if not self._placed:
+                self.states[k].points.nodes[...] = _placed(local, self._roots(batch, then))
             nodes, begin = _placed(local, self._roots(batch, roots)), self.states[k].points.nodes
-            nodes = np.where(own[:, None, None, None], nodes, begin)
             speed = (nodes - begin) / (end - start) if end > start else np.zeros_like(nodes)
             self.states[k].velocity.nodes[...] = speed
             ends.append(nodes)
+        self._placed = True
         return ends
 
     def _local(self, batch: Batch, states: Sequence[State], roots: RootFrames) -> RowPoints:
         if batch.level == "guided":
             assert self._guides is not None
-            return self._guides.followed(states, self._levels, roots)
+            return self._guides.followed(states, roots)
         return stacked([feather.rest for feather in batch.feathers])
 
     def led(
-        self, grids: Grids, states: Sequence[State], idle: Flags, ends: Sequence[Array] = ()
+        self, grids: Grids, states: Sequence[State], ends: Sequence[Array] = ()
     ) -> LedMotion | None:
-        """What is not solved of all bodies: the idle (B,) stand aside, obstacles go where `go`
-        says, or nowhere. None where there is neither. states: of all batches."""
-        idle = self.all_idle(idle)
-        away = aside(grids, states, idle)
+        """What is not solved of all bodies: obstacles go where `go` says, or nowhere. None where
+        there are none. states: of all batches."""
         if not self.batches:
-            return away
-        fixed = np.arange(len(idle)) >= len(idle) - self.count
-        free = ~idle & ~fixed
-        if away is None:
-            start = grids.together([state.points.nodes for state in states])
-        else:
-            start = away.start
+            return None
+        start = grids.together([state.points.nodes for state in states])
+        fixed = np.arange(len(start)) >= len(start) - self.count
         if not ends:
-            return LedMotion(free, start, start, fixed)
+            return LedMotion(~fixed, start, start, fixed)
         end, solved = start.copy(), len(states) - len(self.batches)
         for k, nodes in enumerate(ends):
             grids.put(nodes, solved + k, slice(None), end)
-        end[idle] = start[idle]
-        return LedMotion(free, start, end, fixed)
-
-    def all_idle(self, idle: Flags) -> Flags:
-        """The idle (B,) of all bodies from those of what is solved."""
-        found = idle.copy()
-        found[len(idle) - self.count :] = self.idle()
-        return found
+        return LedMotion(~fixed, start, end, fixed)
 
     def solved(self, states: Sequence[State], really: bool = True) -> list[State]:
         """Of all batches those that are solved, or the others."""
@@ -228,15 +190,13 @@ class Obstacles:
 
     def memory(self) -> dict[str, Any]:
         """What is kept between frames, for checkpoints."""
-        found: dict[str, Any] = {}
-        for k, (state, standing) in enumerate(zip(self.states, self._standing, strict=True)):
-            found |= {f"obstacles{k}": state.points.nodes.copy(), f"standing{k}": standing.copy()}
-        return found
+        found = {f"obstacles{k}": each.points.nodes.copy() for k, each in enumerate(self.states)}
+        return found | {"placed": np.array(self._placed)}
 
     def restore(self, memory: Mapping[str, Any]) -> None:
         """Take over what `memory` gave."""
         self.arrive([memory[f"obstacles{k}"].copy() for k in range(len(self.batches))])
-        self._standing = [memory[f"standing{k}"].copy() for k in range(len(self.batches))]
+        self._placed = bool(memory["placed"])
 
 
 def _placed(local: RowPoints, roots: RootFrames) -> Array:
@@ -250,18 +210,17 @@ def obstacles_of(
     members: Indices,
     groups: Sequence[Group],
     motion: Roots,
-    levels: LevelRun,
 ) -> Obstacles:
     """The obstacles among the feathers of an island, by their numbers in the groom. groups: what is
     solved of it. plan: of all feathers of the shot.
 
     Those that follow a guide that touches nothing are none.
     """
-    nothing = np.zeros(0, dtype=np.int64)
+    nothing, count = np.zeros(0, dtype=np.int64), len(shot.groom.feathers)
     if shot.contact is None or not shot.contact.obstacles:
-        return Obstacles([], nothing, None, motion, levels)
+        return Obstacles([], nothing, None, motion, count)
     solved = np.unique(np.concatenate([group.members for group in groups]))
-    every, guided = plan.of("guided"), nothing
+    every, guided = plan.at_level("guided"), nothing
     guides, weights = guide_weights(shot, every, plan.leading) if len(every) else (nothing, None)
     if weights is not None:
         lost = weights[:, ~np.isin(guides, solved)].sum(axis=1) > 0.0
@@ -269,19 +228,18 @@ def obstacles_of(
         guided, weights = every[own], weights[own]
         used = np.unique(weights.indices)
         guides, weights = guides[used], weights[:, used]
-    rigid = np.intersect1d(plan.of("rigid"), members)
+    rigid = np.intersect1d(plan.at_level("rigid"), members)
     chosen = (("guided", guided), ("rigid", rigid))
     # what steps are held to follows from those that are solved
     settings = groups[0].solver.settings
     some = [_batch(shot, level, own, settings) for level, own in chosen if len(own)]
     if weights is None or not len(guided):
-        return Obstacles(some, nothing, None, motion, levels)
+        return Obstacles(some, nothing, None, motion, count)
     pairs = weights.tocoo()
-    count = len(shot.groom.feathers)
     follows = np.sort(guided[pairs.row] * count + guides[pairs.col])
     followers = some[0].feathers
     lead = _guides_of(shot, (guided, followers), guides, weights, groups)
-    return Obstacles(some, follows, lead, motion, levels)
+    return Obstacles(some, follows, lead, motion, count)
 
 
 def _batch(shot: Shot, level: str, members: Indices, settings: Settings) -> Batch:
@@ -323,8 +281,7 @@ def _guides_of(
             [by_number[f] for f in chosen],
         )
         for f, k, to_grid in zip(chosen, leading, maps, strict=True):
-            places[f, NUMBER[group.level]] = b, k, to_grid
+            places[f] = b, k, to_grid
     mirrored = [[placements[f].mirrored for f in some.tolist()] for some in (numbers, guides)]
     shape_of = Shapes(shapes, mirrored[0]), Shapes(seen, mirrored[1])
-    rest = [feather.rest for feather in seen]
-    return Guides(guides, Followers(*shape_of, weights), places, rest)
+    return Guides(guides, Followers(*shape_of, weights), [places[f] for f in guides.tolist()])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from time import perf_counter
 from typing import Any
 
@@ -19,7 +20,6 @@ from featherfx.errors import InputWarning
 from featherfx.mechanics.model import Loads
 from featherfx.phases import phase
 from featherfx.shot.contact.bodies import Bodies
-from featherfx.shot.contact.inactive_bodies import put_back
 from featherfx.shot.contact.lift_then_settle import Lowering, held_roots, turned_up
 from featherfx.shot.contact.local_retry import EASY
 from featherfx.shot.contact.obstacles import Obstacles
@@ -91,14 +91,12 @@ def settled_together(
     states: Sequence[State],
     loads: Sequence[Loads],
     names: Sequence[str],
-    idle: Flags,
     raised: Array,
     obstacles: Obstacles,
 ) -> Settled:
-    """The batches in balance with their loads and each other, from the given states on, but for the
-    idle (B,), which are computed in other batches; obstacles, the batches behind all others, go
-    along. raised: (B,) rad, how far feathers are turned up first, and led back down from
-    (raised.py).
+    """The batches in balance with their loads and each other, from the given states on; obstacles,
+    the batches behind all others, go along. raised: (B,) rad, how far feathers are turned up first,
+    and led back down from (raised.py).
 
     Raises SimulationError where a feather cannot be solved. One that finds no balance is left on
     its way (warn_of_unsettled).
@@ -107,7 +105,7 @@ def settled_together(
     current = obstacles.beside([_stopped(state, time) for state in states], time)
     rest_depth, depth = None, 0.0
     steps, resting = (
-        _Steps(solver, bodies, loads, names, idle, obstacles),
+        _Steps(solver, bodies, loads, names, obstacles),
         np.zeros(len(names), dtype=np.bool_),
     )
     quiet, moved = resting, np.zeros(len(names))
@@ -125,7 +123,6 @@ def settled_together(
                 new, contact, lengths = steps.take(current, h, resting, cut)
                 cut |= bool((lengths < h).any())
                 left.step(stage, number)
-                put_back(new, current, idle, solver.grids.first)
                 new = obstacles.beside([_stopped(state, time) for state in new], time)
                 moved, current = _moves(new, current), new
                 bodies.begun = True
@@ -158,10 +155,7 @@ class _Left:
 
 
 class _Steps:
-    """Damped steps of the batches.
-
-    idle: (B,) bodies that are computed in other batches. spent: (B,) Newton iterations so far.
-    """
+    """Damped steps of the batches. spent: (B,) Newton iterations so far."""
 
     def __init__(
         self,
@@ -169,11 +163,10 @@ class _Steps:
         bodies: Bodies,
         loads: Sequence[Loads],
         names: Sequence[str],
-        idle: Flags,
         obstacles: Obstacles,
     ) -> None:
         self._solver, self._bodies, self._loads = solver, bodies, loads
-        self._names, self._idle, self._obstacles = names, idle, obstacles
+        self._names, self._obstacles = names, obstacles
         self._thickness = 2.0 * float(solver.surfaces.half.max(initial=0.0))
         self._nobody = np.zeros(len(names), dtype=np.bool_)
         self.spent = np.zeros(len(names))
@@ -188,7 +181,6 @@ class _Steps:
         for number in range(LOWERING):
             self._paths_of = lowering.paths(1.0 / (LOWERING - number))
             new, _, _ = self.take(current, STEPS[0], nobody, False)
-            put_back(new, current, self._idle, grids.first)
             current = [_stopped(state, time) for state in new]
             self._bodies.begun = True
         self._paths_of = held_roots
@@ -214,10 +206,9 @@ class _Steps:
         new, contact, length = self._part(states, h, resting, held, tried)
         lengths = np.full(len(held), length)
         if held.any():
-            put_back(new, states, held, self._solver.grids.first)
-            put_back(new, states, self._idle, self._solver.grids.first)
+            _put_back(new, states, held, self._solver.grids.first)
             some, alone, lengths[held] = self._part(new, CUT * length, resting, ~held, None)
-            put_back(new, some, held, self._solver.grids.first)
+            _put_back(new, some, held, self._solver.grids.first)
             deep, off = (
                 np.where(held, *each)
                 for each in ((alone.deep, contact.deep), (alone.off, contact.off))
@@ -252,9 +243,9 @@ class _Steps:
         held: Flags,
         yielding: Flags | None = None,
     ) -> _Tried:
-        """One step of h (s) of what is neither held nor idle."""
+        """One step of h (s) of what is not held."""
         solver, now = self._solver, float(states[0].time[0])
-        led = self._obstacles.led(solver.grids, states, self._idle)
+        led = self._obstacles.led(solver.grids, states)
         if held.any() and led is None:
             nodes = solver.grids.together([state.points.nodes for state in states])
             led = LedMotion(~held, nodes, nodes, np.zeros_like(held))
@@ -274,6 +265,16 @@ class _Steps:
     def _off(self, contact: ContactReport) -> Flags:
         """(B,) bodies whose contacts are far off."""
         return np.asarray(contact.off > BAD * self._thickness)
+
+
+def _put_back(
+    states: Sequence[State], before: Sequence[State], held: Flags, first: Indices
+) -> None:
+    """Give states of batches, in place, what the held (B,) had before. first: body of each batch,
+    and all."""
+    for state, old, (low, high) in zip(states, before, pairwise(first), strict=True):
+        for f in np.flatnonzero(held[low:high]).tolist():
+            state.take(old, f)
 
 
 def _moves(after: Sequence[State], before: Sequence[State]) -> NDArray[np.float64]:

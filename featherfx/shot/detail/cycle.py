@@ -98,8 +98,8 @@ class Cycle:
         new.points.nodes[flags] += way[:, None, None]
         return new
 
-    def keep(self, state: State, path: RootPath, loads: Loads, usable: Flags) -> None:
-        """Note the state at a sample. usable: (F,) feathers that are computed in this group."""
+    def keep(self, state: State, path: RootPath, loads: Loads) -> None:
+        """Note the state at a sample."""
         inputs, place = _inputs(path, loads), path.samples[:, -1, :3].copy()
         change = np.full(len(place), np.inf)
         if len(self._kept) == self.period:
@@ -108,7 +108,7 @@ class Cycle:
             old = self._kept[0]
             way = state.points.nodes - old.state.points.nodes - (place - old.place)[:, None, None]
             apart = np.linalg.norm(way, axis=3).max(axis=(1, 2))
-            change = np.where(same & usable, apart, np.inf)
+            change = np.where(same, apart, np.inf)
         self._changes.append(change)
         self._kept.append(_Sample(state, inputs, place))
 
@@ -191,8 +191,7 @@ def warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> Non
         return
     known = [cycle for cycle in cycles if cycle is not None]
     if not known:
-        message = "cycle: hooks that slip, and feathers in contact whose level changes, do not"
-        message += " repeat, so no feather is replayed"
+        message = "cycle: hooks that slip do not repeat, so no feather is replayed"
         warnings.warn(InputWarning(message), stacklevel=2)
     elif not any(cycle.met for cycle in known):
         message = f"cycle: root, wind and forces of no feather repeat after {frames} frames"

@@ -67,6 +67,11 @@ class Resolution:
     coefficients: int
     tolerance: float
 
+    @property
+    def is_simulated(self) -> bool:
+        """Whether anything is solved of the feather."""
+        return self.level not in CARRIED
+
 
 class LoadEstimate(NamedTuple):
     """(F,) largest acceleration, m/s^2, and pressure of the air, Pa, on every feather."""

@@ -14,6 +14,7 @@ from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.shot.detail import guided_kernels as kernels
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
+from featherfx.shot.detail.levels import LevelPlan
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.motion.roots import RootFrames, Roots, root_rates
 from featherfx.shot.types import Shot
@@ -32,28 +33,22 @@ def rigid_poses(
     return _by_number(members, world)
 
 
-class Carried:
+class GuidedFeathers:
     """The guided feathers of a shot.
 
-    drawn: all feathers on the meshes' grid. guided, simulated: numbers in the groom, of those that
-    are ever guided and those that may guide. wanted: numbers of those that are shown; of others
-    nothing is computed, but whom a feather follows does not depend on them. guides: numbers of
-    those that do guide.
+    drawn: all feathers on the meshes' grid. plan: of their levels. wanted: numbers of those that
+    are shown; of others nothing is computed, but whom a feather follows does not depend on them.
+    guided: numbers of those that are computed; guides: numbers of those that guide them.
     """
 
     def __init__(
-        self,
-        shot: Shot,
-        drawn: Sequence[Feather],
-        guided: Indices,
-        simulated: Indices,
-        wanted: Indices,
+        self, shot: Shot, drawn: Sequence[Feather], plan: LevelPlan, wanted: Indices
     ) -> None:
+        guided = plan.at_level("guided")
         self.guided, self.guides = guided, np.zeros(0, dtype=np.int64)
-        self.wanted = wanted
         if not len(guided):
             return
-        guides, weights = guide_weights(shot, guided, simulated)
+        guides, weights = guide_weights(shot, guided, plan.leading)
         weights = weights[np.isin(guided, wanted)]
         self.guided = guided = guided[np.isin(guided, wanted)]
         if not len(guided):

@@ -11,7 +11,6 @@ from featherfx.errors import Problem, require
 from featherfx.feather.density import density_map
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.shot.detail.detail import Resolution
-from featherfx.shot.detail.levels import simulated
 from featherfx.shot.direction.shafts import along_line, why_no_shaft
 from featherfx.shot.motion.roots import Roots
 from featherfx.shot.patterns import fits
@@ -21,15 +20,15 @@ from featherfx.shot.types import Shot, Target
 def refuse_other_shapes(
     shot: Shot,
     drawn: Sequence[Feather],
-    resolutions: Sequence[Sequence[Resolution]],
+    resolutions: Sequence[Resolution],
     motion: Roots,
 ) -> None:
     """Raise InputError with a problem of every target whose file lacks feathers that are simulated,
     or has other shapes than theirs.
 
-    drawn: all feathers of the shot on the meshes' grid. resolutions: of the levels that each has.
+    drawn: all feathers of the shot on the meshes' grid. resolutions: of each.
     """
-    felt = [f for f, each in enumerate(resolutions) if simulated(each)]
+    felt = [f for f, each in enumerate(resolutions) if each.is_simulated]
     problems = []
     for number, target in enumerate(shot.targets):
         own = [f for f in felt if fits(target, shot.groom.feathers[f])]

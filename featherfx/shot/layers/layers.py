@@ -32,7 +32,7 @@ from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.jit.thread_team import new_team
 from featherfx.jit.threads import allowed
 from featherfx.mechanics.model import Gaps
-from featherfx.shot.detail.followers import FeatherPose
+from featherfx.shot.frames import FeatherPose
 from featherfx.shot.layers.depths import Depths, Lifted
 from featherfx.shot.layers.ground import ground_beneath
 from featherfx.shot.layers.lap_kernels import meeting_pairs

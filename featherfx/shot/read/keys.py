@@ -124,7 +124,7 @@ CONTACT = {
 }
 
 LEVEL_OF_DETAIL = {
-    "enabled": Key(Flag(), "Whether levels follow what is seen.", True),
+    "enabled": Key(Flag(), "Whether levels follow from what is seen.", True),
     "usd": Key(Text(), "USD file of the camera, as seen from the shot file's folder.", None),
     "prim": Key(Text(), "Path of the camera.", None),
     "start": _START,
@@ -159,7 +159,7 @@ SHOT = {
         "`share = 0` of all feathers switches that off.",
     ),
     "level_of_detail": Key(
-        Table(LEVEL_OF_DETAIL), "Levels of detail by frame, from what is seen.", None
+        Table(LEVEL_OF_DETAIL), "Levels of detail by what is seen in the frames of the shot.", None
     ),
     "wet": tables(WET, "Which feathers are wet, and when; the last one that fits holds."),
     "free": tables(

@@ -137,9 +137,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
         "settle",
         "preroll",
         "sleep",
-        "coast",
         "cycle",
-        "twins",
     )
     return Shot(
         **{name: parts[name] for name in as_they_are},

@@ -210,10 +210,6 @@ class ContactSolver:
         """Keep no matrix of the intervals before, so that what is stored goes on the same way."""
         self._team.forget()
 
-    def leave_out(self, pairs: Flags) -> None:
-        """From now on some of the candidates' pairs (N,) pass through each other."""
-        self._searcher.leave_out(pairs)
-
     def interval(
         self,
         states: Sequence[State],

@@ -94,7 +94,6 @@ class Searcher:
         self._for_each, self._jobs = for_each or _one_by_one, jobs
         self._points = int(np.count_nonzero(surfaces.guests)) / len(surfaces.far)
         self.looked_at, self._on_walls, self._rooms = 0, list[Touch](), list[Touch]()
-        self._left_out = np.zeros(0, dtype=np.bool_)
         self._clearance = _no_clearance(surfaces)
         self.take_on(candidates)
 
@@ -117,16 +116,10 @@ class Searcher:
         until[:known], wait[:known] = self._clearance.until, self._clearance.wait
         pose[:known] = self._clearance.pose
         self._clearance = self._clearance._replace(until=until, pose=pose, wait=wait)
-        self._left_out = np.resize(self._left_out, pairs) & (np.arange(pairs) < known)
-
-    def leave_out(self, pairs: NDArray[np.bool_]) -> None:
-        """From now on look at all pairs (N,) but these."""
-        self._left_out = pairs
-        self.forget()
 
     def forget(self) -> None:
         """Look at all pairs again: there are surfaces that were not there before."""
-        self._clearance.until[:] = np.where(self._left_out, np.inf, -np.inf)
+        self._clearance.until[:] = -np.inf
 
     def find(
         self,
