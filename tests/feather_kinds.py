@@ -8,9 +8,9 @@ from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 
 VANE_MATERIAL = VaneMaterial(
-    along=3.6e8,
-    across=4.8e4,
-    shear=2.8e4,
+    modulus_along_barbs=3.6e8,
+    modulus_across_barbs=4.8e4,
+    shear_modulus=2.8e4,
     thickness=1.2e-4,
     surface_density=0.05,
     barb_bending_normal=2.5e-4,
@@ -20,9 +20,9 @@ VANE_MATERIAL = VaneMaterial(
     loss_factor=0.1,
 )
 RACHIS_MATERIAL = RachisMaterial(
-    young=5e9,
-    shear=1.5e9,
-    wall=0.2,
+    youngs_modulus=5e9,
+    shear_modulus=1.5e9,
+    cortex_fraction=0.2,
     flattening=0.9,
     cortex_density=1300.0,
     core_density=100.0,

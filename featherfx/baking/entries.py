@@ -166,7 +166,7 @@ def refuse_unfit_form(groom: Groom, options: BakeOptions, source: str) -> None:
 def _vane_stiffness(kind: FeatherKind) -> tuple[float, float]:
     """N/m, thickness times modulus across the barbs and in shear."""
     vane = kind.vane_material
-    return vane.thickness * vane.across, vane.thickness * vane.shear
+    return vane.thickness * vane.modulus_across_barbs, vane.thickness * vane.shear_modulus
 
 
 def _held(kind: FeatherKind, feather: Feather, static: bool) -> Array | None:
@@ -174,7 +174,7 @@ def _held(kind: FeatherKind, feather: Feather, static: bool) -> Array | None:
 
     static: whether splits stay open.
     """
-    loose = any((*vane.hooked.shaft, *vane.hooked.barb) for vane in (kind.leading, kind.trailing))
+    loose = any((*vane.hooked.rachis, *vane.hooked.barb) for vane in (kind.leading, kind.trailing))
     split = static and feather.split.size > 0
     if not loose and not split:
         return None
@@ -187,7 +187,7 @@ def _held(kind: FeatherKind, feather: Feather, static: bool) -> Array | None:
 def _stiffened(kind: FeatherKind, feather: Feather) -> Array | None:
     """(T,) factors of the vane's stiffness at each triangle; None where all are 1."""
     vane = kind.vane_material
-    profiles = vane.thickness_profile, vane.across_profile
+    profiles = vane.thickness_profile, vane.across_barbs_profile
     if profiles == (Profile(), Profile()):
         return None
     thick, across = (in_cells(each, kind, feather) for each in profiles)

@@ -117,7 +117,7 @@ def _clumped(barbs: BarbCurves, look: BarbLook) -> Matrix:
     """(B K, B K) points that are drawn towards those of the middle barb of their clump."""
     count, each = barbs.widths.shape
     fraction = np.tile(clump_fraction(look, np.linspace(0.0, 1.0, each)), count)
-    middle = middle_barbs(barbs.side, barbs.st[:, 0, 1], look.clumps)
+    middle = middle_barbs(barbs.side, barbs.st[:, 0, 1], look.clump_count)
     own = np.arange(count * each)
     at = (middle[:, None] * each + np.arange(each)).ravel()
     moved = scipy.sparse.csr_array((fraction, (own, at)), shape=(own.size, own.size))

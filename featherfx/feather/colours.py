@@ -93,13 +93,13 @@ def charted(kind: FeatherKind, feather: Feather, across: Array, along: Array) ->
 
 def uniform(kind: FeatherKind) -> FeatherKind:
     """The same kind, all of whose feathers are equally bright."""
-    return replace(kind, colour=replace(kind.colour, vary=0.0))
+    return replace(kind, colour=replace(kind.colour, brightness_variation=0.0))
 
 
 def brightness(colour: Colour, id: str) -> float:
     """By a number that the id alone decides, evenly spread about 1 with the deviation `vary`."""
     fraction = stable_number(id) / 2.0**63
-    return max(1.0 + colour.vary * 3.0**0.5 * (2.0 * fraction - 1.0), 0.0)
+    return max(1.0 + colour.brightness_variation * 3.0**0.5 * (2.0 * fraction - 1.0), 0.0)
 
 
 def _mesh_places(feather: Feather) -> Array:
@@ -163,8 +163,8 @@ def _film(kind: FeatherKind, places: Array) -> Array:
 
 
 def _shaft(colour: Colour) -> Array:
-    if colour.shaft is not None:
-        return linear(np.array(colour.shaft))
+    if colour.rachis is not None:
+        return linear(np.array(colour.rachis))
     return (
         np.array(RACHIS_COLOUR)
         if colour.base is None
@@ -176,8 +176,8 @@ def _cover(pattern: Pattern, calamus: float, places: Array) -> Array:
     """(P,) how far a pattern covers places, without its strength."""
     along, off, reach, inwards = places.T
     start, end = (calamus + (1.0 - calamus) * each for each in (pattern.start, pattern.end))
-    spacing = (end - start) / pattern.number
-    nearest = np.clip(np.round((along - start) / spacing - 0.5), 0, pattern.number - 1)
+    spacing = (end - start) / pattern.count
+    nearest = np.clip(np.round((along - start) / spacing - 0.5), 0, pattern.count - 1)
     middle = start + (nearest + 0.5) * spacing
     size = SIZES.get(pattern.kind, 0.0) if pattern.size is None else pattern.size
     match pattern.kind:

@@ -30,7 +30,9 @@ def hooked_fraction(kind: FeatherKind, feather: Feather) -> Array:
     """
     along_shaft, along_barb = middles(kind, feather)
     sides = [
-        np.outer(at_places(each.hooked.shaft, along_shaft), at_places(each.hooked.barb, along_barb))
+        np.outer(
+            at_places(each.hooked.rachis, along_shaft), at_places(each.hooked.barb, along_barb)
+        )
         for each in (kind.leading, kind.trailing)
     ]
     return np.repeat(np.stack(sides)[..., None], 2, axis=3)
@@ -40,7 +42,7 @@ def hooked_stiffness(kind: FeatherKind, feather: Feather) -> Array:
     """(2, n-1, m, 2) what is hooked has of each triangle's stiffness, 0 to 1."""
     ends, (_, along_barb) = vane_shares(kind, feather.station), middles(kind, feather)
     sides = [
-        np.outer(in_series(each.hooked.shaft, ends), at_places(each.hooked.barb, along_barb))
+        np.outer(in_series(each.hooked.rachis, ends), at_places(each.hooked.barb, along_barb))
         for each in (kind.leading, kind.trailing)
     ]
     return np.repeat(np.stack(sides)[..., None], 2, axis=3)

@@ -30,10 +30,10 @@ def middles(kind: FeatherKind, feather: Feather) -> tuple[Array, Array]:
 def in_cells(profile: Profile, kind: FeatherKind, feather: Feather) -> Array:
     """(n-1, m, 1) factors of a profile in the middle of each cell."""
     shaft, barb = middles(kind, feather)
-    return np.outer(at_places(profile.shaft, shaft), at_places(profile.barb, barb))[..., None]
+    return np.outer(at_places(profile.rachis, shaft), at_places(profile.barb, barb))[..., None]
 
 
 def barb_bending(vane: VaneMaterial, places: Array) -> Array:
     """(K,) factors of the bending of barbs at places (K,) from their roots."""
     thick = at_places(vane.thickness_profile.barb, places)
-    return np.asarray(at_places(vane.along_profile.barb, places) * thick**3)
+    return np.asarray(at_places(vane.along_barbs_profile.barb, places) * thick**3)

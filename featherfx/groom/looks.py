@@ -32,7 +32,7 @@ class Pattern:
     colour: Annotated[Shade, _COLOUR, "Red, green and blue as displays show them (sRGB)."]
     start: Annotated[float, _PLACE, "Where it begins, a share of the vane's length."] = 0.0
     end: Annotated[float, _PLACE, "Where it ends; later than start."] = 1.0
-    number: Annotated[int, Number(1, 1000, whole=True), "Of bars, or of spots of a row."] = 6
+    count: Annotated[int, Number(1, 1000, whole=True), "Of bars, or of spots of a row."] = 6
     size: Annotated[
         float | None,
         Number(0.001, 1),
@@ -56,13 +56,13 @@ class Colour:
     base: Annotated[
         Shade | None, _COLOUR, "Of the vanes; without it the feather has no colour of its own."
     ] = None
-    shaft: Annotated[Shade | None, _COLOUR, "Of the shaft; default: darker than the vanes."] = None
+    rachis: Annotated[Shade | None, _COLOUR, "Of the shaft; default: darker than the vanes."] = None
     patterns: Annotated[
         tuple[Pattern, ...],
         ArrayOf(Table(keys_of(Pattern), "table of a pattern"), 0, 50),
         "Marks, each over those before it.",
     ] = ()
-    vary: Annotated[
+    brightness_variation: Annotated[
         float, Number(0, 1), "Deviation of the brightness from feather to feather, a share."
     ] = 0.0
     film: Annotated[
@@ -89,7 +89,9 @@ class BarbLook:
     clump: Annotated[
         float, _PLACE, "How far the ends of barbs come together in clumps, a share of the distance."
     ] = 0.0
-    clumps: Annotated[int, Number(1, 1000, whole=True), "Number of clumps along each vane."] = 16
+    clump_count: Annotated[
+        int, Number(1, 1000, whole=True), "Number of clumps along each vane."
+    ] = 16
     clump_shape: Annotated[
         float,
         Number(0.2, 10),

@@ -17,7 +17,7 @@ FACTORS_MEAN = "[share, factor], straight between points and constant beyond; em
 class Profile:
     """Factors of a figure of the vane: a curve along the shaft times one along the barbs."""
 
-    shaft: Annotated[Curve, FACTORS, f"Along the vane's length: {FACTORS_MEAN}"] = ()
+    rachis: Annotated[Curve, FACTORS, f"Along the vane's length: {FACTORS_MEAN}"] = ()
     barb: Annotated[
         Curve, FACTORS, f"Along each barb, from its root (0) to its end (1): {FACTORS_MEAN}"
     ] = ()
@@ -38,9 +38,15 @@ class VaneMaterial:
     stay straight where the vane bends across them.
     """
 
-    along: Annotated[float, Number(1e2, 1e12, "Pa"), "Modulus of the vane along the barbs."]
-    across: Annotated[float, Number(1e-6, 1e10, "Pa"), "Modulus across the barbs (barbules)."]
-    shear: Annotated[float, Number(0, 1e10, "Pa"), "Shear modulus, against engineering shear."]
+    modulus_along_barbs: Annotated[
+        float, Number(1e2, 1e12, "Pa"), "Modulus of the vane along the barbs."
+    ]
+    modulus_across_barbs: Annotated[
+        float, Number(1e-6, 1e10, "Pa"), "Modulus across the barbs (barbules)."
+    ]
+    shear_modulus: Annotated[
+        float, Number(0, 1e10, "Pa"), "Shear modulus, against engineering shear."
+    ]
     thickness: Annotated[float, Number(1e-6, 0.01, "m"), "Thickness of the vane."]
     surface_density: Annotated[float, Number(1e-5, 10, "kg/m^2"), "Mass of the vane per area."]
     barb_bending_normal: Annotated[
@@ -63,11 +69,13 @@ class VaneMaterial:
         "barbs and across them with its cube; contact keeps to `thickness`.",
         Default({}),
     ] = Profile()
-    across_profile: Annotated[
-        Profile, "Factors of `across`, `shear` and `bending_across`.", Default({})
+    across_barbs_profile: Annotated[
+        Profile,
+        "Factors of `modulus_across_barbs`, `shear_modulus` and `bending_across`.",
+        Default({}),
     ] = Profile()
-    along_profile: Annotated[
-        Profile, "Factors of `along` and of the bending of barbs.", Default({})
+    along_barbs_profile: Annotated[
+        Profile, "Factors of `modulus_along_barbs` and of the bending of barbs.", Default({})
     ] = Profile()
     twist_ratio: Annotated[
         float,
@@ -83,7 +91,7 @@ class VaneMaterial:
         "curvature and lets the air at its width. Both vanes together are its width; hooks and "
         "the moduli of barbs and membrane do not count, nor what the shaft bears.",
     ] = False
-    poisson: Annotated[float, Number(0, 0.5), "Poisson's ratio of a ribbon."] = 0.3
+    poissons_ratio: Annotated[float, Number(0, 0.5), "Poisson's ratio of a ribbon."] = 0.3
     loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
     compression_guard: Annotated[
         float,
@@ -119,7 +127,7 @@ class VaneMaterial:
         Number(1e-8, 0.01, "m"),
         "Opening over which a gap that gives way loses its strength.",
     ] = 5e-5
-    hook_heal: Annotated[
+    hook_healing_rate: Annotated[
         float,
         Number(0, 1e3, "1/s"),
         "Rate at which open gaps whose edges touch hook again by themselves.",
@@ -133,12 +141,14 @@ class VaneMaterial:
 class RachisMaterial:
     """The shaft's keratin cortex around a light core."""
 
-    young: Annotated[float, Number(1e3, 1e12, "Pa"), "Young's modulus of the cortex."]
-    shear: Annotated[float, Number(1e3, 1e12, "Pa"), "Shear modulus of the cortex."]
+    youngs_modulus: Annotated[float, Number(1e3, 1e12, "Pa"), "Young's modulus of the cortex."]
+    shear_modulus: Annotated[float, Number(1e3, 1e12, "Pa"), "Shear modulus of the cortex."]
     modulus_profile: Annotated[
         Curve, FACTORS, f"Factors of both moduli along the shaft's length: {FACTORS_MEAN}"
     ] = ()
-    wall: Annotated[float, Number(0.01, 1), "Share of the radius that is cortex; 1 is solid."]
+    cortex_fraction: Annotated[
+        float, Number(0.01, 1), "Share of the radius that is cortex; 1 is solid."
+    ]
     flattening: Annotated[
         float, Number(0.05, 20), "Height of the section (across the vane) over its width."
     ] = 1.0

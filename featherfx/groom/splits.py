@@ -32,7 +32,7 @@ class Split(NamedTuple):
 def splits_of(splits: Splits, side: int) -> list[Split]:
     """All splits of one side's vane, by position; each side draws its own."""
     found = [Split(position, depth, splits.width) for position, depth in splits.places]
-    if splits.number:
+    if splits.count:
         found += _drawn(splits, side)
     return sorted(found)
 
@@ -40,9 +40,9 @@ def splits_of(splits: Splits, side: int) -> list[Split]:
 def _drawn(splits: Splits, side: int) -> list[Split]:
     rng = np.random.default_rng((splits.seed, splits.pattern, side))
     first, last = splits.where
-    aside, deeper, wider = splits.irregularity * rng.uniform(-1.0, 1.0, (3, splits.number))
-    part = (last - first) / splits.number
-    positions = first + part * (np.arange(splits.number) + 0.5 + JITTER * aside)
+    aside, deeper, wider = splits.irregularity * rng.uniform(-1.0, 1.0, (3, splits.count))
+    part = (last - first) / splits.count
+    positions = first + part * (np.arange(splits.count) + 0.5 + JITTER * aside)
     depths = np.clip(splits.depth * (1.0 + 0.5 * deeper), 0.0, 1.0)
     widths = splits.width * (1.0 + 0.5 * wider)
     columns = positions.tolist(), depths.tolist(), widths.tolist()
@@ -59,7 +59,7 @@ def split_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
     if not vane.is_split:
         return []
     if not vane.outline:
-        key = "places" if splits.places else "number"
+        key = "places" if splits.places else "count"
         return [(f"splits.{key}", "there is no vane on this side to be split")]
     first, last = max(vane.outline[0][0], 0.0), min(vane.outline[-1][0], 1.0)
     faults = [
@@ -78,7 +78,7 @@ def split_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
     start, end = splits.where
     if end <= start:
         faults.append(("splits.where[1]", f"{end:g} is not above the first, {start:g}"))
-    elif splits.number and (start < first or end > last):
+    elif splits.count and (start < first or end > last):
         message = f"lies outside the vane, which reaches from {first:g} to {last:g}"
         faults.append(("splits.where", message))
     return faults or _crossings(kind, vane)
@@ -98,16 +98,16 @@ def _crossings(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
                 f"the feather's length, and lie {across * (position - before):.3g} apart"
             )
             faults.append((f"splits.places[{index}][0]", message))
-    if splits.number:
-        part = (splits.where[1] - splits.where[0]) / splits.number
-        apart = 1.0 - 2.0 * JITTER * splits.irregularity if splits.number > 1 else 1.0
+    if splits.count:
+        part = (splits.where[1] - splits.where[0]) / splits.count
+        apart = 1.0 - 2.0 * JITTER * splits.irregularity if splits.count > 1 else 1.0
         least = across * part * (min(apart, BESIDE) if splits.places else apart)
         widest = splits.width * (1.0 + 0.5 * splits.irregularity)
-        alone = splits.number == 1 and not splits.places
+        alone = splits.count == 1 and not splits.places
         if not alone and widest > MOST_GAPING * least:
             message = (
-                f"{splits.number} splits cross one another or those given: they gape by up to "
+                f"{splits.count} splits cross one another or those given: they gape by up to "
                 f"{widest:.3g} of the feather's length, and lie {least:.3g} apart at least"
             )
-            faults.append(("splits.number", message))
+            faults.append(("splits.count", message))
     return faults

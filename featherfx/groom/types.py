@@ -119,7 +119,7 @@ class Hooked:
     Each is straight between its points and constant beyond them; without points it is 1.
     """
 
-    shaft: Annotated[
+    rachis: Annotated[
         tuple[tuple[float, float], ...],
         _CURVE,
         "Share of barbules that are hooked, along the shaft: points [share of the vane's length, "
@@ -145,7 +145,7 @@ class Splits:
         "Splits at given places: [share of the vane's length, share of the barbs that is split, "
         "from the edge on].",
     ] = ()
-    number: Annotated[int, Number(0, 50, whole=True), "Splits that are drawn at random."] = 0
+    count: Annotated[int, Number(0, 50, whole=True), "Splits that are drawn at random."] = 0
     depth: Annotated[
         float,
         Number(LEAST_DEPTH, 1),
@@ -216,7 +216,7 @@ class VaneShape:
     @property
     def is_split(self) -> bool:
         """Whether it has splits from the start."""
-        return bool(self.splits.places or self.splits.number)
+        return bool(self.splits.places or self.splits.count)
 
 
 @dataclass(frozen=True, kw_only=True)

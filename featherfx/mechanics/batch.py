@@ -155,7 +155,7 @@ def has_elastic_clamp(kind: FeatherKind) -> bool:
 def barb_course(kind: FeatherKind) -> Hashable:
     """Return what the shapes of bent barbs depend on: how their stiffness changes along them."""
     vane = kind.vane_material
-    return vane.barb_taper, vane.along_profile.barb, vane.thickness_profile.barb
+    return vane.barb_taper, vane.along_barbs_profile.barb, vane.thickness_profile.barb
 
 
 def may_slip(kind: FeatherKind) -> bool:
@@ -172,7 +172,7 @@ def is_guarded(kind: FeatherKind, touching: bool) -> bool:
     loose = any(
         fraction < 1.0
         for vane in (kind.leading, kind.trailing)
-        for curve in (vane.hooked.shaft, vane.hooked.barb)
+        for curve in (vane.hooked.rachis, vane.hooked.barb)
         for _, fraction in curve
     )
     return touching and loose
@@ -204,7 +204,7 @@ def _constants(
     cell_rest, cell_area = cells_at_rest(feather)
     vane = kind.vane_material
     held = _held(feather, kind)
-    across = held * in_cells(vane.across_profile, kind, feather)
+    across = held * in_cells(vane.across_barbs_profile, kind, feather)
     thick = in_cells(vane.thickness_profile, kind, feather)
     held_area = (across * thick * cell_area)[..., None] * cell_weights(feather.columns)
     bending = across * thick**3
@@ -221,7 +221,9 @@ def _constants(
         segment=segment,
         barb_stiffness=_barb_stiffness(feather, kind, coefficients, elastic),
         cell_rest=cell_rest,
-        cell_stiffness=held_area * np.array([vane.across, vane.shear]) * vane.thickness,
+        cell_stiffness=held_area
+        * np.array([vane.modulus_across_barbs, vane.shear_modulus])
+        * vane.thickness,
         hinge_rest=hinge_rest,
         hinge_stiffness=hinge_stiffness,
         twist_rest=twist_rest,
@@ -280,8 +282,8 @@ def _hooks(feather: Feather, kind: FeatherKind) -> VaneHooks:
     if vane.hooks == "closed":
         limit[:] = _NEVER
     loose = held <= MIN_HOOKED
-    factors = in_cells(vane.across_profile, kind, feather)[..., None]
-    stiffness = volume * factors * np.array([vane.across, vane.shear])
+    factors = in_cells(vane.across_barbs_profile, kind, feather)[..., None]
+    stiffness = volume * factors * np.array([vane.modulus_across_barbs, vane.shear_modulus])
     there = (stiffness > 0.0) & ~loose[..., None]
     strains = np.divide(stiffness, limit, out=np.zeros_like(limit), where=there)
     limit[loose] = 0.0
@@ -365,8 +367,10 @@ def _ribbon(feather: Feather, kind: FeatherKind, length: Array) -> Array:
     """(n-1, 2) nu and f of ribbon_kernels."""
     vane = kind.vane_material
     flat = _strip_width(feather, kind) ** 2 / (vane.thickness * length)
-    beam = 1.0 - vane.poisson**2
-    return np.stack([np.full(len(length), vane.poisson), 3.0 / 16.0 * beam * flat**2], axis=1)
+    beam = 1.0 - vane.poissons_ratio**2
+    return np.stack(
+        [np.full(len(length), vane.poissons_ratio), 3.0 / 16.0 * beam * flat**2], axis=1
+    )
 
 
 def _mass(feather: Feather, kind: FeatherKind, cell_area: Array, length: Array) -> Array:
@@ -451,8 +455,8 @@ def _barb_stiffness(feather: Feather, kind: FeatherKind, coefficients: int, elas
         vane = replace(vane, barb_bending_normal=plate, barb_bending_in_plane=stiff)
     scale = np.divide(feather.barb_span, length, out=np.zeros_like(length), where=length > 0)
     roots = vane_shares(kind, feather.station)
-    thick = at_places(vane.thickness_profile.shaft, roots)
-    scale = scale * at_places(vane.along_profile.shaft, roots) * thick**3
+    thick = at_places(vane.thickness_profile.rachis, roots)
+    scale = scale * at_places(vane.along_barbs_profile.rachis, roots) * thick**3
     parts = []
     for bending, clamp in (
         (vane.barb_bending_normal, vane.barb_clamp_normal),

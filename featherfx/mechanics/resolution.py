@@ -54,8 +54,8 @@ def barb_load(feather: Feather, kind: FeatherKind, pressure: float) -> float:
     flexibility = float(np.mean((1.0 - s) ** 3 / (2.0 * stiffness)))
     length = float(feather.barb_length.max())
     shares = np.linspace(0.0, 1.0, feather.rows)
-    thick = at_places(vane.thickness_profile.shaft, shares)
-    weakest = (at_places(vane.along_profile.shaft, shares) * thick**3).min()
+    thick = at_places(vane.thickness_profile.rachis, shares)
+    weakest = (at_places(vane.along_barbs_profile.rachis, shares) * thick**3).min()
     return float(pressure * length**4 / (vane.barb_bending_normal * weakest) * flexibility)
 
 
@@ -99,7 +99,7 @@ def rachis_deflection(
         _, flat = strip_stiffness(width, kind.vane_material)
         bending = np.where(width[:, None] > 0.0, flat, bending)
     thick = kind.vane_material.thickness_profile
-    on_shaft = at_places(thick.shaft, vane_shares(kind, s))
+    on_shaft = at_places(thick.rachis, vane_shares(kind, s))
     density = kind.vane_material.surface_density * on_shaft * np.mean(at_places(thick.barb, _EVEN))
     load = line * acceleration + width * (density * acceleration + pressure)
     step = np.diff(s)

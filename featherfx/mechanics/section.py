@@ -31,24 +31,24 @@ def _section(width: Array, height: Array) -> tuple[Array, Array, Array, Array]:
 def rachis_stiffness(width: Array, height: Array, material: RachisMaterial) -> tuple[Array, Array]:
     """((k, 3) EA, GA_2, GA_3 in N; (k, 3) GJ, EI_2, EI_3 in N m^2) of sections (k,), m."""
     area, about_second, about_third, torsion = _section(width, height)
-    core = 1.0 - material.wall
+    core = 1.0 - material.cortex_fraction
     cortex = area * (1.0 - core**2)
-    shear = material.shear * cortex * (0.5 + 0.4 * material.wall)
+    shear = material.shear_modulus * cortex * (0.5 + 0.4 * material.cortex_fraction)
     hollow = 1.0 - core**4
     bend = [
-        material.shear * torsion * hollow,
-        material.young * about_second * hollow,
-        material.young * about_third * hollow,
+        material.shear_modulus * torsion * hollow,
+        material.youngs_modulus * about_second * hollow,
+        material.youngs_modulus * about_third * hollow,
     ]
-    return np.stack([material.young * cortex, shear, shear], -1), np.stack(bend, -1)
+    return np.stack([material.youngs_modulus * cortex, shear, shear], -1), np.stack(bend, -1)
 
 
 def strip_stiffness(width: Array, vane: VaneMaterial) -> tuple[Array, Array]:
     """As rachis_stiffness, of flat strips as thick as a vane, as rods: Y h^3 = 12 (1 - nu^2) D."""
-    beam = (1.0 - vane.poisson**2) * vane.bending_across * width
+    beam = (1.0 - vane.poissons_ratio**2) * vane.bending_across * width
     stretch = 12.0 * beam / vane.thickness**2
-    shear = 5.0 / 12.0 * stretch / (1.0 + vane.poisson)
-    twist = 2.0 * beam / (1.0 + vane.poisson)
+    shear = 5.0 / 12.0 * stretch / (1.0 + vane.poissons_ratio)
+    twist = 2.0 * beam / (1.0 + vane.poissons_ratio)
     bend = [twist, beam, beam * np.minimum((width / vane.thickness) ** 2, _EDGEWISE_RATIO)]
     return np.stack([stretch, shear, shear], -1), np.stack(bend, -1)
 
@@ -58,7 +58,7 @@ def rachis_mass(
 ) -> tuple[Array, Array, Array]:
     """Mass per length (kg/m) and its second moments about d2 and d3 (kg m) of sections (k,)."""
     area, about_second, about_third, _ = _section(width, height)
-    core = 1.0 - material.wall
+    core = 1.0 - material.cortex_fraction
 
     def weighted(solid: Array, power: int) -> Array:
         inner = core**power

@@ -60,7 +60,7 @@ def soaked(strips: BarbStrips, wet: Array, inner: Array, roots: Array) -> BarbSt
     place, drawn = np.concatenate([inner, inner, [1.0]]), BarbStrips(*(s.copy() for s in strips))
     for amount, clumps in np.unique(some, axis=0):
         own = (wet == (amount, clumps)).all(axis=1)
-        look = BarbLook(clump=amount, clumps=int(clumps), clump_shape=WET_SHAPE)
+        look = BarbLook(clump=amount, clump_count=int(clumps), clump_shape=WET_SHAPE)
         mine = BarbStrips(*(each[own] for each in strips))
         drawn.points[own], drawn.tangents[own] = _clumped(mine, look, place, roots)
     return drawn
@@ -83,7 +83,7 @@ def _shortened(values: Array, inner: Array, lengths: Array) -> Array:
 
 def _clumped(strips: BarbStrips, look: BarbLook, place: Array, roots: Array) -> tuple[Array, Array]:
     """Points and tangents of strips drawn towards the line of the middle barb of their clump."""
-    middle = middle_barbs(np.zeros(len(roots), dtype=np.int64), roots, look.clumps)
+    middle = middle_barbs(np.zeros(len(roots), dtype=np.int64), roots, look.clump_count)
     fraction = clump_fraction(look, place)[:, None]
     # barbs that leave the shaft towards each other have no finite slope there
     slope = np.maximum(place, _NEAR) ** (look.clump_shape - 1.0)

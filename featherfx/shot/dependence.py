@@ -37,7 +37,7 @@ from featherfx.shot.types import Shot
 # of a shot, what does not count, and what counts for each feather by itself
 _NOT_COMMON = {
     "name", "groom", "last_frame", "grips", "forces", "details", "shelters", "exposure",
-    "level_of_detail", "skin", "surfaces", "inputs", "colliders", "contact", "wets", "frees",
+    "level_of_detail", "skin", "surfaces", "inputs", "colliders", "contact", "wets", "detachments",
     "channels", "targets",
 }  # fmt: skip
 # of a feather, what only the output has, or contact asks for
@@ -120,7 +120,7 @@ def _each(shot: Shot, plan: LevelPlan, motion: Roots) -> list[list[Any]]:
     guarded = _guarded(shot, plan)
     rules = [
         [each[number] if number >= 0 else None for number in last_fitting(each, placements)]
-        for each in (shot.wets, shot.frees)
+        for each in (shot.wets, shot.detachments)
     ]
     directed, share, brought = acting(shot), shares_of(motion, len(placements)), targets_of(shot)
     pulls: dict[str, list[Any]] = {}

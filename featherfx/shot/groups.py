@@ -161,14 +161,17 @@ def make_groups(
     """
     alike: dict[_Alike, list[int]] = {}
     exposed, placements = exposures(shot).tolist(), shot.groom.feathers
-    wets, frees = last_fitting(shot.wets, placements), last_fitting(shot.frees, placements)
+    wets, detachments = (
+        last_fitting(shot.wets, placements),
+        last_fitting(shot.detachments, placements),
+    )
     blown, directing = Blown(shot), courses(shot, NAMES)
     for index in solved.tolist():
         kind, resolution = placements[index].kind, resolutions[index]
         if resolution.is_simulated:
             taper, clamp = barb_course(kind), has_elastic_clamp(kind)
             hooked = _slips(kind, resolution)
-            rules = exposed[index], wets[index], frees[index], blown.weights[index]
+            rules = exposed[index], wets[index], detachments[index], blown.weights[index]
             key = _Alike(int(islands[index]), resolution, taper, clamp, hooked, *rules)
             alike.setdefault(key, []).append(index)
     groups = [
@@ -217,7 +220,7 @@ def _group(
         tolerance=resolution.tolerance,
         newton=newton,
         max_substeps=quality.max_substeps,
-        spectral_radius=quality.radius,
+        spectral_radius=quality.spectral_radius,
     )
     return Group(
         resolution=resolution,
@@ -238,7 +241,7 @@ def _group(
         state=state,
         start=state.points.nodes.copy(),
         water=None if key.wet < 0 else Water(shot.wets[key.wet], feathers, placements),
-        free=None if key.free < 0 else shot.time_of(shot.frees[key.free].frame),
+        free=None if key.free < 0 else shot.time_of(shot.detachments[key.free].frame),
         felt=key.felt,
         pulls=pulls_of(shot, drawn, feathers, members, motion, model),
     )

@@ -47,7 +47,7 @@ class Hooks:
                 for stroke in self._shot.preens:
                     if fits(stroke, placement) and stroke.start < end and stroke.end > start:
                         changed[k] |= _stroke(group, k, stroke, start, end)
-                rate = placement.kind.vane_material.hook_heal
+                rate = placement.kind.vane_material.hook_healing_rate
                 if rate > 0.0:
                     every = np.ones(group.feathers[k].cell.shape, dtype=np.bool_)
                     fraction = 1.0 - np.exp(-rate * (end - start))
@@ -98,13 +98,13 @@ def _stroke(group: Group, k: int, stroke: Preen, start: float, end: float) -> bo
         (np.array([start, end]) - stroke.start) / (stroke.end - stroke.start), 0.0, 1.0
     )
     cell = group.feathers[k].cell
-    if stroke.along == "barbs":
+    if stroke.direction == "barbs":
         place = (np.arange(cell.shape[2]) + 0.5)[:, None] / cell.shape[2]
     else:
         station = group.feathers[k].station
         place = (0.5 * (station[1:] + station[:-1]) / station[-1])[:, None, None]
     touched = np.broadcast_to((place > first) & (place <= last), cell.shape)
-    return _close(group, k, touched, stroke.closes, stroke.reach)
+    return _close(group, k, touched, stroke.closed_fraction, stroke.max_gap)
 
 
 def _close(group: Group, k: int, touched: Flags, fraction: float, reach: float) -> bool:

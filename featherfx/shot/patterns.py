@@ -31,8 +31,10 @@ def last_fitting(entries: Sequence[SomeFeathers], placements: Sequence[Placement
 def may_touch(shot: Shot, contact: Contact) -> list[bool]:
     """Of every feather whether it touches others: not those that leave their roots."""
     placements = shot.groom.feathers
-    frees = last_fitting(shot.frees, placements)
-    return [touches(contact, p) and rule < 0 for p, rule in zip(placements, frees, strict=True)]
+    detachments = last_fitting(shot.detachments, placements)
+    return [
+        touches(contact, p) and rule < 0 for p, rule in zip(placements, detachments, strict=True)
+    ]
 
 
 def touches(contact: Contact, placement: Placement) -> bool:

@@ -105,7 +105,7 @@ class Wet(SomeFeathers):
         "How far the ends of barbs that are drawn come together at wetness 1, a share of their "
         "distance; a look control.",
     ] = 0.8
-    clumps: Annotated[
+    clump_count: Annotated[
         int,
         Number(1, MOST_CLUMPS, whole=True),
         "Number of clumps along each vane; a look control.",
@@ -118,22 +118,22 @@ class Preen(SomeFeathers):
 
     start: Annotated[float, Number(0, 1e5, "s"), "When the stroke begins."]
     end: Annotated[float, Number(0, 1e5, "s"), "When it is done; later than start."]
-    along: Annotated[
+    direction: Annotated[
         str,
-        Text(("barbs", "shaft")),
-        "Its way: along all barbs at once, from the shaft to their ends, or from the base of the "
+        Text(("barbs", "rachis")),
+        "Its way: along all barbs at once, from the rachis to their ends, or from the base of the "
         "feather to its tip.",
     ] = "barbs"
-    closes: Annotated[
+    closed_fraction: Annotated[
         float, Number(1e-3, 1), "Share of what is open, and of what has slipped, that it closes."
     ] = 1.0
-    reach: Annotated[
+    max_gap: Annotated[
         float, Number(0, 0.1, "m"), "Gaps whose edges are farther apart stay open."
     ] = 2e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Free(SomeFeathers):
+class Detachment(SomeFeathers):
     """When some feathers leave their roots, as in moult; from then on they fall and fly alone."""
 
     frame: Annotated[
@@ -293,7 +293,7 @@ class Contact:
         Number(0, 10_000, whole=True),
         "Steps per frame that all feathers take together; 0: by the quality's tolerance.",
     ] = 0
-    most_steps: Annotated[
+    max_steps: Annotated[
         int,
         Number(1, 4096, whole=True),
         "Most regular steps per frame where `steps` is 0, and most that a feather divides one "
@@ -434,7 +434,7 @@ class Shot:
     shelters: tuple[Shelter, ...] = ()
     preens: tuple[Preen, ...] = ()
     wets: tuple[Wet, ...] = ()
-    frees: tuple[Free, ...] = ()
+    detachments: tuple[Detachment, ...] = ()
     channels: tuple[Channel, ...] = ()
     targets: tuple[Target, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)

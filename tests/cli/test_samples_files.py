@@ -91,7 +91,7 @@ def test_presets_are_listed_and_shown(tmp_path):
     assert "storm" in listed
     shown = invoke("presets", "show", "swan_vane").stdout
     assert "swan_vane.toml" in shown
-    assert "along" in shown
+    assert "modulus_along_barbs" in shown
     folder = tmp_path / "wind"
     folder.mkdir()
     (folder / "breeze.toml").write_text('# Mine.\nbase = "breeze"\nspeed = 4.5\n')

@@ -85,8 +85,8 @@ def worst(feather, frame, error, *counts):
     [
         ({"max_substeps": 32}, "raise max_substeps (32)"),
         (
-            {"[contact] most_steps": 8, "max_substeps": 8},
-            "raise [contact] most_steps (8) and max_substeps (8)",
+            {"[contact] max_steps": 8, "max_substeps": 8},
+            "raise [contact] max_steps (8) and max_substeps (8)",
         ),
         (
             {"[contact] steps": 12, "max_substeps": 8},

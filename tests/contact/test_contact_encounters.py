@@ -75,7 +75,7 @@ def test_steps_are_as_short_as_a_shot_allows():
     shot = replace(falling(), last_frame=3)
     shot = replace(shot, quality=replace(shot.quality, tolerance=1e-8))
     for most in (2, 6):
-        simulation, _ = baked(replace(shot, contact=replace(shot.contact, most_steps=most)), 3)
+        simulation, _ = baked(replace(shot, contact=replace(shot.contact, max_steps=most)), 3)
         shortest = 1.0 / (shot.frames_per_second * most)
         assert 0.5 * shortest * (1.0 - 1e-9) <= simulation.report["contact"]["shortest_step"]
         assert simulation.report["contact"]["shortest_step"] <= shortest * (1.0 + 1e-9)

@@ -75,7 +75,9 @@ def test_a_rigid_obstacle_holds_the_same_way_however_soft_it_is():
     shot = pressed("rigid")
     above, beneath, guide = shot.groom.feathers
     stiff = beneath.kind.rachis_material
-    limp = replace(stiff, young=0.01 * stiff.young, shear=0.01 * stiff.shear)
+    limp = replace(
+        stiff, youngs_modulus=0.01 * stiff.youngs_modulus, shear_modulus=0.01 * stiff.shear_modulus
+    )
     kind = replace(beneath.kind, rachis_material=limp)
     softer = replace(shot.groom, feathers=(above, replace(beneath, kind=kind), guide))
     simulation = simulate(replace(shot, groom=softer), 1)

@@ -21,7 +21,7 @@ first = {{ position = [0.04, 0.035, {height}], direction = [-1, 0, 0], up = [0, 
 last = {{ position = [0.04, -0.035, {height}], direction = [-1, 0, 0], up = [0, 0, {up}] }}
 scale = [2.2, 2.2]
 width = 1.2
-overlap = -0.0005
+lift = -0.0005
 """
 SHOT = """name = "plate"
 groom = "groom.toml"

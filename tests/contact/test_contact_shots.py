@@ -105,7 +105,7 @@ def test_without_contact_the_same_feathers_cut_through_each_other():
 
 
 def test_neighbours_lie_as_the_rows_say():
-    """Each feather of a row lies below the one before it (overlap = -0.001)."""
+    """Each feather of a row lies below the one before it (lift = -0.001)."""
     simulation, _ = baked(half_wing(bird()), 1)
     solver = simulation._islands[0].contact.solver
     pairs = [tuple(pair) for pair in solver.candidates.pairs.tolist()]

@@ -29,7 +29,7 @@ def drawn(id="one", mirrored=False, **look):
 
 
 PLAIN = barb_curves(KIND, GRID, COUNT, False)
-LOOK = {"clump": 0.7, "clumps": 6, "frizz": 1e-3, "jitter": 0.3}
+LOOK = {"clump": 0.7, "clump_count": 6, "frizz": 1e-3, "jitter": 0.3}
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -49,12 +49,12 @@ def test_roots_stay_on_the_shaft():
 
 
 def test_clumps_bring_ends_together_and_leave_their_middles():
-    barbs = drawn(clump=1.0, clumps=5)
+    barbs = drawn(clump=1.0, clump_count=5)
     ends = np.unique(np.round(barbs.points[:, -1], 9), axis=0)
     assert len(ends) == 10  # of either vane
     shared = {tuple(each) for each in np.round(PLAIN.points[:, -1], 9)}
     assert all(tuple(each) in shared for each in ends)
-    half = drawn(clump=0.5, clumps=5)
+    half = drawn(clump=0.5, clump_count=5)
     assert half.points == pytest.approx(0.5 * (barbs.points + PLAIN.points), abs=1e-12)
 
 

@@ -104,7 +104,7 @@ def test_barbs_have_the_colours_of_the_vane_below_them():
 
 
 def test_brightness_goes_by_the_id_alone():
-    colour = Colour(base=(0.5, 0.5, 0.5), vary=0.1)
+    colour = Colour(base=(0.5, 0.5, 0.5), brightness_variation=0.1)
     kind = replace(KIND, colour=colour)
     feather = build_feather(kind, 9, 3)
     light = [colours_of(kind, feather, None, f"f{k}").points[0, 0] for k in range(400)]

@@ -49,7 +49,7 @@ first = { position = [0, 0.1, 0], direction = [-1, 0, 0], up = [0, 0, 1] }
 last = { position = [0, 0.4, 0], direction = [0, 1, 0], up = [0, 0, 1] }
 path = [[0, 0.1, 0], [0, 0.2, 0.05], [0, 0.4, 0]]
 scale = [1.0, 0.6]
-overlap = 0.002
+lift = 0.002
 spacing = 0.8
 joint = "left_elbow"
 side = "left"
@@ -84,7 +84,7 @@ angles = [9, 90]
 [variation]
 seed = 3
 angle = 2
-across = 0.1
+modulus_across_barbs = 0.1
 thickness = 0.1
 length = 0.1
 width = 0.05
@@ -142,12 +142,12 @@ id = "coat"
 kind = "body_contour"
 count = 8
 length = 0.03
-fit = 0.9
+max_length_per_free_radius = 0.9
 layer = 2
 where = [
     { sphere = { centre = { vertex = 4 }, radius = 30 }, soft = 2 },
     { primvar = "edge" },
-    { room = 1.0 },
+    { free_radius = 1.0 },
     { x = [0, 30] },
 ]
 flow = { away = { vertex = 4 }, turn = 10 }
@@ -182,17 +182,17 @@ cycle = 0
 [motion]
 kind = "act"
 amount = [[0, 0.5], [0.1, 1]]
-[[motion.parts]]
+[[motion.motions]]
 kind = "keys"
 keyframes = [
   { time = 0.0, joint = "left_elbow", rotation = [0, 0, 0] },
   { time = 1.0, joint = "left_elbow", rotation = [1, 0, 0, 0.1], position = [0, 0, 0.1] },
 ]
-[[motion.parts]]
+[[motion.motions]]
 base = "glide"
 start = -0.1
 tempo = 2
-[[motion.parts]]
+[[motion.motions]]
 kind = "swing"
 joints = "fan*"
 axis = [0, 0, 1]

@@ -147,7 +147,7 @@ def test_feathers_of_the_breast_reach_over_the_front_of_folded_wings_alone(bird,
         own = fronts[ways.argmin(axis=0)]
         assert ((own - tips)[near, 0] > 0.0).mean() > 0.5  # behind the front
         assert (roots[:, 2] > fronts[:, 2].max()).sum() <= 2  # scapulars lie over its top
-    thin = ", ".join(f"parts.{part}.cover = 0" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0" for part in PARTS)
     kind = f'type = {{ base = "pigeon", {thin} }}\n'
     for opens, has in (("", True), ("opens = true", False)):
         found = read_groom(changed(tmp_path, "^type.*", kind + opens)).feathers
@@ -199,7 +199,7 @@ def tip(feather):
 
 def test_spread_wings_stand_at_their_landmarks(tmp_path):
     """Moved off the body as folded ones are, they left a gap to it."""
-    thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in PARTS)
     kind = f'type = {{ base = "pigeon", {thin} }}\nfold = 0'
     groom = read_groom(changed(tmp_path, r"^type.*", kind))
     at = {joint.name: joint.position for joint in groom.joints}
@@ -209,7 +209,7 @@ def test_spread_wings_stand_at_their_landmarks(tmp_path):
 
 @pytest.mark.usefixtures("wings_as_typed")
 def test_sizes_follow_the_body(bird, tmp_path):
-    thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in PARTS)
     kind = f'type = {{ base = "pigeon", {thin} }}\nscale = 2.0'
     double = read_groom(changed(tmp_path, r"^type.*", kind))
     sizes = [
@@ -224,7 +224,7 @@ def test_sizes_follow_the_body(bird, tmp_path):
 
 @pytest.mark.usefixtures("wings_as_typed")
 def test_a_train_of_many_feathers_is_not_deeper_than_its_root_is_wide(tmp_path):
-    thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in PARTS)
     kind = f'type = {{ base = "pigeon", tail.count = 150, tail.coverts = [], {thin} }}'
     groom = read_groom(changed(tmp_path, r"^type.*", kind))
     roots = np.array([f.position for f in groom.feathers if f.id.startswith("tail_")])
@@ -236,7 +236,7 @@ def test_a_train_of_many_feathers_is_not_deeper_than_its_root_is_wide(tmp_path):
 @pytest.mark.parametrize(("kind", "count", "most"), [("ostrich", 50, 25), ("peacock", 200, 0)])
 def test_few_feathers_of_large_shut_tails_pass_through_each_other(tmp_path, kind, count, most):
     """Laid flat, without an arch, it is 513 and 270 pairs; of a train as one fan 60."""
-    bare = ", ".join(f"parts.{part}.cover = 0" for part in PARTS)
+    bare = ", ".join(f"tracts.{part}.relative_density = 0" for part in PARTS)
     groom = read_groom(changed(tmp_path, r"^type.*", f'type = {{ base = "{kind}", {bare} }}'))
     tail = [f for f in groom.feathers if f.id.startswith("tail_")]
     assert len(tail) == count
@@ -249,8 +249,8 @@ def test_folded_wings_stay_off_the_body_as_far_as_their_type_says(bird, monkeypa
     body, shoulder = Body(bird.skin, np.eye(3), np.zeros(3)), np.array([0.04, -0.042, 0.205])
     kind = wing_type({"base": "pigeon"}, Place("", "", Problems()), Library((), Problems()))
     near, far = (
-        drape.lie_on(replace(kind, clear=clear), shoulder, 1.0, body, 0.0)[1]
-        for clear in (kind.clear, kind.clear + 0.1)
+        drape.lie_on(replace(kind, body_clearance=clear), shoulder, 1.0, body, 0.0)[1]
+        for clear in (kind.body_clearance, kind.body_clearance + 0.1)
     )
     moved = np.linalg.norm(far - near) / max(kind.primaries.lengths)
     assert 0.1 <= moved < 0.15  # aslant to the skin
@@ -281,7 +281,7 @@ def test_a_body_with_y_up_in_centimetres_gets_the_same_bird(tmp_path, space):
         flags=re.M,
     )
     assert marked.count("vertex") == 10
-    thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in PARTS)
     kind = f'type = {{ base = "pigeon", {thin} }}'
     marked = re.sub(r"^bare.*\n", "", re.sub("^type.*", kind, marked, flags=re.M), flags=re.M)
     own, other = tmp_path / "own", tmp_path / "other"
@@ -313,7 +313,7 @@ def nearest(points, place):
 
 @pytest.mark.usefixtures("wings_as_typed")
 def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
-    thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in PARTS)
     kind = f'type = {{ base = "owl", disc.radius = 0.014, disc.length = 0.005, {thin} }}'
     path = changed(tmp_path, "^type.*", kind)
     before = {feather.region for feather in read_groom(path).feathers}
@@ -337,8 +337,8 @@ def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
 
 @pytest.mark.usefixtures("wings_as_typed")
 def test_a_cheek_is_below_and_behind_the_eyes_and_feathers_begin_where_the_bill_ends(tmp_path):
-    thin = ", ".join(f"parts.{part}.cover = 3" for part in PARTS)
-    own = 'parts.cheek = { kind = "contour", length = 0.006 }'
+    thin = ", ".join(f"tracts.{part}.relative_density = 3" for part in PARTS)
+    own = 'tracts.cheek = { kind = "contour", length = 0.006 }'
     kind = f'type = {{ base = "pigeon", {own}, {thin}, bill = BILL }}'
     eyes = "right_eye = [0.128, -0.018, 0.289]\nleft_eye = [0.128, 0.018, 0.289]\n"
 
@@ -361,14 +361,17 @@ def test_a_cheek_is_below_and_behind_the_eyes_and_feathers_begin_where_the_bill_
 @pytest.mark.usefixtures("wings_as_typed")
 def test_sides_of_a_breast_are_as_the_breast_unless_the_type_says_otherwise(tmp_path):
     """Where wings stand off it, longer and closer ones fill what is between."""
-    thin = ", ".join(f"parts.{part}.cover = 3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 3" for part in PARTS)
 
     def lengths(own):
-        kind = f'type = {{ base = "pigeon", {thin}, parts.breast.uneven = 0{own} }}'
+        kind = f'type = {{ base = "pigeon", {thin}, tracts.breast.length_variation = 0{own} }}'
         found = read_groom(changed(tmp_path, r"^type.*", kind)).feathers
         return [f.kind.length for f in found if f.region == "breast_side"]
 
-    side = ', parts.breast_side = { kind = "contour", length = 0.04, cover = 20, uneven = 0 }'
+    side = (
+        ', tracts.breast_side = { kind = "contour", length = 0.04, relative_density = 20,'
+        " length_variation = 0 }"
+    )
     plain, own = lengths(""), lengths(side)
     assert len(own) > len(plain) > 10
     assert np.median(own) > 1.2 * np.median(plain)
@@ -473,7 +476,9 @@ def test_a_crest_grows_from_the_skin_not_within_the_skull(tmp_path):
 @pytest.mark.usefixtures("wings_as_typed")
 def test_a_mantle_begins_where_the_neck_of_its_type_ends(tmp_path):
     """The ostrich's reached up the back of its neck."""
-    thin = ", ".join(f"parts.{part}.cover = 0" for part in PARTS if part not in ("nape", "mantle"))
+    thin = ", ".join(
+        f"tracts.{part}.relative_density = 0" for part in PARTS if part not in ("nape", "mantle")
+    )
     highest = []
     for neck in (0.5, 0.75, 1.0):
         kind = f'type = {{ base = "pigeon", {thin}, tail.count = 0, neck = {neck} }}'

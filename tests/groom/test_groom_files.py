@@ -75,7 +75,7 @@ def test_roll_lifts_the_leading_vane_on_both_sides(tmp_path: Path) -> None:
 
 
 def test_mirror_image_is_the_reflection_of_the_feather(tmp_path: Path) -> None:
-    groom = groom_of(tmp_path, ROW + "mirror = 'y'\nroll = 12\noverlap = 0.002\n")
+    groom = groom_of(tmp_path, ROW + "mirror = 'y'\nroll = 12\nlift = 0.002\n")
     by_id = {each.id: each for each in groom.feathers}
     assert len(by_id) == 10
     reflect = np.array([1.0, -1.0, 1.0])
@@ -109,7 +109,7 @@ def test_row_turns_at_an_equal_rate_and_spreads_its_roots(tmp_path: Path) -> Non
 
 
 def test_overlap_lifts_each_root_over_the_one_before(tmp_path: Path) -> None:
-    feathers = groom_of(tmp_path, ROW + "overlap = 0.002\n").feathers
+    feathers = groom_of(tmp_path, ROW + "lift = 0.002\n").feathers
     np.testing.assert_allclose([each.position[2] for each in feathers], 0.002 * np.arange(5))
 
 
@@ -148,10 +148,16 @@ def test_overrides_by_id_come_over_those_of_the_row(tmp_path: Path) -> None:
 
 
 def test_material_of_one_feather_can_be_changed(tmp_path: Path) -> None:
-    text = feather("a", "overrides.vane_material.shear = 5.0") + feather("b")
+    text = feather("a", "overrides.vane_material.shear_modulus = 5.0") + feather("b")
     first, second = groom_of(tmp_path, text).feathers
-    assert (first.kind.vane_material.shear, second.kind.vane_material.shear) == (5.0, 2.78e4)
-    assert first.kind.vane_material.along == second.kind.vane_material.along
+    assert (first.kind.vane_material.shear_modulus, second.kind.vane_material.shear_modulus) == (
+        5.0,
+        2.78e4,
+    )
+    assert (
+        first.kind.vane_material.modulus_along_barbs
+        == second.kind.vane_material.modulus_along_barbs
+    )
 
 
 def test_variation_depends_on_seed_and_id_alone(tmp_path: Path) -> None:
@@ -172,9 +178,13 @@ def test_matter_varies_as_measured_and_nothing_else_with_it(tmp_path: Path) -> N
     """Slopes of samples within a quarter of the middle one: half of that is two deviations."""
     many = "".join(feather(f"f{number}") for number in range(300))
     sizes = "[variation]\nlength = 0.1\n"
-    spread = sizes + "across = 0.12\nalong = 0.12\nthickness = 0.12\nangle = 2\n"
+    spread = (
+        sizes
+        + "modulus_across_barbs = 0.12\nmodulus_along_barbs = 0.12\n"
+        + "thickness = 0.12\nbarb_angle = 2\n"
+    )
     plain, varied = (groom_of(tmp_path, many + text).feathers for text in (sizes, spread))
-    for name in ("across", "along", "thickness"):
+    for name in ("modulus_across_barbs", "modulus_along_barbs", "thickness"):
         pairs = zip(varied, plain, strict=True)
         found = [getattr(a.kind.vane_material, name) / getattr(b.kind.vane_material, name)
                  for a, b in pairs]  # fmt: skip
@@ -187,7 +197,7 @@ def test_matter_varies_as_measured_and_nothing_else_with_it(tmp_path: Path) -> N
     assert np.ptp(turned, axis=1).max() < 1e-9
     assert np.std(turned[:, 0]) == pytest.approx(2.0, rel=0.15)
     shared = groom_of(tmp_path, many + spread + "variants = 5\n").feathers
-    assert len({each.kind.vane_material.across for each in shared}) == 5
+    assert len({each.kind.vane_material.modulus_across_barbs for each in shared}) == 5
 
 
 def test_equal_feathers_share_their_kind(tmp_path: Path) -> None:
@@ -279,7 +289,7 @@ def test_mirror_needs_a_side_in_the_name(tmp_path: Path) -> None:
 def test_blends_have_the_profiles_of_both(tmp_path: Path) -> None:
     folder = tmp_path / "presets" / "feather"
     folder.mkdir(parents=True)
-    text = "rachis_material.modulus_profile = {}\nvane_material.along_profile.barb = {}\n"
+    text = "rachis_material.modulus_profile = {}\nvane_material.along_barbs_profile.barb = {}\n"
     for name, curve in (("one", "[[0, 1], [1, 3]]"), ("other", "[[0.5, 2]]")):
         (folder / f"{name}.toml").write_text(f'base = "primary"\n{text.format(curve, curve)}')
     (tmp_path / "groom.toml").write_text(
@@ -290,7 +300,7 @@ def test_blends_have_the_profiles_of_both(tmp_path: Path) -> None:
     middle = read_groom(tmp_path / "groom.toml", [tmp_path / "presets"]).feathers[1].kind
     halfway = ((0.0, 1.5), (0.5, 2.0), (1.0, 2.5))
     assert middle.rachis_material.modulus_profile == halfway
-    assert middle.vane_material.along_profile.barb == halfway
+    assert middle.vane_material.along_barbs_profile.barb == halfway
 
 
 def test_blend_of_unlike_kinds(tmp_path: Path) -> None:

@@ -64,9 +64,9 @@ def test_every_shipped_preset_is_sound_and_says_what_it_is() -> None:
 
 def test_swan_vane_holds_the_published_moduli() -> None:
     _, tree = load_preset("swan_vane")
-    assert tree["along"].value == 3.6e8
-    assert tree["across"].value == 4.8e4
-    assert tree["shear"].value == 2.78e4
+    assert tree["modulus_along_barbs"].value == 3.6e8
+    assert tree["modulus_across_barbs"].value == 4.8e4
+    assert tree["shear_modulus"].value == 2.78e4
     ratio = tree["barb_bending_in_plane"].value / tree["barb_bending_normal"].value
     assert ratio == pytest.approx((0.14 * 0.5e-3 / 120e-6) ** 2, rel=0.01)
 
@@ -76,7 +76,9 @@ def test_show_names_the_file_of_each_value() -> None:
     by_key = {line.split(" = ")[0]: line for line in lines if " = " in line}
     assert by_key["length"].endswith("# m, presets/feather/covert.toml")
     assert by_key["rachis.taper"].endswith("presets/feather/body_contour.toml")
-    assert by_key["vane_material.along"].endswith("Pa, presets/material/vane/swan_vane.toml")
+    assert by_key["vane_material.modulus_along_barbs"].endswith(
+        "Pa, presets/material/vane/swan_vane.toml"
+    )
     assert by_key["rachis.twist"].endswith("deg, default")
 
 
@@ -136,13 +138,15 @@ def test_new_base_of_a_material_drops_the_old_changes(tmp_path: Path) -> None:
     write(
         tmp_path / "feather",
         "first",
-        'base = "covert"\nvane_material = { base = "swan_vane", shear = 1.0 }\n',
+        'base = "covert"\nvane_material = { base = "swan_vane", shear_modulus = 1.0 }\n',
     )
     write(tmp_path / "feather", "second", 'base = "first"\nvane_material = "plume_vane"\n')
-    write(tmp_path / "feather", "third", 'base = "first"\nvane_material.across = 2.0\n')
-    assert load_preset("second", [tmp_path])[1]["vane_material"]["shear"].value == 600.0
+    write(
+        tmp_path / "feather", "third", 'base = "first"\nvane_material.modulus_across_barbs = 2.0\n'
+    )
+    assert load_preset("second", [tmp_path])[1]["vane_material"]["shear_modulus"].value == 600.0
     third = load_preset("third", [tmp_path])[1]["vane_material"]
-    assert (third["shear"].value, third["across"].value) == (1.0, 2.0)
+    assert (third["shear_modulus"].value, third["modulus_across_barbs"].value) == (1.0, 2.0)
 
 
 def test_all_faults_of_a_preset_and_its_base_come_at_once(tmp_path: Path) -> None:
@@ -164,11 +168,11 @@ def test_key_of_another_motion_is_refused(tmp_path: Path) -> None:
 
 
 def test_missing_keys_are_named_with_their_range(tmp_path: Path) -> None:
-    write(tmp_path / "material" / "rachis", "bare", "young = 2e9\n")
+    write(tmp_path / "material" / "rachis", "bare", "youngs_modulus = 2e9\n")
     with pytest.raises(InputError) as caught:
         load_preset("bare", [tmp_path])
     assert len(caught.value.problems) == 3
-    assert "wall: missing, expects a number, 0.01 to 1" in messages(caught.value)
+    assert "cortex_fraction: missing, expects a number, 0.01 to 1" in messages(caught.value)
 
 
 VANE_FAULTS = [
@@ -178,7 +182,7 @@ VANE_FAULTS = [
     ("leading.guides = []", "there is an outline but no guide"),
     ("trailing.rounded_base = 1.5", "1.5 is out of range, allowed 0 to 1"),
     # a vane without it would feel no wind
-    ("vane_material.across = 0", "0 is out of range, allowed 1e-06 to 1e+10 Pa"),
+    ("vane_material.modulus_across_barbs = 0", "0 is out of range, allowed 1e-06 to 1e+10 Pa"),
     ('trailing.rounded_tip = "soft"', "'soft' is not a number"),
     (
         "leading.guides = [{position = 0.5, angle = 40}, {position = 0.5, angle = 41}]",
@@ -200,8 +204,8 @@ VANE_FAULTS = [
         "vane_material.hook_strength: 19200 is out of range, allowed: at least the yield stress",
     ),
     (
-        "trailing.hooked.shaft = [[0.2, 0], [0.2, 1]]",
-        "trailing.hooked.shaft[1][0]: 0.2 is not above the point before it (0.2)",
+        "trailing.hooked.rachis = [[0.2, 0], [0.2, 1]]",
+        "trailing.hooked.rachis[1][0]: 0.2 is not above the point before it (0.2)",
     ),
     (
         "trailing.splits.places = [[0.5, 0]]",
@@ -212,34 +216,37 @@ VANE_FAULTS = [
         "trailing.splits = {places = [[0.5, 0.5], [0.51, 0.4]], width = 0.02}",
         "trailing.splits.places[1][0]: 0.51 crosses the split at 0.5",
     ),
-    ("trailing.splits = {number = 40, width = 0.03}", "40 splits cross one another"),
-    ("trailing.splits = {number = 2, where = [0.6, 0.6]}", "0.6 is not above the first, 0.6"),
-    ("leading = {outline = [], splits = {number = 1}}", "there is no vane on this side"),
+    ("trailing.splits = {count = 40, width = 0.03}", "40 splits cross one another"),
+    ("trailing.splits = {count = 2, where = [0.6, 0.6]}", "0.6 is not above the first, 0.6"),
+    ("leading = {outline = [], splits = {count = 1}}", "there is no vane on this side"),
     ("rachis.course = [[0.5, 0, 5, 0], [0.5, 0, 9, 0]]", "rachis.course[1][0]: 0.5 is not above"),
     (
         'vane_material = { ribbon = true, hooks = "open" }',
         "vane_material.hooks: 'open' is not for vane_material.ribbon = true",
     ),
     (
-        "vane_material.ribbon = true\nleading.splits.number = 1",
+        "vane_material.ribbon = true\nleading.splits.count = 1",
         "leading.splits: not for vane_material.ribbon = true",
     ),
     ("vane_material = { ribbon = true, bending_across = 0 }", "allowed: above 0 N m"),
-    ("vane_material = { ribbon = true, poisson = 0.6 }", "0.6 is out of range, allowed 0 to 0.5"),
     (
-        "vane_material = { ribbon = true, across_profile.shaft = [[0, 2]] }",
-        "vane_material.across_profile: not for vane_material.ribbon = true",
+        "vane_material = { ribbon = true, poissons_ratio = 0.6 }",
+        "0.6 is out of range, allowed 0 to 0.5",
     ),
     (
-        "vane_material.along_profile.barb = [[0.5, 1], [0.5, 2]]",
-        "vane_material.along_profile.barb[1][0]: 0.5 is out of order or range, allowed: 0 to 1",
+        "vane_material = { ribbon = true, across_barbs_profile.rachis = [[0, 2]] }",
+        "vane_material.across_barbs_profile: not for vane_material.ribbon = true",
+    ),
+    (
+        "vane_material.along_barbs_profile.barb = [[0.5, 1], [0.5, 2]]",
+        "along_barbs_profile.barb[1][0]: 0.5 is out of order or range, allowed: 0 to 1",
     ),
     ("rachis.diameter_profile = [[1.5, 1]]", "rachis.diameter_profile[0][0]: 1.5 is out of order"),
     (
         "rachis_material.modulus_profile = [[0, 1], [1, 0]]",
         "rachis_material.modulus_profile[1][1]: 0 is out of range, allowed 0.001 to 1000",
     ),
-    ("vane_material.thickness_profile.shaft = [[0]]", "shaft[0]: has 1 items, allowed 2"),
+    ("vane_material.thickness_profile.rachis = [[0]]", "rachis[0]: has 1 items, allowed 2"),
     ("leading.hooked.barb = [[0.5, 1.2]]", "1.2 is out of range, allowed 0 to 1"),
     ("rachis.diameter_tip = 0.02", "allowed up to diameter_base = 0.007 m"),
 ]

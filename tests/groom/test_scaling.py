@@ -140,8 +140,8 @@ def test_dials_of_presets_rows_tables_and_overrides_multiply(tmp_path):
     (tmp_path / "more.csv").write_text(CSV)
     groom = read_groom(tmp_path / "groom.toml", [tmp_path])
     found = {each.id: each.kind for each in groom.feathers}
-    plain = found["csv"].rachis_material.young / 1.5
-    young = {name: each.rachis_material.young / plain for name, each in found.items()}
+    plain = found["csv"].rachis_material.youngs_modulus / 1.5
+    young = {name: each.rachis_material.youngs_modulus / plain for name, each in found.items()}
     # the last one is stiffer by its size, too
     assert young == pytest.approx({"one": 6, "row_01": 5, "row_02": 20, "csv": 1.5})
     mass = {name: each.rachis_material.cortex_density / 1250 for name, each in found.items()}

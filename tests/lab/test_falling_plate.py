@@ -20,9 +20,9 @@ AIR, NORMAL, GRAVITY = 1.2, 1.2, 9.81
 def plate():
     """A flat rectangle 0.2 x 0.08 m, 0.5 kg/m^2, with a thin light shaft; far stiffer than air."""
     vane = VaneMaterial(
-        along=3.6e8,
-        across=4.8e7,
-        shear=2.8e7,
+        modulus_along_barbs=3.6e8,
+        modulus_across_barbs=4.8e7,
+        shear_modulus=2.8e7,
         thickness=1.2e-4,
         surface_density=DENSITY,
         barb_bending_normal=10.0,
@@ -32,7 +32,12 @@ def plate():
         loss_factor=0.2,
     )
     shaft = RachisMaterial(
-        young=5e11, shear=1.5e11, wall=1.0, cortex_density=1.0, core_density=1.0, loss_factor=0.2
+        youngs_modulus=5e11,
+        shear_modulus=1.5e11,
+        cortex_fraction=1.0,
+        cortex_density=1.0,
+        core_density=1.0,
+        loss_factor=0.2,
     )
     width = WIDTH / LENGTH
     side = VaneShape(

@@ -42,8 +42,8 @@ def test_below_the_yield_stress_the_sample_is_elastic(cycled):
     """S = E_ww e (1 + d/H), e = ((1 + d/H)^2 - 1) / 2, while E_ww e is below the yield stress."""
     pull, stress = cycled["strain"][4], cycled["stress"][4]
     strain = 0.5 * ((1.0 + pull) ** 2 - 1.0)
-    assert VANE.across * strain < VANE.hook_yield_across
-    assert stress == pytest.approx(VANE.across * strain * (1.0 + pull), rel=1e-3)
+    assert VANE.modulus_across_barbs * strain < VANE.hook_yield_across
+    assert stress == pytest.approx(VANE.modulus_across_barbs * strain * (1.0 + pull), rel=1e-3)
 
 
 @pytest.mark.parametrize("rows", [6, 21])

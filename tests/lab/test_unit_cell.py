@@ -17,7 +17,7 @@ CELL = cell_of(KIND)
 
 def test_barbs_alone_carry_along_and_bend_along():
     vane, found = KIND.vane_material, cell_moduli(CELL)
-    assert found.along == pytest.approx(vane.along, rel=1e-3)
+    assert found.modulus_along_barbs == pytest.approx(vane.modulus_along_barbs, rel=1e-3)
     assert found.bending_along == pytest.approx(vane.barb_bending_normal, rel=1e-3)
     assert found.poisson == pytest.approx(0.0, abs=1e-3)
 
@@ -56,7 +56,7 @@ def test_saved_vane_is_a_preset(tmp_path):
     (folder / "mine.toml").write_text(vane_text(vane, "swan_primary"))
     family, tree = load_preset("mine", (tmp_path,))
     assert family == "material/vane"
-    assert tree["across"].value == pytest.approx(vane.across)
+    assert tree["modulus_across_barbs"].value == pytest.approx(vane.modulus_across_barbs)
 
 
 @pytest.mark.parametrize(

@@ -161,7 +161,7 @@ def test_command_saves_a_preset(curves, tmp_path):
     assert values["shear"]["value"] == pytest.approx(TRUE.shear, rel=1e-3)
     family, tree = load_preset("my_vane", (tmp_path,))
     assert family == "material/vane"
-    assert tree["across"].value == pytest.approx(TRUE.across, rel=1e-3)
+    assert tree["modulus_across_barbs"].value == pytest.approx(TRUE.across, rel=1e-3)
     again = invoke(*arguments)
     assert again.exit_code == 1
     assert "exists already" in again.stderr

@@ -30,7 +30,7 @@ def test_the_stress_is_that_of_a_sample_of_the_simulation():
     pull = np.array(found["strain"])
     vane = KIND.vane_material
     slip = vane.hook_slip / KIND.barb_spacing
-    hook = Hook(vane.across, vane.hook_yield_across, slip, vane.hook_strength)
+    hook = Hook(vane.modulus_across_barbs, vane.hook_yield_across, slip, vane.hook_strength)
     stress = cyclic_stress(pull + 0.5 * pull**2, hook) * (1.0 + pull)
     np.testing.assert_allclose(found["stress"], stress, atol=0.03 * np.abs(stress).max())
     assert stress[-1] < 0.0

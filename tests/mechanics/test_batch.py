@@ -75,7 +75,7 @@ def test_rest_strains_are_those_of_the_rest_shape_only(name):
 def test_mass_is_shaft_plus_vane(name):
     feather, model = preset_batch(name, 21, 6)
     kind = preset_kind(name)
-    shaft, core = kind.rachis_material, 1.0 - kind.rachis_material.wall
+    shaft, core = kind.rachis_material, 1.0 - kind.rachis_material.cortex_fraction
     density = shaft.cortex_density * (1 - core**2) + shaft.core_density * core**2
     line = density * np.pi / 4 * feather.width * feather.height
     station = np.concatenate([[0.0], np.cumsum(model.length[0])])
@@ -112,7 +112,12 @@ def test_cells_cover_the_vane(name):
     vane = preset_kind(name).vane_material
     share = hooked_stiffness(preset_kind(name), feather) * (not vane.ribbon)
     held = np.maximum(share, MIN_HOOKED)[..., None] * cell_weights(6)
-    area = model.cell_stiffness[0] / vane.thickness / np.array([vane.across, vane.shear]) / held
+    area = (
+        model.cell_stiffness[0]
+        / vane.thickness
+        / np.array([vane.modulus_across_barbs, vane.shear_modulus])
+        / held
+    )
     assert area[..., 0].sum() == pytest.approx(vane_area(feather), rel=1e-12)
     assert area[..., 1] == pytest.approx(area[..., 0], rel=1e-12)
     assert ((area[..., 0] > 0.0) == feather.cell).all()

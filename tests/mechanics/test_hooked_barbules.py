@@ -123,6 +123,6 @@ def test_loose_barbs_bend_each_for_itself():
 
 def test_blended_curves_lie_between_those_of_both_kinds():
     first, second = kind_with(((0.2, 0.0), (0.4, 1.0))), kind_with()
-    curve = dict(blended(first, second, 0.5).trailing.hooked.shaft)
+    curve = dict(blended(first, second, 0.5).trailing.hooked.rachis)
     assert curve == pytest.approx({0.2: 0.5, 0.4: 1.0})
     assert blended(first, second, 0.5).trailing.hooked.barb == ()

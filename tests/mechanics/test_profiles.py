@@ -53,7 +53,9 @@ def profile(value):
 
 def test_factors_of_one_change_nothing_to_the_last_bit():
     even = replace(SWAN_PRIMARY.rachis, diameter_profile=((0.0, 1.0), (1.0, 1.0)))
-    ones = {f"{name}_profile": profile(1.0) for name in ("thickness", "across", "along")}
+    ones = {
+        f"{name}_profile": profile(1.0) for name in ("thickness", "across_barbs", "along_barbs")
+    }
     kind = with_shaft(replace(SWAN_PRIMARY, rachis=even), modulus_profile=((0.5, 1.0),))
     found, plain = constants(with_vane(kind, **ones)).arrays(), constants(SWAN_PRIMARY).arrays()
     assert all(values.tobytes() == plain[name].tobytes() for name, values in found.items())
@@ -62,8 +64,11 @@ def test_factors_of_one_change_nothing_to_the_last_bit():
 @pytest.mark.parametrize(
     ("profile_of", "powers"),
     [
-        ("across_profile", {"across": 1, "shear": 1, "bending_across": 1}),
-        ("along_profile", {"barb_bending_normal": 1, "barb_bending_in_plane": 1}),
+        (
+            "across_barbs_profile",
+            {"modulus_across_barbs": 1, "shear_modulus": 1, "bending_across": 1},
+        ),
+        ("along_barbs_profile", {"barb_bending_normal": 1, "barb_bending_in_plane": 1}),
         (
             "thickness_profile",
             {
@@ -75,7 +80,7 @@ def test_factors_of_one_change_nothing_to_the_last_bit():
 )
 def test_factors_that_are_even_stand_for_other_figures(profile_of, powers):
     base = with_vane(SWAN_PRIMARY, compression_guard=1e5)
-    by_shaft = with_vane(base, **{profile_of: Profile(shaft=((0.0, 2.5),))})
+    by_shaft = with_vane(base, **{profile_of: Profile(rachis=((0.0, 2.5),))})
     figures = {n: getattr(base.vane_material, n) * 2.5**power for n, power in powers.items()}
     assert_same(constants(by_shaft), constants(with_vane(base, **figures)))
 
@@ -83,14 +88,17 @@ def test_factors_that_are_even_stand_for_other_figures(profile_of, powers):
 def test_an_even_factor_along_barbs_stands_in_their_shapes():
     """1/2 B / L q^2 of shapes that are orthonormal under b: with b times four, q is twice as large
     for the same curvature."""
-    found = constants(with_vane(SWAN_PRIMARY, along_profile=Profile(barb=((0.0, 4.0),))))
+    found = constants(with_vane(SWAN_PRIMARY, along_barbs_profile=Profile(barb=((0.0, 4.0),))))
     assert_same(found._replace(shapes=2.0 * found.shapes), constants(SWAN_PRIMARY))
 
 
 def test_even_factors_of_the_shaft_stand_for_its_figures():
     stiff = with_shaft(SWAN_PRIMARY, modulus_profile=((0.2, 3.0),))
-    young, shear = SWAN_PRIMARY.rachis_material.young, SWAN_PRIMARY.rachis_material.shear
-    wanted = with_shaft(SWAN_PRIMARY, young=3.0 * young, shear=3.0 * shear)
+    young, shear = (
+        SWAN_PRIMARY.rachis_material.youngs_modulus,
+        SWAN_PRIMARY.rachis_material.shear_modulus,
+    )
+    wanted = with_shaft(SWAN_PRIMARY, youngs_modulus=3.0 * young, shear_modulus=3.0 * shear)
     assert_same(constants(stiff), constants(wanted))
     shape = SWAN_PRIMARY.rachis
     thick = {"diameter_base": 2.0 * shape.diameter_base, "diameter_tip": 2.0 * shape.diameter_tip}
@@ -132,9 +140,13 @@ def sag(kind, rows):
 def test_a_cantilever_sags_as_the_integral_says(curves, factor):
     """The tip goes by the integral of P (L - x)^2 / EI(x) + P / GA(x)."""
     kind = straight_shaft(**curves)
-    wall, area = kind.rachis_material.wall, np.pi / 4 * 0.006**2
-    bending = kind.rachis_material.young * np.pi / 64 * 0.006**4 * (1.0 - (1.0 - wall) ** 4)
-    shear = kind.rachis_material.shear * area * (1.0 - (1.0 - wall) ** 2) * (0.5 + 0.4 * wall)
+    wall, area = kind.rachis_material.cortex_fraction, np.pi / 4 * 0.006**2
+    bending = (
+        kind.rachis_material.youngs_modulus * np.pi / 64 * 0.006**4 * (1.0 - (1.0 - wall) ** 4)
+    )
+    shear = (
+        kind.rachis_material.shear_modulus * area * (1.0 - (1.0 - wall) ** 2) * (0.5 + 0.4 * wall)
+    )
     bent, _ = quad(lambda s: (1.0 - s) ** 2 / factor(s)[0], 0.0, 1.0)
     sheared, _ = quad(lambda s: 1.0 / factor(s)[1], 0.0, 1.0)
     expected = PULL * (kind.length**3 / bending * bent + kind.length / shear * sheared)
@@ -169,8 +181,8 @@ def uneven():
     kind = with_vane(
         feather_kind(LEADING_VANE, TRAILING_VANE),
         thickness_profile=Profile(FALLING, ((0.0, 1.0), (1.0, 0.6))),
-        across_profile=Profile(((0.0, 0.5), (1.0, 2.0)), FALLING),
-        along_profile=Profile(FALLING, FALLING),
+        across_barbs_profile=Profile(((0.0, 0.5), (1.0, 2.0)), FALLING),
+        along_barbs_profile=Profile(FALLING, FALLING),
     )
     shape = replace(kind.rachis, diameter_profile=FALLING)
     return with_shaft(replace(kind, rachis=shape), modulus_profile=((0.1, 2.0), (0.9, 0.4)))
@@ -208,7 +220,7 @@ def test_uneven_feathers_of_other_sizes_follow_from_one():
 
 
 def test_weaker_ends_are_reckoned_with_in_the_choice_of_the_grid():
-    weak = with_vane(SWAN_PRIMARY, along_profile=Profile(barb=((0.0, 1.0), (1.0, 0.1))))
+    weak = with_vane(SWAN_PRIMARY, along_barbs_profile=Profile(barb=((0.0, 1.0), (1.0, 0.1))))
     soft = with_shaft(SWAN_PRIMARY, modulus_profile=((0.0, 1.0), (1.0, 0.1)))
     feather = build_feather(SWAN_PRIMARY, 21, 4)
     barbs = [barb_deflection(feather, each, 0.1) for each in (SWAN_PRIMARY, weak)]
@@ -220,6 +232,6 @@ def test_weaker_ends_are_reckoned_with_in_the_choice_of_the_grid():
 def test_feathers_whose_barbs_change_otherwise_share_no_batch():
     even = SWAN_PRIMARY
     assert barb_course(even) == barb_course(with_shaft(even, modulus_profile=FALLING))
-    assert barb_course(even) == barb_course(with_vane(even, along_profile=Profile(FALLING)))
-    for name in ("along_profile", "thickness_profile"):
+    assert barb_course(even) == barb_course(with_vane(even, along_barbs_profile=Profile(FALLING)))
+    for name in ("along_barbs_profile", "thickness_profile"):
         assert barb_course(with_vane(even, **{name: Profile(barb=FALLING)})) != barb_course(even)

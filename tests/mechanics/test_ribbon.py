@@ -136,7 +136,7 @@ def test_ribbons_and_shafts_in_one_batch():
         ribbon,
         vane_material=replace(ribbon.vane_material, ribbon=False),
         rachis=replace(ribbon.rachis, diameter_base=1e-3, diameter_tip=1e-3),
-        rachis_material=replace(ribbon.rachis_material, young=3e9, shear=1e9),
+        rachis_material=replace(ribbon.rachis_material, youngs_modulus=3e9, shear_modulus=1e9),
     )
     kinds = [ribbon, shaft]
     both = make_model([build_feather(kind, 9, 1) for kind in kinds], kinds, 0)

@@ -11,9 +11,9 @@ from featherfx.groom.materials import RachisMaterial
 from featherfx.mechanics.section import rachis_mass, rachis_stiffness
 
 SOLID = RachisMaterial(
-    young=5e9,
-    shear=2e9,
-    wall=1.0,
+    youngs_modulus=5e9,
+    shear_modulus=2e9,
+    cortex_fraction=1.0,
     flattening=1.0,
     cortex_density=1300.0,
     core_density=100.0,
@@ -55,14 +55,14 @@ def test_torsion_of_an_ellipse_by_its_stress_function():
     laplace = kron(lines[0], eye_array(count)) + kron(eye_array(2 * count), lines[1])
     laplace = laplace.tocsr()[inside.ravel()][:, inside.ravel()]
     numeric = 2.0 * spsolve(laplace.tocsc(), -2.0 * np.ones(inside.sum())).sum() * step[0] * step[1]
-    unit = replace(SOLID, shear=1.0)
+    unit = replace(SOLID, shear_modulus=1.0)
     _, bend = rachis_stiffness(np.array([2 * a]), np.array([2 * b]), unit)
     assert bend[0, 0] == pytest.approx(numeric, rel=0.03)
 
 
 @pytest.mark.parametrize("wall", [0.05, 0.2, 0.6])
 def test_a_tube_is_the_solid_shaft_without_its_core(wall):
-    hollow = replace(SOLID, wall=wall)
+    hollow = replace(SOLID, cortex_fraction=wall)
     core = 1.0 - wall
     outer_stretch, outer_bend = rachis_stiffness(WIDTH, HEIGHT, SOLID)
     inner_stretch, inner_bend = rachis_stiffness(core * WIDTH, core * HEIGHT, SOLID)
@@ -73,7 +73,7 @@ def test_a_tube_is_the_solid_shaft_without_its_core(wall):
 
 def test_a_thin_tube():
     radius, wall = 2e-3, 1e-3
-    material = replace(SOLID, wall=wall)
+    material = replace(SOLID, cortex_fraction=wall)
     stretch, bend = rachis_stiffness(np.array([2 * radius]), np.array([2 * radius]), material)
     thickness = wall * radius
     assert stretch[0, 0] == pytest.approx(5e9 * 2 * np.pi * radius * thickness, rel=2 * wall)
@@ -82,7 +82,7 @@ def test_a_thin_tube():
 
 
 def test_mass_of_cortex_and_core():
-    material = replace(SOLID, wall=0.25)
+    material = replace(SOLID, cortex_fraction=0.25)
     line, about_second, about_third = rachis_mass(WIDTH, HEIGHT, material)
     outer = np.pi / 4 * WIDTH * HEIGHT
     inner = 0.75**2 * outer

@@ -16,9 +16,9 @@ from featherfx.solver.step.modes import frequencies
 LENGTH, WIDTH, BENDING, DENSITY = 0.1, 0.05, 1e-5, 0.1
 # barbs that nearly do not bend, held by a shaft that does not bend and does not resist torsion
 VANE = VaneMaterial(
-    along=1e9,
-    across=1e6,
-    shear=1e6,
+    modulus_along_barbs=1e9,
+    modulus_across_barbs=1e6,
+    shear_modulus=1e6,
     thickness=1e-3,
     surface_density=DENSITY,
     barb_bending_normal=10.0,

@@ -26,9 +26,9 @@ def isotropic(young: float, thickness: float) -> VaneMaterial:
     or other units that fit."""
     bending = young * thickness**3 / 12.0
     return VaneMaterial(
-        along=young,
-        across=young,
-        shear=0.5 * young,
+        modulus_along_barbs=young,
+        modulus_across_barbs=young,
+        shear_modulus=0.5 * young,
         thickness=thickness,
         surface_density=1.0,
         barb_bending_normal=bending,

@@ -24,8 +24,8 @@ def barbs(columns: int, normal: float = 0.0, in_plane: float = 0.0, coefficients
     """(model, feather, kind) of barbs on a shaft that hardly gives, without hold between them."""
     vane = replace(
         VANE,
-        across=1e-9,
-        shear=1e-9,
+        modulus_across_barbs=1e-9,
+        shear_modulus=1e-9,
         bending_across=0.0,
         barb_taper=0.0,
         barb_bending_in_plane=BENDING,

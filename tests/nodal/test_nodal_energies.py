@@ -127,12 +127,12 @@ def test_traction_across_the_barbs_is_exact():
     pinned = np.zeros((6, 5), dtype=bool)
     pinned[0] = True
     model, nodal = strip_models(length, width, 6, 2, VANE, pinned)
-    force = 0.3 * VANE.across * width * VANE.thickness
+    force = 0.3 * VANE.modulus_across_barbs * width * VANE.thickness
     solver = NodalSolver(model, nodal, Settings(newton=1e-12))
     loads = end_row_loads(no_loads(1), model, (1.0, 0.0, 0.0), force)
     state, status, _ = solver.equilibrium(at_rest(model, nodal), loads)
     assert status[0] == 0
-    expected = length * strained(0.3 * VANE.across, VANE.across)
+    expected = length * strained(0.3 * VANE.modulus_across_barbs, VANE.modulus_across_barbs)
     tip = state.points.nodes[0, -1]
     assert tip[:, 0] == pytest.approx(expected, rel=1e-8)
     assert tip[:, 1] == pytest.approx(nodal.rest_nodes[0, -1, :, 1], abs=1e-10)
@@ -145,7 +145,7 @@ def test_traction_along_the_barbs_is_exact():
     pinned = np.zeros((5, 7), dtype=bool)
     pinned[:, 0] = True
     model, nodal = strip_models(length, width, 5, columns, VANE, pinned)
-    pressure = 0.01 * VANE.along
+    pressure = 0.01 * VANE.modulus_along_barbs
     force = np.zeros((1, 5, 7, 3))
     spacing = length / 4
     share = np.array([0.5, 1.0, 1.0, 1.0, 0.5]) * spacing * VANE.thickness * pressure
@@ -154,7 +154,7 @@ def test_traction_along_the_barbs_is_exact():
     loads = no_loads(1)._replace(force=force)
     state, status, _ = solver.equilibrium(at_rest(model, nodal), loads)
     assert status[0] == 0
-    expected = 0.5 * width * strained(pressure, VANE.along)
+    expected = 0.5 * width * strained(pressure, VANE.modulus_along_barbs)
     assert state.points.nodes[0, :, columns, 1] == pytest.approx(expected, rel=1e-8)
 
 

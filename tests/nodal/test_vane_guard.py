@@ -139,19 +139,19 @@ def test_a_strip_pressed_across_its_barbs() -> None:
 
     force / (width b) = across x (x^2 - 1) / 2 - k / 864 (1 - J)^2 dJ/dx,    x the stretch.
     """
-    guard = 1e3 * VANE.across
+    guard = 1e3 * VANE.modulus_across_barbs
     # so stiff against shear and bending that the strip stays straight
-    vane = replace(VANE, compression_guard=guard, shear=2e5, bending_across=1e-4)
+    vane = replace(VANE, compression_guard=guard, shear_modulus=2e5, bending_across=1e-4)
     pinned = np.zeros((6, 7), dtype=bool)
     pinned[0] = True
     length, width = 0.005, 0.02
     model, nodal = strip_models(length, width, 6, 3, vane, pinned)
-    pressure = 1.5 * vane.across / np.sqrt(27.0)
+    pressure = 1.5 * vane.modulus_across_barbs / np.sqrt(27.0)
 
     def excess(x: float) -> float:
         ratio = np.sqrt((x * x + GUARD_ROUNDING) / (1.0 + GUARD_ROUNDING))
         slope = x / (ratio * (1.0 + GUARD_ROUNDING))
-        membrane = 0.5 * vane.across * x * (x * x - 1.0)
+        membrane = 0.5 * vane.modulus_across_barbs * x * (x * x - 1.0)
         return membrane - guard / 864.0 * (1.0 - ratio) ** 2 * slope + pressure
 
     stretch = brentq(excess, 0.3, 1.0, xtol=1e-14)

@@ -438,8 +438,8 @@ def drawn_with(tmp_path, look, name="one"):
 
 
 def test_pictures_show_how_barbs_look(tmp_path):
-    smooth = drawn_with(tmp_path, "barbs.clumps = 6", "smooth")
-    clumped = drawn_with(tmp_path, "barbs = { clump = 1.0, clumps = 6 }", "clumped")
+    smooth = drawn_with(tmp_path, "barbs.clump_count = 6", "smooth")
+    clumped = drawn_with(tmp_path, "barbs = { clump = 1.0, clump_count = 6 }", "clumped")
     np.testing.assert_allclose(clumped[:, :, 0], smooth[:, :, 0], atol=1e-7)
     for vane in clumped[:, :, -1]:
         assert len(np.unique(np.round(vane, 6), axis=0)) == 6
@@ -494,7 +494,7 @@ def test_a_look_that_is_none_is_refused(tmp_path):
     drawn_with(tmp_path, "barbs.frizz = 1e-3")
     stage = Usd.Stage.Open(str(tmp_path / "one.usdc"))
     mesh = next(prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh))
-    mesh.GetAttribute("primvars:barbLook").Set(['{"clumps": 0}'])
+    mesh.GetAttribute("primvars:barbLook").Set(['{"clump_count": 0}'])
     stage.Save()
-    with pytest.raises(InputError, match=r"barbLook.*clumps: 0.*1 to 1000"):
+    with pytest.raises(InputError, match=r"barbLook.*clump_count: 0.*1 to 1000"):
         Cache(tmp_path / "one.usdc")

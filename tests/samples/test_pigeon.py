@@ -88,7 +88,7 @@ def test_coverts_below_the_owls_tail_are_rooted_outside_its_body(maker, tmp_path
     """Those that stand within the end of its rump pass through the skin there."""
     maker.make(tmp_path / "body.usdc", "owl")
     build = maker.BUILDS["owl"]
-    bare = ", ".join(f"parts.{part}.cover = 0" for part in PARTS)
+    bare = ", ".join(f"tracts.{part}.relative_density = 0" for part in PARTS)
     places = maker.landmarks(build).items()
     (tmp_path / "groom.toml").write_text(
         'name = "owl"\n[skin]\nusd = "body.usdc"\nprim = "/pigeon/body"\n[bird]\nfold = 0\n'

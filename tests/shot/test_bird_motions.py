@@ -76,9 +76,9 @@ def test_motions_that_go_on_are_under_way_at_the_first_frame(tmp_path, name):
 def test_beside_a_skin_the_body_of_an_act_is_left_to_the_skin(tmp_path):
     shot = read(tmp_path, 'base = "glide"')
     skin = root_motion(replace(shot, motion=Motion("hold", {})))
-    body, *limbs = shot.motion.values["parts"]
+    body, *limbs = shot.motion.values["motions"]
     assert body.kind == "swing"
-    of_limbs = replace(shot, motion=replace(shot.motion, values={"parts": tuple(limbs)}))
+    of_limbs = replace(shot, motion=replace(shot.motion, values={"motions": tuple(limbs)}))
     found = root_motion(replace(shot, skin=skin))
     expected = root_motion(replace(of_limbs, skin=skin))
     for own, other in zip(found.frames(0.7), expected.frames(0.7), strict=True):
@@ -92,16 +92,16 @@ def test_beside_a_skin_the_body_of_an_act_is_left_to_the_skin(tmp_path):
     ("motion", "message"),
     [
         (
-            'kind = "act"\nparts = [{ base = "flup" }]',
-            r"motion.parts\[0\].base: no motion preset 'flup'",
+            'kind = "act"\nmotions = [{ base = "flup" }]',
+            r"motion.motions\[0\].base: no motion preset 'flup'",
         ),
-        ('kind = "act"', "motion.parts: missing"),
+        ('kind = "act"', "motion.motions: missing"),
         ('base = "glide"\namount = [[0, 3]]', r"motion.amount\[0\]\[1\]: 3 is out of range"),
         ('base = "glide"\namount = [[1, 0], [1, 1]]', r"motion.amount\[1\]\[0\]: 1 s is not after"),
         (
-            'kind = "act"\n[[motion.parts]]\nkind = "keys"\n'
+            'kind = "act"\n[[motion.motions]]\nkind = "keys"\n'
             'keyframes = [{ time = 0, joint = "x", position = [0, 0, 0] }]',
-            r"motion.parts\[0\].keyframes\[0\].joint: no joint 'x'",
+            r"motion.motions\[0\].keyframes\[0\].joint: no joint 'x'",
         ),
     ],
 )
@@ -112,7 +112,7 @@ def test_what_an_act_cannot_be(tmp_path, motion, message):
 
 def test_an_act_that_is_part_of_itself_is_refused(tmp_path):
     (tmp_path / "presets" / "motion").mkdir(parents=True)
-    (tmp_path / "presets" / "motion" / "ring.toml").write_text('kind = "act"\nparts = ["ring"]\n')
+    (tmp_path / "presets" / "motion" / "ring.toml").write_text('kind = "act"\nmotions = ["ring"]\n')
     (tmp_path / "groom.toml").write_text(BIRD)
     (tmp_path / "shot.toml").write_text(SHOT + 'base = "ring"')
     with pytest.raises(InputError, match="is one a part of itself"):
@@ -151,7 +151,7 @@ BENT = (
 def test_a_beat_folds_an_opened_wing_as_one_that_the_groom_has_open(tmp_path):
     """About the hinges that elbow and wrist have by then, in the wing's plane."""
     opened, open_ = (
-        tips_of(tmp_path, fold, f'{{ kind = "act", parts = [{parts}] }}', 0.3)
+        tips_of(tmp_path, fold, f'{{ kind = "act", motions = [{parts}] }}', 0.3)
         for fold, parts in ((1, f"{OPEN}, {BENT}"), (0, BENT))
     )
     assert opened == pytest.approx(open_, abs=1e-9)
@@ -164,7 +164,7 @@ def test_a_beat_folds_an_opened_wing_as_one_that_the_groom_has_open(tmp_path):
 
 def test_a_fold_upon_a_fold_takes_its_place(tmp_path):
     one, two, half = (
-        tips_of(tmp_path, 1, f'{{ kind = "act", parts = [{parts}] }}', 0.0)
+        tips_of(tmp_path, 1, f'{{ kind = "act", motions = [{parts}] }}', 0.0)
         for parts in (
             '{ kind = "fold", folds = [{ time = 0, fold = 0.5 }] }',
             f'{OPEN}, {{ kind = "fold", folds = [{{ time = 0, fold = 0.5 }}] }}',
@@ -177,7 +177,7 @@ def test_a_fold_upon_a_fold_takes_its_place(tmp_path):
 
 def test_an_act_takes_over_the_wings_that_it_folds(tmp_path):
     """A take-off that goes over into a glide ends as the glide alone has its wings."""
-    act = '{ kind = "act", parts = [{ base = "take_off" }, %s] }'
+    act = '{ kind = "act", motions = [{ base = "take_off" }, %s] }'
     glide = '{ base = "glide", start = 1.8, amount = [[0, 0], [0.5, 1]] }'
     span = [
         np.ptp(tips_of(tmp_path, 1, motion, 2.6)[:, 1])

@@ -111,13 +111,13 @@ def test_lengths_of_a_quality_grow_with_the_body() -> None:
     size = float(np.sqrt(0.3**2 + 0.1**2 + 0.2**2))
     for scale, level in ((0.4, "full"), (1.0, "coarse"), (1.2, "guided")):
         larger = replace(groom, skin=scale * box)
-        chosen = replace(shot, groom=larger, quality=replace(quality, body=size))
+        chosen = replace(shot, groom=larger, quality=replace(quality, body_size=size))
         assert length_factor(chosen) == pytest.approx(scale)
         assert _level(chosen, groom.feathers[0], length_factor(chosen)).level == level
     # as they are, whatever the body; and of a feather that is all there is, its length
     fixed = replace(shot, groom=replace(groom, skin=40.0 * box), quality=quality)
     assert length_factor(fixed) == 1.0
-    alone = replace(shot, quality=replace(quality, body=0.5 * own))
+    alone = replace(shot, quality=replace(quality, body_size=0.5 * own))
     assert length_factor(alone) == pytest.approx(2.0)
 
 
@@ -171,7 +171,8 @@ def test_rows_follow_stiffness_and_tolerance(stiffer: float) -> None:
     shot = shaken()
     placement = shot.groom.feathers[0]
     material = replace(
-        placement.kind.rachis_material, young=stiffer * placement.kind.rachis_material.young
+        placement.kind.rachis_material,
+        youngs_modulus=stiffer * placement.kind.rachis_material.youngs_modulus,
     )
     kind = replace(placement.kind, rachis_material=material)
     groom = replace(shot.groom, feathers=(replace(placement, kind=kind),))

@@ -328,7 +328,7 @@ def turned(joint, vector):
 
 def test_parts_of_an_act_move_the_groom_as_those_before_have_left_it():
     arm, hand = np.array((0.3, -0.5, 0.8)), np.array((-0.7, 0.2, 0.4))
-    acts = {"parts": (turned("", hand), turned("shoulder_l", arm), turned("elbow_l", hand))}
+    acts = {"motions": (turned("", hand), turned("shoulder_l", arm), turned("elbow_l", hand))}
     positions, rotations = motion_of("act", acts).frames(0.0)
     rest = motion_of("hold", {}).frames(0.0)
     first, then = (Rotation.from_rotvec(vector).as_matrix() for vector in (arm, hand))
@@ -385,7 +385,7 @@ def test_a_swing_turns_joints_there_and_back():
 def test_an_act_leaves_out_what_the_groom_lacks_but_not_all():
     tail = Motion("fold", {"joints": "tail", "folds": [{"time": 0.0, "fold": 0.0}]})
     arm = turned("shoulder_l", (0.1, 0, 0))
-    found = motion_of("act", {"parts": (tail, arm)}).frames(0.0)
-    np.testing.assert_array_equal(found[0], motion_of("act", {"parts": (arm,)}).frames(0.0)[0])
+    found = motion_of("act", {"motions": (tail, arm)}).frames(0.0)
+    np.testing.assert_array_equal(found[0], motion_of("act", {"motions": (arm,)}).frames(0.0)[0])
     with pytest.raises(InputError, match="no joint that folds"):
-        motion_of("act", {"parts": (tail,)})
+        motion_of("act", {"motions": (tail,)})

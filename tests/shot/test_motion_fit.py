@@ -74,12 +74,12 @@ def test_tempo_and_size_are_factors_of_what_fits_and_fit_can_be_left_out(tmp_pat
 
 def test_parts_of_an_act_are_fitted_alone(tmp_path):
     (tmp_path / "groom.toml").write_text(BIRD)
-    parts = 'kind = "act"\nparts = [{ base = "take_off" }, { base = "glide", start = 1.8 }]'
+    parts = 'kind = "act"\nmotions = [{ base = "take_off" }, { base = "glide", start = 1.8 }]'
     (tmp_path / "shot.toml").write_text(SHOT + parts)
     motion = read_shot(tmp_path / "shot.toml").motion
     assert motion.clock.tempo == 1.0
-    assert all(part.clock.tempo > 1.2 for part in motion.values["parts"])
-    assert motion.values["parts"][1].clock.start == 1.8
+    assert all(part.clock.tempo > 1.2 for part in motion.values["motions"])
+    assert motion.values["motions"][1].clock.start == 1.8
 
 
 def test_a_skin_tells_the_size_of_its_bird(tmp_path):

@@ -52,7 +52,7 @@ LAST, TORN = 22, 9
 def write_shot(folder: Path, hooks: str = "open", more: str = STROKES, heal: float = 0.0) -> Path:
     """Two barbs of a coarse feather are pulled apart until the vane splits, then preened."""
     (folder / "groom.toml").write_text((SAMPLE / "groom.toml").read_text(encoding="utf-8"))
-    material = f'hooks = "{hooks}", hook_release = 5e-6, hook_heal = {heal}'
+    material = f'hooks = "{hooks}", hook_release = 5e-6, hook_healing_rate = {heal}'
     path = folder / "shot.toml"
     path.write_text(
         f'name = "torn"\ngroom = "groom.toml"\nframes = [1, {LAST}]\nmotion = "hold"\n'

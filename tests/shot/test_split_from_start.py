@@ -17,7 +17,7 @@ from featherfx.shot.simulate import simulate
 SAMPLE = SAMPLES / "feather_pull"
 SPLIT = "trailing.splits = { places = [[0.5, 0.9]], width = 0.01 }"
 LAST = 8
-STROKE = "[[preen]]\nstart = 0.0\nend = 0.2\nreach = 0.05\n"
+STROKE = "[[preen]]\nstart = 0.0\nend = 0.2\nmax_gap = 0.05\n"
 
 
 def write_shot(folder: Path, what: str, more: str = "") -> Path:

@@ -21,9 +21,9 @@ pytestmark = pytest.mark.verification
 
 REACH, LENGTH, ROWS = 0.04, 0.03, 3
 VANE = VaneMaterial(
-    along=3.6e8,
-    across=1e-12,
-    shear=1e-12,
+    modulus_along_barbs=3.6e8,
+    modulus_across_barbs=1e-12,
+    shear_modulus=1e-12,
     thickness=1.2e-4,
     surface_density=0.026,
     barb_bending_normal=2.5e-4,

@@ -26,7 +26,7 @@ GROOM = f"""name = "coloured"
 id = "red"
 kind = "covert"
 position = [0, 0, 0]
-overrides = {{ colour.base = {list(RED)}, colour.shaft = [0, 0, 0] }}
+overrides = {{ colour.base = {list(RED)}, colour.rachis = [0, 0, 0] }}
 [[feather]]
 id = "plain"
 kind = "covert"
@@ -123,7 +123,9 @@ def condensed(files):
     folder = files / "condensed"
     folder.mkdir()
     bars = 'colour.patterns = [{ kind = "bars", colour = [0, 0, 0.4], film = 4e-7 }]'
-    groom = GROOM.replace("colour.shaft", f"colour.vary = 0.2, {bars}, colour.shaft")
+    groom = GROOM.replace(
+        "colour.rachis", f"colour.brightness_variation = 0.2, {bars}, colour.rachis"
+    )
     (folder / "groom.toml").write_text(groom)
     (folder / "shot.toml").write_text((files / "shot.toml").read_text())
     for form, group in (("mesh", "feather"), ("condensed", "feather"), ("condensed", "all")):

@@ -32,7 +32,7 @@ kind = "covert"
 position = [0, 0.2, 0]
 [feather.overrides.colour]
 base = [0.2, 0.25, 0.3]
-vary = 0.2
+brightness_variation = 0.2
 film = 5e-7
 patterns = [{ kind = "gradient", colour = [0.9, 0.3, 0.2], film = 0 }]
 [[feather]]
@@ -41,7 +41,7 @@ kind = "covert"
 position = [0, 0.4, 0]
 [feather.overrides.colour]
 base = [0.2, 0.25, 0.3]
-vary = 0.2
+brightness_variation = 0.2
 film = 5e-7
 patterns = [{ kind = "gradient", colour = [0.9, 0.3, 0.2], film = 0 }]
 """

@@ -46,7 +46,7 @@ id = "right_row"
 kind = "swan_primary"
 count = 4
 path = [{p(0.1, -0.02, 0)}, {p(0, -0.1, 0)}, {p(-0.1, -0.03, 0)}]
-transport = true
+turn_with_path = true
 first = {{ position = {p(0, 0, 0)}, direction = {d(-1, -0.5, 0)}, up = {d(0, 0, 1)} }}
 last = {{ position = {p(0, 0, 0)}, direction = {d(-1, -0.9, 0)}, up = {d(0, 0.1, 1)} }}
 scale = [0.2, 0.3]
@@ -64,7 +64,7 @@ where = [
     {{ box = [{low}, {high}], soft = {unit * (0.01)} }},
     {{ {up_axis} = [{unit * (-0.06)}, {unit * (0.2)}] }},
     {{ facing = {d(1, 0.3, 0.2)}, angle = 100 }},
-    {{ room = {unit * (0.05)}, soft = {unit * (0.01)} }},
+    {{ free_radius = {unit * (0.05)}, soft = {unit * (0.01)} }},
 ]
 flow = {{ away = {p(0.1, 0, 0.02)}, turn = 10 }}
 """

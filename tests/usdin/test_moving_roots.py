@@ -19,7 +19,7 @@ def differences(turns):
     return Rotation.from_matrix(turns[1:] @ turns[:-1].transpose(0, 2, 1)).magnitude()
 
 
-@pytest.mark.parametrize("radius", ["", "radius = 0", "radius = 0.1"])
+@pytest.mark.parametrize("radius", ["", "smoothing_radius = 0", "smoothing_radius = 0.1"])
 @pytest.mark.parametrize("make", [creature.sampled, creature.skinned])
 def test_neighbours_share_the_bend_of_the_skin(tmp_path, make, radius):
     """By default, with the faces at the root alone, and averaged over a part of the skin."""

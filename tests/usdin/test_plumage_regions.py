@@ -117,7 +117,7 @@ def test_no_feathers_where_there_is_no_room(tmp_path):
     write_skin(tmp_path, facing_spheres(0.01))
     # a ball that touches both spheres has its middle in the plane between them: its radius at the
     # angle a from the axis is (RADIUS + 0.005) / cos(a) - RADIUS
-    positions = roots(grown(tmp_path, region(keys="count = 300\nwhere = [{ room = 0.02 }]")))
+    positions = roots(grown(tmp_path, region(keys="count = 300\nwhere = [{ free_radius = 0.02 }]")))
     apart = np.abs(positions[:, 0] - (RADIUS + 0.005))
     assert len(positions) == 300
     widest = RADIUS + 0.005 - RADIUS * (RADIUS + 0.005) / (RADIUS + 0.02)
@@ -126,7 +126,9 @@ def test_no_feathers_where_there_is_no_room(tmp_path):
 
 def test_feathers_fit_the_room(tmp_path):
     write_skin(tmp_path, facing_spheres(0.02))
-    groom = grown(tmp_path, region(keys="count = 400\nlength = 0.05\nfit = 1.5"))
+    groom = grown(
+        tmp_path, region(keys="count = 400\nlength = 0.05\nmax_length_per_free_radius = 1.5")
+    )
     lengths = np.array([f.kind.length for f in groom.feathers])
     cosine = roots(groom)[:, 0] / np.linalg.norm(roots(groom), axis=1)
     near = (np.linalg.norm(roots(groom), axis=1) < 1.01 * RADIUS) & (cosine > 0.8)
@@ -135,7 +137,9 @@ def test_feathers_fit_the_room(tmp_path):
     # the mesh's points stand for the skin, and are 15 mm apart
     assert lengths[near] == pytest.approx(np.clip(1.5 * room, 0.0125, 0.05), rel=0.15)
     assert lengths.max() == pytest.approx(0.05)
-    shorter = grown(tmp_path, region(keys="count = 50\nlength = 0.05\nfit = 0.01"))
+    shorter = grown(
+        tmp_path, region(keys="count = 50\nlength = 0.05\nmax_length_per_free_radius = 0.01")
+    )
     assert min(f.kind.length for f in shorter.feathers) == pytest.approx(0.0125)
 
 

@@ -39,7 +39,7 @@ def test_roots_turn_with_their_curve(tmp_path):
     row = ROW.replace(f"first = {ROOT}", f"first = {ROOT.replace('-1, 0, 0', '0, 1, 0')}")
     row = row.replace("count = 5", "count = 41") + f"path = {edge.tolist()}\n"
     apart = []
-    for keys in ("", "transport = true\n"):
+    for keys in ("", "turn_with_path = true\n"):
         feathers = grown(tmp_path, row + keys, skin="name = 'wing'\n").feathers
         shafts = np.array([f.rotation[:, 0] for f in feathers])
         square = np.array([np.minimum(f.position - [-1, -1, 0], [0, 9, 0]) for f in feathers])

@@ -16,7 +16,7 @@ ROOT = "{ position = [0, 0, 0], direction = [-1, 0, 0.1], up = [0, 0, 1] }"
 def write_shot(folder, usd, joints, keys="", count=40, frames=(1001, 1024)):
     row = (
         f"name = 'row'\n[[row]]\nid = 'row'\nkind = 'covert'\ncount = {count}\n"
-        f"first = {ROOT}\nlast = {ROOT}\ntransport = true\n"
+        f"first = {ROOT}\nlast = {ROOT}\nturn_with_path = true\n"
         f"curve = {{ usd = '{usd}', prim = '/creature/skeleton', joints = {joints} }}\n"
     )
     (folder / "groom.toml").write_text(row)

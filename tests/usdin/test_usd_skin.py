@@ -86,7 +86,7 @@ def test_samples_may_start_elsewhere(tmp_path):
     shot = featherfx.read_shot(write_shot(tmp_path, SKIN + "\nstart = 1001"))
     gained = shot.skin.frames(1.0)[0] - shot.skin.frames(0.0)[0]
     np.testing.assert_allclose(gained, np.broadcast_to([0, 0, 1.0], (5, 3)), atol=1e-6)
-    held = featherfx.read_shot(write_shot(tmp_path, SKIN + '\nbeyond = "hold"'))
+    held = featherfx.read_shot(write_shot(tmp_path, SKIN + '\nextrapolation = "hold"'))
     np.testing.assert_allclose(held.skin.frames(1.0)[0], held.skin.frames(0.0)[0])
 
 
@@ -150,7 +150,7 @@ def test_mirrored_scaled_and_left_handed_skins(tmp_path):
         mesh.GetPointsAttr().Set(vec(bent), frame)
     plain = stage.ExportToString()
     stage.Save()
-    shot = featherfx.read_shot(write_shot(tmp_path, SKIN + "\nradius = 0.05"))
+    shot = featherfx.read_shot(write_shot(tmp_path, SKIN + "\nsmoothing_radius = 0.05"))
     position, rotation = shot.skin.frames(1.0)
 
     mirrored = Sdf.Layer.CreateNew(str(tmp_path / "mirrored.usda"))
@@ -159,7 +159,10 @@ def test_mirrored_scaled_and_left_handed_skins(tmp_path):
     add_matrix(flipped.GetPrimAtPath("/bird"), np.diag([2.0, -2.0, 2.0, 1.0]))
     flipped.Save()
     (tmp_path / "other").mkdir()
-    write_shot(tmp_path / "other", SKIN.replace("skin.usda", "../mirrored.usda") + "\nradius = 0.1")
+    write_shot(
+        tmp_path / "other",
+        SKIN.replace("skin.usda", "../mirrored.usda") + "\nsmoothing_radius = 0.1",
+    )
     text = (tmp_path / "other/groom.toml").read_text()
     for old, new in (
         ("-0.15, 0.013, 0", "-0.3, -0.026, 0"),
@@ -300,7 +303,7 @@ def test_rest_lies_within_the_samples(tmp_path):
             featherfx.read_shot(write_shot(tmp_path, f"{SKIN}\nrest = {rest}"))
     with pytest.raises(InputError, match="rest: 26 is outside of the samples of /bird/skin"):
         featherfx.read_shot(write_shot(tmp_path, f"{SKIN}\nrest = 26"))
-    held = write_shot(tmp_path, f'{SKIN}\nrest = 26\nbeyond = "hold"\ntolerance = 1')
+    held = write_shot(tmp_path, f'{SKIN}\nrest = 26\nextrapolation = "hold"\ntolerance = 1')
     assert featherfx.read_shot(held).skin is not None
 
 

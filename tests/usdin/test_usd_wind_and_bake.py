@@ -272,7 +272,7 @@ def big_scene(folder, frames):
         up=np.tile([0, 0, 1.0], (5000, 1)),
     )
     (folder / "g.toml").write_text('name = "g"\n[[table]]\nfile = "roots.npz"\nkind = "covert"\n')
-    skin = 'usd = "skin.usdc"\nprim = "/bird/skin"\nbeyond = "hold"'
+    skin = 'usd = "skin.usdc"\nprim = "/bird/skin"\nextrapolation = "hold"'
     return write_shot(folder, skin, (1, 240), groom="g.toml")
 
 

@@ -142,7 +142,7 @@ def main(what: str, file: str, more: str = "") -> None:
         with Live(source, presets_of(source)) as live:
             make = lambda: LiveServer(live, Path(folder), overwrite=False)  # noqa: E731
             measure(make, LIVE, "left alone")
-            for name in ("rachis_material.young", "leading.guides.1.angle"):
+            for name in ("rachis_material.youngs_modulus", "leading.guides.1.angle"):
                 measure(make, (*DRAG[:2], DRAG[2] % name), f"{name} dragged")
 
 

@@ -29,16 +29,16 @@ from featherfx.view.tuned import Tuned
 
 SHOT = ROOT / "samples/feather_pull/shot.toml"
 ANGLE = "feather/swan_primary:leading.guides.1.angle"
-YOUNG = "feather/swan_primary:rachis_material.young"
+YOUNG = "feather/swan_primary:rachis_material.youngs_modulus"
 HOOKS = "feather/swan_primary:vane_material.hooks"
 SPEED = "wind/calm:speed"
-YOUNG_OF_PRIMARY = "feather/primary:rachis_material.young"
+YOUNG_OF_PRIMARY = "feather/primary:rachis_material.youngs_modulus"
 
 
 def test_sliders_are_the_declared_keys():
     tuned = Tuned([("feather", "swan_primary"), ("wind", "breeze"), ("motion", "flap")], [])
     sliders = {each.key.partition(":")[2]: each for each in tuned.sliders}
-    young, angle = sliders["rachis_material.young"], sliders["trailing.guides.0.angle"]
+    young, angle = sliders["rachis_material.youngs_modulus"], sliders["trailing.guides.0.angle"]
     assert (young.unit, young.low, young.high) == ("Pa", 1e3, 1e12)
     assert (angle.unit, angle.low, angle.high, angle.value) == ("deg", 5.0, 120.0, 65.0)
     assert sliders["vane_material.hooks"].choices == ("closed", "slip", "open")
@@ -63,7 +63,7 @@ def test_files_hold_what_was_changed_and_nothing_else(tmp_path):
     (path,) = tuned.write(tmp_path, overwrite=False)
     before, after = (plain(load_preset("swan_primary", each)[1]) for each in ([], [tmp_path]))
     assert after["rachis_material"].pop("young") == 3e9
-    del before["rachis_material"]["young"]
+    del before["rachis_material"]["youngs_modulus"]
     angles = [each["angle"] for each in after["leading"].pop("guides")]
     assert angles == [45.0, 20.0, 27.0, 22.0]
     del before["leading"]["guides"]
@@ -113,7 +113,7 @@ def test_a_feather_goes_on_from_where_it_was_in_another_shape():
         next(frames)
     before = first.checkpoint().states[0].points.at(0)
     kind = shot.groom.feathers[0].kind
-    stiff = changed(shot, rachis_material=replace(kind.rachis_material, young=4e9))
+    stiff = changed(shot, rachis_material=replace(kind.rachis_material, youngs_modulus=4e9))
     other = simulate(stiff, frames=(1, 100))
     assert other.reshaped(first)
     state = other.checkpoint()
@@ -191,7 +191,9 @@ def test_a_hand_leads_the_nearest_place(live):
 def test_changes_are_simulated_and_what_is_wrong_is_told(live):
     before = until(live, lambda told: True)
     live.change(YOUNG, 5e9)
-    until(live, lambda _: live._made.shot.groom.feathers[0].kind.rachis_material.young == 5e9)
+    until(
+        live, lambda _: live._made.shot.groom.feathers[0].kind.rachis_material.youngs_modulus == 5e9
+    )
     assert live._frame.time >= before["time"]
     live.change("feather/swan_primary:leading.guides.1.position", 0.9)  # beyond the next one
     told = until(live, lambda told: told["problem"])
@@ -215,7 +217,7 @@ def test_a_wing_begins_again_with_other_bones(tmp_path):
         before = until(live, lambda told: told["frame"] > 3)
         root = live._frame.poses[0].points.nodes[0, 0]
         live.change(YOUNG_OF_PRIMARY, 4e9)  # which moves no root: it goes on
-        young = lambda: live._made.shot.groom.feathers[0].kind.rachis_material.young  # noqa: E731
+        young = lambda: live._made.shot.groom.feathers[0].kind.rachis_material.youngs_modulus  # noqa: E731
         assert until(live, lambda _: young() == 4e9)["frame"] > before["frame"]
         live.change("wing/pigeon:humerus", 0.055)  # 45 mm before
         moved = lambda: np.linalg.norm(live._frame.poses[0].points.nodes[0, 0] - root)  # noqa: E731
@@ -264,7 +266,8 @@ def test_only_its_own_page_may_say_something(live, tmp_path):
         (path,) = json.loads(text)["written"]
         assert Path(path) == tmp_path / "feather/swan_primary.toml"
         assert (
-            Path(path).read_text() == 'base = "swan_primary"\nrachis_material.young = 2000000000\n'
+            Path(path).read_text()
+            == 'base = "swan_primary"\nrachis_material.youngs_modulus = 2000000000\n'
         )
         assert post(server, f"{own}save", "{}")[0] == 409
 

@@ -66,13 +66,15 @@ _FOUND, _SETTLED, _SHORTENED, _DROPPED, _PARTED = 15, 25, 44, (56, 60, 64, 68, 7
 _UNCHANGED = 1e-12  # relative, of a length
 # figures of materials that no shape depends on; whatever is not named here is taken to matter
 _VANE_STRENGTHS = (
-    "along", "across", "shear", "surface_density", "barb_bending_normal", "barb_bending_in_plane",
-    "bending_across", "twist_ratio", "loss_factor", "compression_guard", "barb_clamp_normal",
-    "barb_clamp_in_plane", "hook_yield_across", "hook_yield_shear", "hook_strength", "poisson",
-    "thickness_profile", "across_profile", "along_profile",
+    "modulus_along_barbs", "modulus_across_barbs", "shear_modulus", "surface_density",
+    "barb_bending_normal", "barb_bending_in_plane", "bending_across", "twist_ratio", "loss_factor",
+    "compression_guard", "barb_clamp_normal", "barb_clamp_in_plane", "hook_yield_across",
+    "hook_yield_shear", "hook_strength", "poissons_ratio", "thickness_profile",
+    "across_barbs_profile", "along_barbs_profile",
 )  # fmt: skip
 _SHAFT_STRENGTHS = (
-    "young", "shear", "modulus_profile", "cortex_density", "core_density", "loss_factor",
+    "youngs_modulus", "shear_modulus", "modulus_profile", "cortex_density", "core_density",
+    "loss_factor",
 )  # fmt: skip
 _OF_KIND = ("kind", "prototype", "size")
 

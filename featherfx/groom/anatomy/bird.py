@@ -110,14 +110,14 @@ def hatch(
     if kind["crest"]["count"]:
         parts["crest"].append((at, _crest(entry, kind["crest"], points, axes, scale, skin)))
     sites = _sites(points, axes, kind["bill"], kind["neck"])
-    sites |= _cheeks(points) if kind["parts"]["cheek"] is not None else {}
+    sites |= _cheeks(points) if kind["tracts"]["cheek"] is not None else {}
     if body is not None and entry["fold"] > _HIDES and not entry["opens"]:
         found = [_beneath(each, body) for each in wings]
         well, front, low = map(np.concatenate, zip(*found, strict=True))
         sites |= {"below_wing": well, "breast_side": front}
         sites["flank"] = np.concatenate([sites["flank"], low])
-        if kind["parts"]["wrist"] is not None:
-            ahead = _BEFORE_WRIST * scale * kind["parts"]["wrist"]["length"]
+        if kind["tracts"]["wrist"] is not None:
+            ahead = _BEFORE_WRIST * scale * kind["tracts"]["wrist"]["length"]
             low = np.concatenate([_lower(each.front, axes[:, 2]) for each in found])
             sites["wrist"] = low + ahead * axes[:, 0]
     bare = tuple({**rule, "invert": not rule["invert"]} for rule in entry["bare"])
@@ -126,14 +126,14 @@ def hatch(
     parts["region"] += [
         (at.child("type.disc"), {**each, "where": each["where"] + bare}) for each in disc.regions
     ]
-    breast = kind["parts"]["breast"]
+    breast = kind["tracts"]["breast"]
     steeper = breast | {"tilt": breast["tilt"] + _SIDE_TILT}
-    parts_of = kind["parts"] | {"breast_side": kind["parts"]["breast_side"] or steeper}
+    parts_of = kind["tracts"] | {"breast_side": kind["tracts"]["breast_side"] or steeper}
     for name in (*PARTS, "cheek", "wrist", "breast_side"):
-        if len(sites.get(name, ())) and parts_of[name]["cover"] > 0.0:
+        if len(sites.get(name, ())) and parts_of[name]["relative_density"] > 0.0:
             region = _region(name, parts_of[name], sites, points, scale)
             region["where"] += bare + disc.outside + (above if name == "scapular" else ())
-            parts["region"].append((at.child(f"type.parts.{name}"), region))
+            parts["region"].append((at.child(f"type.tracts.{name}"), region))
     if parts["layout"] is None:
         parts["layout"] = _filled(LAYOUT, **_LAYOUT)
     return {
@@ -357,10 +357,10 @@ def _region(
         flow = {"direction": tuple((sites["foot"] - sites["thigh"]).mean(axis=0))}
     where = (
         _filled(WHERE, nearest=near, soft=_BORDERS.get(name, _BORDER) * length),
-        _filled(WHERE, room=_ROOM.get(name, 0.3) * length, soft=0.2 * length),
+        _filled(WHERE, free_radius=_ROOM.get(name, 0.3) * length, soft=0.2 * length),
     )
-    own = {key: kind[key] for key in ("kind", "cover", "width", "tilt", "curl")}
-    return _coat(name, where, flow, length, kind["uneven"], **own)
+    own = {key: kind[key] for key in ("kind", "relative_density", "width", "tilt", "curl")}
+    return _coat(name, where, flow, length, kind["length_variation"], **own)
 
 
 def _coat(
@@ -369,7 +369,7 @@ def _coat(
     flow: dict[str, Any],
     length: float,
     uneven: float,
-    cover: float,
+    relative_density: float,
     **own: Any,
 ) -> dict[str, Any]:
     """A region of the coat. length: m. uneven: as of a part of the body."""
@@ -377,12 +377,12 @@ def _coat(
         REGION,
         id=name,
         length=length,
-        density=cover / length**2,
+        density=relative_density / length**2,
         where=where,
         flow=_filled(FLOW, **flow),
         layer=_LAYERS[name],
         follow=1.0,
-        fit=1.0,
+        max_length_per_free_radius=1.0,
         variants=4,
         variation=_filled(
             SPREAD, length=uneven, turn=50.0 * uneven, roll=50.0 * uneven, curl=50.0 * uneven
@@ -423,7 +423,7 @@ def _disc(kind: dict[str, Any], points: Points, scale: float) -> _Disc:
                     part,
                     (near, *where),
                     length=scale * kind[f"{prefix}length"],
-                    cover=kind[f"{prefix}cover"],
+                    relative_density=kind[f"{prefix}relative_density"],
                     tilt=kind[f"{prefix}tilt"],
                     kind=kind["rim" if prefix else "kind"],
                     flow={"away": own},

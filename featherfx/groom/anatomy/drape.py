@@ -185,7 +185,7 @@ class _Fit:
         points = _shafts(kind, self.scale, flight)
         for _ in range(8):
             gap = self.body.gaps((points + shift).reshape(-1, 3)).min()
-            shift = shift + (self.below + kind.clear * self.longest - gap) * dorsal
+            shift = shift + (self.below + kind.body_clearance * self.longest - gap) * dorsal
         outwards = frames[:, :, 1] * np.sign(frames[:, :, 1] @ across)[:, None]
         points = points + shift
         inner = points - _EDGE * (sizes[:, None] * outwards)[:, None]

@@ -144,7 +144,9 @@ def shut(kind: WingType) -> WingType:
         outermost=(kind.outermost[0], _HAND_ASIDE),
         alula=replace(kind.alula, count=0),
         coverts=tuple(
-            _lying_close(row) for row in kind.coverts if row.side == "above" and row.place < _FRONT
+            _lying_close(row)
+            for row in kind.coverts
+            if row.side == "above" and row.chord_position < _FRONT
         ),
     )
 
@@ -152,7 +154,7 @@ def shut(kind: WingType) -> WingType:
 def _lying_close(row: CovertRow) -> CovertRow:
     """As a shut wing has it: the small ones nearer to each other than where they have to slide, for
     a layout to part."""
-    if row.place < _LOOSE:
+    if row.chord_position < _LOOSE:
         return replace(row, hand=0.0)
     return replace(row, hand=0.0, loose=True, gap=_SHUT_GAP * row.gap)
 

@@ -233,7 +233,7 @@ def _coverts(wing: _Wing, remiges: Remiges, number: int) -> Iterator[Draft]:
         lengths=(1.0 + (row.hand - 1.0) * np.clip(hand, 0.0, 1.0))
         * row.length
         * remiges.lengths[:count],
-        forward=row.place * remiges.forward[:count],
+        forward=row.chord_position * remiges.forward[:count],
         numbers=tuple(range(1, count + 1)),
         loose=row.loose,
     )

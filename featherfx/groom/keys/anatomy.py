@@ -45,7 +45,7 @@ class CovertRow:
     name: Annotated[str, Text(), "Part of ids and, with `s`, label: greater_covert."]
     kind: Annotated[str, Text(), "Feather preset."]
     length: Annotated[float, Number(0.01, 2), "Length as a share of the flight feather's."]
-    place: Annotated[
+    chord_position: Annotated[
         float,
         Number(0, 1),
         "Where the roots stand between the bone (0) and the leading edge (1).",
@@ -111,7 +111,7 @@ class WingType:
         Number(0, 150, "deg"),
         "How far the folded wing bends round the body, from its innermost feather to the wrist.",
     ] = 0.0
-    clear: Annotated[
+    body_clearance: Annotated[
         float,
         Number(0, 1),
         "Of the longest feather: how far the shafts of a folded wing stay off the body.",
@@ -154,7 +154,7 @@ class PartOfBody:
 
     kind: Annotated[str, Text(), "Feather preset."]
     length: Annotated[float, Number(1e-3, 5, "m"), "Length of the feathers."]
-    cover: Annotated[
+    relative_density: Annotated[
         float,
         Number(0, 100),
         "Feathers on a square as wide as they are long; 0: bare.",
@@ -162,12 +162,12 @@ class PartOfBody:
     width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
     tilt: Annotated[float, Number(-90, 90, "deg"), "Angle between shaft and skin."] = 4.0
     curl: Annotated[float, Number(-360, 360, "deg"), "Added to the camber of the shafts."] = 3.0
-    uneven: Annotated[
+    length_variation: Annotated[
         float, Number(0, 0.3), "Standard deviation of lengths, relative; 50 deg of it of turns."
     ] = 0.03
 
 
-_PART = Table(keys_of(PartOfBody), "table of a part of the body")
+_PART = Table(keys_of(PartOfBody), "table of a tract")
 _CHEEK = Key(
     _PART,
     "Below and behind the eyes, if these are among the landmarks; without it others meet there.",
@@ -280,11 +280,11 @@ class DiscOfBird:
     radius: Annotated[float, Number(0, 1, "m"), "From an eye to the rim; 0: no disc."] = 0.0
     kind: Annotated[str, Text(), "Feather preset of the disc."] = "auricular"
     length: Annotated[float, _LENGTH, "Length of its feathers."] = 0.014
-    cover: Annotated[float, Number(0, 100), "As of a part of the coat."] = 20.0
+    relative_density: Annotated[float, Number(0, 100), "As of a tract."] = 20.0
     tilt: Annotated[float, Number(-90, 90, "deg"), "Angle between shaft and skin."] = 10.0
     rim: Annotated[str, Text(), "Feather preset of the rim."] = "contour"
     rim_length: Annotated[float, _LENGTH, "Length of its feathers."] = 0.012
-    rim_cover: Annotated[float, Number(0, 100), "As of a part of the coat."] = 20.0
+    rim_relative_density: Annotated[float, Number(0, 100), "As of a tract."] = 20.0
     rim_tilt: Annotated[float, Number(-90, 90, "deg"), "Angle between shaft and skin."] = 45.0
 
 
@@ -306,7 +306,7 @@ BIRD_TYPE = {
         "grow before that, nor where `bare` of [bird] says so.",
         0.42,
     ),
-    "parts": Key(
+    "tracts": Key(
         Table(
             {name: Key(_PART, f"The {name}.") for name in PARTS}
             | {"cheek": _CHEEK, "wrist": _WRIST, "breast_side": _BREAST_SIDE}

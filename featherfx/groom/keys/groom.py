@@ -141,7 +141,7 @@ ROW = {
         "of a wing, instead of `path`.",
         None,
     ),
-    "transport": Key(
+    "turn_with_path": Key(
         Flag(),
         "Roots turn with the curve or path that they stand on, from the first to the last, besides "
         "what their frames differ in; otherwise they turn evenly from the one to the other.",
@@ -151,7 +151,7 @@ ROW = {
     "width": _FACTORS["width"],
     "roll": _FACTORS["roll"],
     **DIALS,
-    "overlap": Key(
+    "lift": Key(
         Number(-0.1, 0.1, "m"),
         "Lift of each root over the one before it, so that neighbours lie like shingles.",
         0.0,
@@ -355,13 +355,13 @@ VARIATION = {
     "width": Key(Number(0, 0.3), "Standard deviation of the vanes' widths, relative.", 0.0),
     "camber": Key(Number(0, 60, "deg"), "Standard deviation of the shaft's camber.", 0.0),
     "roll": Key(Number(0, 60, "deg"), "Standard deviation of the roots' roll.", 0.0),
-    "angle": Key(Number(0, 15, "deg"), "Standard deviation of all barb angles together.", 0.0),
-    "across": Key(
+    "barb_angle": Key(Number(0, 15, "deg"), "Standard deviation of all barb angles together.", 0.0),
+    "modulus_across_barbs": Key(
         Number(0, 0.3),
         "Standard deviation of the vane's moduli across and in shear, relative.",
         0.0,
     ),
-    "along": Key(
+    "modulus_along_barbs": Key(
         Number(0, 0.3),
         "Standard deviation of the vane's modulus along and of barbs' stiffness.",
         0.0,

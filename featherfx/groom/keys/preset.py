@@ -79,10 +79,10 @@ class Quality:
         int,
         Number(1, 20_000, whole=True),
         "Most sub-steps per frame, a bound on work: half of them may be as short as their errors "
-        "ask, the others share what is left of the frame. Where feathers touch, `most_steps` of "
+        "ask, the others share what is left of the frame. Where feathers touch, `max_steps` of "
         "`[contact]` at most.",
     ] = 20_000
-    radius: Annotated[
+    spectral_radius: Annotated[
         float,
         Number(0, 0.8),
         "Spectral radius of the time integration at infinite frequency: 0 damps at once what a "
@@ -115,7 +115,7 @@ class Quality:
         "Of feathers that are guided by their length, every n-th of each region is a guide.",
     ] = 8
     rigid_below: Annotated[float, _LENGTH, "Shorter ones follow their roots rigidly."] = 0.0
-    body: Annotated[
+    body_size: Annotated[
         float,
         Number(0, 1e4, "m"),
         "Size of the body that these four lengths are for, the diagonal of the box around its "
@@ -237,7 +237,9 @@ def _angle(meaning: str, default: Any = REQUIRED) -> Key:
 
 
 # within less than a period roots are faster at first than later, and feathers are thrown
-RISE = Key(Number(0.01, 1000), "Periods within which it rises from rest to its amplitude.", 1.0)
+RAMP_PERIODS = Key(
+    Number(0.01, 1000), "Periods within which it rises from rest to its amplitude.", 1.0
+)
 
 _MOTION: dict[str, Key] = {}
 _KINDS: dict[str, dict[str, Key]] = {}
@@ -249,7 +251,7 @@ MOTIONS: dict[str, dict[str, Key]] = {
         "amplitude": Key(Number(0, 100, "m"), "Amplitude of the shake."),
         "frequency": Key(Number(0.001, 1000, "Hz"), "Shakes per second."),
         "direction": Key(Direction(), "Direction of the shake."),
-        "rise": RISE,
+        "ramp_periods": RAMP_PERIODS,
     },
     "flap": {
         "period": Key(Number(0.001, 1000, "s"), "Duration of a wing beat."),
@@ -289,11 +291,11 @@ MOTIONS: dict[str, dict[str, Key]] = {
         "axis": Key(Direction(), "Axis through the joint, in the groom's axes."),
         "angle": Key(Number(0, 180, "deg"), "Amplitude."),
         "frequency": Key(Number(0.001, 1000, "Hz"), "Swings per second."),
-        "lag": Key(Number(-1, 1), "Share of a swing by which it comes later.", 0.0),
-        "rise": RISE,
+        "phase": Key(Number(-1, 1), "Share of a swing by which it comes later.", 0.0),
+        "ramp_periods": RAMP_PERIODS,
     },
     "act": {
-        "parts": Key(
+        "motions": Key(
             ArrayOf(PartPreset(_PRESET), 1, 100),
             "Motions one upon the other: each moves the groom as those before it have left it. "
             "Those whose joints the groom lacks are left out, as long as one is left.",

@@ -36,7 +36,7 @@ SKIN = {
         "default values, or the first samples.",
         None,
     ),
-    "most": Key(
+    "max_feathers": Key(
         Number(1, 1_000_000, whole=True),
         "Most feathers that all regions may make; a density that asks for more is refused.",
         MOST_SCATTERED,
@@ -76,7 +76,7 @@ WHERE = {
         Table(NEAREST), "1 where one of some points is nearer than all of some others.", None
     ),
     "facing": Key(Direction(), "1 where the skin faces a direction, to within `angle`.", None),
-    "room": Key(
+    "free_radius": Key(
         RADIUS,
         "1 where a ball of this radius can touch the skin from outside: not in creases, and not "
         "where parts of the body face each other.",
@@ -85,7 +85,7 @@ WHERE = {
     "angle": Key(Number(0, 180, "deg"), "Of `facing`.", 90.0),
     "soft": Key(
         RADIUS,
-        "Width over which box, sphere, ranges, nearest and room fade out, inside and out.",
+        "Width over which box, sphere, ranges, nearest and free_radius fade out, inside and out.",
         0.0,
     ),
     "soft_angle": Key(Number(0, 180, "deg"), "Angle over which `facing` fades out.", 20.0),
@@ -148,7 +148,7 @@ REGION = {
     "seed": Key(Number(0, 2**31 - 1, whole=True), "Seed of places and variation.", 1),
     "flow": Key(Table(FLOW), "Direction of the shafts along the skin."),
     "length": Key(Number(1e-4, 10, "m"), "Length of the feathers; default: the kind's.", None),
-    "fit": Key(
+    "max_length_per_free_radius": Key(
         Number(0.01, 100),
         "Feathers are no longer than this many times the radius of the largest ball that touches "
         "the skin there from outside, though no shorter than a quarter of their length.",

@@ -1,33 +1,84 @@
-"""Keys of earlier versions: what an unknown key is called now, or what to write instead.
-
-A name is matched with the end of a dotted key, so "level_of_detail.fade" is about that table only.
-CHANGELOG.md lists the same.
-"""
+"""Old names of keys, and the names that replaced them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Container
+from typing import NamedTuple
 
-# old name, new name
-RENAMED: Mapping[str, str] = {}
-# old name, what to do instead
-REMOVED: Mapping[str, str] = {
-    "coast": "delete it: feathers that move evenly with their roots are simulated like all others",
-    "twins": "delete it: feathers that move alike are simulated one by one",
-    "level_of_detail.fade": "delete it: the largest size of a feather in the frames of the shot "
-    "chooses one level for the whole shot",
+# table of a file or preset, old name, new name
+RENAMED = (
+    ("rachis_material", "young", "youngs_modulus"),
+    ("rachis_material", "shear", "shear_modulus"),
+    ("rachis_material", "wall", "cortex_fraction"),
+    ("vane_material", "along", "modulus_along_barbs"),
+    ("vane_material", "across", "modulus_across_barbs"),
+    ("vane_material", "shear", "shear_modulus"),
+    ("vane_material", "along_profile", "along_barbs_profile"),
+    ("vane_material", "across_profile", "across_barbs_profile"),
+    ("vane_material.thickness_profile", "shaft", "rachis"),
+    ("vane_material", "poisson", "poissons_ratio"),
+    ("vane_material", "hook_heal", "hook_healing_rate"),
+    ("leading.hooked", "shaft", "rachis"),
+    ("leading.splits", "number", "count"),
+    ("colour", "shaft", "rachis"),
+    ("colour", "vary", "brightness_variation"),
+    ("colour.patterns", "number", "count"),
+    ("barbs", "clumps", "clump_count"),
+    ("skin", "most", "max_feathers"),
+    ("region", "fit", "max_length_per_free_radius"),
+    ("region.where", "room", "free_radius"),
+    ("row", "overlap", "lift"),
+    ("row", "transport", "turn_with_path"),
+    ("variation", "across", "modulus_across_barbs"),
+    ("variation", "along", "modulus_along_barbs"),
+    ("variation", "angle", "barb_angle"),
+    ("wing.type", "clear", "body_clearance"),
+    ("wing.type.coverts", "place", "chord_position"),
+    ("bird.type", "parts", "tracts"),
+    ("bird.type.tracts.breast", "cover", "relative_density"),
+    ("bird.type.tracts.breast", "uneven", "length_variation"),
+    ("bird.type.disc", "cover", "relative_density"),
+    ("bird.type.disc", "rim_cover", "rim_relative_density"),
+    ("quality", "radius", "spectral_radius"),
+    ("quality", "body", "body_size"),
+    ("motion", "rise", "ramp_periods"),
+    ("motion", "lag", "phase"),
+    ("motion", "parts", "motions"),
+    ("contact", "most_steps", "max_steps"),
+    ("skin", "radius", "smoothing_radius"),
+    ("skin", "beyond", "extrapolation"),
+    ("wet", "clumps", "clump_count"),
+    ("preen", "along", "direction"),
+    ("preen", "closes", "closed_fraction"),
+    ("preen", "reach", "max_gap"),
+    ("", "free", "detach"),
+)
+# key of a file or preset, and what to do instead
+REMOVED = {
+    "coast": "Delete it: featherfx simulates feathers that move evenly with their roots, too.",
+    "twins": "Delete it: featherfx simulates feathers that move alike one by one.",
+    "level_of_detail.fade": "Delete it: a feather's largest size in the shot chooses its level.",
 }
 
+_INDEX = re.compile(r"\[\d+\]")
 
-def find_replacement(key: str) -> str:
-    """Return what to write instead of an unknown dotted key, as half a sentence; empty where it
-    was never known."""
-    path = re.sub(r"\[\d+\]", "", key).split(".")
-    ends = [".".join(path[k:]) for k in range(len(path))]
-    for name in ends:
-        if name in RENAMED:
-            return f"was renamed; write '{RENAMED[name]}' instead"
-        if name in REMOVED:
-            return f"was removed; {REMOVED[name]}"
-    return ""
+
+class OldKey(NamedTuple):
+    """A key that no longer exists. new: the key that replaces it, itself if none does."""
+
+    new: str
+    message: str
+
+
+def explain_old_key(path: str, known: Container[str]) -> OldKey | None:
+    """Find what became of an unknown key. known: keys of its table."""
+    path = _INDEX.sub("", path)
+    name = path.rpartition(".")[2]
+    for _, old, new in RENAMED:
+        if old == name and new in known:
+            return OldKey(new, f"was renamed. Write {new}.")
+    for old, advice in REMOVED.items():
+        if path == old or path.endswith(f".{old}"):
+            return OldKey(name, f"was removed. {advice}")
+    return None

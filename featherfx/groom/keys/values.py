@@ -14,7 +14,7 @@ from typing import Annotated, Any, Protocol, get_args, get_origin, get_type_hint
 
 from featherfx.errors import CONTROL
 from featherfx.groom.keys.problems import INVALID, Place
-from featherfx.groom.keys.renamed import find_replacement
+from featherfx.groom.keys.renamed import explain_old_key
 from featherfx.limits import (
     MOST_CHARACTERS,
     MOST_PATTERNS,
@@ -277,15 +277,20 @@ class Table:
             at = place.child(name)
             if name in self.keys:
                 result[name] = self.keys[name].type.check(each, at, partial)
+            elif old := explain_old_key(at.key, self.keys):
+                result[name] = at.fail(old.message)
+                replacing = self.keys.get(old.new)
+                if replacing is not None and old.new not in value:
+                    required = replacing.default is REQUIRED
+                    result[old.new] = INVALID if required else replacing.default
             else:
-                instead = find_replacement(at.key)
-                result[name] = (
-                    at.fail(instead) if instead else at.unknown("unknown key", name, self.keys)
-                )
+                result[name] = at.unknown("unknown key", name, self.keys)
         for name, key in self.keys.items() if not partial else ():
-            if name not in value and key.default is REQUIRED:
+            if name in result:
+                continue
+            if key.default is REQUIRED:
                 result[name] = place.child(name).fail(f"missing, expects {expected(key.type)}")
-            elif name not in value:
+            else:
                 result[name] = key.default
         return result
 

@@ -27,8 +27,8 @@ from featherfx.groom.splits import split_faults
 from featherfx.groom.types import FeatherKind, Hooked, RachisShape, Splits, VaneShape
 
 # tables of a vane's material, of a curve along the shaft and one along the barbs
-_PROFILES = "thickness_profile", "across_profile", "along_profile"
-_ALONG = "shaft", "barb"
+_PROFILES = "thickness_profile", "across_barbs_profile", "along_barbs_profile"
+_ALONG = "rachis", "barb"
 
 
 def _source(tree: Tree, *path: str) -> str:
@@ -220,7 +220,7 @@ def _hooked_faults(vane: VaneShape) -> list[tuple[str, str]]:
             f"hooked.{name}[{index}][0]",
             f"{place[0]:g} is not above the point before it ({before[0]:g}); points ascend",
         )
-        for name, curve in (("shaft", vane.hooked.shaft), ("barb", vane.hooked.barb))
+        for name, curve in (("rachis", vane.hooked.rachis), ("barb", vane.hooked.barb))
         for index, (before, place) in enumerate(pairwise(curve), start=1)
         if place[0] <= before[0]
     ]
@@ -348,7 +348,7 @@ def blended(first: Any, second: Any, weight: float) -> Any:
         return _blended_colour(first, second, weight)
     if isinstance(first, (Hooked, Profile)):
         return type(first)(
-            _blended_curve(first.shaft, second.shaft, weight),
+            _blended_curve(first.rachis, second.rachis, weight),
             _blended_curve(first.barb, second.barb, weight),
         )
     if isinstance(first, tuple):
@@ -370,12 +370,12 @@ def _blended_colour(first: Colour, second: Colour, weight: float) -> Colour:
     nearer = first if weight < 0.5 else second
     found: dict[str, Any] = {
         name: blended(getattr(first, name), getattr(second, name), weight)
-        for name in ("vary", "film")
+        for name in ("brightness_variation", "film")
     }
-    for name in ("base", "shaft"):
+    for name in ("base", "rachis"):
         ends = getattr(first, name), getattr(second, name)
         found[name] = getattr(nearer, name) if None in ends else blended(*ends, weight)
-    sorts = [[(p.kind, p.number, p.film) for p in each.patterns] for each in (first, second)]
+    sorts = [[(p.kind, p.count, p.film) for p in each.patterns] for each in (first, second)]
     found["patterns"] = nearer.patterns
     if sorts[0] == sorts[1]:
         plain, other = (
@@ -383,7 +383,7 @@ def _blended_colour(first: Colour, second: Colour, weight: float) -> Colour:
         )
         marks = zip(blended(plain, other, weight), nearer.patterns, strict=True)
         found["patterns"] = tuple(
-            replace(mark, number=own.number, film=own.film) for mark, own in marks
+            replace(mark, count=own.count, film=own.film) for mark, own in marks
         )
     return Colour(**found)
 

@@ -73,18 +73,26 @@ def varied(vane: VaneMaterial, across: float, along: float, thickness: float) ->
     barbs and weight. Factors."""
     if (across, along, thickness) == (1.0, 1.0, 1.0):
         return vane
-    vane = _times(vane, across, "across", "shear", "bending_across")
-    vane = _times(vane, along, "along", "barb_bending_normal", "barb_bending_in_plane")
+    vane = _times(vane, across, "modulus_across_barbs", "shear_modulus", "bending_across")
+    vane = _times(
+        vane, along, "modulus_along_barbs", "barb_bending_normal", "barb_bending_in_plane"
+    )
     return _times(vane, thickness, "thickness")
 
 
 # of the shaft
-_MODULI = "young", "shear"
+_MODULI = "youngs_modulus", "shear_modulus"
 # of a vane: what grows with the moduli; bending; compliance of the barbs' roots
 _BENDING = "barb_bending_normal", "barb_bending_in_plane", "bending_across"
 _COMPLIANCE = "barb_clamp_normal", "barb_clamp_in_plane"
 _STIFF = (
-    *("along", "across", "shear", "compression_guard", *_BENDING),
+    *(
+        "modulus_along_barbs",
+        "modulus_across_barbs",
+        "shear_modulus",
+        "compression_guard",
+        *_BENDING,
+    ),
     *("hook_yield_across", "hook_yield_shear", "hook_strength"),
 )
 

@@ -197,10 +197,10 @@ def _row_frames(entry: dict[str, Any], path: Array | None) -> tuple[Array, Array
     positions = along_polyline(np.array(points), fractions)
     ends = [frames_from(root["direction"], root["up"]) for root in (first, last)]
     turns = np.tile(np.eye(3), (count, 1, 1))
-    if entry["transport"]:
+    if entry["turn_with_path"]:
         turns = transported(positions, fractions)
     rotations = turns @ interpolated(ends[0], turns[-1].T @ ends[1], fractions)
-    lift = entry["overlap"] * np.arange(count)[:, None] * rotations[:, :, 2]
+    lift = entry["lift"] * np.arange(count)[:, None] * rotations[:, :, 2]
     return positions + lift, rotations
 
 
@@ -273,7 +273,7 @@ def row(
             scale=float(scales[number]),
             place=place,
             layer=entry["layer"],
-            stack=(number + 1) * int(np.sign(entry["overlap"])),
+            stack=(number + 1) * int(np.sign(entry["lift"])),
             **belonging(entry),
         )
         for number in range(count)

@@ -51,7 +51,7 @@ SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 Overrides = dict[str, dict[str, Any]]
 _WILD = re.compile(r"[*?[]")  # what makes a pattern more than an id
 # of [variation], what is drawn besides size, width, camber and roll
-_MATTER = ("angle", "across", "along", "thickness")
+_MATTER = ("barb_angle", "modulus_across_barbs", "modulus_along_barbs", "thickness")
 _MULTIPLIED = ("scale", "width", "stiffness", "weight")
 _SIDES = {"left": 1, "right": -1, "middle": 0}
 
@@ -312,7 +312,7 @@ def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> Array:
 def _patterns(name: str, kind: FeatherKind) -> tuple[int, int]:
     """Which splits the leading and the trailing vane of a feather draw, by its id."""
     leading, trailing = (
-        variant_number(f"{name}/splits", each.splits.variants) if each.splits.number else 0
+        variant_number(f"{name}/splits", each.splits.variants) if each.splits.count else 0
         for each in (kind.leading, kind.trailing)
     )
     return leading, trailing

@@ -162,7 +162,7 @@ def _region_drafts(
             path = entry["prim"] or skin["prim"]
             regions.append(_region(entry, at, skins[path], store, colours.get(path)))
     counts = [_count(region) for region in regions]
-    _check_total(regions, counts, skin["most"], place)
+    _check_total(regions, counts, skin["max_feathers"], place)
     if len(place.problems) > count:
         return (), None
     surfaces = [each.surface for each in skins.values()]
@@ -219,7 +219,7 @@ def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, a
         if count > most // 4:
             key = "density" if region.entry["count"] is None else "count"
             region.place.child(key).fail(f"asks for {count} feathers of the {most} that may be")
-    at.child("most").fail(
+    at.child("max_feathers").fail(
         f"the regions ask for {sum(counts)} feathers, allowed {most}; lower a density or raise most"
     )
 
@@ -243,7 +243,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     own = region.kinds.drawn(points, entry["seed"], found.number)
     blend = _blended(region, [r for r in regions if r.surface is region.surface], points, own)
     mixtures = blend.pop("mixtures")
-    blend["length"] = _fitted(blend["length"], points, entry["fit"])
+    blend["length"] = _fitted(blend["length"], points, entry["max_length_per_free_radius"])
     draws = {name: normal_draws(entry, name, found.number) for name in STREAMS}
     direction = _directions(region, blend["flow"], points, draws["turn"])
     cambers = region.kinds.cambers[own], region.kinds.barb_cambers[own]

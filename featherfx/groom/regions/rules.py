@@ -55,7 +55,7 @@ class GroomSkin:
 
 _PLACES = (
     *("primvar", "subset", "image", "box", "sphere", "x", "y", "z"),
-    *("nearest", "facing", "room"),
+    *("nearest", "facing", "free_radius"),
 )
 _FLOWS = ("direction", "away", "towards", "primvar", "curves")
 _GUIDES = 8  # guide points that a direction is interpolated from
@@ -141,7 +141,7 @@ def _analytic(name: str, rule: dict[str, Any], space: Space, place: Place) -> Ru
             return _fade(angle - np.degrees(np.arccos(cosine)), fade)
 
         return facing
-    if name == "room":
+    if name == "free_radius":
         return lambda points: _fade(points.interpolated(points.surface.room) - value, soft)
     if name == "nearest":
         own, others = search_tree(np.array(value["to"])), search_tree(np.array(value["than"]))

@@ -99,9 +99,9 @@ def _draw_vane_material(random: np.random.Generator, ratio: float) -> VaneMateri
     across = log_uniform(random, 1e3, 1e6)
     bending = _BARB_OVER_PLATE * ratio * across * thickness**3 / 12.0
     return VaneMaterial(
-        along=ratio * across,
-        across=across,
-        shear=across * log_uniform(random, 0.05, 2.0),
+        modulus_along_barbs=ratio * across,
+        modulus_across_barbs=across,
+        shear_modulus=across * log_uniform(random, 0.05, 2.0),
         thickness=thickness,
         surface_density=400.0 * thickness,
         barb_bending_normal=bending,
@@ -114,9 +114,9 @@ def _draw_vane_material(random: np.random.Generator, ratio: float) -> VaneMateri
 
 def _draw_rachis_material(random: np.random.Generator, factor: float) -> RachisMaterial:
     return RachisMaterial(
-        young=5e9 * factor,
-        shear=1.5e9 * factor,
-        wall=random.uniform(0.05, 1.0),
+        youngs_modulus=5e9 * factor,
+        shear_modulus=1.5e9 * factor,
+        cortex_fraction=random.uniform(0.05, 1.0),
         flattening=random.uniform(0.3, 1.5),
         cortex_density=1300.0,
         core_density=100.0,

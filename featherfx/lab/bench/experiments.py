@@ -127,14 +127,18 @@ def stiff_kind(kind: FeatherKind, ratio: float, varied: str = "barbs") -> Feathe
     "barbs", the modulus along barbs and with it their bending stiffnesses.
     """
     vane = kind.vane_material
-    factor = ratio / (vane.along / vane.across)
+    factor = ratio / (vane.modulus_along_barbs / vane.modulus_across_barbs)
     if varied == "vane":
-        soft = replace(vane, across=vane.across / factor, shear=vane.shear / factor)
+        soft = replace(
+            vane,
+            modulus_across_barbs=vane.modulus_across_barbs / factor,
+            shear_modulus=vane.shear_modulus / factor,
+        )
         return replace(kind, vane_material=soft)
     bend = factor if varied == "barbs" else 1.0
     stiff = replace(
         vane,
-        along=vane.along * factor,
+        modulus_along_barbs=vane.modulus_along_barbs * factor,
         barb_bending_normal=vane.barb_bending_normal * bend,
         barb_bending_in_plane=vane.barb_bending_in_plane * bend,
     )
@@ -207,7 +211,7 @@ def quality_shake(kind: FeatherKind, quality: Quality) -> Shake:
         coefficients=coefficients,
         step=0.0,
         tolerance=tolerance,
-        radius=quality.radius,
+        radius=quality.spectral_radius,
         newton=NEWTON_FRACTION * tolerance,
         max_substeps=quality.max_substeps,
     )

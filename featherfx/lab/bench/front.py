@@ -108,7 +108,7 @@ def at(shot: Shot, setting: Setting) -> Shot:
         tolerance=setting.tolerance * length,
         relative_tolerance=setting.tolerance,
         max_substeps=4096,
-        radius=setting.radius,
+        spectral_radius=setting.radius,
     )
     return replace(shot, quality=quality)
 

@@ -87,12 +87,12 @@ def zipped(model: Model, state: State, stroke: Stroke | None) -> State:
 def _hooks(vane: VaneMaterial, random: np.random.Generator) -> VaneMaterial:
     """Yields at strains of a thousandth to 1, strengths up to tenfold."""
     strain = log_uniform(random, 1e-3, 1.0)
-    across = float(np.clip(strain * vane.across, 1.0, 1e9))
+    across = float(np.clip(strain * vane.modulus_across_barbs, 1.0, 1e9))
     return replace(
         vane,
         hooks=str(random.choice(["closed", "slip", "open", "open"])),
         hook_yield_across=across,
-        hook_yield_shear=float(np.clip(strain * vane.shear, 1.0, 1e9)),
+        hook_yield_shear=float(np.clip(strain * vane.shear_modulus, 1.0, 1e9)),
         hook_strength=min(across * log_uniform(random, 1.0, 10.0), 1e9),
         hook_slip=log_uniform(random, 1e-7, 1e-3),
         hook_release=log_uniform(random, 1e-7, 1e-3),
@@ -102,7 +102,7 @@ def _hooks(vane: VaneMaterial, random: np.random.Generator) -> VaneMaterial:
 
 def _loose(random: np.random.Generator) -> Hooked:
     share = _shares(random), _shares(random)
-    return Hooked(shaft=share[0], barb=share[1])
+    return Hooked(rachis=share[0], barb=share[1])
 
 
 def _shares(random: np.random.Generator) -> tuple[tuple[float, float], ...]:
@@ -114,7 +114,7 @@ def _split(vane: VaneShape, random: np.random.Generator) -> VaneShape:
     if not vane.outline:
         return vane
     splits = Splits(
-        number=int(random.integers(1, 5)),
+        count=int(random.integers(1, 5)),
         depth=random.uniform(0.1, 1.0),
         width=float(random.choice([0.0, 0.004, 0.02])),
         irregularity=random.uniform(0.0, 1.0),

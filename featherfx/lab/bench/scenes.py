@@ -54,8 +54,8 @@ _VACUUM = "gravity = [0, 0, 0]\n[wind]\nbase = 'calm'\nair_density = 0\n"
 SCENES = {
     "shake in vacuum": (
         _FOUR,
-        "motion = { base = 'shake', amplitude = 0.05, direction = [0, 0, 1], rise = 0.25 }\n"
-        + _VACUUM,
+        "motion = { base = 'shake', amplitude = 0.05, direction = [0, 0, 1], "
+        "ramp_periods = 0.25 }\n" + _VACUUM,
     ),
     "flap": (
         _wing(0.6, 0.6, 3, "[0.5, 1.0]"),

@@ -200,7 +200,7 @@ def _shot(test: FeatherTest, kind: FeatherKind) -> Shot:
     motion = Motion("hold", {})
     if test.shake_amplitude is not None:
         values = {"amplitude": test.shake_amplitude, "frequency": test.shake_frequency}
-        motion = Motion("shake", values | {"direction": (0.0, 0.0, 1.0), "rise": _RISE})
+        motion = Motion("shake", values | {"direction": (0.0, 0.0, 1.0), "ramp_periods": _RISE})
     source = Path(test.preset)
     vacuum = Wind(np.array([1.0, 0.0, 0.0]), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1)
     quality = Quality("lab", test.rows, test.columns, test.coefficients, test.tolerance, _SUBSTEPS)

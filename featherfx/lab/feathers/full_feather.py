@@ -49,13 +49,17 @@ VANE_MATERIALS: tuple[Material, ...] = get_args(Material)
 # table 6.1, SI units
 FEATHER_LENGTH = 0.2
 _RACHIS = RachisMaterial(
-    young=34e6, shear=34e6 / 2.98, wall=1.0, flattening=5.0, cortex_density=700.0
+    youngs_modulus=34e6,
+    shear_modulus=34e6 / 2.98,
+    cortex_fraction=1.0,
+    flattening=5.0,
+    cortex_density=700.0,
 )
 _WIDTH_BASE, _WIDTH_TIP = 4e-3, 1e-3
 SWAN = VaneMaterial(
-    along=3.6e8,
-    across=4.8e4,
-    shear=2.78e4,
+    modulus_along_barbs=3.6e8,
+    modulus_across_barbs=4.8e4,
+    shear_modulus=2.78e4,
     thickness=1.2e-4,
     surface_density=2.6e-2,
     barb_bending_normal=2.5e-4,
@@ -66,8 +70,8 @@ SWAN = VaneMaterial(
 # bending of the vane, and nothing bends within its plane that is not stretched or sheared
 _ISOTROPIC = replace(
     SWAN,
-    along=4.8e4,
-    shear=2.4e4,
+    modulus_along_barbs=4.8e4,
+    shear_modulus=2.4e4,
     barb_bending_normal=5e-3,
     bending_across=2.5e-8,
     barb_bending_in_plane=1e-12,
@@ -78,9 +82,9 @@ _ISOTROPIC = replace(
 _WEFT, _WARP, _WEFT_BENDING, _WARP_BENDING = 16.593832, 34.477123, 23.191698e-6, 14.267624e-6
 _CLOTH = replace(
     _ISOTROPIC,
-    along=2.0 * _WARP / SWAN.thickness,
-    across=2.0 * _WEFT / SWAN.thickness,
-    shear=_WEFT / SWAN.thickness,
+    modulus_along_barbs=2.0 * _WARP / SWAN.thickness,
+    modulus_across_barbs=2.0 * _WEFT / SWAN.thickness,
+    shear_modulus=_WEFT / SWAN.thickness,
     barb_bending_normal=_WEFT_BENDING,
     bending_across=_WARP_BENDING,
 )
@@ -231,7 +235,9 @@ def _solver(feather: Feather, kind: FeatherKind, nodal: bool) -> tuple[Any, Any]
     root = np.zeros((1, 3)), np.eye(3)[None]
     if not nodal:
         return Solver(model, settings), rest_state(model, *root)
-    bending: Literal["barbs", "hinges"] = "barbs" if kind.vane_material.along > 1e8 else "hinges"
+    bending: Literal["barbs", "hinges"] = (
+        "barbs" if kind.vane_material.modulus_along_barbs > 1e8 else "hinges"
+    )
     nodes = nodal_model(model, [feather], [kind], bending=bending)
     return NodalSolver(model, nodes, settings), nodal_rest_state(model, nodes, *root)
 

@@ -115,9 +115,9 @@ def _bent(test: PlateTest, moduli: Array, load: float) -> Array:
     cell = test.length / (test.rows - 0.5)
     whole = test.length + 0.5 * cell
     vane = VaneMaterial(
-        along=_STRETCH / _THICKNESS,
-        across=_STRETCH / _THICKNESS,
-        shear=0.5 * _STRETCH / _THICKNESS,
+        modulus_along_barbs=_STRETCH / _THICKNESS,
+        modulus_across_barbs=_STRETCH / _THICKNESS,
+        shear_modulus=0.5 * _STRETCH / _THICKNESS,
         thickness=_THICKNESS,
         surface_density=load / _GRAVITY,
         barb_bending_normal=test.along,

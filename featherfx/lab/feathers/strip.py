@@ -174,10 +174,10 @@ def _material(scene: Scene) -> VaneMaterial:
     iso = scene == "iso"
     plate = STIFF * STRIP_THICKNESS**2 / 12.0
     return VaneMaterial(
-        along=STIFF / STRIP_THICKNESS,
-        across=(STIFF if iso else _SOFT) / STRIP_THICKNESS,
+        modulus_along_barbs=STIFF / STRIP_THICKNESS,
+        modulus_across_barbs=(STIFF if iso else _SOFT) / STRIP_THICKNESS,
         # no Poisson effect: the shear modulus is half of Young's
-        shear=(0.5 * STIFF if iso else _SOFT) / STRIP_THICKNESS,
+        shear_modulus=(0.5 * STIFF if iso else _SOFT) / STRIP_THICKNESS,
         thickness=STRIP_THICKNESS,
         surface_density=STRIP_DENSITY,
         barb_bending_normal=plate if iso else _BARB_BENDING,
@@ -267,7 +267,12 @@ def strip_kind(length: float, vane: VaneMaterial) -> FeatherKind:
         trailing=nothing,
         vane_material=vane,
         rachis_material=RachisMaterial(
-            young=1.0, shear=1.0, wall=1.0, cortex_density=1.0, core_density=1.0, loss_factor=0.0
+            youngs_modulus=1.0,
+            shear_modulus=1.0,
+            cortex_fraction=1.0,
+            cortex_density=1.0,
+            core_density=1.0,
+            loss_factor=0.0,
         ),
     )
 

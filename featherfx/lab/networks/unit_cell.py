@@ -127,10 +127,10 @@ def cell_of(kind: FeatherKind, **changes: Any) -> UnitCell:
     width = kind.barb_spacing
     cell = UnitCell(
         barb_spacing=width,
-        barb_stretch=vane.along * vane.thickness * width,
+        barb_stretch=vane.modulus_along_barbs * vane.thickness * width,
         barb_bending_normal=vane.barb_bending_normal * width,
         thickness=vane.thickness,
-        young=kind.rachis_material.young,
+        young=kind.rachis_material.youngs_modulus,
     )
     return replace(cell, **changes)
 
@@ -260,9 +260,9 @@ def vane_of(cell: UnitCell, vane: VaneMaterial) -> VaneMaterial:
     found = cell_moduli(cell)
     return replace(
         vane,
-        along=found.along,
-        across=found.across,
-        shear=found.shear,
+        modulus_along_barbs=found.along,
+        modulus_across_barbs=found.across,
+        shear_modulus=found.shear,
         barb_bending_normal=found.bending_along,
         bending_across=found.bending_across,
     )

@@ -159,7 +159,9 @@ def _one(
     present = feather.barb_length > 0.0
     area = np.where(feather.cell, model.cell_stiffness[f, ..., 0], 0.0)
     held = np.maximum(hooked_stiffness(kind, feather), MIN_HOOKED)
-    area = area / (vane.across * vane.thickness * held * cell_weights(feather.columns)[..., 0])
+    area = area / (
+        vane.modulus_across_barbs * vane.thickness * held * cell_weights(feather.columns)[..., 0]
+    )
     nodes = np.ascontiguousarray(feather.rest.nodes)
     rotation = frames_to_quats(row_frames(feather.rest.directors))
     active = hinge_places(feather.cell)
@@ -232,7 +234,7 @@ def _stretch(feather: Feather, kind: FeatherKind, area: Array) -> tuple[Array, A
     there = (feather.barb_length > 0.0)[:, :, None] & (length > 0.0)
     inverse = np.divide(1.0, length, out=np.zeros_like(length), where=there)
     vane = kind.vane_material
-    return inverse, np.where(there, vane.along * vane.thickness * beside, 0.0)
+    return inverse, np.where(there, vane.modulus_along_barbs * vane.thickness * beside, 0.0)
 
 
 def _taper(fraction: Array, kind: FeatherKind) -> Array:

@@ -226,19 +226,22 @@ def feather_of(ribbon: Ribbon, thickness: float) -> FeatherKind:
         length=ribbon.length,
         calamus=0.0,
         vane_material=VaneMaterial(
-            along=_NOTHING,
-            across=_NOTHING,
-            shear=_NOTHING,
+            modulus_along_barbs=_NOTHING,
+            modulus_across_barbs=_NOTHING,
+            shear_modulus=_NOTHING,
             barb_bending_normal=_NOTHING,
             barb_bending_in_plane=_NOTHING,
             thickness=thickness,
             surface_density=ribbon.surface_density,
             bending_across=ribbon.rigidity,
             ribbon=True,
-            poisson=ribbon.poisson,
+            poissons_ratio=ribbon.poisson,
         ),
         rachis_material=RachisMaterial(
-            young=_NOTHING, shear=_NOTHING, wall=1.0, cortex_density=_NOTHING
+            youngs_modulus=_NOTHING,
+            shear_modulus=_NOTHING,
+            cortex_fraction=1.0,
+            cortex_density=_NOTHING,
         ),
         rachis=RachisShape(
             _NO_SHAFT, _NO_SHAFT, camber=np.degrees(float(ribbon.rest_curvature) * ribbon.length)

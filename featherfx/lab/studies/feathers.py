@@ -168,7 +168,7 @@ def _keratin() -> Comparisons:
     for text, ours, low, high, source, note in (
         (
             "Young's modulus of keratin_rachis, GPa",
-            1e-9 * shaft.young,
+            1e-9 * shaft.youngs_modulus,
             5.9,
             8.4,
             "Schmitz et al. 2015 (J. Morphology 276), abstract, pigeon and three birds of prey",
@@ -176,7 +176,7 @@ def _keratin() -> Comparisons:
         ),
         (
             "the same, beside pulled shafts",
-            1e-9 * shaft.young,
+            1e-9 * shaft.youngs_modulus,
             1e-3 * min(stiff for stiff, _, _ in _PULLED),
             1e-3 * max(stiff for stiff, _, _ in _PULLED),
             f"{_OWL}, table 1, instantaneous, of five pigeons",

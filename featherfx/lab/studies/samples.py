@@ -33,7 +33,7 @@ _TILTED = (
     *((9, 16, 132), (6, 15, 120), (3, 14, 110)),
 )
 # figure D.3: slopes of a swan's vane, Pa
-_SCATTER = {"across": (37e3, 61e3), "along": (263e6, 457e6)}
+_SCATTER = {"modulus_across_barbs": (37e3, 61e3), "modulus_along_barbs": (263e6, 457e6)}
 _SPACING, _STRAIN, _STEPS, _ELEMENTS = 5e-4, 0.1, 2, 4000
 # of the tilted ones, those that are pulled
 _PULLED = (_TILTED[0], _TILTED[2], _TILTED[5], _TILTED[6])
@@ -120,7 +120,8 @@ def _scatter() -> Comparisons:
     )
     rows = Comparisons()
     for name, (low, high) in _SCATTER.items():
-        text = f"modulus {name} of the preset swan_primary, in the middle of what was measured"
+        modulus = name.replace("_", " ")
+        text = f"{modulus} of the preset swan_primary, in the middle of what was measured"
         half = 0.5 * (high - low)
         middle, found = 0.5 * (low + high), getattr(vane, name)
         rows.compare(text, found, middle, half, source, unit="Pa", absolute=True)

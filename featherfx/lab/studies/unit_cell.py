@@ -131,7 +131,9 @@ def lattice(folder: Path) -> StudyResult:
     )
     given = ourselves("the preset that the cell is of")
     rows = Comparisons()
-    rows.compare("modulus along the barbs", found.along, vane.along, 0.01, given, unit="Pa")
+    rows.compare(
+        "modulus along the barbs", found.along, vane.modulus_along_barbs, 0.01, given, unit="Pa"
+    )
     rows.report("modulus across, barbules of 5 um at 45 deg", found.across, unit="Pa", note=thin)
     rows.report("shear modulus, the same", found.shear, unit="Pa")
     text = "bending along the barbs"
@@ -139,14 +141,16 @@ def lattice(folder: Path) -> StudyResult:
     text = "contraction along over strain across"
     source = ourselves("a bound of ours")
     rows.bound(text, found.poisson, source, at_most=0.01, note="Jouve 2024 measured none")
-    fitted = fitted_cell(cell, vane.across, vane.shear)
+    fitted = fitted_cell(cell, vane.modulus_across_barbs, vane.shear_modulus)
     moduli = cell_moduli(fitted)
     target = ourselves("what it was fitted to")
     note = "what the measured moduli across and in shear ask for"
     rows.report("barbule angle", fitted.angle, unit="deg", note=note)
     rows.report("barbule diameter", fitted.barbule_diameter, unit="m", note=note)
-    rows.compare("modulus across, fitted", moduli.across, vane.across, 1e-5, target, unit="Pa")
-    rows.compare("shear modulus, fitted", moduli.shear, vane.shear, 1e-5, target, unit="Pa")
+    rows.compare(
+        "modulus across, fitted", moduli.across, vane.modulus_across_barbs, 1e-5, target, unit="Pa"
+    )
+    rows.compare("shear modulus, fitted", moduli.shear, vane.shear_modulus, 1e-5, target, unit="Pa")
     rows.report(
         "bending across, fitted",
         moduli.bending_across,
@@ -175,8 +179,8 @@ def _pictured(folder: Path, fitted: UnitCell, vane: VaneMaterial) -> tuple[Figur
         _paint_cell(left, fitted)
         right.loglog(hooks, [each.across for each in swept], "o-", label="across")
         right.loglog(hooks, [each.shear for each in swept], "s-", label="shear")
-        right.axhline(vane.across, color="C0", ls=":")
-        right.axhline(vane.shear, color="C1", ls=":")
+        right.axhline(vane.modulus_across_barbs, color="C0", ls=":")
+        right.axhline(vane.shear_modulus, color="C1", ls=":")
         right.set(xlabel="hooked crossings of a barbule", ylabel="modulus, Pa")
         right.legend()
 

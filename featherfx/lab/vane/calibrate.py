@@ -35,6 +35,8 @@ from featherfx.lab.vane.traction import ELEMENTS, Traction, clamped, mesh_of, pu
 
 _BASE = "swan_vane"
 CALIBRATED = ("along", "across", "shear")
+# keys of a vane preset
+_KEYS = ("modulus_along_barbs", "modulus_across_barbs", "shear_modulus")
 # strains at which a tilted sample is solved; between them the secant modulus is interpolated
 _KNOTS = 4
 _COARSE, _FINE = 600, 8000
@@ -303,11 +305,13 @@ def save_preset(folder: Path, name: str, found: Calibration, thickness: float) -
         f'base = "{_BASE}"',
         "",
     ]
-    for key in CALIBRATED:
-        modulus = getattr(found.moduli, key)
+    for key, name in zip(_KEYS, CALIBRATED, strict=True):
+        modulus = getattr(found.moduli, name)
         known = found.low is not None and found.high is not None
         told = (
-            f"  # {getattr(found.low, key):.4g} to {getattr(found.high, key):.4g}" if known else ""
+            f"  # {getattr(found.low, name):.4g} to {getattr(found.high, name):.4g}"
+            if known
+            else ""
         )
         lines.append(f"{key} = {modulus:.6g}{told}")
     lines.append(f"thickness = {thickness:.6g}  # mean of the samples")

@@ -147,7 +147,7 @@ class ShotContact:
         quality = self.shot.quality
         return StepRules(
             steps=self.contact.steps,
-            substeps=min(quality.max_substeps, self.contact.most_steps),
+            substeps=min(quality.max_substeps, self.contact.max_steps),
             thickness=self._thickness,
             rounds=self.solver.settings.rounds,
             iterations=MAX_INTERVAL_WORK,
@@ -160,7 +160,7 @@ class ShotContact:
         if self.contact.steps:
             return {"[contact] steps": self.contact.steps}
         known = {
-            "[contact] most_steps": self.contact.most_steps,
+            "[contact] max_steps": self.contact.max_steps,
             "max_substeps": self.shot.quality.max_substeps,
         }
         return {key: most for key, most in known.items() if most == self._rules.substeps}

@@ -105,7 +105,7 @@ class Detailer:
         self.air = np.zeros(len(feathers)) if bent is None else np.array([b.air for b in bent])
         self._chosen = simulated_settings(shot, feathers, loads, bent)
         pulled, placements = _pulled(shot), shot.groom.feathers
-        self.free = np.array(last_fitting(shot.frees, placements)) >= 0
+        self.free = np.array(last_fitting(shot.detachments, placements)) >= 0
         relative = length_factor(shot)
         given = [_level(shot, placement, relative) for placement in placements]
         self.levels, self.rules = [each.level for each in given], [each.rule for each in given]
@@ -147,7 +147,7 @@ def _pulled(shot: Shot) -> set[str]:
 
 def length_factor(shot: Shot) -> float:
     """What the quality's lengths are multiplied by on the shot's body."""
-    if not shot.quality.body or not shot.groom.feathers:
+    if not shot.quality.body_size or not shot.groom.feathers:
         return 1.0
     corners = skin_corners(shot)
     places = [each.position for each in shot.groom.feathers]
@@ -156,7 +156,7 @@ def length_factor(shot: Shot) -> float:
     if corners is None:
         # a feather on its own has no box
         size = max(size, *(each.kind.length for each in shot.groom.feathers))
-    return size / shot.quality.body
+    return size / shot.quality.body_size
 
 
 def _level(shot: Shot, placement: Placement, relative: float) -> _Given:
@@ -196,7 +196,7 @@ def simulated_settings(
         every = Chosen(rows, quality.own_columns, quality.coefficients, tolerance)
         return [_bounded(every, shot, placement.kind) for placement in shot.groom.feathers]
     pulled = _pulled(shot)
-    free = last_fitting(shot.frees, shot.groom.feathers)
+    free = last_fitting(shot.detachments, shot.groom.feathers)
     found = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
         kind = placement.kind

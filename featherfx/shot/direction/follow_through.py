@@ -38,7 +38,7 @@ class FollowThrough:
         for each in self._found:
             acted_on |= each.weights > 0.0
         # what flies by itself has no root that it could follow
-        acted_on &= np.array(last_fitting(shot.frees, shot.groom.feathers)) < 0
+        acted_on &= np.array(last_fitting(shot.detachments, shot.groom.feathers)) < 0
         self._places = np.flatnonzero(acted_on[shown])
         self._members = shown[self._places]
         if len(self._members):

@@ -67,4 +67,4 @@ def clumping(shot: Shot, rule: int, time: float) -> tuple[float, int]:
     if rule < 0:
         return 0.0, 1
     wet = shot.wets[rule]
-    return wet.clump * wetness(wet, time), wet.clumps
+    return wet.clump * wetness(wet, time), wet.clump_count

@@ -303,7 +303,7 @@ def shaken(joints: int, values: Mapping[str, Any]) -> PosesOverTime:
     def poses(time: float) -> JointPoses:
         found = still_poses(joints)
         periods = max(time, 0.0) * values["frequency"]
-        swing = math.sin(2.0 * math.pi * periods) * smooth_step(periods / values["rise"])
+        swing = math.sin(2.0 * math.pi * periods) * smooth_step(periods / values["ramp_periods"])
         found.displacements[0] = swing * way
         return found
 
@@ -326,8 +326,8 @@ def swung(skeleton: Skeleton, values: Mapping[str, Any], source: str) -> PosesOv
     def poses(time: float) -> JointPoses:
         found = still_poses(len(skeleton.names))
         swings = max(time, 0.0) * values["frequency"]
-        way = math.sin(2.0 * math.pi * (swings - values["lag"]))
-        way *= smooth_step(swings / values["rise"])
+        way = math.sin(2.0 * math.pi * (swings - values["phase"]))
+        way *= smooth_step(swings / values["ramp_periods"])
         found.rotations[moved] = from_rotation_vector(way * axis)
         return found
 

@@ -65,7 +65,7 @@ def _unclocked(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
         case "swing":
             return swung(skeleton, values, source)
         case "act":
-            return _act(values["parts"], shot, skeleton)
+            return _act(values["motions"], shot, skeleton)
         case kind:
             raise ValueError(f"no motion is of kind {kind!r}")
 

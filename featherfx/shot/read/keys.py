@@ -18,8 +18,8 @@ from featherfx.shot.loads.types import Force, Grip
 from featherfx.shot.types import (
     Channel,
     Contact,
+    Detachment,
     Detail,
-    Free,
     Layers,
     LevelOfDetail,
     Preen,
@@ -35,7 +35,7 @@ DETAIL = keys_of(Detail)
 SHELTER = keys_of(Shelter)
 PREEN = keys_of(Preen)
 WET = keys_of(Wet)
-FREE = keys_of(Free)
+DETACHMENT = keys_of(Detachment)
 CHANNEL = keys_of(Channel)
 TARGET = keys_of(Target)
 
@@ -72,13 +72,13 @@ SKIN = {
     "tolerance": Key(
         Number(0, 1000, "m"), "Roots that are farther from the skin give a warning.", 0.01
     ),
-    "radius": Key(
+    "smoothing_radius": Key(
         Number(0, 100, "m"),
         "Distance within which the skin turns a root, besides the faces at its own; default: the "
         "distance of neighbouring roots, at most the feather's width.",
         None,
     ),
-    "beyond": Key(
+    "extrapolation": Key(
         Text(("error", "hold")), "What a shot that is longer than the skin's samples does.", "error"
     ),
     "interpolation": _INTERPOLATION,
@@ -162,8 +162,8 @@ SHOT = {
         Table(LEVEL_OF_DETAIL), "Levels of detail by what is seen in the frames of the shot.", None
     ),
     "wet": tables(WET, "Which feathers are wet, and when; the last one that fits holds."),
-    "free": tables(
-        FREE, "Which feathers leave their roots, and when; the last one that fits holds."
+    "detach": tables(
+        DETACHMENT, "Which feathers leave their roots, and when; the last one that fits holds."
     ),
     "channel": tables(CHANNEL, "What feathers are made to do: angles add up, factors multiply."),
     "target": tables(TARGET, "Shapes that feathers are brought to and held in.", most=1000),

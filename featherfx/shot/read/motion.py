@@ -41,9 +41,9 @@ def read_motion(
             at = place.child("amount").item(index).item(1)
             at.fail(f"{amount:g} is out of range, allowed 0 to 2")
     if kind == "act":
-        at = Place(tree["parts"].source, place.child("parts").key, problems)
+        at = Place(tree["motions"].source, place.child("motions").key, problems)
         with problems.collecting():
-            values["parts"] = _parts(values["parts"], at, library, groom, depth)
+            values["motions"] = _parts(values["motions"], at, library, groom, depth)
     elif kind == "fold":
         _check_later(place.child("folds"), [key["time"] for key in values["folds"]], "time")
     elif kind == "keys":

@@ -38,8 +38,8 @@ from featherfx.shot.types import (
     CHANNELS,
     Channel,
     Contact,
+    Detachment,
     Detail,
-    Free,
     Layers,
     Motion,
     Preen,
@@ -248,18 +248,18 @@ def _preset(
 
 def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
     """Fields of a shot that are about some of its feathers; problems where these are not there."""
-    names = ("grip", "force", "detail", "shelter", "preen", "wet", "free", "channel", "target")
-    grips, forces, details, shelters, preens, wets, frees, channels, targets = (
+    names = ("grip", "force", "detail", "shelter", "preen", "wet", "detach", "channel", "target")
+    grips, forces, details, shelters, preens, wets, detachments, channels, targets = (
         parts[name] for name in names
     )
     _check_ids(grips, groom)
     _check_times([*grips, *preens])
     _check_ids(forces, groom)
     _check_forces(forces)
-    _check_patterns([*details, *shelters, *preens, *wets, *frees, *channels, *targets], groom)
+    _check_patterns([*details, *shelters, *preens, *wets, *detachments, *channels, *targets], groom)
     _check_preens(preens, groom)
     _check_fractions(wets, "{:g} s")
-    _check_frames_of([*frees, *targets], parts["frames"])
+    _check_frames_of([*detachments, *targets], parts["frames"])
     _check_channels(channels)
     _check_fractions(targets)
     return {
@@ -273,7 +273,7 @@ def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
         "shelters": tuple(Shelter(**entry) for _, entry in shelters),
         "preens": tuple(Preen(**entry) for _, entry in preens),
         "wets": tuple(Wet(**entry) for _, entry in wets),
-        "frees": tuple(Free(**entry) for _, entry in frees),
+        "detachments": tuple(Detachment(**entry) for _, entry in detachments),
         "channels": tuple(Channel(**entry) for _, entry in channels),
         "targets": tuple(Target(**entry) for _, entry in targets),
     }

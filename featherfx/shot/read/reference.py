@@ -124,7 +124,7 @@ _FAMILIES = (
     ("### [tail] of a bird", keys_of(TailOfBird)),
     ("### coverts of a tail", keys_of(TailCovertRow)),
     ("### [crest] of a bird", keys_of(CrestOfBird)),
-    ("### parts of a bird", keys_of(PartOfBody)),
+    ("### tracts of a bird", keys_of(PartOfBody)),
 )
 
 

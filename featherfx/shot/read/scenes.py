@@ -48,7 +48,7 @@ def read_skin(
     path = readers.file(Path(place.source).parent, entry["usd"])
     surfaces = readers.meshes(path, needed, None, entry["rest"], at)
     start = _start(entry, checked, surfaces[0].time_codes_per_second)
-    if entry["beyond"] == "error":
+    if entry["extrapolation"] == "error":
         _check_range(surfaces, entry["rest"], checked, start, at)
     for surface in surfaces:
         own = {surface.path, ""} if surface is surfaces[0] else {surface.path}
@@ -57,7 +57,9 @@ def read_skin(
             at.fail(f"{surface.path} has no primvars:st, but '{placed[0]}' is placed by skin uv")
     at.problems.hand_on()
     moving = tuple(_moving(surface, entry, checked, start) for surface in surfaces)
-    return SkinSurfaces(moving, start, entry["tolerance"], at.source, at.key, entry["radius"])
+    return SkinSurfaces(
+        moving, start, entry["tolerance"], at.source, at.key, entry["smoothing_radius"]
+    )
 
 
 def with_maps(

@@ -35,7 +35,7 @@ quality.simulated_columns = 3
 quality.tolerance = 2e-5
 """
 LEAVES = 5
-FREE = f'[[free]]\nfeathers = "falls"\nframe = {LEAVES}\n'
+FREE = f'[[detach]]\nfeathers = "falls"\nframe = {LEAVES}\n'
 
 
 def shot_of(folder, more, groom=GROOM):
@@ -100,13 +100,18 @@ calamus = 0
 rachis = { diameter_base = 1e-3, diameter_tip = 1e-3, taper = 1, camber = 0, sweep = 0, twist = 0 }
 leading = SIDE
 trailing = SIDE
-rachis_material = { base = "keratin_rachis", young = 5e11, shear = 1.5e11, wall = 1 }
+
+[feather.overrides.rachis_material]
+base = "keratin_rachis"
+youngs_modulus = 5e11
+shear_modulus = 1.5e11
+cortex_fraction = 1
 
 [feather.overrides.vane_material]
 base = "swan_vane"
 surface_density = 0.5
-across = 4.8e7
-shear = 2.8e7
+modulus_across_barbs = 4.8e7
+shear_modulus = 2.8e7
 barb_bending_normal = 10
 barb_bending_in_plane = 10
 bending_across = 1e-2
@@ -119,7 +124,7 @@ bending_across = 1e-2
 
 def test_a_flat_stiff_feather_reaches_the_speed_at_which_drag_bears_its_weight(tmp_path):
     """m g = 1/2 rho S C v^2 and, on the way there, v = v_t tanh(g t / v_t): it falls broadside."""
-    more = "settle = false\nframes_per_second = 12\n[[free]]\n"
+    more = "settle = false\nframes_per_second = 12\n[[detach]]\n"
     frames, mass, _ = run(shot_of(tmp_path, more, PLATE))
     drag = 0.5 * 1.225 * 1.2 * 2 * 0.04 * 0.2
     terminal = np.sqrt(mass.sum() * 9.81 / drag)
@@ -142,8 +147,8 @@ def test_a_checkpoint_in_flight_goes_on_with_the_same_bytes(tmp_path):
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        ('[[free]]\nfeathers = "falls"\nframe = 40\n', "40 is not of the shot, allowed 1 to 18"),
-        ('[[free]]\nfeathers = "none"\n', "no feather of the groom fits 'none'"),
+        ('[[detach]]\nfeathers = "falls"\nframe = 40\n', "40 is not of the shot, allowed 1 to 18"),
+        ('[[detach]]\nfeathers = "none"\n', "no feather of the groom fits 'none'"),
     ],
 )
 def test_what_cannot_leave_is_refused(tmp_path, more, told):
