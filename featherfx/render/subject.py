@@ -25,7 +25,7 @@ from featherfx.render.scene import (
     load_scene,
 )
 from featherfx.render.vanes import DrawnPlumage, plumage_of
-from featherfx.usd.read.cache import Cache, Scene, named_by
+from featherfx.usd.read.cache import Cache, CachedScene, find_scenery
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Scenery:
     colour: (3,) of those without one. framed: whether cameras are to see all of it. Eyes, told by
     their names, shine."""
 
-    beside: Scene
+    beside: CachedScene
     scene: DrawnScene
     colour: Array
     framed: bool = True
@@ -65,7 +65,7 @@ def scenery_of_shot(cache: Cache, path: Path) -> list[Scenery]:
     """The skin and the colliders that a cache names, and with a skin the meshes beside it under the
     same prim, such as eyes; a warning tells what is not there."""
     found: list[Scenery] = []
-    for each in named_by(cache, path, ["skin", "collider"], "drawn"):
+    for each in find_scenery(cache, path, ["skin", "collider"], "drawn"):
         is_skin = each.role == "skin"
         drawn = {(known.beside.cache.path, f.path) for known in found for f in known.scene.feathers}
         chosen = [*each.chosen, *(_beside(each) if is_skin else ())]
@@ -78,7 +78,7 @@ def scenery_of_shot(cache: Cache, path: Path) -> list[Scenery]:
     return found
 
 
-def _beside(scene: Scene) -> list[int]:
+def _beside(scene: CachedScene) -> list[int]:
     """Meshes of the file that are no feathers and stand under the same prim as one of a scene."""
     meshes = scene.cache.feathers
     parents = {meshes[k].path.rpartition("/")[0] for k in scene.chosen} - {""}
@@ -101,7 +101,7 @@ def scenery_of_files(
         left = [k for k, each in enumerate(other.feathers) if (other.path, each.path) not in drawn]
         if left:
             scene = load_scene(other, np.array(left))
-            found.append(Scenery(Scene(other, left, rate=rate), scene, np.array(SKIN)))
+            found.append(Scenery(CachedScene(other, left, rate=rate), scene, np.array(SKIN)))
     return found
 
 

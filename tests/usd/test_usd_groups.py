@@ -25,10 +25,10 @@ from featherfx.usd.read.cache import Cache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.write import posed_groups as joined
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter, Continuation
-from featherfx.usd.write.forms import Form, chosen_group, grouped
+from featherfx.usd.write.forms import CacheForm, choose_group, group_feathers
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.poses import posed_feathers
-from featherfx.usd.write.previous_cache import EarlierCache
+from featherfx.usd.write.previous_cache import PreviousCache
 
 GROUPS = ("kind", "region", "all")
 SETTINGS = {"shot": "one"}
@@ -92,13 +92,13 @@ def test_prims_of_each_grouping(tmp_path, group, names):
 
 
 def test_many_feathers_go_by_region_and_those_without_one_by_kind():
-    assert (chosen_group(None, 200), chosen_group(None, 201)) == ("feather", "region")
-    assert chosen_group("kind", 3) == "kind"
+    assert (choose_group(None, 200), choose_group(None, 201)) == ("feather", "region")
+    assert choose_group("kind", 3) == "kind"
     entries = [replace(each, region="") for each in feathers.entries()[:3]]
     entries.append(replace(feathers.entries()[3], region="covert"))
     # a region may have the name of a kind
-    assert grouped(entries, "region") == [("primary", (0, 1)), ("covert", (2, 3))]
-    assert all(each.name.endswith("2of3") for each in grouped(entries, "region", "2of3"))
+    assert group_feathers(entries, "region") == [("primary", (0, 1)), ("covert", (2, 3))]
+    assert all(each.name.endswith("2of3") for each in group_feathers(entries, "region", "2of3"))
 
 
 def test_readers_find_each_feather_as_if_it_stood_alone(single, shared):
@@ -301,7 +301,7 @@ def test_shares_are_taken_over_with_the_bytes_of_a_whole(tmp_path, group, shares
     given = of(SETTINGS)
     with CacheWriter(path, counted_entries(), (1, 5), 24.0, options, **given) as out:
         for file, chosen in zip(files, shares, strict=True):
-            out.take_over(EarlierCache(file), chosen)
+            out.take_over(PreviousCache(file), chosen)
         for number in range(1, 6):
             out.write(replace(feathers.frame(number), poses=()))
     assert path.read_bytes() == whole.read_bytes()
@@ -350,11 +350,11 @@ def traced(make) -> tuple[object, int]:
 def test_feathers_of_a_coat_cost_little_beside_their_numbers():
     one = feathers.entries()[0]
     many = [replace(one, id=f"contour_{number}") for number in range(300)]
-    form = Form.of(WriteOptions(form="condensed"))
+    form = CacheForm.of(WriteOptions(form="condensed"))
     posed_feathers(many[:1], StageSpace(), form=form)  # what all share
     posed, held = traced(lambda: posed_feathers(many, StageSpace(), form=form))
     assert held < 1000 * len(many)
-    group = joined.PosedGroup(grouped(many, "all")[0], posed, [False] * len(many), False)
+    group = joined.PosedGroup(group_feathers(many, "all")[0], posed, [False] * len(many), False)
     group.new_pose()
     # its numbers are in USD's own memory
     _, held = traced(group.new_pose)

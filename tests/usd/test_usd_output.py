@@ -20,7 +20,7 @@ from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.layers import table_text
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output
-from featherfx.usd.write.previous_cache import layer_metadata, text_table
+from featherfx.usd.write.previous_cache import parse_table, read_metadata
 
 NAMES = {"flat": ["out.usda"], "payload": ["out.animation.usdc", "out.payload.usdc", "out.usda"]}
 
@@ -239,7 +239,7 @@ def test_long_texts_of_a_cache_are_kept_in_pieces_that_others_read(tmp_path, cou
     layer.customLayerData = {"featherfx": {"dependences": table_text(table)}}
     layer.Save()
     del layer
-    told = layer_metadata(tmp_path / "long.usdc")["dependences"]
-    assert text_table(told) == table
+    told = read_metadata(tmp_path / "long.usdc")["dependences"]
+    assert parse_table(told) == table
     pieces = [told] if isinstance(told, str) else [*told]
     assert max(map(len, pieces)) < 65_536

@@ -22,7 +22,7 @@ from featherfx.usd.write import parts
 from featherfx.usd.write.cache_writer import CacheWriter, Continuation
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output, parts_folder
-from featherfx.usd.write.previous_cache import tidy
+from featherfx.usd.write.previous_cache import remove_finished_parts
 
 SETTINGS = {"shot": "one"}
 GOES_ON = Continuation(SETTINGS)
@@ -121,13 +121,13 @@ def test_what_a_bake_left_that_was_killed_when_all_was_there_is_removed(
         bake(path, layout=layout, continuation=GOES_ON)
     before = tree(tmp_path)
     assert ".o.usdc.lock" in before
-    tidy(path, SETTINGS)
+    remove_finished_parts(path, SETTINGS)
     after = tree(tmp_path)
     wanted = {"o.usdc"} if layout == "flat" else {"o.usdc", "o.payload.usdc", "o.animation.usdc"}
     if layout == "clips":
         wanted = {n for n in before if not n.endswith((".npz", "lock"))}
     assert after == {name: before[name] for name in wanted}
-    tidy(path, SETTINGS)
+    remove_finished_parts(path, SETTINGS)
     assert tree(tmp_path) == after
 
 

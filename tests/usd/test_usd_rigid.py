@@ -14,7 +14,7 @@ from pxr import Usd, UsdGeom
 from featherfx.errors import InputError
 from featherfx.shot.frames import FeatherPose, Frame
 from featherfx.usd.check.check import check_usd
-from featherfx.usd.convert.rigid import export_rigid, fitted
+from featherfx.usd.convert.rigid import export_rigid, fit_rigid_motion
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
@@ -118,12 +118,12 @@ def test_what_fits_is_the_best_rotation():
     turns = np.linalg.qr(rng.normal(size=(5, 3, 3)))[0]
     turns *= np.linalg.det(turns)[:, None, None]
     places = rng.normal(size=(5, 3))
-    motion, off = fitted(np.einsum("fij,vj->fvi", turns, shape) + places[:, None])
+    motion, off = fit_rigid_motion(np.einsum("fij,vj->fvi", turns, shape) + places[:, None])
     assert off < 1e-12
     assert motion.turns[0] == pytest.approx(np.eye(3), abs=1e-12)
     assert motion.turns @ turns[0] == pytest.approx(turns, abs=1e-12)
     noise = 1e-3 * rng.normal(size=(5, 40, 3))
-    _, off = fitted(np.einsum("fij,vj->fvi", turns, shape) + places[:, None] + noise)
+    _, off = fit_rigid_motion(np.einsum("fij,vj->fvi", turns, shape) + places[:, None] + noise)
     assert 1e-3 < off < 6e-3
 
 

@@ -34,20 +34,20 @@ from featherfx.usd.read.stage import (
     prims_below,
 )
 from featherfx.usd.read.values import (
-    EARLIEST,
-    INTEGERS,
-    QUATERNIONS,
+    EARLIEST_TIME,
+    INTEGER_ARRAY,
+    QUATERNION_ARRAY,
     USD_ERRORS,
-    VECTORS,
-    array_of,
-    collecting,
-    computed,
-    reading,
-    reason_of,
-    sized_array,
-    targets_of,
+    VECTOR_ARRAY,
+    collect_errors,
+    compute,
+    describe_error,
+    read_array,
+    read_sized_array,
+    read_targets,
+    usd_errors,
 )
-from featherfx.usd.write.previous_cache import layer_metadata
+from featherfx.usd.write.previous_cache import read_metadata
 
 
 def check_file(path: str | Path) -> list[Problem]:
@@ -58,7 +58,7 @@ def check_file(path: str | Path) -> list[Problem]:
 
 def is_cache(path: Path) -> bool:
     """Whether a file is a cache: it says so itself, or its meshes carry feather ids."""
-    if layer_metadata(path):
+    if read_metadata(path):
         return True
     try:
         stage = open_stage(path)
@@ -89,7 +89,7 @@ def check_usd(path: str | Path) -> list[Problem]:
     if problems:
         return problems  # what is in them would be missed everywhere
     try:
-        with reading(stage.GetPseudoRoot()):
+        with usd_errors(stage.GetPseudoRoot()):
             found = list(stage_problems(stage))
         problems += [Problem(str(path), key, message) for key, message in found]
         prims = list(stage.Traverse())
@@ -121,7 +121,7 @@ def stage_problems(stage: Any) -> Iterator[tuple[str, str]]:
         if not stage.HasAuthoredMetadata(name):
             yield str(name), "missing; readers differ in what they assume"
     has_samples = any(
-        computed(attribute, attribute.GetNumTimeSamples)
+        compute(attribute, attribute.GetNumTimeSamples)
         for prim in stage.Traverse()
         for attribute in prim.GetAttributes()
     )
@@ -150,9 +150,9 @@ def check_scene(path: Path) -> list[Problem]:
         return list(error.problems)
     for each in missing_files(scene.stage, path):
         place.child(each.key).fail(each.message)
-    with collecting(place):
+    with collect_errors(place):
         bad = _meshes(scene, place)
-        with collecting(place):
+        with collect_errors(place):
             _feathers(scene, path, place)
         prims = list(prims_below(scene.stage.GetPseudoRoot()))
         for prim in counted("checking", prims, len(prims)):
@@ -177,7 +177,7 @@ def _meshes(scene: SourceScene, place: Place) -> set[str]:
         if prim.IsA(UsdGeom.Mesh) and prim.IsDefined() and not prim.IsAbstract():
             path = str(prim.GetPath())
             bad.add(path)
-            with collecting(place):
+            with collect_errors(place):
                 open_mesh(scene, path, None, place)
                 bad.remove(path)
     return bad
@@ -207,19 +207,19 @@ def missing_files(stage: Any, path: Path) -> list[Problem]:
             _, _, unresolved = UsdUtils.ComputeAllDependencies(str(path))
             names = [str(each) for each in unresolved]
         except USD_ERRORS as error:
-            reason = f"USD cannot open a file that it names: {reason_of(error)}"
+            reason = f"USD cannot open a file that it names: {describe_error(error)}"
             return [Problem(str(path), "", reason)]
         found = {name: "is missing" for name in names if Path(name).suffix in named}
     return [Problem(str(path), name, message) for name, message in sorted(found.items())]
 
 
 _PER_INSTANCE = {
-    "positions": VECTORS,
-    "orientations": QUATERNIONS,
-    "orientationsf": QUATERNIONS,
-    "scales": VECTORS,
-    "velocities": VECTORS,
-    "ids": INTEGERS,
+    "positions": VECTOR_ARRAY,
+    "orientations": QUATERNION_ARRAY,
+    "orientationsf": QUATERNION_ARRAY,
+    "scales": VECTOR_ARRAY,
+    "velocities": VECTOR_ARRAY,
+    "ids": INTEGER_ARRAY,
 }
 
 
@@ -234,8 +234,8 @@ def instancer_problems(prim: Any) -> Iterator[tuple[str, str]]:
 
 def _instancer_problems(prim: Any) -> Iterator[tuple[str, str]]:
     instancer = UsdGeom.PointInstancer(prim)
-    indices = sized_array(instancer.GetProtoIndicesAttr(), EARLIEST, INTEGERS)
-    targets = targets_of(instancer.GetPrototypesRel())
+    indices = read_sized_array(instancer.GetProtoIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
+    targets = read_targets(instancer.GetPrototypesRel())
     for target in targets:
         if not prim.GetStage().GetPrimAtPath(target):
             yield "prototypes", f"names {target}, which does not exist"
@@ -243,7 +243,7 @@ def _instancer_problems(prim: Any) -> Iterator[tuple[str, str]]:
     if len(wrong):
         yield "protoIndices", f"{wrong[0]} is out of range, allowed 0 to {len(targets) - 1}"
     for name, kind in _PER_INSTANCE.items():
-        value = array_of(prim.GetAttribute(name), EARLIEST, kind)
+        value = read_array(prim.GetAttribute(name), EARLIEST_TIME, kind)
         if value is None:
             if name == "positions" and len(indices):
                 yield name, "has no value"

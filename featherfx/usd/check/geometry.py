@@ -13,19 +13,19 @@ from pxr import Usd, UsdGeom
 from featherfx.errors import InputError
 from featherfx.usd.read.cached_feather import members_of
 from featherfx.usd.read.values import (
-    DEFAULT,
-    EARLIEST,
-    INTEGERS,
-    NUMBERS,
+    DEFAULT_TIME,
+    EARLIEST_TIME,
+    INTEGER_ARRAY,
+    NUMBER_ARRAY,
     USD_ERRORS,
-    VECTORS,
-    array_of,
-    elements,
-    reading,
-    sized_array,
-    text_of,
-    times_of,
-    value_of,
+    VECTOR_ARRAY,
+    list_elements,
+    read_array,
+    read_sized_array,
+    read_text,
+    read_times,
+    read_value,
+    usd_errors,
 )
 from featherfx.usd.types import DIAGNOSTICS, HALF_VELOCITIES, HOOKED, HOOKS, RANGES, RATES, WET
 
@@ -50,10 +50,10 @@ _PER_FACE = ("primvars:barbDirection", *_DIAGNOSED)
 _RATES = (*RATES, HALF_VELOCITIES)
 _SAMPLED_WITH_POINTS = (*_RATES, "normals", "extent", *_PER_FACE)
 _KINDS = {
-    **dict.fromkeys(("points", *_RATES, "normals", "extent"), VECTORS),
-    **dict.fromkeys(("faceVertexCounts", "faceVertexIndices", "curveVertexCounts"), INTEGERS),
-    **dict.fromkeys(("widths", *_DIAGNOSED), NUMBERS),
-    "primvars:barbDirection": VECTORS,
+    **dict.fromkeys(("points", *_RATES, "normals", "extent"), VECTOR_ARRAY),
+    **dict.fromkeys(("faceVertexCounts", "faceVertexIndices", "curveVertexCounts"), INTEGER_ARRAY),
+    **dict.fromkeys(("widths", *_DIAGNOSED), NUMBER_ARRAY),
+    "primvars:barbDirection": VECTOR_ARRAY,
 }
 
 
@@ -90,7 +90,7 @@ def geometry_problems(prim: Any) -> tuple[list[tuple[str, str]], list[tuple[str,
     faults: list[tuple[str, str]] = []
     habits: list[tuple[str, str]] = []
     try:
-        with reading(prim):
+        with usd_errors(prim):
             check = GeometryCheck(prim)
             for found in check.faults():
                 faults.append(found)
@@ -156,7 +156,7 @@ class GeometryCheck:
 
     def _times(self, name: str) -> list[float]:
         if name not in self._codes_of:
-            self._codes_of[name] = times_of(self._attribute(name))
+            self._codes_of[name] = read_times(self._attribute(name))
         return self._codes_of[name]
 
     def _moves_rigidly(self) -> bool:
@@ -167,7 +167,7 @@ class GeometryCheck:
     def _default(self, name: str) -> Any:
         """The default value of an attribute, read once."""
         if name not in self._defaults:
-            self._defaults[name] = self._read(name, DEFAULT)
+            self._defaults[name] = self._read(name, DEFAULT_TIME)
         return self._defaults[name]
 
     def _window(self, name: str, first: int) -> Series:
@@ -202,12 +202,12 @@ class GeometryCheck:
     def _read(self, name: str, code: Any) -> Any:
         """An attribute as numpy, of the kind that its name stands for; None without a value."""
         if name in _KINDS:
-            return array_of(self._attribute(name), code, _KINDS[name])
-        value = value_of(self._attribute(name), code)
-        return None if value is None else np.asarray(elements(value))
+            return read_array(self._attribute(name), code, _KINDS[name])
+        value = read_value(self._attribute(name), code)
+        return None if value is None else np.asarray(list_elements(value))
 
     def _value(self, name: str, code: Any) -> Any:
-        found = self._read(name, EARLIEST if code is None else code)
+        found = self._read(name, EARLIEST_TIME if code is None else code)
         return np.empty(0) if found is None else found
 
     def _over_time(
@@ -239,7 +239,7 @@ class GeometryCheck:
         self, name: str, may_fail: Callable[[Any, Any], Any] | None
     ) -> Iterator[tuple[Any, Any]]:
         """Values with their time codes: the default, and the samples that are worth a test."""
-        yield self._default(name), DEFAULT
+        yield self._default(name), DEFAULT_TIME
         for series in self._all_windows(name):
             chosen: Sequence[int] = range(len(series.codes))
             if may_fail is not None and series.stacked is not None:
@@ -394,21 +394,23 @@ class GeometryCheck:
     def _indexed(self, primvar: Any, name: str, interpolation: str, expected: int) -> Found:
         told = _OF_PRIMVARS.format(interpolation)
         yield from self._counted(f"{name}:indices", expected, told)
-        indices = sized_array(primvar.GetIndicesAttr(), DEFAULT, INTEGERS)
-        value = value_of(primvar.GetAttr())
-        values = () if value is None else elements(value)
+        indices = read_sized_array(primvar.GetIndicesAttr(), DEFAULT_TIME, INTEGER_ARRAY)
+        value = read_value(primvar.GetAttr())
+        values = () if value is None else list_elements(value)
         if len(indices) and not 0 <= indices.min() <= indices.max() < len(values):
             yield f"{name}:indices", f"out of range; allowed 0 to {len(values) - 1}"
 
     def _subsets(self) -> Found:
         families: dict[str, list[Any]] = {}
         for subset in UsdGeom.Subset.GetAllGeomSubsets(self._mesh):
-            indices = sized_array(subset.GetIndicesAttr(), DEFAULT, INTEGERS).astype(int)
+            indices = read_sized_array(subset.GetIndicesAttr(), DEFAULT_TIME, INTEGER_ARRAY).astype(
+                int
+            )
             name = subset.GetPrim().GetName()
             if len(indices) and not 0 <= indices.min() <= indices.max() < len(self._counts):
                 yield f"{name}.indices", f"out of range; allowed 0 to {len(self._counts) - 1}"
                 continue
-            families.setdefault(text_of(subset.GetFamilyNameAttr()), []).append(indices)
+            families.setdefault(read_text(subset.GetFamilyNameAttr()), []).append(indices)
         for family, members in families.items():
             kind = UsdGeom.Subset.GetFamilyType(self._mesh, family) if family else ""
             use = np.bincount(np.concatenate(members), minlength=len(self._counts))
@@ -435,7 +437,7 @@ class GeometryCheck:
         fits = len(normals) == len(points) == self._points > 0
         if not fits or (self._counts != 3).any():
             return
-        if text_of(self._attribute("orientation")) == UsdGeom.Tokens.leftHanded:
+        if read_text(self._attribute("orientation")) == UsdGeom.Tokens.leftHanded:
             normals = -normals
         corners = self._indices.reshape(-1, 3)
         a, b, c = (points[corners[:, k]].astype(float) for k in range(3))

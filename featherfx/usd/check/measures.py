@@ -17,7 +17,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.crossings import BODY, Crossings, crossed_triangles, crossings_of, patches_of
 from featherfx.feather.types import RACHIS_PART
-from featherfx.usd.read.cache import Cache, Scene, named_by
+from featherfx.usd.read.cache import Cache, CachedScene, find_scenery
 
 # pairs that are named
 MOST_NAMED = 10
@@ -85,10 +85,10 @@ class CrossedPoints:
         return found[: self._count]
 
 
-def scenes_of(cache: Cache, path: Path) -> list[Scene]:
+def scenes_of(cache: Cache, path: Path) -> list[CachedScene]:
     """A cache's own meshes, and the skins that it names."""
-    whole = Scene(cache, range(len(cache.feathers)))
-    return [whole, *named_by(cache, path, ["skin"], "looked at")]
+    whole = CachedScene(cache, range(len(cache.feathers)))
+    return [whole, *find_scenery(cache, path, ["skin"], "looked at")]
 
 
 def chosen_frames(
@@ -110,7 +110,7 @@ def chosen_frames(
 
 
 def _meshes(
-    scenes: Sequence[Scene], code: float | None
+    scenes: Sequence[CachedScene], code: float | None
 ) -> Iterator[tuple[Array, Indices, Flags, int]]:
     for scene in scenes:
         for index, points in zip(scene.chosen, scene.points(code), strict=True):

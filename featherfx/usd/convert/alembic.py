@@ -30,14 +30,14 @@ from featherfx.usd.read.cache import Cache, CachedPose
 from featherfx.usd.read.cached_feather import CachedFeather
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.values import (
-    DEFAULT,
-    INTEGERS,
-    NUMBERS,
-    VECTORS,
-    array_of,
-    flattened,
-    matrix_of,
-    sized_array,
+    DEFAULT_TIME,
+    INTEGER_ARRAY,
+    NUMBER_ARRAY,
+    VECTOR_ARRAY,
+    read_array,
+    read_flattened,
+    read_matrix,
+    read_sized_array,
 )
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import file_problems, unique_prim_names
@@ -58,12 +58,14 @@ class GroomCurves:
         self.name, self.path, self.first = prim.GetName(), str(prim.GetPath()), first
         self._prim, self._curves = prim, UsdGeom.BasisCurves(prim)
         self._stage = prim.GetStage()  # a prim does not keep its own
-        counts = sized_array(self._curves.GetCurveVertexCountsAttr(), DEFAULT, INTEGERS)
+        counts = read_sized_array(
+            self._curves.GetCurveVertexCountsAttr(), DEFAULT_TIME, INTEGER_ARRAY
+        )
         self.counts: Indices = counts.astype(np.int64)
         primvars = UsdGeom.PrimvarsAPI(prim)
         self.group = _BARB_GROUP if primvars.HasPrimvar("side") else _RACHIS_GROUP
         self._roots = np.cumsum(self.counts) - self.counts
-        widths = array_of(self._curves.GetWidthsAttr(), DEFAULT, NUMBERS)
+        widths = read_array(self._curves.GetWidthsAttr(), DEFAULT_TIME, NUMBER_ARRAY)
         self.widths = None if widths is None else self._of_points(widths)
         self.colours = self._primvar("displayColor")
         st = self._primvar("st")
@@ -76,22 +78,24 @@ class GroomCurves:
         return np.repeat(values, known[len(values)], axis=0) if len(values) in known else None
 
     def _primvar(self, name: str) -> Array | None:
-        found = flattened(UsdGeom.PrimvarsAPI(self._prim).GetPrimvar(name), DEFAULT)
+        found = read_flattened(UsdGeom.PrimvarsAPI(self._prim).GetPrimvar(name), DEFAULT_TIME)
         return None if found is None else self._of_points(np.asarray(found))
 
     def points(self, code: float | None) -> Floats:
         """(V, 3) in the world, in the stage's units."""
-        time = DEFAULT if code is None else Usd.TimeCode(code)
-        return self._world(sized_array(self._curves.GetPointsAttr(), time, VECTORS), time, 1.0)
+        time = DEFAULT_TIME if code is None else Usd.TimeCode(code)
+        return self._world(
+            read_sized_array(self._curves.GetPointsAttr(), time, VECTOR_ARRAY), time, 1.0
+        )
 
     def velocities(self, code: float | None) -> Floats | None:
         """(V, 3) in the world, in the stage's units per second; None where there are none."""
-        time = DEFAULT if code is None else Usd.TimeCode(code)
-        found = array_of(self._curves.GetVelocitiesAttr(), time, VECTORS)
+        time = DEFAULT_TIME if code is None else Usd.TimeCode(code)
+        found = read_array(self._curves.GetVelocitiesAttr(), time, VECTOR_ARRAY)
         return None if found is None else self._world(found, time, 0.0)
 
     def _world(self, values: Any, time: Any, moved: float) -> Floats:
-        matrix = matrix_of(self._prim, time)
+        matrix = read_matrix(self._prim, time)
         turned: Array = np.asarray(values, np.float64) @ matrix[:3, :3]
         return (turned + moved * matrix[3, :3]).astype(np.float32)
 

@@ -29,7 +29,7 @@ from featherfx.usd.space import StageSpace
 from featherfx.usd.types import BARB_COLOURS
 from featherfx.usd.write.layers import StageInfo, author_metadata, define_root, new_layer, publish
 from featherfx.usd.write.output import check_output, prim_name, refuse_inputs
-from featherfx.usd.write.previous_cache import layer_metadata
+from featherfx.usd.write.previous_cache import read_metadata
 from featherfx.usd.write.prims import author_primvars, define_polylines, labels
 
 NAMES = ("P_barbl", "P_barbr")
@@ -93,7 +93,7 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
         chosen = sorted(moving)
         for k, points in zip(chosen, cache.points_of(chosen, code), strict=True):
             _author_pose(curves[k], grids[k], points, code)
-    author_metadata(layer, {**layer_metadata(Path(path)), "layout": "condensed"})
+    author_metadata(layer, {**read_metadata(Path(path)), "layout": "condensed"})
     publish([(layer, target)], before)
     return len(cache.feathers)
 

@@ -24,7 +24,7 @@ from featherfx.usd import arrays
 from featherfx.usd.convert.merge import begun
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import CachedFeather
-from featherfx.usd.read.values import EARLIEST
+from featherfx.usd.read.values import EARLIEST_TIME
 from featherfx.usd.write.layers import FEATHERS, MATERIALS
 from featherfx.usd.write.prims import author_primvars, tell_shared
 
@@ -195,7 +195,7 @@ def export_levels(
     if source.GetPrimAtPath(source.GetDefaultPrim().GetPath().AppendPath(vane)):
         for mesh in meshes:
             _bind(mesh, group.GetParent().GetPath().AppendPath(vane))
-    place = UsdGeom.Xformable(source.GetDefaultPrim()).ComputeLocalToWorldTransform(EARLIEST)
+    place = UsdGeom.Xformable(source.GetDefaultPrim()).ComputeLocalToWorldTransform(EARLIEST_TIME)
     extent = _animate(meshes, found, cache, codes, np.array(place.ExtractTranslation()))
     _add_variants(group)
     if knows_lod():

@@ -13,11 +13,11 @@ from featherfx.errors import Problem
 from featherfx.files.atomic_write import standing
 from featherfx.usd.read.cached_feather import members_of
 from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.values import computed
+from featherfx.usd.read.values import compute
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.layers import author_extents_hint, publish
 from featherfx.usd.write.output import check_output, refuse_inputs
-from featherfx.usd.write.previous_cache import layer_metadata
+from featherfx.usd.write.previous_cache import read_metadata
 
 Publish = Callable[[Any], Path]
 
@@ -39,7 +39,7 @@ def begun(path: str | Path, output: str | Path, overwrite: bool) -> tuple[Any, P
 
 def composed(stage: Any) -> Any:
     """All that a stage composes, as one layer in memory."""
-    return computed(stage.GetPseudoRoot(), stage.Flatten, False)
+    return compute(stage.GetPseudoRoot(), stage.Flatten, False)
 
 
 def plain_copy(layer: Any) -> Any:
@@ -82,7 +82,7 @@ def join_shares(path: str | Path, shares: Sequence[Path], overwrite: bool = Fals
     problems = [Problem(str(each), "", "is missing") for each in shares if not each.is_file()]
     if problems:
         raise OutputError(*problems)
-    metadata = [layer_metadata(each) for each in shares]
+    metadata = [read_metadata(each) for each in shares]
     for share, each in zip(shares, metadata, strict=True):
         problems += _differences(share, each.get("settings", {}), metadata[0].get("settings", {}))
     if problems:

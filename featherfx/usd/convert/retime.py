@@ -27,14 +27,14 @@ from featherfx.usd.convert.merge import begun, composed, plain_copy
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, DETAIL, ORIENT, P_BARB
 
 # frames of a new cache
-MOST_FRAMES = 1_000_000
+_MAX_FRAMES = 1_000_000
 # of a feather's length, how far apart its root may be where a loop closes
-ROOT_REPEATS = 1e-3
-_UNIT = ("normals", BARB_DIRECTION, ORIENT)
+_ROOT_TOLERANCE = 1e-3
+_DIRECTIONS = ("normals", BARB_DIRECTION, ORIENT)
 
 
 @dataclass(frozen=True)
-class Part:
+class BlendedTime:
     """What one old time adds to a new sample.
 
     code: old time code. rate, bend: its first and second derivative by the new one. weight,
@@ -55,10 +55,10 @@ class TimeMap:
 
     first: int
     last: int
-    parts: Callable[[float], tuple[Part, ...]]
+    parts: Callable[[float], tuple[BlendedTime, ...]]
 
 
-def along_keys(keys: Sequence[tuple[float, float]], range_: tuple[float, float]) -> TimeMap:
+def map_keys(keys: Sequence[tuple[float, float]], range_: tuple[float, float]) -> TimeMap:
     """Time that passes through keys of a new and an old frame each, smooth and without overshoot.
 
     range_: first and last frame of the cache. Raises InputError for fewer than two keys, new frames
@@ -66,43 +66,47 @@ def along_keys(keys: Sequence[tuple[float, float]], range_: tuple[float, float])
     """
     new, old = ([key[k] for key in keys] for k in (0, 1))
     if len(keys) < 2:
-        raise _wrong("keys", "needs at least two of them, NEW:OLD each")
+        raise _argument_error("keys", "needs at least two of them, NEW:OLD each")
     for before, after in pairwise(new):
         if after <= before:
-            raise _wrong("keys", f"have new frame {after:g} after {before:g}, it has to be later")
+            raise _argument_error(
+                "keys", f"have new frame {after:g} after {before:g}, it has to be later"
+            )
     for each in old:
         if not range_[0] <= each <= range_[1]:
-            raise _wrong(
+            raise _argument_error(
                 "keys", f"name frame {each:g}, the cache has {range_[0]:g} to {range_[1]:g}"
             )
-    if new[-1] - new[0] > MOST_FRAMES:
-        raise _wrong("keys", f"span {new[-1] - new[0]:g} frames, at most {MOST_FRAMES}")
+    if new[-1] - new[0] > _MAX_FRAMES:
+        raise _argument_error("keys", f"span {new[-1] - new[0]:g} frames, at most {_MAX_FRAMES}")
     course = PchipInterpolator(new, old)
     rate, bend = course.derivative(), course.derivative(2)
 
-    def parts(frame: float) -> tuple[Part, ...]:
+    def parts(frame: float) -> tuple[BlendedTime, ...]:
         code = min(max(float(course(frame)), range_[0]), range_[1])
-        return (Part(code, float(rate(frame)), float(bend(frame))),)
+        return (BlendedTime(code, float(rate(frame)), float(bend(frame))),)
 
     return TimeMap(int(np.ceil(new[0])), int(np.floor(new[-1])), parts)
 
 
-def at_speed(speed: float, range_: tuple[float, float]) -> TimeMap:
+def map_speed(speed: float, range_: tuple[float, float]) -> TimeMap:
     """The whole cache at so many of its frames a new frame, from its own first frame on.
 
     Raises InputError unless speed lies above 0 and leaves at least one whole frame.
     """
     first, last = range_
     if not 0.0 < speed < np.inf:
-        raise _wrong("speed", f"is {speed:g}, allowed above 0")
+        raise _argument_error("speed", f"is {speed:g}, allowed above 0")
     frames = (last - first) / speed
-    if not 1.0 <= frames <= MOST_FRAMES:
-        allowed = f"allowed {(last - first) / MOST_FRAMES:g} to {last - first:g}"
-        raise _wrong("speed", f"is {speed:g}, {allowed} for a cache of {last - first:g} frames")
-    return along_keys([(first, first), (first + frames, last)], range_)
+    if not 1.0 <= frames <= _MAX_FRAMES:
+        allowed = f"allowed {(last - first) / _MAX_FRAMES:g} to {last - first:g}"
+        raise _argument_error(
+            "speed", f"is {speed:g}, {allowed} for a cache of {last - first:g} frames"
+        )
+    return map_keys([(first, first), (first + frames, last)], range_)
 
 
-def as_loop(frames: int, range_: tuple[float, float]) -> TimeMap:
+def map_loop(frames: int, range_: tuple[float, float]) -> TimeMap:
     """The last so many frames, which end as they begin: what comes before them is faded in, over
     as many frames as there are, so that position, velocity and acceleration go on.
 
@@ -113,19 +117,19 @@ def as_loop(frames: int, range_: tuple[float, float]) -> TimeMap:
     fade = min(start - first, frames)
     if not (frames >= 1 and fade >= 1):
         message = f"is {frames}, allowed 1 to {int(last - first) - 1}, fewer than the cache has"
-        raise _wrong("loop", message)
+        raise _argument_error("loop", message)
 
-    def parts(frame: float) -> tuple[Part, ...]:
+    def parts(frame: float) -> tuple[BlendedTime, ...]:
         old = start + (frame - first)
         u = (old - last) / fade + 1.0
         if u <= 0.0:
-            return (Part(old),)
+            return (BlendedTime(old),)
         # rises from 0 to 1 with two derivatives that vanish at both ends
         weight = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
         rate = 30.0 * u**2 * (1.0 - u) ** 2 / fade
         bend = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / fade**2
-        earlier = Part(old - frames, 1.0, 0.0, weight, rate, bend)
-        return (Part(old, 1.0, 0.0, 1.0 - weight, -rate, -bend), earlier)
+        earlier = BlendedTime(old - frames, 1.0, 0.0, weight, rate, bend)
+        return (BlendedTime(old, 1.0, 0.0, 1.0 - weight, -rate, -bend), earlier)
 
     return TimeMap(int(first), int(first) + frames, parts)
 
@@ -155,13 +159,13 @@ def retime(
     if not (stage.HasAuthoredTimeCodeRange() and range_[0] < range_[1]):
         raise InputError(Problem(str(path), "", "has no frames to retime"))
     if speed is not None:
-        times = at_speed(speed, range_)
+        times = map_speed(speed, range_)
     elif keys is not None:
-        times = along_keys(keys, range_)
+        times = map_keys(keys, range_)
     else:
-        times = as_loop(int(loop or 0), range_)
+        times = map_loop(int(loop or 0), range_)
     old = composed(stage)
-    prims = [_Prim(old, each) for each in _sampled_prims(old)]
+    prims = [_RetimedPrim(old, each) for each in _sampled_prims(old)]
     if loop is not None:
         _check_roots(prims, loop, range_, str(path))
     layer, rate = plain_copy(old), stage.GetTimeCodesPerSecond()
@@ -262,7 +266,7 @@ class _Track:
         return (spans[1] * slopes[0] + spans[0] * slopes[1]) / sum(spans)
 
 
-class _Prim:
+class _RetimedPrim:
     """A prim with samples, and its new ones."""
 
     def __init__(self, layer: Any, path: Any) -> None:
@@ -309,7 +313,7 @@ class _Prim:
                 layer.SetTimeSample(self.tracks["extent"].path, frame, vec3f(corners))
                 yield corners
 
-    def _derived(self, parts: Sequence[Part], rate: float) -> dict[str, Any]:
+    def _derived(self, parts: Sequence[BlendedTime], rate: float) -> dict[str, Any]:
         """Points, barbs' nodes, velocities and accelerations of a new sample."""
         values: dict[str, Any] = {}
         slopes = self.tracks.get("velocities")
@@ -334,7 +338,7 @@ class _Prim:
                 )
         return values
 
-    def _summed(self, name: str, track: _Track, parts: Sequence[Part]) -> Any:
+    def _summed(self, name: str, track: _Track, parts: Sequence[BlendedTime]) -> Any:
         """What has no rate: directions stay unit vectors; what is no number is that of before."""
         if name == DETAIL:
             return np.rint(sum(part.weight * track.linear(part.code) for part in parts))
@@ -346,7 +350,7 @@ class _Prim:
             sign = np.sign((values[0] * values[1]).sum(axis=-1, keepdims=True))
             values[1] = np.where(sign < 0.0, -1.0, 1.0) * values[1]
         total = sum(part.weight * each for part, each in zip(parts, values, strict=True))
-        return unit(total) if name in _UNIT else total
+        return unit(total) if name in _DIRECTIONS else total
 
 
 def _sampled_prims(layer: Any) -> list[Any]:
@@ -361,7 +365,7 @@ def _sampled_prims(layer: Any) -> list[Any]:
 
 
 def _check_roots(
-    prims: Sequence[_Prim], frames: int, range_: tuple[float, float], source: str
+    prims: Sequence[_RetimedPrim], frames: int, range_: tuple[float, float], source: str
 ) -> None:
     """Raise InputError where roots are elsewhere so many frames after those that are faded in."""
     start, end = max(range_[0], range_[1] - 2 * frames), range_[1] - frames
@@ -373,14 +377,14 @@ def _check_roots(
             there, _ = prim.roots(code + frames)
             apart = np.linalg.norm(here - there, axis=1) / lengths
             worst = float(apart.max())
-            if worst > ROOT_REPEATS:
+            if worst > _ROOT_TOLERANCE:
                 message = (
                     f"a root in {prim.path} is {100.0 * worst:.2g} % of its feather's length away"
                     f" at frame {code + frames:g} from where it is at {code:g}; allowed"
-                    f" {100.0 * ROOT_REPEATS:g} %: give the period of the motion"
+                    f" {100.0 * _ROOT_TOLERANCE:g} %: give the period of the motion"
                 )
                 raise InputError(Problem(source, "loop", message))
 
 
-def _wrong(key: str, message: str) -> InputError:
+def _argument_error(key: str, message: str) -> InputError:
     return InputError(Problem("retime", key, message))

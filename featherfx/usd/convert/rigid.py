@@ -41,7 +41,7 @@ _OF_BAKE = ("settings", "inputs", "dependences", "layout", "chunk")
 _TRANSLATE, _ORIENT = "xformOp:translate", "xformOp:orient"
 
 
-class Motion(NamedTuple):
+class RigidMotion(NamedTuple):
     """A rigid feather. shape: (V, 3) about its middle. turns: (F, 3, 3). places: (F, 3)."""
 
     shape: Array
@@ -49,29 +49,29 @@ class Motion(NamedTuple):
     places: Array
 
 
-def fitted(points: Array) -> tuple[Motion, float]:
+def fit_rigid_motion(points: Array) -> tuple[RigidMotion, float]:
     """The rigid motion nearest to points (F, V, 3), whose first turn is none, and how far any
     point is off."""
     places = points.mean(axis=1)
     about = points - places[:, None]
     shape = about[0]
     for _ in range(2):  # onto the first frame, then onto the mean
-        turns = _turns(shape, about)
+        turns = _fit_rotations(shape, about)
         shape = np.einsum("fij,fvi->vj", turns, about) / len(about)
-    turns = _turns(shape, about)
+    turns = _fit_rotations(shape, about)
     first = turns[0]
     shape, turns = shape @ first.T, turns @ first.T
     off = np.linalg.norm(np.einsum("fij,vj->fvi", turns, shape) - about, axis=2)
-    return Motion(shape, turns, places), float(off.max())
+    return RigidMotion(shape, turns, places), float(off.max())
 
 
-def _turns(shape: Array, about: Array) -> Array:
+def _fit_rotations(shape: Array, about: Array) -> Array:
     """(F, 3, 3) rotations of a shape (V, 3) onto poses (F, V, 3), all about their middles."""
     return rotation_part(np.einsum("fvi,vj->fij", about, shape))
 
 
 @dataclass
-class _Prim:
+class _FeatherPrim:
     """A prim of feathers in a layer. points, faces: (M, 2) first and number of each."""
 
     spec: Any
@@ -98,14 +98,14 @@ def export_rigid(
     stage, written = begun(path, output, overwrite)
     layer = plain_copy(composed(stage))
     root = stage.GetDefaultPrim().GetPath()
-    parts = {name: list(_prims(layer, root.AppendChild(name))) for name, _ in SCOPES.values()}
-    if not any(_codes(layer, each) for each in parts[FEATHERS]):
+    parts = {name: list(_find_prims(layer, root.AppendChild(name))) for name, _ in SCOPES.values()}
+    if not any(_time_codes(layer, each) for each in parts[FEATHERS]):
         raise InputError(Problem(str(path), "", "has no meshes of feathers that move"))
     allowed = 1e-3 * tolerance / UsdGeom.GetStageMetersPerUnit(stage)
     meshes = counted("checking", parts[FEATHERS], len(parts[FEATHERS]))
-    found = dict(each for mesh in meshes for each in _rigid(layer, mesh, allowed))
+    found = dict(each for mesh in meshes for each in _find_rigid(layer, mesh, allowed))
     for scope, end in SCOPES.values():
-        _write(layer, parts[scope], found, end)
+        _write_scope(layer, parts[scope], found, end)
     told = dict(stage.GetRootLayer().customLayerData.get("featherfx") or {})
     kept = {name: value for name, value in told.items() if name not in _OF_BAKE}
     layer.customLayerData = {"featherfx": {**kept, "rigid": len(found), "rigidWithin": tolerance}}
@@ -113,7 +113,7 @@ def export_rigid(
     return len(found)
 
 
-def _prims(layer: Any, scope: Any) -> Iterator[_Prim]:
+def _find_prims(layer: Any, scope: Any) -> Iterator[_FeatherPrim]:
     """The prims of feathers in a scope."""
     spec = layer.GetPrimAtPath(scope)
     for prim in () if spec is None else list(spec.nameChildren):
@@ -123,43 +123,47 @@ def _prims(layer: Any, scope: Any) -> Iterator[_Prim]:
         element = "faces" if "faceVertexCounts" in prim.properties else "curves"
         tables = [prim.properties.get(f"{RANGES}:{name}") for name in ("points", element)]
         if None in tables:
-            counts = [len(prim.properties[name].default) for name in ("points", _counts(prim))]
+            counts = [len(prim.properties[name].default) for name in ("points", _counts_name(prim))]
             own = [np.array([[0, count]]) for count in counts]
         else:
             own = [np.asarray(table.default, dtype=np.int64) for table in tables]
-        yield _Prim(prim, ids, *own)
+        yield _FeatherPrim(prim, ids, *own)
 
 
-def _counts(spec: Any) -> str:
+def _counts_name(spec: Any) -> str:
     return next(name for name in _OF_FACES if name in spec.properties)
 
 
-def _codes(layer: Any, prim: _Prim) -> list[float]:
+def _time_codes(layer: Any, prim: _FeatherPrim) -> list[float]:
     return list(layer.ListTimeSamplesForPath(prim.spec.path.AppendProperty("points")))
 
 
-def _rigid(layer: Any, prim: _Prim, allowed: float) -> Iterator[tuple[str, tuple[Any, Motion]]]:
+def _find_rigid(
+    layer: Any, prim: _FeatherPrim, allowed: float
+) -> Iterator[tuple[str, tuple[Any, RigidMotion]]]:
     """The feathers of a mesh that move, and do so rigidly, with the codes of their motion."""
-    codes = _codes(layer, prim)
+    codes = _time_codes(layer, prim)
     if not codes:
         return
     path = prim.spec.path.AppendProperty("points")
     samples = [np.asarray(layer.QueryTimeSample(path, code)) for code in codes]
     for id, (first, number) in zip(prim.ids, prim.points, strict=True):
         own = np.stack([each[first : first + number] for each in samples]).astype(np.float64)
-        motion, off = fitted(own)
+        motion, off = fit_rigid_motion(own)
         if off <= allowed:
             yield id, (codes, motion)
 
 
-def _write(layer: Any, prims: Sequence[_Prim], found: dict[str, Any], end: str) -> None:
+def _write_scope(
+    layer: Any, prims: Sequence[_FeatherPrim], found: dict[str, Any], end: str
+) -> None:
     """Give rigid feathers prims of their own, where they have not, with transforms."""
     taken = [prim.spec.name for prim in prims]
     for prim in prims:
         chosen = [k for k, id in enumerate(prim.ids) if id in found]
         if prim.alone:
             for k in chosen:
-                _move(layer, prim.spec.path, *found[prim.ids[k]])
+                _author_transform(layer, prim.spec.path, *found[prim.ids[k]])
             continue
         if not chosen:
             continue
@@ -167,37 +171,37 @@ def _write(layer: Any, prims: Sequence[_Prim], found: dict[str, Any], end: str) 
         names = unique_prim_names([*taken, *(id + end for id in own)])[len(taken) :]
         taken += names
         for k, id, name in zip(chosen, own, names, strict=True):
-            _take(layer, prim, _Cut(prim, [k], True), scope.AppendChild(name))
-            _move(layer, scope.AppendChild(name), *found[id])
+            _copy_feathers(layer, prim, _FeatherCut(prim, [k], True), scope.AppendChild(name))
+            _author_transform(layer, scope.AppendChild(name), *found[id])
         rest = [k for k in range(len(prim.ids)) if k not in set(chosen)]
         path = prim.spec.path
         if rest:
-            _take(layer, prim, _Cut(prim, rest, False), scope.AppendChild("__rest"))
-            _bound(layer, scope.AppendChild("__rest"))
+            _copy_feathers(layer, prim, _FeatherCut(prim, rest, False), scope.AppendChild("__rest"))
+            _update_extents(layer, scope.AppendChild("__rest"))
         del layer.GetPrimAtPath(scope).nameChildren[path.name]
         if rest:
             layer.GetPrimAtPath(scope.AppendChild("__rest")).name = path.name
 
 
-def _bound(layer: Any, path: Any) -> None:
+def _update_extents(layer: Any, path: Any) -> None:
     """Set the extents of a prim that has lost points."""
     points, extent = (path.AppendProperty(name) for name in ("points", "extent"))
     attribute = layer.GetAttributeAtPath(extent)
-    attribute.default = _corners(layer, path, layer.GetAttributeAtPath(points).default)
+    attribute.default = _extent_of(layer, path, layer.GetAttributeAtPath(points).default)
     for code in layer.ListTimeSamplesForPath(extent):
         layer.SetTimeSample(
-            extent, code, _corners(layer, path, layer.QueryTimeSample(points, code))
+            extent, code, _extent_of(layer, path, layer.QueryTimeSample(points, code))
         )
 
 
-def _corners(layer: Any, path: Any, points: Any) -> Any:
+def _extent_of(layer: Any, path: Any, points: Any) -> Any:
     """The extent of points of a prim, as a USD array."""
     found, widths = np.asarray(points), layer.GetAttributeAtPath(path.AppendProperty("widths"))
     pad = np.float32(0.5) * np.float32(np.max(widths.default) if widths else 0.0)
     return vec3f([found.min(axis=0) - pad, found.max(axis=0) + pad])
 
 
-def _take(layer: Any, prim: _Prim, cut: _Cut, path: Any) -> None:
+def _copy_feathers(layer: Any, prim: _FeatherPrim, cut: _FeatherCut, path: Any) -> None:
     """A prim with some of the feathers of another."""
     Sdf.CreatePrimInLayer(layer, path)
     made = layer.GetPrimAtPath(path)
@@ -223,13 +227,13 @@ def _copy_infos(source: Any, target: Any, left_out: Sequence[str]) -> None:
             target.SetInfo(key, source.GetInfo(key))
 
 
-class _Cut:
+class _FeatherCut:
     """What some of the feathers of a prim have of its values.
 
     alone: of one that is to move rigidly: what is of it is constant.
     """
 
-    def __init__(self, prim: _Prim, chosen: Sequence[int], alone: bool) -> None:
+    def __init__(self, prim: _FeatherPrim, chosen: Sequence[int], alone: bool) -> None:
         self._prim, self._chosen, self._alone = prim, list(chosen), alone
         tables = {"points": prim.points, "faces": prim.faces}
         self._own = {
@@ -252,7 +256,7 @@ class _Cut:
             self._label(layer, source, path)
         if name.removesuffix(":indices") in _LABELS or (self._alone and name.startswith(RANGES)):
             return
-        made = _made(layer, source, path)
+        made = _copy_attribute(layer, source, path)
         if source.HasDefaultValue():
             made.default = self._value(source, source.default)
         each = made.HasInfo("interpolation") and made.GetInfo("interpolation") == "uniform"
@@ -269,7 +273,7 @@ class _Cut:
         """A label of the feathers that are taken, as the writer of caches has it."""
         indices = self._prim.spec.properties.get(f"{source.name}:indices")
         first = self._prim.faces[self._chosen][:, 0]
-        values, made = source.default, _made(layer, source, path)
+        values, made = source.default, _copy_attribute(layer, source, path)
         if source.name == _LABELS[0]:
             texts = [self._prim.ids[k] for k in self._chosen]
         else:
@@ -321,7 +325,7 @@ class _Cut:
         return {"vertex": "points", "uniform": "faces"}.get(str(kind), "")
 
 
-def _made(layer: Any, source: Any, path: Any) -> Any:
+def _copy_attribute(layer: Any, source: Any, path: Any) -> Any:
     """An attribute as another one, without its values."""
     Sdf.JustCreatePrimAttributeInLayer(
         layer, path, source.typeName, source.variability, source.custom
@@ -331,7 +335,7 @@ def _made(layer: Any, source: Any, path: Any) -> Any:
     return made
 
 
-def _move(layer: Any, path: Any, codes: Sequence[float], motion: Motion) -> None:
+def _author_transform(layer: Any, path: Any, codes: Sequence[float], motion: RigidMotion) -> None:
     """Have a prim of one feather stand still in its own space, which moves.
 
     Shafts and barbs have their shape of the first sample, which is not turned.
@@ -349,7 +353,7 @@ def _move(layer: Any, path: Any, codes: Sequence[float], motion: Motion) -> None
     is_mesh = "faceVertexCounts" in spec.properties
     shape = motion.shape if is_mesh else np.asarray(points.default) - motion.places[0]
     points.default = vec3f(shape)
-    spec.properties["extent"].default = _corners(layer, path, shape)
+    spec.properties["extent"].default = _extent_of(layer, path, shape)
     for name in _RATES:
         if name in spec.properties:
             spec.RemoveProperty(spec.properties[name])

@@ -34,18 +34,18 @@ from featherfx.usd.read.stage import (
     what_is_there,
 )
 from featherfx.usd.read.values import (
-    DEFAULT,
-    EARLIEST,
-    INTEGERS,
-    PAIRS,
-    VECTORS,
-    array_of,
-    at,
-    flattened,
-    numbers_of,
-    read_for,
-    sized_array,
-    text_of,
+    DEFAULT_TIME,
+    EARLIEST_TIME,
+    INTEGER_ARRAY,
+    PAIR_ARRAY,
+    VECTOR_ARRAY,
+    describe_time,
+    errors_at,
+    read_array,
+    read_flattened,
+    read_sized_array,
+    read_text,
+    to_numpy,
 )
 
 
@@ -97,7 +97,7 @@ class AnimatedMesh(ScenePrim):
         self._poses: OrderedDict[float, _KnotPose] = OrderedDict()
         self._asked: OrderedDict[float, tuple[NDArray[Any], Array]] = OrderedDict()
         self._maps: tuple[Any, Maps] | None = None
-        self._rest_code = DEFAULT if rest is None else Usd.TimeCode(rest)
+        self._rest_code = DEFAULT_TIME if rest is None else Usd.TimeCode(rest)
         self.rest = self._at_rest(rest is None)
         self._rest_sign = self._sign(self._rest_code)
 
@@ -195,7 +195,7 @@ class AnimatedMesh(ScenePrim):
         """Points, and the prim in whose space they are."""
         if self._skinning is not None:
             return self._skinning.points(code), self._skinning.space
-        return sized_array(self._mesh.GetPointsAttr(), code, VECTORS), self._prim
+        return read_sized_array(self._mesh.GetPointsAttr(), code, VECTOR_ARRAY), self._prim
 
     def _at_rest(self, is_default: bool) -> Array:
         prim = self._prim
@@ -203,7 +203,7 @@ class AnimatedMesh(ScenePrim):
             local, prim = self._skinning.bind_points(), self._skinning.space
         elif is_default:
             self._rest_code = rest_code(self._mesh.GetPointsAttr())
-            local = sized_array(self._mesh.GetPointsAttr(), self._rest_code, VECTORS)
+            local = read_sized_array(self._mesh.GetPointsAttr(), self._rest_code, VECTOR_ARRAY)
         else:
             local, prim = self._local_points(self._rest_code)
         self._rest_code = transform_code(prim, self._rest_code)
@@ -230,7 +230,7 @@ def open_mesh(scene: SourceScene, path: str, rest: float | None, place: Place) -
         hint = f"; below it is {', '.join(meshes)}" if meshes else ""
         hint = hint or what_is_there(scene, ("mesh",), path)
         place.refuse(f"{path} is a {prim.GetTypeName() or 'prim without type'}, no Mesh{hint}")
-    with read_for(place):
+    with errors_at(place):
         return _opened(scene, UsdGeom.Mesh(prim), rest, place)
 
 
@@ -285,7 +285,7 @@ def _changing(attribute: Any) -> tuple[Indices | None, float | None]:
     """The first value of an integer array, and the time code at which another stands."""
     known = None
     for code in codes_of(attribute):
-        value = array_of(attribute, code, INTEGERS)
+        value = read_array(attribute, code, INTEGER_ARRAY)
         if known is None and value is not None:
             known = value.astype(np.int64)
         elif known is not None and (value is None or not np.array_equal(value, known)):
@@ -297,8 +297,8 @@ def _points_faults(attribute: Any) -> tuple[str, int]:
     """What is wrong with the points of any sample (empty: nothing), and their number."""
     size = -1
     for code in codes_of(attribute):
-        where = at(code)
-        points = array_of(attribute, code, VECTORS)
+        where = describe_time(code)
+        points = read_array(attribute, code, VECTOR_ARRAY)
         if points is None:
             return f"has no value {where}", 0
         if size not in (-1, len(points)):
@@ -321,8 +321,8 @@ def fans(counts: Indices) -> tuple[Indices, Indices]:
 
 def topology_of(mesh: Any) -> tuple[Indices, Indices]:
     """(F,) counts of points of the faces, and the indices of all of them."""
-    counts = sized_array(mesh.GetFaceVertexCountsAttr(), EARLIEST, INTEGERS)
-    indices = sized_array(mesh.GetFaceVertexIndicesAttr(), EARLIEST, INTEGERS)
+    counts = read_sized_array(mesh.GetFaceVertexCountsAttr(), EARLIEST_TIME, INTEGER_ARRAY)
+    indices = read_sized_array(mesh.GetFaceVertexIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
     return counts.astype(np.int64), indices.astype(np.int64)
 
 
@@ -334,21 +334,21 @@ def triangles_of(mesh: Any) -> tuple[Indices, Indices, Array | None]:
     """
     counts, indices = topology_of(mesh)
     places, face = fans(counts)
-    holes = sized_array(mesh.GetHoleIndicesAttr(), EARLIEST, INTEGERS)
+    holes = read_sized_array(mesh.GetHoleIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
     if len(holes):
         kept = ~np.isin(face, holes)
         places, face = places[kept], face[kept]
-    if text_of(mesh.GetOrientationAttr(), EARLIEST) == UsdGeom.Tokens.leftHanded:
+    if read_text(mesh.GetOrientationAttr(), EARLIEST_TIME) == UsdGeom.Tokens.leftHanded:
         places = places[:, [0, 2, 1]]
     return indices[places], face, _texture(mesh, indices, places)
 
 
 def _texture(mesh: Any, indices: Indices, places: Indices) -> Array | None:
     primvar = UsdGeom.PrimvarsAPI(mesh.GetPrim()).FindPrimvarWithInheritance("st")
-    value = flattened(primvar, EARLIEST)
+    value = read_flattened(primvar, EARLIEST_TIME)
     if value is None:
         return None
-    st = numbers_of(value, PAIRS, primvar.GetAttr())
+    st = to_numpy(value, PAIR_ARRAY, primvar.GetAttr())
     if primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying and len(st) == len(indices):
         return np.asarray(st[places], dtype=np.float64)
     if len(st) > indices.max(initial=-1):

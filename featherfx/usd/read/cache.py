@@ -22,15 +22,15 @@ from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes
 from featherfx.usd.read.opening import located, open_stage
 from featherfx.usd.read.stage import transformed
 from featherfx.usd.read.values import (
-    DEFAULT,
-    EARLIEST,
-    NUMBERS,
-    VECTORS,
-    Kind,
-    array_of,
-    at,
-    reading,
-    times_of,
+    DEFAULT_TIME,
+    EARLIEST_TIME,
+    NUMBER_ARRAY,
+    VECTOR_ARRAY,
+    ArrayKind,
+    describe_time,
+    read_array,
+    read_times,
+    usd_errors,
 )
 from featherfx.usd.types import HALF_VELOCITIES, WET
 from featherfx.usd.write.output import unique_prim_names
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from featherfx.usd.read.expand import Expansion
 
 
-MOST_FRAMES = 100_000  # of a file whose meshes have no samples that tell which there are
+_MAX_FRAMES = 100_000  # of a file whose meshes have no samples that tell which there are
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class CachedPose:
 
 
 @dataclass
-class _Mesh:
+class _CachedMesh:
     """A mesh of the stage; values at the last time code that was asked for, where feathers share
     it."""
 
@@ -68,7 +68,7 @@ class _Mesh:
     code: Any = None
     values: dict[str, Any] = field(default_factory=dict)
 
-    def read(self, name: str, code: Any, kind: Kind) -> Any:
+    def read(self, name: str, code: Any, kind: ArrayKind) -> Any:
         """(N, ...) an attribute; None where there is no value."""
         if self.code != code:
             self.code, self.values = code, {}
@@ -76,7 +76,7 @@ class _Mesh:
             return self.values[name]
         skinning = self.drawn.skinning if name == "points" else None
         if skinning is None:
-            found = array_of(self.drawn.mesh.GetPrim().GetAttribute(name), code, kind)
+            found = read_array(self.drawn.mesh.GetPrim().GetAttribute(name), code, kind)
         else:
             found = skinning.bind_points() if code.IsDefault() else skinning.points(code)
         if self.is_shared:
@@ -93,10 +93,10 @@ class _Mesh:
 
     def times(self) -> list[float]:
         """Time codes at which it has points."""
-        return times_of(self.drawn.mesh.GetPointsAttr())
+        return read_times(self.drawn.mesh.GetPointsAttr())
 
 
-class _Expanded:
+class _ExpandedMesh:
     """What condensed feathers are as meshes: points alone, in world space."""
 
     def __init__(self, expansion: Expansion) -> None:
@@ -104,7 +104,7 @@ class _Expanded:
         self._code: Any = None
         self._points = np.zeros((0, 3), np.float32)
 
-    def read(self, name: str, code: Any, kind: Kind) -> Any:
+    def read(self, name: str, code: Any, kind: ArrayKind) -> Any:
         if self.has(name):
             return self._expansion.clumped(code)[:, WET.index(name)]
         if name != "points":
@@ -123,11 +123,11 @@ class _Expanded:
         return self._expansion.codes()
 
 
-class _Own(NamedTuple):
+class _ValueRanges(NamedTuple):
     """Where the values of a feather stand: points and faces of a mesh, or the one shaft of a
     condensed feather instead of these."""
 
-    mesh: _Mesh | _Expanded
+    mesh: _CachedMesh | _ExpandedMesh
     points: slice
     faces: slice
 
@@ -151,12 +151,12 @@ class Cache:
         self.frames_per_second = self._stage.GetTimeCodesPerSecond()
         self.meters_per_unit = UsdGeom.GetStageMetersPerUnit(self._stage)
         self.up_axis = str(UsdGeom.GetStageUpAxis(self._stage))
-        with reading(self._stage.GetPseudoRoot()):
-            self.scenery = tuple(_scenery(self._stage))
-        found = [(own, feather) for each in _drawn(self._stage) for own, feather in each]
-        found = found or list(_expanded(self._stage))
+        with usd_errors(self._stage.GetPseudoRoot()):
+            self.scenery = tuple(_read_scenery(self._stage))
+        found = [(own, feather) for each in _read_meshes(self._stage) for own, feather in each]
+        found = found or list(_read_condensed(self._stage))
         if not found:
-            raise InputError(Problem(str(path), "", _without_mesh(self._stage)))
+            raise InputError(Problem(str(path), "", _describe_missing_mesh(self._stage)))
         self._own = [own for own, _ in found]
         self._last_runs: tuple[list[int], list[list[int]]] = [], []
         names = unique_prim_names([feather.name for _, feather in found])
@@ -176,8 +176,8 @@ class Cache:
     def whole_frames(self) -> list[float]:
         """Time codes of all whole frames. Raises InputError where they are beyond number."""
         first, last = self.frames
-        if last - first > MOST_FRAMES:
-            message = f"is {last:g}, more than {MOST_FRAMES} frames after the first, {first:g}"
+        if last - first > _MAX_FRAMES:
+            message = f"is {last:g}, more than {_MAX_FRAMES} frames after the first, {first:g}"
             raise InputError(Problem(self._path, "endTimeCode", message))
         return [float(code) for code in range(int(np.ceil(first)), int(last) + 1)]
 
@@ -187,7 +187,7 @@ class Cache:
         None is the rest pose: the default value, or the first sample where there is no default.
         """
         points, matrix, code = self._placed([index], time)
-        direction = self._of_faces(index, "barbDirection", code, VECTORS)
+        direction = self._of_faces(index, "barbDirection", code, VECTOR_ARRAY)
         if direction is not None:
             direction = unit(direction @ matrix[:3, :3])
         velocities, normals = self._directions([index], matrix, code)
@@ -196,7 +196,7 @@ class Cache:
             velocities=velocities,
             normals=normals,
             barb_direction=direction,
-            hooked=self._of_faces(index, "hooked", code, NUMBERS),
+            hooked=self._of_faces(index, "hooked", code, NUMBER_ARRAY),
         )
 
     def hooked_of(self, chosen: Sequence[int], time: float | None) -> Array:
@@ -204,8 +204,8 @@ class Cache:
         faster; 1 where there are none."""
         found = []
         for index in chosen:
-            code = _code_of(self._own[index], time)
-            own = self._of_faces(index, "hooked", code, NUMBERS)
+            code = _pose_time(self._own[index], time)
+            own = self._of_faces(index, "hooked", code, NUMBER_ARRAY)
             found.append(np.ones(len(self.feathers[index].triangles)) if own is None else own)
         return np.concatenate(found).astype(float)
 
@@ -220,14 +220,14 @@ class Cache:
         found = np.zeros((len(chosen), 2))
         for place, index in enumerate(chosen) if self._is_wet else ():
             own = self._own[index]
-            code = _code_of(own, time)
+            code = _pose_time(own, time)
             for k, name in enumerate(WET):
-                values = own.mesh.read(name, code, NUMBERS)
+                values = own.mesh.read(name, code, NUMBER_ARRAY)
                 if values is not None and (mine := values[own.faces]).size:
                     found[place, k] = mine[0]
         return found
 
-    def _of_faces(self, index: int, name: str, code: Any, kind: Kind) -> Any:
+    def _of_faces(self, index: int, name: str, code: Any, kind: ArrayKind) -> Any:
         """(T, ...) values of a primvar for the triangles of feather index."""
         own, feather = self._own[index], self.feathers[index]
         found = own.mesh.read(f"primvars:{name}", code, kind)
@@ -244,7 +244,7 @@ class Cache:
         found = []
         for run in self._runs(chosen):
             points, matrix, _ = self._placed(run, time)
-            moved = _moved(points, matrix)
+            moved = _to_world(points, matrix)
             own = [self._own[index].points for index in run]
             ends = [0 if each.start is None else each.start - own[0].start for each in own]
             found += [moved[a:b] for a, b in pairwise([*ends, len(moved)])]
@@ -272,11 +272,11 @@ class Cache:
     def _directions(self, run: Sequence[int], matrix: Array, code: Any) -> tuple[Any, Any]:
         """Velocities and normals of feathers that follow each other, as of _placed."""
         mesh = self._own[run[0]].mesh
-        total = len(mesh.read("points", code, VECTORS))
+        total = len(mesh.read("points", code, VECTOR_ARRAY))
         cut = slice(self._own[run[0]].points.start, self._own[run[-1]].points.stop)
 
         def of_points(name: str) -> Any:
-            found = mesh.read(name, code, VECTORS)
+            found = mesh.read(name, code, VECTOR_ARRAY)
             return None if found is None or len(found) != total else found[cut]
 
         normals, velocities = of_points("normals"), of_points("velocities")
@@ -295,7 +295,7 @@ class Cache:
         for run in self._runs(chosen):
             points, matrix, _ = self._placed(run, time)
             last = int(np.searchsorted(among, before + len(points)))
-            found.append(_moved(points[among[first:last] - before], matrix))
+            found.append(_to_world(points[among[first:last] - before], matrix))
             before, first = before + len(points), last
         return np.concatenate(found)
 
@@ -321,33 +321,39 @@ class Cache:
         """Points of feathers that follow each other, in the space of their mesh's matrix, that
         matrix, and the time code they are of."""
         own, last, feather = self._own[run[0]], self._own[run[-1]], self.feathers[run[-1]]
-        code = _code_of(own, time)
+        code = _pose_time(own, time)
         matrix = own.mesh.matrix(code)
-        points = own.mesh.read("points", code, VECTORS)
+        points = own.mesh.read("points", code, VECTOR_ARRAY)
         if points is None:
-            raise InputError(Problem(self._path, f"{feather.path}.points", f"no value {at(code)}"))
+            raise InputError(
+                Problem(self._path, f"{feather.path}.points", f"no value {describe_time(code)}")
+            )
         chosen = points[slice(own.points.start, last.points.stop)]
         message, named = "", int(feather.triangles.max(initial=-1)) + (last.points.start or 0)
         if named >= len(points):
-            message = f"has {len(points)} points {at(code)}, fewer than its faces name"
+            message = f"has {len(points)} points {describe_time(code)}, fewer than its faces name"
         elif not np.isfinite(chosen).all():
-            message = f"holds values that are not finite {at(code)}"
+            message = f"holds values that are not finite {describe_time(code)}"
         if message:
             raise InputError(Problem(self._path, f"{feather.path}.points", message))
         if not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) == 0.0:
-            message = f"has transforms {at(code)} that are not finite, or flatten it"
+            message = f"has transforms {describe_time(code)} that are not finite, or flatten it"
             raise InputError(Problem(self._path, feather.path, message))
         return chosen, matrix, code
 
 
-def _code_of(own: _Own, time: float | None) -> Any:
+def _pose_time(own: _ValueRanges, time: float | None) -> Any:
     """The time code that a pose is read at."""
     if time is not None:
         return Usd.TimeCode(time)
-    return EARLIEST if own.mesh.read("points", DEFAULT, VECTORS) is None else DEFAULT
+    return (
+        EARLIEST_TIME
+        if own.mesh.read("points", DEFAULT_TIME, VECTOR_ARRAY) is None
+        else DEFAULT_TIME
+    )
 
 
-def _drawn(stage: Any) -> Iterator[list[tuple[_Own, CachedFeather]]]:
+def _read_meshes(stage: Any) -> Iterator[list[tuple[_ValueRanges, CachedFeather]]]:
     """The feathers of every drawn mesh; what instances share is read once."""
     known: dict[str, list[tuple[Member, CachedFeather]]] = {}
     for each in drawn_meshes(stage):
@@ -355,17 +361,17 @@ def _drawn(stage: Any) -> Iterator[list[tuple[_Own, CachedFeather]]]:
         if path not in known:
             known[path] = constant_parts(each.mesh)
         labels = each.labels
-        mesh = _Mesh(each, len(known[path]) > 1)
+        mesh = _CachedMesh(each, len(known[path]) > 1)
         yield [
             (
-                _Own(mesh, within(member.points), within(member.faces)),
+                _ValueRanges(mesh, within(member.points), within(member.faces)),
                 feather if labels is None else replace(feather, **vars(labels), is_feather=True),
             )
             for member, feather in known[path]
         ]
 
 
-def _without_mesh(stage: Any) -> str:
+def _describe_missing_mesh(stage: Any) -> str:
     """What is said of a stage that shows no mesh."""
     told = "holds no visible mesh"
     if any(prim.HasAttribute("primvars:P_barbl") for prim in stage.Traverse()):
@@ -376,14 +382,14 @@ def _without_mesh(stage: Any) -> str:
     return told
 
 
-def _expanded(stage: Any) -> Iterator[tuple[_Own, CachedFeather]]:
+def _read_condensed(stage: Any) -> Iterator[tuple[_ValueRanges, CachedFeather]]:
     """The condensed feathers of a stage as meshes; none where it has none."""
     if not usd.expand.condensed_prims(stage):
         return
     expansion = usd.expand.expand(stage)
-    mesh, rest, colours = _Expanded(expansion), expansion.points(), expansion.colours
+    mesh, rest, colours = _ExpandedMesh(expansion), expansion.points(), expansion.colours
     for number, each in enumerate(expansion.feathers):
-        own = _Own(mesh, each.points, slice(number, number + 1))
+        own = _ValueRanges(mesh, each.points, slice(number, number + 1))
         shades = None if colours is None else colours[number]
         film = None if shades is None else shades.film
         yield (
@@ -413,7 +419,7 @@ def _expanded(stage: Any) -> Iterator[tuple[_Own, CachedFeather]]:
         )
 
 
-def _scenery(stage: Any) -> Iterator[dict[str, Any]]:
+def _read_scenery(stage: Any) -> Iterator[dict[str, Any]]:
     """The scenery of a shot as its cache tells it; entries that are not as written are left out."""
     told = stage.GetRootLayer().customLayerData.get("featherfx")
     entries = told.get("scenery") if isinstance(told, dict) else None
@@ -425,13 +431,13 @@ def _scenery(stage: Any) -> Iterator[dict[str, Any]]:
             yield entry if isinstance(entry.get("rest", 0.0), float) else {**entry, "rest": None}
 
 
-def _moved(points: Floats, matrix: Array) -> Array:
+def _to_world(points: Floats, matrix: Array) -> Array:
     """Points in the world, in double precision."""
     exact: Array = points.astype(float)
     return transformed(exact, matrix) if (matrix != np.eye(4)).any() else exact
 
 
-class Scene(NamedTuple):
+class CachedScene(NamedTuple):
     """Meshes of a file. chosen: numbers of those. start, first: time code of the file at a time
     code of the cache; rate: time codes of the file in one of the cache. rest: time code of the file
     at rest; None: its rest pose. role: what a cache names it as."""
@@ -454,7 +460,9 @@ class Scene(NamedTuple):
         return [unit * each for each in self.cache.points_of(self.chosen, self.code(time))]
 
 
-def named_by(cache: Cache, path: Path, roles: Sequence[str], done: str) -> Iterator[Scene]:
+def find_scenery(
+    cache: Cache, path: Path, roles: Sequence[str], done: str
+) -> Iterator[CachedScene]:
     """What a cache at a path names in some roles, "skin" and "collider"; a warning tells what is
     not there. done: what would be done with it, in words."""
     for entry in cache.scenery:
@@ -467,7 +475,7 @@ def named_by(cache: Cache, path: Path, roles: Sequence[str], done: str) -> Itera
             if chosen:
                 rate = other.frames_per_second / cache.frames_per_second
                 times = entry["start"], entry["first"], rate, entry.get("rest")
-                yield Scene(other, chosen, *times, entry["role"])
+                yield CachedScene(other, chosen, *times, entry["role"])
                 continue
             told = f"has no {prim} and is"
         message = f"{path}: its {entry['role']} {file} {told} not {done}"

@@ -19,26 +19,26 @@ from featherfx.feather.types import LEADING
 from featherfx.groom.looks import BarbLook, look_of
 from featherfx.usd.read.animated_mesh import fans, topology_of
 from featherfx.usd.read.values import (
-    DEFAULT,
-    EARLIEST,
-    INTEGERS,
-    NUMBERS,
-    PAIRS,
-    VECTORS,
-    Kind,
-    array_of,
-    elements,
+    DEFAULT_TIME,
+    EARLIEST_TIME,
+    INTEGER_ARRAY,
+    NUMBER_ARRAY,
+    PAIR_ARRAY,
+    VECTOR_ARRAY,
+    ArrayKind,
     fault,
-    flattened,
-    numbers_of,
-    sized_array,
-    text_of,
-    texts_of,
+    list_elements,
+    read_array,
+    read_flattened,
+    read_sized_array,
+    read_text,
+    read_texts,
+    to_numpy,
 )
 from featherfx.usd.types import BARB_COUNT, LOOK, RANGES
 
 Shared = TypeVar("Shared", str, int)
-_PAIRS = Kind("iu", (2,), "an array of pairs of integers")
+_PAIRS = ArrayKind("iu", (2,), "an array of pairs of integers")
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def members_of(prim: Any) -> list[Member]:
     points, faces = _ranges(prim, "points"), _ranges(prim, element)
     if points is None or faces is None:
         return []
-    ids = texts_of(_primvar(prim, "featherId").GetAttr())
+    ids = read_texts(_primvar(prim, "featherId").GetAttr())
     if not len(ids) == len(points) == len(faces):
         told = f"names {len(ids)} feathers, and {RANGES} {len(points)} and {len(faces)}"
         raise fault(_primvar(prim, "featherId").GetAttr(), told)
@@ -81,14 +81,14 @@ def barb_count_of(prim: Any) -> int:
 
 
 def _numbers(prim: Any) -> list[int]:
-    found = array_of(_primvar(prim, BARB_COUNT).GetAttr(), DEFAULT, INTEGERS)
+    found = read_array(_primvar(prim, BARB_COUNT).GetAttr(), DEFAULT_TIME, INTEGER_ARRAY)
     return [] if found is None else np.maximum(found, 0).astype(int).tolist()
 
 
 def _ranges(prim: Any, name: str) -> Indices | None:
     """(M, 2) first and number; None where there is no such table."""
     attribute = prim.GetAttribute(f"{RANGES}:{name}")
-    found = array_of(attribute, DEFAULT, _PAIRS)
+    found = read_array(attribute, DEFAULT_TIME, _PAIRS)
     if found is None:
         return None
     found = found.astype(np.int64)
@@ -100,14 +100,16 @@ def _ranges(prim: Any, name: str) -> Indices | None:
 def _texts(prim: Any, name: str, faces: Indices) -> Sequence[str]:
     """A label of each feather: that of its first face or curve, empty where it has none."""
     primvar = _primvar(prim, name)
-    return _shared(primvar, texts_of(primvar.GetAttr()), faces, "")
+    return _shared(primvar, read_texts(primvar.GetAttr()), faces, "")
 
 
 def _shared(primvar: Any, values: Sequence[Shared], faces: Indices, none: Shared) -> list[Shared]:
     """What a primvar that may be indexed has for each feather's first face or curve."""
     indices = np.arange(len(values))
     if primvar and primvar.IsIndexed():
-        indices = sized_array(primvar.GetIndicesAttr(), DEFAULT, INTEGERS).astype(np.int64)
+        indices = read_sized_array(primvar.GetIndicesAttr(), DEFAULT_TIME, INTEGER_ARRAY).astype(
+            np.int64
+        )
     if not ((indices >= 0) & (indices < len(values))).all():
         raise fault(primvar.GetAttr(), "its indices do not fit its values")
     inside = (faces[:, 1] > 0) & (faces[:, 0] < len(indices))
@@ -214,7 +216,7 @@ def _constant_part(mesh: Any) -> CachedFeather:
     prim = mesh.GetPrim()
     primvars = UsdGeom.PrimvarsAPI(prim)
     counts, indices = topology_of(mesh)
-    points = array_of(mesh.GetPointsAttr(), EARLIEST, VECTORS)
+    points = read_array(mesh.GetPointsAttr(), EARLIEST_TIME, VECTOR_ARRAY)
     total = 0 if points is None else len(points)
     inside = ((indices >= 0) & (indices < total)).all()
     if (counts < 0).any() or counts.sum() != len(indices) or not inside:
@@ -222,13 +224,13 @@ def _constant_part(mesh: Any) -> CachedFeather:
     corners, face = fans(counts)
 
     def label(name: str, fallback: str) -> str:
-        return text_of(primvars.GetPrimvar(name).GetAttr()) or fallback
+        return read_text(primvars.GetPrimvar(name).GetAttr()) or fallback
 
-    def own(name: str, kind: Kind, count: int) -> Any:
-        return _sized(primvars.GetPrimvar(name).GetAttr(), EARLIEST, kind, count)
+    def own(name: str, kind: ArrayKind, count: int) -> Any:
+        return _sized(primvars.GetPrimvar(name).GetAttr(), EARLIEST_TIME, kind, count)
 
-    side = own("side", INTEGERS, len(counts))
-    authored = text_of(primvars.GetPrimvar("featherId").GetAttr())
+    side = own("side", INTEGER_ARRAY, len(counts))
+    authored = read_text(primvars.GetPrimvar("featherId").GetAttr())
     subsets = UsdGeom.Subset.GetAllGeomSubsets(mesh)
     return CachedFeather(
         path=str(prim.GetPath()),
@@ -240,20 +242,20 @@ def _constant_part(mesh: Any) -> CachedFeather:
         side=np.full(len(face), LEADING) if side is None else side.astype(np.int64)[face],
         face=face,
         subsets={
-            s.GetPrim().GetName(): sized_array(s.GetIndicesAttr(), EARLIEST, INTEGERS).astype(
-                np.int64
-            )
+            s.GetPrim().GetName(): read_sized_array(
+                s.GetIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY
+            ).astype(np.int64)
             for s in subsets
         },
-        rest=own("rest", VECTORS, total),
-        st=own("st", PAIRS, total),
+        rest=own("rest", VECTOR_ARRAY, total),
+        st=own("st", PAIR_ARRAY, total),
         colour=_vertex_colours(
             primvars.FindPrimvarWithInheritance("displayColor"), counts, indices, total
         ),
         is_feather=bool(authored),
         look=_look(prim, label(LOOK, "")),
         barb_count=barb_count_of(prim),
-        film=own("filmThickness", NUMBERS, total),
+        film=own("filmThickness", NUMBER_ARRAY, total),
     )
 
 
@@ -268,10 +270,10 @@ def _look(prim: Any, text: str) -> BarbLook:
 
 def _vertex_colours(primvar: Any, counts: Any, indices: Any, total: int) -> Floats | None:
     """(V, 3) of a colour primvar of any interpolation; None where none fits the mesh."""
-    value = flattened(primvar, EARLIEST)
+    value = read_flattened(primvar, EARLIEST_TIME)
     if value is None or not len(indices):
         return None
-    colours = numbers_of(elements(value), VECTORS, primvar.GetAttr()).astype(np.float32)
+    colours = to_numpy(list_elements(value), VECTOR_ARRAY, primvar.GetAttr()).astype(np.float32)
     if len(colours) == 1:
         return np.repeat(colours, total, axis=0)
     interpolation = str(primvar.GetInterpolation())
@@ -288,7 +290,7 @@ def within(own: tuple[int, int] | None) -> slice:
     return slice(None) if own is None else slice(own[0], own[0] + own[1])
 
 
-def _sized(attribute: Any, code: Any, kind: Kind, count: int) -> Any:
+def _sized(attribute: Any, code: Any, kind: ArrayKind, count: int) -> Any:
     """An array (count, ...); None if there is none, or not of count elements."""
-    value = array_of(attribute, code, kind)
+    value = read_array(attribute, code, kind)
     return value if value is None or len(value) == count else None

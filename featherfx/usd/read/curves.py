@@ -15,24 +15,24 @@ from featherfx.groom.keys.groom import DEFAULT_NAMES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.rachis_curve import BASES, spline_points
 from featherfx.usd.read.values import (
-    EARLIEST,
-    INTEGERS,
-    NUMBERS,
-    VECTORS,
-    array_of,
-    at,
-    described,
-    elements,
-    flattened,
-    numbers_of,
-    text_of,
+    EARLIEST_TIME,
+    INTEGER_ARRAY,
+    NUMBER_ARRAY,
+    VECTOR_ARRAY,
+    describe_time,
+    describe_value,
+    list_elements,
+    read_array,
+    read_flattened,
+    read_text,
+    to_numpy,
 )
 
 _TYPES, _WRAPS = ("linear", "cubic"), ("nonperiodic", "pinned")
 
 
 @dataclass(frozen=True)
-class Curves:
+class PrimCurves:
     """The curves of one prim in its own space.
 
     points: (V, 3) control points of all. starts: (N + 1,) first point of each, and V. basis: of
@@ -57,26 +57,26 @@ class Curves:
         return spline_points(points, self.basis, self.pinned) if self.basis else points
 
 
-def curves_of(prim: Any, code: Any, place: Place) -> Curves:
+def read_prim_curves(prim: Any, code: Any, place: Place) -> PrimCurves:
     """The curves of a BasisCurves prim at a time. Raises InputError with all that is wrong."""
     curves, found = UsdGeom.BasisCurves(prim), Problems()
     place = replace(place, problems=found)
-    points = array_of(curves.GetPointsAttr(), code, VECTORS)
-    counts = array_of(curves.GetCurveVertexCountsAttr(), code, INTEGERS)
+    points = read_array(curves.GetPointsAttr(), code, VECTOR_ARRAY)
+    counts = read_array(curves.GetCurveVertexCountsAttr(), code, INTEGER_ARRAY)
     if points is None or counts is None:
         missing = "points" if points is None else "curveVertexCounts"
-        place.child(missing).refuse(f"has no value {at(code)}")
+        place.child(missing).refuse(f"has no value {describe_time(code)}")
     points, counts = points.astype(np.float64), counts.astype(np.int64)
-    kind, wrap = text_of(curves.GetTypeAttr()), text_of(curves.GetWrapAttr())
+    kind, wrap = read_text(curves.GetTypeAttr()), read_text(curves.GetWrapAttr())
     for name, value, allowed in (("type", kind, _TYPES), ("wrap", wrap, _WRAPS)):
         if value == "periodic":
             place.child(name).fail("is periodic; a shaft has two ends")
         elif value not in allowed:
             place.child(name).fail(f"'{value}' is not one of {', '.join(allowed)}")
-    basis = text_of(curves.GetBasisAttr()) if kind == "cubic" else ""
+    basis = read_text(curves.GetBasisAttr()) if kind == "cubic" else ""
     _check_sizes(points, counts, basis, wrap == "pinned", place)
     found.hand_on()
-    return Curves(points, np.concatenate([[0], np.cumsum(counts)]), basis, wrap == "pinned")
+    return PrimCurves(points, np.concatenate([[0], np.cumsum(counts)]), basis, wrap == "pinned")
 
 
 def _check_sizes(points: Array, counts: Indices, basis: str, pinned: bool, place: Place) -> None:
@@ -99,7 +99,7 @@ def _check_sizes(points: Array, counts: Indices, basis: str, pinned: bool, place
         )
 
 
-class Values:
+class PrimvarReader:
     """Named primvars of a prim, inherited ones included.
 
     names: primvars by what they hold, over the default names. starts: index of the first point of
@@ -136,12 +136,12 @@ class Values:
         values, primvar = self._flattened(what), self._primvar(what)
         if values is None or len(values) == 0:
             return None
-        counts = array_of(self._primvar(what, ":lengths").GetAttr(), self._code, INTEGERS)
+        counts = read_array(self._primvar(what, ":lengths").GetAttr(), self._code, INTEGER_ARRAY)
         if counts is not None and len(set(counts.tolist())) > 1:
             self.fail(what, "has different counts at different points, expects one")
             return None
-        kind = NUMBERS if np.ndim(values[0]) == 0 else VECTORS
-        numbers = numbers_of(values, kind, primvar.GetAttr()).astype(np.float64)
+        kind = NUMBER_ARRAY if np.ndim(values[0]) == 0 else VECTOR_ARRAY
+        numbers = to_numpy(values, kind, primvar.GetAttr()).astype(np.float64)
         if points == 0 or numbers.size % (3 * points) or not np.isfinite(numbers).all():
             self.fail(what, f"has {len(values)} values for {points} points, or not finite ones")
             return None
@@ -150,10 +150,10 @@ class Values:
     def _flattened(self, what: str) -> Any:
         """The primvar's values as a sequence, indices resolved; None where it is not authored."""
         primvar = self._primvar(what)
-        value = flattened(primvar, self._code)
+        value = read_flattened(primvar, self._code)
         if value is None:
-            value = flattened(primvar, EARLIEST)
-        return None if value is None else elements(value)
+            value = read_flattened(primvar, EARLIEST_TIME)
+        return None if value is None else list_elements(value)
 
     def _primvar(self, what: str, suffix: str = "") -> Any:
         return self._primvars.FindPrimvarWithInheritance(self._names[what] + suffix)
@@ -164,10 +164,10 @@ class Values:
 
 
 @dataclass(frozen=True)
-class Element:
+class CurveElement:
     """One curve or instance of a prim: what primvars say of it. number: which one, of how many."""
 
-    values: Values
+    values: PrimvarReader
     number: int
     of: int
 
@@ -178,7 +178,7 @@ class Element:
     def text(self, what: str) -> str:
         value = self.get(what)
         if value is not None and not isinstance(value, str | int):
-            self.values.fail(what, f"is {described(value)}, expects a text")
+            self.values.fail(what, f"is {describe_value(value)}, expects a text")
             return ""
         return "" if value is None else str(value)
 
@@ -187,7 +187,7 @@ class Element:
         if value is None:
             return fallback
         if not isinstance(value, int | float) or not np.isfinite(value) or not value > 0.0:
-            self.values.fail(what, f"is {described(value)}, expects a number above 0")
+            self.values.fail(what, f"is {describe_value(value)}, expects a number above 0")
             return fallback
         return float(value)
 
@@ -201,7 +201,7 @@ class Element:
         except (TypeError, ValueError):
             array = np.zeros(0)
         if array.shape != (size,) or not np.isfinite(array).all():
-            self.values.fail(what, f"is {described(value)}, expects {size} finite numbers")
+            self.values.fail(what, f"is {describe_value(value)}, expects {size} finite numbers")
             return None
         return array
 
@@ -216,6 +216,6 @@ class Element:
             array = np.array(value, dtype=np.float64)
             if np.isfinite(array).all():
                 return array[:3, :3]
-        message = f"is {described(value)}, expects a quaternion or a 3 x 3 or 4 x 4 matrix"
+        message = f"is {describe_value(value)}, expects a quaternion or a 3 x 3 or 4 x 4 matrix"
         self.values.fail("frame", message)
         return None

@@ -16,18 +16,18 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.usd.read.skinning import Skinning, find_skinning
 from featherfx.usd.read.stage import SourceScene
 from featherfx.usd.read.values import (
-    DEFAULT,
-    EARLIEST,
-    INTEGERS,
-    at,
-    computed,
-    elements,
+    DEFAULT_TIME,
+    EARLIEST_TIME,
+    INTEGER_ARRAY,
+    compute,
+    describe_time,
     fault,
-    flattened,
-    inverse_of,
-    matrix_of,
-    sized_array,
-    targets_of,
+    list_elements,
+    read_flattened,
+    read_inverse,
+    read_matrix,
+    read_sized_array,
+    read_targets,
 )
 
 
@@ -68,7 +68,7 @@ def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
             mesh = UsdGeom.Mesh(prim)
             skinning = _skinning(mesh)
             space = prim if skinning is None else skinning.space
-            yield DrawnMesh(mesh, partial(matrix_of, space), None, skinning)
+            yield DrawnMesh(mesh, partial(read_matrix, space), None, skinning)
 
 
 def _skinning(mesh: Any) -> Skinning | None:
@@ -96,10 +96,10 @@ def _instanced(prim: Any) -> Iterator[DrawnMesh]:
 
 def _meshes_below(root: Any) -> Iterator[tuple[Any, Array]]:
     """Meshes at or below a prototype with their transforms to its root's own space (4, 4)."""
-    outer = inverse_of(root, DEFAULT)
+    outer = read_inverse(root, DEFAULT_TIME)
     for prim in Usd.PrimRange(root, Usd.TraverseInstanceProxies()):
         if prim.IsA(UsdGeom.Mesh):
-            yield UsdGeom.Mesh(prim), matrix_of(prim, DEFAULT) @ outer
+            yield UsdGeom.Mesh(prim), read_matrix(prim, DEFAULT_TIME) @ outer
 
 
 def _of_instance(instances: Instances, index: int, inner: Array, code: Any) -> Array:
@@ -109,16 +109,14 @@ def _of_instance(instances: Instances, index: int, inner: Array, code: Any) -> A
 def _is_drawn(prim: Any) -> bool:
     image = UsdGeom.Imageable(prim)
     drawn = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
-    purpose = computed(prim, image.ComputePurpose)
-    return purpose in drawn and (
-        computed(prim, image.ComputeVisibility) != UsdGeom.Tokens.invisible
-    )
+    purpose = compute(prim, image.ComputePurpose)
+    return purpose in drawn and (compute(prim, image.ComputeVisibility) != UsdGeom.Tokens.invisible)
 
 
 def instance_matrices(instancer: Any, code: Any) -> Array:
     """(N, 4, 4) from each prototype's own space to the instancer's at a time code, row vectors."""
     instances = UsdGeom.PointInstancer
-    found = computed(
+    found = compute(
         instancer.GetPrim(),
         instancer.ComputeInstanceTransformsAtTime,
         code,
@@ -137,22 +135,22 @@ class Instances:
 
     def __init__(self, prim: Any) -> None:
         self._instancer = UsdGeom.PointInstancer(prim)
-        targets = targets_of(self._instancer.GetPrototypesRel())
+        targets = read_targets(self._instancer.GetPrototypesRel())
         roots = [prim.GetStage().GetPrimAtPath(target) for target in targets]
         for target, root in zip(targets, roots, strict=True):
             if not root:
                 raise fault(prim, f"prototypes: there is no {target}")
         attribute = self._instancer.GetProtoIndicesAttr()
-        indices = sized_array(attribute, EARLIEST, INTEGERS).astype(np.int64)
+        indices = read_sized_array(attribute, EARLIEST_TIME, INTEGER_ARRAY).astype(np.int64)
         wrong = indices[(indices < 0) | (indices >= len(roots))]
         if len(wrong):
             raise fault(attribute, f"{wrong[0]} is out of range, allowed 0 to {len(roots) - 1}")
         self.prims = [roots[index] for index in indices]
         self._labels = {}
         for name in ("featherId", "featherKind", "region"):
-            values = flattened(UsdGeom.PrimvarsAPI(prim).GetPrimvar(name), EARLIEST)
-            if values is not None and len(elements(values)) == len(self.prims):
-                self._labels[name] = elements(values)
+            values = read_flattened(UsdGeom.PrimvarsAPI(prim).GetPrimvar(name), EARLIEST_TIME)
+            if values is not None and len(list_elements(values)) == len(self.prims):
+                self._labels[name] = list_elements(values)
         self._known: dict[Any, Array] = {}
 
     def label(self, name: str, index: int, fallback: str) -> str:
@@ -166,6 +164,6 @@ class Instances:
             if len(instances) != len(self.prims):
                 prim = self._instancer.GetPrim()
                 message = f"has {len(self.prims)} protoIndices and {len(instances)} transforms"
-                raise fault(prim, f"{message} {at(code)}")
-            self._known = {code: instances @ matrix_of(self._instancer.GetPrim(), code)}
+                raise fault(prim, f"{message} {describe_time(code)}")
+            self._known = {code: instances @ read_matrix(self._instancer.GetPrim(), code)}
         return np.asarray(self._known[code][index])

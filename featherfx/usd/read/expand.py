@@ -43,24 +43,24 @@ from featherfx.usd.read.cached_feather import Member, members_of
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import transformed
 from featherfx.usd.read.values import (
-    DEFAULT,
-    INTEGERS,
-    NUMBERS,
-    VECTORS,
-    Kind,
-    array_of,
-    at,
+    DEFAULT_TIME,
+    INTEGER_ARRAY,
+    NUMBER_ARRAY,
+    VECTOR_ARRAY,
+    ArrayKind,
+    describe_time,
     fault,
-    sized_array,
-    text_of,
-    texts_of,
-    times_of,
+    read_array,
+    read_sized_array,
+    read_text,
+    read_texts,
+    read_times,
 )
 from featherfx.usd.types import COLOUR, DETAIL, DETAIL_GRID, ORIENT, P_BARB, SHAPE, SHAPE_SIZE, WET
 
 
 @dataclass(frozen=True)
-class Grown:
+class ExpandedShape:
     """What feathers of one shape and grid have in common, unit size and metres.
 
     own: on the written grid. fine: as it is drawn. to_fine: the map to that, None where it is own.
@@ -72,26 +72,28 @@ class Grown:
 
 
 @lru_cache(maxsize=4096)
-def grown_on(
+def expand_shape(
     shape: tuple[FeatherKind, bool], own: tuple[int, int], wanted: tuple[int, int]
-) -> Grown:
+) -> ExpandedShape:
     """Feathers of a kind and side. own, wanted: rows and columns."""
     (fine,) = built_shapes((shape,), *wanted)
     if own == wanted:
-        return Grown(fine, fine, None)
+        return ExpandedShape(fine, fine, None)
     (written,) = built_shapes((shape,), *own)
-    return Grown(written, fine, density_map(written, fine))
+    return ExpandedShape(written, fine, density_map(written, fine))
 
 
-def each_of_texts(prim: Any, name: str, read: Callable[[str], Any], count: int) -> list[Any]:
+def parse_texts(prim: Any, name: str, read: Callable[[str], Any], count: int) -> list[Any]:
     """What each of so many feathers of a prim has by a primvar of texts. Raises InputError where
     there are not as many, or `read` refuses one."""
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
     attribute = prim.GetAttribute(f"primvars:{name}")
-    texts = texts_of(primvar.GetAttr()) if primvar else []
+    texts = read_texts(primvar.GetAttr()) if primvar else []
     places = np.arange(len(texts))
     if primvar and primvar.IsIndexed():
-        places = sized_array(primvar.GetIndicesAttr(), DEFAULT, INTEGERS).astype(np.int64)
+        places = read_sized_array(primvar.GetIndicesAttr(), DEFAULT_TIME, INTEGER_ARRAY).astype(
+            np.int64
+        )
     if len(places) != count or not ((places >= 0) & (places < len(texts))).all():
         raise fault(attribute, f"has not one value for each of {count} feathers")
     try:
@@ -101,8 +103,8 @@ def each_of_texts(prim: Any, name: str, read: Callable[[str], Any], count: int) 
     return [known[k] for k in places]
 
 
-_ROTATIONS = Kind("f", (4,), "an array of rotations")
-_PAIRS = Kind("i", (2,), "an array of pairs of integers")
+_ROTATIONS = ArrayKind("f", (4,), "an array of rotations")
+_PAIRS = ArrayKind("i", (2,), "an array of pairs of integers")
 
 
 @dataclass(frozen=True)
@@ -171,7 +173,9 @@ class Expansion:
     def __init__(self, stage: Any, rows: int | None, columns: int | None, barbs: int) -> None:
         self._stage = stage
         self.frames = (stage.GetStartTimeCode(), stage.GetEndTimeCode())
-        self._prims = [_Shafts(prim, rows, columns, barbs) for prim in condensed_prims(stage)]
+        self._prims = [
+            _CondensedPrim(prim, rows, columns, barbs) for prim in condensed_prims(stage)
+        ]
         if not self._prims:
             name = stage.GetRootLayer().identifier
             raise InputError(Problem(name, "", "holds no condensed feathers (bake --as condensed)"))
@@ -231,11 +235,11 @@ class Expansion:
 
 
 def _code(time: float | Usd.TimeCode | None) -> Any:
-    return DEFAULT if time is None else Usd.TimeCode(time)
+    return DEFAULT_TIME if time is None else Usd.TimeCode(time)
 
 
 @dataclass(frozen=True)
-class _Thinned:
+class _ThinnedFeathers:
     """Feathers of a prim that have one grid. members: their numbers. rest, and lengths of their
     shafts: as curves have them, stage units."""
 
@@ -245,29 +249,29 @@ class _Thinned:
     thin: Thinning
 
 
-class _Shafts:
+class _CondensedPrim:
     """The feathers of one curves prim."""
 
     def __init__(self, prim: Any, rows: int | None, columns: int | None, barbs: int) -> None:
         self.prim = prim
         self._curves = UsdGeom.BasisCurves(prim)
-        counts = self._array("curveVertexCounts", DEFAULT, INTEGERS).astype(np.int64)
+        counts = self._array("curveVertexCounts", DEFAULT_TIME, INTEGER_ARRAY).astype(np.int64)
         element = UsdGeom.PrimvarsAPI(prim).GetPrimvar(P_BARB[0]).GetElementSize()
         self._starts, self._columns = np.concatenate([[0], np.cumsum(counts)]), element
         self._grids_written = self._written_grids(counts)
         rows_written = self._grids_written[:, 0]
-        members = members_of(prim) or [_only(prim)]
+        members = members_of(prim) or [_single_member(prim)]
         if len(members) != len(counts):
             raise self._fault("curveVertexCounts", f"tell of {len(counts)}, {len(members)} named")
         shapes = self._shapes(len(counts))
         self.kinds = self._coloured([kind for kind, _ in shapes])
         self._looks = [kind.drawn_look for kind, _ in shapes]
         self._counts = [kind.barb_count for kind, _ in shapes]
-        sizes = self._shaped(f"primvars:{SHAPE_SIZE}", DEFAULT, NUMBERS, counts.shape)
+        sizes = self._shaped(f"primvars:{SHAPE_SIZE}", DEFAULT_TIME, NUMBER_ARRAY, counts.shape)
         # of the values of this prim, which are in the units of its stage
         scales = sizes.astype(float) / UsdGeom.GetStageMetersPerUnit(prim.GetStage())
         grown = [
-            grown_on(shape, (n, m), (rows or n, columns or m))
+            expand_shape(shape, (n, m), (rows or n, columns or m))
             for shape, (n, m) in zip(shapes, self._grids_written.tolist(), strict=True)
         ]
         self._thinned = list(self._thinnings(counts, grown, scales)) if self._has_detail else []
@@ -314,7 +318,7 @@ class _Shafts:
         self._has_detail = self.prim.HasAttribute(DETAIL)
         if not self._has_detail:
             return some
-        grids = self._shaped(DETAIL_GRID, DEFAULT, _PAIRS, some.shape).astype(np.int64)
+        grids = self._shaped(DETAIL_GRID, DEFAULT_TIME, _PAIRS, some.shape).astype(np.int64)
         if (
             (grids < some).any()
             or (grids > (MOST_ROWS, MOST_COLUMNS)).any()
@@ -324,8 +328,8 @@ class _Shafts:
         return grids
 
     def _thinnings(
-        self, counts: Indices, grown: Sequence[Grown], scales: Array
-    ) -> Iterator[_Thinned]:
+        self, counts: Indices, grown: Sequence[ExpandedShape], scales: Array
+    ) -> Iterator[_ThinnedFeathers]:
         """Feathers of one grid, of which as much is kept, together."""
         alike: dict[tuple[int, ...], list[int]] = {}
         for k, key in enumerate(np.column_stack([counts, self._grids_written]).tolist()):
@@ -335,18 +339,18 @@ class _Shafts:
             rest = RowPoints(shapes.nodes * scales[own, None, None, None], shapes.directors)
             lengths = scales[own] * [grown[k].own.station[-1] for k in own]
             thin = thinning(rows, columns, (some, self._columns))
-            yield _Thinned(np.array(own), rest, lengths, thin)
+            yield _ThinnedFeathers(np.array(own), rest, lengths, thin)
 
     def _shapes(self, count: int) -> list[tuple[FeatherKind, bool]]:
         """Kind and side of each feather."""
-        return each_of_texts(self.prim, SHAPE, shape_of, count)
+        return parse_texts(self.prim, SHAPE, shape_of, count)
 
     def _coloured(self, kinds: list[FeatherKind]) -> list[FeatherKind]:
         """Kinds of each feather with its colours, where they are told."""
         self.is_coloured = self.prim.HasAttribute(f"primvars:{COLOUR}")
         if not self.is_coloured:
             return kinds
-        colours = each_of_texts(self.prim, COLOUR, colour_of, len(kinds))
+        colours = parse_texts(self.prim, COLOUR, colour_of, len(kinds))
         return [replace(kind, colour=own) for kind, own in zip(kinds, colours, strict=True)]
 
     def colours(self, film: bool) -> Iterator[FeatherColours]:
@@ -358,7 +362,7 @@ class _Shafts:
             yield colours_of(kind, built, own, each.id, film)
 
     def codes(self) -> list[float]:
-        return times_of(self._curves.GetPointsAttr())
+        return read_times(self._curves.GetPointsAttr())
 
     def points(self, code: Any) -> Array:
         nodes, directors = self._pose(code)
@@ -393,10 +397,12 @@ class _Shafts:
         shape = (len(self._counts),)
         if not self.is_wet:
             return np.zeros((*shape, 2))
-        amount, clumps = (self._shaped(name, code, NUMBERS, shape).astype(float) for name in WET)
+        amount, clumps = (
+            self._shaped(name, code, NUMBER_ARRAY, shape).astype(float) for name in WET
+        )
         for values, name, most in ((amount, WET[0], 1.0), (clumps, WET[1], MOST_CLUMPS)):
             if not ((values >= 0.0) & (values <= most)).all():
-                raise self._fault(name, f"holds values beyond 0 to {most:g} {at(code)}")
+                raise self._fault(name, f"holds values beyond 0 to {most:g} {describe_time(code)}")
         return np.stack([amount, clumps], axis=1)
 
     def _placed(self, points: Array, code: Any) -> Array:
@@ -405,11 +411,13 @@ class _Shafts:
 
     def _pose(self, code: Any) -> RowPoints:
         """Nodes, leading first, and directors of all rows, feather after feather."""
-        shaft = self._array("points", code, VECTORS).astype(float)
+        shaft = self._array("points", code, VECTOR_ARRAY).astype(float)
         if len(shaft) != self._starts[-1]:
-            raise self._fault("points", f"are {len(shaft)}, not {self._starts[-1]}, {at(code)}")
+            raise self._fault(
+                "points", f"are {len(shaft)}, not {self._starts[-1]}, {describe_time(code)}"
+            )
         shape = (len(shaft), self._columns, 3)
-        left, right = (self._shaped(name, code, VECTORS, shape) for name in P_BARB)
+        left, right = (self._shaped(name, code, VECTOR_ARRAY, shape) for name in P_BARB)
         swapped = self._leading_is_right[:, None, None]
         leading, trailing = np.where(swapped, right, left), np.where(swapped, left, right)
         turns = self._shaped(ORIENT, code, _ROTATIONS, (len(shaft), 4)).astype(float)
@@ -422,7 +430,7 @@ class _Shafts:
     def _whole(self, kept: RowPoints, code: Any) -> RowPoints:
         """All nodes and directors of all rows, from those that are kept."""
         sizes = self._grids_written[:, 0] * (1 + 2 * self._grids_written[:, 1]) * 3
-        detail = self._shaped(DETAIL, code, INTEGERS, (int(sizes.sum()),))
+        detail = self._shaped(DETAIL, code, INTEGER_ARRAY, (int(sizes.sum()),))
         found: list[RowPoints] = [kept] * len(sizes)
         each, rows = np.split(detail, np.cumsum(sizes)[:-1]), self._rows()
         for own in self._thinned:
@@ -438,17 +446,17 @@ class _Shafts:
     def _leading_is_right(self) -> Flags:
         """(N,) of the feather of each row."""
         counts = np.diff(self._starts)
-        flags = self._shaped("primvars:leadingIsRight", DEFAULT, INTEGERS, (len(counts),))
+        flags = self._shaped("primvars:leadingIsRight", DEFAULT_TIME, INTEGER_ARRAY, (len(counts),))
         return np.repeat(flags.astype(np.bool_), counts)
 
     def _rows(self) -> list[slice]:
         """Those of each feather, of the curves."""
-        return _slices(self._starts)
+        return _row_slices(self._starts)
 
     def _flat(self, nodes: Array, directors: Array) -> Array:
         """All nodes and directors as the maps take them, feather after feather."""
         starts = np.concatenate([[0], np.cumsum(self._grids_written[:, 0])])
-        each = (RowPoints(nodes[own], directors[own]) for own in _slices(starts))
+        each = (RowPoints(nodes[own], directors[own]) for own in _row_slices(starts))
         return np.concatenate([part.reshape(-1, 3) for points in each for part in points])
 
     def _split(self, flat: Array) -> tuple[Array, Array]:
@@ -485,29 +493,29 @@ class _Shafts:
             )
             points, barbs = points + len(surface.row), barbs + len(side)
 
-    def _array(self, name: str, code: Any, kind: Kind) -> Any:
-        return sized_array(self.prim.GetAttribute(name), code, kind)
+    def _array(self, name: str, code: Any, kind: ArrayKind) -> Any:
+        return read_sized_array(self.prim.GetAttribute(name), code, kind)
 
-    def _shaped(self, name: str, code: Any, kind: Kind, shape: tuple[int, ...]) -> Any:
-        found = array_of(self.prim.GetAttribute(name), code, kind)
+    def _shaped(self, name: str, code: Any, kind: ArrayKind, shape: tuple[int, ...]) -> Any:
+        found = read_array(self.prim.GetAttribute(name), code, kind)
         if found is None or found.size != np.prod(shape):
             told = (
                 "has no value" if found is None else f"holds {len(found)} values, too many or few"
             )
-            raise self._fault(name, f"{told} {at(code)}")
+            raise self._fault(name, f"{told} {describe_time(code)}")
         return found.reshape(shape)
 
     def _fault(self, name: str, told: str) -> InputError:
         return fault(self.prim.GetAttribute(name), told)
 
 
-def _only(prim: Any) -> Member:
+def _single_member(prim: Any) -> Member:
     """The feather of a prim of its own."""
     primvars = UsdGeom.PrimvarsAPI(prim)
     names = ("featherId", "featherKind", "region")
-    id, kind, region = (text_of(primvars.GetPrimvar(name).GetAttr()) or "" for name in names)
+    id, kind, region = (read_text(primvars.GetPrimvar(name).GetAttr()) or "" for name in names)
     return Member(id, kind, region)
 
 
-def _slices(starts: Indices) -> list[slice]:
+def _row_slices(starts: Indices) -> list[slice]:
     return [slice(*ends) for ends in pairwise(starts)]

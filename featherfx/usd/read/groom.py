@@ -17,7 +17,7 @@ from featherfx.errors import all_of
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.condensed import DrawnBarbs
 from featherfx.groom.read.drawn import DrawnFeather
-from featherfx.usd.read.curves import Element, Values, curves_of
+from featherfx.usd.read.curves import CurveElement, PrimvarReader, read_prim_curves
 from featherfx.usd.read.drawn_meshes import instance_matrices
 from featherfx.usd.read.opening import located
 from featherfx.usd.read.stage import (
@@ -33,15 +33,15 @@ from featherfx.usd.read.stage import (
     what_is_there,
 )
 from featherfx.usd.read.values import (
-    DEFAULT,
-    INTEGERS,
-    array_of,
-    computed,
-    inverse_of,
-    matrix_of,
-    read_for,
-    sized_array,
-    targets_of,
+    DEFAULT_TIME,
+    INTEGER_ARRAY,
+    compute,
+    errors_at,
+    read_array,
+    read_inverse,
+    read_matrix,
+    read_sized_array,
+    read_targets,
 )
 
 
@@ -52,7 +52,7 @@ class _Curve:
     prim: Any
     points: Array
     barbs: DrawnBarbs | None
-    own: Element
+    own: CurveElement
 
 
 def read_feathers(
@@ -72,9 +72,9 @@ def read_feathers(
             roots += [root if whole else find_prim(scene, each, at, "curves", "instancer")]
     feathers: list[DrawnFeather] = []
     at_file = Place(str(path), "", problems)
-    with problems.collecting(), read_for(place):
+    with problems.collecting(), errors_at(place):
         for prim in [prim for root in roots for prim in _sources(scene, root)]:
-            with problems.collecting(), read_for(place):
+            with problems.collecting(), errors_at(place):
                 feathers += _feathers(scene, prim, entry, at_file)
     problems.hand_on()
     if not feathers:
@@ -95,7 +95,7 @@ def _sources(scene: SourceScene, root: Any) -> Iterator[Any]:
         target
         for prim in found
         if prim.IsA(UsdGeom.PointInstancer)
-        for target in targets_of(UsdGeom.PointInstancer(prim).GetPrototypesRel())
+        for target in read_targets(UsdGeom.PointInstancer(prim).GetPrototypesRel())
     ]
     for prim in found:
         if not any(prim.GetPath().HasPrefix(each) for each in prototypes):
@@ -127,13 +127,13 @@ def _curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
     """The curves of a BasisCurves prim."""
     at = place.child(str(prim.GetPath()))
     code = _code(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
-    curves = curves_of(prim, code, at)
-    values, count = Values(prim, entry["names"], code, curves.starts, at), len(curves.points)
+    curves = read_prim_curves(prim, code, at)
+    values, count = PrimvarReader(prim, entry["names"], code, curves.starts, at), len(curves.points)
     left, right = values.barbs("left_barbs", count), values.barbs("right_barbs", count)
     if (left is None) != (right is None):
         at.fail("has barbs on one side only; a condensed feather has P_barbl and P_barbr")
     for number in range(len(curves)):
-        own = Element(values, number, len(curves))
+        own = CurveElement(values, number, len(curves))
         if left is None or right is None:
             yield _Curve(prim, curves.line(number), None, own)
         else:
@@ -143,7 +143,7 @@ def _curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
 
 
 def _feather(
-    curve: _Curve, matrix: Array, label: str, name: str, instance: Element | None
+    curve: _Curve, matrix: Array, label: str, name: str, instance: CurveElement | None
 ) -> DrawnFeather:
     """A curve carried into the world by a matrix (4, 4).
 
@@ -187,7 +187,7 @@ def _pair(values: Array | None) -> tuple[float, float] | None:
     return None if values is None else (float(values[0]), float(values[1]))
 
 
-def _up(source: Element, matrix: Array) -> Array | None:
+def _up(source: CurveElement, matrix: Array) -> Array | None:
     """(3,) dorsal in the world, from a frame or an up vector."""
     frame = source.frame()
     up = source.vector("up", 3) if frame is None else frame[2]
@@ -204,8 +204,10 @@ def _instances(
     """Feathers of a point instancer: each instance of a template that holds curves, or a kind."""
     instancer, at = UsdGeom.PointInstancer(prim), place.child(str(prim.GetPath()))
     code = _code(instancer.GetPositionsAttr(), entry)
-    numbers = sized_array(instancer.GetProtoIndicesAttr(), code, INTEGERS).astype(np.int64)
-    targets = targets_of(instancer.GetPrototypesRel())
+    numbers = read_sized_array(instancer.GetProtoIndicesAttr(), code, INTEGER_ARRAY).astype(
+        np.int64
+    )
+    targets = read_targets(instancer.GetPrototypesRel())
     wrong = numbers[(numbers < 0) | (numbers >= len(targets))]
     if len(wrong):
         at.child("protoIndices").refuse(f"name prototype {wrong[0]} of {len(targets)}")
@@ -216,35 +218,35 @@ def _instances(
         at.refuse("holds instances whose places are not finite")
     templates = all_of(*(partial(_template, scene, path, entry, at, place) for path in targets))
     to_stage = scene.matrix(prim, transform_code(prim, code))
-    ids = array_of(instancer.GetIdsAttr(), code, INTEGERS)
+    ids = read_array(instancer.GetIdsAttr(), code, INTEGER_ARRAY)
     if ids is not None and len(ids) != len(numbers):
         at.child("ids").refuse(f"has {len(ids)} values for {len(numbers)} instances")
-    mask = computed(prim, instancer.ComputeMaskAtTime, code)
-    values = Values(prim, entry["names"], code, None, at)
+    mask = compute(prim, instancer.ComputeMaskAtTime, code)
+    values = PrimvarReader(prim, entry["names"], code, None, at)
     for k, number in enumerate(numbers):
         if len(mask) and not mask[k]:
             continue
         whole = matrices[k] @ to_stage
         mark = k if ids is None else ids[k]
         label, name = f"{prim.GetPath()}[{k}]", f"{prim.GetName()}_{mark:04d}"
-        own = Element(values, k, len(numbers))
+        own = CurveElement(values, k, len(numbers))
         yield from _instanced(templates[number], whole, scene.meters_per_unit, label, name, own)
 
 
 def _template(scene: SourceScene, path: Any, entry: dict[str, Any], at: Place, place: Place) -> Any:
     """[(curve, matrix to the prototype's space)], and the prototype itself."""
     prim, found = find_prim(scene, str(path), at.child("prototypes")), []
-    root = inverse_of(prim, DEFAULT)
+    root = read_inverse(prim, DEFAULT_TIME)
     for each in prims_below(prim):
         if each.IsA(UsdGeom.BasisCurves):
-            relative = matrix_of(each, DEFAULT) @ root
+            relative = read_matrix(each, DEFAULT_TIME) @ root
             found += [(curve, relative) for curve in _curves(each, entry, place)]
-    values = Values(prim, entry["names"], DEFAULT, None, place.child(str(path)))
-    return found, Element(values, 0, 1)
+    values = PrimvarReader(prim, entry["names"], DEFAULT_TIME, None, place.child(str(path)))
+    return found, CurveElement(values, 0, 1)
 
 
 def _instanced(
-    template: Any, matrix: Array, unit: float, label: str, name: str, own: Element
+    template: Any, matrix: Array, unit: float, label: str, name: str, own: CurveElement
 ) -> Iterator[DrawnFeather]:
     curves, prototype = template
     for curve, relative in curves:

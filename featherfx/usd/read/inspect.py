@@ -25,17 +25,17 @@ from featherfx.usd.read.stage import (
     transformed,
 )
 from featherfx.usd.read.values import (
-    EARLIEST,
-    INTEGERS,
-    VECTORS,
-    collecting,
-    computed,
-    elements,
-    sized_array,
-    targets_of,
-    texts_of,
-    times_of,
-    value_of,
+    EARLIEST_TIME,
+    INTEGER_ARRAY,
+    VECTOR_ARRAY,
+    collect_errors,
+    compute,
+    list_elements,
+    read_sized_array,
+    read_targets,
+    read_texts,
+    read_times,
+    read_value,
 )
 
 
@@ -123,7 +123,7 @@ def inspect_stage(path: str | Path) -> StageReport:
     for prim in prims_below(scene.stage.GetPseudoRoot()):
         kind = kind_of(prim)
         if kind:
-            with collecting(place):
+            with collect_errors(place):
                 prims.append(_prim_report(scene, prim, kind))
     for what, why in (broken_files(scene.stage) | broken_arcs(scene.stage)).items():
         place.child(what).fail(why)
@@ -152,11 +152,17 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
     is_mesh, is_skeleton, is_instancer = (
         kind == each for each in ("mesh", "skeleton", "instancer")
     )
-    joints = texts_of(UsdSkel.Skeleton(prim).GetJointsAttr()) if is_skeleton else []
-    prototypes = targets_of(UsdGeom.PointInstancer(prim).GetPrototypesRel()) if is_instancer else []
+    joints = read_texts(UsdSkel.Skeleton(prim).GetJointsAttr()) if is_skeleton else []
+    prototypes = (
+        read_targets(UsdGeom.PointInstancer(prim).GetPrototypesRel()) if is_instancer else []
+    )
     subsets = UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Mesh(prim)) if is_mesh else []
     places = _places(prim)
-    points = np.empty((0, 3)) if not places else sized_array(places, rest_code(places), VECTORS)
+    points = (
+        np.empty((0, 3))
+        if not places
+        else read_sized_array(places, rest_code(places), VECTOR_ARRAY)
+    )
     moving = _moving(prim, kind)
     bones = [] if skeleton is None else _moving(skeleton, "skeleton")
     return PrimReport(
@@ -168,7 +174,7 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
         size=_size(scene, prim, points),
         box=_box(points),
         sampled=sampled_range(prim, [*moving, *bones]),
-        samples=max((len(times_of(each)) for each in moving), default=0),
+        samples=max((len(read_times(each)) for each in moving), default=0),
         primvars=_primvars(prim),
         joints=tuple(joints),
         subsets=tuple(each.GetPrim().GetName() for each in subsets),
@@ -180,8 +186,8 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
 
 def _skeleton_of(scene: SourceScene, prim: Any) -> Any:
     """The skeleton that moves a mesh, or None."""
-    found = computed(prim, UsdSkel.BindingAPI(prim).GetInheritedSkeleton)
-    if not found or computed(prim, tell_unmoved, scene, prim):
+    found = compute(prim, UsdSkel.BindingAPI(prim).GetInheritedSkeleton)
+    if not found or compute(prim, tell_unmoved, scene, prim):
         return None
     return found.GetPrim()
 
@@ -199,13 +205,17 @@ def _parts(prim: Any, kind: str) -> int:
         "curves": lambda: UsdGeom.Curves(prim).GetCurveVertexCountsAttr(),
         "instancer": lambda: UsdGeom.PointInstancer(prim).GetProtoIndicesAttr(),
     }
-    return len(sized_array(attributes[kind](), EARLIEST, INTEGERS)) if kind in attributes else 0
+    return (
+        len(read_sized_array(attributes[kind](), EARLIEST_TIME, INTEGER_ARRAY))
+        if kind in attributes
+        else 0
+    )
 
 
 def _moving(prim: Any, kind: str) -> list[Any]:
     """Attributes of a prim that may move it; of a skeleton those of its animation."""
     if kind == "skeleton":
-        source = computed(prim, UsdSkel.BindingAPI(prim).GetInheritedAnimationSource)
+        source = compute(prim, UsdSkel.BindingAPI(prim).GetInheritedAnimationSource)
         if not source:
             return []
         names = ("translations", "rotations", "scales", "blendShapeWeights")
@@ -238,9 +248,9 @@ def _size(scene: SourceScene, prim: Any, points: NDArray[Any]) -> tuple[float, .
 def _primvars(prim: Any) -> tuple[PrimvarReport, ...]:
     api = UsdGeom.PrimvarsAPI(prim)
     found = []
-    for primvar in computed(prim, api.FindPrimvarsWithInheritance):
+    for primvar in compute(prim, api.FindPrimvarsWithInheritance):
         attribute = primvar.GetAttr()
-        value = value_of(attribute, EARLIEST)
+        value = read_value(attribute, EARLIEST_TIME)
         if value is None:
             continue
         found.append(
@@ -248,7 +258,7 @@ def _primvars(prim: Any) -> tuple[PrimvarReport, ...]:
                 name=str(primvar.GetPrimvarName()),
                 type=str(attribute.GetTypeName()),
                 interpolation=str(primvar.GetInterpolation()),
-                count=len(elements(value)),
+                count=len(list_elements(value)),
                 element_size=int(primvar.GetElementSize()),
                 inherited=attribute.GetPrim() != prim,
             )

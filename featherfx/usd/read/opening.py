@@ -13,7 +13,7 @@ from pxr import Ar, Sdf, Usd, UsdGeom
 from featherfx.errors import InputError, Problem, require
 from featherfx.limits import irregular
 from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.read.values import USD_ERRORS, described, reason_of
+from featherfx.usd.read.values import USD_ERRORS, describe_error, describe_value
 from featherfx.usd.write.options import UP_AXES
 
 
@@ -77,7 +77,7 @@ def open_stage(path: str | Path) -> Any:
         opened = str(path)
         problems = [*_cycles(stage, opened), *_wrong_metadata(stage, opened)]
     except USD_ERRORS as error:
-        problem = Problem(opened, "", f"USD cannot open it: {reason_of(error)}")
+        problem = Problem(opened, "", f"USD cannot open it: {describe_error(error)}")
         raise InputError(problem) from error
     require(*problems)
     return stage
@@ -126,5 +126,5 @@ def _wrong_metadata(stage: Any, path: str) -> Iterator[Problem]:
 def _out_of_range(file: str, name: str, value: Any) -> Iterator[Problem]:
     low, high = _ALLOWED[name]
     if not isinstance(value, int | float) or not low <= value <= high:
-        told = f"{value:g}" if isinstance(value, int | float) else described(value)
+        told = f"{value:g}" if isinstance(value, int | float) else describe_value(value)
         yield Problem(file, name, f"is {told}, allowed {low:g} to {high:g}")

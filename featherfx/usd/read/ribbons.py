@@ -25,7 +25,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
-from featherfx.usd.read.curves import curves_of
+from featherfx.usd.read.curves import read_prim_curves
 from featherfx.usd.read.skinning import SkinPose, animated, from_bind
 from featherfx.usd.read.stage import (
     SourceScene,
@@ -35,7 +35,7 @@ from featherfx.usd.read.stage import (
     rest_code,
     sampled_range,
 )
-from featherfx.usd.read.values import at, reading
+from featherfx.usd.read.values import describe_time, usd_errors
 
 _BENT = 0.05  # sine of the angle from which on two bones have a hinge
 _WIDTH = 0.2  # half of a ribbon's, in lengths of the bone or of a piece of the curve
@@ -110,7 +110,7 @@ class CurveRibbon(Ribbons):
 
     def _line(self, code: Any) -> Array:
         place = Place(str(self._path), str(self.space.GetPath()), Problems())
-        return curves_of(self.space, code, place).line(0)
+        return read_prim_curves(self.space, code, place).line(0)
 
     def _ribbon(self, line: Array) -> Array:
         stations = _stations(line)
@@ -141,15 +141,17 @@ def curve_fault(scene: SourceScene, prim: Any, place: Place) -> str:
     """Why roots cannot follow a curve; empty where they can. Raises InputError of a damaged one."""
     sizes = set()
     for code in codes_of(UsdGeom.BasisCurves(prim).GetPointsAttr()):
-        curves = curves_of(prim, code, Place(str(scene.path), str(prim.GetPath()), place.problems))
+        curves = read_prim_curves(
+            prim, code, Place(str(scene.path), str(prim.GetPath()), place.problems)
+        )
         if len(curves) != 1:
             return f"holds {len(curves)} curves, roots follow one"
         line = curves.line(0)
         if (np.diff(line, axis=0) == 0.0).all(axis=1).any():
-            return f"has two points at one place {at(code)}"
+            return f"has two points at one place {describe_time(code)}"
         sizes.add(len(line))
         if len(sizes) > 1:
-            return f"changes its number of points {at(code)}"
+            return f"changes its number of points {describe_time(code)}"
     return "" if sizes else "has no points"
 
 
@@ -170,7 +172,7 @@ class BoneRibbons(Ribbons):
 
     def pose(self, code: Any) -> SkinPose:
         """What moves the ribbons at a time code."""
-        with reading(self.space):
+        with usd_errors(self.space):
             joints = np.array(self._skeleton.ComputeJointLocalTransforms(code))
         return SkinPose(joints, np.zeros(0), self.rest)
 
@@ -325,7 +327,7 @@ def open_carrier(scene: SourceScene, path: str, rest: float | None, place: Place
 
 def open_curve(scene: SourceScene, prim: Any, rest: float | None, place: Place) -> RibbonMesh:
     """A curve as a mesh that moves. Raises InputError."""
-    with reading(prim):
+    with usd_errors(prim):
         if fault := curve_fault(scene, prim, place):
             place.refuse(f"{prim.GetPath()} in {scene.path} {fault}")
         check_transforms(scene, prim, place)
@@ -335,7 +337,7 @@ def open_curve(scene: SourceScene, prim: Any, rest: float | None, place: Place) 
 def open_bones(scene: SourceScene, prim: Any, rest: float | None, place: Place) -> RibbonMesh:
     """A skeleton as a mesh that moves. Raises InputError."""
     path = f"{prim.GetPath()} in {scene.path}"
-    with reading(prim):
+    with usd_errors(prim):
         check_transforms(scene, prim, place)
         query = UsdSkel.Cache().GetSkelQuery(UsdSkel.Skeleton(prim))
         if not query or not query.HasBindPose() or not len(query.GetJointOrder()):

@@ -32,15 +32,15 @@ from featherfx.usd.read.stage import (
     what_is_there,
 )
 from featherfx.usd.read.values import (
-    DEFAULT,
-    EARLIEST,
-    VECTORS,
-    computed,
-    number_of,
-    read_for,
-    sized_array,
-    times_of,
-    value_of,
+    DEFAULT_TIME,
+    EARLIEST_TIME,
+    VECTOR_ARRAY,
+    compute,
+    errors_at,
+    read_number,
+    read_sized_array,
+    read_times,
+    read_value,
 )
 
 _NEIGHBOURS = 8
@@ -93,7 +93,7 @@ def _by_collection(scene: SourceScene, collection: str, place: Place) -> list[st
     if not api or not prim.HasAPI(Usd.CollectionAPI, name):
         known = [each.GetName() for each in Usd.CollectionAPI.GetAll(prim)]
         at.refuse(f"no collection '{name}' on {owner}, there is {', '.join(known) or 'none'}")
-    members = computed(prim, _members, api, scene.stage)
+    members = compute(prim, _members, api, scene.stage)
     paths = [str(m.GetPath()) for m in members if isinstance(m, Usd.Prim) and m.IsA(UsdGeom.Mesh)]
     if not paths:
         at.refuse(f"{collection} holds no mesh")
@@ -110,7 +110,7 @@ def read_poses(path: Path, code: float | None, place: Place) -> tuple[Lines, Lin
     of their meshes; or, where it holds curves and no mesh, (k, 3) of their shafts. Raises
     InputError."""
     scene = open_scene(path, place)
-    with read_for(place):
+    with errors_at(place):
         if _has_curves_alone(scene):
             entry: dict[str, Any] = {"file": str(path), "prims": (), "names": {}, "time": code}
             _, drawn = read_feathers(entry, path.parent, place)
@@ -144,7 +144,7 @@ class UniformWind(ScenePrim):
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s, the same at all points, at a time code."""
         time = Usd.TimeCode(code)
-        vector = np.array(value_of(self._attribute, time), dtype=np.float64).reshape(3)
+        vector = np.array(read_value(self._attribute, time), dtype=np.float64).reshape(3)
         turned = vector @ self._scene.matrix(self._prim, time)[:3, :3]
         return np.broadcast_to(turned, points.shape).copy()
 
@@ -182,7 +182,7 @@ def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | 
     """The wind that checked keys of [wind_usd] name. Raises InputError."""
     scene, at = open_scene(path, place.child("usd")), place.child("prim")
     prim = find_prim(scene, entry["prim"], at, "points")
-    with read_for(place):
+    with errors_at(place):
         check_transforms(scene, prim, at)
         if entry["attribute"] is not None:
             return _uniform(scene, prim, entry["attribute"], place.child("attribute"))
@@ -192,12 +192,14 @@ def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | 
 def _uniform(scene: SourceScene, prim: Any, name: str, at: Place) -> UniformWind:
     if not Sdf.Path.IsValidNamespacedIdentifier(name) or not prim.GetAttribute(name):
         authored = prim.GetAuthoredAttributes()
-        vectors = [each.GetName() for each in authored if _is_vector(value_of(each, EARLIEST))]
+        vectors = [
+            each.GetName() for each in authored if _is_vector(read_value(each, EARLIEST_TIME))
+        ]
         known = ", ".join(vectors) or "none"
         at.refuse(f"no attribute '{name}' on {prim.GetPath()}; attributes of one vector: {known}")
     attribute = prim.GetAttribute(name)
-    for code in [EARLIEST, *map(Usd.TimeCode, times_of(attribute))]:
-        if not _is_vector(value_of(attribute, code)):
+    for code in [EARLIEST_TIME, *map(Usd.TimeCode, read_times(attribute))]:
+        if not _is_vector(read_value(attribute, code)):
             told = f"is no vector of 3 finite numbers at time code {code}"
             at.refuse(f"{attribute.GetPath()} {told}")
     return UniformWind(scene, prim, attribute)
@@ -215,8 +217,8 @@ def _sampled(scene: SourceScene, prim: Any, at: Place) -> SampledWind:
     if not prim.IsA(UsdGeom.PointBased):
         at.refuse(f"{prim.GetPath()} holds no points; give attribute for one vector")
     base = UsdGeom.PointBased(prim)
-    times = {*times_of(base.GetPointsAttr()), *times_of(base.GetVelocitiesAttr())}
-    for code in [*map(Usd.TimeCode, sorted(times))] or [DEFAULT]:
+    times = {*read_times(base.GetPointsAttr()), *read_times(base.GetVelocitiesAttr())}
+    for code in [*map(Usd.TimeCode, sorted(times))] or [DEFAULT_TIME]:
         points, velocities = _field_values(base, code)
         where = f"{prim.GetPath()} at time code {code}"
         if len(points) == 0 or len(points) != len(velocities):
@@ -232,7 +234,7 @@ class SceneCamera(ScenePrim):
     def view(self, code: float) -> View:
         """In metres, z up, at a time code; transforms and lens may be animated."""
         time = Usd.TimeCode(code)
-        camera = computed(self._prim, UsdGeom.Camera(self._prim).GetCamera, time)
+        camera = compute(self._prim, UsdGeom.Camera(self._prim).GetCamera, time)
         matrix = self._scene.matrix(self._prim, time)
         axes = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=1, keepdims=True)
         window = camera.frustum.GetWindow()
@@ -258,7 +260,7 @@ def open_camera(path: Path, prim: str, place: Place) -> SceneCamera:
     found = find_prim(scene, prim, at, "camera")
     if not found.IsA(UsdGeom.Camera):
         at.refuse(f"{prim} is no camera in {path}{what_is_there(scene, ('camera',), prim)}")
-    with read_for(at):
+    with errors_at(at):
         check_transforms(scene, found, at)
         _check_lens(UsdGeom.Camera(found))
         return SceneCamera(scene, found)
@@ -275,14 +277,14 @@ def _check_lens(camera: Any) -> None:
         (camera.GetVerticalApertureOffsetAttr(), -most),
     )
     for attribute, least in lengths:
-        for code in [EARLIEST, *map(Usd.TimeCode, times_of(attribute))]:
-            number_of(attribute, code, least, most)
+        for code in [EARLIEST_TIME, *map(Usd.TimeCode, read_times(attribute))]:
+            read_number(attribute, code, least, most)
 
 
 def _field_values(base: Any, code: Any) -> tuple[Array, Array]:
     """(N, 3) points and velocities of a point set at a time."""
-    points = sized_array(base.GetPointsAttr(), code, VECTORS)
-    velocities = sized_array(base.GetVelocitiesAttr(), code, VECTORS)
+    points = read_sized_array(base.GetPointsAttr(), code, VECTOR_ARRAY)
+    velocities = read_sized_array(base.GetVelocitiesAttr(), code, VECTOR_ARRAY)
     return points.astype(np.float64), velocities.astype(np.float64)
 
 

@@ -16,7 +16,7 @@ from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.skin.faults import skin_faults
 from featherfx.usd.read.animated_mesh import AnimatedMesh, topology_of
-from featherfx.usd.read.curves import curves_of
+from featherfx.usd.read.curves import read_prim_curves
 from featherfx.usd.read.opening import located
 from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.skinning import points_of_joint
@@ -32,19 +32,19 @@ from featherfx.usd.read.stage import (
     what_is_there,
 )
 from featherfx.usd.read.values import (
-    DEFAULT,
-    EARLIEST,
-    INTEGERS,
-    MATRICES,
-    NUMBERS,
-    VECTORS,
-    array_of,
-    elements,
-    flattened,
-    numbers_of,
-    read_for,
-    sized_array,
-    texts_of,
+    DEFAULT_TIME,
+    EARLIEST_TIME,
+    INTEGER_ARRAY,
+    MATRIX_ARRAY,
+    NUMBER_ARRAY,
+    VECTOR_ARRAY,
+    errors_at,
+    list_elements,
+    read_array,
+    read_flattened,
+    read_sized_array,
+    read_texts,
+    to_numpy,
 )
 
 
@@ -83,7 +83,7 @@ class StageSkin:
 
     def joint(self, name: str, place: Place) -> Array:
         """(3,) m, a joint of the mesh's skeleton in the bind pose."""
-        with read_for(place):
+        with errors_at(place):
             skeleton = self._prim
             if not skeleton.IsA(UsdSkel.Skeleton):
                 skeleton = UsdSkel.BindingAPI(self._prim).GetInheritedSkeleton().GetPrim()
@@ -114,8 +114,8 @@ class StageSkin:
         }
         if name not in subsets:
             place.refuse(f"no subset '{name}' on {self.path}, {nearest(name, subsets)}")
-        with read_for(place):
-            indices = sized_array(subsets[name].GetIndicesAttr(), EARLIEST, INTEGERS)
+        with errors_at(place):
+            indices = read_sized_array(subsets[name].GetIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
             return np.isin(self.face, indices)
 
     def image(self, path: Path, place: Place, mode: str) -> Array:
@@ -138,18 +138,18 @@ class StageSkin:
 
     def _primvar(self, name: str, size: int, place: Place) -> Array:
         """(T, 3) or (T, 3, size) values at the corners of the triangles."""
-        with read_for(place):
+        with errors_at(place):
             return self._at_corners(name, size, place)
 
     def _at_corners(self, name: str, size: int, place: Place) -> Array:
         api = UsdGeom.PrimvarsAPI(self._prim)
         primvar = api.FindPrimvarWithInheritance(name)
-        value = flattened(primvar, EARLIEST)
+        value = read_flattened(primvar, EARLIEST_TIME)
         if value is None:
             known = [each.GetPrimvarName() for each in api.GetPrimvarsWithValues()]
             place.refuse(f"no primvar '{name}' on {self.path}, {nearest(name, known)}")
-        kind = NUMBERS if size == 1 else VECTORS
-        values = numbers_of(elements(value), kind, primvar.GetAttr()).astype(np.float64)
+        kind = NUMBER_ARRAY if size == 1 else VECTOR_ARRAY
+        values = to_numpy(list_elements(value), kind, primvar.GetAttr()).astype(np.float64)
         if not np.isfinite(values).all():
             place.refuse(f"primvar '{name}' on {self.path} holds values that are not finite")
         corners = self._corners(values, str(primvar.GetInterpolation()))
@@ -188,7 +188,7 @@ def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array
     """
     scene = open_scene(located(folder, entry["usd"]), place.child("usd"))
     root = find_prim(scene, entry["prim"], place.child("prim"), "curves", "skeleton")
-    with read_for(place):
+    with errors_at(place):
         return _lines(scene, root, entry, place)
 
 
@@ -198,7 +198,7 @@ def _lines(scene: SourceScene, root: Any, entry: dict[str, Any], place: Place) -
             place.child("joints").refuse(f"{entry['prim']} in {scene.path} is no Skeleton")
         return _curves(scene, (entry["prim"],), place.child("prim"))
     if len(entry["joints"]) < 2:
-        known = ", ".join(texts_of(UsdSkel.Skeleton(root).GetJointsAttr()))
+        known = ", ".join(read_texts(UsdSkel.Skeleton(root).GetJointsAttr()))
         place.child("joints").refuse(f"expects two or more of {entry['prim']}, known: {known}")
     return [joint_line(scene, root, entry["joints"], place, entry["tail"])]
 
@@ -210,7 +210,7 @@ def _curves(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Ar
     for path in prims:
         for prim in prims_below(find_prim(scene, path, place, "curves")):
             if prim.IsA(UsdGeom.BasisCurves):
-                with problems.collecting(), read_for(place):
+                with problems.collecting(), errors_at(place):
                     found += _polylines(scene, prim, place)
     problems.hand_on()
     if not found:
@@ -223,7 +223,7 @@ def _polylines(scene: SourceScene, prim: Any, place: Place) -> list[Array]:
     """(k, 3) m of each curve of a prim."""
     code = rest_code(UsdGeom.BasisCurves(prim).GetPointsAttr())
     at = Place(str(scene.path), str(prim.GetPath()), place.problems)
-    curves = curves_of(prim, code, at)
+    curves = read_prim_curves(prim, code, at)
     matrix = scene.matrix(prim, transform_code(prim, code))
     return [transformed(curves.line(number), matrix) for number in range(len(curves))]
 
@@ -249,8 +249,8 @@ def joint_line(
 def _bind_places(scene: SourceScene, prim: Any, place: Place) -> tuple[list[str], Array]:
     """Paths of a skeleton's joints, and their places (J, 3) in its space in the bind pose."""
     skeleton = UsdSkel.Skeleton(prim)
-    paths = texts_of(skeleton.GetJointsAttr(), EARLIEST)
-    bind = array_of(skeleton.GetBindTransformsAttr(), EARLIEST, MATRICES)
+    paths = read_texts(skeleton.GetJointsAttr(), EARLIEST_TIME)
+    bind = read_array(skeleton.GetBindTransformsAttr(), EARLIEST_TIME, MATRIX_ARRAY)
     if bind is None or len(bind) != len(paths) or not paths:
         place.refuse(f"{prim.GetPath()} in {scene.path} has no bind transform for every joint")
     return paths, bind.astype(np.float64)[:, 3, :3]
@@ -258,7 +258,7 @@ def _bind_places(scene: SourceScene, prim: Any, place: Place) -> tuple[list[str]
 
 def _from_skeleton(scene: SourceScene, prim: Any, local: Array, place: Place) -> Array:
     """(k, 3) m, of points in a skeleton's space."""
-    points = transformed(local, scene.matrix(prim, transform_code(prim, DEFAULT)))
+    points = transformed(local, scene.matrix(prim, transform_code(prim, DEFAULT_TIME)))
     if not np.isfinite(points).all():
         place.refuse(f"{prim.GetPath()} in {scene.path}: bind transforms are not finite")
     return points

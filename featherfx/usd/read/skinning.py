@@ -14,15 +14,15 @@ from featherfx.errors import InputWarning
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
-    DEFAULT,
-    EARLIEST,
-    VECTORS,
-    array_of,
-    at,
+    DEFAULT_TIME,
+    EARLIEST_TIME,
+    VECTOR_ARRAY,
+    describe_time,
     fault,
-    reading,
-    sized_array,
-    targets_of,
+    read_array,
+    read_sized_array,
+    read_targets,
+    usd_errors,
 )
 
 _MISFIT = "joints, weights and bind pose do not fit"
@@ -52,7 +52,7 @@ class Skinning:
 
     def points(self, code: Any) -> Floats:
         """(V, 3) skinned points in the skeleton's space at a time code."""
-        with reading(self._mesh.GetPrim()):
+        with usd_errors(self._mesh.GetPrim()):
             points = self._shaped(self._mesh_points(code), self._shape_weights(code))
             if not self._skinning.HasJointInfluences():
                 return self._bound(np.asarray(points))
@@ -60,30 +60,32 @@ class Skinning:
             if transforms is None or not self._skinning.ComputeSkinnedPoints(
                 transforms, points, code
             ):
-                raise fault(self._mesh.GetPrim(), f"USD cannot skin it {at(code)}; {_MISFIT}")
+                raise fault(
+                    self._mesh.GetPrim(), f"USD cannot skin it {describe_time(code)}; {_MISFIT}"
+                )
         return np.asarray(points)
 
     def pose(self, code: Any) -> SkinPose:
         """What moves the mesh at a time code."""
-        with reading(self._mesh.GetPrim()):
+        with usd_errors(self._mesh.GetPrim()):
             joints = self._skeleton.ComputeJointLocalTransforms(code)
             weights = np.array(self._shape_weights(code), dtype=np.float64)
             return SkinPose(np.array(joints), weights, np.array(self._mesh_points(code)))
 
     def posed(self, pose: SkinPose) -> Floats:
         """(V, 3) skinned points in the skeleton's space in a pose of our own."""
-        with reading(self._mesh.GetPrim()):
+        with usd_errors(self._mesh.GetPrim()):
             points = self._shaped(pose.points, pose.weights)
             if not self._skinning.HasJointInfluences():
                 return self._bound(np.asarray(points))
             transforms = Vt.Matrix4dArray.FromNumpy(from_bind(self._skeleton, pose.joints))
-            if not self._skinning.ComputeSkinnedPoints(transforms, points, EARLIEST):
+            if not self._skinning.ComputeSkinnedPoints(transforms, points, EARLIEST_TIME):
                 raise fault(self._mesh.GetPrim(), f"USD cannot skin it; {_MISFIT}")
         return np.asarray(points)
 
     def bind_points(self) -> Floats:
         """(V, 3) points of the bind pose in the skeleton's space."""
-        return self._bound(self._mesh_points(DEFAULT))
+        return self._bound(self._mesh_points(DEFAULT_TIME))
 
     def points_of(self, joint: int) -> Array:
         """(N, 3) points of the bind pose that a joint moves for the most part, in the skeleton's
@@ -106,13 +108,13 @@ class Skinning:
 
     def _mesh_points(self, code: Any) -> Any:
         points = self._mesh.GetPointsAttr()
-        value = array_of(points, code, VECTORS)
-        return sized_array(points, EARLIEST, VECTORS) if value is None else value
+        value = read_array(points, code, VECTOR_ARRAY)
+        return read_sized_array(points, EARLIEST_TIME, VECTOR_ARRAY) if value is None else value
 
     @property
     def bind_matrix(self) -> Array:
         """(4, 4) from the mesh's own space to the skeleton's in the bind pose, row vectors."""
-        return np.array(self._skinning.GetGeomBindTransform(EARLIEST), dtype=np.float64)
+        return np.array(self._skinning.GetGeomBindTransform(EARLIEST_TIME), dtype=np.float64)
 
     def _bound(self, points: Any) -> Floats:
         bind = self.bind_matrix
@@ -120,7 +122,7 @@ class Skinning:
 
     def earliest(self) -> Any:
         """The mesh's points moved by its blend shapes at its first samples."""
-        return self._shaped(self._mesh_points(EARLIEST), self._shape_weights(EARLIEST))
+        return self._shaped(self._mesh_points(EARLIEST_TIME), self._shape_weights(EARLIEST_TIME))
 
     def _shape_weights(self, code: Any) -> Any:
         """Weights of the mesh's own blend shapes at a time; empty where none moves it."""
@@ -170,7 +172,7 @@ def animated(skeleton: Any) -> list[Any]:
 
 def _blend_shapes(query: Any, mesh: Any) -> tuple[list[Indices], list[Floats]]:
     """Point indices of each shape (none: all points) and (k, 3) offsets of each of its parts."""
-    targets = targets_of(UsdSkel.BindingAPI(mesh.GetPrim()).GetBlendShapeTargetsRel())
+    targets = read_targets(UsdSkel.BindingAPI(mesh.GetPrim()).GetBlendShapeTargetsRel())
     for target in targets:
         prim = mesh.GetPrim().GetStage().GetPrimAtPath(target)
         if not (prim and prim.IsActive() and prim.IsA(UsdSkel.BlendShape)):
@@ -179,7 +181,7 @@ def _blend_shapes(query: Any, mesh: Any) -> tuple[list[Indices], list[Floats]]:
     # a target may also lead nowhere, such as to a relationship that names itself
     if not all(query.GetBlendShape(shape) for shape in range(query.GetNumBlendShapes())):
         raise fault(mesh.GetPrim(), "skel:blendShapeTargets names what is no BlendShape")
-    count = len(sized_array(mesh.GetPointsAttr(), EARLIEST, VECTORS))
+    count = len(read_sized_array(mesh.GetPointsAttr(), EARLIEST_TIME, VECTOR_ARRAY))
     places = [np.array(each, dtype=np.int64) for each in query.ComputeBlendShapePointIndices()]
     offsets = [
         np.array(each, dtype=np.float32).reshape(-1, 3)
@@ -216,7 +218,7 @@ def points_of_joint(scene: SourceScene, skeleton: Any, joint: int) -> Array:
 def find_skinning(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
     """The skinning of a mesh, None where no skeleton moves it; an InputWarning tells one that names
     a skeleton and is not moved by it. Raises InputError."""
-    with reading(mesh.GetPrim()):
+    with usd_errors(mesh.GetPrim()):
         tell_unmoved(scene, mesh.GetPrim())
         return _find(scene, mesh, place)
 
@@ -256,8 +258,8 @@ def _find(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
         place.refuse(f"{path}: has joint influences, but skel:skeleton names no valid skeleton")
     skinning = Skinning(mesh, skeleton, query, cache)
     if query.HasJointInfluences():
-        transforms = skeleton.ComputeSkinningTransforms(EARLIEST)
+        transforms = skeleton.ComputeSkinningTransforms(EARLIEST_TIME)
         points = skinning.earliest()
-        if transforms is None or not query.ComputeSkinnedPoints(transforms, points, EARLIEST):
+        if transforms is None or not query.ComputeSkinnedPoints(transforms, points, EARLIEST_TIME):
             place.refuse(f"{path}: USD cannot skin it; {_MISFIT}")
     return skinning

@@ -22,15 +22,15 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.groom.keys.problems import Place, closest
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.values import (
-    DEFAULT,
-    EARLIEST,
+    DEFAULT_TIME,
+    EARLIEST_TIME,
     USD_ERRORS,
-    at,
-    computed,
-    matrix_of,
-    reason_of,
-    times_of,
-    value_of,
+    compute,
+    describe_error,
+    describe_time,
+    read_matrix,
+    read_times,
+    read_value,
 )
 
 # what grooms and shots name in a stage
@@ -87,7 +87,7 @@ class SourceScene:
 
     def matrix(self, prim: Any, code: Any) -> Array:
         """(4, 4) local space of a prim to the world, row vectors, at a time code."""
-        return in_world(matrix_of(prim, code), self.to_world)
+        return in_world(read_matrix(prim, code), self.to_world)
 
 
 class ScenePrim:
@@ -151,7 +151,7 @@ def _why_not(path: str) -> str:
     try:
         return "" if Sdf.Layer.FindOrOpen(path) else "is missing"
     except USD_ERRORS as error:
-        return f"USD cannot open it: {reason_of(error)}"
+        return f"USD cannot open it: {describe_error(error)}"
 
 
 def broken_arcs(stage: Any) -> dict[str, str]:
@@ -177,7 +177,7 @@ def clip_files(stage: Any) -> set[str]:
     """Value clips of a stage, and their manifests, that are there."""
     files: set[str] = set()
     for prim in stage.TraverseAll():
-        files |= computed(prim, _clip_files, Usd.ClipsAPI(prim))
+        files |= compute(prim, _clip_files, Usd.ClipsAPI(prim))
     return files - {""}
 
 
@@ -312,13 +312,13 @@ def prims_below(prim: Any) -> Iterator[Any]:
 
 def rest_code(attribute: Any) -> Any:
     """Default where the attribute has a default value, else its first sample's time."""
-    return EARLIEST if value_of(attribute, DEFAULT) is None else DEFAULT
+    return EARLIEST_TIME if read_value(attribute, DEFAULT_TIME) is None else DEFAULT_TIME
 
 
 def codes_of(attribute: Any) -> list[Any]:
     """Every time at which an attribute has a value of its own: its default, then its samples."""
-    default = [] if value_of(attribute, DEFAULT) is None else [DEFAULT]
-    return default + [Usd.TimeCode(time) for time in times_of(attribute)]
+    default = [] if read_value(attribute, DEFAULT_TIME) is None else [DEFAULT_TIME]
+    return default + [Usd.TimeCode(time) for time in read_times(attribute)]
 
 
 def transform_code(prim: Any, code: Any) -> Any:
@@ -326,15 +326,15 @@ def transform_code(prim: Any, code: Any) -> Any:
     if not code.IsDefault():
         return code
     while prim and not prim.IsPseudoRoot():
-        if any(value_of(each, DEFAULT) is None for each in _own_transforms(prim)):
-            return EARLIEST
+        if any(read_value(each, DEFAULT_TIME) is None for each in _own_transforms(prim)):
+            return EARLIEST_TIME
         prim = prim.GetParent()
     return code
 
 
 def sampled_range(prim: Any, attributes: Sequence[Any]) -> tuple[float, float] | None:
     """First and last time code with samples of attributes, or of any transform of a prim."""
-    every = [times_of(each) for each in (*attributes, *_transforms(prim))]
+    every = [read_times(each) for each in (*attributes, *_transforms(prim))]
     # a single sample is a constant
     moving = [each for each in every if len(each) > 1]
     return (min(each[0] for each in moving), max(each[-1] for each in moving)) if moving else None
@@ -343,11 +343,11 @@ def sampled_range(prim: Any, attributes: Sequence[Any]) -> tuple[float, float] |
 def check_transforms(scene: SourceScene, prim: Any, place: Place) -> None:
     """Raises InputError where the transforms of a prim are not finite, at any of their samples."""
     transforms = _transforms(prim)
-    times = sorted({time for each in transforms for time in times_of(each)})
-    for code in (DEFAULT, *map(Usd.TimeCode, times)):
+    times = sorted({time for each in transforms for time in read_times(each)})
+    for code in (DEFAULT_TIME, *map(Usd.TimeCode, times)):
         if not np.isfinite(scene.matrix(prim, code)).all():
             where = f"{prim.GetPath()} in {scene.path}"
-            place.refuse(f"{where}: transforms are not finite {at(code)}")
+            place.refuse(f"{where}: transforms are not finite {describe_time(code)}")
 
 
 def _transforms(prim: Any) -> list[Any]:
@@ -362,5 +362,5 @@ def _transforms(prim: Any) -> list[Any]:
 def _own_transforms(prim: Any) -> list[Any]:
     if not prim.IsA(UsdGeom.Xformable):
         return []
-    operations = computed(prim, UsdGeom.Xformable(prim).GetOrderedXformOps)
+    operations = compute(prim, UsdGeom.Xformable(prim).GetOrderedXformOps)
     return [each.GetAttr() for each in operations]

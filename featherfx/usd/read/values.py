@@ -19,7 +19,7 @@ from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.problems import Place
 
-DEFAULT, EARLIEST = Usd.TimeCode.Default(), Usd.TimeCode.EarliestTime()
+DEFAULT_TIME, EARLIEST_TIME = Usd.TimeCode.Default(), Usd.TimeCode.EarliestTime()
 
 # what USD's Python binding raises at values that it cannot read or hand over
 USD_ERRORS = (Tf.ErrorException, UnicodeDecodeError, RuntimeError, OverflowError)
@@ -30,7 +30,7 @@ _MOST_TOLD = 2000
 
 
 @dataclass(frozen=True)
-class Kind:
+class ArrayKind:
     """Kind of an array: numpy's kinds of numbers, shape of an element, and its name for people."""
 
     numbers: str
@@ -38,20 +38,20 @@ class Kind:
     name: str
 
 
-VECTORS = Kind("fiu", (3,), "an array of 3 numbers each")
-PAIRS = Kind("fiu", (2,), "an array of 2 numbers each")
-QUATERNIONS = Kind("f", (4,), "an array of quaternions")
-NUMBERS = Kind("fiu", (), "an array of numbers")
-INTEGERS = Kind("iu", (), "an array of integers")
-MATRICES = Kind("f", (4, 4), "an array of 4 x 4 matrices")
+VECTOR_ARRAY = ArrayKind("fiu", (3,), "an array of 3 numbers each")
+PAIR_ARRAY = ArrayKind("fiu", (2,), "an array of 2 numbers each")
+QUATERNION_ARRAY = ArrayKind("f", (4,), "an array of quaternions")
+NUMBER_ARRAY = ArrayKind("fiu", (), "an array of numbers")
+INTEGER_ARRAY = ArrayKind("iu", (), "an array of integers")
+MATRIX_ARRAY = ArrayKind("f", (4, 4), "an array of 4 x 4 matrices")
 
 
 def fault(thing: Any, message: str) -> InputError:
     """What is wrong with an attribute, relationship or prim."""
-    return InputError(Problem(file_of(thing), path_of(thing), message))
+    return InputError(Problem(_describe_file(thing), _describe_path(thing), message))
 
 
-def path_of(thing: Any) -> str:
+def _describe_path(thing: Any) -> str:
     """Path of an attribute, relationship or prim, whatever its bytes."""
     try:
         return str(thing.GetPath())
@@ -59,12 +59,12 @@ def path_of(thing: Any) -> str:
         return "a path that is no text"
 
 
-def file_of(thing: Any) -> str:
+def _describe_file(thing: Any) -> str:
     """The file that an object's stage was opened from."""
     return str(thing.GetStage().GetRootLayer().identifier)
 
 
-def reason_of(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """What USD says of an error, in one line."""
     if isinstance(error, UnicodeDecodeError):
         return "holds bytes that are no UTF-8 text"
@@ -80,78 +80,78 @@ def reason_of(error: BaseException) -> str:
 
 
 @contextmanager
-def reading(thing: Any) -> Iterator[None]:
+def usd_errors(thing: Any) -> Iterator[None]:
     """Turn an error of USD into an InputError that names an attribute, relationship or prim."""
     try:
         yield
     except USD_ERRORS as error:
-        raise fault(thing, f"USD cannot read it: {reason_of(error)}") from error
+        raise fault(thing, f"USD cannot read it: {describe_error(error)}") from error
 
 
 @contextmanager
-def read_for(place: Place) -> Iterator[None]:
+def errors_at(place: Place) -> Iterator[None]:
     """Turn an error of USD into an InputError that names a place."""
     try:
         yield
     except (Tf.ErrorException, UnicodeDecodeError) as error:
-        place.refuse(f"USD cannot read it: {reason_of(error)}")
+        place.refuse(f"USD cannot read it: {describe_error(error)}")
 
 
 @contextmanager
-def collecting(place: Place) -> Iterator[None]:
+def collect_errors(place: Place) -> Iterator[None]:
     """Add the problems of an InputError, or what USD says, to those of a place and go on."""
-    with place.problems.collecting(), read_for(place):
+    with place.problems.collecting(), errors_at(place):
         yield
 
 
-def value_of(attribute: Any, code: Any = DEFAULT) -> Any:
+def read_value(attribute: Any, code: Any = DEFAULT_TIME) -> Any:
     """Any value at a time; None where there is no attribute or no value."""
     if not attribute:
         return None
     try:
         value = attribute.Get(code)
     except USD_ERRORS as error:
-        message = f"USD cannot read it {at(code)}: {reason_of(error)}"
+        message = f"USD cannot read it {describe_time(code)}: {describe_error(error)}"
         raise fault(attribute, message) from error
     if value is None and attribute.GetTypeName().scalarType in _TEXTS:
         # older USD prints that a text is no UTF-8, and gives no value
         info = attribute.GetResolveInfo(code)
         if info.GetSource() != Usd.ResolveInfoSourceNone and not info.ValueIsBlocked():
-            raise fault(attribute, f"holds bytes {at(code)} that are no UTF-8 text")
+            raise fault(attribute, f"holds bytes {describe_time(code)} that are no UTF-8 text")
     if isinstance(value, Sdf.UnregisteredValue):
         raise fault(attribute, f"is of a type that USD does not know, {attribute.GetTypeName()}")
     return value
 
 
-def array_of(attribute: Any, code: Any, kind: Kind) -> NDArray[Any] | None:
+def read_array(attribute: Any, code: Any, kind: ArrayKind) -> NDArray[Any] | None:
     """(N, ...) an array; None where there is no value. Shares memory where USD allows it."""
-    value = value_of(attribute, code)
-    return None if value is None else numbers_of(value, kind, attribute, at(code))
+    value = read_value(attribute, code)
+    return None if value is None else to_numpy(value, kind, attribute, describe_time(code))
 
 
-def sized_array(attribute: Any, code: Any, kind: Kind) -> NDArray[Any]:
+def read_sized_array(attribute: Any, code: Any, kind: ArrayKind) -> NDArray[Any]:
     """As array_of, of no elements where there is no value."""
-    found = array_of(attribute, code, kind)
+    found = read_array(attribute, code, kind)
     return np.empty((0, *kind.element)) if found is None else found
 
 
-def flattened(primvar: Any, code: Any) -> Any:
+def read_flattened(primvar: Any, code: Any) -> Any:
     """Any value of a primvar at a time, its indices resolved; None where there is none."""
     if not primvar or not primvar.HasValue():
         return None
     attribute = primvar.GetAttr()
-    value = value_of(attribute, code)
+    value = read_value(attribute, code)
     if value is None or not primvar.IsIndexed():
         return value
-    indices = array_of(primvar.GetIndicesAttr(), code, INTEGERS)
-    with reading(attribute):
+    indices = read_array(primvar.GetIndicesAttr(), code, INTEGER_ARRAY)
+    with usd_errors(attribute):
         found = primvar.ComputeFlattened(code)
     if found is None and indices is not None:
         raise fault(attribute, "its indices do not fit its values")
     return found
 
 
-def numbers_of(value: Any, kind: Kind, attribute: Any, where: str = "") -> NDArray[Any]:
+def to_numpy(value: Any, kind: ArrayKind, attribute: Any, where: str = "") -> NDArray[Any]:
     """A value as numpy; InputError where it is no array of the kind."""
     try:
         found = np.asarray(value)
@@ -162,17 +162,17 @@ def numbers_of(value: Any, kind: Kind, attribute: Any, where: str = "") -> NDArr
     if found.ndim != 1 + len(kind.element) or (
         found.shape[1:] != kind.element or found.dtype.kind not in kind.numbers
     ):
-        told = f"is {described(value)} {where}".rstrip()
+        told = f"is {describe_value(value)} {where}".rstrip()
         raise fault(attribute, f"{told}, expects {kind.name}")
     return found
 
 
-def elements(value: Any) -> Any:
+def list_elements(value: Any) -> Any:
     """The elements of an array, or one value as the only element."""
     return value if type(value).__name__.endswith("Array") else [value]
 
 
-def described(value: Any) -> str:
+def describe_value(value: Any) -> str:
     """A value for people: the kind of an array and its number, or a short value itself."""
     if isinstance(value, float):
         return f"{value:g}"
@@ -186,81 +186,82 @@ def described(value: Any) -> str:
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
-def number_of(attribute: Any, code: Any, low: float, high: float) -> float | None:
+def read_number(attribute: Any, code: Any, low: float, high: float) -> float | None:
     """A number from low to high; None where there is no value."""
-    value = value_of(attribute, code)
+    value = read_value(attribute, code)
     if value is None:
         return None
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not is_number or not low <= value <= high:
-        message = f"is {described(value)} {at(code)}, expects a number from {low:g} to {high:g}"
+        given = f"{describe_value(value)} {describe_time(code)}"
+        message = f"is {given}, expects a number from {low:g} to {high:g}"
         raise fault(attribute, message)
     return float(value)
 
 
-def text_of(attribute: Any, code: Any = DEFAULT) -> str:
+def read_text(attribute: Any, code: Any = DEFAULT_TIME) -> str:
     """A text, the first of several; empty where there is no value."""
-    value = value_of(attribute, code)
+    value = read_value(attribute, code)
     if value is None:
         return ""
     texts = [value] if isinstance(value, str) else value
     if not hasattr(texts, "__len__") or not all(isinstance(each, str) for each in texts):
-        raise fault(attribute, f"is {described(value)}, expects a text")
+        raise fault(attribute, f"is {describe_value(value)}, expects a text")
     return str(texts[0]) if len(texts) else ""
 
 
-def texts_of(attribute: Any, code: Any = DEFAULT) -> list[str]:
+def read_texts(attribute: Any, code: Any = DEFAULT_TIME) -> list[str]:
     """Several texts; none where there is no value."""
-    value = value_of(attribute, code)
+    value = read_value(attribute, code)
     found = [] if value is None else value
     if isinstance(found, str) or not hasattr(found, "__len__"):
-        raise fault(attribute, f"is {described(value)}, expects several texts")
-    with reading(attribute):
+        raise fault(attribute, f"is {describe_value(value)}, expects several texts")
+    with usd_errors(attribute):
         texts = list(found)
     if not all(isinstance(each, str) for each in texts):
-        raise fault(attribute, f"is {described(value)}, expects several texts")
+        raise fault(attribute, f"is {describe_value(value)}, expects several texts")
     return texts
 
 
-def times_of(attribute: Any) -> list[float]:
+def read_times(attribute: Any) -> list[float]:
     """Time codes of the samples of an attribute, in order; none where it is not there."""
     if not attribute:
         return []
-    with reading(attribute):
+    with usd_errors(attribute):
         times = list(attribute.GetTimeSamples())
     if times and not np.isfinite(times).all():
         raise fault(attribute, f"has samples at time codes that are no numbers: {times}")
     return times
 
 
-def targets_of(relationship: Any) -> list[Any]:
+def read_targets(relationship: Any) -> list[Any]:
     """Paths that a relationship names."""
-    with reading(relationship):
+    with usd_errors(relationship):
         return list(relationship.GetForwardedTargets())
 
 
-def matrix_of(prim: Any, code: Any) -> Array:
+def read_matrix(prim: Any, code: Any) -> Array:
     """(4, 4) local space of a prim to the stage's, row vectors."""
-    with reading(prim):
+    with usd_errors(prim):
         found = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code)
     return np.array(found)
 
 
-def inverse_of(prim: Any, code: Any) -> Array:
+def read_inverse(prim: Any, code: Any) -> Array:
     """(4, 4) space of the stage to a prim's local one, row vectors."""
     try:
-        return np.asarray(np.linalg.inv(matrix_of(prim, code)))
+        return np.asarray(np.linalg.inv(read_matrix(prim, code)))
     except np.linalg.LinAlgError as error:
         raise fault(prim, "has transforms without an inverse, such as a scale of 0") from error
 
 
-def computed(thing: Any, compute: Callable[..., Any], *arguments: Any) -> Any:
+def compute(thing: Any, compute: Callable[..., Any], *arguments: Any) -> Any:
     """What USD computes of an attribute, relationship or prim."""
-    with reading(thing):
+    with usd_errors(thing):
         return compute(*arguments)
 
 
-def at(code: Any) -> str:
+def describe_time(code: Any) -> str:
     """When, for people."""
     if code.IsEarliestTime():
         return "at first"

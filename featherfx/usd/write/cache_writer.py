@@ -18,9 +18,9 @@ from featherfx.shot.frames import Frame, sample_number
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError
-from featherfx.usd.write.chunks import AnimatedPrims, ChunkWriter, WrittenChunk, assemble
+from featherfx.usd.write.chunks import AnimatedPrims, ChunkWriter, WrittenChunk, assemble_cache
 from featherfx.usd.write.define import define_prims
-from featherfx.usd.write.forms import Form, chosen_group, grouped
+from featherfx.usd.write.forms import CacheForm, choose_group, group_feathers
 from featherfx.usd.write.layers import StageInfo, new_layers
 from featherfx.usd.write.options import CHUNK, FEATHER, GROUPS, UP_AXES, WriteOptions
 from featherfx.usd.write.output import (
@@ -35,7 +35,7 @@ from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import PosedFeather, posed_feathers
 
 if TYPE_CHECKING:
-    from featherfx.usd.write.previous_cache import EarlierCache
+    from featherfx.usd.write.previous_cache import PreviousCache
 
 # A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
 # costs by itself goes with the feathers, so many small ones get more of it.
@@ -124,7 +124,7 @@ class CacheWriter:
         self._atlas = usd.textures.Atlas(len(feathers), pixels) if pixels else None
         self._feathers = self._atlas.given_to(feathers) if self._atlas else tuple(feathers)
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
-        form = Form.of(options)
+        form = CacheForm.of(options)
         posed = posed_feathers(self._feathers, space, extras, form)
         bytes_per_sample = sum(each.bytes_per_sample for each in posed)
         self._samples = (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
@@ -141,16 +141,16 @@ class CacheWriter:
         )
         own = (continuation and continuation.settings) or self._settings_of_stage(options.chunk)
         self._before = self._checked_files(options, own)
-        how = chosen_group(options.group, len(self._feathers))
+        how = choose_group(options.group, len(self._feathers))
         groups = [
             PosedGroup(group, posed, [entry.static for entry in self._feathers], how == FEATHER)
-            for group in grouped(self._feathers, how, place.part, form.condensed)
+            for group in group_feathers(self._feathers, how, place.part, form.condensed)
         ]
         self._check_finite([k for group in groups for k in group.not_finite(group.rest())], 0.0)
         self._prims = AnimatedPrims.of_cache(groups, self._info.root_path, form)
         self._resumable = continuation is not None
         self._parts: Parts | None = None
-        self._earlier: list[EarlierCache] = []
+        self._earlier: list[PreviousCache] = []
         if frames is not None:
             inputs = continuation.inputs if continuation else None
             self._parts = Parts(self._path, self._layout, own, options.resume, inputs=inputs)
@@ -184,7 +184,7 @@ class CacheWriter:
         elif self._parts:
             self._parts.discard()
 
-    def take_over(self, earlier: EarlierCache, feathers: Sequence[int]) -> None:
+    def take_over(self, earlier: PreviousCache, feathers: Sequence[int]) -> None:
         """Have the samples of some feathers, by their numbers, read from an earlier cache whose
         chunks have as many samples (`chunk`); frames then come without these feathers. May be
         called for several caches."""
@@ -321,7 +321,9 @@ class CacheWriter:
             define_prims(layers.topology, self._info, self._feathers, self._prims, texture)
             done(1)
             pictures = atlas.stored(path, self._feathers) if atlas else ()
-            assemble(layers, self._info, self._prims, path, self._parts, self._before, pictures)
+            assemble_cache(
+                layers, self._info, self._prims, path, self._parts, self._before, pictures
+            )
             if self._parts:
                 self._parts.finish(keep_chunks=self._layout == "clips")
 

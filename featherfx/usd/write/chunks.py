@@ -32,7 +32,7 @@ from featherfx.usd.types import (
     PER_FACE,
     RATES,
 )
-from featherfx.usd.write.forms import Form, Key
+from featherfx.usd.write.forms import AttributeKey, CacheForm
 from featherfx.usd.write.layers import (
     SCOPES,
     CacheLayers,
@@ -78,10 +78,10 @@ class AnimatedPrims:
         self,
         groups: Sequence[PosedGroup],
         prims: Sequence[Mapping[str, Any]],
-        form: Form = Form(),
+        form: CacheForm = CacheForm(),
     ) -> None:
         self.groups, self.prims, self.form = groups, prims, form
-        self.paths: list[dict[Key, Any]] = [
+        self.paths: list[dict[AttributeKey, Any]] = [
             {
                 (part, name): own[part].AppendProperty(
                     HALF_VELOCITIES if name == "velocities" and form.half else name
@@ -93,7 +93,7 @@ class AnimatedPrims:
         ]
 
     @staticmethod
-    def of_cache(groups: Sequence[PosedGroup], root: Any, form: Form) -> AnimatedPrims:
+    def of_cache(groups: Sequence[PosedGroup], root: Any, form: CacheForm) -> AnimatedPrims:
         """Those of a cache. root: path of the prim above all."""
         prims: list[dict[str, Any]] = [{} for _ in groups]
         for part, (scope, end) in SCOPES.items():
@@ -103,7 +103,7 @@ class AnimatedPrims:
                     own[part] = root.AppendPath(f"{scope}/{name}")
         return AnimatedPrims(groups, prims, form)
 
-    def create(self, layer: Any, index: int, key: Key) -> Any:
+    def create(self, layer: Any, index: int, key: AttributeKey) -> Any:
         """The attribute in a layer, as an over where the layer does not define the prim."""
         path = self.paths[index][key]
         name = path.name
@@ -138,7 +138,7 @@ class AnimatedPrims:
 
 
 @dataclass
-class _Run:
+class _ChunkPoses:
     """Poses of the chunk at hand, of each group of feathers.
 
     moved: (M,) which of its feathers have left their first pose. first: that pose, None for static
@@ -173,7 +173,7 @@ class WrittenChunk:
         return ChunkRecord(self.codes, size, crc, self.constant, self.first, self.low, self.high)
 
 
-class Samples(Protocol):
+class WrittenSamples(Protocol):
     """Poses that were written before."""
 
     def fill(self, feather: str, code: float, out: Written) -> None:
@@ -201,7 +201,7 @@ class ChunkWriter:
         self._spare: list[list[WrittenPose]] = [[] for _ in groups]
         self._first: dict[int, WrittenPose] = {}
         self._place = {number: number for group in groups for number in group.members}
-        self._taken: dict[int, Samples] = {}
+        self._taken: dict[int, WrittenSamples] = {}
         self._run = self._new_run()
 
     @property
@@ -209,7 +209,7 @@ class ChunkWriter:
         """Poses collected so far."""
         return len(self._run.codes)
 
-    def take_over(self, earlier: Samples, feathers: Sequence[int]) -> None:
+    def take_over(self, earlier: WrittenSamples, feathers: Sequence[int]) -> None:
         """Have the poses of some feathers read instead of evaluated; frames come without these."""
         self._taken |= dict.fromkeys(feathers, earlier)
         left = [number for number in sorted(self._place) if number not in self._taken]
@@ -298,7 +298,7 @@ class ChunkWriter:
             return self._first[index]
         return spare.pop() if spare else group.new_pose(compared=False)
 
-    def _new_run(self) -> _Run:
+    def _new_run(self) -> _ChunkPoses:
         with Sdf.ChangeBlock():
             for attribute in self._attributes:
                 attribute.ClearInfo("timeSamples")
@@ -307,7 +307,7 @@ class ChunkWriter:
                 spare += kept
         groups = self._prims.groups
         moved = [np.zeros(len(group.members), dtype=np.bool_) for group in groups]
-        return _Run(moved, [None] * len(groups), [[] for _ in groups])
+        return _ChunkPoses(moved, [None] * len(groups), [[] for _ in groups])
 
 
 def open_chunk(path: Path) -> Any:
@@ -315,7 +315,7 @@ def open_chunk(path: Path) -> Any:
     return Sdf.Layer.OpenAsAnonymous(str(path))
 
 
-def assemble(
+def assemble_cache(
     layers: CacheLayers,
     info: StageInfo,
     prims: AnimatedPrims,
@@ -335,7 +335,7 @@ def assemble(
     clips, chunks = None, []
     records = parts.records if parts else []
     static = np.array([group.is_static for group in prims.groups], dtype=np.bool_)
-    moving = _moving(records, static)
+    moving = _find_moving(records, static)
     corners: list[Floats] = []
     with Sdf.ChangeBlock():
         for index, group in enumerate(prims.groups):
@@ -347,9 +347,9 @@ def assemble(
     if parts:
         low = np.minimum(low, np.min([record.low for record in records], axis=0))
         high = np.maximum(high, np.max([record.high for record in records], axis=0))
-        _still_poses(layers.topology, prims, ~moving & ~static, parts)
+        _author_still_poses(layers.topology, prims, ~moving & ~static, parts)
         if layers.layout == "clips":
-            clips = _clips(path.stem, info, prims, moving, parts)
+            clips = _prepare_clips(path.stem, info, prims, moving, parts)
         else:
             chunks = _copy_samples(layers.animation, prims, moving, parts)
     publish(finish_layers(layers, info, path, (low, high), clips), before, pictures)
@@ -357,7 +357,7 @@ def assemble(
         layers.animation.Clear()  # before the chunks are closed
 
 
-def _moving(records: Sequence[ChunkRecord], static: Flags) -> Flags:
+def _find_moving(records: Sequence[ChunkRecord], static: Flags) -> Flags:
     """(G,) which groups have samples: those with more than one pose over all chunks."""
     result = np.zeros(len(static), dtype=np.bool_)
     for record in records:
@@ -366,8 +366,8 @@ def _moving(records: Sequence[ChunkRecord], static: Flags) -> Flags:
     return result & ~static
 
 
-def _still_poses(layer: Any, prims: AnimatedPrims, still: Any, parts: Parts) -> None:
-    chunk, code = _checked(parts, 0), parts.records[0].codes[0]
+def _author_still_poses(layer: Any, prims: AnimatedPrims, still: Any, parts: Parts) -> None:
+    chunk, code = _open_checked(parts, 0), parts.records[0].codes[0]
     with Sdf.ChangeBlock():
         for index in np.flatnonzero(still):
             for key, path in prims.paths[index].items():
@@ -384,7 +384,7 @@ def _copy_samples(layer: Any, prims: AnimatedPrims, moving: Any, parts: Parts) -
         for key in prims.paths[index]:
             prims.create(layer, int(index), key)
     for number, record in enumerate(parts.records):
-        chunks.append(chunk := _checked(parts, number))
+        chunks.append(chunk := _open_checked(parts, number))
         with Sdf.ChangeBlock():
             for index in np.flatnonzero(moving):
                 for path in prims.paths[index].values():
@@ -393,14 +393,14 @@ def _copy_samples(layer: Any, prims: AnimatedPrims, moving: Any, parts: Parts) -
     return chunks
 
 
-def _clips(
+def _prepare_clips(
     name: str, info: StageInfo, prims: AnimatedPrims, moving: Any, parts: Parts
 ) -> Clips | None:
     """The chunks as clips; None where nothing moves. Each is looked at before the root names it."""
     if not moving.any():
         return None
     for number in range(len(parts.records)):
-        _checked(parts, number)
+        _open_checked(parts, number)
     manifest, path = new_layer(info), parts.folder / MANIFEST
     for index in np.flatnonzero(moving):
         for key in prims.paths[index]:
@@ -419,7 +419,7 @@ def _clips(
     )
 
 
-def _checked(parts: Parts, number: int) -> Any:
+def _open_checked(parts: Parts, number: int) -> Any:
     """A chunk's layer, after a look at its size and time codes."""
     path, record = parts.chunk(number), parts.records[number]
     chunk = None

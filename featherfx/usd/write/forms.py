@@ -40,16 +40,16 @@ from featherfx.usd.write.output import unique_prim_names
 
 # Feathers that each have prims of their own where that is left to the writer; readers are slow with
 # thousands of prims side by side.
-MOST_SINGLE = 200
+_MAX_SINGLE = 200
 
 # part of a feather, and attribute
-Key = tuple[str, str]
+AttributeKey = tuple[str, str]
 
 _PARTS = {CURVES: (RACHIS, BARB), CONDENSED: (RACHIS,)}
 
 
 @dataclass(frozen=True)
-class Form:
+class CacheForm:
     """parts: the prims of each feather. condensed: whether shafts carry barbs, and thinned: half of
     their rows and nodes. rates: whether velocities and accelerations are written; half: velocities
     in half precision."""
@@ -61,9 +61,9 @@ class Form:
     thinned: bool = False
 
     @staticmethod
-    def of(options: WriteOptions) -> Form:
-        parts = _PARTS.get(options.form, Form.parts)
-        return Form(
+    def of(options: WriteOptions) -> CacheForm:
+        parts = _PARTS.get(options.form, CacheForm.parts)
+        return CacheForm(
             parts,
             condensed=options.form in (CONDENSED, BOTH),
             rates=options.rates != "none",
@@ -71,31 +71,31 @@ class Form:
             thinned=options.form == CONDENSED,
         )
 
-    def writes(self, key: Key) -> bool:
+    def writes(self, key: AttributeKey) -> bool:
         """Whether an attribute of a part of feathers is written."""
         return key[0] in self.parts and (self.rates or key[1] not in RATES)
 
 
-class Keys(NamedTuple):
+class AttributeKeys(NamedTuple):
     """Attributes of a feather, by what they hold: vectors, numbers, rotations, whole numbers. wet:
     numbers of feathers that are wet at times."""
 
-    vectors: tuple[Key, ...]
-    scalars: tuple[Key, ...]
-    turns: tuple[Key, ...]
-    whole: tuple[Key, ...]
-    wet: tuple[Key, ...]
+    vectors: tuple[AttributeKey, ...]
+    scalars: tuple[AttributeKey, ...]
+    turns: tuple[AttributeKey, ...]
+    whole: tuple[AttributeKey, ...]
+    wet: tuple[AttributeKey, ...]
 
 
 @cache
-def keys_of(
+def find_keys(
     parts: tuple[str, ...],
     extras: frozenset[str],
-    form: Form,
+    form: CacheForm,
     faces: bool,
     hooks: bool,
     wet: bool,
-) -> Keys:
+) -> AttributeKeys:
     """Of feathers with these parts, one for all that are alike.
 
     extras: ACCELERATIONS, names of DIAGNOSTICS. faces: whether there are any. hooks, wet: whether
@@ -106,7 +106,7 @@ def keys_of(
     asked += HOOKS if hooks else ()
     shown = (MESH, faces), (RACHIS, form.condensed)
     clumps = tuple((part, name) for part, is_shown in shown for name in WET if wet and is_shown)
-    return Keys(
+    return AttributeKeys(
         vectors=(
             *((part, name) for part in parts for name in each),
             (MESH, "normals"),
@@ -120,21 +120,21 @@ def keys_of(
     )
 
 
-class Group(NamedTuple):
+class MeshGroup(NamedTuple):
     """Feathers of one mesh. name: of its prim. members: their numbers, in order."""
 
     name: str
     members: tuple[int, ...]
 
 
-def chosen_group(group: str | None, feathers: int) -> str:
+def choose_group(group: str | None, feathers: int) -> str:
     """How a cache of so many feathers is grouped: as asked for, else by region if they are many."""
-    return group or (REGION if feathers > MOST_SINGLE else FEATHER)
+    return group or (REGION if feathers > _MAX_SINGLE else FEATHER)
 
 
-def grouped(
+def group_feathers(
     entries: Sequence[FeatherEntry], group: str, part: str = "", condensed: bool = False
-) -> list[Group]:
+) -> list[MeshGroup]:
     """The groups of a cache, in the order of their first feathers.
 
     group: of GROUPS; feathers without a region go by their kind. part: told in the names, where
@@ -143,7 +143,7 @@ def grouped(
     """
     if group == FEATHER:
         names = unique_prim_names([entry.name or entry.id for entry in entries])
-        return [Group(name, (number,)) for number, name in enumerate(names)]
+        return [MeshGroup(name, (number,)) for number, name in enumerate(names)]
     members: dict[str, list[int]] = {}
     first: dict[str, int] = {}
     for number, entry in enumerate(entries):
@@ -154,4 +154,4 @@ def grouped(
             label = f"{label}_{columns}"
         members.setdefault(label, []).append(number)
     names = unique_prim_names([f"{label}_{part}" if part else label for label in members])
-    return [Group(*each) for each in zip(names, map(tuple, members.values()), strict=True)]
+    return [MeshGroup(*each) for each in zip(names, map(tuple, members.values()), strict=True)]

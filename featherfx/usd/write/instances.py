@@ -22,7 +22,7 @@ from featherfx.usd import arrays
 from featherfx.usd.space import StageSpace, origin_for
 from featherfx.usd.types import MESH, FeatherEntry
 from featherfx.usd.write.chunks import AnimatedPrims
-from featherfx.usd.write.forms import Group
+from featherfx.usd.write.forms import MeshGroup
 from featherfx.usd.write.layers import (
     MATERIALS,
     StageInfo,
@@ -117,7 +117,7 @@ def _define_prototypes(
     paths = [scope.AppendChild(name) for name in names]
     posed = posed_feathers(entries, replace(info.space, origin=StageSpace.origin))
     groups = [
-        PosedGroup(Group(entry.id, (k,)), posed, [True] * len(entries), True)
+        PosedGroup(MeshGroup(entry.id, (k,)), posed, [True] * len(entries), True)
         for k, entry in enumerate(entries)
     ]
     poses = [group.rest() for group in groups]

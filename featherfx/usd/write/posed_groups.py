@@ -42,7 +42,7 @@ from featherfx.usd.types import (
     WET,
 )
 from featherfx.usd.write import surface_kernels
-from featherfx.usd.write.forms import Group, Key
+from featherfx.usd.write.forms import AttributeKey, MeshGroup
 from featherfx.usd.write.poses import PosedFeather, Written, fixed
 from featherfx.usd.write.surface_kernels import DrawnSurface, WrittenSurface
 
@@ -67,7 +67,9 @@ class JoinedFeathers:
         plain = len(feathers) > 1 and same and all(each.is_plain for each in feathers)
         return JoinedFeathers(feathers) if plain else None
 
-    def evaluate(self, values: Mapping[Key, InPlace], given: Sequence[FeatherPose]) -> bool:
+    def evaluate(
+        self, values: Mapping[AttributeKey, InPlace], given: Sequence[FeatherPose]
+    ) -> bool:
         """Write the poses of all feathers, but for extents; False where a value is not finite, or a
         pose is of another grid, which feather by feather can be told."""
         begin, first = dict.fromkeys(values, 0), 0
@@ -113,7 +115,7 @@ class _Block:
             carried=np.zeros((0, 3)),
         )
 
-    def evaluate(self, values: Mapping[Key, Floats], given: Sequence[FeatherPose]) -> bool:
+    def evaluate(self, values: Mapping[AttributeKey, Floats], given: Sequence[FeatherPose]) -> bool:
         """As of JoinedFeathers, to the feathers' own elements of the attributes."""
         if [np.shape(pose.points.nodes)[:2] for pose in given] != self.grids:
             return False
@@ -167,7 +169,7 @@ class WrittenPose:
     layers.
     """
 
-    values: dict[Key, InPlace]
+    values: dict[AttributeKey, InPlace]
     finite: Flags
 
     def corners(self) -> Sequence[Floats]:
@@ -194,7 +196,7 @@ class PosedGroup:
     """
 
     def __init__(
-        self, group: Group, posed: Sequence[PosedFeather], static: Sequence[bool], alone: bool
+        self, group: MeshGroup, posed: Sequence[PosedFeather], static: Sequence[bool], alone: bool
     ) -> None:
         self.name, self.members, self.alone = group.name, group.members, alone
         self.feathers = [posed[k] for k in group.members]
@@ -213,7 +215,7 @@ class PosedGroup:
         self._whole = dict.fromkeys(key for f in self.feathers for key in f.keys.whole)
         self.columns = self.feathers[0].columns
         self._extents = [(part, "extent") for part in self.parts]
-        self.keys: tuple[Key, ...] = (
+        self.keys: tuple[AttributeKey, ...] = (
             *self._vectors,
             *self._extents,
             *self._scalars,
@@ -252,7 +254,7 @@ class PosedGroup:
         """(K,) stage units, diameters of all barbs."""
         return np.concatenate([each.barb_widths for each in self.feathers])
 
-    def starts(self, key: Key) -> Indices:
+    def starts(self, key: AttributeKey) -> Indices:
         """(M + 1,) where the elements of each feather begin in an attribute, and all."""
         if key[1] in PER_FACE:
             return self.faces if key[0] == MESH else np.arange(len(self.members) + 1)
@@ -269,7 +271,7 @@ class PosedGroup:
         """
         own = ("points", *RATES) if compared else ()
         shared = {key: room for key, room in self._unwritten.items() if key[1] not in own}
-        values: dict[Key, InPlace] = {
+        values: dict[AttributeKey, InPlace] = {
             key: new_vectors(self._count(key)) for key in self._vectors if key not in shared
         }
         values |= shared
@@ -286,12 +288,12 @@ class PosedGroup:
         return pose
 
     @cached_property
-    def _unwritten(self) -> dict[Key, InPlace]:
+    def _unwritten(self) -> dict[AttributeKey, InPlace]:
         """Room, which poses share, for what is found with them and not written."""
         form = self.feathers[0].form
         return {key: new_vectors(self._count(key)) for key in self._vectors if not form.writes(key)}
 
-    def _count(self, key: Key) -> int:
+    def _count(self, key: AttributeKey) -> int:
         return int(self._starts_of[key][-1])
 
     def own(self, pose: WrittenPose, index: int) -> Written:
@@ -304,7 +306,7 @@ class PosedGroup:
         return found
 
     @cached_property
-    def _starts_of(self) -> dict[Key, Indices]:
+    def _starts_of(self) -> dict[AttributeKey, Indices]:
         """Where the elements of each feather begin in each attribute, as of starts."""
         own = (*self._vectors, *self._scalars, *self._turns, *self._whole)
         return {key: self.starts(key) for key in own}

@@ -45,7 +45,7 @@ from featherfx.usd.types import (
     FeatherEntry,
 )
 from featherfx.usd.write import surface_kernels
-from featherfx.usd.write.forms import Form, Key, keys_of
+from featherfx.usd.write.forms import AttributeKey, CacheForm, find_keys
 from featherfx.usd.write.surface_kernels import DrawnSurface, ToStage, WrittenSurface
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ _NONE, _ONE = np.zeros(0), np.ones(1)
 
 
 # What is written of one feather: the elements of each attribute that are its own.
-Written = Mapping[Key, Floats]
+Written = Mapping[AttributeKey, Floats]
 
 
 class PosedFeather:
@@ -76,7 +76,7 @@ class PosedFeather:
         surface: _Surface,
         space: StageSpace,
         extras: Collection[str],
-        form: Form = Form(),
+        form: CacheForm = CacheForm(),
     ) -> None:
         """extras: ACCELERATIONS, names of DIAGNOSTICS."""
         self.form, self.rest_points = form, entry.feather.rest
@@ -108,9 +108,9 @@ class PosedFeather:
         self._split = np.where(split, 0.0, 1.0) if split.size else None
         self._hooks = entry.hooked and self.faces > 0
         kinds = self.parts, frozenset(extras), form
-        self.keys = keys_of(*kinds, self.faces > 0, self._hooks, entry.wet)
+        self.keys = find_keys(*kinds, self.faces > 0, self._hooks, entry.wet)
 
-    def count(self, key: Key) -> int:
+    def count(self, key: AttributeKey) -> int:
         """Elements of an attribute."""
         if key[1] in PER_FACE:
             return self.faces if key[0] == MESH else 1
@@ -372,7 +372,7 @@ def posed_feathers(
     entries: Sequence[FeatherEntry],
     space: StageSpace,
     extras: Collection[str] = (),
-    form: Form = Form(),
+    form: CacheForm = CacheForm(),
 ) -> list[PosedFeather]:
     """All feathers of a cache; arrays of entries that share a Feather are made once, and where no
     surface is drawn all share one."""

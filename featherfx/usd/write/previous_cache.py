@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from featherfx.usd.write.poses import Written
 
 
-_MOST_DIFFERENCES = 12
+_MAX_DIFFERENCES = 12
 
 
 def is_finished(
@@ -41,21 +41,21 @@ def is_finished(
     other settings is there, unless overwrite: settings are never mixed.
     """
     if path.exists():
-        earlier = baked_settings(path)
+        earlier = read_settings(path)
         if earlier == settings:
             return _is_whole(path, settings)
         if not overwrite:
-            told = difference(earlier, baked_inputs(path), settings, inputs)
-            raise _refused(path, "exists already", told if earlier else {})
+            told = describe_changes(earlier, read_inputs(path), settings, inputs)
+            raise _settings_error(path, "exists already", told if earlier else {})
         return False
     for layout in ("flat", "clips"):
         begun = unfinished_bakes(parts_folder(path, layout))
         if begun and all(each != settings for each, _ in begun) and not overwrite:
-            raise _refused(path, "was begun", difference(*begun[0], settings, inputs))
+            raise _settings_error(path, "was begun", describe_changes(*begun[0], settings, inputs))
     return False
 
 
-def difference(
+def describe_changes(
     earlier: Mapping[str, str],
     earlier_inputs: Mapping[str, str],
     settings: Mapping[str, str],
@@ -77,30 +77,30 @@ def difference(
     return found
 
 
-def tidy(path: Path, settings: Mapping[str, str]) -> None:
+def remove_finished_parts(path: Path, settings: Mapping[str, str]) -> None:
     """Remove what a bake left that was killed when its cache, now complete, had its name.
 
     Raises OutputError where another bake is writing it.
     """
     if lock_file(path).exists():
-        layout = layer_metadata(path).get("layout", "flat")
+        layout = read_metadata(path).get("layout", "flat")
         parts = Parts(path, layout, settings, keep=True, finished=True)
         parts.finish(keep_chunks=layout == "clips")
 
 
-def baked_settings(path: Path) -> dict[str, str]:
+def read_settings(path: Path) -> dict[str, str]:
     """Settings that a cache was baked with; empty where its file does not tell."""
-    found = layer_metadata(path).get("settings")
+    found = read_metadata(path).get("settings")
     known = found if isinstance(found, dict) else {}
     return {str(key): str(value) for key, value in known.items()}
 
 
-def baked_inputs(path: Path) -> dict[str, str]:
+def read_inputs(path: Path) -> dict[str, str]:
     """What the files of a cache's bake said; empty where its file does not tell."""
-    return text_table(layer_metadata(path).get("inputs"))
+    return parse_table(read_metadata(path).get("inputs"))
 
 
-def text_table(text: Any) -> dict[str, str]:
+def parse_table(text: Any) -> dict[str, str]:
     """Texts by name from JSON (table_text); empty where it is none."""
     if isinstance(text, Vt.StringArray):
         text = "".join(text)
@@ -111,7 +111,7 @@ def text_table(text: Any) -> dict[str, str]:
     return {str(k): str(v) for k, v in found.items()} if isinstance(found, dict) else {}
 
 
-def layer_metadata(path: Path) -> dict[str, Any]:
+def read_metadata(path: Path) -> dict[str, Any]:
     """What featherfx wrote of itself into a root file; empty where there is none."""
     try:
         layer = Sdf.Layer.OpenAsAnonymous(str(path), metadataOnly=True)
@@ -123,26 +123,26 @@ def layer_metadata(path: Path) -> dict[str, Any]:
 
 def _is_whole(path: Path, settings: Mapping[str, str]) -> bool:
     folder = clips_folder(path)
-    layout = layer_metadata(path).get("layout", "flat")
+    layout = read_metadata(path).get("layout", "flat")
     sound = all(file.is_file() for file in output_files(path, layout))
     return sound and (layout != "clips" or Parts.are_whole(folder, settings))
 
 
-def _refused(path: Path, what: str, told: Mapping[str, str]) -> OutputError:
+def _settings_error(path: Path, what: str, told: Mapping[str, str]) -> OutputError:
     """told: what differs, by key; empty where that is not known."""
     advice = "choose another name, or --overwrite to bake it anew"
     if not told:
         message = f"{what}, and does not tell with which settings; {advice}"
         return OutputError(Problem(str(path), "", message))
     problems = [Problem(str(path), "", f"{what} with other settings; {advice}")]
-    problems += [Problem(str(path), key, told[key]) for key in list(told)[:_MOST_DIFFERENCES]]
-    if len(told) > _MOST_DIFFERENCES:
-        more = len(told) - _MOST_DIFFERENCES
+    problems += [Problem(str(path), key, told[key]) for key in list(told)[:_MAX_DIFFERENCES]]
+    if len(told) > _MAX_DIFFERENCES:
+        more = len(told) - _MAX_DIFFERENCES
         problems.append(Problem(str(path), "", f"and {more} more settings differ"))
     return OutputError(*problems)
 
 
-class _Part(NamedTuple):
+class _PrimRanges(NamedTuple):
     """Where a feather's values stand: path of the prim, its own points, faces or curves."""
 
     path: Any
@@ -150,7 +150,7 @@ class _Part(NamedTuple):
     faces: slice
 
 
-class EarlierCache:
+class PreviousCache:
     """A cache that a bake has finished; its layers are opened when they are first read.
 
     dependences: what each feather depended on (featherfx/shot/dependence.py), by name; motions:
@@ -160,16 +160,16 @@ class EarlierCache:
     """
 
     def __init__(self, path: Path) -> None:
-        found = layer_metadata(path)
+        found = read_metadata(path)
         self._path, self._layout = path, str(found.get("layout", "flat"))
-        self.settings, self.inputs = baked_settings(path), baked_inputs(path)
-        self.dependences = text_table(found.get("dependences"))
-        self.motions = text_table(found.get("motions"))
+        self.settings, self.inputs = read_settings(path), read_inputs(path)
+        self.dependences = parse_table(found.get("dependences"))
+        self.motions = parse_table(found.get("motions"))
         chunk = found.get("chunk")
         self.chunk = chunk if isinstance(chunk, int) else 0
         self._layers: dict[Path, Any] = {}
         self._sampled: tuple[list[float], list[Path]] | None = None
-        self._prims: dict[str, dict[str, _Part]] = {}
+        self._prims: dict[str, dict[str, _PrimRanges]] = {}
         # arrays at the last time code that was asked for, which feathers may share
         self._code, self._values = math.nan, dict[Any, Any]()
 
@@ -179,7 +179,7 @@ class EarlierCache:
         Raises OutputError where a value is missing or of another size.
         """
         if not self._prims:
-            self._prims = _prims(self._constant)
+            self._prims = _find_ranges(self._constant)
         prims, sampled = self._prims.get(feather, {}), self._layer_at(code)
         for (part, name), numbers in out.items():
             given = self._value(prims[part], name, sampled, code) if part in prims else None
@@ -190,7 +190,7 @@ class EarlierCache:
                 raise OutputError(Problem(str(self._path), "", message))
             numbers[...] = given
 
-    def _value(self, part: _Part, name: str, sampled: Any, code: float) -> Any:
+    def _value(self, part: _PrimRanges, name: str, sampled: Any, code: float) -> Any:
         """A feather's elements of an attribute; None where it has no value."""
         if code != self._code:
             self._code, self._values = code, {}
@@ -237,27 +237,27 @@ class EarlierCache:
         return self._layers[file]
 
 
-def _prims(layer: Any) -> dict[str, dict[str, _Part]]:
+def _find_ranges(layer: Any) -> dict[str, dict[str, _PrimRanges]]:
     """Where each feather's values stand, by its id and part (MESH, RACHIS, BARB)."""
-    found: dict[str, dict[str, _Part]] = {}
+    found: dict[str, dict[str, _PrimRanges]] = {}
     root = layer.GetPrimAtPath(Sdf.Path.absoluteRootPath.AppendChild(layer.defaultPrim))
     for part, (scope, _) in SCOPES.items():
         above = root.nameChildren.get(scope)
         for prim in above.nameChildren if above else ():
-            ids = _default(prim, "primvars:featherId") or ()
-            points = _default(prim, f"{RANGES}:points")
-            faces = _default(prim, f"{RANGES}:{'faces' if part == MESH else 'curves'}")
+            ids = _default_value(prim, "primvars:featherId") or ()
+            points = _default_value(prim, f"{RANGES}:points")
+            faces = _default_value(prim, f"{RANGES}:{'faces' if part == MESH else 'curves'}")
             for k, id in enumerate(ids):
-                own = _range(points, k), _range(faces, k)
-                found.setdefault(id, {})[part] = _Part(prim.path, *own)
+                own = _feather_range(points, k), _feather_range(faces, k)
+                found.setdefault(id, {})[part] = _PrimRanges(prim.path, *own)
     return found
 
 
-def _default(prim: Any, name: str) -> Any:
+def _default_value(prim: Any, name: str) -> Any:
     attribute = prim.attributes.get(name)
     return attribute.default if attribute else None
 
 
-def _range(table: Any, index: int) -> slice:
+def _feather_range(table: Any, index: int) -> slice:
     """Of a prim without a table all is one feather's."""
     return slice(None) if table is None else slice(table[index][0], sum(table[index]))
