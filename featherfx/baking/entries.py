@@ -35,7 +35,7 @@ from featherfx.shot.patterns import last_fitting
 from featherfx.shot.placement import place
 from featherfx.shot.types import Quality, Shot, Wet
 from featherfx.usd.types import FeatherEntry
-from featherfx.usd.write.options import BOTH, CONDENSED, CURVES
+from featherfx.usd.write.options import BOTH_FORMS, CONDENSED_FORM, CURVES_FORM
 
 # bytes of a mesh point and of a barb, measured: while one feather is built, of a feather and of its
 # map from the simulated grid, which feathers of one shape share, and of its poses on their way
@@ -146,13 +146,13 @@ def refuse_splits_elsewhere(
 def refuse_unfit_form(groom: Groom, options: BakeOptions, source: str) -> None:
     """Raise InputError where feathers cannot be written in the form that is asked for."""
     problems = []
-    if options.form == CURVES and not options.barbs:
+    if options.form == CURVES_FORM and not options.barbs:
         problems.append(Problem(source, "as", "curves needs barbs (--barbs N)"))
-    if options.form == CURVES and options.diagnostics:
+    if options.form == CURVES_FORM and options.diagnostics:
         problems.append(Problem(source, "as", "curves has no faces for diagnostics"))
-    if options.form == CONDENSED and (options.barbs or options.diagnostics):
+    if options.form == CONDENSED_FORM and (options.barbs or options.diagnostics):
         problems.append(Problem(source, "as", "condensed has no barbs and diagnostics besides"))
-    if options.form in (CONDENSED, BOTH):
+    if options.form in (CONDENSED_FORM, BOTH_FORMS):
         names = dict.fromkeys(p.kind.name for p in groom.feathers if p.kind.may_part)
         told = "may split, which condensed feathers have no place for; use --as mesh or curves"
         problems += [
@@ -278,9 +278,9 @@ def scenery_of_groom(groom: Groom, path: Path) -> dict[str, Any]:
     )
     if not (isinstance(scene, str) and isinstance(prim, str)):
         return {}
-    file = usd.opening.located(groom.source.parent, scene)
+    file = usd.opening.locate_file(groom.source.parent, scene)
     stage = usd.opening.open_stage(file)
-    if usd.stage.kind_of(stage.GetPrimAtPath(prim)) != "mesh":
+    if usd.stage.prim_kind(stage.GetPrimAtPath(prim)) != "mesh":
         return {}
     # at rest a mesh is drawn in the pose that was groomed
     at = {} if rest is None else {"rest": float(rest)}

@@ -21,7 +21,7 @@ from featherfx.groom.presets.folders import SHIPPED, own_folders
 from featherfx.limits import TASK_HOURS
 from featherfx.shot.placement import place_feathers
 from featherfx.shot.share import most_shares, share_count
-from featherfx.usd.write.output import check_output, file_problems
+from featherfx.usd.write.output import check_output, find_file_problems
 
 # of the environment, in which USD finds files that are not beside those that name them
 _SEARCH = "PXR_AR_DEFAULT_SEARCH_PATH"
@@ -75,7 +75,7 @@ def plan(
     output = default_output(shot) if output is None else output
     output = Path(os.path.abspath(check_output(output, overwrite=True)))
     items, job = (output.with_suffix(suffix) for suffix in (".plan.json", ".openjd.json"))
-    require(*file_problems([items, job], overwrite))
+    require(*find_file_problems([items, job], overwrite))
     shot = place_feathers(shot)
     most = len(shot.groom.feathers)
     if not 1 <= shares <= most:

@@ -29,8 +29,8 @@ from featherfx.shot.simulate import drawn_feathers
 from featherfx.shot.types import LEVELS, Quality, Shot
 from featherfx.usd.space import StageSpace
 from featherfx.usd.write.cache_writer import chunk_bytes
-from featherfx.usd.write.options import CHUNK, PUSHING_CHUNK
-from featherfx.usd.write.poses import posed_feathers
+from featherfx.usd.write.options import CHUNK_FRAMES, CONTACT_CHUNK_FRAMES
+from featherfx.usd.write.poses import make_posed_feathers
 
 _MOST_NAMED = 10
 
@@ -140,9 +140,11 @@ def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None) -> dict[
     total = len(shot.groom.feathers)
     learnt = expected(shot, jobs, budget)
     entries = entries_of(shot.groom, drawn, static=False, skin=shot.skin)
-    sample = sum(feather.bytes_per_sample for feather in posed_feathers(entries, StageSpace()))
+    sample = sum(feather.bytes_per_sample for feather in make_posed_feathers(entries, StageSpace()))
     # frames of a chunk that the trial did not have
-    chunk = min(frames, PUSHING_CHUNK if shot.contact else CHUNK, chunk_bytes(total) // sample)
+    chunk = min(
+        frames, CONTACT_CHUNK_FRAMES if shot.contact else CHUNK_FRAMES, chunk_bytes(total) // sample
+    )
     memory = learnt.memory + sample * max(chunk - learnt.trial.frames, 0)
     if shot.layers is not None:
         # points, velocities and accelerations

@@ -23,7 +23,7 @@ from featherfx.farm.places import Shares
 from featherfx.farm.work import BAKE, MERGE, PLAN, Order, OrderResult
 from featherfx.files.content import program_digest
 from featherfx.files.lock import Lock
-from featherfx.usd.types import BUSY, OutputError
+from featherfx.usd.types import BUSY_MESSAGE, OutputError
 from featherfx.usd.write.parts import lock_file
 
 # how often an order is given to a worker when what it writes is refused
@@ -164,7 +164,7 @@ class Job:
             try:
                 lock = Lock(lock_file(each.output))
             except TimeoutError:
-                message = BUSY
+                message = BUSY_MESSAGE
             else:
                 each.shares.remove()
                 lock.release()
@@ -200,7 +200,7 @@ class Job:
             if count > 1:
                 each.shares.begin(count)
         except TimeoutError:
-            each.problems.append(Problem(str(each.output), "", BUSY))
+            each.problems.append(Problem(str(each.output), "", BUSY_MESSAGE))
             return []
         except OSError as error:
             each.problems.append(Problem(str(error.filename), "", str(error.strerror)))

@@ -20,7 +20,7 @@ from featherfx.baking.task import part_path
 from featherfx.errors import InputError, Problem, require
 from featherfx.files.atomic_write import write_text
 from featherfx.groom.read.toml_file import load_toml
-from featherfx.usd.write.output import SUFFIXES
+from featherfx.usd.write.output import USD_SUFFIXES
 from featherfx.usd.write.parts import remove_cache
 
 # of a worker: FROM=TO for paths of the machine that gives the work, with os.pathsep between
@@ -35,7 +35,7 @@ def outputs_of(shots: Sequence[Path], where: Path) -> list[Path]:
     where: a folder, or for one shot also a USD file. Raises InputError where two outputs would be
     one.
     """
-    if where.suffix in SUFFIXES and not where.is_dir():
+    if where.suffix in USD_SUFFIXES and not where.is_dir():
         if len(shots) == 1:
             return [where]
         message = f"is a file; {len(shots)} shots go to a folder"

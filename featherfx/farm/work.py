@@ -27,7 +27,7 @@ from featherfx.shot.share import share_count, share_sizes
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, BusyError
 from featherfx.usd.write.cache_writer import chunk_frames
-from featherfx.usd.write.poses import posed_feathers
+from featherfx.usd.write.poses import make_posed_feathers
 
 PLAN, BAKE, MERGE = "look at", "bake", "merge"
 # s for which a share may still be written by a worker that is thought to be lost, and between looks
@@ -132,7 +132,7 @@ def _chunk(task: BakeTask) -> int:
     shot, options = task.shot, task.options
     entries = drawn_entries(shot.groom, shot.quality, options, task.names, shot.skin, shot.wets)
     extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
-    return chunk_frames(options, posed_feathers(entries, StageSpace(), extras))
+    return chunk_frames(options, make_posed_feathers(entries, StageSpace(), extras))
 
 
 def _bake(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:

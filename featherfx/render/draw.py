@@ -31,8 +31,8 @@ from featherfx.render.files import Picture, save
 from featherfx.render.options import SHEET_FRAMES, PictureOptions, check_pixels
 from featherfx.render.subject import Subject, open_subject
 from featherfx.render.trace import ROWS_AT_ONCE, Tracer
-from featherfx.usd.read.scenes import camera_of
-from featherfx.usd.write.output import file_problems
+from featherfx.usd.read.scenes import find_camera
+from featherfx.usd.write.output import find_file_problems
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def draw(path: Path, output: Path, options: PictureOptions, jobs: int) -> list[P
         if options.floor:
             shots = _on_floor(shots, subjects)
         files = _files(output, shots, options)
-        problems = file_problems(files, options.overwrite) + check_pixels(len(shots), options)
+        problems = find_file_problems(files, options.overwrite) + check_pixels(len(shots), options)
         require(*problems)
         before = {file: standing(file) for file in files}
         every = [shot.time for shot in shots]
@@ -143,7 +143,7 @@ def _shots(
     """List the images to draw, with their cameras."""
     named = [(time, _name(time), _number(time)) for time in times]
     if options.camera is not None:
-        seen = camera_of(path, options.camera, subjects[0].cache)
+        seen = find_camera(path, options.camera, subjects[0].cache)
         eyes = [whole(seen(time), options.pixels) for time in times]
         return [
             Exposure(time, eye, name, number)

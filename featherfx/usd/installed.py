@@ -8,7 +8,7 @@ from pathlib import Path
 
 from featherfx.errors import Problem, require
 
-OLDEST = (0, 24, 3)
+MIN_USD_VERSION = (0, 24, 3)
 # the library that every program with USD loads first; all in one, or with the others beside it
 _LIBRARY = re.compile(r"lib(?:\w*_)?(?:usd|pxr)_(?:ms|tf)\b[^/]*\.so[^/]*")
 _MAPS = Path("/proc/self/maps")
@@ -24,7 +24,7 @@ def refuse_unfit_usd() -> None:
     from pxr import Usd
 
     problems = []
-    if (found := Usd.GetVersion()) < OLDEST:
+    if (found := Usd.GetVersion()) < MIN_USD_VERSION:
         told = "is USD {}.{}, but 24.3 is the oldest that is read and written".format(*found[1:])
         problems.append(Problem(str(Path(Usd.__file__).parent.parent), "", told))
     if len(loaded := loaded_libraries()) > 1:

@@ -11,7 +11,7 @@ from featherfx.algebra.types import Array
 from featherfx.usd.write.options import StageOptions
 
 # m from the world's origin, beyond which points of single precision would be coarse
-FAR = 100.0
+_MAX_DISTANCE = 100.0
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class StageSpace:
         return values / self.meters_per_unit
 
 
-def origin_for(positions: ArrayLike) -> tuple[float, float, float]:
+def choose_origin(positions: ArrayLike) -> tuple[float, float, float]:
     """Where the root prim of feathers at these (N, 3) positions, m, is to stand: the world's origin
     unless they are far from it, else their middle, in whole metres."""
     middle: Array = np.round(np.reshape(positions, (-1, 3)).mean(axis=0))
-    if np.linalg.norm(middle) <= FAR:
+    if np.linalg.norm(middle) <= _MAX_DISTANCE:
         return 0.0, 0.0, 0.0
     return float(middle[0]), float(middle[1]), float(middle[2])

@@ -17,43 +17,43 @@ BARB_DIRECTION = "primvars:barbDirection"
 STRAIN_ACROSS, STRAIN_SHEAR = "primvars:strainAcross", "primvars:strainShear"
 ENERGY_DENSITY = "primvars:energyDensity"
 # of vanes whose hooks may slip, per face
-HOOKED, SLIP = "primvars:hooked", "primvars:slip"
-HOOKS = (HOOKED, SLIP)
+HOOKED_PRIMVAR, SLIP_PRIMVAR = "primvars:hooked", "primvars:slip"
+HOOK_PRIMVARS = (HOOKED_PRIMVAR, SLIP_PRIMVAR)
 # of wet feathers, per face, or per shaft of condensed ones: how far the ends of drawn barbs come
 # together, 0 to 1, and in how many clumps a vane
-WET = ("primvars:wetClump", "primvars:wetClumps")
+WET_PRIMVARS = ("primvars:wetClump", "primvars:wetClumps")
 DIAGNOSTICS = {"strain": (STRAIN_ACROSS, STRAIN_SHEAR), "energy": (ENERGY_DENSITY,)}
 
 # of condensed feathers, on the points of shafts: their barbs' nodes, left and right (P_BARB), and
 # the rotation that turns x, y and z to along the shaft, its d2 and dorsal
-P_BARB = ("primvars:P_barbl", "primvars:P_barbr")
-ORIENT = "primvars:barborient"
+BARB_NODE_PRIMVARS = ("primvars:P_barbl", "primvars:P_barbr")
+ORIENT_PRIMVAR = "primvars:barborient"
 # what half of the rows and nodes leave out of all (featherfx/feather/detail.py), and the grid of a
 # feather, rows and columns
-DETAIL, DETAIL_GRID = "featherDetail", "featherDetail:grid"
+DETAIL_ATTRIBUTE, DETAIL_GRID_ATTRIBUTE = "featherDetail", "featherDetail:grid"
 # the shape that they are built of, as text (featherfx/feather/shape_text.py), and its factor
-SHAPE, SHAPE_SIZE = "featherShape", "shapeSize"
+SHAPE_PRIMVAR, SHAPE_SIZE_PRIMVAR = "featherShape", "shapeSize"
 # their colours, as text (groom/looks.py), and linear at their barbs' nodes, as P_BARB
-COLOUR, BARB_COLOURS = "featherColour", ("displayColor_barbl", "displayColor_barbr")
+COLOUR_PRIMVAR, BARB_COLOUR_PRIMVARS = "featherColour", ("displayColor_barbl", "displayColor_barbr")
 # of meshes, how their barbs look in pictures, as text (groom/looks.py)
-LOOK = "barbLook"
+LOOK_PRIMVAR = "barbLook"
 # and how many real barbs each vane has
-BARB_COUNT = "barbCount"
+BARB_COUNT_PRIMVAR = "barbCount"
 
 # The prims of a feather, or of several that share them, and what is written of these: what is a
 # rate, and what has a value for each face or shaft. All else has one for each point.
-MESH, RACHIS, BARB = "mesh", "rachis", "barbs"
+MESH_PART, RACHIS_PART, BARB_PART = "mesh", "rachis", "barbs"
 RATES = ("velocities", ACCELERATIONS)
 # velocities in half precision, which USD's own attribute has no place for
 HALF_VELOCITIES = "primvars:halfVelocities"
-PER_FACE = (
+PER_FACE_PRIMVARS = (
     BARB_DIRECTION,
-    *HOOKS,
-    *WET,
+    *HOOK_PRIMVARS,
+    *WET_PRIMVARS,
     *(name for names in DIAGNOSTICS.values() for name in names),
 )
 # tables of prims that feathers share: first and number of each feather's points, faces, curves
-RANGES = "featherRange"
+RANGES_PREFIX = "featherRange"
 
 
 class OutputError(InputError):
@@ -61,7 +61,7 @@ class OutputError(InputError):
 
 
 # what a second bake of a cache is told
-BUSY = "another bake is writing this cache; wait for it or choose another name"
+BUSY_MESSAGE = "another bake is writing this cache; wait for it or choose another name"
 
 
 class BusyError(OutputError):

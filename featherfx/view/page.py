@@ -14,7 +14,7 @@ from typing import Any
 from featherfx.files.atomic_write import into, standing, write_all
 from featherfx.phases import counted
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.output import file_problems
+from featherfx.usd.write.output import find_file_problems
 from featherfx.view.played import Played, packed
 
 _FOLDER = Path(__file__).parent
@@ -72,7 +72,7 @@ def write_page(
     Raises InputError where the cache cannot be read or the output not be written.
     """
     output = Path(output)
-    problems = file_problems([output], overwrite)
+    problems = find_file_problems([output], overwrite)
     if problems:
         raise OutputError(*problems)
     before = {output: standing(output)}

@@ -34,7 +34,7 @@ from featherfx.render.colour import (
 )
 from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_scene
 from featherfx.usd.check.measures import CrossedPoints
-from featherfx.usd.convert.levels import Thinned, levels, thinned
+from featherfx.usd.convert.levels import ThinnedMesh, make_levels, thin_feathers
 from featherfx.usd.read.cache import Cache
 from featherfx.view.body import SceneryMeshes
 from featherfx.view.packing import Bytes, packed_colours, packed_points
@@ -93,7 +93,7 @@ class Played:
         self.codes: list[float | None] = codes[::every] or [None]
         self._every = every
         self._scene: DrawnScene = load_scene(self._cache)
-        self._kept: Thinned = thinned(self._scene.feathers, self._scene.starts, most)
+        self._kept: ThinnedMesh = thin_feathers(self._scene.feathers, self._scene.starts, most)
 
     @cached_property
     def rest(self) -> DrawnPose:
@@ -230,7 +230,7 @@ class Played:
 
     @cached_property
     def _levels(self) -> list[tuple[Indices, Indices]]:
-        return levels(self._scene.feathers, self._scene.starts, self._kept)
+        return make_levels(self._scene.feathers, self._scene.starts, self._kept)
 
     def constant(self) -> bytes:
         """Corners (3 uint32 a triangle), points (uint32) and their corners of each level

@@ -21,7 +21,7 @@ from featherfx.render.scene import load_points
 from featherfx.render.studio import backdrop
 from featherfx.render.subject import open_subject
 from featherfx.usd.read.cache import Cache
-from featherfx.usd.read.scenes import camera_of
+from featherfx.usd.read.scenes import find_camera
 
 pytest.importorskip("embreex", reason="no wheel for this platform")
 
@@ -306,7 +306,7 @@ def cameras(tmp_path):
 
 
 def test_a_usd_camera_by_its_path(cache, cameras, tmp_path):
-    seen = camera_of(cache, f"{cameras}:/cameras/above", Cache(cache))(1.0)
+    seen = find_camera(cache, f"{cameras}:/cameras/above", Cache(cache))(1.0)
     np.testing.assert_allclose(seen.eye, (0, 0, 2), atol=1e-9)
     np.testing.assert_allclose(seen.back, (0, 0, 1), atol=1e-9)
     shown = picture(cache, tmp_path / "a.png", camera=f"{cameras}:/cameras/above")

@@ -180,11 +180,11 @@ DEFECTS = {
 }
 
 
-@pytest.mark.parametrize("at_once", [geometry.AT_ONCE_BYTES, 2 * 36 * 12])
+@pytest.mark.parametrize("at_once", [geometry._WINDOW_BYTES, 2 * 36 * 12])
 @pytest.mark.parametrize("name", DEFECTS)
 def test_a_planted_defect_is_named(tmp_path, caches, monkeypatch, name, at_once):
     """Also where few samples fit into memory at once."""
-    monkeypatch.setattr(geometry, "AT_ONCE_BYTES", at_once)
+    monkeypatch.setattr(geometry, "_WINDOW_BYTES", at_once)
     plant, key, message = DEFECTS[name]
     path = tmp_path / "planted.usdc"
     stage = Usd.Stage.Open(Sdf.Layer.OpenAsAnonymous(str(caches["usdc"])))

@@ -27,7 +27,7 @@ from featherfx.usd.write import posed_groups as joined
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter, Continuation
 from featherfx.usd.write.forms import CacheForm, choose_group, group_feathers
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.poses import posed_feathers
+from featherfx.usd.write.poses import make_posed_feathers
 from featherfx.usd.write.previous_cache import PreviousCache
 
 GROUPS = ("kind", "region", "all")
@@ -136,7 +136,7 @@ def test_readers_find_each_feather_as_if_it_stood_alone(single, shared):
 def test_feathers_posed_together_have_the_bits_of_each_alone(
     tmp_path, monkeypatch, origin, accelerations
 ):
-    monkeypatch.setattr(joined, "AT_ONCE", 3)  # two blocks
+    monkeypatch.setattr(joined, "_MAX_JOINED", 3)  # two blocks
     entries = [replace(each, static=False) for each in feathers.entries()]
     own = {"entries": entries, "accelerations": accelerations}
     paths = [
@@ -351,8 +351,8 @@ def test_feathers_of_a_coat_cost_little_beside_their_numbers():
     one = feathers.entries()[0]
     many = [replace(one, id=f"contour_{number}") for number in range(300)]
     form = CacheForm.of(WriteOptions(form="condensed"))
-    posed_feathers(many[:1], StageSpace(), form=form)  # what all share
-    posed, held = traced(lambda: posed_feathers(many, StageSpace(), form=form))
+    make_posed_feathers(many[:1], StageSpace(), form=form)  # what all share
+    posed, held = traced(lambda: make_posed_feathers(many, StageSpace(), form=form))
     assert held < 1000 * len(many)
     group = joined.PosedGroup(group_feathers(many, "all")[0], posed, [False] * len(many), False)
     group.new_pose()

@@ -11,12 +11,12 @@ from pxr import Gf, Usd, UsdGeom
 from featherfx.errors import InputError
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.convert import levels
-from featherfx.usd.convert.levels import export_levels, knows_lod
+from featherfx.usd.convert.levels import export_levels, has_usd_lod
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
 
-needs_lod = pytest.mark.skipif(not knows_lod(), reason="this USD has no UsdLod")
+needs_lod = pytest.mark.skipif(not has_usd_lod(), reason="this USD has no UsdLod")
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_the_finest_is_drawn_and_the_others_hold_some_of_its_points(cache):
     assert list(triangles) == sorted(triangles, reverse=True)
     assert len(set(triangles)) == len(triangles) > 2
     stage = Usd.Stage.Open(str(target))
-    variants = stage.GetDefaultPrim().GetVariantSet(levels.SET)
+    variants = stage.GetDefaultPrim().GetVariantSet(levels.LEVEL_SET)
     assert sorted(variants.GetVariantNames()) == sorted(names)
     for name in names[1:]:
         mesh = UsdGeom.Mesh.Get(stage, f"/wing/levels/{name}/feathers")
@@ -123,12 +123,12 @@ def test_a_renderer_chooses_by_size(cache):
 
 
 def test_a_usd_without_levels_gets_variants_alone(cache, monkeypatch):
-    monkeypatch.setattr(levels, "knows_lod", lambda: False)
+    monkeypatch.setattr(levels, "has_usd_lod", lambda: False)
     target, told = exported(cache, "plain.usda")
     text = target.read_text()
     assert "LOD" not in text
     stage = Usd.Stage.Open(str(target))
-    names = stage.GetDefaultPrim().GetVariantSet(levels.SET).GetVariantNames()
+    names = stage.GetDefaultPrim().GetVariantSet(levels.LEVEL_SET).GetVariantNames()
     assert sorted(names) == sorted(name for name, _ in told)
 
 

@@ -17,7 +17,7 @@ from featherfx.files import atomic_write
 from featherfx.usd.types import OutputError
 from featherfx.usd.write import layers
 from featherfx.usd.write.cache_writer import CacheWriter
-from featherfx.usd.write.layers import table_text
+from featherfx.usd.write.layers import format_table
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output
 from featherfx.usd.write.previous_cache import parse_table, read_metadata
@@ -236,7 +236,7 @@ def test_reading_compiles_nothing():
 def test_long_texts_of_a_cache_are_kept_in_pieces_that_others_read(tmp_path, count):
     table = {f"feather_{k}": f"depends on {k} µm" for k in range(count)}
     layer = Sdf.Layer.CreateNew(str(tmp_path / "long.usdc"))
-    layer.customLayerData = {"featherfx": {"dependences": table_text(table)}}
+    layer.customLayerData = {"featherfx": {"dependences": format_table(table)}}
     layer.Save()
     del layer
     told = read_metadata(tmp_path / "long.usdc")["dependences"]

@@ -231,7 +231,7 @@ def test_what_is_published_before_the_lock_is_had_is_seen_before_any_work(tmp_pa
 
 
 def test_a_payload_of_others_is_not_replaced_where_the_layout_is_chosen(tmp_path, monkeypatch):
-    monkeypatch.setattr("featherfx.usd.write.output.AUTO_CLIPS_BYTES", 1)
+    monkeypatch.setattr("featherfx.usd.write.output._MAX_FLAT_BYTES", 1)
     other = tmp_path / "o.payload.usdc"
     other.write_text("mine")
     for resume in (False, True):

@@ -24,7 +24,7 @@ from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.parts import Parts
-from featherfx.usd.write.poses import posed_feathers
+from featherfx.usd.write.poses import make_posed_feathers
 
 KINDS = ("usda", "usdc", "usd", "payload", "clips")
 DUMP = """
@@ -185,10 +185,10 @@ def test_a_chunk_that_changes_before_the_root_is_written_stops_it(tmp_path):
 def test_chunks_grow_with_the_feathers_up_to_a_limit(tmp_path, monkeypatch, each, most, chunks):
     """each, most: frames for which the bytes suffice, by the number of feathers and in all."""
     entries = feathers.entries()
-    frame = sum(f.bytes_per_sample for f in posed_feathers(entries, StageSpace(1.0, "Z")))
-    monkeypatch.setattr(cache_writer, "CHUNK_BYTES", 0)
-    monkeypatch.setattr(cache_writer, "BYTES_EACH", each * frame // len(entries) + 1)
-    monkeypatch.setattr(cache_writer, "MOST_BYTES", most * frame)
+    frame = sum(f.bytes_per_sample for f in make_posed_feathers(entries, StageSpace(1.0, "Z")))
+    monkeypatch.setattr(cache_writer, "_MIN_CHUNK_BYTES", 0)
+    monkeypatch.setattr(cache_writer, "_BYTES_PER_FEATHER", each * frame // len(entries) + 1)
+    monkeypatch.setattr(cache_writer, "_MAX_CHUNK_BYTES", most * frame)
     with CacheWriter(
         tmp_path / "a.usda", entries, (1, 4), options=WriteOptions(layout="clips")
     ) as writer:

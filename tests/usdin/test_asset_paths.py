@@ -7,7 +7,7 @@ from pxr import Ar
 
 import featherfx
 from featherfx.errors import InputError
-from featherfx.usd.read.opening import located, open_stage
+from featherfx.usd.read.opening import locate_file, open_stage
 
 GROOM = 'name = "g"\n[[feather]]\nid = "a"\nkind = "covert"\nposition = [0, 0, 0]\n'
 SHOT = """
@@ -38,15 +38,15 @@ def library(tmp_path):
 def test_what_is_beside_the_file_comes_before_the_search_path(library, tmp_path):
     name = "cameras/main.usda"
     shots = tmp_path / "shots"
-    assert located(shots, name) == library / name
+    assert locate_file(shots, name) == library / name
     own = shots / name
     own.parent.mkdir(parents=True)
     own.write_text(CAMERA)
-    assert located(shots, name) == own
-    assert located(shots, str(own)) == own
+    assert locate_file(shots, name) == own
+    assert locate_file(shots, str(own)) == own
     # what is nowhere is named as seen from the folder
-    assert located(shots, "no.usda") == shots / "no.usda"
-    assert located(shots, "asset:no.usda") == shots / "asset:no.usda"
+    assert locate_file(shots, "no.usda") == shots / "no.usda"
+    assert locate_file(shots, "asset:no.usda") == shots / "asset:no.usda"
 
 
 def test_a_shot_takes_groom_and_scenes_from_the_search_path(library, tmp_path):

@@ -11,7 +11,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from featherfx.errors import InputError
-from featherfx.usd.read.cached_feather import members_of
+from featherfx.usd.read.cached_feather import read_members
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -27,12 +27,20 @@ from featherfx.usd.read.values import (
     read_value,
     usd_errors,
 )
-from featherfx.usd.types import DIAGNOSTICS, HALF_VELOCITIES, HOOKED, HOOKS, RANGES, RATES, WET
+from featherfx.usd.types import (
+    DIAGNOSTICS,
+    HALF_VELOCITIES,
+    HOOK_PRIMVARS,
+    HOOKED_PRIMVAR,
+    RANGES_PREFIX,
+    RATES,
+    WET_PRIMVARS,
+)
 
-Found = Iterator[tuple[str, str]]
+Faults = Iterator[tuple[str, str]]
 
 # of one attribute that are in memory together
-AT_ONCE_BYTES = 64_000_000
+_WINDOW_BYTES = 64_000_000
 
 # Relative to the size of the object: rounding of float32 in the many ways that it is summed.
 _EXTENT_TOLERANCE = 1e-5
@@ -43,7 +51,11 @@ _CONSTANT_ATTRIBUTES = (
     "orientation", "doubleSided", "primvars:st", "primvars:Pref", "primvars:rest",
     "primvars:featherId", "primvars:featherKind", "primvars:region", "primvars:side",
 )  # fmt: skip
-_DIAGNOSED = [*HOOKS, *WET, *(name for names in DIAGNOSTICS.values() for name in names)]
+_DIAGNOSED = [
+    *HOOK_PRIMVARS,
+    *WET_PRIMVARS,
+    *(name for names in DIAGNOSTICS.values() for name in names),
+]
 _NOTHING = np.asarray(None)
 _OF_PRIMVARS = "{{}} values; interpolation {} asks for {{}}"
 _PER_FACE = ("primvars:barbDirection", *_DIAGNOSED)
@@ -63,7 +75,7 @@ def _time_code(code: float) -> Any:
     return Usd.TimeCode(code)
 
 
-class Series(NamedTuple):
+class SampleSeries(NamedTuple):
     """Values of an attribute at some of its time samples, in order; None: no value.
 
     stacked: (T, ...) all; None where there are none, or of different shapes.
@@ -74,7 +86,7 @@ class Series(NamedTuple):
     stacked: Any
 
     @classmethod
-    def of(cls, codes: list[Any], values: list[Any]) -> Series:
+    def of(cls, codes: list[Any], values: list[Any]) -> SampleSeries:
         shapes = {None if each is None else each.shape for each in values}
         if len(shapes) != 1 or not shapes - {None, ()}:
             return cls(codes, values, None)
@@ -109,7 +121,7 @@ class GeometryCheck:
         self._prim = prim
         self._attributes: dict[str, Any] = {}
         self._codes_of: dict[str, list[float]] = {}
-        self._windows: dict[str, tuple[int, Series]] = {}
+        self._windows: dict[str, tuple[int, SampleSeries]] = {}
         self._defaults: dict[str, Any] = {}
         self._half_width: float | None = None
         self._mesh = UsdGeom.Mesh(prim) if prim.IsA(UsdGeom.Mesh) else None
@@ -120,9 +132,9 @@ class GeometryCheck:
         self._counts = self._value(name, None)
         self._points = len(self._value("points", None))
         # samples that are looked at together
-        self._at_once = max(1, AT_ONCE_BYTES // (12 * max(self._points, len(self._counts), 1)))
+        self._at_once = max(1, _WINDOW_BYTES // (12 * max(self._points, len(self._counts), 1)))
 
-    def faults(self) -> Found:
+    def faults(self) -> Faults:
         """What contradicts itself: sizes, indices, values that are not finite, windings."""
         topology = list(self._topology())
         yield from topology
@@ -138,7 +150,7 @@ class GeometryCheck:
             yield from self._flipped()
         yield from self._shared()
 
-    def habits(self) -> Found:
+    def habits(self) -> Faults:
         """What a cache promises beyond that: extents, and which times have samples."""
         yield from self._sample_times()
         yield from self._static_samples()
@@ -170,17 +182,17 @@ class GeometryCheck:
             self._defaults[name] = self._read(name, DEFAULT_TIME)
         return self._defaults[name]
 
-    def _window(self, name: str, first: int) -> Series:
+    def _window(self, name: str, first: int) -> SampleSeries:
         """Samples of an attribute from a number on, as many as are looked at together."""
         known = self._windows.get(name)
         if known is None or known[0] != first:
             self._windows.pop(name, None)
             chosen = self._times(name)[first : first + self._at_once]
             codes = [_time_code(code) for code in chosen]
-            known = self._windows[name] = first, Series.of(codes, self._samples(name, codes))
+            known = self._windows[name] = first, SampleSeries.of(codes, self._samples(name, codes))
         return known[1]
 
-    def _all_windows(self, name: str) -> Iterator[Series]:
+    def _all_windows(self, name: str) -> Iterator[SampleSeries]:
         for first in range(0, len(self._times(name)), self._at_once):
             yield self._window(name, first)
 
@@ -215,7 +227,7 @@ class GeometryCheck:
         name: str,
         test: Callable[[Any, Any], str],
         may_fail: Callable[[Any, Any], Any] | None,
-    ) -> Found:
+    ) -> Faults:
         """Run a test of (value, code) at every time of an attribute; report the first failure.
 
         may_fail: of all samples (T, ...) and their codes at once, which are worth the test.
@@ -247,7 +259,7 @@ class GeometryCheck:
             for number in chosen:
                 yield series.values[number], series.codes[number]
 
-    def _topology(self) -> Found:
+    def _topology(self) -> Faults:
         if self._mesh:
             if self._counts.sum() != len(self._indices):
                 yield (
@@ -269,7 +281,7 @@ class GeometryCheck:
                 f"sum is {int(self._counts.sum())}, but there are {self._points} points",
             )
 
-    def _sample_times(self) -> Found:
+    def _sample_times(self) -> Faults:
         stage = self._prim.GetStage()
         first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
         outside = [code for code in self._codes if not first <= code <= last]
@@ -283,7 +295,7 @@ class GeometryCheck:
             if not attribute or not attribute.HasAuthoredValue():
                 if name == "extent":
                     yield name, "missing"
-            elif name == HOOKED and not self._times(name):
+            elif name == HOOKED_PRIMVAR and not self._times(name):
                 pass  # hooks that all hold, in part at rest, never change
             elif name in _PER_FACE and not self._codes and self._moves_rigidly():
                 pass  # what is told of each face goes on where points stand still in their space
@@ -294,7 +306,7 @@ class GeometryCheck:
                     f" {len(self._codes)} samples of points",
                 )
 
-    def _static_samples(self) -> Found:
+    def _static_samples(self) -> Faults:
         for name in _CONSTANT_ATTRIBUTES:
             if self._times(name):
                 yield name, f"time samples (first at {self._times(name)[0]:g}), but never changes"
@@ -305,7 +317,7 @@ class GeometryCheck:
             if all(np.array_equal(sample, rest) for sample in samples):
                 yield "points", f"{len(self._codes)} samples, all equal to the default value"
 
-    def _counted(self, name: str, expected: int, told: str) -> Found:
+    def _counted(self, name: str, expected: int, told: str) -> Faults:
         """Report the first time at which an attribute has another number of values."""
 
         def test(value: Any, code: Any) -> str:
@@ -371,7 +383,7 @@ class GeometryCheck:
         table = {"constant": 1, "uniform": faces, "faceVarying": corners}
         return table.get(interpolation, per_point)
 
-    def _normals_and_widths(self) -> Found:
+    def _normals_and_widths(self) -> Faults:
         geometry = UsdGeom.PointBased(self._prim)
         kinds = {"normals": geometry.GetNormalsInterpolation()}
         if self._curves:
@@ -380,7 +392,7 @@ class GeometryCheck:
             told = _OF_PRIMVARS.format(interpolation)
             yield from self._counted(name, self._expected(interpolation), told)
 
-    def _primvars(self) -> Found:
+    def _primvars(self) -> Faults:
         for primvar in UsdGeom.PrimvarsAPI(self._prim).GetPrimvars():
             interpolation, name = primvar.GetInterpolation(), str(primvar.GetAttr().GetName())
             expected = self._expected(interpolation) * primvar.GetElementSize()
@@ -391,7 +403,7 @@ class GeometryCheck:
             else:
                 yield from self._counted(name, expected, _OF_PRIMVARS.format(interpolation))
 
-    def _indexed(self, primvar: Any, name: str, interpolation: str, expected: int) -> Found:
+    def _indexed(self, primvar: Any, name: str, interpolation: str, expected: int) -> Faults:
         told = _OF_PRIMVARS.format(interpolation)
         yield from self._counted(f"{name}:indices", expected, told)
         indices = read_sized_array(primvar.GetIndicesAttr(), DEFAULT_TIME, INTEGER_ARRAY)
@@ -400,7 +412,7 @@ class GeometryCheck:
         if len(indices) and not 0 <= indices.min() <= indices.max() < len(values):
             yield f"{name}:indices", f"out of range; allowed 0 to {len(values) - 1}"
 
-    def _subsets(self) -> Found:
+    def _subsets(self) -> Faults:
         families: dict[str, list[Any]] = {}
         for subset in UsdGeom.Subset.GetAllGeomSubsets(self._mesh):
             indices = read_sized_array(subset.GetIndicesAttr(), DEFAULT_TIME, INTEGER_ARRAY).astype(
@@ -419,17 +431,17 @@ class GeometryCheck:
             if kind == UsdGeom.Tokens.partition and use.min(initial=1) < 1:
                 yield f"subsetFamily:{family}", f"{int((use < 1).sum())} faces in no subset"
 
-    def _shared(self) -> Found:
+    def _shared(self) -> Faults:
         """Tables of a prim that feathers share."""
-        members = members_of(self._prim)
+        members = read_members(self._prim)
         totals = {"points": self._points, "faces": len(self._counts)}
         for name, total in totals.items() if members else ():
             told = sum(getattr(members[-1], name))
             if told != total:
                 element = "curves" if self._curves and name == "faces" else name
-                yield f"{RANGES}:{element}", f"ends at {told}, but there are {total}"
+                yield f"{RANGES_PREFIX}:{element}", f"ends at {told}, but there are {total}"
 
-    def _flipped(self) -> Found:
+    def _flipped(self) -> Faults:
         """Windings against the normals in the rest pose; in motion a thin tube may fold."""
         rest = Usd.TimeCode.Default()
         code = rest if len(self._value("normals", rest)) else None

@@ -20,7 +20,7 @@ from featherfx.feather.types import RACHIS_PART
 from featherfx.usd.read.cache import Cache, CachedScene, find_scenery
 
 # pairs that are named
-MOST_NAMED = 10
+_MAX_PAIRS = 10
 
 
 def count_crossings(
@@ -43,8 +43,8 @@ def count_crossings(
     cache = Cache(path)
     if not any(feather.is_feather for feather in cache.feathers):
         raise InputError(Problem(str(path), "", "holds no mesh with a feather's id"))
-    scenes = scenes_of(cache, path)
-    codes = chosen_frames(cache, str(path), frames)
+    scenes = find_scenes(cache, path)
+    codes = choose_frames(cache, str(path), frames)
     patches = patches_of(list(_meshes(scenes, codes[0])))
     names = [feather.id for feather in cache.feathers]
     on_frame(0, len(codes))
@@ -61,7 +61,7 @@ def count_crossings(
                 following = reader.submit(read, codes[done])
             found = crossings_of(points, patches, jobs)
             on_frame(done, len(codes))
-            yield _told(found, names, code)
+            yield _frame_report(found, names, code)
 
 
 class CrossedPoints:
@@ -71,7 +71,7 @@ class CrossedPoints:
     """
 
     def __init__(self, cache: Cache, path: Path) -> None:
-        self._scenes = scenes_of(cache, path)
+        self._scenes = find_scenes(cache, path)
         code = cache.whole_frames()[0] if cache.has_frames else None
         self._patches = patches_of(list(_meshes(self._scenes, code)))
         self._count = sum(map(len, self._scenes[0].points(code)))
@@ -85,13 +85,13 @@ class CrossedPoints:
         return found[: self._count]
 
 
-def scenes_of(cache: Cache, path: Path) -> list[CachedScene]:
+def find_scenes(cache: Cache, path: Path) -> list[CachedScene]:
     """A cache's own meshes, and the skins that it names."""
     whole = CachedScene(cache, range(len(cache.feathers)))
     return [whole, *find_scenery(cache, path, ["skin"], "looked at")]
 
 
-def chosen_frames(
+def choose_frames(
     cache: Cache, path: str, frames: tuple[int, int] | None
 ) -> Sequence[float | None]:
     """Time codes to look at; [None], the rest pose, where nothing moves."""
@@ -120,11 +120,11 @@ def _meshes(
             yield points, feather.triangles, shaft, index if own else BODY
 
 
-def _told(found: Crossings, names: Sequence[str], code: float | None) -> dict[str, Any]:
+def _frame_report(found: Crossings, names: Sequence[str], code: float | None) -> dict[str, Any]:
     """One frame's figures."""
     body = (found.owners == BODY).any(axis=1)
     crossed = found.vanes > 0
-    worst = np.argsort(-found.vanes, kind="stable")[:MOST_NAMED]
+    worst = np.argsort(-found.vanes, kind="stable")[:_MAX_PAIRS]
     return {
         "frame": code,
         "crossings": int(found.vanes.sum()),
@@ -142,10 +142,10 @@ def _told(found: Crossings, names: Sequence[str], code: float | None) -> dict[st
     }
 
 
-VIEWS = {"top": (0, 1), "side": (0, 2), "front": (1, 2)}  # axes of a picture, z up
+OUTLINE_VIEWS = {"top": (0, 1), "side": (0, 2), "front": (1, 2)}  # axes of a picture, z up
 _Y_UP = (0, 2, 1)  # where x forward, y left and z up stand in a stage whose y is up
 _PIXEL = 1e-4  # m
-_MOST_PIXELS = 6000  # along the longer side of an outline
+_MAX_PIXELS = 6000  # along the longer side of an outline
 _LEGS = "thigh"  # the part of a [bird] that grows on legs
 # shares of a gap's rim: of bare skin, and of the feathers of legs as of others; by eye
 _BARE, _BOTH = 0.4, 0.2
@@ -170,9 +170,9 @@ def measure_holes(
     InputError as count_crossings does.
     """
     cache = Cache(path)
-    scenes = scenes_of(cache, Path(path))
-    chosen = [k if cache.up_axis == "Z" else _Y_UP[k] for k in VIEWS[view]]
-    codes = chosen_frames(cache, str(path), frames)
+    scenes = find_scenes(cache, Path(path))
+    chosen = [k if cache.up_axis == "Z" else _Y_UP[k] for k in OUTLINE_VIEWS[view]]
+    codes = choose_frames(cache, str(path), frames)
     on_frame(0, len(codes))
     for done, code in enumerate(codes, 1):
         skin: list[Array] = []
@@ -196,7 +196,7 @@ def _holes(sorts: list[Array]) -> dict[str, Any]:
 
     corners = np.concatenate(sorts)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    pixel = max(_PIXEL, float((high - low).max()) / _MOST_PIXELS)
+    pixel = max(_PIXEL, float((high - low).max()) / _MAX_PIXELS)
     rows, columns = (np.ceil((high - low) / pixel).astype(int) + 3).tolist()
     drawn = np.zeros((3, rows, columns), dtype=np.bool_)
     for own, each in zip(drawn, sorts, strict=True):
@@ -246,7 +246,7 @@ def measure_moves(
     """
     cache = Cache(path)
     chosen = [k for k, feather in enumerate(cache.feathers) if feather.is_feather]
-    codes = chosen_frames(cache, str(path), frames)
+    codes = choose_frames(cache, str(path), frames)
     if not chosen or len(codes) < 2 or codes[0] is None:
         raise InputError(Problem(str(path), "", "holds no feathers that move over two frames"))
     rest = cache.points_of(chosen, codes[0])

@@ -40,7 +40,7 @@ from featherfx.usd.read.values import (
     read_sized_array,
 )
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.output import file_problems, unique_prim_names
+from featherfx.usd.write.output import find_file_problems, unique_prim_names
 
 _SCHEMA = (1, 5)
 # groom_group_id of rachises and of barbs
@@ -184,7 +184,7 @@ def export_alembic(
     abc, output = _library(), Path(output)
     cache = Cache(path)
     content = _AlembicContent(cache, _named_curves(cache), _codes(cache, frames))
-    before, problems = {output: standing(output)}, file_problems([output], overwrite)
+    before, problems = {output: standing(output)}, find_file_problems([output], overwrite)
     if problems:
         raise OutputError(*problems)
 

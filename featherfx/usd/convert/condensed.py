@@ -26,17 +26,17 @@ from featherfx.usd import arrays
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import CachedFeather
 from featherfx.usd.space import StageSpace
-from featherfx.usd.types import BARB_COLOURS
+from featherfx.usd.types import BARB_COLOUR_PRIMVARS
 from featherfx.usd.write.layers import StageInfo, author_metadata, define_root, new_layer, publish
 from featherfx.usd.write.output import check_output, prim_name, refuse_inputs
 from featherfx.usd.write.previous_cache import read_metadata
-from featherfx.usd.write.prims import author_primvars, define_polylines, labels
+from featherfx.usd.write.prims import author_primvars, define_polylines, label_primvars
 
-NAMES = ("P_barbl", "P_barbr")
+_BARB_NAMES = ("P_barbl", "P_barbr")
 
 
 @dataclass(frozen=True)
-class _Grid:
+class _BarbGrid:
     """The barb grid of one mesh of V points, n rows and m columns.
 
     tube: (K,) points of the shaft's surface, row by row, and first: (n,) where each row begins
@@ -68,7 +68,7 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
     before = {target: standing(target)}
     cache = Cache(path)
     refuse_inputs([target], [Path(path)])
-    grids = [_grid(path, feather, cache.pose(k)) for k, feather in enumerate(cache.feathers)]
+    grids = [_find_grid(path, feather, cache.pose(k)) for k, feather in enumerate(cache.feathers)]
     frames = cache.frames if cache.has_frames else None
     space = StageSpace(cache.meters_per_unit, cache.up_axis)
     info = StageInfo(prim_name(target.stem), space, frames, cache.frames_per_second)
@@ -98,7 +98,7 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
     return len(cache.feathers)
 
 
-def _grid(path: str | Path, feather: CachedFeather, pose: Any) -> _Grid:
+def _find_grid(path: str | Path, feather: CachedFeather, pose: Any) -> _BarbGrid:
     """Rows and columns from the texture coordinates: v is the row, u - 1/2 counts barb nodes."""
     problem = Problem(str(path), feather.path, "is not laid out on a barb grid with st and sides")
     if feather.st is None:
@@ -126,11 +126,11 @@ def _grid(path: str | Path, feather: CachedFeather, pose: Any) -> _Grid:
         own = np.flatnonzero(node * sign > 0)[::-1]
         nodes[side, row_of_vane[own], np.abs(node[own])] = vane[own]
     order = np.argsort(row, kind="stable")
-    grid = _Grid(tube[order], np.searchsorted(row[order], np.arange(len(stations))), nodes)
+    grid = _BarbGrid(tube[order], np.searchsorted(row[order], np.arange(len(stations))), nodes)
     return replace(grid, nodes=nodes[::-1]) if _leading_is_right(grid, feather, pose) else grid
 
 
-def _leading_is_right(grid: _Grid, feather: CachedFeather, pose: Any) -> bool:
+def _leading_is_right(grid: _BarbGrid, feather: CachedFeather, pose: Any) -> bool:
     """Whether the first side of a grid, the leading one, is the right one seen from dorsal."""
     points = pose.points.astype(float)
     shaft, leading, trailing = grid.values(pose.points)
@@ -140,28 +140,30 @@ def _leading_is_right(grid: _Grid, feather: CachedFeather, pose: Any) -> bool:
     return float((np.cross(dorsal, tangent) * apart).sum()) < 0.0
 
 
-def _define(stage: Any, path: Any, feather: CachedFeather, grid: _Grid) -> Any:
+def _define(stage: Any, path: Any, feather: CachedFeather, grid: _BarbGrid) -> Any:
     rows, columns = grid.nodes.shape[1], grid.nodes.shape[2] - 1
     curve = define_polylines(stage, path, [rows])
-    author_primvars(curve.GetPrim(), **labels(feather.id, feather.kind, feather.region))
+    author_primvars(curve.GetPrim(), **label_primvars(feather.id, feather.kind, feather.region))
     primvars = UsdGeom.PrimvarsAPI(curve)
     curve.CreateExtentAttr()
-    for name in NAMES:
+    for name in _BARB_NAMES:
         kind = Sdf.ValueTypeNames.Point3fArray
         primvars.CreatePrimvar(name, kind, UsdGeom.Tokens.vertex, columns)
     if feather.colour is not None:
         shaft, *sides = grid.values(feather.colour)
-        shades = dict(zip(BARB_COLOURS, (side.reshape(-1, 3) for side in sides), strict=True))
+        shades = dict(
+            zip(BARB_COLOUR_PRIMVARS, (side.reshape(-1, 3) for side in sides), strict=True)
+        )
         shades["displayColor"] = shaft.mean(axis=0, keepdims=True)
         author_primvars(
             curve.GetPrim(), **{name: arrays.vec3f(each) for name, each in shades.items()}
         )
-        for name in BARB_COLOURS:
+        for name in BARB_COLOUR_PRIMVARS:
             primvars.GetPrimvar(name).SetElementSize(columns)
     return curve
 
 
-def _author_pose(curve: Any, grid: _Grid, points: Array, code: float | None) -> None:
+def _author_pose(curve: Any, grid: _BarbGrid, points: Array, code: float | None) -> None:
     """code: of the sample, None: the default. Samples go by the layer, which takes less
     time than attributes do."""
     shaft, left, right = grid.values(points)

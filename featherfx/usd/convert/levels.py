@@ -21,20 +21,20 @@ from featherfx.errors import InputError, Problem
 from featherfx.feather.types import RACHIS_PART
 from featherfx.phases import counted
 from featherfx.usd import arrays
-from featherfx.usd.convert.merge import begun
+from featherfx.usd.convert.merge import begin_export
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import CachedFeather
 from featherfx.usd.read.values import EARLIEST_TIME
-from featherfx.usd.write.layers import FEATHERS, MATERIALS
-from featherfx.usd.write.prims import author_primvars, tell_shared
+from featherfx.usd.write.layers import FEATHERS_SCOPE, MATERIALS_SCOPE
+from featherfx.usd.write.prims import author_primvars, author_ranges
 
 # rows of a thinned vane, tried one after another
-_ROWS = (11, 7, 5, 3)
+_THINNED_ROWS = (11, 7, 5, 3)
 # triangles of a level, at most a share of those of the one before
-_FEWER = 0.75
+_MAX_LEVEL_RATIO = 0.75
 
 
-class Thinned(NamedTuple):
+class ThinnedMesh(NamedTuple):
     """points: (P,) kept points of all feathers, ascending by feather. triangles: (T, 3) into these.
     starts: (N + 1,) first kept point of each feather, and P. told: what was left out, empty where
     nothing was."""
@@ -45,68 +45,70 @@ class Thinned(NamedTuple):
     told: str
 
 
-def thinned(feathers: Sequence[CachedFeather], starts: Indices, most: int) -> Thinned:
+def thin_feathers(feathers: Sequence[CachedFeather], starts: Indices, most: int) -> ThinnedMesh:
     """As much of feathers as has at most so many points, or the least that there is.
 
     starts: (N + 1,) first point of each feather, and all.
     """
-    kept = _joined([_whole(each) for each in feathers], starts, "")
+    kept = _join_feathers([_keep_all(each) for each in feathers], starts, "")
     if len(kept.points) > most:
-        parts = [_without_shaft(each) for each in feathers]
-        kept = _joined(parts, starts, "without the tubes of shafts")
-    for rows in _ROWS:
+        parts = [_keep_vanes(each) for each in feathers]
+        kept = _join_feathers(parts, starts, "without the tubes of shafts")
+    for rows in _THINNED_ROWS:
         if len(kept.points) <= most:
             break
         told = f"vanes with at most {rows} rows and one barb segment a side, without shafts"
-        kept = _joined([_rows(each, rows) for each in feathers], starts, told)
+        kept = _join_feathers([_keep_rows(each, rows) for each in feathers], starts, told)
     return kept
 
 
-def levels(
-    feathers: Sequence[CachedFeather], starts: Indices, kept: Thinned
+def make_levels(
+    feathers: Sequence[CachedFeather], starts: Indices, kept: ThinnedMesh
 ) -> list[tuple[Indices, Indices]]:
     """Ever fewer of kept points (P,) and triangles (T, 3) of these, for pages that draw slowly:
     without shafts, with fewer rows, and at last the outline alone. starts: as of thinned."""
     cuts = [slice(*kept.starts[k : k + 2]) for k in range(len(feathers))]
     among = [kept.points[cut] - start for cut, start in zip(cuts, starts, strict=False)]
     found, last = [], len(kept.triangles)
-    for rows, middle in (*((rows, True) for rows in _ROWS), (_ROWS[-1], False)):
-        parts = [_rows(f, rows, own, middle) for f, own in zip(feathers, among, strict=True)]
-        made = _joined(parts, starts, "")
-        if len(made.triangles) <= _FEWER * last:
+    for rows, middle in (*((rows, True) for rows in _THINNED_ROWS), (_THINNED_ROWS[-1], False)):
+        parts = [_keep_rows(f, rows, own, middle) for f, own in zip(feathers, among, strict=True)]
+        made = _join_feathers(parts, starts, "")
+        if len(made.triangles) <= _MAX_LEVEL_RATIO * last:
             found.append((np.searchsorted(kept.points, made.points), made.triangles))
             last = len(made.triangles)
     return found
 
 
-def _joined(parts: Sequence[tuple[Indices, Indices]], starts: Indices, told: str) -> Thinned:
+def _join_feathers(
+    parts: Sequence[tuple[Indices, Indices]], starts: Indices, told: str
+) -> ThinnedMesh:
     own = np.cumsum([0, *(len(points) for points, _ in parts)])
     points = [each + start for (each, _), start in zip(parts, starts, strict=False)]
     triangles = [each + start for (_, each), start in zip(parts, own, strict=False)]
-    return Thinned(np.concatenate(points), np.concatenate(triangles), own, told)
+    return ThinnedMesh(np.concatenate(points), np.concatenate(triangles), own, told)
 
 
-def _used(triangles: Indices) -> tuple[Indices, Indices]:
+def _compact(triangles: Indices) -> tuple[Indices, Indices]:
     """Points that triangles use, and the triangles by these."""
     points, places = np.unique(triangles, return_inverse=True)
     return points, places.reshape(-1, 3)
 
 
-def _whole(feather: CachedFeather) -> tuple[Indices, Indices]:
-    return _used(feather.triangles)
+def _keep_all(feather: CachedFeather) -> tuple[Indices, Indices]:
+    return _compact(feather.triangles)
 
 
-def _without_shaft(feather: CachedFeather) -> tuple[Indices, Indices]:
+def _keep_vanes(feather: CachedFeather) -> tuple[Indices, Indices]:
     vane = feather.triangles[feather.side != RACHIS_PART]
-    return _used(vane if len(vane) else feather.triangles)
+    return _compact(vane if len(vane) else feather.triangles)
 
 
-def _rows(
+def _keep_rows(
     feather: CachedFeather, most: int, among: Indices | None = None, middle: bool = True
 ) -> tuple[Indices, Indices]:
     """The ends of the barbs at some of the rows, and the shaft where the middle is wanted, as
     strips. among: points that there are; None: all."""
-    points, triangles = _without_shaft(feather)
+    points, triangles = _keep_vanes(feather)
     if feather.st is None or not (feather.side != RACHIS_PART).any():
         return points, triangles
     if among is not None:
@@ -132,7 +134,7 @@ def _rows(
     whole = _areas(feather.st, feather.triangles[feather.side != RACHIS_PART]).sum()
     turned = _areas(feather.st, made) * whole < 0.0
     made[turned] = made[turned][:, [0, 2, 1]]
-    return _used(made)
+    return _compact(made)
 
 
 def _areas(st: Floats, triangles: Indices) -> Floats:
@@ -141,13 +143,13 @@ def _areas(st: Floats, triangles: Indices) -> Floats:
     return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
 
-SET, FULL = "levelOfDetail", "full"
+LEVEL_SET, FULL_LEVEL = "levelOfDetail", "full"
 # shares of the view, by eye: a bird 500, 160 and 50 pixels long in a picture of 1920 by 1080
-THRESHOLDS = (0.1, 0.01, 0.001)
+LOD_THRESHOLDS = (0.1, 0.01, 0.001)
 
 
 @dataclass(frozen=True)
-class _Level:
+class _CacheLevel:
     """A version. points: (P,) ascending numbers of its points among those of all feathers.
     triangles: (T, 3) into these."""
 
@@ -156,7 +158,7 @@ class _Level:
     triangles: Indices
 
 
-def knows_lod() -> bool:
+def has_usd_lod() -> bool:
     """Whether the installed USD has UsdLod."""
     return importlib.util.find_spec("pxr.UsdLod") is not None
 
@@ -164,7 +166,7 @@ def knows_lod() -> bool:
 def export_levels(
     path: str | Path,
     output: str | Path,
-    thresholds: Sequence[float] = THRESHOLDS,
+    thresholds: Sequence[float] = LOD_THRESHOLDS,
     overwrite: bool = False,
 ) -> list[tuple[str, int]]:
     """Write a file that names a cache and has coarser versions of it; return the names of all with
@@ -177,7 +179,7 @@ def export_levels(
     if not thresholds or any(not 0.0 < b < a for a, b in pairwise([np.inf, *thresholds])):
         told = f"{', '.join(f'{each:g}' for each in thresholds)}; allowed: falling numbers above 0"
         raise InputError(Problem("lod", "", told))
-    source, written = begun(path, output, overwrite)
+    source, written = begin_export(path, output, overwrite)
     cache = Cache(path)
     if not source.GetDefaultPrim():
         raise InputError(Problem(str(path), "defaultPrim", "is missing, so nothing can name it"))
@@ -189,38 +191,40 @@ def export_levels(
         raise InputError(Problem(str(path), "", "has no vanes that can do with fewer points"))
     layer = Sdf.Layer.CreateAnonymous(".usda")
     stage = Usd.Stage.Open(layer)
-    group = _begin(stage, source)
+    group = _define_levels(stage, source)
     meshes = [_mesh(stage, group, each, cache, starts) for each in found]
-    vane = f"{MATERIALS}/vane"
+    vane = f"{MATERIALS_SCOPE}/vane"
     if source.GetPrimAtPath(source.GetDefaultPrim().GetPath().AppendPath(vane)):
         for mesh in meshes:
             _bind(mesh, group.GetParent().GetPath().AppendPath(vane))
     place = UsdGeom.Xformable(source.GetDefaultPrim()).ComputeLocalToWorldTransform(EARLIEST_TIME)
-    extent = _animate(meshes, found, cache, codes, np.array(place.ExtractTranslation()))
+    extent = _author_samples(meshes, found, cache, codes, np.array(place.ExtractTranslation()))
     _add_variants(group)
-    if knows_lod():
+    if has_usd_lod():
         _choose_by_size(stage, group, extent, thresholds[: len(found)])
-    full, root = group.GetPath().AppendChild(FULL), group.GetParent().GetPath()
+    full, root = group.GetPath().AppendChild(FULL_LEVEL), group.GetParent().GetPath()
     del stage, group, meshes  # a stage would complain of references of what has no file yet
     _name_cache(layer, full, root, source, f"./{os.path.relpath(path, Path(output).parent)}")
-    layer.customLayerData = {"featherfx": {"lod": arrays.strings(FULL, *(e.name for e in found))}}
+    layer.customLayerData = {
+        "featherfx": {"lod": arrays.strings(FULL_LEVEL, *(e.name for e in found))}
+    }
     written(layer)
     whole = sum(len(each.triangles) for each in cache.feathers)
-    return [(FULL, whole), *((each.name, len(each.triangles)) for each in found)]
+    return [(FULL_LEVEL, whole), *((each.name, len(each.triangles)) for each in found)]
 
 
-def _levels(cache: Cache, starts: Indices, most: int) -> list[_Level]:
+def _levels(cache: Cache, starts: Indices, most: int) -> list[_CacheLevel]:
     """Up to so many versions, evenly among those that there are."""
-    kept = thinned(cache.feathers, starts, int(starts[-1]))
-    every = levels(cache.feathers, starts, kept)
+    kept = thin_feathers(cache.feathers, starts, int(starts[-1]))
+    every = make_levels(cache.feathers, starts, kept)
     chosen = np.unique(np.linspace(0, len(every) - 1, min(most, len(every))).round().astype(int))
     return [
-        _Level(f"coarse_{number}", kept.points[every[k][0]], every[k][1])
+        _CacheLevel(f"coarse_{number}", kept.points[every[k][0]], every[k][1])
         for number, k in enumerate(chosen if every else (), 1)
     ]
 
 
-def _begin(stage: Any, source: Any) -> Any:
+def _define_levels(stage: Any, source: Any) -> Any:
     """Root and the finest version; return the prim that versions are children of."""
     default = source.GetDefaultPrim()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(source))
@@ -234,7 +238,7 @@ def _begin(stage: Any, source: Any) -> Any:
     Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
     stage.SetDefaultPrim(root)
     group = UsdGeom.Xform.Define(stage, root.GetPath().AppendChild("levels")).GetPrim()
-    full = UsdGeom.Xform.Define(stage, group.GetPath().AppendChild(FULL)).GetPrim()
+    full = UsdGeom.Xform.Define(stage, group.GetPath().AppendChild(FULL_LEVEL)).GetPrim()
     Usd.ModelAPI(full).SetKind(Kind.Tokens.subcomponent)  # a component has no components
     return group
 
@@ -242,24 +246,24 @@ def _begin(stage: Any, source: Any) -> Any:
 def _name_cache(layer: Any, full: Any, root: Any, source: Any, asset: str) -> None:
     """Refer to the cache, and to its materials for the other versions."""
     layer.GetPrimAtPath(full).referenceList.Prepend(Sdf.Reference(asset))
-    materials = source.GetDefaultPrim().GetPath().AppendChild(MATERIALS)
+    materials = source.GetDefaultPrim().GetPath().AppendChild(MATERIALS_SCOPE)
     if source.GetPrimAtPath(materials):
-        own = Sdf.CreatePrimInLayer(layer, root.AppendChild(MATERIALS))
+        own = Sdf.CreatePrimInLayer(layer, root.AppendChild(MATERIALS_SCOPE))
         own.specifier = Sdf.SpecifierDef
         own.referenceList.Prepend(Sdf.Reference(asset, materials))
 
 
-def _mesh(stage: Any, group: Any, level: _Level, cache: Cache, starts: Indices) -> Any:
+def _mesh(stage: Any, group: Any, level: _CacheLevel, cache: Cache, starts: Indices) -> Any:
     """A version's mesh with all that never changes."""
     own = UsdGeom.Xform.Define(stage, group.GetPath().AppendChild(level.name))
-    mesh = UsdGeom.Mesh.Define(stage, own.GetPath().AppendChild(FEATHERS))
+    mesh = UsdGeom.Mesh.Define(stage, own.GetPath().AppendChild(FEATHERS_SCOPE))
     mesh.CreateFaceVertexCountsAttr(arrays.ints(np.full(len(level.triangles), 3)))
     mesh.CreateFaceVertexIndicesAttr(arrays.ints(level.triangles.ravel()))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.CreateDoubleSidedAttr(True)
     firsts = np.searchsorted(level.points, starts)
     faces = np.searchsorted(level.triangles[:, 0], firsts)
-    tell_shared(mesh.GetPrim(), cache.feathers, points=firsts, faces=faces)
+    author_ranges(mesh.GetPrim(), cache.feathers, points=firsts, faces=faces)
     for name, primvar, kind in (
         ("st", "st", arrays.vec2f),
         ("colour", "displayColor", arrays.vec3f),
@@ -285,9 +289,9 @@ def _bind(mesh: Any, material: Any) -> None:
     binding.AddTarget(material)
 
 
-def _animate(
+def _author_samples(
     meshes: Sequence[Any],
-    found: Sequence[_Level],
+    found: Sequence[_CacheLevel],
     cache: Cache,
     codes: Sequence[float | None],
     place: Array,
@@ -322,7 +326,7 @@ def _animate(
 def _add_variants(group: Any) -> None:
     """Show one version, the finest at first: what does not know levels of detail draws it alone."""
     root, names = group.GetParent(), [each.GetName() for each in group.GetChildren()]
-    variants = root.GetVariantSets().AddVariantSet(SET)
+    variants = root.GetVariantSets().AddVariantSet(LEVEL_SET)
     for name in names:
         variants.AddVariant(name)
         variants.SetVariantSelection(name)
@@ -332,7 +336,7 @@ def _add_variants(group: Any) -> None:
                     UsdGeom.Tokens.inherited if each.GetName() == name else UsdGeom.Tokens.invisible
                 )
                 UsdGeom.Imageable(each).CreateVisibilityAttr(shown)
-    variants.SetVariantSelection(FULL)
+    variants.SetVariantSelection(FULL_LEVEL)
 
 
 def _choose_by_size(stage: Any, group: Any, extent: Array, thresholds: Sequence[float]) -> None:

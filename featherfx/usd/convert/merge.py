@@ -11,7 +11,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 
 from featherfx.errors import Problem
 from featherfx.files.atomic_write import standing
-from featherfx.usd.read.cached_feather import members_of
+from featherfx.usd.read.cached_feather import read_members
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.values import compute
 from featherfx.usd.types import OutputError
@@ -22,7 +22,7 @@ from featherfx.usd.write.previous_cache import read_metadata
 Publish = Callable[[Any], Path]
 
 
-def begun(path: str | Path, output: str | Path, overwrite: bool) -> tuple[Any, Publish]:
+def begin_export(path: str | Path, output: str | Path, overwrite: bool) -> tuple[Any, Publish]:
     """The open stage of a cache, and what writes a layer of another form of it to the output, and
     returns its path. Raises InputError where one cannot be read or the other not be written."""
     target = check_output(output, overwrite)
@@ -37,12 +37,12 @@ def begun(path: str | Path, output: str | Path, overwrite: bool) -> tuple[Any, P
     return stage, written
 
 
-def composed(stage: Any) -> Any:
+def flatten_stage(stage: Any) -> Any:
     """All that a stage composes, as one layer in memory."""
     return compute(stage.GetPseudoRoot(), stage.Flatten, False)
 
 
-def plain_copy(layer: Any) -> Any:
+def copy_layer(layer: Any) -> Any:
     """A layer to change and to write."""
     # Export goes by the suffix of the layer's own name; a plain copy has the right one.
     copy = Sdf.Layer.CreateAnonymous(".usda")
@@ -56,8 +56,8 @@ def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Pa
     output: .usd, .usdc or .usda. The samples of the whole cache are in memory meanwhile. Raises
     InputError where one cannot be read or the other not be written.
     """
-    stage, written = begun(path, output, overwrite)
-    layer = plain_copy(composed(stage))
+    stage, written = begin_export(path, output, overwrite)
+    layer = copy_layer(flatten_stage(stage))
     if source := stage.GetRootLayer().customLayerData:
         layer.customLayerData = source
     return written(layer)
@@ -84,18 +84,20 @@ def join_shares(path: str | Path, shares: Sequence[Path], overwrite: bool = Fals
         raise OutputError(*problems)
     metadata = [read_metadata(each) for each in shares]
     for share, each in zip(shares, metadata, strict=True):
-        problems += _differences(share, each.get("settings", {}), metadata[0].get("settings", {}))
+        problems += _settings_differences(
+            share, each.get("settings", {}), metadata[0].get("settings", {})
+        )
     if problems:
         raise OutputError(*problems)
-    layers = [_opened(share) for share in shares]
+    layers = [_open_share(share) for share in shares]
     root = _root_layer(layers, shares, metadata[0])
     publish([(root, path)], before)
     stage = Usd.Stage.Open(str(path))
     meshes = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
-    return sum(len(members_of(prim)) or 1 for prim in meshes)
+    return sum(len(read_members(prim)) or 1 for prim in meshes)
 
 
-def _differences(share: Path, settings: Any, first: Any) -> list[Problem]:
+def _settings_differences(share: Path, settings: Any, first: Any) -> list[Problem]:
     if not settings:
         return [Problem(str(share), "", "does not tell with which settings it was baked")]
     return [
@@ -107,7 +109,7 @@ def _differences(share: Path, settings: Any, first: Any) -> list[Problem]:
     ]
 
 
-def _opened(share: Path) -> Any:
+def _open_share(share: Path) -> Any:
     try:
         return Sdf.Layer.OpenAsAnonymous(str(share))
     except Tf.ErrorException as error:

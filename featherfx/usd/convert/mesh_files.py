@@ -20,13 +20,13 @@ from featherfx.files.atomic_write import into, standing, write_all
 from featherfx.phases import counted
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.output import file_problems
+from featherfx.usd.write.output import find_file_problems
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
 
 
 # of exported meshes, red, green, blue, opacity of 255
-COLOUR = (230, 220, 200, 255)
+_BASE_COLOUR = (230, 220, 200, 255)
 
 
 def mesh_sequence(
@@ -43,9 +43,9 @@ def mesh_sequence(
     Raises InputError.
     """
     cache, output = Cache(path), Path(output)
-    codes = codes_of(cache, frames)
+    codes = choose_time_codes(cache, frames)
     files = [_numbered(output, code) for code in codes]
-    problems = file_problems(files or [output], overwrite)
+    problems = find_file_problems(files or [output], overwrite)
     if output.suffix not in MESH_SUFFIXES:
         message = f"suffix '{output.suffix}' is not one of .abc, {', '.join(MESH_SUFFIXES)}"
         problems.append(Problem(str(output), "", message))
@@ -66,7 +66,7 @@ def mesh_sequence(
     return files
 
 
-def codes_of(cache: Cache, frames: Sequence[float] | None) -> list[float | None]:
+def choose_time_codes(cache: Cache, frames: Sequence[float] | None) -> list[float | None]:
     """Time codes of a sequence; None for a cache without time. Raises InputError."""
     if not cache.has_frames:
         return [None]
@@ -93,7 +93,7 @@ def _numbered(output: Path, code: float | None) -> Path:
 
 
 def _scene(cache: Cache, code: float | None, as_gltf: bool) -> Any:
-    matrix = to_gltf(cache) if as_gltf else np.eye(3)
+    matrix = gltf_matrix(cache) if as_gltf else np.eye(3)
     scene = trimesh.Scene()
     for index, feather in enumerate(cache.feathers):
         pose = cache.pose(index, code)
@@ -104,13 +104,13 @@ def _scene(cache: Cache, code: float | None, as_gltf: bool) -> Any:
         )
         if feather.st is not None:
             # a material of its own, because trimesh's default one needs Pillow
-            material = trimesh.visual.material.PBRMaterial(baseColorFactor=COLOUR)
+            material = trimesh.visual.material.PBRMaterial(baseColorFactor=_BASE_COLOUR)
             mesh.visual = trimesh.visual.TextureVisuals(uv=feather.st, material=material)
         scene.add_geometry(mesh, node_name=feather.name, geom_name=feather.name)
     return scene
 
 
-def to_gltf(cache: Cache) -> Any:
+def gltf_matrix(cache: Cache) -> Any:
     """(3, 3) stage to glTF: metres, y up."""
     turn = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) if cache.up_axis == "Z" else np.eye(3)
     return turn * cache.meters_per_unit
@@ -121,7 +121,7 @@ def _rotation(matrix: Any) -> Any:
 
 
 # of the points of all frames; players hold them in memory
-_MOST_BYTES = 1_000_000_000
+_MAX_MORPH_BYTES = 1_000_000_000
 # glTF's own numbers: float32 and uint32 values, arrays of points, and of indices
 _FLOAT, _WHOLE = 5126, 5125
 _POINTS, _INDICES = 34962, 34963
@@ -139,14 +139,14 @@ def export_morph(
     cache cannot be read, has too few frames or too many points, or the file cannot be written.
     """
     cache, output = Cache(path), Path(output)
-    codes = codes_of(cache, range(frames[0], frames[1] + 1) if frames else None)
-    problems = file_problems([output], overwrite)
+    codes = choose_time_codes(cache, range(frames[0], frames[1] + 1) if frames else None)
+    problems = find_file_problems([output], overwrite)
     counts = [len(points) for points in cache.points_of(range(len(cache.feathers)), codes[0])]
     if len(codes) < 2:
         problems.append(
             Problem(str(path), "frames", f"{len(codes)}; morph targets need 2 at least")
         )
-    elif (size := 12 * len(codes) * sum(counts)) > _MOST_BYTES:
+    elif (size := 12 * len(codes) * sum(counts)) > _MAX_MORPH_BYTES:
         told = (
             f"{len(codes)} of {sum(counts)} points are {size / 1e9:.2g} GB, allowed 1; take fewer"
         )
@@ -154,7 +154,7 @@ def export_morph(
     if problems:
         raise OutputError(*problems)
     before = {output: standing(output)}
-    content = _content(cache, [float(code) for code in codes if code is not None], counts)
+    content = _gltf_content(cache, [float(code) for code in codes if code is not None], counts)
     try:
         write_all([(output, into(lambda file: file.writelines(content)))], before)
     except OSError as error:
@@ -164,7 +164,7 @@ def export_morph(
     return output
 
 
-class _Arrays:
+class _GltfBuffer:
     """The binary part of a file, and what tells of it."""
 
     def __init__(self) -> None:
@@ -194,11 +194,11 @@ class _Arrays:
         return len(self.accessors) - 1
 
 
-def _content(cache: Cache, codes: list[float], counts: list[int]) -> list[bytes]:
-    arrays, starts = _Arrays(), np.cumsum([0, *counts])
+def _gltf_content(cache: Cache, codes: list[float], counts: list[int]) -> list[bytes]:
+    arrays, starts = _GltfBuffer(), np.cumsum([0, *counts])
     primitive = _primitive(arrays, cache, codes, starts)
     coloured = "COLOR_0" in primitive["attributes"]
-    plain = [1.0] * 4 if coloured else [each / 255 for each in COLOUR]
+    plain = [1.0] * 4 if coloured else [each / 255 for each in _BASE_COLOUR]
     finish = {"baseColorFactor": plain, "metallicFactor": 0.0, "roughnessFactor": 0.65}
     told = [
         {"id": f.id, "kind": f.kind, "region": f.region, "first": int(k), "points": n}
@@ -228,10 +228,10 @@ def _content(cache: Cache, codes: list[float], counts: list[int]) -> list[bytes]
 
 
 def _primitive(
-    arrays: _Arrays, cache: Cache, codes: list[float], starts: Indices
+    arrays: _GltfBuffer, cache: Cache, codes: list[float], starts: Indices
 ) -> dict[str, Any]:
     """All feathers at the first code, and as targets what they have moved by at the others."""
-    turn, every = to_gltf(cache).T, range(len(starts) - 1)
+    turn, every = gltf_matrix(cache).T, range(len(starts) - 1)
 
     def points(code: float) -> Floats:
         return (np.concatenate(cache.points_of(every, code)) @ turn).astype(np.float32)
@@ -254,7 +254,7 @@ def _primitive(
     }
 
 
-def _animation(arrays: _Arrays, codes: list[float], frames_per_second: float) -> dict[str, Any]:
+def _animation(arrays: _GltfBuffer, codes: list[float], frames_per_second: float) -> dict[str, Any]:
     """Each code's target in full at its time, in between in proportion."""
     times = (np.array(codes) - codes[0]) / frames_per_second
     weights = np.eye(len(codes), dtype=np.float32)[:, 1:].ravel()

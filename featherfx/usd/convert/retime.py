@@ -23,14 +23,20 @@ from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, Problem
 from featherfx.phases import counted
 from featherfx.usd.arrays import vec3f
-from featherfx.usd.convert.merge import begun, composed, plain_copy
-from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, DETAIL, ORIENT, P_BARB
+from featherfx.usd.convert.merge import begin_export, copy_layer, flatten_stage
+from featherfx.usd.types import (
+    ACCELERATIONS,
+    BARB_DIRECTION,
+    BARB_NODE_PRIMVARS,
+    DETAIL_ATTRIBUTE,
+    ORIENT_PRIMVAR,
+)
 
 # frames of a new cache
 _MAX_FRAMES = 1_000_000
 # of a feather's length, how far apart its root may be where a loop closes
 _ROOT_TOLERANCE = 1e-3
-_DIRECTIONS = ("normals", BARB_DIRECTION, ORIENT)
+_DIRECTIONS = ("normals", BARB_DIRECTION, ORIENT_PRIMVAR)
 
 
 @dataclass(frozen=True)
@@ -154,7 +160,7 @@ def retime(
     """
     if sum(each is not None for each in (speed, keys, loop)) != 1:
         raise InputError(Problem("retime", "", "takes one of speed, keys and loop"))
-    stage, written = begun(path, output, overwrite)
+    stage, written = begin_export(path, output, overwrite)
     range_ = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if not (stage.HasAuthoredTimeCodeRange() and range_[0] < range_[1]):
         raise InputError(Problem(str(path), "", "has no frames to retime"))
@@ -164,11 +170,11 @@ def retime(
         times = map_keys(keys, range_)
     else:
         times = map_loop(int(loop or 0), range_)
-    old = composed(stage)
+    old = flatten_stage(stage)
     prims = [_RetimedPrim(old, each) for each in _sampled_prims(old)]
     if loop is not None:
         _check_roots(prims, loop, range_, str(path))
-    layer, rate = plain_copy(old), stage.GetTimeCodesPerSecond()
+    layer, rate = copy_layer(old), stage.GetTimeCodesPerSecond()
     parts = counted("writing", prims, len(prims))
     bounds = [corners for prim in parts for corners in prim.write(layer, times, rate)]
     hint = layer.GetAttributeAtPath(stage.GetDefaultPrim().GetPath().AppendProperty("extentsHint"))
@@ -317,7 +323,7 @@ class _RetimedPrim:
         """Points, barbs' nodes, velocities and accelerations of a new sample."""
         values: dict[str, Any] = {}
         slopes = self.tracks.get("velocities")
-        for name in ("points", *P_BARB):
+        for name in ("points", *BARB_NODE_PRIMVARS):
             if name not in self.tracks:
                 continue
             own = slopes if name == "points" else None
@@ -340,13 +346,13 @@ class _RetimedPrim:
 
     def _summed(self, name: str, track: _Track, parts: Sequence[BlendedTime]) -> Any:
         """What has no rate: directions stay unit vectors; what is no number is that of before."""
-        if name == DETAIL:
+        if name == DETAIL_ATTRIBUTE:
             return np.rint(sum(part.weight * track.linear(part.code) for part in parts))
         if not np.issubdtype(track.number, np.floating):
             return track.raw(track.codes[track.around(parts[0].code)[0]])
-        read = track.turning if name == ORIENT else track.linear
+        read = track.turning if name == ORIENT_PRIMVAR else track.linear
         values = [read(each.code) for each in parts]
-        if name == ORIENT and len(values) == 2:
+        if name == ORIENT_PRIMVAR and len(values) == 2:
             sign = np.sign((values[0] * values[1]).sum(axis=-1, keepdims=True))
             values[1] = np.where(sign < 0.0, -1.0, 1.0) * values[1]
         total = sum(part.weight * each for part, each in zip(parts, values, strict=True))

@@ -25,9 +25,9 @@ from featherfx.errors import InputError, Problem
 from featherfx.phases import counted
 from featherfx.usd import arrays
 from featherfx.usd.arrays import vec3f
-from featherfx.usd.convert.merge import begun, composed, plain_copy
-from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, HALF_VELOCITIES, RANGES
-from featherfx.usd.write.layers import FEATHERS, SCOPES
+from featherfx.usd.convert.merge import begin_export, copy_layer, flatten_stage
+from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, HALF_VELOCITIES, RANGES_PREFIX
+from featherfx.usd.write.layers import FEATHERS_SCOPE, SCOPES
 from featherfx.usd.write.output import unique_prim_names
 
 # what follows from the transform, and what moves with it
@@ -81,7 +81,7 @@ class _FeatherPrim:
 
     @property
     def alone(self) -> bool:
-        return f"{RANGES}:points" not in self.spec.properties
+        return f"{RANGES_PREFIX}:points" not in self.spec.properties
 
 
 def export_rigid(
@@ -95,14 +95,14 @@ def export_rigid(
     """
     if not 0.0 < tolerance < np.inf:
         raise InputError(Problem("rigid", "", f"is {tolerance:g}, allowed above 0 mm"))
-    stage, written = begun(path, output, overwrite)
-    layer = plain_copy(composed(stage))
+    stage, written = begin_export(path, output, overwrite)
+    layer = copy_layer(flatten_stage(stage))
     root = stage.GetDefaultPrim().GetPath()
     parts = {name: list(_find_prims(layer, root.AppendChild(name))) for name, _ in SCOPES.values()}
-    if not any(_time_codes(layer, each) for each in parts[FEATHERS]):
+    if not any(_time_codes(layer, each) for each in parts[FEATHERS_SCOPE]):
         raise InputError(Problem(str(path), "", "has no meshes of feathers that move"))
     allowed = 1e-3 * tolerance / UsdGeom.GetStageMetersPerUnit(stage)
-    meshes = counted("checking", parts[FEATHERS], len(parts[FEATHERS]))
+    meshes = counted("checking", parts[FEATHERS_SCOPE], len(parts[FEATHERS_SCOPE]))
     found = dict(each for mesh in meshes for each in _find_rigid(layer, mesh, allowed))
     for scope, end in SCOPES.values():
         _write_scope(layer, parts[scope], found, end)
@@ -121,7 +121,7 @@ def _find_prims(layer: Any, scope: Any) -> Iterator[_FeatherPrim]:
             continue
         ids = list(prim.properties["primvars:featherId"].default)
         element = "faces" if "faceVertexCounts" in prim.properties else "curves"
-        tables = [prim.properties.get(f"{RANGES}:{name}") for name in ("points", element)]
+        tables = [prim.properties.get(f"{RANGES_PREFIX}:{name}") for name in ("points", element)]
         if None in tables:
             counts = [len(prim.properties[name].default) for name in ("points", _counts_name(prim))]
             own = [np.array([[0, count]]) for count in counts]
@@ -254,7 +254,9 @@ class _FeatherCut:
         name = source.name
         if name in _LABELS:
             self._label(layer, source, path)
-        if name.removesuffix(":indices") in _LABELS or (self._alone and name.startswith(RANGES)):
+        if name.removesuffix(":indices") in _LABELS or (
+            self._alone and name.startswith(RANGES_PREFIX)
+        ):
             return
         made = _copy_attribute(layer, source, path)
         if source.HasDefaultValue():
@@ -293,7 +295,7 @@ class _FeatherCut:
 
     def _value(self, source: Any, value: Any) -> Any:
         name, chosen = source.name, self._chosen
-        if name.startswith(RANGES):
+        if name.startswith(RANGES_PREFIX):
             table = self._prim.points if name.endswith("points") else self._prim.faces
             counts = table[chosen][:, 1]
             starts = np.concatenate([[0], np.cumsum(counts)[:-1]])

@@ -25,13 +25,13 @@ from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,
     check_transforms,
-    codes_of,
+    describe_prims,
     find_prim,
-    rest_code,
+    list_times,
+    rest_time,
     sampled_range,
-    transform_code,
-    transformed,
-    what_is_there,
+    transform_points,
+    transform_time,
 )
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -60,8 +60,8 @@ class _KnotPose(NamedTuple):
 
 
 _NO_JOINTS = SkinPose(np.zeros((0, 4, 4)), np.zeros(0), np.zeros((0, 3), dtype=np.float32))
-_KEPT = 12  # knots, whose neighbours share most
-_ASKED = 8  # times, at which roots and the skin as a body are asked for
+_MAX_KNOTS = 12  # knots, whose neighbours share most
+_MAX_TIMES = 8  # times, at which roots and the skin as a body are asked for
 
 
 class AnimatedMesh(ScenePrim):
@@ -81,7 +81,7 @@ class AnimatedMesh(ScenePrim):
 
     def __init__(self, scene: SourceScene, mesh: Any, rest: float | None, skinning: Any) -> None:
         self._mesh = mesh
-        self.triangles, self.face, self.st = triangles_of(mesh)
+        self.triangles, self.face, self.st = read_triangles(mesh)
         self._begin(scene, mesh.GetPrim(), skinning, rest)
         moving = [] if skinning is None else skinning.attributes()
         self.sampled = sampled_range(mesh.GetPrim(), [*moving, mesh.GetPointsAttr()])
@@ -119,14 +119,14 @@ class AnimatedMesh(ScenePrim):
         local, matrix = self._pose(code)
         if triangles.size > len(local):
             # each point once
-            moved = transformed(local, matrix)
+            moved = transform_points(local, matrix)
             return self._finite(moved[triangles], code)
-        return self._finite(transformed(local[triangles], matrix), code)
+        return self._finite(transform_points(local[triangles], matrix), code)
 
     def points(self, code: float) -> Array:
         """(V, 3) m, all points at a time code."""
         local, matrix = self._pose(code)
-        return self._finite(transformed(local, matrix), code)
+        return self._finite(transform_points(local, matrix), code)
 
     def _pose(self, code: float) -> tuple[NDArray[Any], Array]:
         """Points of the mesh, and the matrix from their space to the world, at a time code; those
@@ -134,7 +134,7 @@ class AnimatedMesh(ScenePrim):
         found = self._asked.get(code)
         if found is None:
             self._asked[code] = found = self._posed(code)
-            if len(self._asked) > _ASKED:
+            if len(self._asked) > _MAX_TIMES:
                 self._asked.popitem(last=False)
         return found
 
@@ -175,7 +175,7 @@ class AnimatedMesh(ScenePrim):
             if last is not None and np.array_equal(last.points, pose.points):
                 pose = pose._replace(points=last.points)
             self._poses[time] = _KnotPose(*pose, self._scene.matrix(prim, code))
-            if len(self._poses) > _KEPT:
+            if len(self._poses) > _MAX_KNOTS:
                 self._poses.popitem(last=False)
         return self._poses[time]
 
@@ -202,19 +202,19 @@ class AnimatedMesh(ScenePrim):
         if is_default and self._skinning is not None:
             local, prim = self._skinning.bind_points(), self._skinning.space
         elif is_default:
-            self._rest_code = rest_code(self._mesh.GetPointsAttr())
+            self._rest_code = rest_time(self._mesh.GetPointsAttr())
             local = read_sized_array(self._mesh.GetPointsAttr(), self._rest_code, VECTOR_ARRAY)
         else:
             local, prim = self._local_points(self._rest_code)
-        self._rest_code = transform_code(prim, self._rest_code)
+        self._rest_code = transform_time(prim, self._rest_code)
         matrix = self._scene.matrix(prim, self._rest_code)
         bound = np.eye(4) if self._skinning is None else self._skinning.bind_matrix
         self.rest_matrix = bound @ matrix
-        return self._finite(transformed(local, matrix), None)
+        return self._finite(transform_points(local, matrix), None)
 
     def _sign(self, code: Any) -> bool:
         prim = self._prim if self._skinning is None else self._skinning.space
-        code = transform_code(prim, code)
+        code = transform_time(prim, code)
         return bool(np.linalg.det(self._scene.matrix(prim, code)[:3, :3]) < 0.0)
 
 
@@ -228,16 +228,16 @@ def open_mesh(scene: SourceScene, path: str, rest: float | None, place: Place) -
     if not prim.IsA(UsdGeom.Mesh):
         meshes = [str(p.GetPath()) for p in Usd.PrimRange(prim) if p.IsA(UsdGeom.Mesh)][:3]
         hint = f"; below it is {', '.join(meshes)}" if meshes else ""
-        hint = hint or what_is_there(scene, ("mesh",), path)
+        hint = hint or describe_prims(scene, ("mesh",), path)
         place.refuse(f"{path} is a {prim.GetTypeName() or 'prim without type'}, no Mesh{hint}")
     with errors_at(place):
-        return _opened(scene, UsdGeom.Mesh(prim), rest, place)
+        return _open_checked(scene, UsdGeom.Mesh(prim), rest, place)
 
 
-def _opened(scene: SourceScene, mesh: Any, rest: float | None, place: Place) -> AnimatedMesh:
+def _open_checked(scene: SourceScene, mesh: Any, rest: float | None, place: Place) -> AnimatedMesh:
     prim, problems = mesh.GetPrim(), Problems()
     path = f"{prim.GetPath()}{{}} in {scene.path}: {{}}"
-    for attribute, message in _faults(mesh):
+    for attribute, message in _topology_faults(mesh):
         problems.add(place.source, place.key, path.format(f".{attribute}", message))
     with problems.collecting():
         check_transforms(scene, prim, place)
@@ -248,7 +248,7 @@ def _opened(scene: SourceScene, mesh: Any, rest: float | None, place: Place) -> 
     return opened
 
 
-def _faults(mesh: Any) -> Iterator[tuple[str, str]]:
+def _topology_faults(mesh: Any) -> Iterator[tuple[str, str]]:
     """(attribute, message) of everything that keeps a mesh from being followed."""
     attributes = {
         "faceVertexCounts": mesh.GetFaceVertexCountsAttr(),
@@ -284,7 +284,7 @@ def _faults(mesh: Any) -> Iterator[tuple[str, str]]:
 def _changing(attribute: Any) -> tuple[Indices | None, float | None]:
     """The first value of an integer array, and the time code at which another stands."""
     known = None
-    for code in codes_of(attribute):
+    for code in list_times(attribute):
         value = read_array(attribute, code, INTEGER_ARRAY)
         if known is None and value is not None:
             known = value.astype(np.int64)
@@ -296,7 +296,7 @@ def _changing(attribute: Any) -> tuple[Indices | None, float | None]:
 def _points_faults(attribute: Any) -> tuple[str, int]:
     """What is wrong with the points of any sample (empty: nothing), and their number."""
     size = -1
-    for code in codes_of(attribute):
+    for code in list_times(attribute):
         where = describe_time(code)
         points = read_array(attribute, code, VECTOR_ARRAY)
         if points is None:
@@ -310,7 +310,7 @@ def _points_faults(attribute: Any) -> tuple[str, int]:
     return ("has no value", 0) if size < 0 else ("", size)
 
 
-def fans(counts: Indices) -> tuple[Indices, Indices]:
+def cut_fans(counts: Indices) -> tuple[Indices, Indices]:
     """(T, 3) places in the list of corners and (T,) faces: faces of many corners cut into fans."""
     cuts = np.maximum(counts - 2, 0)
     face = np.repeat(np.arange(len(counts)), cuts)
@@ -319,31 +319,31 @@ def fans(counts: Indices) -> tuple[Indices, Indices]:
     return np.stack([starts, starts + step + 1, starts + step + 2], axis=1), face
 
 
-def topology_of(mesh: Any) -> tuple[Indices, Indices]:
+def read_topology(mesh: Any) -> tuple[Indices, Indices]:
     """(F,) counts of points of the faces, and the indices of all of them."""
     counts = read_sized_array(mesh.GetFaceVertexCountsAttr(), EARLIEST_TIME, INTEGER_ARRAY)
     indices = read_sized_array(mesh.GetFaceVertexIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
     return counts.astype(np.int64), indices.astype(np.int64)
 
 
-def triangles_of(mesh: Any) -> tuple[Indices, Indices, Array | None]:
+def read_triangles(mesh: Any) -> tuple[Indices, Indices, Array | None]:
     """(T, 3) point indices, (T,) faces and (T, 3, 2) texture coordinates (None: none) of a mesh.
 
     Faces in holeIndices are left out; left-handed faces are turned round, so that the outside is
     counter-clockwise. The mesh's topology must be sound.
     """
-    counts, indices = topology_of(mesh)
-    places, face = fans(counts)
+    counts, indices = read_topology(mesh)
+    places, face = cut_fans(counts)
     holes = read_sized_array(mesh.GetHoleIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
     if len(holes):
         kept = ~np.isin(face, holes)
         places, face = places[kept], face[kept]
     if read_text(mesh.GetOrientationAttr(), EARLIEST_TIME) == UsdGeom.Tokens.leftHanded:
         places = places[:, [0, 2, 1]]
-    return indices[places], face, _texture(mesh, indices, places)
+    return indices[places], face, _read_texture(mesh, indices, places)
 
 
-def _texture(mesh: Any, indices: Indices, places: Indices) -> Array | None:
+def _read_texture(mesh: Any, indices: Indices, places: Indices) -> Array | None:
     primvar = UsdGeom.PrimvarsAPI(mesh.GetPrim()).FindPrimvarWithInheritance("st")
     value = read_flattened(primvar, EARLIEST_TIME)
     if value is None:

@@ -17,10 +17,15 @@ from featherfx import usd
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, InputWarning, Problem
-from featherfx.usd.read.cached_feather import CachedFeather, Member, constant_parts, within
+from featherfx.usd.read.cached_feather import (
+    CachedFeather,
+    FeatherMember,
+    range_slice,
+    read_mesh_feathers,
+)
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes
-from featherfx.usd.read.opening import located, open_stage
-from featherfx.usd.read.stage import transformed
+from featherfx.usd.read.opening import locate_file, open_stage
+from featherfx.usd.read.stage import transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -32,7 +37,7 @@ from featherfx.usd.read.values import (
     read_times,
     usd_errors,
 )
-from featherfx.usd.types import HALF_VELOCITIES, WET
+from featherfx.usd.types import HALF_VELOCITIES, WET_PRIMVARS
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.prims import SUBSETS
 
@@ -106,7 +111,7 @@ class _ExpandedMesh:
 
     def read(self, name: str, code: Any, kind: ArrayKind) -> Any:
         if self.has(name):
-            return self._expansion.clumped(code)[:, WET.index(name)]
+            return self._expansion.clumped(code)[:, WET_PRIMVARS.index(name)]
         if name != "points":
             return None
         if self._code != code:
@@ -114,7 +119,7 @@ class _ExpandedMesh:
         return self._points
 
     def has(self, name: str) -> bool:
-        return name in WET and self._expansion.is_wet
+        return name in WET_PRIMVARS and self._expansion.is_wet
 
     def matrix(self, code: Any) -> Array:
         return np.eye(4)
@@ -192,7 +197,7 @@ class Cache:
             direction = unit(direction @ matrix[:3, :3])
         velocities, normals = self._directions([index], matrix, code)
         return CachedPose(
-            points=transformed(points, matrix).astype(np.float32),
+            points=transform_points(points, matrix).astype(np.float32),
             velocities=velocities,
             normals=normals,
             barb_direction=direction,
@@ -212,7 +217,7 @@ class Cache:
     @cached_property
     def _is_wet(self) -> bool:
         meshes = {id(own.mesh): own.mesh for own in self._own}.values()
-        return any(mesh.has(WET[0]) for mesh in meshes)
+        return any(mesh.has(WET_PRIMVARS[0]) for mesh in meshes)
 
     def clumped_of(self, chosen: Sequence[int], time: float | None) -> Array:
         """(N, 2) of some feathers, how far water draws the ends of their barbs together, 0 to 1,
@@ -221,7 +226,7 @@ class Cache:
         for place, index in enumerate(chosen) if self._is_wet else ():
             own = self._own[index]
             code = _pose_time(own, time)
-            for k, name in enumerate(WET):
+            for k, name in enumerate(WET_PRIMVARS):
                 values = own.mesh.read(name, code, NUMBER_ARRAY)
                 if values is not None and (mine := values[own.faces]).size:
                     found[place, k] = mine[0]
@@ -355,16 +360,16 @@ def _pose_time(own: _ValueRanges, time: float | None) -> Any:
 
 def _read_meshes(stage: Any) -> Iterator[list[tuple[_ValueRanges, CachedFeather]]]:
     """The feathers of every drawn mesh; what instances share is read once."""
-    known: dict[str, list[tuple[Member, CachedFeather]]] = {}
+    known: dict[str, list[tuple[FeatherMember, CachedFeather]]] = {}
     for each in drawn_meshes(stage):
         path = str(each.mesh.GetPath())
         if path not in known:
-            known[path] = constant_parts(each.mesh)
+            known[path] = read_mesh_feathers(each.mesh)
         labels = each.labels
         mesh = _CachedMesh(each, len(known[path]) > 1)
         yield [
             (
-                _ValueRanges(mesh, within(member.points), within(member.faces)),
+                _ValueRanges(mesh, range_slice(member.points), range_slice(member.faces)),
                 feather if labels is None else replace(feather, **vars(labels), is_feather=True),
             )
             for member, feather in known[path]
@@ -434,7 +439,7 @@ def _read_scenery(stage: Any) -> Iterator[dict[str, Any]]:
 def _to_world(points: Floats, matrix: Array) -> Array:
     """Points in the world, in double precision."""
     exact: Array = points.astype(float)
-    return transformed(exact, matrix) if (matrix != np.eye(4)).any() else exact
+    return transform_points(exact, matrix) if (matrix != np.eye(4)).any() else exact
 
 
 class CachedScene(NamedTuple):
@@ -468,7 +473,11 @@ def find_scenery(
     for entry in cache.scenery:
         if entry["role"] not in roles:
             continue
-        file, prim, told = located(path.parent, entry["file"]), entry["prim"], "is not there and"
+        file, prim, told = (
+            locate_file(path.parent, entry["file"]),
+            entry["prim"],
+            "is not there and",
+        )
         if file.is_file():
             other = Cache(file)
             chosen = [k for k, each in enumerate(other.feathers) if each.path == prim]

@@ -17,7 +17,7 @@ from featherfx.algebra.types import Floats, Indices
 from featherfx.errors import InputError
 from featherfx.feather.types import LEADING
 from featherfx.groom.looks import BarbLook, look_of
-from featherfx.usd.read.animated_mesh import fans, topology_of
+from featherfx.usd.read.animated_mesh import cut_fans, read_topology
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -35,14 +35,14 @@ from featherfx.usd.read.values import (
     read_texts,
     to_numpy,
 )
-from featherfx.usd.types import BARB_COUNT, LOOK, RANGES
+from featherfx.usd.types import BARB_COUNT_PRIMVAR, LOOK_PRIMVAR, RANGES_PREFIX
 
 Shared = TypeVar("Shared", str, int)
 _PAIRS = ArrayKind("iu", (2,), "an array of pairs of integers")
 
 
 @dataclass(frozen=True)
-class Member:
+class FeatherMember:
     """One feather of a prim. name: to tell it by, the prim's where it is the only one. points,
     faces: (first, number) of its own, None for all; faces of a mesh, else curves. look: of its
     barbs, as text. barb_count: of these, 0: not known."""
@@ -56,38 +56,43 @@ class Member:
     barb_count: int = 0
 
 
-def members_of(prim: Any) -> list[Member]:
+def read_members(prim: Any) -> list[FeatherMember]:
     """The feathers of a prim that several share; none for any other prim.
 
     Raises InputError where the tables do not fit each other.
     """
     element = "faces" if prim.IsA(UsdGeom.Mesh) else "curves"
-    points, faces = _ranges(prim, "points"), _ranges(prim, element)
+    points, faces = _read_ranges(prim, "points"), _read_ranges(prim, element)
     if points is None or faces is None:
         return []
     ids = read_texts(_primvar(prim, "featherId").GetAttr())
     if not len(ids) == len(points) == len(faces):
-        told = f"names {len(ids)} feathers, and {RANGES} {len(points)} and {len(faces)}"
+        told = f"names {len(ids)} feathers, and {RANGES_PREFIX} {len(points)} and {len(faces)}"
         raise fault(_primvar(prim, "featherId").GetAttr(), told)
-    kinds, regions, looks = (_texts(prim, name, faces) for name in ("featherKind", "region", LOOK))
-    counts = _shared(_primvar(prim, BARB_COUNT), _numbers(prim), faces, 0)
+    kinds, regions, looks = (
+        _read_labels(prim, name, faces) for name in ("featherKind", "region", LOOK_PRIMVAR)
+    )
+    counts = _first_values(_primvar(prim, BARB_COUNT_PRIMVAR), _read_barb_counts(prim), faces, 0)
     ranges = (map(tuple, table.tolist()) for table in (points, faces))
-    return [Member(*each) for each in zip(ids, kinds, regions, *ranges, looks, counts, strict=True)]
+    return [
+        FeatherMember(*each)
+        for each in zip(ids, kinds, regions, *ranges, looks, counts, strict=True)
+    ]
 
 
-def barb_count_of(prim: Any) -> int:
+def read_barb_count(prim: Any) -> int:
     """Real barbs along each vane of a prim's only feather; 0 where it does not tell."""
-    return next(iter(_numbers(prim)), 0)
+    return next(iter(_read_barb_counts(prim)), 0)
 
 
-def _numbers(prim: Any) -> list[int]:
-    found = read_array(_primvar(prim, BARB_COUNT).GetAttr(), DEFAULT_TIME, INTEGER_ARRAY)
+def _read_barb_counts(prim: Any) -> list[int]:
+    found = read_array(_primvar(prim, BARB_COUNT_PRIMVAR).GetAttr(), DEFAULT_TIME, INTEGER_ARRAY)
     return [] if found is None else np.maximum(found, 0).astype(int).tolist()
 
 
-def _ranges(prim: Any, name: str) -> Indices | None:
+def _read_ranges(prim: Any, name: str) -> Indices | None:
     """(M, 2) first and number; None where there is no such table."""
-    attribute = prim.GetAttribute(f"{RANGES}:{name}")
+    attribute = prim.GetAttribute(f"{RANGES_PREFIX}:{name}")
     found = read_array(attribute, DEFAULT_TIME, _PAIRS)
     if found is None:
         return None
@@ -97,13 +102,15 @@ def _ranges(prim: Any, name: str) -> Indices | None:
     return found
 
 
-def _texts(prim: Any, name: str, faces: Indices) -> Sequence[str]:
+def _read_labels(prim: Any, name: str, faces: Indices) -> Sequence[str]:
     """A label of each feather: that of its first face or curve, empty where it has none."""
     primvar = _primvar(prim, name)
-    return _shared(primvar, read_texts(primvar.GetAttr()), faces, "")
+    return _first_values(primvar, read_texts(primvar.GetAttr()), faces, "")
 
 
-def _shared(primvar: Any, values: Sequence[Shared], faces: Indices, none: Shared) -> list[Shared]:
+def _first_values(
+    primvar: Any, values: Sequence[Shared], faces: Indices, none: Shared
+) -> list[Shared]:
     """What a primvar that may be indexed has for each feather's first face or curve."""
     indices = np.arange(len(values))
     if primvar and primvar.IsIndexed():
@@ -153,35 +160,37 @@ class CachedFeather:
     film: Floats | None = None
 
 
-def constant_parts(mesh: Any) -> list[tuple[Member, CachedFeather]]:
+def read_mesh_feathers(mesh: Any) -> list[tuple[FeatherMember, CachedFeather]]:
     """The feathers of a mesh: itself, or those that share it."""
     prim = mesh.GetPrim()
-    whole = _constant_part(mesh)
-    members = members_of(prim)
+    whole = _read_whole_mesh(mesh)
+    members = read_members(prim)
     if not members:
-        return [(Member(whole.id, whole.kind, whole.region), whole)]
+        return [(FeatherMember(whole.id, whole.kind, whole.region), whole)]
     points, faces = (np.array([getattr(m, name) for m in members]) for name in ("points", "faces"))
     ends = points[-1].sum(), faces[-1].sum()
     total = int(whole.triangles.max(initial=-1)) + 1
     if ends[0] < total or ends[1] <= whole.face.max(initial=-1):
         told = f"tell of {ends[0]} points and {ends[1]} faces, fewer than the mesh has"
-        raise fault(prim.GetAttribute(f"{RANGES}:points"), told)
+        raise fault(prim.GetAttribute(f"{RANGES_PREFIX}:points"), told)
     cuts = np.searchsorted(whole.face, [*faces[:, 0], ends[1]])
     whole = replace(whole, subsets={name: np.sort(each) for name, each in whole.subsets.items()})
-    own = [_cut(whole, member, slice(*cuts[k : k + 2])) for k, member in enumerate(members)]
+    own = [_cut_feather(whole, member, slice(*cuts[k : k + 2])) for k, member in enumerate(members)]
     if not all(own):
         told = "do not fit the faces, which name points of other feathers"
-        raise fault(prim.GetAttribute(f"{RANGES}:points"), told)
+        raise fault(prim.GetAttribute(f"{RANGES_PREFIX}:points"), told)
     return [
-        (member, replace(each, look=_look(prim, member.look), barb_count=member.barb_count))
+        (member, replace(each, look=_read_look(prim, member.look), barb_count=member.barb_count))
         for member, each in zip(members, own, strict=True)
         if each
     ]
 
 
-def _cut(whole: CachedFeather, member: Member, triangles: slice) -> CachedFeather | None:
+def _cut_feather(
+    whole: CachedFeather, member: FeatherMember, triangles: slice
+) -> CachedFeather | None:
     """What is a feather's own of a mesh; None where its faces name points of others."""
-    points, (first, count) = within(member.points), member.faces or (0, 0)
+    points, (first, count) = range_slice(member.points), member.faces or (0, 0)
     own = whole.triangles[triangles] - points.start
     if own.min(initial=0) < 0 or own.max(initial=-1) >= points.stop - points.start:
         return None
@@ -211,23 +220,23 @@ def _cut(whole: CachedFeather, member: Member, triangles: slice) -> CachedFeathe
     )
 
 
-def _constant_part(mesh: Any) -> CachedFeather:
+def _read_whole_mesh(mesh: Any) -> CachedFeather:
     """A mesh as one feather."""
     prim = mesh.GetPrim()
     primvars = UsdGeom.PrimvarsAPI(prim)
-    counts, indices = topology_of(mesh)
+    counts, indices = read_topology(mesh)
     points = read_array(mesh.GetPointsAttr(), EARLIEST_TIME, VECTOR_ARRAY)
     total = 0 if points is None else len(points)
     inside = ((indices >= 0) & (indices < total)).all()
     if (counts < 0).any() or counts.sum() != len(indices) or not inside:
         raise fault(mesh.GetFaceVertexIndicesAttr(), "do not fit the mesh's points and counts")
-    corners, face = fans(counts)
+    corners, face = cut_fans(counts)
 
     def label(name: str, fallback: str) -> str:
         return read_text(primvars.GetPrimvar(name).GetAttr()) or fallback
 
     def own(name: str, kind: ArrayKind, count: int) -> Any:
-        return _sized(primvars.GetPrimvar(name).GetAttr(), EARLIEST_TIME, kind, count)
+        return _read_sized(primvars.GetPrimvar(name).GetAttr(), EARLIEST_TIME, kind, count)
 
     side = own("side", INTEGER_ARRAY, len(counts))
     authored = read_text(primvars.GetPrimvar("featherId").GetAttr())
@@ -253,18 +262,18 @@ def _constant_part(mesh: Any) -> CachedFeather:
             primvars.FindPrimvarWithInheritance("displayColor"), counts, indices, total
         ),
         is_feather=bool(authored),
-        look=_look(prim, label(LOOK, "")),
-        barb_count=barb_count_of(prim),
+        look=_read_look(prim, label(LOOK_PRIMVAR, "")),
+        barb_count=read_barb_count(prim),
         film=own("filmThickness", NUMBER_ARRAY, total),
     )
 
 
-def _look(prim: Any, text: str) -> BarbLook:
+def _read_look(prim: Any, text: str) -> BarbLook:
     """Of barbs, by what a mesh tells."""
     try:
         return look_of(text)
     except InputError as error:
-        attribute = prim.GetAttribute(f"primvars:{LOOK}")
+        attribute = prim.GetAttribute(f"primvars:{LOOK_PRIMVAR}")
         raise fault(attribute, str(error)) from error
 
 
@@ -286,11 +295,11 @@ def _vertex_colours(primvar: Any, counts: Any, indices: Any, total: int) -> Floa
     return np.asarray(np.stack(sums, axis=1) / around[:, None], dtype=np.float32)
 
 
-def within(own: tuple[int, int] | None) -> slice:
+def range_slice(own: tuple[int, int] | None) -> slice:
     return slice(None) if own is None else slice(own[0], own[0] + own[1])
 
 
-def _sized(attribute: Any, code: Any, kind: ArrayKind, count: int) -> Any:
+def _read_sized(attribute: Any, code: Any, kind: ArrayKind, count: int) -> Any:
     """An array (count, ...); None if there is none, or not of count elements."""
     value = read_array(attribute, code, kind)
     return value if value is None or len(value) == count else None

@@ -32,7 +32,7 @@ from featherfx.usd.read.values import (
 
 
 @dataclass(frozen=True)
-class Labels:
+class FeatherLabels:
     """Id, kind and region of a feather."""
 
     id: str
@@ -51,7 +51,7 @@ class DrawnMesh:
 
     mesh: Any
     matrix: Callable[[Any], Array]
-    labels: Labels | None
+    labels: FeatherLabels | None
     skinning: Skinning | None = None
 
 
@@ -63,22 +63,22 @@ def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
             # prototypes below an instancer are drawn by it only
             walk.PruneChildren()
             if _is_drawn(prim):
-                yield from _instanced(prim)
+                yield from _instanced_meshes(prim)
         elif prim.IsA(UsdGeom.Mesh) and _is_drawn(prim):
             mesh = UsdGeom.Mesh(prim)
-            skinning = _skinning(mesh)
+            skinning = _find_skinning(mesh)
             space = prim if skinning is None else skinning.space
             yield DrawnMesh(mesh, partial(read_matrix, space), None, skinning)
 
 
-def _skinning(mesh: Any) -> Skinning | None:
+def _find_skinning(mesh: Any) -> Skinning | None:
     """What a skeleton does to a mesh; None where none moves it."""
     stage = mesh.GetPrim().GetStage()
     scene = SourceScene(Path(stage.GetRootLayer().realPath), stage, np.eye(4))
     return find_skinning(scene, mesh, Place("", "", Problems()))
 
 
-def _instanced(prim: Any) -> Iterator[DrawnMesh]:
+def _instanced_meshes(prim: Any) -> Iterator[DrawnMesh]:
     instances = Instances(prim)
     below: dict[Any, list[tuple[Any, Array]]] = {}
     for index, root in enumerate(instances.prims):
@@ -86,12 +86,12 @@ def _instanced(prim: Any) -> Iterator[DrawnMesh]:
         if path not in below:
             below[path] = list(_meshes_below(root))
         for mesh, inner in below[path]:
-            labels = Labels(
+            labels = FeatherLabels(
                 instances.label("featherId", index, f"{prim.GetName()}_{index}"),
                 instances.label("featherKind", index, ""),
                 instances.label("region", index, ""),
             )
-            yield DrawnMesh(mesh, partial(_of_instance, instances, index, inner), labels)
+            yield DrawnMesh(mesh, partial(_instance_matrix, instances, index, inner), labels)
 
 
 def _meshes_below(root: Any) -> Iterator[tuple[Any, Array]]:
@@ -102,7 +102,7 @@ def _meshes_below(root: Any) -> Iterator[tuple[Any, Array]]:
             yield UsdGeom.Mesh(prim), read_matrix(prim, DEFAULT_TIME) @ outer
 
 
-def _of_instance(instances: Instances, index: int, inner: Array, code: Any) -> Array:
+def _instance_matrix(instances: Instances, index: int, inner: Array, code: Any) -> Array:
     return inner @ instances.matrix(index, code)
 
 

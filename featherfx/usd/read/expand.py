@@ -39,9 +39,9 @@ from featherfx.groom.looks import BarbLook, colour_of
 from featherfx.groom.types import FeatherKind
 from featherfx.limits import MOST_BARBS, MOST_CLUMPS, MOST_COLUMNS, MOST_ROWS
 from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.read.cached_feather import Member, members_of
+from featherfx.usd.read.cached_feather import FeatherMember, read_members
 from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.stage import transformed
+from featherfx.usd.read.stage import transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     INTEGER_ARRAY,
@@ -56,7 +56,16 @@ from featherfx.usd.read.values import (
     read_texts,
     read_times,
 )
-from featherfx.usd.types import COLOUR, DETAIL, DETAIL_GRID, ORIENT, P_BARB, SHAPE, SHAPE_SIZE, WET
+from featherfx.usd.types import (
+    BARB_NODE_PRIMVARS,
+    COLOUR_PRIMVAR,
+    DETAIL_ATTRIBUTE,
+    DETAIL_GRID_ATTRIBUTE,
+    ORIENT_PRIMVAR,
+    SHAPE_PRIMVAR,
+    SHAPE_SIZE_PRIMVAR,
+    WET_PRIMVARS,
+)
 
 
 @dataclass(frozen=True)
@@ -160,7 +169,10 @@ def condensed_prims(stage: Any) -> list[Any]:
         prim
         for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
         if prim.IsA(UsdGeom.BasisCurves)
-        and all(prim.HasAttribute(name) for name in (*P_BARB, ORIENT, f"primvars:{SHAPE_SIZE}"))
+        and all(
+            prim.HasAttribute(name)
+            for name in (*BARB_NODE_PRIMVARS, ORIENT_PRIMVAR, f"primvars:{SHAPE_SIZE_PRIMVAR}")
+        )
     ]
 
 
@@ -256,18 +268,20 @@ class _CondensedPrim:
         self.prim = prim
         self._curves = UsdGeom.BasisCurves(prim)
         counts = self._array("curveVertexCounts", DEFAULT_TIME, INTEGER_ARRAY).astype(np.int64)
-        element = UsdGeom.PrimvarsAPI(prim).GetPrimvar(P_BARB[0]).GetElementSize()
+        element = UsdGeom.PrimvarsAPI(prim).GetPrimvar(BARB_NODE_PRIMVARS[0]).GetElementSize()
         self._starts, self._columns = np.concatenate([[0], np.cumsum(counts)]), element
         self._grids_written = self._written_grids(counts)
         rows_written = self._grids_written[:, 0]
-        members = members_of(prim) or [_single_member(prim)]
+        members = read_members(prim) or [_single_member(prim)]
         if len(members) != len(counts):
             raise self._fault("curveVertexCounts", f"tell of {len(counts)}, {len(members)} named")
         shapes = self._shapes(len(counts))
         self.kinds = self._coloured([kind for kind, _ in shapes])
         self._looks = [kind.drawn_look for kind, _ in shapes]
         self._counts = [kind.barb_count for kind, _ in shapes]
-        sizes = self._shaped(f"primvars:{SHAPE_SIZE}", DEFAULT_TIME, NUMBER_ARRAY, counts.shape)
+        sizes = self._shaped(
+            f"primvars:{SHAPE_SIZE_PRIMVAR}", DEFAULT_TIME, NUMBER_ARRAY, counts.shape
+        )
         # of the values of this prim, which are in the units of its stage
         scales = sizes.astype(float) / UsdGeom.GetStageMetersPerUnit(prim.GetStage())
         grown = [
@@ -315,16 +329,20 @@ class _CondensedPrim:
     def _written_grids(self, counts: Indices) -> Indices:
         """(M, 2) rows and columns of which nodes are known of each feather."""
         some = np.stack([counts, np.full_like(counts, self._columns)], axis=1)
-        self._has_detail = self.prim.HasAttribute(DETAIL)
+        self._has_detail = self.prim.HasAttribute(DETAIL_ATTRIBUTE)
         if not self._has_detail:
             return some
-        grids = self._shaped(DETAIL_GRID, DEFAULT_TIME, _PAIRS, some.shape).astype(np.int64)
+        grids = self._shaped(DETAIL_GRID_ATTRIBUTE, DEFAULT_TIME, _PAIRS, some.shape).astype(
+            np.int64
+        )
         if (
             (grids < some).any()
             or (grids > (MOST_ROWS, MOST_COLUMNS)).any()
             or (some < (3, 1)).any()
         ):
-            raise self._fault(DETAIL_GRID, "is not of more rows and columns than the curves have")
+            raise self._fault(
+                DETAIL_GRID_ATTRIBUTE, "is not of more rows and columns than the curves have"
+            )
         return grids
 
     def _thinnings(
@@ -343,14 +361,14 @@ class _CondensedPrim:
 
     def _shapes(self, count: int) -> list[tuple[FeatherKind, bool]]:
         """Kind and side of each feather."""
-        return parse_texts(self.prim, SHAPE, shape_of, count)
+        return parse_texts(self.prim, SHAPE_PRIMVAR, shape_of, count)
 
     def _coloured(self, kinds: list[FeatherKind]) -> list[FeatherKind]:
         """Kinds of each feather with its colours, where they are told."""
-        self.is_coloured = self.prim.HasAttribute(f"primvars:{COLOUR}")
+        self.is_coloured = self.prim.HasAttribute(f"primvars:{COLOUR_PRIMVAR}")
         if not self.is_coloured:
             return kinds
-        colours = parse_texts(self.prim, COLOUR, colour_of, len(kinds))
+        colours = parse_texts(self.prim, COLOUR_PRIMVAR, colour_of, len(kinds))
         return [replace(kind, colour=own) for kind, own in zip(kinds, colours, strict=True)]
 
     def colours(self, film: bool) -> Iterator[FeatherColours]:
@@ -391,23 +409,26 @@ class _CondensedPrim:
 
     @property
     def is_wet(self) -> bool:
-        return all(self.prim.HasAttribute(name) for name in WET)
+        return all(self.prim.HasAttribute(name) for name in WET_PRIMVARS)
 
     def clumped(self, code: Any) -> Array:
         shape = (len(self._counts),)
         if not self.is_wet:
             return np.zeros((*shape, 2))
         amount, clumps = (
-            self._shaped(name, code, NUMBER_ARRAY, shape).astype(float) for name in WET
+            self._shaped(name, code, NUMBER_ARRAY, shape).astype(float) for name in WET_PRIMVARS
         )
-        for values, name, most in ((amount, WET[0], 1.0), (clumps, WET[1], MOST_CLUMPS)):
+        for values, name, most in (
+            (amount, WET_PRIMVARS[0], 1.0),
+            (clumps, WET_PRIMVARS[1], MOST_CLUMPS),
+        ):
             if not ((values >= 0.0) & (values <= most)).all():
                 raise self._fault(name, f"holds values beyond 0 to {most:g} {describe_time(code)}")
         return np.stack([amount, clumps], axis=1)
 
     def _placed(self, points: Array, code: Any) -> Array:
         matrix = np.array(self._curves.ComputeLocalToWorldTransform(code))
-        return transformed(points, matrix)
+        return transform_points(points, matrix)
 
     def _pose(self, code: Any) -> RowPoints:
         """Nodes, leading first, and directors of all rows, feather after feather."""
@@ -417,10 +438,10 @@ class _CondensedPrim:
                 "points", f"are {len(shaft)}, not {self._starts[-1]}, {describe_time(code)}"
             )
         shape = (len(shaft), self._columns, 3)
-        left, right = (self._shaped(name, code, VECTOR_ARRAY, shape) for name in P_BARB)
+        left, right = (self._shaped(name, code, VECTOR_ARRAY, shape) for name in BARB_NODE_PRIMVARS)
         swapped = self._leading_is_right[:, None, None]
         leading, trailing = np.where(swapped, right, left), np.where(swapped, left, right)
-        turns = self._shaped(ORIENT, code, _ROTATIONS, (len(shaft), 4)).astype(float)
+        turns = self._shaped(ORIENT_PRIMVAR, code, _ROTATIONS, (len(shaft), 4)).astype(float)
         turns = np.roll(turns, 1, axis=1)
         frames = quats_to_frames(turns / np.linalg.norm(turns, axis=1, keepdims=True))
         nodes = np.concatenate([shaft[:, None], leading, trailing], axis=1)
@@ -430,7 +451,7 @@ class _CondensedPrim:
     def _whole(self, kept: RowPoints, code: Any) -> RowPoints:
         """All nodes and directors of all rows, from those that are kept."""
         sizes = self._grids_written[:, 0] * (1 + 2 * self._grids_written[:, 1]) * 3
-        detail = self._shaped(DETAIL, code, INTEGER_ARRAY, (int(sizes.sum()),))
+        detail = self._shaped(DETAIL_ATTRIBUTE, code, INTEGER_ARRAY, (int(sizes.sum()),))
         found: list[RowPoints] = [kept] * len(sizes)
         each, rows = np.split(detail, np.cumsum(sizes)[:-1]), self._rows()
         for own in self._thinned:
@@ -474,7 +495,7 @@ class _CondensedPrim:
         node, offset = ([getattr(s, name) for s in self._surfaces] for name in ("node", "offset"))
         return np.concatenate(row), np.concatenate(node), np.concatenate(offset)
 
-    def _told(self, members: Sequence[Member]) -> Iterator[ExpandedFeather]:
+    def _told(self, members: Sequence[FeatherMember]) -> Iterator[ExpandedFeather]:
         points = barbs = 0
         for k, (member, surface) in enumerate(zip(members, self._surfaces, strict=True)):
             side = self._barb_sides[k]
@@ -509,12 +530,12 @@ class _CondensedPrim:
         return fault(self.prim.GetAttribute(name), told)
 
 
-def _single_member(prim: Any) -> Member:
+def _single_member(prim: Any) -> FeatherMember:
     """The feather of a prim of its own."""
     primvars = UsdGeom.PrimvarsAPI(prim)
     names = ("featherId", "featherKind", "region")
     id, kind, region = (read_text(primvars.GetPrimvar(name).GetAttr()) or "" for name in names)
-    return Member(id, kind, region)
+    return FeatherMember(id, kind, region)
 
 
 def _row_slices(starts: Indices) -> list[slice]:

@@ -19,18 +19,18 @@ from featherfx.groom.read.condensed import DrawnBarbs
 from featherfx.groom.read.drawn import DrawnFeather
 from featherfx.usd.read.curves import CurveElement, PrimvarReader, read_prim_curves
 from featherfx.usd.read.drawn_meshes import instance_matrices
-from featherfx.usd.read.opening import located
+from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.stage import (
     SourceScene,
-    broken_note,
     check_transforms,
+    describe_broken,
+    describe_prims,
     find_prim,
     open_scene,
     prims_below,
-    rest_code,
-    transform_code,
-    transformed,
-    what_is_there,
+    rest_time,
+    transform_points,
+    transform_time,
 )
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -62,7 +62,7 @@ def read_feathers(
 
     folder: that relative files start from. Problems of prims name the file and the prim.
     """
-    path, at, problems = located(folder, entry["file"]), place.child("prims"), Problems()
+    path, at, problems = locate_file(folder, entry["file"]), place.child("prims"), Problems()
     scene = open_scene(path, place.child("file"))
     paths, roots = entry["prims"] or ("/",), []
     for each in paths:
@@ -75,12 +75,12 @@ def read_feathers(
     with problems.collecting(), errors_at(place):
         for prim in [prim for root in roots for prim in _sources(scene, root)]:
             with problems.collecting(), errors_at(place):
-                feathers += _feathers(scene, prim, entry, at_file)
+                feathers += _read_prim(scene, prim, entry, at_file)
     problems.hand_on()
     if not feathers:
         nothing = f"{path}: no curves and no instances at {', '.join(paths)} or below"
-        there = what_is_there(scene, ("curves", "instancer"), paths[0])
-        at.refuse(nothing + there + broken_note(scene))
+        there = describe_prims(scene, ("curves", "instancer"), paths[0])
+        at.refuse(nothing + there + describe_broken(scene))
     return path, feathers
 
 
@@ -102,31 +102,31 @@ def _sources(scene: SourceScene, root: Any) -> Iterator[Any]:
             yield prim
 
 
-def _feathers(
+def _read_prim(
     scene: SourceScene, prim: Any, entry: dict[str, Any], place: Place
 ) -> Iterator[DrawnFeather]:
     check_transforms(scene, prim, place.child(str(prim.GetPath())))
     if prim.IsA(UsdGeom.PointInstancer):
         yield from _instances(scene, prim, entry, place)
         return
-    for curve in _curves(prim, entry, place):
-        code = _code(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
-        matrix = scene.matrix(prim, transform_code(prim, code))
+    for curve in _read_curves(prim, entry, place):
+        code = _rest_time(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
+        matrix = scene.matrix(prim, transform_time(prim, code))
         path = str(prim.GetPath())
         alone, number = curve.own.of == 1, curve.own.number
         label = path if alone else f"{path}[{number}]"
         name = prim.GetName() + ("" if alone else f"_{number:04d}")
-        yield _feather(curve, matrix, label, name, None)
+        yield _drawn_feather(curve, matrix, label, name, None)
 
 
-def _code(attribute: Any, entry: dict[str, Any]) -> Any:
-    return rest_code(attribute) if entry["time"] is None else Usd.TimeCode(entry["time"])
+def _rest_time(attribute: Any, entry: dict[str, Any]) -> Any:
+    return rest_time(attribute) if entry["time"] is None else Usd.TimeCode(entry["time"])
 
 
-def _curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
+def _read_curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
     """The curves of a BasisCurves prim."""
     at = place.child(str(prim.GetPath()))
-    code = _code(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
+    code = _rest_time(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
     curves = read_prim_curves(prim, code, at)
     values, count = PrimvarReader(prim, entry["names"], code, curves.starts, at), len(curves.points)
     left, right = values.barbs("left_barbs", count), values.barbs("right_barbs", count)
@@ -142,7 +142,7 @@ def _curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
             yield _Curve(prim, curves.control(number), barbs, own)
 
 
-def _feather(
+def _drawn_feather(
     curve: _Curve, matrix: Array, label: str, name: str, instance: CurveElement | None
 ) -> DrawnFeather:
     """A curve carried into the world by a matrix (4, 4).
@@ -157,13 +157,13 @@ def _feather(
     scale = math.prod(each.positive("scale", 1.0) for each in sources)
     barbs = curve.barbs
     if barbs is not None:
-        sides = [transformed(side, matrix) for side in (barbs.left, barbs.right)]
+        sides = [transform_points(side, matrix) for side in (barbs.left, barbs.right)]
         mirrored = np.linalg.det(matrix[:3, :3]) < 0.0
         # left and right change places in a mirror; scale is about the root
-        root = transformed(curve.points[:1], matrix)
+        root = transform_points(curve.points[:1], matrix)
         sides = [root + scale * (side - root) for side in sides]
         barbs = DrawnBarbs(*(reversed(sides) if mirrored else sides))
-    points = transformed(curve.points, matrix)
+    points = transform_points(curve.points, matrix)
     drawn = (place for each in sources if (place := each.vector("skin_uv", 2)) is not None)
     skin_uv = _pair(next(drawn, None))
     return DrawnFeather(
@@ -174,7 +174,7 @@ def _feather(
         region=text("region"),
         points=points[:1] + scale * (points - points[:1]),
         direction=None,
-        up=_up(curve.own, matrix),
+        up=_read_up(curve.own, matrix),
         scale=1.0,
         mirrored=bool(np.linalg.det(matrix[:3, :3]) < 0.0),
         skin=text("skin"),
@@ -187,7 +187,7 @@ def _pair(values: Array | None) -> tuple[float, float] | None:
     return None if values is None else (float(values[0]), float(values[1]))
 
 
-def _up(source: CurveElement, matrix: Array) -> Array | None:
+def _read_up(source: CurveElement, matrix: Array) -> Array | None:
     """(3,) dorsal in the world, from a frame or an up vector."""
     frame = source.frame()
     up = source.vector("up", 3) if frame is None else frame[2]
@@ -203,7 +203,7 @@ def _instances(
 ) -> Iterator[DrawnFeather]:
     """Feathers of a point instancer: each instance of a template that holds curves, or a kind."""
     instancer, at = UsdGeom.PointInstancer(prim), place.child(str(prim.GetPath()))
-    code = _code(instancer.GetPositionsAttr(), entry)
+    code = _rest_time(instancer.GetPositionsAttr(), entry)
     numbers = read_sized_array(instancer.GetProtoIndicesAttr(), code, INTEGER_ARRAY).astype(
         np.int64
     )
@@ -217,7 +217,7 @@ def _instances(
     if not np.isfinite(matrices).all():
         at.refuse("holds instances whose places are not finite")
     templates = all_of(*(partial(_template, scene, path, entry, at, place) for path in targets))
-    to_stage = scene.matrix(prim, transform_code(prim, code))
+    to_stage = scene.matrix(prim, transform_time(prim, code))
     ids = read_array(instancer.GetIdsAttr(), code, INTEGER_ARRAY)
     if ids is not None and len(ids) != len(numbers):
         at.child("ids").refuse(f"has {len(ids)} values for {len(numbers)} instances")
@@ -240,7 +240,7 @@ def _template(scene: SourceScene, path: Any, entry: dict[str, Any], at: Place, p
     for each in prims_below(prim):
         if each.IsA(UsdGeom.BasisCurves):
             relative = read_matrix(each, DEFAULT_TIME) @ root
-            found += [(curve, relative) for curve in _curves(each, entry, place)]
+            found += [(curve, relative) for curve in _read_curves(each, entry, place)]
     values = PrimvarReader(prim, entry["names"], DEFAULT_TIME, None, place.child(str(path)))
     return found, CurveElement(values, 0, 1)
 
@@ -251,7 +251,7 @@ def _instanced(
     curves, prototype = template
     for curve, relative in curves:
         several = "" if len(curves) == 1 else f"_{curve.prim.GetName()}_{curve.own.number}"
-        yield _feather(curve, relative @ matrix, label + several, name + several, own)
+        yield _drawn_feather(curve, relative @ matrix, label + several, name + several, own)
     if curves:
         return
     # a template without a curve: its kind at its own size, shaft along x, dorsal along z

@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 from pxr import UsdGeom, UsdSkel
 
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.usd.read.skinning import tell_unmoved
+from featherfx.usd.read.skinning import is_unmoved
 from featherfx.usd.read.stage import (
     SourceScene,
     broken_arcs,
     broken_files,
-    kind_of,
     open_scene,
+    prim_kind,
     prims_below,
-    rest_code,
+    rest_time,
     sampled_range,
-    transform_code,
-    transformed,
+    transform_points,
+    transform_time,
 )
 from featherfx.usd.read.values import (
     EARLIEST_TIME,
@@ -121,7 +121,7 @@ def inspect_stage(path: str | Path) -> StageReport:
     place = Place(str(path), "", problems)
     scene, prims = open_scene(Path(path), place), []
     for prim in prims_below(scene.stage.GetPseudoRoot()):
-        kind = kind_of(prim)
+        kind = prim_kind(prim)
         if kind:
             with collect_errors(place):
                 prims.append(_prim_report(scene, prim, kind))
@@ -161,7 +161,7 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
     points = (
         np.empty((0, 3))
         if not places
-        else read_sized_array(places, rest_code(places), VECTOR_ARRAY)
+        else read_sized_array(places, rest_time(places), VECTOR_ARRAY)
     )
     moving = _moving(prim, kind)
     bones = [] if skeleton is None else _moving(skeleton, "skeleton")
@@ -187,7 +187,7 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
 def _skeleton_of(scene: SourceScene, prim: Any) -> Any:
     """The skeleton that moves a mesh, or None."""
     found = compute(prim, UsdSkel.BindingAPI(prim).GetInheritedSkeleton)
-    if not found or compute(prim, tell_unmoved, scene, prim):
+    if not found or compute(prim, is_unmoved, scene, prim):
         return None
     return found.GetPrim()
 
@@ -239,8 +239,8 @@ def _size(scene: SourceScene, prim: Any, points: NDArray[Any]) -> tuple[float, .
     low, high = box
     corners = np.array(np.meshgrid(*np.stack([low, high], axis=1))).reshape(3, -1).T
     # along the world's axes, then put back to the order of the stage's
-    matrix = scene.matrix(prim, transform_code(prim, rest_code(_places(prim))))
-    box = np.ptp(transformed(corners.astype(np.float64), matrix), axis=0)
+    matrix = scene.matrix(prim, transform_time(prim, rest_time(_places(prim))))
+    box = np.ptp(transform_points(corners.astype(np.float64), matrix), axis=0)
     turned = box[[0, 2, 1]] if scene.space[1] == "Y" else box
     return tuple(turned.tolist())
 

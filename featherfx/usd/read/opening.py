@@ -17,7 +17,7 @@ from featherfx.usd.read.values import USD_ERRORS, describe_error, describe_value
 from featherfx.usd.write.options import UP_AXES
 
 
-def located(folder: Path, name: str) -> Path:
+def locate_file(folder: Path, name: str) -> Path:
     """Where a file is that is named by someone in a folder.
 
     What is there as seen from the folder is that; else the resolver of this process is asked, which
@@ -38,7 +38,7 @@ def located(folder: Path, name: str) -> Path:
 
 
 # (low, high) of what a stage says of itself; far beyond any stage in use, far within float32
-_ALLOWED = {
+_METADATA_RANGES = {
     "metersPerUnit": (1e-9, 1e9),
     "timeCodesPerSecond": (1e-3, 1e9),
     "framesPerSecond": (1e-3, 1e9),
@@ -53,7 +53,7 @@ def open_stage(path: str | Path) -> Any:
     Raises InputError if that fails, if layers form a cycle, and for units, axis, rates and range
     with which no time or place could be told.
     """
-    path = located(Path(), str(path))
+    path = locate_file(Path(), str(path))
     if not path.is_file():
         raise InputError(Problem(str(path), "", irregular(path) or "file does not exist"))
     if not os.access(path, os.R_OK):
@@ -124,7 +124,7 @@ def _wrong_metadata(stage: Any, path: str) -> Iterator[Problem]:
 
 
 def _out_of_range(file: str, name: str, value: Any) -> Iterator[Problem]:
-    low, high = _ALLOWED[name]
+    low, high = _METADATA_RANGES[name]
     if not isinstance(value, int | float) or not low <= value <= high:
         told = f"{value:g}" if isinstance(value, int | float) else describe_value(value)
         yield Problem(file, name, f"is {told}, allowed {low:g} to {high:g}")

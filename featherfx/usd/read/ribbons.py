@@ -26,21 +26,21 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
 from featherfx.usd.read.curves import read_prim_curves
-from featherfx.usd.read.skinning import SkinPose, animated, from_bind
+from featherfx.usd.read.skinning import SkinPose, animation_attributes, bind_to_pose
 from featherfx.usd.read.stage import (
     SourceScene,
     check_transforms,
-    codes_of,
     find_prim,
-    rest_code,
+    list_times,
+    rest_time,
     sampled_range,
 )
 from featherfx.usd.read.values import describe_time, usd_errors
 
-_BENT = 0.05  # sine of the angle from which on two bones have a hinge
-_WIDTH = 0.2  # half of a ribbon's, in lengths of the bone or of a piece of the curve
+_MIN_HINGE_SINE = 0.05  # sine of the angle from which on two bones have a hinge
+_HALF_WIDTH_RATIO = 0.2  # half of a ribbon's, in lengths of the bone or of a piece of the curve
 _PIECES = 4  # of a ribbon along a bone
-_ALONE = 0.1  # length of the bone of a skeleton's only joint, in units of the stage
+_SINGLE_BONE_LENGTH = 0.1  # length of the bone of a skeleton's only joint, in units of the stage
 
 
 class Ribbons(ABC):
@@ -84,10 +84,10 @@ class CurveRibbon(Ribbons):
     def __init__(self, scene: SourceScene, prim: Any) -> None:
         self.space, self._path = prim, scene.path
         self._points = UsdGeom.BasisCurves(prim).GetPointsAttr()
-        line = self._line(rest_code(self._points))
+        line = self._line(rest_time(self._points))
         pieces = np.linalg.norm(np.diff(line, axis=0), axis=1)
-        self._half = _WIDTH * float(pieces.mean())
-        self._tangent = _start(line, _stations(line))
+        self._half = _HALF_WIDTH_RATIO * float(pieces.mean())
+        self._tangent = _start_tangent(line, _stations(line))
         across = np.cross(self._tangent, np.eye(3)[np.argmin(np.abs(self._tangent))])
         self._across = across / np.linalg.norm(across)
         self.rest = self._ribbon(line)
@@ -115,7 +115,7 @@ class CurveRibbon(Ribbons):
     def _ribbon(self, line: Array) -> Array:
         stations = _stations(line)
         # a turn without one about the tangent takes what is square to it along
-        tangent = _start(line, stations)
+        tangent = _start_tangent(line, stations)
         axis, cosine = np.cross(self._tangent, tangent), self._tangent @ tangent
         start = self._across + np.cross(axis, self._across)
         start = start + np.cross(axis, np.cross(axis, self._across)) / max(1.0 + cosine, 1e-9)
@@ -129,7 +129,7 @@ def _stations(line: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(pieces)])
 
 
-def _start(line: Array, stations: Array) -> Array:
+def _start_tangent(line: Array, stations: Array) -> Array:
     """(3,) unit tangent at the first point, as `transported` has it."""
     way = line[1] - line[0]
     if len(line) > 2:
@@ -140,7 +140,7 @@ def _start(line: Array, stations: Array) -> Array:
 def curve_fault(scene: SourceScene, prim: Any, place: Place) -> str:
     """Why roots cannot follow a curve; empty where they can. Raises InputError of a damaged one."""
     sizes = set()
-    for code in codes_of(UsdGeom.BasisCurves(prim).GetPointsAttr()):
+    for code in list_times(UsdGeom.BasisCurves(prim).GetPointsAttr()):
         curves = read_prim_curves(
             prim, code, Place(str(scene.path), str(prim.GetPath()), place.problems)
         )
@@ -167,7 +167,7 @@ class BoneRibbons(Ribbons):
         self._skeleton = self._cache.GetSkelQuery(UsdSkel.Skeleton(prim))
         places = np.array(self._skeleton.GetJointWorldBindTransforms())[:, 3, :3]
         parents = list(self._skeleton.GetTopology().GetParentIndices())
-        self.rest, self._weights, self.triangles, self.lengths = _strips(places, parents)
+        self.rest, self._weights, self.triangles, self.lengths = _make_strips(places, parents)
         self.faces = np.arange(len(self.triangles)) // (2 * _PIECES)
 
     def pose(self, code: Any) -> SkinPose:
@@ -178,16 +178,16 @@ class BoneRibbons(Ribbons):
 
     def posed(self, pose: SkinPose) -> Array:
         """(V, 3) in the skeleton's space in a pose of our own."""
-        moved = from_bind(self._skeleton, pose.joints)
+        moved = bind_to_pose(self._skeleton, pose.joints)
         whole = np.column_stack([self.rest, np.ones(len(self.rest))])
         return np.asarray(np.einsum("vj,vr,jrc->vc", self._weights, whole, moved)[:, :3])
 
     def attributes(self) -> list[Any]:
         """What moves the skeleton, for its time samples."""
-        return animated(self._skeleton)
+        return animation_attributes(self._skeleton)
 
 
-def _strips(places: Array, parents: list[int]) -> tuple[Array, Array, Indices, Array]:
+def _make_strips(places: Array, parents: list[int]) -> tuple[Array, Array, Indices, Array]:
     """Points (V, 3), weights of the joints (V, J) and triangles (T, 3) of the ribbons, and the
     length of each triangle's bone (T,).
 
@@ -198,13 +198,13 @@ def _strips(places: Array, parents: list[int]) -> tuple[Array, Array, Indices, A
         if parent >= 0:
             children[parent].append(joint)
     strips = _Strips(places, children)
-    waiting = [_Start(joint) for joint, parent in enumerate(parents) if parent < 0]
+    waiting = [_BoneStart(joint) for joint, parent in enumerate(parents) if parent < 0]
     while waiting:
         waiting += strips.add(waiting.pop())
     return strips.arrays()
 
 
-class _Start(NamedTuple):
+class _BoneStart(NamedTuple):
     """Where bones begin. pair: the first of two points that the bone before ends in, -1: none.
     way: (3,) of that bone. across: (3,) unit, of its ribbon."""
 
@@ -230,25 +230,25 @@ class _Strips:
         lengths = np.array(self._lengths)
         return np.array(self._points), np.array(self._weights), triangles, lengths
 
-    def add(self, start: _Start) -> list[_Start]:
+    def add(self, start: _BoneStart) -> list[_BoneStart]:
         """The strips of the bones below a joint; where the next ones begin."""
         following, joint = [], start.joint
         onwards, main = self._onwards(joint, start.way)
         for way, child in self._bones(joint, start.way):
             if not way.any():
-                following.append(_Start(child))
+                following.append(_BoneStart(child))
                 continue
             goes_on = start.pair >= 0 and child == main
             next_way = onwards if child < 0 else self._onwards(child, way)[0]
             across = _across(way, next_way, start.across)
-            offset = _WIDTH * float(np.linalg.norm(way)) * across
+            offset = _HALF_WIDTH_RATIO * float(np.linalg.norm(way)) * across
             pair = start.pair if goes_on else self._pair(joint, offset, [joint])
             for piece in range(1, _PIECES + 1):
                 shared = [joint, child] if piece == _PIECES and child >= 0 else [joint]
                 pair = self._next(pair, joint, offset, shared, way * (piece / _PIECES))
             self._lengths += 2 * _PIECES * [float(np.linalg.norm(way))]
             if child >= 0:
-                following.append(_Start(child, pair, way, across))
+                following.append(_BoneStart(child, pair, way, across))
         return following
 
     def _bones(self, joint: int, way: Array | None) -> list[tuple[Array, int]]:
@@ -256,7 +256,7 @@ class _Strips:
         bones = [(self._places[k] - self._places[joint], k) for k in self._children[joint]]
         if bones:
             return bones
-        return [(np.array([_ALONE, 0.0, 0.0]) if way is None else way, -1)]
+        return [(np.array([_SINGLE_BONE_LENGTH, 0.0, 0.0]) if way is None else way, -1)]
 
     def _onwards(self, joint: int, way: Array | None) -> tuple[Array, int]:
         """The bone below a joint that goes on straightest: its way, and the joint at its end."""
@@ -286,10 +286,10 @@ def _across(way: Array, onwards: Array, before: Array | None) -> Array:
     """(3,) unit, square to a bone: along the hinge to the next one where there is a bend, else as
     before."""
     hinge = np.cross(way, onwards)
-    if np.linalg.norm(hinge) < _BENT * np.linalg.norm(way) * np.linalg.norm(onwards):
+    if np.linalg.norm(hinge) < _MIN_HINGE_SINE * np.linalg.norm(way) * np.linalg.norm(onwards):
         axis = np.eye(3)[np.argmin(np.abs(way))] if before is None else before
         hinge = axis - way * (axis @ way) / (way @ way)
-    if np.linalg.norm(hinge) < _BENT:
+    if np.linalg.norm(hinge) < _MIN_HINGE_SINE:
         hinge = np.cross(way, np.eye(3)[np.argmin(np.abs(way))])
     found = hinge / np.linalg.norm(hinge)
     return -found if before is not None and found @ before < 0.0 else found

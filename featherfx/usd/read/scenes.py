@@ -24,12 +24,12 @@ from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,
     check_transforms,
+    describe_prims,
     find_prim,
     open_scene,
     prims_below,
     sampled_range,
-    transformed,
-    what_is_there,
+    transform_points,
 )
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -43,8 +43,8 @@ from featherfx.usd.read.values import (
     read_value,
 )
 
-_NEIGHBOURS = 8
-Lines = dict[str, Array]
+_MAX_NEIGHBOURS = 8
+PointsById = dict[str, Array]
 
 
 def open_meshes(
@@ -80,7 +80,7 @@ def _by_name(scene: SourceScene, pattern: str, place: Place) -> list[str]:
         if prim.IsA(UsdGeom.Mesh) and fnmatch.fnmatchcase(prim.GetName(), pattern)
     ]
     if not found:
-        there = what_is_there(scene, ("mesh",), pattern)
+        there = describe_prims(scene, ("mesh",), pattern)
         place.refuse(f"no mesh is called '{pattern}' in {scene.path}{there}")
     return found
 
@@ -105,7 +105,7 @@ def _members(api: Any, stage: Any) -> Any:
     return Usd.CollectionAPI.ComputeIncludedObjects(query, stage, Usd.TraverseInstanceProxies())
 
 
-def read_poses(path: Path, code: float | None, place: Place) -> tuple[Lines, Lines]:
+def read_poses(path: Path, code: float | None, place: Place) -> tuple[PointsById, PointsById]:
     """What a file has of feathers at a time code, or at rest, by id, in m with z up: (V, 3) points
     of their meshes; or, where it holds curves and no mesh, (k, 3) of their shafts. Raises
     InputError."""
@@ -164,7 +164,7 @@ class SampledWind(ScenePrim):
         if self._last is None or self._last[0] != code:
             self._last = (code, *self._field(code))
         _, tree, velocities = self._last
-        distance, near = tree.query(points, k=min(_NEIGHBOURS, len(velocities)))
+        distance, near = tree.query(points, k=min(_MAX_NEIGHBOURS, len(velocities)))
         distance, near = distance.reshape(len(points), -1), near.reshape(len(points), -1)
         floor = 1e-9 * max(float(distance.max(initial=0.0)), 1e-300)
         weights = 1.0 / np.maximum(distance, floor) ** 2
@@ -175,7 +175,7 @@ class SampledWind(ScenePrim):
         time = Usd.TimeCode(code)
         matrix = self._scene.matrix(self._prim, time)
         points, velocities = _field_values(self._base, time)
-        return search_tree(transformed(points, matrix)), velocities @ matrix[:3, :3]
+        return search_tree(transform_points(points, matrix)), velocities @ matrix[:3, :3]
 
 
 def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | SampledWind:
@@ -185,11 +185,11 @@ def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | 
     with errors_at(place):
         check_transforms(scene, prim, at)
         if entry["attribute"] is not None:
-            return _uniform(scene, prim, entry["attribute"], place.child("attribute"))
-        return _sampled(scene, prim, at)
+            return _open_uniform_wind(scene, prim, entry["attribute"], place.child("attribute"))
+        return _open_sampled_wind(scene, prim, at)
 
 
-def _uniform(scene: SourceScene, prim: Any, name: str, at: Place) -> UniformWind:
+def _open_uniform_wind(scene: SourceScene, prim: Any, name: str, at: Place) -> UniformWind:
     if not Sdf.Path.IsValidNamespacedIdentifier(name) or not prim.GetAttribute(name):
         authored = prim.GetAuthoredAttributes()
         vectors = [
@@ -213,7 +213,7 @@ def _is_vector(value: Any) -> bool:
     return array.shape in ((3,), (1, 3)) and bool(np.isfinite(array).all())
 
 
-def _sampled(scene: SourceScene, prim: Any, at: Place) -> SampledWind:
+def _open_sampled_wind(scene: SourceScene, prim: Any, at: Place) -> SampledWind:
     if not prim.IsA(UsdGeom.PointBased):
         at.refuse(f"{prim.GetPath()} holds no points; give attribute for one vector")
     base = UsdGeom.PointBased(prim)
@@ -259,7 +259,7 @@ def open_camera(path: Path, prim: str, place: Place) -> SceneCamera:
     scene, at = open_scene(path, place.child("usd")), place.child("prim")
     found = find_prim(scene, prim, at, "camera")
     if not found.IsA(UsdGeom.Camera):
-        at.refuse(f"{prim} is no camera in {path}{what_is_there(scene, ('camera',), prim)}")
+        at.refuse(f"{prim} is no camera in {path}{describe_prims(scene, ('camera',), prim)}")
     with errors_at(at):
         check_transforms(scene, found, at)
         _check_lens(UsdGeom.Camera(found))
@@ -288,7 +288,7 @@ def _field_values(base: Any, code: Any) -> tuple[Array, Array]:
     return points.astype(np.float64), velocities.astype(np.float64)
 
 
-def camera_of(path: Path, named: str, cache: Cache) -> Callable[[float | None], View]:
+def find_camera(path: Path, named: str, cache: Cache) -> Callable[[float | None], View]:
     """What a camera sees, by the cache's time codes; None: at rest, which is its first frame.
 
     path: of the cache. named: prim path in that file, or FILE:PATH of another one. Raises

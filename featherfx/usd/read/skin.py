@@ -15,21 +15,21 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.skin.faults import skin_faults
-from featherfx.usd.read.animated_mesh import AnimatedMesh, topology_of
+from featherfx.usd.read.animated_mesh import AnimatedMesh, read_topology
 from featherfx.usd.read.curves import read_prim_curves
-from featherfx.usd.read.opening import located
+from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.ribbons import open_carrier
-from featherfx.usd.read.skinning import points_of_joint
+from featherfx.usd.read.skinning import find_joint_points
 from featherfx.usd.read.stage import (
     SourceScene,
+    describe_prims,
     find_prim,
-    in_world,
     open_scene,
     prims_below,
-    rest_code,
-    transform_code,
-    transformed,
-    what_is_there,
+    rest_time,
+    to_world_matrix,
+    transform_points,
+    transform_time,
 )
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -57,7 +57,7 @@ def read_skin(
     Warns of holes and of faces that pass through each other. paths: with the key that names each.
     place: of [skin].
     """
-    scene = open_scene(located(folder, skin["usd"]), place.child("usd"))
+    scene = open_scene(locate_file(folder, skin["usd"]), place.child("usd"))
     rest = skin["rest"]
     opened = all_of(*(partial(open_carrier, scene, path, rest, at) for path, at in paths.items()))
     for (path, at), mesh in zip(paths.items(), opened, strict=True):
@@ -79,7 +79,7 @@ class StageSkin:
         self.path, self.points = mesh.path, mesh.rest
         self.triangles, self.face, self.st = mesh.triangles, mesh.face, mesh.st
         self.own_matrix, self.is_ribbon = mesh.rest_matrix, mesh.bones is not None
-        self.stage_matrix = in_world(np.eye(4), scene.to_world)
+        self.stage_matrix = to_world_matrix(np.eye(4), scene.to_world)
 
     def joint(self, name: str, place: Place) -> Array:
         """(3,) m, a joint of the mesh's skeleton in the bind pose."""
@@ -89,8 +89,10 @@ class StageSkin:
                 skeleton = UsdSkel.BindingAPI(self._prim).GetInheritedSkeleton().GetPrim()
             if not skeleton:
                 place.refuse(f"no skeleton moves {self.path}")
-            paths, places = _bind_places(self._scene, skeleton, place)
-            return _from_skeleton(self._scene, skeleton, places[_number(name, paths, place)], place)
+            paths, places = _read_bind_places(self._scene, skeleton, place)
+            return _skeleton_to_world(
+                self._scene, skeleton, places[_find_joint(name, paths, place)], place
+            )
 
     def weights(self, name: str, place: Place) -> Array:
         """(T, 3) a scalar primvar at the corners."""
@@ -103,7 +105,7 @@ class StageSkin:
     def vectors(self, name: str, place: Place) -> Array:
         """(T, 3, 3) a vector primvar at the corners, in the world."""
         local = self._primvar(name, 3, place)
-        code = transform_code(self._prim, Usd.TimeCode.Default())
+        code = transform_time(self._prim, Usd.TimeCode.Default())
         return np.asarray(local @ self._scene.matrix(self._prim, code)[:3, :3])
 
     def subset(self, name: str, place: Place) -> Flags:
@@ -134,7 +136,7 @@ class StageSkin:
 
     def curves(self, prims: tuple[str, ...], place: Place) -> list[Array]:
         """Polylines (k, 3) m of curves at or below prims."""
-        return _curves(self._scene, prims, place)
+        return _read_curve_prims(self._scene, prims, place)
 
     def _primvar(self, name: str, size: int, place: Place) -> Array:
         """(T, 3) or (T, 3, size) values at the corners of the triangles."""
@@ -162,7 +164,7 @@ class StageSkin:
         """Values of constant, uniform, vertex or face-varying elements at triangle corners."""
         if len(values) == 1:
             return np.broadcast_to(values[0], (*self.triangles.shape, *values.shape[1:]))
-        counts, indices = topology_of(UsdGeom.Mesh(self._prim))
+        counts, indices = read_topology(UsdGeom.Mesh(self._prim))
         if interpolation == UsdGeom.Tokens.uniform and len(values) == len(counts):
             return np.repeat(values[self.face][:, None], 3, axis=1)
         if interpolation == UsdGeom.Tokens.faceVarying and len(values) == counts.sum():
@@ -186,24 +188,24 @@ def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array
 
     entry: checked keys of the curve of a row. Raises InputError.
     """
-    scene = open_scene(located(folder, entry["usd"]), place.child("usd"))
+    scene = open_scene(locate_file(folder, entry["usd"]), place.child("usd"))
     root = find_prim(scene, entry["prim"], place.child("prim"), "curves", "skeleton")
     with errors_at(place):
-        return _lines(scene, root, entry, place)
+        return _read_lines(scene, root, entry, place)
 
 
-def _lines(scene: SourceScene, root: Any, entry: dict[str, Any], place: Place) -> list[Array]:
+def _read_lines(scene: SourceScene, root: Any, entry: dict[str, Any], place: Place) -> list[Array]:
     if not root.IsA(UsdSkel.Skeleton):
         if entry["joints"]:
             place.child("joints").refuse(f"{entry['prim']} in {scene.path} is no Skeleton")
-        return _curves(scene, (entry["prim"],), place.child("prim"))
+        return _read_curve_prims(scene, (entry["prim"],), place.child("prim"))
     if len(entry["joints"]) < 2:
         known = ", ".join(read_texts(UsdSkel.Skeleton(root).GetJointsAttr()))
         place.child("joints").refuse(f"expects two or more of {entry['prim']}, known: {known}")
     return [joint_line(scene, root, entry["joints"], place, entry["tail"])]
 
 
-def _curves(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Array]:
+def _read_curve_prims(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Array]:
     """Lines of at least two points. Raises InputError with all problems of curves."""
     found: list[Array] = []
     problems = Problems()
@@ -211,21 +213,21 @@ def _curves(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Ar
         for prim in prims_below(find_prim(scene, path, place, "curves")):
             if prim.IsA(UsdGeom.BasisCurves):
                 with problems.collecting(), errors_at(place):
-                    found += _polylines(scene, prim, place)
+                    found += _read_polylines(scene, prim, place)
     problems.hand_on()
     if not found:
-        there = what_is_there(scene, ("curves",), prims[0])
+        there = describe_prims(scene, ("curves",), prims[0])
         place.refuse(f"no curves at {', '.join(prims)} or below in {scene.path}{there}")
     return found
 
 
-def _polylines(scene: SourceScene, prim: Any, place: Place) -> list[Array]:
+def _read_polylines(scene: SourceScene, prim: Any, place: Place) -> list[Array]:
     """(k, 3) m of each curve of a prim."""
-    code = rest_code(UsdGeom.BasisCurves(prim).GetPointsAttr())
+    code = rest_time(UsdGeom.BasisCurves(prim).GetPointsAttr())
     at = Place(str(scene.path), str(prim.GetPath()), place.problems)
     curves = read_prim_curves(prim, code, at)
-    matrix = scene.matrix(prim, transform_code(prim, code))
-    return [transformed(curves.line(number), matrix) for number in range(len(curves))]
+    matrix = scene.matrix(prim, transform_time(prim, code))
+    return [transform_points(curves.line(number), matrix) for number in range(len(curves))]
 
 
 def joint_line(
@@ -236,17 +238,19 @@ def joint_line(
     names: paths as the skeleton has them, or their last parts where these are unique. tail: whether
     the line goes on to the end of the last joint's bone.
     """
-    (paths, places), at = _bind_places(scene, prim, place), place.child("joints")
-    chosen = all_of(*(partial(_number, name, paths, at.item(k)) for k, name in enumerate(names)))
-    end = _tail(scene, prim, paths, places, chosen) if tail else None
+    (paths, places), at = _read_bind_places(scene, prim, place), place.child("joints")
+    chosen = all_of(
+        *(partial(_find_joint, name, paths, at.item(k)) for k, name in enumerate(names))
+    )
+    end = _find_tail(scene, prim, paths, places, chosen) if tail else None
     local = places[chosen] if end is None else np.vstack([places[chosen], end])
-    points = _from_skeleton(scene, prim, local, place)
+    points = _skeleton_to_world(scene, prim, local, place)
     if (np.diff(points, axis=0) == 0.0).all(axis=1).any():
         at.refuse("two joints that follow each other are at one place")
     return points
 
 
-def _bind_places(scene: SourceScene, prim: Any, place: Place) -> tuple[list[str], Array]:
+def _read_bind_places(scene: SourceScene, prim: Any, place: Place) -> tuple[list[str], Array]:
     """Paths of a skeleton's joints, and their places (J, 3) in its space in the bind pose."""
     skeleton = UsdSkel.Skeleton(prim)
     paths = read_texts(skeleton.GetJointsAttr(), EARLIEST_TIME)
@@ -256,15 +260,15 @@ def _bind_places(scene: SourceScene, prim: Any, place: Place) -> tuple[list[str]
     return paths, bind.astype(np.float64)[:, 3, :3]
 
 
-def _from_skeleton(scene: SourceScene, prim: Any, local: Array, place: Place) -> Array:
+def _skeleton_to_world(scene: SourceScene, prim: Any, local: Array, place: Place) -> Array:
     """(k, 3) m, of points in a skeleton's space."""
-    points = transformed(local, scene.matrix(prim, transform_code(prim, DEFAULT_TIME)))
+    points = transform_points(local, scene.matrix(prim, transform_time(prim, DEFAULT_TIME)))
     if not np.isfinite(points).all():
         place.refuse(f"{prim.GetPath()} in {scene.path}: bind transforms are not finite")
     return points
 
 
-def _tail(
+def _find_tail(
     scene: SourceScene, prim: Any, paths: list[str], places: Array, chosen: list[int]
 ) -> Array | None:
     """(3,) end of the bone of the last of the chosen joints in the skeleton's space: the place of
@@ -283,12 +287,12 @@ def _tail(
     if (long > 0.0).any():
         bent = np.where(long > 0.0, ways @ straight / np.where(long > 0.0, long, 1.0), -np.inf)
         return np.asarray(places[below[int(bent.argmax())]])
-    moved = points_of_joint(scene, prim, last)
+    moved = find_joint_points(scene, prim, last)
     reach = float(((moved - places[last]) @ straight).max(initial=0.0))
     return places[last] + reach * straight if reach > 0.0 else None
 
 
-def _number(name: str, paths: list[str], place: Place) -> int:
+def _find_joint(name: str, paths: list[str], place: Place) -> int:
     """The number of a joint."""
     if name in paths:
         return paths.index(name)

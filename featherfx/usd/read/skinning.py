@@ -78,7 +78,7 @@ class Skinning:
             points = self._shaped(pose.points, pose.weights)
             if not self._skinning.HasJointInfluences():
                 return self._bound(np.asarray(points))
-            transforms = Vt.Matrix4dArray.FromNumpy(from_bind(self._skeleton, pose.joints))
+            transforms = Vt.Matrix4dArray.FromNumpy(bind_to_pose(self._skeleton, pose.joints))
             if not self._skinning.ComputeSkinnedPoints(transforms, points, EARLIEST_TIME):
                 raise fault(self._mesh.GetPrim(), f"USD cannot skin it; {_MISFIT}")
         return np.asarray(points)
@@ -104,7 +104,7 @@ class Skinning:
 
     def attributes(self) -> list[Any]:
         """What moves the skeleton, for its time samples."""
-        return animated(self._skeleton)
+        return animation_attributes(self._skeleton)
 
     def _mesh_points(self, code: Any) -> Any:
         points = self._mesh.GetPointsAttr()
@@ -145,7 +145,7 @@ class Skinning:
         return Vt.Vec3fArray.FromNumpy(points)
 
 
-def from_bind(skeleton: Any, joints: Array) -> Array:
+def bind_to_pose(skeleton: Any, joints: Array) -> Array:
     """(J, 4, 4) from the bind pose of a skeleton (its query) to a pose whose joints (J, 4, 4) stand
     so in their parents' space; row vectors."""
     found = joints.copy()
@@ -156,7 +156,7 @@ def from_bind(skeleton: Any, joints: Array) -> Array:
     return np.asarray(np.linalg.inv(binds) @ found)
 
 
-def animated(skeleton: Any) -> list[Any]:
+def animation_attributes(skeleton: Any) -> list[Any]:
     """The attributes that move a skeleton (its query)."""
     query = skeleton.GetAnimQuery()
     animation = UsdSkel.Animation(query.GetPrim()) if query else None
@@ -199,7 +199,7 @@ def _blend_shapes(query: Any, mesh: Any) -> tuple[list[Indices], list[Floats]]:
     return places, offsets
 
 
-def points_of_joint(scene: SourceScene, skeleton: Any, joint: int) -> Array:
+def find_joint_points(scene: SourceScene, skeleton: Any, joint: int) -> Array:
     """(N, 3) points of all skins of a skeleton that a joint moves for the most part, in the
     skeleton's space in the bind pose."""
     found = [np.zeros((0, 3))]
@@ -219,11 +219,11 @@ def find_skinning(scene: SourceScene, mesh: Any, place: Place) -> Skinning | Non
     """The skinning of a mesh, None where no skeleton moves it; an InputWarning tells one that names
     a skeleton and is not moved by it. Raises InputError."""
     with usd_errors(mesh.GetPrim()):
-        tell_unmoved(scene, mesh.GetPrim())
-        return _find(scene, mesh, place)
+        is_unmoved(scene, mesh.GetPrim())
+        return _find_skeleton(scene, mesh, place)
 
 
-def tell_unmoved(scene: SourceScene, prim: Any) -> bool:
+def is_unmoved(scene: SourceScene, prim: Any) -> bool:
     """Whether USD lets a mesh stand still that has joint influences of a skeleton, which an
     InputWarning tells then."""
     skeleton, root = UsdSkel.BindingAPI(prim).GetInheritedSkeleton(), UsdSkel.Root.Find(prim)
@@ -242,7 +242,7 @@ def tell_unmoved(scene: SourceScene, prim: Any) -> bool:
     return True
 
 
-def _find(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
+def _find_skeleton(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
     root = UsdSkel.Root.Find(mesh.GetPrim())
     if not root:
         return None

@@ -34,7 +34,7 @@ from featherfx.usd.read.values import (
 )
 
 # what grooms and shots name in a stage
-KINDS = {
+PRIM_KINDS = {
     "mesh": UsdGeom.Mesh,
     "skeleton": UsdSkel.Skeleton,
     "curves": UsdGeom.Curves,
@@ -43,7 +43,10 @@ KINDS = {
     "points": UsdGeom.PointBased,
 }
 
-_SHOWN, _NEAREST = 8, 3  # paths that are listed: all where there are so few, else the nearest
+_MAX_LISTED, _LISTED_NEAREST = (
+    8,
+    3,
+)  # paths that are listed: all where there are so few, else the nearest
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ class SourceScene:
     @property
     def space(self) -> tuple[float, str]:
         """Metres per unit and up axis of the stage."""
-        return stage_space(self.stage)
+        return read_stage_space(self.stage)
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -79,15 +82,15 @@ class SourceScene:
     @cached_property
     def paths(self) -> dict[str, list[str]]:
         """Paths of the prims of each of KINDS."""
-        found: dict[str, list[str]] = {kind: [] for kind in KINDS}
+        found: dict[str, list[str]] = {kind: [] for kind in PRIM_KINDS}
         for prim in prims_below(self.stage.GetPseudoRoot()):
-            if kind := kind_of(prim):
+            if kind := prim_kind(prim):
                 found[kind].append(str(prim.GetPath()))
         return found
 
     def matrix(self, prim: Any, code: Any) -> Array:
         """(4, 4) local space of a prim to the world, row vectors, at a time code."""
-        return in_world(read_matrix(prim, code), self.to_world)
+        return to_world_matrix(read_matrix(prim, code), self.to_world)
 
 
 class ScenePrim:
@@ -120,7 +123,7 @@ def broken_files(stage: Any) -> dict[str, str]:
         # an arc within the layer has no name
         for name in filter(None, layer.GetCompositionAssetDependencies()):
             path = Sdf.ComputeAssetPathRelativeToLayer(layer, name)
-            found[path] = _why_not(path)
+            found[path] = _opening_fault(path)
     return {path: reason for path, reason in found.items() if reason}
 
 
@@ -141,11 +144,11 @@ def _variant_fault(layer: Any) -> str:
 
 def broken_clips(stage: Any) -> dict[str, str]:
     """Value clips of a stage that are there and cannot be opened, and why."""
-    found = {path: _why_not(path) for path in sorted(clip_files(stage))}
+    found = {path: _opening_fault(path) for path in sorted(clip_files(stage))}
     return {path: reason for path, reason in found.items() if reason}
 
 
-def _why_not(path: str) -> str:
+def _opening_fault(path: str) -> str:
     if os.path.isfile(path) and not os.access(path, os.R_OK):
         return "no permission to read it"
     try:
@@ -188,19 +191,19 @@ def _clip_files(api: Any) -> set[str]:
     return {each.resolvedPath for each in assets if isinstance(each, Sdf.AssetPath)}
 
 
-def stage_space(stage: Any) -> tuple[float, str]:
+def read_stage_space(stage: Any) -> tuple[float, str]:
     """Metres per unit and up axis of a stage."""
     return float(UsdGeom.GetStageMetersPerUnit(stage)), str(UsdGeom.GetStageUpAxis(stage))
 
 
-def in_world(local_to_stage: Array, to_world: Array) -> Array:
+def to_world_matrix(local_to_stage: Array, to_world: Array) -> Array:
     """(..., 4, 4) matrices to the stage's space continued to the world; row vectors."""
     whole = np.array(local_to_stage, dtype=np.float64)
     whole[..., :3] = whole[..., :3] @ to_world
     return whole
 
 
-def transformed(points: NDArray[Any], matrix: Array) -> Array:
+def transform_points(points: NDArray[Any], matrix: Array) -> Array:
     """(..., 3) points by a (4, 4) matrix, row vectors."""
     x, y, z = (np.asarray(points[..., k], dtype=np.float64) for k in range(3))
     moved = np.empty(points.shape)
@@ -226,19 +229,19 @@ def open_scene(path: Path, place: Place) -> SourceScene:
         warnings.warn(
             f"{path}: metersPerUnit is not authored, which means centimetres", InputWarning, 2
         )
-    scale, axis = stage_space(stage)
+    scale, axis = read_stage_space(stage)
     turn = np.eye(3)
     if axis == "Y":
         turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     return SourceScene(path, stage, scale * turn)
 
 
-def kind_of(prim: Any) -> str:
+def prim_kind(prim: Any) -> str:
     """The key of KINDS that a prim is of; empty for none."""
-    return next((name for name, schema in KINDS.items() if prim.IsA(schema)), "")
+    return next((name for name, schema in PRIM_KINDS.items() if prim.IsA(schema)), "")
 
 
-def what_is_there(scene: SourceScene, kinds: Sequence[str], path: str) -> str:
+def describe_prims(scene: SourceScene, kinds: Sequence[str], path: str) -> str:
     """Paths of the prims of some of KINDS, as the end of a message; of many the nearest to a path.
 
     Empty where no kind is asked for.
@@ -249,9 +252,9 @@ def what_is_there(scene: SourceScene, kinds: Sequence[str], path: str) -> str:
 def _listed(kind: str, paths: list[str], path: str) -> str:
     if len(paths) < 2:
         return f"the stage has one {kind}: {paths[0]}" if paths else f"the stage has no {kind}"
-    if len(paths) <= _SHOWN:
+    if len(paths) <= _MAX_LISTED:
         return f"the stage has {len(paths)} of kind {kind}: {', '.join(paths)}"
-    near = closest(path, paths, _NEAREST) or paths[:_NEAREST]
+    near = closest(path, paths, _LISTED_NEAREST) or paths[:_LISTED_NEAREST]
     return f"the stage has {len(paths)} of kind {kind}, the nearest {', '.join(near)}"
 
 
@@ -265,23 +268,23 @@ def find_prim(scene: SourceScene, path: str, place: Place, *kinds: str) -> Any:
         and Sdf.Path(path).IsAbsolutePath()
         and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
     ):
-        there = what_is_there(scene, kinds, path)
+        there = describe_prims(scene, kinds, path)
         place.refuse(f"'{path}' is no absolute prim path such as /Bird/body{there}")
     prim = scene.stage.GetPrimAtPath(path)
     if not prim:
-        there = what_is_there(scene, kinds, path)
-        place.refuse(_absent(scene, Sdf.Path(path)) + there + broken_note(scene))
+        there = describe_prims(scene, kinds, path)
+        place.refuse(_absent(scene, Sdf.Path(path)) + there + describe_broken(scene))
     if not prim.IsActive():
         place.refuse(f"{path} is inactive in {scene.path}")
     if not prim.IsDefined():
-        note = broken_note(scene)
+        note = describe_broken(scene)
         place.refuse(f"{path} is only an over in {scene.path}: nothing defines it{note}")
     if prim.IsAbstract():
         place.refuse(f"{path} is a class in {scene.path}, which stands for no prim by itself")
     return prim
 
 
-def broken_note(scene: SourceScene) -> str:
+def describe_broken(scene: SourceScene) -> str:
     """What may be the reason that a prim is not there, as the end of a message."""
     broken = broken_files(scene.stage) | broken_arcs(scene.stage)
     return "".join(f"; {what}: {why}" for what, why in broken.items())
@@ -310,18 +313,18 @@ def prims_below(prim: Any) -> Iterator[Any]:
         yield each
 
 
-def rest_code(attribute: Any) -> Any:
+def rest_time(attribute: Any) -> Any:
     """Default where the attribute has a default value, else its first sample's time."""
     return EARLIEST_TIME if read_value(attribute, DEFAULT_TIME) is None else DEFAULT_TIME
 
 
-def codes_of(attribute: Any) -> list[Any]:
+def list_times(attribute: Any) -> list[Any]:
     """Every time at which an attribute has a value of its own: its default, then its samples."""
     default = [] if read_value(attribute, DEFAULT_TIME) is None else [DEFAULT_TIME]
     return default + [Usd.TimeCode(time) for time in read_times(attribute)]
 
 
-def transform_code(prim: Any, code: Any) -> Any:
+def transform_time(prim: Any, code: Any) -> Any:
     """The time to read transforms at: code, but the first samples where an op has no default."""
     if not code.IsDefault():
         return code

@@ -22,35 +22,35 @@ from featherfx.usd.write.chunks import AnimatedPrims, ChunkWriter, WrittenChunk,
 from featherfx.usd.write.define import define_prims
 from featherfx.usd.write.forms import CacheForm, choose_group, group_feathers
 from featherfx.usd.write.layers import StageInfo, new_layers
-from featherfx.usd.write.options import CHUNK, FEATHER, GROUPS, UP_AXES, WriteOptions
+from featherfx.usd.write.options import BY_FEATHER, CHUNK_FRAMES, GROUPINGS, UP_AXES, WriteOptions
 from featherfx.usd.write.output import (
     check_output,
-    chosen_layout,
+    choose_layout,
     output_files,
     parts_folder,
     prim_name,
 )
-from featherfx.usd.write.parts import Parts, Save, unfinished_bakes
+from featherfx.usd.write.parts import Parts, Save, list_unfinished_bakes
 from featherfx.usd.write.posed_groups import PosedGroup
-from featherfx.usd.write.poses import PosedFeather, posed_feathers
+from featherfx.usd.write.poses import PosedFeather, make_posed_feathers
 
 if TYPE_CHECKING:
     from featherfx.usd.write.previous_cache import PreviousCache
 
 # A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
 # costs by itself goes with the feathers, so many small ones get more of it.
-CHUNK_BYTES, BYTES_EACH, MOST_BYTES = 32_000_000, 40_000, 128_000_000
+_MIN_CHUNK_BYTES, _BYTES_PER_FEATHER, _MAX_CHUNK_BYTES = 32_000_000, 40_000, 128_000_000
 
 
 def chunk_bytes(feathers: int) -> int:
     """Bytes of values that a chunk of so many feathers may hold."""
-    return min(CHUNK_BYTES + BYTES_EACH * feathers, MOST_BYTES)
+    return min(_MIN_CHUNK_BYTES + _BYTES_PER_FEATHER * feathers, _MAX_CHUNK_BYTES)
 
 
 def chunk_frames(options: WriteOptions, posed: Sequence[PosedFeather]) -> int:
     """Frames of a chunk of these feathers: as asked for, or fewer where they would be too large."""
     frame = options.subframes * sum(each.bytes_per_sample for each in posed)
-    return max(1, min(options.chunk or CHUNK, chunk_bytes(len(posed)) // frame))
+    return max(1, min(options.chunk or CHUNK_FRAMES, chunk_bytes(len(posed)) // frame))
 
 
 @dataclass(frozen=True)
@@ -125,12 +125,12 @@ class CacheWriter:
         self._feathers = self._atlas.given_to(feathers) if self._atlas else tuple(feathers)
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
         form = CacheForm.of(options)
-        posed = posed_feathers(self._feathers, space, extras, form)
+        posed = make_posed_feathers(self._feathers, space, extras, form)
         bytes_per_sample = sum(each.bytes_per_sample for each in posed)
         self._samples = (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
         frames_each = continuation.frames_each if continuation else None
         self.chunk = (frames_each or chunk_frames(options, posed)) * self._subframes
-        self._layout = chosen_layout(options.layout, bytes_per_sample * self._samples)
+        self._layout = choose_layout(options.layout, bytes_per_sample * self._samples)
         self._info = StageInfo(
             prim_name(place.root or self._path.stem),
             space,
@@ -143,7 +143,7 @@ class CacheWriter:
         self._before = self._checked_files(options, own)
         how = choose_group(options.group, len(self._feathers))
         groups = [
-            PosedGroup(group, posed, [entry.static for entry in self._feathers], how == FEATHER)
+            PosedGroup(group, posed, [entry.static for entry in self._feathers], how == BY_FEATHER)
             for group in group_feathers(self._feathers, how, place.part, form.condensed)
         ]
         self._check_finite([k for group in groups for k in group.not_finite(group.rest())], 0.0)
@@ -277,7 +277,7 @@ class CacheWriter:
     ) -> dict[Path, Standing]:
         """How the files stand that the cache will have. Refuses those that are there, but for what
         this bake left itself, which is replaced to resume it."""
-        begun = unfinished_bakes(parts_folder(self._path, self._layout))
+        begun = list_unfinished_bakes(parts_folder(self._path, self._layout))
         own = self._path.exists() or dict(settings) in [each for each, _ in begun]
         check_output(self._path, options.overwrite or (options.resume and own), self._layout)
         pictures = self._atlas.files(self._path) if self._atlas else []
@@ -358,7 +358,7 @@ def check_arguments(
     for key, value in {**values, "chunk": options.chunk, "subframes": options.subframes}.items():
         if value is not None and not (math.isfinite(value) and value > 0):
             wrong.append((key, f"{value} is not a finite number above 0"))
-    for key, allowed in {"up_axis": UP_AXES, "group": GROUPS}.items():
+    for key, allowed in {"up_axis": UP_AXES, "group": GROUPINGS}.items():
         if (name := getattr(options, key)) not in (None, *allowed):
             wrong.append((key, f"'{name}' is not one of {', '.join(allowed)}"))
     wrong += [

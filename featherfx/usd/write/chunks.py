@@ -25,19 +25,19 @@ from featherfx.usd.arrays import vec3h
 from featherfx.usd.types import (
     ACCELERATIONS,
     BARB_DIRECTION,
-    DETAIL,
+    BARB_NODE_PRIMVARS,
+    DETAIL_ATTRIBUTE,
     HALF_VELOCITIES,
-    ORIENT,
-    P_BARB,
-    PER_FACE,
+    ORIENT_PRIMVAR,
+    PER_FACE_PRIMVARS,
     RATES,
 )
 from featherfx.usd.write.forms import AttributeKey, CacheForm
 from featherfx.usd.write.layers import (
     SCOPES,
     CacheLayers,
-    Clips,
     StageInfo,
+    ValueClips,
     export_beside,
     finish_layers,
     new_layer,
@@ -45,7 +45,7 @@ from featherfx.usd.write.layers import (
     publish,
 )
 from featherfx.usd.write.output import prim_name, unique_prim_names
-from featherfx.usd.write.parts import MANIFEST, ChunkRecord, Parts, checksum, no_chunk
+from featherfx.usd.write.parts import MANIFEST, ChunkRecord, Parts, chunk_error, compute_checksum
 from featherfx.usd.write.posed_groups import PosedGroup, WrittenPose
 from featherfx.usd.write.poses import Written
 
@@ -57,13 +57,17 @@ _TYPES = {
     BARB_DIRECTION: Sdf.ValueTypeNames.Vector3fArray,
     ACCELERATIONS: Sdf.ValueTypeNames.Vector3fArray,
     HALF_VELOCITIES: Sdf.ValueTypeNames.Vector3hArray,
-    ORIENT: Sdf.ValueTypeNames.QuathArray,
-    DETAIL: Sdf.ValueTypeNames.IntArray,
-    **dict.fromkeys(P_BARB, Sdf.ValueTypeNames.Point3fArray),
+    ORIENT_PRIMVAR: Sdf.ValueTypeNames.QuathArray,
+    DETAIL_ATTRIBUTE: Sdf.ValueTypeNames.IntArray,
+    **dict.fromkeys(BARB_NODE_PRIMVARS, Sdf.ValueTypeNames.Point3fArray),
 }
-_TYPES |= {name: Sdf.ValueTypeNames.FloatArray for name in PER_FACE if name != BARB_DIRECTION}
-_INTERPOLATION = dict.fromkeys(("normals", ORIENT, HALF_VELOCITIES, *P_BARB), "vertex")
-_INTERPOLATION |= dict.fromkeys(PER_FACE, "uniform")
+_TYPES |= {
+    name: Sdf.ValueTypeNames.FloatArray for name in PER_FACE_PRIMVARS if name != BARB_DIRECTION
+}
+_INTERPOLATION = dict.fromkeys(
+    ("normals", ORIENT_PRIMVAR, HALF_VELOCITIES, *BARB_NODE_PRIMVARS), "vertex"
+)
+_INTERPOLATION |= dict.fromkeys(PER_FACE_PRIMVARS, "uniform")
 
 
 class AnimatedPrims:
@@ -114,7 +118,7 @@ class AnimatedPrims:
         attribute = layer.GetAttributeAtPath(path)
         if name in _INTERPOLATION:
             attribute.SetInfo("interpolation", _INTERPOLATION[name])
-        if name in P_BARB:
+        if name in BARB_NODE_PRIMVARS:
             attribute.SetInfo("elementSize", self.groups[index].columns)
         return attribute
 
@@ -168,7 +172,7 @@ class WrittenChunk:
         """Force the file to disk, name it, and return its record. Raises OutputError."""
         with output_errors():
             self.file.flush()
-            size, crc = checksum(self.file.temporary)
+            size, crc = compute_checksum(self.file.temporary)
             self.file.publish()
         return ChunkRecord(self.codes, size, crc, self.constant, self.first, self.low, self.high)
 
@@ -395,7 +399,7 @@ def _copy_samples(layer: Any, prims: AnimatedPrims, moving: Any, parts: Parts) -
 
 def _prepare_clips(
     name: str, info: StageInfo, prims: AnimatedPrims, moving: Any, parts: Parts
-) -> Clips | None:
+) -> ValueClips | None:
     """The chunks as clips; None where nothing moves. Each is looked at before the root names it."""
     if not moving.any():
         return None
@@ -409,7 +413,7 @@ def _prepare_clips(
     moved = (each for index in np.flatnonzero(moving) for each in prims.paths[index].values())
     scopes = sorted({each.GetPrefixes()[1] for each in moved})
     codes = [record.codes for record in parts.records]
-    return Clips(
+    return ValueClips(
         name=prim_name(name),
         manifest=path,
         files=[parts.chunk(number) for number in range(len(codes))],
@@ -428,5 +432,5 @@ def _open_checked(parts: Parts, number: int) -> Any:
             chunk = open_chunk(path)
     ends = record.codes[0], record.codes[-1]
     if chunk is None or (chunk.startTimeCode, chunk.endTimeCode) != ends:
-        raise no_chunk(path)
+        raise chunk_error(path)
     return chunk

@@ -24,12 +24,12 @@ from featherfx.groom.looks import colour_text
 from featherfx.usd import arrays
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (
-    BARB_COLOURS,
-    COLOUR,
-    DETAIL_GRID,
-    P_BARB,
-    SHAPE,
-    SHAPE_SIZE,
+    BARB_COLOUR_PRIMVARS,
+    BARB_NODE_PRIMVARS,
+    COLOUR_PRIMVAR,
+    DETAIL_GRID_ATTRIBUTE,
+    SHAPE_PRIMVAR,
+    SHAPE_SIZE_PRIMVAR,
     FeatherEntry,
 )
 from featherfx.usd.write import surface_kernels
@@ -98,12 +98,14 @@ def _constant_values(
         made[f"uv_barb{end}"] = arrays.vec2f(np.concatenate([v[side].reshape(-1, 2) for v in uv]))
         diameters = np.concatenate([each[side].ravel() for each in widths])
         made[f"width_barb{end}"] = arrays.floats(info.space.lengths(diameters))
-        made[f"rest_barb{end}"] = rest[P_BARB[side]]
+        made[f"rest_barb{end}"] = rest[BARB_NODE_PRIMVARS[side]]
     if all(each is not None for each in shades):
-        for name, colours in zip(BARB_COLOURS, zip(*shades, strict=True), strict=True):
+        for name, colours in zip(BARB_COLOUR_PRIMVARS, zip(*shades, strict=True), strict=True):
             made[name] = arrays.vec3f(np.concatenate(colours))
     made["leadingIsRight"] = arrays.ints([not left_leads(each.feather) for each in entries])
-    made[SHAPE_SIZE] = arrays.floats([each.shape[2] if each.shape else 1.0 for each in entries])
+    made[SHAPE_SIZE_PRIMVAR] = arrays.floats(
+        [each.shape[2] if each.shape else 1.0 for each in entries]
+    )
     return made
 
 
@@ -122,9 +124,9 @@ def _shape_texts(entries: Sequence[FeatherEntry]) -> dict[str, list[str]]:
     shapes = [entry.shape for entry in entries if entry.shape is not None]
     if len(shapes) < len(entries):
         return {}
-    texts = {SHAPE: [shape_text(*each[:2]) for each in shapes]}
+    texts = {SHAPE_PRIMVAR: [shape_text(*each[:2]) for each in shapes]}
     if entries[0].colours is not None:
-        texts[COLOUR] = [colour_text(each[0].colour) for each in shapes]
+        texts[COLOUR_PRIMVAR] = [colour_text(each[0].colour) for each in shapes]
     return texts
 
 
@@ -141,11 +143,11 @@ def define_condensed(
     for name, texts in _shape_texts(entries).items():
         author_shared(prim, name, texts, group.interpolation)
     if group.feathers[0].form.thinned:
-        table = prim.CreateAttribute(DETAIL_GRID, Sdf.ValueTypeNames.Int2Array)
+        table = prim.CreateAttribute(DETAIL_GRID_ATTRIBUTE, Sdf.ValueTypeNames.Int2Array)
         table.SetVariability(Sdf.VariabilityUniform)
         table.Set(arrays.vec2i([(e.feather.rows, e.feather.columns) for e in entries]))
     for name, value in _constant_values(info, group, entries, rest).items():
-        each = name in ("leadingIsRight", SHAPE_SIZE)
+        each = name in ("leadingIsRight", SHAPE_SIZE_PRIMVAR)
         author_primvars(prim, group.interpolation if each else "", **{name: value})
         if name.endswith(("_barbl", "_barbr")):
             UsdGeom.PrimvarsAPI(prim).GetPrimvar(name).SetElementSize(group.columns)

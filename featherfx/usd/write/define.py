@@ -22,53 +22,55 @@ from pxr import Sdf, Usd, UsdGeom
 from featherfx import usd
 from featherfx.usd import arrays
 from featherfx.usd.types import (
-    BARB,
-    MESH,
-    P_BARB,
-    RACHIS,
+    BARB_NODE_PRIMVARS,
+    BARB_PART,
+    MESH_PART,
+    RACHIS_PART,
     FeatherEntry,
 )
 from featherfx.usd.write.chunks import AnimatedPrims
 from featherfx.usd.write.layers import (
-    BARBS,
-    FEATHERS,
-    MATERIALS,
-    RACHISES,
+    BARBS_SCOPE,
+    FEATHERS_SCOPE,
+    MATERIALS_SCOPE,
+    RACHISES_SCOPE,
     SCOPES,
     StageInfo,
     define_root,
 )
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.prims import (
-    charts,
+    chart_primvar,
+    choose_inputs,
     define_barbs,
     define_materials,
     define_mesh,
     define_rachises,
-    labels,
-    look_of,
-    painted,
+    label_primvars,
+    paint_primvars,
     replace_primvars,
-    seats,
+    skin_primvars,
 )
 
-SET, DEFAULT = "representation", "vane"
+REPRESENTATION_SET, _DEFAULT_REPRESENTATION = "representation", "vane"
 
 _DRAWN, _HIDDEN = UsdGeom.Tokens.default_, None
 _VARIANTS = {
-    "vane": {FEATHERS: _DRAWN, BARBS: _HIDDEN, RACHISES: UsdGeom.Tokens.guide},
+    "vane": {FEATHERS_SCOPE: _DRAWN, BARBS_SCOPE: _HIDDEN, RACHISES_SCOPE: UsdGeom.Tokens.guide},
     "barbs": {
-        FEATHERS: UsdGeom.Tokens.proxy,
-        BARBS: UsdGeom.Tokens.render,
-        RACHISES: UsdGeom.Tokens.render,
+        FEATHERS_SCOPE: UsdGeom.Tokens.proxy,
+        BARBS_SCOPE: UsdGeom.Tokens.render,
+        RACHISES_SCOPE: UsdGeom.Tokens.render,
     },
-    "rachis": {FEATHERS: _HIDDEN, BARBS: _HIDDEN, RACHISES: _DRAWN},
+    "rachis": {FEATHERS_SCOPE: _HIDDEN, BARBS_SCOPE: _HIDDEN, RACHISES_SCOPE: _DRAWN},
 }
 
 
 def define_representations(stage: Any, info: StageInfo, with_barbs: bool) -> None:
     """The variant set, with DEFAULT selected; no variant "barbs" where a cache has none."""
-    variants = stage.GetPrimAtPath(info.root_path).GetVariantSets().AddVariantSet(SET)
+    variants = (
+        stage.GetPrimAtPath(info.root_path).GetVariantSets().AddVariantSet(REPRESENTATION_SET)
+    )
     for name, purposes in _VARIANTS.items():
         if name == "barbs" and not with_barbs:
             continue
@@ -78,11 +80,11 @@ def define_representations(stage: Any, info: StageInfo, with_barbs: bool) -> Non
             for scope, purpose in purposes.items():
                 prim = stage.GetPrimAtPath(info.root_path.AppendChild(scope))
                 if prim:
-                    _author(UsdGeom.Imageable(prim), purpose)
-    variants.SetVariantSelection(DEFAULT)
+                    _set_visibility(UsdGeom.Imageable(prim), purpose)
+    variants.SetVariantSelection(_DEFAULT_REPRESENTATION)
 
 
-def _author(scope: Any, purpose: str | None) -> None:
+def _set_visibility(scope: Any, purpose: str | None) -> None:
     if purpose is None:
         scope.CreateVisibilityAttr(UsdGeom.Tokens.invisible)
     else:
@@ -104,39 +106,41 @@ def define_prims(
     """
     stage, parts = Usd.Stage.Open(layer), {part for own in prims.prims for part in own}
     define_root(stage, info)
-    for name in (*(SCOPES[part][0] for part in SCOPES if part in parts), MATERIALS):
+    for name in (*(SCOPES[part][0] for part in SCOPES if part in parts), MATERIALS_SCOPE):
         UsdGeom.Scope.Define(stage, info.root_path.AppendChild(name))
-    if MESH in parts:  # else all that there is is drawn
-        define_representations(stage, info, BARB in parts)
-    look = look_of(entries, texture)
-    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS), look)
+    if MESH_PART in parts:  # else all that there is is drawn
+        define_representations(stage, info, BARB_PART in parts)
+    look = choose_inputs(entries, texture)
+    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS_SCOPE), look)
     with Sdf.ChangeBlock():
         # prims stand in the order of the feathers, whichever of them is defined first
         for path in (path for own in prims.prims for path in own.values()):
             Sdf.CreatePrimInLayer(layer, path)
     first: dict[Any, int] = {}  # group of each sort that the others are copies of
     members = [[entries[k] for k in group.members] for group in prims.groups]
-    sorts = [_sort(*each) for each in zip(prims.groups, members, strict=True)]
+    sorts = [_copy_key(*each) for each in zip(prims.groups, members, strict=True)]
     for index, (group, own, at) in enumerate(zip(prims.groups, members, prims.prims, strict=True)):
         is_first = first.setdefault(sorts[index], index) == index
-        rest = _rest(group) if is_first or BARB in at else {}
+        rest = _rest_points(group) if is_first or BARB_PART in at else {}
         if is_first:
-            if MESH in at:
-                define_mesh(stage, at[MESH], group, own, rest[MESH], materials)
-            ups = _ups(info, own)
-            define_rachises(stage, at[RACHIS], group, own, rest[RACHIS], ups, materials)
+            if MESH_PART in at:
+                define_mesh(stage, at[MESH_PART], group, own, rest[MESH_PART], materials)
+            ups = _dorsal_axes(info, own)
+            define_rachises(stage, at[RACHIS_PART], group, own, rest[RACHIS_PART], ups, materials)
             if group.is_condensed:
-                usd.condensed.define_condensed(stage, info, at[RACHIS], group, own, rest)
-        if BARB in at:
-            define_barbs(stage, at[BARB], group, own, rest[BARB], materials)
+                usd.condensed.define_condensed(stage, info, at[RACHIS_PART], group, own, rest)
+        if BARB_PART in at:
+            define_barbs(stage, at[BARB_PART], group, own, rest[BARB_PART], materials)
     del stage  # layers alone take copies much faster
     with Sdf.ChangeBlock():
         for index, group in enumerate(prims.groups):
             if (like := first[sorts[index]]) != index:
-                _copy(layer, info, prims.prims[like], prims.prims[index], members[index][0], group)
+                _copy_feather(
+                    layer, info, prims.prims[like], prims.prims[index], members[index][0], group
+                )
 
 
-def _sort(group: PosedGroup, entries: Sequence[FeatherEntry]) -> Any:
+def _copy_key(group: PosedGroup, entries: Sequence[FeatherEntry]) -> Any:
     """Equal for feathers whose meshes and shafts differ in nothing but what _copy replaces."""
     surface = entries[0].feather.surface
     if not group.alone:
@@ -148,39 +152,39 @@ def _sort(group: PosedGroup, entries: Sequence[FeatherEntry]) -> Any:
     return *map(id, shared), entries[0].feather.rows, *alike
 
 
-def _copy(
+def _copy_feather(
     layer: Any, info: StageInfo, source: Any, target: Any, entry: FeatherEntry, group: PosedGroup
 ) -> None:
     """Mesh and shaft of a feather as those of another of its surface, but for what is its own."""
-    rest, own = _rest(group), labels(entry.id, entry.kind, entry.region)
-    for part in (part for part in (MESH, RACHIS) if part in target):
+    rest, own = _rest_points(group), label_primvars(entry.id, entry.kind, entry.region)
+    for part in (part for part in (MESH_PART, RACHIS_PART) if part in target):
         Sdf.CopySpec(layer, source[part], layer, target[part])
         replace_primvars(layer, target[part], **own, Pref=rest[part], rest=rest[part])
-    if entry.root is not None and MESH in target:
-        replace_primvars(layer, target[MESH], **seats([entry]))
-    if entry.held is not None and not entry.hooked and MESH in target:
-        replace_primvars(layer, target[MESH], hooked=arrays.floats(entry.held))
-    for part, name in ((MESH, "points"), (RACHIS, "shaft")):
+    if entry.root is not None and MESH_PART in target:
+        replace_primvars(layer, target[MESH_PART], **skin_primvars([entry]))
+    if entry.held is not None and not entry.hooked and MESH_PART in target:
+        replace_primvars(layer, target[MESH_PART], hooked=arrays.floats(entry.held))
+    for part, name in ((MESH_PART, "points"), (RACHIS_PART, "shaft")):
         if entry.colours is not None and part in target:
             shades = np.atleast_2d(getattr(entry.colours, name))
             replace_primvars(layer, target[part], displayColor=arrays.vec3f(shades))
-    if MESH in target:
-        replace_primvars(layer, target[MESH], **painted([entry], MESH))
+    if MESH_PART in target:
+        replace_primvars(layer, target[MESH_PART], **paint_primvars([entry], MESH_PART))
     if entry.chart is not None:
-        replace_primvars(layer, target[RACHIS], chart=charts([entry]))
-    replace_primvars(layer, target[RACHIS], up=arrays.vec3f(_ups(info, [entry])))
+        replace_primvars(layer, target[RACHIS_PART], chart=chart_primvar([entry]))
+    replace_primvars(layer, target[RACHIS_PART], up=arrays.vec3f(_dorsal_axes(info, [entry])))
     if group.is_condensed:
-        usd.condensed.replace_condensed(layer, info, target[RACHIS], group, entry, rest)
-    widths = target[RACHIS].AppendProperty(UsdGeom.Tokens.widths)
+        usd.condensed.replace_condensed(layer, info, target[RACHIS_PART], group, entry, rest)
+    widths = target[RACHIS_PART].AppendProperty(UsdGeom.Tokens.widths)
     layer.GetAttributeAtPath(widths).default = arrays.floats(group.widths)
 
 
-def _rest(group: PosedGroup) -> dict[str, Any]:
+def _rest_points(group: PosedGroup) -> dict[str, Any]:
     pose = group.rest()
     found = {part: pose.values[part, "points"].value for part in group.parts}
-    barbs = P_BARB if group.is_condensed else ()
-    return found | {name: pose.values[RACHIS, name].value for name in barbs}
+    barbs = BARB_NODE_PRIMVARS if group.is_condensed else ()
+    return found | {name: pose.values[RACHIS_PART, name].value for name in barbs}
 
 
-def _ups(info: StageInfo, entries: Sequence[FeatherEntry]) -> Any:
+def _dorsal_axes(info: StageInfo, entries: Sequence[FeatherEntry]) -> Any:
     return info.space.directions(np.stack([e.rest_points.directors[0, 1] for e in entries]))

@@ -22,20 +22,28 @@ from typing import NamedTuple
 
 from featherfx.usd.types import (
     ACCELERATIONS,
-    BARB,
     BARB_DIRECTION,
-    DETAIL,
+    BARB_NODE_PRIMVARS,
+    BARB_PART,
+    DETAIL_ATTRIBUTE,
     DIAGNOSTICS,
-    HOOKS,
-    MESH,
-    ORIENT,
-    P_BARB,
-    RACHIS,
+    HOOK_PRIMVARS,
+    MESH_PART,
+    ORIENT_PRIMVAR,
+    RACHIS_PART,
     RATES,
-    WET,
+    WET_PRIMVARS,
     FeatherEntry,
 )
-from featherfx.usd.write.options import ALL, BOTH, CONDENSED, CURVES, FEATHER, REGION, WriteOptions
+from featherfx.usd.write.options import (
+    AS_ONE,
+    BOTH_FORMS,
+    BY_FEATHER,
+    BY_REGION,
+    CONDENSED_FORM,
+    CURVES_FORM,
+    WriteOptions,
+)
 from featherfx.usd.write.output import unique_prim_names
 
 # Feathers that each have prims of their own where that is left to the writer; readers are slow with
@@ -45,7 +53,7 @@ _MAX_SINGLE = 200
 # part of a feather, and attribute
 AttributeKey = tuple[str, str]
 
-_PARTS = {CURVES: (RACHIS, BARB), CONDENSED: (RACHIS,)}
+_PARTS = {CURVES_FORM: (RACHIS_PART, BARB_PART), CONDENSED_FORM: (RACHIS_PART,)}
 
 
 @dataclass(frozen=True)
@@ -54,7 +62,7 @@ class CacheForm:
     their rows and nodes. rates: whether velocities and accelerations are written; half: velocities
     in half precision."""
 
-    parts: tuple[str, ...] = (MESH, RACHIS, BARB)
+    parts: tuple[str, ...] = (MESH_PART, RACHIS_PART, BARB_PART)
     condensed: bool = False
     rates: bool = True
     half: bool = False
@@ -65,10 +73,10 @@ class CacheForm:
         parts = _PARTS.get(options.form, CacheForm.parts)
         return CacheForm(
             parts,
-            condensed=options.form in (CONDENSED, BOTH),
+            condensed=options.form in (CONDENSED_FORM, BOTH_FORMS),
             rates=options.rates != "none",
             half=options.rates == "half",
-            thinned=options.form == CONDENSED,
+            thinned=options.form == CONDENSED_FORM,
         )
 
     def writes(self, key: AttributeKey) -> bool:
@@ -103,19 +111,21 @@ def find_keys(
     """
     each = ("points", "velocities", *([ACCELERATIONS] * (ACCELERATIONS in extras)))
     asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
-    asked += HOOKS if hooks else ()
-    shown = (MESH, faces), (RACHIS, form.condensed)
-    clumps = tuple((part, name) for part, is_shown in shown for name in WET if wet and is_shown)
+    asked += HOOK_PRIMVARS if hooks else ()
+    shown = (MESH_PART, faces), (RACHIS_PART, form.condensed)
+    clumps = tuple(
+        (part, name) for part, is_shown in shown for name in WET_PRIMVARS if wet and is_shown
+    )
     return AttributeKeys(
         vectors=(
             *((part, name) for part in parts for name in each),
-            (MESH, "normals"),
-            (MESH, BARB_DIRECTION),
-            *((RACHIS, name) for name in P_BARB if form.condensed),
+            (MESH_PART, "normals"),
+            (MESH_PART, BARB_DIRECTION),
+            *((RACHIS_PART, name) for name in BARB_NODE_PRIMVARS if form.condensed),
         ),
-        scalars=(*((MESH, name) for name in asked), *clumps),
-        turns=((RACHIS, ORIENT),) if form.condensed else (),
-        whole=((RACHIS, DETAIL),) if form.thinned else (),
+        scalars=(*((MESH_PART, name) for name in asked), *clumps),
+        turns=((RACHIS_PART, ORIENT_PRIMVAR),) if form.condensed else (),
+        whole=((RACHIS_PART, DETAIL_ATTRIBUTE),) if form.thinned else (),
         wet=clumps,
     )
 
@@ -129,7 +139,7 @@ class MeshGroup(NamedTuple):
 
 def choose_group(group: str | None, feathers: int) -> str:
     """How a cache of so many feathers is grouped: as asked for, else by region if they are many."""
-    return group or (REGION if feathers > _MAX_SINGLE else FEATHER)
+    return group or (BY_REGION if feathers > _MAX_SINGLE else BY_FEATHER)
 
 
 def group_feathers(
@@ -141,14 +151,14 @@ def group_feathers(
     the cache is a part of a larger one that has the same groups. condensed: feathers of one group
     must have as many barb nodes, since a primvar has one element size; others are told by these.
     """
-    if group == FEATHER:
+    if group == BY_FEATHER:
         names = unique_prim_names([entry.name or entry.id for entry in entries])
         return [MeshGroup(name, (number,)) for number, name in enumerate(names)]
     members: dict[str, list[int]] = {}
     first: dict[str, int] = {}
     for number, entry in enumerate(entries):
-        label = (entry.region if group == REGION else "") or entry.kind
-        label = ALL if group == ALL else label
+        label = (entry.region if group == BY_REGION else "") or entry.kind
+        label = AS_ONE if group == AS_ONE else label
         columns = entry.feather.columns
         if condensed and columns != first.setdefault(label, columns):
             label = f"{label}_{columns}"

@@ -19,12 +19,12 @@ from featherfx.groom.looks import look_text
 from featherfx.groom.types import Placement
 from featherfx.shot.placement import place
 from featherfx.usd import arrays
-from featherfx.usd.space import StageSpace, origin_for
-from featherfx.usd.types import MESH, FeatherEntry
+from featherfx.usd.space import StageSpace, choose_origin
+from featherfx.usd.types import MESH_PART, FeatherEntry
 from featherfx.usd.write.chunks import AnimatedPrims
 from featherfx.usd.write.forms import MeshGroup
 from featherfx.usd.write.layers import (
-    MATERIALS,
+    MATERIALS_SCOPE,
     StageInfo,
     define_root,
     finish_layers,
@@ -34,10 +34,10 @@ from featherfx.usd.write.layers import (
 from featherfx.usd.write.options import StageOptions
 from featherfx.usd.write.output import check_output, output_files, prim_name, unique_prim_names
 from featherfx.usd.write.posed_groups import PosedGroup
-from featherfx.usd.write.poses import posed_feathers
-from featherfx.usd.write.prims import author_shared, define_materials, define_mesh, look_of
+from featherfx.usd.write.poses import make_posed_feathers
+from featherfx.usd.write.prims import author_shared, choose_inputs, define_materials, define_mesh
 
-PLUMAGE, PROTOTYPES = "plumage", "prototypes"
+_PLUMAGE, _PROTOTYPES = "plumage", "prototypes"
 
 
 def write_instances(
@@ -60,7 +60,7 @@ def write_instances(
     before = {file: standing(file) for file in output_files(target, layout)}
     info = StageInfo(
         prim_name(target.stem),
-        replace(StageSpace.of(options), origin=origin_for([p.position for p in placements])),
+        replace(StageSpace.of(options), origin=choose_origin([p.position for p in placements])),
         None,
         24.0,
         {**metadata, "layout": layout},
@@ -68,7 +68,7 @@ def write_instances(
     layers = new_layers(info, layout)
     stage = Usd.Stage.Open(layers.topology)
     define_root(stage, info)
-    at = info.root_path.AppendChild(PLUMAGE)
+    at = info.root_path.AppendChild(_PLUMAGE)
     instancer = UsdGeom.PointInstancer.Define(stage, at)
     entries = _entries(placements, shapes, chosen)
     paths = _define_prototypes(stage, layers.topology, info, at, entries)
@@ -110,21 +110,23 @@ def _define_prototypes(
     stage: Any, layer: Any, info: StageInfo, at: Any, entries: Sequence[FeatherEntry]
 ) -> list[Any]:
     """Meshes below the instancer, where nothing draws them but instances."""
-    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS), look_of(entries))
-    scope = at.AppendChild(PROTOTYPES)
+    materials = define_materials(
+        stage, info.root_path.AppendChild(MATERIALS_SCOPE), choose_inputs(entries)
+    )
+    scope = at.AppendChild(_PROTOTYPES)
     UsdGeom.Scope.Define(stage, scope)
     names = unique_prim_names([entry.id for entry in entries])
     paths = [scope.AppendChild(name) for name in names]
-    posed = posed_feathers(entries, replace(info.space, origin=StageSpace.origin))
+    posed = make_posed_feathers(entries, replace(info.space, origin=StageSpace.origin))
     groups = [
         PosedGroup(MeshGroup(entry.id, (k,)), posed, [True] * len(entries), True)
         for k, entry in enumerate(entries)
     ]
     poses = [group.rest() for group in groups]
     for entry, path, group, pose in zip(entries, paths, groups, poses, strict=True):
-        points = pose.values[MESH, "points"].value
+        points = pose.values[MESH_PART, "points"].value
         define_mesh(stage, path, group, [entry], points, materials)
-    prims = AnimatedPrims(groups, [{MESH: path} for path in paths])
+    prims = AnimatedPrims(groups, [{MESH_PART: path} for path in paths])
     with Sdf.ChangeBlock():
         for index, pose in enumerate(poses):
             for key in prims.paths[index]:

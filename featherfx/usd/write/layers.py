@@ -33,15 +33,19 @@ from featherfx.errors import Problem
 from featherfx.files.atomic_write import Standing, Store, WrittenFile, write_all, write_beside
 from featherfx.usd import arrays
 from featherfx.usd.space import StageSpace
-from featherfx.usd.types import BARB, MESH, RACHIS, OutputError
+from featherfx.usd.types import BARB_PART, MESH_PART, RACHIS_PART, OutputError
 from featherfx.usd.write.output import output_files
 
 # characters of a text; other readers refuse files with a string of more than 65,536 bytes
 _MAX_TEXT = 60_000
-FEATHERS, RACHISES, BARBS = "feathers", "rachises", "barbs"
-MATERIALS = "materials"
+FEATHERS_SCOPE, RACHISES_SCOPE, BARBS_SCOPE = "feathers", "rachises", "barbs"
+MATERIALS_SCOPE = "materials"
 # where the prims of feathers stand, and what their names end with
-SCOPES = {MESH: (FEATHERS, ""), RACHIS: (RACHISES, "_rachis"), BARB: (BARBS, "_barbs")}
+SCOPES = {
+    MESH_PART: (FEATHERS_SCOPE, ""),
+    RACHIS_PART: (RACHISES_SCOPE, "_rachis"),
+    BARB_PART: (BARBS_SCOPE, "_barbs"),
+}
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ def author_metadata(layer: Any, metadata: Mapping[str, Any]) -> None:
         layer.customLayerData = {"featherfx": dict(metadata)}
 
 
-def table_text(table: Mapping[str, str]) -> Any:
+def format_table(table: Mapping[str, str]) -> Any:
     """Texts by name as JSON for metadata; in pieces where it is long, since other readers of USD
     refuse files with a string of more than 65,536 bytes (tinyusdz 0.9.4)."""
     text = json.dumps(dict(table), separators=(",", ":"))
@@ -119,7 +123,7 @@ class CacheLayers:
 
 
 @dataclass(frozen=True)
-class Clips:
+class ValueClips:
     """Chunks as value clips. manifest, files: in any folder at or below the root file's.
 
     starts: first time code of each. end: last code of all. scopes: prims below the root prim that
@@ -145,7 +149,7 @@ def new_layers(info: StageInfo, layout: str) -> CacheLayers:
 
 
 def finish_layers(
-    layers: CacheLayers, info: StageInfo, path: Path, extent: Any, clips: Clips | None
+    layers: CacheLayers, info: StageInfo, path: Path, extent: Any, clips: ValueClips | None
 ) -> list[Any]:
     """Connect the layers and pair each with its file, in the order of publication.
 
@@ -169,7 +173,7 @@ def finish_layers(
     return list(zip(ordered, files, strict=True))
 
 
-def _author_clips(layer: Any, folder: Path, clips: Clips) -> None:
+def _author_clips(layer: Any, folder: Path, clips: ValueClips) -> None:
     def asset(file: Path) -> Any:
         return Sdf.AssetPath(f"./{file.relative_to(folder).as_posix()}")
 
@@ -194,7 +198,7 @@ def author_extents_hint(layer: Any, root: Any, extent: Any) -> None:
     layer.GetPrimAtPath(root).SetInfo("apiSchemas", schemas)
 
 
-LOOKED_AT = 16
+_COMPARED_ATTRIBUTES = 16
 
 
 def publish(
@@ -231,38 +235,38 @@ def output_errors() -> Iterator[None]:
         message = f"{error.strerror}, and is left as it is; choose another name, or --overwrite"
         raise OutputError(Problem(str(error.filename), "", message)) from error
     except OSError as error:
-        raise _failure(Path(error.filename), error.strerror or str(error)) from error
+        raise _write_error(Path(error.filename), error.strerror or str(error)) from error
 
 
 def _export(layer: Any, target: Path, temporary: Path) -> None:
     try:
         done = _store(layer, temporary)
     except Tf.ErrorException as error:
-        raise _failure(target, _reason(error)) from error
+        raise _write_error(target, _describe_error(error)) from error
     if not done:
-        raise _failure(target, "USD could not write the file")
-    difference = _difference(layer, temporary)
+        raise _write_error(target, "USD could not write the file")
+    difference = _find_difference(layer, temporary)
     if difference:
         reason = f"the file read back differs from what was written: {difference}"
-        raise _failure(target, reason)
+        raise _write_error(target, reason)
 
 
 def _store(layer: Any, path: Path) -> bool:
     return bool(layer.Export(str(path)))
 
 
-def _failure(target: Path, reason: str) -> OutputError:
+def _write_error(target: Path, reason: str) -> OutputError:
     message = f"not written ({reason}); free space and permissions of the folder may tell why"
     return OutputError(Problem(str(target), "", message))
 
 
-def _reason(error: Tf.ErrorException) -> str:
+def _describe_error(error: Tf.ErrorException) -> str:
     # USD repeats itself, once for every block that it could not write.
     said = dict.fromkeys(str(part.commentary) for part in error.args)
     return "; ".join(said) or "unknown USD error"
 
 
-def _difference(layer: Any, path: Path) -> str:
+def _find_difference(layer: Any, path: Path) -> str:
     """What a file on disk lacks against the layer in memory; empty if nothing.
 
     All time codes of the layer, and those and the last value of up to 2 * LOOKED_AT attributes,
@@ -271,7 +275,7 @@ def _difference(layer: Any, path: Path) -> str:
     try:
         written = Sdf.Layer.OpenAsAnonymous(str(path))
     except Tf.ErrorException as error:
-        return _reason(error)
+        return _describe_error(error)
     if written is None or written.defaultPrim != layer.defaultPrim:
         return "it cannot be opened"
     if written.ListAllTimeSamples() != layer.ListAllTimeSamples():
@@ -279,7 +283,7 @@ def _difference(layer: Any, path: Path) -> str:
     paths: list[Any] = []
     layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
     sampled = [each for each in paths if layer.ListTimeSamplesForPath(each)]
-    for each in sampled[:: max(1, len(sampled) // LOOKED_AT)]:
+    for each in sampled[:: max(1, len(sampled) // _COMPARED_ATTRIBUTES)]:
         codes = layer.ListTimeSamplesForPath(each)
         values = (source.QueryTimeSample(each, codes[-1]) for source in (written, layer))
         if written.ListTimeSamplesForPath(each) != codes or next(values) != next(values):

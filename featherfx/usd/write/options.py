@@ -14,12 +14,12 @@ from featherfx.limits import MOST_FRAMES, MOST_SUBFRAMES, option
 
 LAYOUTS = ("auto", "flat", "payload", "clips")
 UP_AXES = ("Y", "Z")
-FEATHER, KIND, REGION, ALL = "feather", "kind", "region", "all"
-GROUPS = (FEATHER, KIND, REGION, ALL)
-MESH, CONDENSED, CURVES, BOTH = "mesh", "condensed", "curves", "both"
-FORMS = (MESH, CONDENSED, CURVES, BOTH)
+BY_FEATHER, BY_KIND, BY_REGION, AS_ONE = "feather", "kind", "region", "all"
+GROUPINGS = (BY_FEATHER, BY_KIND, BY_REGION, AS_ONE)
+MESH_FORM, CONDENSED_FORM, CURVES_FORM, BOTH_FORMS = "mesh", "condensed", "curves", "both"
+FORMS = (MESH_FORM, CONDENSED_FORM, CURVES_FORM, BOTH_FORMS)
 # frames of a chunk; of a shot whose feathers push each other, where a frame may take minutes
-CHUNK, PUSHING_CHUNK = 24, 8
+CHUNK_FRAMES, CONTACT_CHUNK_FRAMES = 24, 8
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class WriteOptions(StageOptions):
     chunk: int | None = option(
         None,
         "Frames written at a time; --resume goes on after the last that is complete."
-        f"  [default: {CHUNK}; {PUSHING_CHUNK} where feathers push each other]",
+        f"  [default: {CHUNK_FRAMES}; {CONTACT_CHUNK_FRAMES} where feathers push each other]",
         least=1,
         most=MOST_FRAMES,
     )
@@ -71,10 +71,10 @@ class WriteOptions(StageOptions):
         None,
         "Which feathers share one mesh: none, those of a kind, of a region, or all. Those without a"
         " region go by kind.  [default: feather up to 200 feathers, region above]",
-        allowed=GROUPS,
+        allowed=GROUPINGS,
     )
     form: str = option(
-        MESH,
+        MESH_FORM,
         "Form of a feather in the file. mesh: mesh and shaft; condensed: a curve that carries half"
         " of its rows and barb nodes, as Houdini's condensed feathers, and in small numbers the"
         " rest; curves: shaft and --barbs; both: mesh, and a curve that carries all.",
@@ -103,13 +103,13 @@ class WriteOptions(StageOptions):
     @property
     def rates(self) -> str:
         """How velocities are written, asked for or not."""
-        none = self.form == CONDENSED and not self.accelerations
+        none = self.form == CONDENSED_FORM and not self.accelerations
         return self.velocities or ("none" if none else "full")
 
     @property
     def can_be_taken_over(self) -> bool:
         """Whether what is written has all that another bake takes a feather's samples over by."""
-        return self.form == MESH and self.rates == "full"
+        return self.form == MESH_FORM and self.rates == "full"
 
 
 def check_ranges(options: StageOptions, source: str) -> None:

@@ -12,17 +12,17 @@ from featherfx.errors import CONTROL, Problem
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.options import LAYOUTS
 
-SUFFIXES = (".usd", ".usda", ".usdc")
-_INPUT_SUFFIXES = (*SUFFIXES, ".usdz")
+USD_SUFFIXES = (".usd", ".usda", ".usdc")
+_INPUT_SUFFIXES = (*USD_SUFFIXES, ".usdz")
 # Samples beyond this many bytes go to clips where the layout is left to the writer.
-AUTO_CLIPS_BYTES = 256_000_000
+_MAX_FLAT_BYTES = 256_000_000
 
 
-def chosen_layout(layout: str, sample_bytes: int) -> str:
+def choose_layout(layout: str, sample_bytes: int) -> str:
     """The layout itself, or for "auto" the one that suits so many bytes of samples."""
     if layout != "auto":
         return layout
-    return "clips" if sample_bytes > AUTO_CLIPS_BYTES else "flat"
+    return "clips" if sample_bytes > _MAX_FLAT_BYTES else "flat"
 
 
 def output_files(path: Path, layout: str) -> list[Path]:
@@ -61,9 +61,9 @@ def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat"
     if not path.name or CONTROL.search(path.name):
         raise OutputError(Problem(source, "", "is no name of a file"))
     problems = []
-    if path.suffix not in SUFFIXES:
+    if path.suffix not in USD_SUFFIXES:
         problems.append(
-            Problem(source, "", f"suffix '{path.suffix}' is not one of {', '.join(SUFFIXES)}")
+            Problem(source, "", f"suffix '{path.suffix}' is not one of {', '.join(USD_SUFFIXES)}")
         )
     if layout not in LAYOUTS:
         problems.append(Problem(source, "layout", f"'{layout}' is not one of {', '.join(LAYOUTS)}"))
@@ -72,13 +72,13 @@ def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat"
     except UnicodeEncodeError:
         message = "has letters that this locale does not know; set LC_ALL=C.UTF-8 or PYTHONUTF8=1"
         raise OutputError(*problems, Problem(ascii(source), "", message)) from None
-    problems += file_problems(output_files(path, layout), overwrite)
+    problems += find_file_problems(output_files(path, layout), overwrite)
     if problems:
         raise OutputError(*problems)
     return path
 
 
-def file_problems(files: Sequence[Path], overwrite: bool) -> list[Problem]:
+def find_file_problems(files: Sequence[Path], overwrite: bool) -> list[Problem]:
     """Why files of one folder cannot be put there; empty if they can."""
     problems = []
     for file in files:

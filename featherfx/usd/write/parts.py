@@ -32,7 +32,7 @@ from featherfx.errors import Problem
 from featherfx.files.atomic_write import remove_leftovers, temporary_of, write_text
 from featherfx.files.lock import Lock
 from featherfx.shot.fingerprint import settings_digest
-from featherfx.usd.types import BUSY, BusyError, OutputError
+from featherfx.usd.types import BUSY_MESSAGE, BusyError, OutputError
 from featherfx.usd.write.output import output_files, parts_folder
 
 MANIFEST = "manifest.usdc"
@@ -48,7 +48,7 @@ _FOLDER = re.compile(r"[0-9a-f]{16}")
 Save = Callable[[Path], object]
 
 
-def no_chunk(path: Path) -> OutputError:
+def chunk_error(path: Path) -> OutputError:
     """What a chunk, or a piece that has none, is refused with."""
     return OutputError(Problem(str(path), "", "is not the chunk that was written; bake again"))
 
@@ -98,11 +98,11 @@ class Parts:
         self._settings, self._inputs = dict(settings), dict(inputs or {})
         self.records: list[ChunkRecord] = []
         self._locks: list[Lock] = []
-        with _told(path.parent):
+        with _output_errors(path.parent):
             self._lock(lock_file(path), path)
         try:
             _refuse_foreign(folder, self.folder)
-            with _told(folder):
+            with _output_errors(folder):
                 folder.mkdir(exist_ok=True)
                 self._lock(folder / _LOCK, folder)
                 if not finished:
@@ -120,7 +120,7 @@ class Parts:
         try:
             self._locks.append(Lock(file))
         except TimeoutError as error:
-            raise BusyError(Problem(str(output), "", BUSY)) from error
+            raise BusyError(Problem(str(output), "", BUSY_MESSAGE)) from error
 
     def _start(self, keep: bool) -> None:
         if keep:
@@ -144,10 +144,10 @@ class Parts:
         Raises OutputError where the system refuses; then the chunk does not count.
         """
         index = len(self.records)
-        with _told(self.folder):
+        with _output_errors(self.folder):
             if save is not None:
                 save(self.state(index))
-                record = replace(record, state=checksum(self.state(index)))
+                record = replace(record, state=compute_checksum(self.state(index)))
             self._write_record(index, record)
         if index:
             self.state(index - 1).unlink(missing_ok=True)
@@ -161,28 +161,28 @@ class Parts:
         """
         files = sorted((parts_folder(piece, "clips") / self.folder.name).glob("[0-9]*.json"))
         if not files:
-            raise no_chunk(piece)
+            raise chunk_error(piece)
         for file in files:
             record, chunk = _read_record(file), file.with_suffix(".usdc")
-            with _told(self.folder):
-                if record is None or checksum(chunk) != (record.bytes, record.crc32):
-                    raise no_chunk(piece)
-                _share(chunk, self.chunk(len(self.records)))
-                _share(file, self._record(len(self.records)))
+            with _output_errors(self.folder):
+                if record is None or compute_checksum(chunk) != (record.bytes, record.crc32):
+                    raise chunk_error(piece)
+                _link_file(chunk, self.chunk(len(self.records)))
+                _link_file(file, self._record(len(self.records)))
             self.records.append(record)
 
     def _write_record(self, index: int, record: ChunkRecord) -> None:
         content = asdict(record)
-        write_text(self._record(index), _json(content | {"check": _check(content)}))
+        write_text(self._record(index), _json(content | {"check": _record_checksum(content)}))
 
     def finish(self, keep_chunks: bool) -> None:
         """The cache is published: remove what bakes left here that is no part of it, also from the
         records, which then tell of the cache alone, not of how it was made."""
         if keep_chunks:
-            with _told(self.folder):
+            with _output_errors(self.folder):
                 for index, record in enumerate(self.records):
                     self._write_record(index, replace(record, state=None))
-        for bake in _bakes(self.folder.parent):
+        for bake in _list_bakes(self.folder.parent):
             kept = bake.iterdir() if keep_chunks and bake == self.folder else ()
             _remove_bake(bake, {file for file in kept if _PUBLISHED.fullmatch(file.name)})
         self._release()
@@ -224,7 +224,7 @@ class Parts:
             return found
         while (record := _read_record(self._record(len(found)))) is not None:
             file = self.chunk(len(found))
-            if not file.is_file() or checksum(file) != (record.bytes, record.crc32):
+            if not file.is_file() or compute_checksum(file) != (record.bytes, record.crc32):
                 break
             found.append(record)
         while found and not self._has_state(len(found) - 1, found[-1]):
@@ -233,7 +233,7 @@ class Parts:
 
     def _has_state(self, index: int, record: ChunkRecord) -> bool:
         file = self.state(index)
-        return file.is_file() and checksum(file) == record.state
+        return file.is_file() and compute_checksum(file) == record.state
 
     def _remove_strays(self) -> None:
         """Remove what no kept record speaks of: temporary files, later chunks, old states."""
@@ -243,7 +243,7 @@ class Parts:
         _remove_bake(self.folder, wanted if self.records else set())
 
 
-def _share(file: Path, target: Path) -> None:
+def _link_file(file: Path, target: Path) -> None:
     """Give a file that will not change a second name; a copy where the system cannot."""
     try:
         os.link(file, target)
@@ -265,15 +265,15 @@ def _refuse_foreign(folder: Path, bake: Path) -> None:
         if place.exists() and not place.is_dir():
             message = "is where the chunks go, but no folder; remove it or choose another name"
             raise OutputError(Problem(str(place), "", message))
-    with _told(folder):
+    with _output_errors(folder):
         found = sorted(each.name for each in folder.iterdir()) if folder.exists() else []
     others = [name for name in found if name not in (_LOCK, bake.name)]
-    if others and not bake.exists() and not _bakes(folder):
+    if others and not bake.exists() and not _list_bakes(folder):
         message = f"is where the chunks go, but holds others' files ({others[0]}); choose another"
         raise OutputError(Problem(str(folder), "", f"{message} name or move them away"))
 
 
-def _bakes(folder: Path) -> list[Path]:
+def _list_bakes(folder: Path) -> list[Path]:
     """The folders of bakes in a parts folder, known by their records."""
     try:
         found = sorted(folder.iterdir())
@@ -285,7 +285,7 @@ def _bakes(folder: Path) -> list[Path]:
         if _FOLDER.fullmatch(each.name)
         and each.is_dir()
         and not each.is_symlink()
-        and (settings_digest(_settings_of_any(each)) == each.name or _has_just_begun(each))
+        and (settings_digest(_read_any_settings(each)) == each.name or _has_just_begun(each))
     ]
 
 
@@ -310,7 +310,7 @@ def _remove_bake(bake: Path, wanted: Collection[Path] = ()) -> None:
 def remove_cache(path: Path) -> None:
     """Remove a cache in the clips layout, finished or begun, that nobody is writing."""
     folder = parts_folder(path, "clips")
-    for bake in _bakes(folder):
+    for bake in _list_bakes(folder):
         _remove_bake(bake)
     with contextlib.suppress(OSError):
         for file in (*output_files(path, "clips"), lock_file(path), folder / _LOCK):
@@ -320,22 +320,26 @@ def remove_cache(path: Path) -> None:
         folder.rmdir()
 
 
-def unfinished_bakes(folder: Path) -> list[tuple[dict[str, str], dict[str, str]]]:
+def list_unfinished_bakes(folder: Path) -> list[tuple[dict[str, str], dict[str, str]]]:
     """Settings and inputs of the bakes that have chunks in a parts folder."""
-    begun = [each for each in _bakes(folder) if (each / "0000.json").is_file()]
-    return [(settings, _inputs(each)) for each in begun if (settings := _read_settings(each))]
+    begun = [each for each in _list_bakes(folder) if (each / "0000.json").is_file()]
+    return [(settings, _read_inputs(each)) for each in begun if (settings := _read_settings(each))]
 
 
-def chunk_files(folder: Path, settings: Mapping[str, str]) -> list[tuple[tuple[float, ...], Path]]:
+def list_chunk_files(
+    folder: Path, settings: Mapping[str, str]
+) -> list[tuple[tuple[float, ...], Path]]:
     """Time codes and files of the chunks of a finished bake, in their order."""
     records = sorted((folder / settings_digest(settings)).glob("[0-9]*.json"))
     found = [(_read_record(file), file.with_suffix(".usdc")) for file in records]
     return [(record.codes, file) for record, file in found if record is not None]
 
 
-def unfinished_samples(folder: Path) -> int:
+def count_unfinished_samples(folder: Path) -> int:
     """Samples of the chunks that bakes have left in a parts folder."""
-    records = (_read_record(file) for bake in _bakes(folder) for file in bake.glob("[0-9]*.json"))
+    records = (
+        _read_record(file) for bake in _list_bakes(folder) for file in bake.glob("[0-9]*.json")
+    )
     return sum(len(record.codes) for record in records if record is not None)
 
 
@@ -344,7 +348,7 @@ def refuse_unfinished(path: Path) -> None:
 
     What another bake is writing just now is told when this one begins to.
     """
-    kept = sum(unfinished_samples(parts_folder(path, layout)) for layout in ("flat", "clips"))
+    kept = sum(count_unfinished_samples(parts_folder(path, layout)) for layout in ("flat", "clips"))
     if kept and not path.exists() and not _is_being_written(path):
         message = (
             f"holds {kept} sample{'s' * (kept > 1)} of a bake that did not come to its end; "
@@ -362,7 +366,7 @@ def _is_being_written(path: Path) -> bool:
     return False
 
 
-def checksum(path: Path) -> tuple[int, int]:
+def compute_checksum(path: Path) -> tuple[int, int]:
     """Bytes and CRC-32 of a file: tells a damaged file at half the time of a SHA-256."""
     size, crc, block = 0, 0, bytearray(_BLOCK)
     with path.open("rb", buffering=0) as file:
@@ -375,16 +379,16 @@ def checksum(path: Path) -> tuple[int, int]:
 def _read_settings(folder: Path) -> dict[str, str]:
     """Settings of a bake of this format; empty where there is none."""
     content = _read_json(folder / _SETTINGS)
-    return _settings_of_any(folder) if content.get("format") == _FORMAT else {}
+    return _read_any_settings(folder) if content.get("format") == _FORMAT else {}
 
 
-def _settings_of_any(folder: Path) -> dict[str, str]:
+def _read_any_settings(folder: Path) -> dict[str, str]:
     """Settings of a bake of any format."""
     settings = _read_json(folder / _SETTINGS).get("settings")
     return settings if isinstance(settings, dict) else {}
 
 
-def _inputs(folder: Path) -> dict[str, str]:
+def _read_inputs(folder: Path) -> dict[str, str]:
     """What the files of a bake said."""
     inputs = _read_json(folder / _SETTINGS).get("inputs")
     return inputs if isinstance(inputs, dict) else {}
@@ -394,14 +398,14 @@ def _read_record(path: Path) -> ChunkRecord | None:
     """A record as it was written; None where it is missing or damaged."""
     content = _read_json(path)
     check = content.pop("check", None)
-    if not content or check != _check(content):
+    if not content or check != _record_checksum(content):
         return None
     names = ("codes", "first", "low", "high", "state")
     lists = {name: tuple(content[name]) for name in names if content[name] is not None}
     return ChunkRecord(**(content | lists))
 
 
-def _check(content: Mapping[str, Any]) -> int:
+def _record_checksum(content: Mapping[str, Any]) -> int:
     """Checksum of a record, the same before and after it is stored."""
     return zlib.crc32(json.dumps(content).encode())
 
@@ -420,7 +424,7 @@ def _json(value: Any) -> str:
 
 
 @contextlib.contextmanager
-def _told(folder: Path) -> Iterator[None]:
+def _output_errors(folder: Path) -> Iterator[None]:
     try:
         yield
     except FileExistsError as error:

@@ -28,26 +28,26 @@ from featherfx.usd.arrays import (
 )
 from featherfx.usd.types import (
     ACCELERATIONS,
-    BARB,
     BARB_DIRECTION,
-    DETAIL,
-    HOOKED,
-    HOOKS,
-    MESH,
-    ORIENT,
-    P_BARB,
-    PER_FACE,
-    RACHIS,
+    BARB_NODE_PRIMVARS,
+    BARB_PART,
+    DETAIL_ATTRIBUTE,
+    HOOK_PRIMVARS,
+    HOOKED_PRIMVAR,
+    MESH_PART,
+    ORIENT_PRIMVAR,
+    PER_FACE_PRIMVARS,
+    RACHIS_PART,
     RATES,
-    WET,
+    WET_PRIMVARS,
 )
 from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.forms import AttributeKey, MeshGroup
-from featherfx.usd.write.poses import PosedFeather, Written, fixed
+from featherfx.usd.write.poses import PosedFeather, Written, read_only
 from featherfx.usd.write.surface_kernels import DrawnSurface, WrittenSurface
 
 # feathers whose poses are computed at once; more would only need more memory for what passes
-AT_ONCE = 500
+_MAX_JOINED = 500
 
 
 class JoinedFeathers:
@@ -55,10 +55,10 @@ class JoinedFeathers:
     many barb nodes in a row."""
 
     def __init__(self, feathers: Sequence[PosedFeather]) -> None:
-        parts = [feathers[k : k + AT_ONCE] for k in range(0, len(feathers), AT_ONCE)]
+        parts = [feathers[k : k + _MAX_JOINED] for k in range(0, len(feathers), _MAX_JOINED)]
         most = max(sum(len(each.drawn.row) for each in part) for part in parts)
         scratch = np.zeros((2, most, 3))
-        self._blocks = [_Block(part, scratch) for part in parts]
+        self._blocks = [_JoinedBlock(part, scratch) for part in parts]
 
     @staticmethod
     def of(feathers: Sequence[PosedFeather]) -> JoinedFeathers | None:
@@ -84,7 +84,7 @@ class JoinedFeathers:
         return True
 
 
-class _Block:
+class _JoinedBlock:
     """Feathers that are posed as one surface. grids: of each. counts: elements of each attribute.
     scratch: (2, V, 3), which others overwrite."""
 
@@ -101,13 +101,13 @@ class _Block:
         rows = np.cumsum([0, *(grid[0] for grid in self.grids)])
         starts = np.cumsum([0, *(len(each.row) for each in surfaces)])
         count = int(starts[-1])
-        none = fixed(np.zeros((0, 2)))
+        none = read_only(np.zeros((0, 2)))
         self._drawn = DrawnSurface(
-            row=fixed(_counted_on([each.row for each in surfaces], rows)),
-            node=fixed(np.concatenate([each.node for each in surfaces])),
-            offset=fixed(np.concatenate([each.offset for each in surfaces]), np.float64),
-            triangles=fixed(_counted_on([each.triangles for each in surfaces], starts)),
-            edges=_counted_on([each.edges for each in surfaces], starts).astype(np.int32),
+            row=read_only(_offset_indices([each.row for each in surfaces], rows)),
+            node=read_only(np.concatenate([each.node for each in surfaces])),
+            offset=read_only(np.concatenate([each.offset for each in surfaces]), np.float64),
+            triangles=read_only(_offset_indices([each.triangles for each in surfaces], starts)),
+            edges=_offset_indices([each.edges for each in surfaces], starts).astype(np.int32),
             lips=none,
             world=scratch[0, :count],
             sums=scratch[1, :count],
@@ -122,20 +122,27 @@ class _Block:
         points = self._joined([pose.points for pose in given])
         if self._form.thinned:
             posed = [pose.points for pose in given]
-            values[RACHIS, DETAIL][:] = usd.condensed.find_details(self._feathers, posed)
+            values[RACHIS_PART, DETAIL_ATTRIBUTE][:] = usd.condensed.find_details(
+                self._feathers, posed
+            )
         if self._origin is not None:
             points = points.shifted(self._origin)
-        names = (MESH, "points"), (MESH, "normals"), (MESH, BARB_DIRECTION), (RACHIS, "points")
+        names = (
+            (MESH_PART, "points"),
+            (MESH_PART, "normals"),
+            (MESH_PART, BARB_DIRECTION),
+            (RACHIS_PART, "points"),
+        )
         written = WrittenSurface(*(values[key] for key in names))
         finite = surface_kernels.pose_surface(points, self._drawn, self._stage, written)
         if self._form.condensed:
-            numbers = [values[RACHIS, name] for name in (*P_BARB, ORIENT)]
+            numbers = [values[RACHIS_PART, name] for name in (*BARB_NODE_PRIMVARS, ORIENT_PRIMVAR)]
             finite &= usd.condensed.condense(points, self._left_leads, self._stage, numbers)
         rates = {"velocities": [pose.velocities for pose in given]}
-        if (MESH, ACCELERATIONS) in values:
+        if (MESH_PART, ACCELERATIONS) in values:
             rates[ACCELERATIONS] = [pose.accelerations for pose in given]
         for name, each in rates.items():
-            mesh, shaft = (values[part, name] for part in (MESH, RACHIS))
+            mesh, shaft = (values[part, name] for part in (MESH_PART, RACHIS_PART))
             finite &= surface_kernels.write_values(
                 self._joined(each), self._drawn, self._stage, mesh, shaft
             )
@@ -144,18 +151,18 @@ class _Block:
     def _joined(self, points: Sequence[RowPoints]) -> RowPoints:
         """As _joined, of what is written of the feathers."""
         if not self._form.thinned:
-            return _joined(points)
+            return _join_rows(points)
         pairs = zip(points, self._feathers, strict=True)
-        return _joined([f.thin.kept(each) if f.thin else each for each, f in pairs])
+        return _join_rows([f.thin.kept(each) if f.thin else each for each, f in pairs])
 
 
-def _joined(points: Sequence[RowPoints]) -> RowPoints:
+def _join_rows(points: Sequence[RowPoints]) -> RowPoints:
     """The rows of all feathers, one after the other."""
     nodes = np.concatenate([each.nodes for each in points], dtype=np.float64)
     return RowPoints(nodes, np.concatenate([each.directors for each in points], dtype=np.float64))
 
 
-def _counted_on(indices: Sequence[NDArray[Any]], starts: Indices) -> Indices:
+def _offset_indices(indices: Sequence[NDArray[Any]], starts: Indices) -> Indices:
     """Indices of all feathers; starts: what each feather's count from."""
     return np.concatenate([each + start for each, start in zip(indices, starts, strict=False)])
 
@@ -175,11 +182,15 @@ class WrittenPose:
     def corners(self) -> Sequence[Floats]:
         """(2, 3) extents of surface and barbs, or where there is no surface of shafts and what
         they carry."""
-        parts = (MESH, BARB) if (MESH, "extent") in self.values else (RACHIS, BARB)
+        parts = (
+            (MESH_PART, BARB_PART)
+            if (MESH_PART, "extent") in self.values
+            else (RACHIS_PART, BARB_PART)
+        )
         drawn = (self.values.get((part, "extent")) for part in parts)
         found = [each.numbers for each in drawn if each is not None]
-        if RACHIS in parts:
-            barbs = (self.values.get((RACHIS, name)) for name in P_BARB)
+        if RACHIS_PART in parts:
+            barbs = (self.values.get((RACHIS_PART, name)) for name in BARB_NODE_PRIMVARS)
             numbers = (each.numbers for each in barbs if each is not None)
             found += [np.stack([each.min(axis=0), each.max(axis=0)]) for each in numbers]
         return found
@@ -203,12 +214,12 @@ class PosedGroup:
         self.static = np.array([static[k] for k in group.members], dtype=np.bool_)
         self.is_static = bool(self.static.all())
         points = {
-            part: _starts([each.points.get(part, 0) for each in self.feathers])
-            for part in (MESH, RACHIS, BARB)
+            part: _start_offsets([each.points.get(part, 0) for each in self.feathers])
+            for part in (MESH_PART, RACHIS_PART, BARB_PART)
         }
         self.points = {part: starts for part, starts in points.items() if starts[-1]}
         self.parts = tuple(self.points)
-        self.faces = _starts([f.faces for f in self.feathers])
+        self.faces = _start_offsets([f.faces for f in self.feathers])
         self._vectors = dict.fromkeys(key for f in self.feathers for key in f.keys.vectors)
         self._scalars = dict.fromkeys(key for f in self.feathers for key in f.keys.scalars)
         self._turns = dict.fromkeys(key for f in self.feathers for key in f.keys.turns)
@@ -223,7 +234,7 @@ class PosedGroup:
             *self._whole,
         )
         # USD pads the extent of curves by half the greatest width of the prim, in single precision
-        widths = {MESH: np.zeros(0), RACHIS: self.widths, BARB: self.barb_widths}
+        widths = {MESH_PART: np.zeros(0), RACHIS_PART: self.widths, BARB_PART: self.barb_widths}
         self._padding = {
             part: np.float32(0.5) * np.float32(each.max(initial=0.0))
             for part, each in widths.items()
@@ -256,13 +267,13 @@ class PosedGroup:
 
     def starts(self, key: AttributeKey) -> Indices:
         """(M + 1,) where the elements of each feather begin in an attribute, and all."""
-        if key[1] in PER_FACE:
-            return self.faces if key[0] == MESH else np.arange(len(self.members) + 1)
-        if key[1] == DETAIL:
-            return _starts([each.count(key) for each in self.feathers])
+        if key[1] in PER_FACE_PRIMVARS:
+            return self.faces if key[0] == MESH_PART else np.arange(len(self.members) + 1)
+        if key[1] == DETAIL_ATTRIBUTE:
+            return _start_offsets([each.count(key) for each in self.feathers])
         if key[0] not in self.points:
             return np.zeros(len(self.members) + 1, dtype=np.int64)
-        return self.points[key[0]] * (self.columns if key[1] in P_BARB else 1)
+        return self.points[key[0]] * (self.columns if key[1] in BARB_NODE_PRIMVARS else 1)
 
     def new_pose(self, compared: bool = True) -> WrittenPose:
         """Room for one pose; static feathers are in it already.
@@ -280,7 +291,7 @@ class PosedGroup:
         values |= {key: new_rotations(self._count(key)) for key in self._turns}
         values |= {key: new_integers(self._count(key)) for key in self._whole}
         for key in self._scalars:
-            values[key].numbers[...] = self.held if key[1] == HOOKED else 0.0
+            values[key].numbers[...] = self.held if key[1] == HOOKED_PRIMVAR else 0.0
         pose = WrittenPose(values, np.ones(len(self.members), np.bool_))
         if not self.is_static:
             for index in np.flatnonzero(self.static).tolist():
@@ -377,7 +388,7 @@ class PosedGroup:
     def digest(self, pose: WrittenPose) -> str:
         """Short name of a pose: equal poses, equal names. Of a single feather the points tell."""
         named = (
-            ("points", *P_BARB, DETAIL, *HOOKS, *WET)
+            ("points", *BARB_NODE_PRIMVARS, DETAIL_ATTRIBUTE, *HOOK_PRIMVARS, *WET_PRIMVARS)
             if self.alone
             else {name for _, name in self.keys}
         )
@@ -388,5 +399,5 @@ class PosedGroup:
         return digest.hexdigest()
 
 
-def _starts(counts: Sequence[int]) -> Indices:
+def _start_offsets(counts: Sequence[int]) -> Indices:
     return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])

@@ -26,22 +26,22 @@ from featherfx.shot.frames import FeatherPose
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (
     ACCELERATIONS,
-    BARB,
     BARB_DIRECTION,
-    DETAIL,
+    BARB_NODE_PRIMVARS,
+    BARB_PART,
+    DETAIL_ATTRIBUTE,
     ENERGY_DENSITY,
-    HOOKED,
-    HOOKS,
-    MESH,
-    ORIENT,
-    P_BARB,
-    PER_FACE,
-    RACHIS,
+    HOOK_PRIMVARS,
+    HOOKED_PRIMVAR,
+    MESH_PART,
+    ORIENT_PRIMVAR,
+    PER_FACE_PRIMVARS,
+    RACHIS_PART,
     RATES,
-    SLIP,
+    SLIP_PRIMVAR,
     STRAIN_ACROSS,
     STRAIN_SHEAR,
-    WET,
+    WET_PRIMVARS,
     FeatherEntry,
 )
 from featherfx.usd.write import surface_kernels
@@ -73,7 +73,7 @@ class PosedFeather:
     def __init__(
         self,
         entry: FeatherEntry,
-        surface: _Surface,
+        surface: _SharedSurface,
         space: StageSpace,
         extras: Collection[str],
         form: CacheForm = CacheForm(),
@@ -87,18 +87,20 @@ class PosedFeather:
         self.length = float(entry.feather.station[-1])
         self.left_leads = form.condensed and usd.condensed.left_leads(entry.feather)
         self._entry, self._surface, self.id = entry, surface, entry.id
-        self.to_stage, self.to_origin = _ways(space)
+        self.to_stage, self.to_origin = _stage_transform(space)
         self._accelerations = ACCELERATIONS in extras
         feather, barbs = entry.feather, entry.barbs
         widths = np.sqrt(feather.width * feather.height)
         self.widths = space.lengths(widths[self.thin.rows] if self.thin else widths)
         self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else _NONE
         self.has_barbs = len(self.barb_widths) > 0
-        self.parts = (MESH, RACHIS, BARB) if self.has_barbs else (MESH, RACHIS)
+        self.parts = (
+            (MESH_PART, RACHIS_PART, BARB_PART) if self.has_barbs else (MESH_PART, RACHIS_PART)
+        )
         counts = {
-            MESH: len(surface.drawn.row),
-            RACHIS: len(self.widths),
-            BARB: len(self.barb_widths),
+            MESH_PART: len(surface.drawn.row),
+            RACHIS_PART: len(self.widths),
+            BARB_PART: len(self.barb_widths),
         }
         self.points = {part: counts[part] for part in self.parts}
         self.faces = len(surface.drawn.triangles)
@@ -112,11 +114,11 @@ class PosedFeather:
 
     def count(self, key: AttributeKey) -> int:
         """Elements of an attribute."""
-        if key[1] in PER_FACE:
-            return self.faces if key[0] == MESH else 1
-        if key[1] == DETAIL:
+        if key[1] in PER_FACE_PRIMVARS:
+            return self.faces if key[0] == MESH_PART else 1
+        if key[1] == DETAIL_ATTRIBUTE:
             return int(self.rest_points.nodes.size)
-        return self.points[key[0]] * (self.columns if key[1] in P_BARB else 1)
+        return self.points[key[0]] * (self.columns if key[1] in BARB_NODE_PRIMVARS else 1)
 
     @property
     def drawn(self) -> DrawnSurface:
@@ -161,10 +163,10 @@ class PosedFeather:
         nodes = self._from_origin(self._entry.rest_points)
         self._note_hooks(out, self._split)
         self._surface.carry(nodes)
-        finite = self._place(out, _plain_points(nodes))
+        finite = self._place(out, _contiguous(nodes))
         if self.has_barbs and barbs:
             points = barbs.points if self.to_origin is None else barbs.points + self.to_origin
-            finite &= self._write(np.reshape(points, (-1, 3)), out[BARB, "points"])
+            finite &= self._write(np.reshape(points, (-1, 3)), out[BARB_PART, "points"])
         for (_, name), numbers in out.items():
             if name in RATES:
                 numbers[...] = 0.0
@@ -186,9 +188,9 @@ class PosedFeather:
         rates = dict(zip(names, moving[1:], strict=False))
         self._note_hooks(out, self._hooked(given), given.gaps.slip if given.gaps else None)
         for key in self.keys.wet:
-            out[key][:] = given.clumped[WET.index(key[1])]
+            out[key][:] = given.clumped[WET_PRIMVARS.index(key[1])]
         self._surface.carry(points)
-        mesh, *changes = map(_plain_points, carried_moving(own, *moving) if own else moving)
+        mesh, *changes = map(_contiguous, carried_moving(own, *moving) if own else moving)
         finite = self._place(out, mesh)
         for (name, values), drawn in zip(rates.items(), changes, strict=False):
             second = values if name == ACCELERATIONS else None
@@ -204,17 +206,17 @@ class PosedFeather:
         assert barbs is not None
         hooked = self._hooked(given)
         strands = None if hooked is None or barbs.strands is None else barbs.strands.parted(hooked)
-        curves, finite = _curves(barbs.points_map, points), True
+        curves, finite = _barb_points(barbs.points_map, points), True
         if strands is not None:
             curves = strands.joined(curves, strands.carried(points))
-        finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB, "points"])
+        finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PART, "points"])
         for name, values in rates.items():
-            curves = _curves(barbs.points_map, values)
+            curves = _barb_points(barbs.points_map, values)
             if strands is not None:
                 second = values if name == ACCELERATIONS else None
                 rate = difference_rates(strands.carried, points, given.velocities, second)
                 curves = strands.joined(curves, rate)
-            finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB, name])
+            finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PART, name])
         return finite
 
     def _hooked(self, given: FeatherPose) -> Array | None:
@@ -232,7 +234,10 @@ class PosedFeather:
         seconds: to the next sample. A velocity that until then carries no point farther than its
         rounding, at the greatest coordinate of a prim, does not count.
         """
-        own = [*((MESH, name) for name in HOOKS), *((RACHIS, name) for name in P_BARB)]
+        own = [
+            *((MESH_PART, name) for name in HOOK_PRIMVARS),
+            *((RACHIS_PART, name) for name in BARB_NODE_PRIMVARS),
+        ]
         own += (*self.keys.wet, *self.keys.whole)
         if any((now[key] != before[key]).any() for key in own if key in now):
             return True
@@ -249,19 +254,19 @@ class PosedFeather:
     def _place(self, out: Written, points: RowPoints) -> bool:
         """Points of mesh and shaft, and what follows from them; whether all are finite."""
         if self.thin:
-            out[RACHIS, DETAIL][:] = usd.condensed.find_details([self], [points])
+            out[RACHIS_PART, DETAIL_ATTRIBUTE][:] = usd.condensed.find_details([self], [points])
             points = self.thin.kept(points)
         written = WrittenSurface(
-            out[MESH, "points"],
-            out[MESH, "normals"],
-            out[MESH, BARB_DIRECTION],
-            out[RACHIS, "points"],
+            out[MESH_PART, "points"],
+            out[MESH_PART, "normals"],
+            out[MESH_PART, BARB_DIRECTION],
+            out[RACHIS_PART, "points"],
         )
         finite = surface_kernels.pose_surface(points, self._surface.drawn, self.to_stage, written)
         if self.keys.scalars and self.faces:
             self._diagnose(out)
         if self.form.condensed:
-            numbers = [out[RACHIS, name] for name in (*P_BARB, ORIENT)]
+            numbers = [out[RACHIS_PART, name] for name in (*BARB_NODE_PRIMVARS, ORIENT_PRIMVAR)]
             finite &= usd.condensed.condense(points, self.left_leads, self.to_stage, numbers)
         return bool(finite)
 
@@ -271,11 +276,11 @@ class PosedFeather:
         corners, rest = surface.unstrained
         across, shear = np.zeros((2, len(surface.drawn.edges)))
         surface_kernels.face_strains(surface.drawn.world, corners, rest, across, shear)
-        if (MESH, STRAIN_ACROSS) in out:
-            out[MESH, STRAIN_ACROSS][:] = across
-            out[MESH, STRAIN_SHEAR][:] = shear
-        if (MESH, ENERGY_DENSITY) in out:
-            density = out[MESH, ENERGY_DENSITY]
+        if (MESH_PART, STRAIN_ACROSS) in out:
+            out[MESH_PART, STRAIN_ACROSS][:] = across
+            out[MESH_PART, STRAIN_SHEAR][:] = shear
+        if (MESH_PART, ENERGY_DENSITY) in out:
+            density = out[MESH_PART, ENERGY_DENSITY]
             surface_kernels.energy_density(across, shear, *self._entry.vane_stiffness, density)
             density *= self.held
             if self._entry.stiffened is not None:
@@ -287,7 +292,7 @@ class PosedFeather:
         surface.part(hooked)
         if not self._hooks:
             return
-        held, slipped = out[MESH, HOOKED], out[MESH, SLIP]
+        held, slipped = out[MESH_PART, HOOKED_PRIMVAR], out[MESH_PART, SLIP_PRIMVAR]
         held[:], slipped[:] = self.held, 0.0
         cells = surface.cells
         if hooked is not None:
@@ -296,9 +301,11 @@ class PosedFeather:
             slipped[: len(cells)] = np.linalg.norm(slip.reshape(-1, 2)[cells], axis=1)
 
     def _rates(self, out: Written, name: str, values: RowPoints) -> bool:
-        drawn, shaft = self._surface.drawn, out[RACHIS, name]
+        drawn, shaft = self._surface.drawn, out[RACHIS_PART, name]
         values = self.thin.kept(values) if self.thin else values
-        written = surface_kernels.write_values(values, drawn, self.to_stage, out[MESH, name], shaft)
+        written = surface_kernels.write_values(
+            values, drawn, self.to_stage, out[MESH_PART, name], shaft
+        )
         return bool(written)
 
     def _write(self, world: Array, out: Floats) -> bool:
@@ -306,13 +313,13 @@ class PosedFeather:
 
 
 @cache
-def _ways(space: StageSpace) -> tuple[ToStage, Array | None]:
+def _stage_transform(space: StageSpace) -> tuple[ToStage, Array | None]:
     """To a stage, and to where its root prim stands; None where that is the world's origin."""
     to_origin = -np.array(space.origin) if space.is_moved else None
     return ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y"), to_origin
 
 
-class _Surface:
+class _SharedSurface:
     """Arrays of a surface that all feathers of one shape share, as the kernels take them."""
 
     def __init__(
@@ -323,12 +330,12 @@ class _Surface:
         self._feather, surface, all_of_it = feather, feather.surface, slice(None if drawn else 0)
         lips = surface.lips[all_of_it]
         self.drawn = DrawnSurface(
-            row=fixed(surface.row[all_of_it]),
-            node=fixed(surface.node[all_of_it]),
-            offset=fixed(surface.offset[all_of_it], np.float64),
-            triangles=fixed(surface.triangles[all_of_it]),
+            row=read_only(surface.row[all_of_it]),
+            node=read_only(surface.node[all_of_it]),
+            offset=read_only(surface.offset[all_of_it], np.float64),
+            triangles=read_only(surface.triangles[all_of_it]),
             edges=edges[all_of_it],
-            lips=fixed(lips),
+            lips=read_only(lips),
             world=scratch[0][all_of_it],
             sums=scratch[1][all_of_it],
             parted=np.zeros(len(lips), dtype=np.bool_),
@@ -365,10 +372,10 @@ class _Surface:
     def unstrained(self) -> tuple[Indices, Array]:
         """As of strain_rest; only diagnostics ask for it."""
         surface = self._feather.surface
-        return strain_rest(surface, self.drawn.edges, surface.points(self._feather.rest))
+        return find_rest_strain(surface, self.drawn.edges, surface.points(self._feather.rest))
 
 
-def posed_feathers(
+def make_posed_feathers(
     entries: Sequence[FeatherEntry],
     space: StageSpace,
     extras: Collection[str] = (),
@@ -376,8 +383,8 @@ def posed_feathers(
 ) -> list[PosedFeather]:
     """All feathers of a cache; arrays of entries that share a Feather are made once, and where no
     surface is drawn all share one."""
-    drawn = MESH in form.parts
-    shapes: dict[int, _Surface] = {}
+    drawn = MESH_PART in form.parts
+    shapes: dict[int, _SharedSurface] = {}
     # feathers that differ in size alone have one topology
     edges: dict[tuple[int, int], NDArray[np.int32]] = {}
     scratch: dict[int, Array] = {}
@@ -385,17 +392,17 @@ def posed_feathers(
         surface = feather.surface
         topology = id(surface.triangles), id(surface.barb_direction)
         if topology not in edges:
-            edges[topology] = barb_edges(surface, surface.points(feather.rest))
+            edges[topology] = find_barb_edges(surface, surface.points(feather.rest))
         if (shape := id(feather) if drawn else 0) not in shapes:
             own = scratch.setdefault(len(surface.row), np.zeros((2, len(surface.row), 3)))
-            shapes[shape] = _Surface(feather, edges[topology], own, drawn)
+            shapes[shape] = _SharedSurface(feather, edges[topology], own, drawn)
     return [
         PosedFeather(entry, shapes[id(entry.feather) if drawn else 0], space, extras, form)
         for entry in entries
     ]
 
 
-def barb_edges(surface: FeatherSurface, points: Array) -> NDArray[np.int32]:
+def find_barb_edges(surface: FeatherSurface, points: Array) -> NDArray[np.int32]:
     """(T, 2) the edge of each triangle that runs along its barb, directed as barb_direction.
 
     points: (V, 3) surface points at rest, feather frame.
@@ -411,7 +418,7 @@ def barb_edges(surface: FeatherSurface, points: Array) -> NDArray[np.int32]:
     return directed.astype(np.int32)
 
 
-def strain_rest(
+def find_rest_strain(
     surface: FeatherSurface, edges: NDArray[np.int32], points: Array
 ) -> tuple[Indices, Array]:
     """Corners (T, 3), barb edge first, and rest values (T, 3) of membrane_strain in the vanes.
@@ -434,16 +441,16 @@ def strain_rest(
     return corners, rest
 
 
-def _plain_points(values: RowPoints) -> RowPoints:
+def _contiguous(values: RowPoints) -> RowPoints:
     return both(lambda part: np.ascontiguousarray(part, dtype=np.float64), values)
 
 
-def _curves(points_map: PointMap, values: RowPoints) -> Array:
+def _barb_points(points_map: PointMap, values: RowPoints) -> Array:
     """(K, 3) points or rates of barbs."""
     return np.ascontiguousarray(points_map(values), dtype=np.float64).reshape(-1, 3)
 
 
-def fixed(values: NDArray[Any], kind: Any = np.int64) -> NDArray[Any]:
+def read_only(values: NDArray[Any], kind: Any = np.int64) -> NDArray[Any]:
     """Read-only, as kernels are compiled for what poses do not change."""
     own = np.ascontiguousarray(values, dtype=kind).view()
     own.flags.writeable = False

@@ -15,14 +15,14 @@ from pxr import Sdf, Vt
 from featherfx.errors import Problem
 from featherfx.groom.read.value_diff import UNTOLD, changes
 from featherfx.usd.read.values import USD_ERRORS
-from featherfx.usd.types import MESH, PER_FACE, RANGES, RATES, OutputError
+from featherfx.usd.types import MESH_PART, PER_FACE_PRIMVARS, RANGES_PREFIX, RATES, OutputError
 from featherfx.usd.write.layers import SCOPES
 from featherfx.usd.write.output import clips_folder, output_files, parts_folder
 from featherfx.usd.write.parts import (
     Parts,
-    chunk_files,
+    list_chunk_files,
+    list_unfinished_bakes,
     lock_file,
-    unfinished_bakes,
 )
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def is_finished(
             raise _settings_error(path, "exists already", told if earlier else {})
         return False
     for layout in ("flat", "clips"):
-        begun = unfinished_bakes(parts_folder(path, layout))
+        begun = list_unfinished_bakes(parts_folder(path, layout))
         if begun and all(each != settings for each, _ in begun) and not overwrite:
             raise _settings_error(path, "was begun", describe_changes(*begun[0], settings, inputs))
     return False
@@ -203,7 +203,7 @@ class PreviousCache:
                 value = attribute.default if attribute else None
             self._values[part.path, name] = None if value is None else np.asarray(value)
         found = self._values[part.path, name]
-        own = part.faces if name in PER_FACE else part.points
+        own = part.faces if name in PER_FACE_PRIMVARS else part.points
         return None if found is None else found[own]
 
     def close(self) -> None:
@@ -226,7 +226,7 @@ class PreviousCache:
     def _files(self) -> tuple[list[float], list[Path]]:
         """The files that hold samples, and the first time code of each."""
         if self._layout == "clips":
-            found = chunk_files(clips_folder(self._path), self.settings)
+            found = list_chunk_files(clips_folder(self._path), self.settings)
             return [codes[0] for codes, _ in found], [file for _, file in found]
         # animation first, or the one file
         return [0.0], [output_files(self._path, self._layout)[0]]
@@ -245,8 +245,10 @@ def _find_ranges(layer: Any) -> dict[str, dict[str, _PrimRanges]]:
         above = root.nameChildren.get(scope)
         for prim in above.nameChildren if above else ():
             ids = _default_value(prim, "primvars:featherId") or ()
-            points = _default_value(prim, f"{RANGES}:points")
-            faces = _default_value(prim, f"{RANGES}:{'faces' if part == MESH else 'curves'}")
+            points = _default_value(prim, f"{RANGES_PREFIX}:points")
+            faces = _default_value(
+                prim, f"{RANGES_PREFIX}:{'faces' if part == MESH_PART else 'curves'}"
+            )
             for k, id in enumerate(ids):
                 own = _feather_range(points, k), _feather_range(faces, k)
                 found.setdefault(id, {})[part] = _PrimRanges(prim.path, *own)

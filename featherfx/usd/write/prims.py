@@ -23,19 +23,19 @@ from featherfx.feather import colours
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING
 from featherfx.usd import arrays
 from featherfx.usd.types import (
-    BARB,
-    BARB_COLOURS,
-    BARB_COUNT,
-    COLOUR,
-    HOOKED,
-    LOOK,
-    MESH,
-    RANGES,
-    SHAPE,
-    SHAPE_SIZE,
+    BARB_COLOUR_PRIMVARS,
+    BARB_COUNT_PRIMVAR,
+    BARB_PART,
+    COLOUR_PRIMVAR,
+    HOOKED_PRIMVAR,
+    LOOK_PRIMVAR,
+    MESH_PART,
+    RANGES_PREFIX,
+    SHAPE_PRIMVAR,
+    SHAPE_SIZE_PRIMVAR,
     FeatherEntry,
 )
-from featherfx.usd.types import RACHIS as SHAFT
+from featherfx.usd.types import RACHIS_PART as SHAFT
 
 if TYPE_CHECKING:
     from featherfx.usd.write.posed_groups import PosedGroup
@@ -76,12 +76,12 @@ _PRIMVARS = {
     # of the feather: whether its leading vane is the right one; what it is built of, as text, and
     # how many times as large it is
     "leadingIsRight": (_TYPES.IntArray, _CONSTANT, 1),
-    SHAPE: (_TYPES.StringArray, _CONSTANT, 1),
-    COLOUR: (_TYPES.StringArray, _CONSTANT, 1),
-    **dict.fromkeys(BARB_COLOURS, (_TYPES.Color3fArray, UsdGeom.Tokens.vertex, 1)),
-    LOOK: (_TYPES.StringArray, _CONSTANT, 1),
-    BARB_COUNT: (_TYPES.IntArray, _CONSTANT, 1),
-    SHAPE_SIZE: (_TYPES.FloatArray, _CONSTANT, 1),
+    SHAPE_PRIMVAR: (_TYPES.StringArray, _CONSTANT, 1),
+    COLOUR_PRIMVAR: (_TYPES.StringArray, _CONSTANT, 1),
+    **dict.fromkeys(BARB_COLOUR_PRIMVARS, (_TYPES.Color3fArray, UsdGeom.Tokens.vertex, 1)),
+    LOOK_PRIMVAR: (_TYPES.StringArray, _CONSTANT, 1),
+    BARB_COUNT_PRIMVAR: (_TYPES.IntArray, _CONSTANT, 1),
+    SHAPE_SIZE_PRIMVAR: (_TYPES.FloatArray, _CONSTANT, 1),
     # for viewers that ignore materials
     "displayColor": (_TYPES.Color3fArray, _CONSTANT, 1),
 }
@@ -117,7 +117,7 @@ def replace_primvars(layer: Any, path: Any, **values: Any) -> None:
         attribute.default = value
 
 
-def seats(entries: Sequence[FeatherEntry]) -> dict[str, Any]:
+def skin_primvars(entries: Sequence[FeatherEntry]) -> dict[str, Any]:
     """The primvars that tell where feathers sit on a skin; each does."""
     roots = [entry.root for entry in entries if entry.root is not None]
     return {
@@ -128,23 +128,23 @@ def seats(entries: Sequence[FeatherEntry]) -> dict[str, Any]:
     }
 
 
-def labels(id: str, kind: str, region: str) -> dict[str, Any]:
+def label_primvars(id: str, kind: str, region: str) -> dict[str, Any]:
     """The primvars that tell whose a prim is."""
     values = {"featherId": id, "featherKind": kind, "region": region}
     return {name: arrays.strings(value) for name, value in values.items()}
 
 
-def _tell_whose(
+def _author_owners(
     prim: Any, group: PosedGroup, entries: Sequence[FeatherEntry], **starts: Indices
 ) -> None:
     """Tell whose a prim is, or which of its elements are whose; starts as of tell_shared."""
     if group.alone:
-        author_primvars(prim, **labels(entries[0].id, entries[0].kind, entries[0].region))
+        author_primvars(prim, **label_primvars(entries[0].id, entries[0].kind, entries[0].region))
     else:
-        tell_shared(prim, entries, **starts)
+        author_ranges(prim, entries, **starts)
 
 
-def tell_shared(prim: Any, feathers: Sequence[Any], **starts: Indices) -> None:
+def author_ranges(prim: Any, feathers: Sequence[Any], **starts: Indices) -> None:
     """Tell which elements of a prim are of which feathers, that have an id, kind and region.
 
     starts: (M + 1,) of points, then of faces or curves, where each feather's begin, and all.
@@ -158,12 +158,12 @@ def tell_shared(prim: Any, feathers: Sequence[Any], **starts: Indices) -> None:
     for name, values in texts.items():
         author_shared(prim, name, values, UsdGeom.Tokens.uniform, np.diff(elements))
     for name, first in starts.items():
-        table = prim.CreateAttribute(f"{RANGES}:{name}", Sdf.ValueTypeNames.Int2Array)
+        table = prim.CreateAttribute(f"{RANGES_PREFIX}:{name}", Sdf.ValueTypeNames.Int2Array)
         table.SetVariability(Sdf.VariabilityUniform)
         table.Set(arrays.vec2i(np.stack([first[:-1], np.diff(first)], axis=1)))
 
 
-def painted(entries: Sequence[FeatherEntry], part: str) -> dict[str, Any]:
+def paint_primvars(entries: Sequence[FeatherEntry], part: str) -> dict[str, Any]:
     """The primvars of vertices that shaders take beside colours, as far as there are any: places
     in the pictures (textures.py), and nm of film. part: MESH or BARB."""
     values: dict[str, Any] = {}
@@ -174,33 +174,35 @@ def painted(entries: Sequence[FeatherEntry], part: str) -> dict[str, Any]:
             if (chart := entry.chart) is not None
         ]
         values["atlas"] = arrays.vec2f(np.concatenate(places))
-    films = [each.film if part == MESH else each.barb_film for e in entries if (each := e.colours)]
+    films = [
+        each.film if part == MESH_PART else each.barb_film for e in entries if (each := e.colours)
+    ]
     if films and (found := [each for each in films if each is not None]):
         values["filmThickness"] = arrays.floats(1e9 * np.concatenate(found))
     return values
 
 
-def charts(entries: Sequence[FeatherEntry]) -> Any:
+def chart_primvar(entries: Sequence[FeatherEntry]) -> Any:
     """The charts of feathers that have one."""
     return arrays.vec4f(np.stack([e.chart for e in entries if e.chart is not None]))
 
 
 def _st(entry: FeatherEntry, part: str) -> Any:
-    if part == MESH:
+    if part == MESH_PART:
         return entry.feather.surface.st
     return np.zeros((0, 2)) if entry.barbs is None else entry.barbs.st.reshape(-1, 2)
 
 
-def _look(
+def _author_look(
     prim: Any, name: str, materials: Any, shades: Any = None, interpolation: str = ""
 ) -> None:
     """Display colour and material "vane" or "rachis". shades: (K, 3) linear, where there are."""
-    plain = [COLOURS[name]] if shades is None else shades
+    plain = [MATERIAL_COLOURS[name]] if shades is None else shades
     author_primvars(prim, interpolation, displayColor=arrays.vec3f(plain))
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(materials[name])
 
 
-def shades_of(entries: Sequence[FeatherEntry], name: str, counts: Sequence[int]) -> Array | None:
+def join_shades(entries: Sequence[FeatherEntry], name: str, counts: Sequence[int]) -> Array | None:
     """(K, 3) linear colours of feathers that share a prim; None where they have none.
 
     name: of Colours' points, shaft or barbs. counts: of each feather's elements.
@@ -223,7 +225,7 @@ def define_mesh(
 ) -> None:
     """Author the constant part of a mesh. entries: of the group. rest: USD array of the points."""
     surfaces = [entry.feather.surface for entry in entries]
-    starts = group.points[MESH]
+    starts = group.points[MESH_PART]
     triangles = [each.triangles + start for each, start in zip(surfaces, starts, strict=False)]
     part = np.concatenate([each.part for each in surfaces])
     mesh = UsdGeom.Mesh.Define(stage, path)
@@ -233,21 +235,24 @@ def define_mesh(
     mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
     mesh.CreateDoubleSidedAttr(True)
     prim = mesh.GetPrim()
-    _tell_whose(prim, group, entries, points=starts, faces=group.faces)
+    _author_owners(prim, group, entries, points=starts, faces=group.faces)
     if group.alone and entries[0].root is not None:
-        author_primvars(prim, **seats(entries))
+        author_primvars(prim, **skin_primvars(entries))
     usual, counts = (_CONSTANT, 1) if group.alone else ("uniform", np.diff(group.faces))
     if any(looks := [entry.look for entry in entries]):
-        author_shared(prim, LOOK, looks, usual, counts)
+        author_shared(prim, LOOK_PRIMVAR, looks, usual, counts)
     if any(barbs := [entry.barb_count for entry in entries]):
-        author_shared(prim, BARB_COUNT, barbs, usual, counts)
+        author_shared(prim, BARB_COUNT_PRIMVAR, barbs, usual, counts)
     st = arrays.vec2f(np.concatenate([each.st for each in surfaces]))
     author_primvars(prim, Pref=rest, rest=rest, st=st, side=arrays.ints(part))
-    author_primvars(prim, **painted(entries, MESH))
-    if any(entry.held is not None for entry in entries) and (MESH, HOOKED) not in group.keys:
+    author_primvars(prim, **paint_primvars(entries, MESH_PART))
+    if (
+        any(entry.held is not None for entry in entries)
+        and (MESH_PART, HOOKED_PRIMVAR) not in group.keys
+    ):
         author_primvars(prim, hooked=arrays.floats(group.held))
-    shades = shades_of(entries, "points", np.diff(starts).tolist())
-    _look(prim, "vane", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
+    shades = join_shades(entries, "points", np.diff(starts).tolist())
+    _author_look(prim, "vane", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
     _define_subsets(mesh, part, materials)
 
 
@@ -280,14 +285,14 @@ def define_rachises(
     """
     starts, each = group.points[SHAFT], np.arange(len(entries) + 1)
     prim = _define_curves(stage, path, np.diff(starts), rest, group.widths)
-    _tell_whose(prim, group, entries, points=starts, curves=each)
+    _author_owners(prim, group, entries, points=starts, curves=each)
     author_primvars(prim, group.interpolation, up=arrays.vec3f(ups))
     if not group.alone and all(entry.root is not None for entry in entries):
-        author_primvars(prim, group.interpolation, **seats(entries))
+        author_primvars(prim, group.interpolation, **skin_primvars(entries))
     if entries[0].chart is not None:
-        author_primvars(prim, group.interpolation, chart=charts(entries))
-    shades = shades_of(entries, "shaft", [1] * len(entries))
-    _look(prim, "rachis", materials, shades, "" if shades is None else group.interpolation)
+        author_primvars(prim, group.interpolation, chart=chart_primvar(entries))
+    shades = join_shades(entries, "shaft", [1] * len(entries))
+    _author_look(prim, "rachis", materials, shades, "" if shades is None else group.interpolation)
 
 
 def define_barbs(
@@ -304,13 +309,13 @@ def define_barbs(
     prim = _define_curves(stage, path, counts, rest, group.barb_widths)
     drawn = [0 if entry.barbs is None else len(entry.barbs.side) for entry in entries]
     curves = np.concatenate([[0], np.cumsum(drawn)])
-    _tell_whose(prim, group, entries, points=group.points[BARB], curves=curves)
+    _author_owners(prim, group, entries, points=group.points[BARB_PART], curves=curves)
     side = arrays.ints(np.concatenate([each.side for each in barbs]))
     st = arrays.vec2f(np.concatenate([each.st.reshape(-1, 2) for each in barbs]))
-    author_primvars(prim, side=side, st=st, **painted(entries, BARB))
-    drawn = np.diff(group.points[BARB]).tolist()
-    shades = shades_of(entries, "barbs", drawn)
-    _look(prim, "vane", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
+    author_primvars(prim, side=side, st=st, **paint_primvars(entries, BARB_PART))
+    drawn = np.diff(group.points[BARB_PART]).tolist()
+    shades = join_shades(entries, "barbs", drawn)
+    _author_look(prim, "vane", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
 
 
 def _define_curves(stage: Any, path: Any, counts: Any, rest: Any, widths: Any) -> Any:
@@ -331,11 +336,11 @@ def define_polylines(stage: Any, path: Any, counts: Any) -> Any:
     return curve
 
 
-COLOURS = {"vane": colours.VANE_COLOUR, "rachis": colours.RACHIS_COLOUR}
-ROUGHNESS = {"vane": 0.65, "rachis": 0.4}
+MATERIAL_COLOURS = {"vane": colours.VANE, "rachis": colours.SHAFT}
+MATERIAL_ROUGHNESS = {"vane": 0.65, "rachis": 0.4}
 
 
-class Look(NamedTuple):
+class MaterialInputs(NamedTuple):
     """What materials take. coloured: whether displayColor. film: whether filmThickness. texture:
     name of the pictures, whose coordinates are the primvar atlas; empty: none."""
 
@@ -344,23 +349,23 @@ class Look(NamedTuple):
     texture: str = ""
 
 
-def look_of(entries: Sequence[FeatherEntry], texture: str = "") -> Look:
+def choose_inputs(entries: Sequence[FeatherEntry], texture: str = "") -> MaterialInputs:
     """What materials take of feathers."""
     found = [entry.colours for entry in entries if entry.colours is not None]
     coloured = len(found) == len(entries)
-    return Look(coloured, coloured and found[0].film is not None, texture)
+    return MaterialInputs(coloured, coloured and found[0].film is not None, texture)
 
 
-def define_materials(stage: Any, scope: Any, look: Look) -> dict[str, Any]:
+def define_materials(stage: Any, scope: Any, look: MaterialInputs) -> dict[str, Any]:
     """Both materials under the path scope, by name."""
     UsdGeom.Scope.Define(stage, scope)
     made = {}
-    for name in COLOURS:
+    for name in MATERIAL_COLOURS:
         material = UsdShade.Material.Define(stage, scope.AppendChild(name))
         # shafts are outside of the charts
         own = look if name == "vane" else look._replace(texture="", film=False)
         nodes = MaterialNodes(stage, material.GetPath())
-        material.CreateSurfaceOutput().ConnectToSource(_preview(nodes, name, own))
+        material.CreateSurfaceOutput().ConnectToSource(_preview_surface(nodes, name, own))
         if look.texture or look.film:
             material.CreateSurfaceOutput("mtlx").ConnectToSource(
                 usd.textures.standard_surface(nodes, name, own)
@@ -388,8 +393,8 @@ class MaterialNodes:
         return shader.CreateOutput(*output)
 
 
-def _preview(nodes: MaterialNodes, name: str, look: Look) -> Any:
-    colour: Any = Gf.Vec3f(*COLOURS[name])
+def _preview_surface(nodes: MaterialNodes, name: str, look: MaterialInputs) -> Any:
+    colour: Any = Gf.Vec3f(*MATERIAL_COLOURS[name])
     if look.texture:
         at = nodes.add(
             "atlas",
@@ -406,7 +411,7 @@ def _preview(nodes: MaterialNodes, name: str, look: Look) -> Any:
             sourceColorSpace=(_TYPES.Token, "sRGB"),
             wrapS=(_TYPES.Token, "clamp"),
             wrapT=(_TYPES.Token, "clamp"),
-            fallback=(_TYPES.Float4, Gf.Vec4f(*COLOURS[name], 1.0)),
+            fallback=(_TYPES.Float4, Gf.Vec4f(*MATERIAL_COLOURS[name], 1.0)),
         )
     elif look.coloured:
         colour = nodes.add(
@@ -421,5 +426,5 @@ def _preview(nodes: MaterialNodes, name: str, look: Look) -> Any:
         "UsdPreviewSurface",
         ("surface", _TYPES.Token),
         diffuseColor=(_TYPES.Color3f, colour),
-        roughness=(_TYPES.Float, ROUGHNESS[name]),
+        roughness=(_TYPES.Float, MATERIAL_ROUGHNESS[name]),
     )

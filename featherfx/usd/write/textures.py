@@ -25,7 +25,12 @@ from featherfx.errors import Problem
 from featherfx.feather.colours import VANE_COLOUR, brightness, charted
 from featherfx.files.atomic_write import Store
 from featherfx.usd.types import FeatherEntry, OutputError
-from featherfx.usd.write.prims import COLOURS, ROUGHNESS, Look, MaterialNodes
+from featherfx.usd.write.prims import (
+    MATERIAL_COLOURS,
+    MATERIAL_ROUGHNESS,
+    MaterialInputs,
+    MaterialNodes,
+)
 
 # of the vanes' light, what goes through: as in pictures (featherfx/render/light_kernels.py)
 _THROUGH = 0.34
@@ -34,11 +39,14 @@ _THROUGH = 0.34
 _BELOW_FILM, _PLAIN, _FILM_ROUGHNESS = 2.0, 1.5, 0.3
 _TYPES = Sdf.ValueTypeNames
 
-MOST_SIDE = 4096  # pixels of a tile
+_MAX_TILE_SIDE = 4096  # pixels of a tile
 _BORDER = 2
-_ACROSS, _FIRST = 10, 1001  # tiles of a row, and the number of the first, as UDIM has them
+_TILES_ACROSS, _FIRST_TILE = (
+    10,
+    1001,
+)  # tiles of a row, and the number of the first, as UDIM has them
 _SIGNED = "featherfx"
-_KEPT = 64  # charts in memory that other feathers may have as well
+_MAX_CHARTS = 64  # charts in memory that other feathers may have as well
 
 
 @dataclass(frozen=True)
@@ -53,7 +61,7 @@ class Atlas:
     def side(self) -> int:
         """Pixels of a tile's side, a power of two."""
         side = 1 << (self.pixels - 1).bit_length()
-        while side < MOST_SIDE and np.prod(self._grid(side)) < self.feathers:
+        while side < _MAX_TILE_SIDE and np.prod(self._grid(side)) < self.feathers:
             side *= 2
         return side
 
@@ -74,7 +82,7 @@ class Atlas:
         tile, column, row = self._places()
         size = np.array([self.pixels // 2, self.pixels])
         corner = np.stack([column, row], axis=1) * size + _BORDER
-        begin = corner / self.side + np.stack([tile % _ACROSS, tile // _ACROSS], axis=1)
+        begin = corner / self.side + np.stack([tile % _TILES_ACROSS, tile // _TILES_ACROSS], axis=1)
         return np.hstack([begin, np.broadcast_to((size - 2 * _BORDER) / self.side, begin.shape)])
 
     def given_to(self, entries: Sequence[FeatherEntry]) -> tuple[FeatherEntry, ...]:
@@ -85,11 +93,13 @@ class Atlas:
     def files(self, path: Path) -> list[Path]:
         """The pictures of a cache, in the order of their tiles."""
         last = int(self._places()[0][-1])
-        return [path.with_name(f"{path.stem}.colour.{_FIRST + k}.png") for k in range(last + 1)]
+        return [
+            path.with_name(f"{path.stem}.colour.{_FIRST_TILE + k}.png") for k in range(last + 1)
+        ]
 
     def asset(self, path: Path) -> str:
         """How the cache names them."""
-        name = "<UDIM>" if len(self.files(path)) > 1 else _FIRST
+        name = "<UDIM>" if len(self.files(path)) > 1 else _FIRST_TILE
         return f"./{path.stem}.colour.{name}.png"
 
     def stored(self, path: Path, entries: Sequence[FeatherEntry]) -> Iterator[tuple[Path, Store]]:
@@ -116,7 +126,7 @@ class Atlas:
             return np.array(VANE_COLOUR)[None, None]
         kind, mirrored, _ = entry.shape
         if (id(kind), mirrored) not in known:
-            if len(known) >= _KEPT:
+            if len(known) >= _MAX_CHARTS:
                 known.clear()
             sizes = self.pixels // 2, self.pixels
             ways = [
@@ -134,12 +144,12 @@ def refuse_textures(files: Sequence[Path], overwrite: bool) -> None:
         problems.append(Problem("bake", "textures", told))
     elif not overwrite:
         told = "is not as featherfx wrote it; move it elsewhere, or --overwrite"
-        problems = [Problem(str(f), "", told) for f in files if f.exists() and not _is_own(f)]
+        problems = [Problem(str(f), "", told) for f in files if f.exists() and not _is_unchanged(f)]
     if problems:
         raise OutputError(*problems)
 
 
-def _is_own(file: Path) -> bool:
+def _is_unchanged(file: Path) -> bool:
     """Whether a picture has the colours that it was written with."""
     from PIL import Image
 
@@ -164,7 +174,7 @@ def _save(image: NDArray[np.uint8], path: Path) -> None:
     Image.fromarray(image).save(path, pnginfo=told)
 
 
-def standard_surface(nodes: MaterialNodes, name: str, look: Look) -> Any:
+def standard_surface(nodes: MaterialNodes, name: str, look: MaterialInputs) -> Any:
     """The same by nodes of MaterialX, with light that goes through, and the film."""
 
     def primvar(node: str, kind: str, type: Any, of: str, **default: tuple[Any, Any]) -> Any:
@@ -173,7 +183,7 @@ def standard_surface(nodes: MaterialNodes, name: str, look: Look) -> Any:
             node, f"ND_geompropvalue_{kind}", ("out", type), geomprop=geomprop, **default
         )
 
-    colour: Any = Gf.Vec3f(*COLOURS[name])
+    colour: Any = Gf.Vec3f(*MATERIAL_COLOURS[name])
     if look.texture:
         at = primvar("mtlxAtlas", "vector2", _TYPES.Float2, "atlas")
         colour = nodes.add(
@@ -191,7 +201,7 @@ def standard_surface(nodes: MaterialNodes, name: str, look: Look) -> Any:
         colour = primvar("mtlxDisplayColor", "color3", _TYPES.Color3f, "displayColor", **default)
     inputs: dict[str, tuple[Any, Any]] = {
         "base_color": (_TYPES.Color3f, colour),
-        "specular_roughness": (_TYPES.Float, ROUGHNESS[name]),
+        "specular_roughness": (_TYPES.Float, MATERIAL_ROUGHNESS[name]),
     }
     if name == "vane":
         inputs |= {
@@ -203,7 +213,7 @@ def standard_surface(nodes: MaterialNodes, name: str, look: Look) -> Any:
         film = primvar("mtlxFilm", "float", _TYPES.Float, "filmThickness")
         for key, ends in {
             "specular_IOR": (_BELOW_FILM, _PLAIN),
-            "specular_roughness": (_FILM_ROUGHNESS, ROUGHNESS[name]),
+            "specular_roughness": (_FILM_ROUGHNESS, MATERIAL_ROUGHNESS[name]),
         }.items():
             values = dict(zip(("in1", "in2"), ((_TYPES.Float, end) for end in ends), strict=True))
             chosen = nodes.add(
