@@ -42,7 +42,7 @@ BARB_COUNT_PRIMVAR = "barbCount"
 
 # The prims of a feather, or of several that share them, and what is written of these: what is a
 # rate, and what has a value for each face or shaft. All else has one for each point.
-MESH_PART, RACHIS_PART, BARB_PART = "mesh", "rachis", "barbs"
+MESH_PRIM, RACHIS_PRIM, BARB_PRIM = "mesh", "rachis", "barbs"
 RATES = ("velocities", ACCELERATIONS)
 # velocities in half precision, which USD's own attribute has no place for
 HALF_VELOCITIES = "primvars:halfVelocities"

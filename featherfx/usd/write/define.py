@@ -23,9 +23,9 @@ from featherfx import usd
 from featherfx.usd import arrays
 from featherfx.usd.types import (
     BARB_NODE_PRIMVARS,
-    BARB_PART,
-    MESH_PART,
-    RACHIS_PART,
+    BARB_PRIM,
+    MESH_PRIM,
+    RACHIS_PRIM,
     FeatherEntry,
 )
 from featherfx.usd.write.chunks import AnimatedPrims
@@ -108,8 +108,8 @@ def define_prims(
     define_root(stage, info)
     for name in (*(SCOPES[part][0] for part in SCOPES if part in parts), MATERIALS_SCOPE):
         UsdGeom.Scope.Define(stage, info.root_path.AppendChild(name))
-    if MESH_PART in parts:  # else all that there is is drawn
-        define_representations(stage, info, BARB_PART in parts)
+    if MESH_PRIM in parts:  # else all that there is is drawn
+        define_representations(stage, info, BARB_PRIM in parts)
     look = choose_inputs(entries, texture)
     materials = define_materials(stage, info.root_path.AppendChild(MATERIALS_SCOPE), look)
     with Sdf.ChangeBlock():
@@ -121,16 +121,16 @@ def define_prims(
     sorts = [_copy_key(*each) for each in zip(prims.groups, members, strict=True)]
     for index, (group, own, at) in enumerate(zip(prims.groups, members, prims.prims, strict=True)):
         is_first = first.setdefault(sorts[index], index) == index
-        rest = _rest_points(group) if is_first or BARB_PART in at else {}
+        rest = _rest_points(group) if is_first or BARB_PRIM in at else {}
         if is_first:
-            if MESH_PART in at:
-                define_mesh(stage, at[MESH_PART], group, own, rest[MESH_PART], materials)
+            if MESH_PRIM in at:
+                define_mesh(stage, at[MESH_PRIM], group, own, rest[MESH_PRIM], materials)
             ups = _dorsal_axes(info, own)
-            define_rachises(stage, at[RACHIS_PART], group, own, rest[RACHIS_PART], ups, materials)
+            define_rachises(stage, at[RACHIS_PRIM], group, own, rest[RACHIS_PRIM], ups, materials)
             if group.is_condensed:
-                usd.condensed.define_condensed(stage, info, at[RACHIS_PART], group, own, rest)
-        if BARB_PART in at:
-            define_barbs(stage, at[BARB_PART], group, own, rest[BARB_PART], materials)
+                usd.condensed.define_condensed(stage, info, at[RACHIS_PRIM], group, own, rest)
+        if BARB_PRIM in at:
+            define_barbs(stage, at[BARB_PRIM], group, own, rest[BARB_PRIM], materials)
     del stage  # layers alone take copies much faster
     with Sdf.ChangeBlock():
         for index, group in enumerate(prims.groups):
@@ -157,25 +157,25 @@ def _copy_feather(
 ) -> None:
     """Mesh and shaft of a feather as those of another of its surface, but for what is its own."""
     rest, own = _rest_points(group), label_primvars(entry.id, entry.kind, entry.region)
-    for part in (part for part in (MESH_PART, RACHIS_PART) if part in target):
+    for part in (part for part in (MESH_PRIM, RACHIS_PRIM) if part in target):
         Sdf.CopySpec(layer, source[part], layer, target[part])
         replace_primvars(layer, target[part], **own, Pref=rest[part], rest=rest[part])
-    if entry.root is not None and MESH_PART in target:
-        replace_primvars(layer, target[MESH_PART], **skin_primvars([entry]))
-    if entry.held is not None and not entry.hooked and MESH_PART in target:
-        replace_primvars(layer, target[MESH_PART], hooked=arrays.floats(entry.held))
-    for part, name in ((MESH_PART, "points"), (RACHIS_PART, "shaft")):
+    if entry.root is not None and MESH_PRIM in target:
+        replace_primvars(layer, target[MESH_PRIM], **skin_primvars([entry]))
+    if entry.held is not None and not entry.hooked and MESH_PRIM in target:
+        replace_primvars(layer, target[MESH_PRIM], hooked=arrays.floats(entry.held))
+    for part, name in ((MESH_PRIM, "points"), (RACHIS_PRIM, "shaft")):
         if entry.colours is not None and part in target:
             shades = np.atleast_2d(getattr(entry.colours, name))
             replace_primvars(layer, target[part], displayColor=arrays.vec3f(shades))
-    if MESH_PART in target:
-        replace_primvars(layer, target[MESH_PART], **paint_primvars([entry], MESH_PART))
+    if MESH_PRIM in target:
+        replace_primvars(layer, target[MESH_PRIM], **paint_primvars([entry], MESH_PRIM))
     if entry.chart is not None:
-        replace_primvars(layer, target[RACHIS_PART], chart=chart_primvar([entry]))
-    replace_primvars(layer, target[RACHIS_PART], up=arrays.vec3f(_dorsal_axes(info, [entry])))
+        replace_primvars(layer, target[RACHIS_PRIM], chart=chart_primvar([entry]))
+    replace_primvars(layer, target[RACHIS_PRIM], up=arrays.vec3f(_dorsal_axes(info, [entry])))
     if group.is_condensed:
-        usd.condensed.replace_condensed(layer, info, target[RACHIS_PART], group, entry, rest)
-    widths = target[RACHIS_PART].AppendProperty(UsdGeom.Tokens.widths)
+        usd.condensed.replace_condensed(layer, info, target[RACHIS_PRIM], group, entry, rest)
+    widths = target[RACHIS_PRIM].AppendProperty(UsdGeom.Tokens.widths)
     layer.GetAttributeAtPath(widths).default = arrays.floats(group.widths)
 
 
@@ -183,7 +183,7 @@ def _rest_points(group: PosedGroup) -> dict[str, Any]:
     pose = group.rest()
     found = {part: pose.values[part, "points"].value for part in group.parts}
     barbs = BARB_NODE_PRIMVARS if group.is_condensed else ()
-    return found | {name: pose.values[RACHIS_PART, name].value for name in barbs}
+    return found | {name: pose.values[RACHIS_PRIM, name].value for name in barbs}
 
 
 def _dorsal_axes(info: StageInfo, entries: Sequence[FeatherEntry]) -> Any:

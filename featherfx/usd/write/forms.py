@@ -24,13 +24,13 @@ from featherfx.usd.types import (
     ACCELERATIONS,
     BARB_DIRECTION,
     BARB_NODE_PRIMVARS,
-    BARB_PART,
+    BARB_PRIM,
     DETAIL_ATTRIBUTE,
     DIAGNOSTICS,
     HOOK_PRIMVARS,
-    MESH_PART,
+    MESH_PRIM,
     ORIENT_PRIMVAR,
-    RACHIS_PART,
+    RACHIS_PRIM,
     RATES,
     WET_PRIMVARS,
     FeatherEntry,
@@ -53,7 +53,7 @@ _MAX_SINGLE = 200
 # part of a feather, and attribute
 AttributeKey = tuple[str, str]
 
-_PARTS = {CURVES_FORM: (RACHIS_PART, BARB_PART), CONDENSED_FORM: (RACHIS_PART,)}
+_PARTS = {CURVES_FORM: (RACHIS_PRIM, BARB_PRIM), CONDENSED_FORM: (RACHIS_PRIM,)}
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class CacheForm:
     their rows and nodes. rates: whether velocities and accelerations are written; half: velocities
     in half precision."""
 
-    parts: tuple[str, ...] = (MESH_PART, RACHIS_PART, BARB_PART)
+    parts: tuple[str, ...] = (MESH_PRIM, RACHIS_PRIM, BARB_PRIM)
     condensed: bool = False
     rates: bool = True
     half: bool = False
@@ -112,20 +112,20 @@ def find_keys(
     each = ("points", "velocities", *([ACCELERATIONS] * (ACCELERATIONS in extras)))
     asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
     asked += HOOK_PRIMVARS if hooks else ()
-    shown = (MESH_PART, faces), (RACHIS_PART, form.condensed)
+    shown = (MESH_PRIM, faces), (RACHIS_PRIM, form.condensed)
     clumps = tuple(
         (part, name) for part, is_shown in shown for name in WET_PRIMVARS if wet and is_shown
     )
     return AttributeKeys(
         vectors=(
             *((part, name) for part in parts for name in each),
-            (MESH_PART, "normals"),
-            (MESH_PART, BARB_DIRECTION),
-            *((RACHIS_PART, name) for name in BARB_NODE_PRIMVARS if form.condensed),
+            (MESH_PRIM, "normals"),
+            (MESH_PRIM, BARB_DIRECTION),
+            *((RACHIS_PRIM, name) for name in BARB_NODE_PRIMVARS if form.condensed),
         ),
-        scalars=(*((MESH_PART, name) for name in asked), *clumps),
-        turns=((RACHIS_PART, ORIENT_PRIMVAR),) if form.condensed else (),
-        whole=((RACHIS_PART, DETAIL_ATTRIBUTE),) if form.thinned else (),
+        scalars=(*((MESH_PRIM, name) for name in asked), *clumps),
+        turns=((RACHIS_PRIM, ORIENT_PRIMVAR),) if form.condensed else (),
+        whole=((RACHIS_PRIM, DETAIL_ATTRIBUTE),) if form.thinned else (),
         wet=clumps,
     )
 

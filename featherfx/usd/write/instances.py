@@ -20,7 +20,7 @@ from featherfx.groom.types import Placement
 from featherfx.shot.placement import place
 from featherfx.usd import arrays
 from featherfx.usd.space import StageSpace, choose_origin
-from featherfx.usd.types import MESH_PART, FeatherEntry
+from featherfx.usd.types import MESH_PRIM, FeatherEntry
 from featherfx.usd.write.chunks import AnimatedPrims
 from featherfx.usd.write.forms import MeshGroup
 from featherfx.usd.write.layers import (
@@ -124,9 +124,9 @@ def _define_prototypes(
     ]
     poses = [group.rest() for group in groups]
     for entry, path, group, pose in zip(entries, paths, groups, poses, strict=True):
-        points = pose.values[MESH_PART, "points"].value
+        points = pose.values[MESH_PRIM, "points"].value
         define_mesh(stage, path, group, [entry], points, materials)
-    prims = AnimatedPrims(groups, [{MESH_PART: path} for path in paths])
+    prims = AnimatedPrims(groups, [{MESH_PRIM: path} for path in paths])
     with Sdf.ChangeBlock():
         for index, pose in enumerate(poses):
             for key in prims.paths[index]:

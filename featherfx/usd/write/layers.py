@@ -33,7 +33,7 @@ from featherfx.errors import Problem
 from featherfx.files.atomic_write import Standing, Store, WrittenFile, write_all, write_beside
 from featherfx.usd import arrays
 from featherfx.usd.space import StageSpace
-from featherfx.usd.types import BARB_PART, MESH_PART, RACHIS_PART, OutputError
+from featherfx.usd.types import BARB_PRIM, MESH_PRIM, RACHIS_PRIM, OutputError
 from featherfx.usd.write.output import output_files
 
 # characters of a text; other readers refuse files with a string of more than 65,536 bytes
@@ -42,9 +42,9 @@ FEATHERS_SCOPE, RACHISES_SCOPE, BARBS_SCOPE = "feathers", "rachises", "barbs"
 MATERIALS_SCOPE = "materials"
 # where the prims of feathers stand, and what their names end with
 SCOPES = {
-    MESH_PART: (FEATHERS_SCOPE, ""),
-    RACHIS_PART: (RACHISES_SCOPE, "_rachis"),
-    BARB_PART: (BARBS_SCOPE, "_barbs"),
+    MESH_PRIM: (FEATHERS_SCOPE, ""),
+    RACHIS_PRIM: (RACHISES_SCOPE, "_rachis"),
+    BARB_PRIM: (BARBS_SCOPE, "_barbs"),
 }
 
 

@@ -30,14 +30,14 @@ from featherfx.usd.types import (
     ACCELERATIONS,
     BARB_DIRECTION,
     BARB_NODE_PRIMVARS,
-    BARB_PART,
+    BARB_PRIM,
     DETAIL_ATTRIBUTE,
     HOOK_PRIMVARS,
     HOOKED_PRIMVAR,
-    MESH_PART,
+    MESH_PRIM,
     ORIENT_PRIMVAR,
     PER_FACE_PRIMVARS,
-    RACHIS_PART,
+    RACHIS_PRIM,
     RATES,
     WET_PRIMVARS,
 )
@@ -122,27 +122,27 @@ class _JoinedBlock:
         points = self._joined([pose.points for pose in given])
         if self._form.thinned:
             posed = [pose.points for pose in given]
-            values[RACHIS_PART, DETAIL_ATTRIBUTE][:] = usd.condensed.find_details(
+            values[RACHIS_PRIM, DETAIL_ATTRIBUTE][:] = usd.condensed.find_details(
                 self._feathers, posed
             )
         if self._origin is not None:
             points = points.shifted(self._origin)
         names = (
-            (MESH_PART, "points"),
-            (MESH_PART, "normals"),
-            (MESH_PART, BARB_DIRECTION),
-            (RACHIS_PART, "points"),
+            (MESH_PRIM, "points"),
+            (MESH_PRIM, "normals"),
+            (MESH_PRIM, BARB_DIRECTION),
+            (RACHIS_PRIM, "points"),
         )
         written = WrittenSurface(*(values[key] for key in names))
         finite = surface_kernels.pose_surface(points, self._drawn, self._stage, written)
         if self._form.condensed:
-            numbers = [values[RACHIS_PART, name] for name in (*BARB_NODE_PRIMVARS, ORIENT_PRIMVAR)]
+            numbers = [values[RACHIS_PRIM, name] for name in (*BARB_NODE_PRIMVARS, ORIENT_PRIMVAR)]
             finite &= usd.condensed.condense(points, self._left_leads, self._stage, numbers)
         rates = {"velocities": [pose.velocities for pose in given]}
-        if (MESH_PART, ACCELERATIONS) in values:
+        if (MESH_PRIM, ACCELERATIONS) in values:
             rates[ACCELERATIONS] = [pose.accelerations for pose in given]
         for name, each in rates.items():
-            mesh, shaft = (values[part, name] for part in (MESH_PART, RACHIS_PART))
+            mesh, shaft = (values[part, name] for part in (MESH_PRIM, RACHIS_PRIM))
             finite &= surface_kernels.write_values(
                 self._joined(each), self._drawn, self._stage, mesh, shaft
             )
@@ -183,14 +183,14 @@ class WrittenPose:
         """(2, 3) extents of surface and barbs, or where there is no surface of shafts and what
         they carry."""
         parts = (
-            (MESH_PART, BARB_PART)
-            if (MESH_PART, "extent") in self.values
-            else (RACHIS_PART, BARB_PART)
+            (MESH_PRIM, BARB_PRIM)
+            if (MESH_PRIM, "extent") in self.values
+            else (RACHIS_PRIM, BARB_PRIM)
         )
         drawn = (self.values.get((part, "extent")) for part in parts)
         found = [each.numbers for each in drawn if each is not None]
-        if RACHIS_PART in parts:
-            barbs = (self.values.get((RACHIS_PART, name)) for name in BARB_NODE_PRIMVARS)
+        if RACHIS_PRIM in parts:
+            barbs = (self.values.get((RACHIS_PRIM, name)) for name in BARB_NODE_PRIMVARS)
             numbers = (each.numbers for each in barbs if each is not None)
             found += [np.stack([each.min(axis=0), each.max(axis=0)]) for each in numbers]
         return found
@@ -215,7 +215,7 @@ class PosedGroup:
         self.is_static = bool(self.static.all())
         points = {
             part: _start_offsets([each.points.get(part, 0) for each in self.feathers])
-            for part in (MESH_PART, RACHIS_PART, BARB_PART)
+            for part in (MESH_PRIM, RACHIS_PRIM, BARB_PRIM)
         }
         self.points = {part: starts for part, starts in points.items() if starts[-1]}
         self.parts = tuple(self.points)
@@ -234,7 +234,7 @@ class PosedGroup:
             *self._whole,
         )
         # USD pads the extent of curves by half the greatest width of the prim, in single precision
-        widths = {MESH_PART: np.zeros(0), RACHIS_PART: self.widths, BARB_PART: self.barb_widths}
+        widths = {MESH_PRIM: np.zeros(0), RACHIS_PRIM: self.widths, BARB_PRIM: self.barb_widths}
         self._padding = {
             part: np.float32(0.5) * np.float32(each.max(initial=0.0))
             for part, each in widths.items()
@@ -268,7 +268,7 @@ class PosedGroup:
     def starts(self, key: AttributeKey) -> Indices:
         """(M + 1,) where the elements of each feather begin in an attribute, and all."""
         if key[1] in PER_FACE_PRIMVARS:
-            return self.faces if key[0] == MESH_PART else np.arange(len(self.members) + 1)
+            return self.faces if key[0] == MESH_PRIM else np.arange(len(self.members) + 1)
         if key[1] == DETAIL_ATTRIBUTE:
             return _start_offsets([each.count(key) for each in self.feathers])
         if key[0] not in self.points:

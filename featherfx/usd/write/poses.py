@@ -14,8 +14,8 @@ from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.barb_looks import clumped
 from featherfx.feather.lengths import carried_moving
 from featherfx.feather.split_edges import SplitEdges, difference_rates
-from featherfx.feather.types import RACHIS_PART as SHAFT
 from featherfx.feather.types import (
+    RACHIS_PART,
     Feather,
     FeatherSurface,
     PointMap,
@@ -28,15 +28,15 @@ from featherfx.usd.types import (
     ACCELERATIONS,
     BARB_DIRECTION,
     BARB_NODE_PRIMVARS,
-    BARB_PART,
+    BARB_PRIM,
     DETAIL_ATTRIBUTE,
     ENERGY_DENSITY,
     HOOK_PRIMVARS,
     HOOKED_PRIMVAR,
-    MESH_PART,
+    MESH_PRIM,
     ORIENT_PRIMVAR,
     PER_FACE_PRIMVARS,
-    RACHIS_PART,
+    RACHIS_PRIM,
     RATES,
     SLIP_PRIMVAR,
     STRAIN_ACROSS,
@@ -95,12 +95,12 @@ class PosedFeather:
         self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else _NONE
         self.has_barbs = len(self.barb_widths) > 0
         self.parts = (
-            (MESH_PART, RACHIS_PART, BARB_PART) if self.has_barbs else (MESH_PART, RACHIS_PART)
+            (MESH_PRIM, RACHIS_PRIM, BARB_PRIM) if self.has_barbs else (MESH_PRIM, RACHIS_PRIM)
         )
         counts = {
-            MESH_PART: len(surface.drawn.row),
-            RACHIS_PART: len(self.widths),
-            BARB_PART: len(self.barb_widths),
+            MESH_PRIM: len(surface.drawn.row),
+            RACHIS_PRIM: len(self.widths),
+            BARB_PRIM: len(self.barb_widths),
         }
         self.points = {part: counts[part] for part in self.parts}
         self.faces = len(surface.drawn.triangles)
@@ -115,7 +115,7 @@ class PosedFeather:
     def count(self, key: AttributeKey) -> int:
         """Elements of an attribute."""
         if key[1] in PER_FACE_PRIMVARS:
-            return self.faces if key[0] == MESH_PART else 1
+            return self.faces if key[0] == MESH_PRIM else 1
         if key[1] == DETAIL_ATTRIBUTE:
             return int(self.rest_points.nodes.size)
         return self.points[key[0]] * (self.columns if key[1] in BARB_NODE_PRIMVARS else 1)
@@ -166,7 +166,7 @@ class PosedFeather:
         finite = self._place(out, _contiguous(nodes))
         if self.has_barbs and barbs:
             points = barbs.points if self.to_origin is None else barbs.points + self.to_origin
-            finite &= self._write(np.reshape(points, (-1, 3)), out[BARB_PART, "points"])
+            finite &= self._write(np.reshape(points, (-1, 3)), out[BARB_PRIM, "points"])
         for (_, name), numbers in out.items():
             if name in RATES:
                 numbers[...] = 0.0
@@ -209,14 +209,14 @@ class PosedFeather:
         curves, finite = _barb_points(barbs.points_map, points), True
         if strands is not None:
             curves = strands.joined(curves, strands.carried(points))
-        finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PART, "points"])
+        finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PRIM, "points"])
         for name, values in rates.items():
             curves = _barb_points(barbs.points_map, values)
             if strands is not None:
                 second = values if name == ACCELERATIONS else None
                 rate = difference_rates(strands.carried, points, given.velocities, second)
                 curves = strands.joined(curves, rate)
-            finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PART, name])
+            finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PRIM, name])
         return finite
 
     def _hooked(self, given: FeatherPose) -> Array | None:
@@ -235,8 +235,8 @@ class PosedFeather:
         rounding, at the greatest coordinate of a prim, does not count.
         """
         own = [
-            *((MESH_PART, name) for name in HOOK_PRIMVARS),
-            *((RACHIS_PART, name) for name in BARB_NODE_PRIMVARS),
+            *((MESH_PRIM, name) for name in HOOK_PRIMVARS),
+            *((RACHIS_PRIM, name) for name in BARB_NODE_PRIMVARS),
         ]
         own += (*self.keys.wet, *self.keys.whole)
         if any((now[key] != before[key]).any() for key in own if key in now):
@@ -254,19 +254,19 @@ class PosedFeather:
     def _place(self, out: Written, points: RowPoints) -> bool:
         """Points of mesh and shaft, and what follows from them; whether all are finite."""
         if self.thin:
-            out[RACHIS_PART, DETAIL_ATTRIBUTE][:] = usd.condensed.find_details([self], [points])
+            out[RACHIS_PRIM, DETAIL_ATTRIBUTE][:] = usd.condensed.find_details([self], [points])
             points = self.thin.kept(points)
         written = WrittenSurface(
-            out[MESH_PART, "points"],
-            out[MESH_PART, "normals"],
-            out[MESH_PART, BARB_DIRECTION],
-            out[RACHIS_PART, "points"],
+            out[MESH_PRIM, "points"],
+            out[MESH_PRIM, "normals"],
+            out[MESH_PRIM, BARB_DIRECTION],
+            out[RACHIS_PRIM, "points"],
         )
         finite = surface_kernels.pose_surface(points, self._surface.drawn, self.to_stage, written)
         if self.keys.scalars and self.faces:
             self._diagnose(out)
         if self.form.condensed:
-            numbers = [out[RACHIS_PART, name] for name in (*BARB_NODE_PRIMVARS, ORIENT_PRIMVAR)]
+            numbers = [out[RACHIS_PRIM, name] for name in (*BARB_NODE_PRIMVARS, ORIENT_PRIMVAR)]
             finite &= usd.condensed.condense(points, self.left_leads, self.to_stage, numbers)
         return bool(finite)
 
@@ -276,11 +276,11 @@ class PosedFeather:
         corners, rest = surface.unstrained
         across, shear = np.zeros((2, len(surface.drawn.edges)))
         surface_kernels.face_strains(surface.drawn.world, corners, rest, across, shear)
-        if (MESH_PART, STRAIN_ACROSS) in out:
-            out[MESH_PART, STRAIN_ACROSS][:] = across
-            out[MESH_PART, STRAIN_SHEAR][:] = shear
-        if (MESH_PART, ENERGY_DENSITY) in out:
-            density = out[MESH_PART, ENERGY_DENSITY]
+        if (MESH_PRIM, STRAIN_ACROSS) in out:
+            out[MESH_PRIM, STRAIN_ACROSS][:] = across
+            out[MESH_PRIM, STRAIN_SHEAR][:] = shear
+        if (MESH_PRIM, ENERGY_DENSITY) in out:
+            density = out[MESH_PRIM, ENERGY_DENSITY]
             surface_kernels.energy_density(across, shear, *self._entry.vane_stiffness, density)
             density *= self.held
             if self._entry.stiffened is not None:
@@ -292,7 +292,7 @@ class PosedFeather:
         surface.part(hooked)
         if not self._hooks:
             return
-        held, slipped = out[MESH_PART, HOOKED_PRIMVAR], out[MESH_PART, SLIP_PRIMVAR]
+        held, slipped = out[MESH_PRIM, HOOKED_PRIMVAR], out[MESH_PRIM, SLIP_PRIMVAR]
         held[:], slipped[:] = self.held, 0.0
         cells = surface.cells
         if hooked is not None:
@@ -301,10 +301,10 @@ class PosedFeather:
             slipped[: len(cells)] = np.linalg.norm(slip.reshape(-1, 2)[cells], axis=1)
 
     def _rates(self, out: Written, name: str, values: RowPoints) -> bool:
-        drawn, shaft = self._surface.drawn, out[RACHIS_PART, name]
+        drawn, shaft = self._surface.drawn, out[RACHIS_PRIM, name]
         values = self.thin.kept(values) if self.thin else values
         written = surface_kernels.write_values(
-            values, drawn, self.to_stage, out[MESH_PART, name], shaft
+            values, drawn, self.to_stage, out[MESH_PRIM, name], shaft
         )
         return bool(written)
 
@@ -383,7 +383,7 @@ def make_posed_feathers(
 ) -> list[PosedFeather]:
     """All feathers of a cache; arrays of entries that share a Feather are made once, and where no
     surface is drawn all share one."""
-    drawn = MESH_PART in form.parts
+    drawn = MESH_PRIM in form.parts
     shapes: dict[int, _SharedSurface] = {}
     # feathers that differ in size alone have one topology
     edges: dict[tuple[int, int], NDArray[np.int32]] = {}
@@ -434,7 +434,7 @@ def find_rest_strain(
     along = np.einsum("tc,tc->t", third - start, end - start) / np.maximum(edge, 1e-300)
     reach = np.einsum("tc,tc->t", third - start, third - start)
     height = np.sqrt(np.maximum(reach - along**2, 0.0))
-    sound = (surface.part != SHAFT) & (edge > 0.0) & (height > 0.0)
+    sound = (surface.part != RACHIS_PART) & (edge > 0.0) & (height > 0.0)
     height *= np.where(surface.row[opposite] > surface.row[edges[:, 0]], 1.0, -1.0)
     rest = np.zeros(corners.shape)
     rest[sound] = np.column_stack([1.0 / edge[sound], along[sound], 1.0 / height[sound]])

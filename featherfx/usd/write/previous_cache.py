@@ -15,7 +15,7 @@ from pxr import Sdf, Vt
 from featherfx.errors import Problem
 from featherfx.groom.read.value_diff import UNTOLD, changes
 from featherfx.usd.read.values import USD_ERRORS
-from featherfx.usd.types import MESH_PART, PER_FACE_PRIMVARS, RANGES_PREFIX, RATES, OutputError
+from featherfx.usd.types import MESH_PRIM, PER_FACE_PRIMVARS, RANGES_PREFIX, RATES, OutputError
 from featherfx.usd.write.layers import SCOPES
 from featherfx.usd.write.output import clips_folder, output_files, parts_folder
 from featherfx.usd.write.parts import (
@@ -247,7 +247,7 @@ def _find_ranges(layer: Any) -> dict[str, dict[str, _PrimRanges]]:
             ids = _default_value(prim, "primvars:featherId") or ()
             points = _default_value(prim, f"{RANGES_PREFIX}:points")
             faces = _default_value(
-                prim, f"{RANGES_PREFIX}:{'faces' if part == MESH_PART else 'curves'}"
+                prim, f"{RANGES_PREFIX}:{'faces' if part == MESH_PRIM else 'curves'}"
             )
             for k, id in enumerate(ids):
                 own = _feather_range(points, k), _feather_range(faces, k)

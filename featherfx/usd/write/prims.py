@@ -19,23 +19,23 @@ from pxr import Gf, Sdf, UsdGeom, UsdShade
 
 from featherfx import usd
 from featherfx.algebra.types import Array, Indices
-from featherfx.feather import colours
+from featherfx.feather.colours import RACHIS_COLOUR, VANE_COLOUR
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING
 from featherfx.usd import arrays
 from featherfx.usd.types import (
     BARB_COLOUR_PRIMVARS,
     BARB_COUNT_PRIMVAR,
-    BARB_PART,
+    BARB_PRIM,
     COLOUR_PRIMVAR,
     HOOKED_PRIMVAR,
     LOOK_PRIMVAR,
-    MESH_PART,
+    MESH_PRIM,
+    RACHIS_PRIM,
     RANGES_PREFIX,
     SHAPE_PRIMVAR,
     SHAPE_SIZE_PRIMVAR,
     FeatherEntry,
 )
-from featherfx.usd.types import RACHIS_PART as SHAFT
 
 if TYPE_CHECKING:
     from featherfx.usd.write.posed_groups import PosedGroup
@@ -175,7 +175,7 @@ def paint_primvars(entries: Sequence[FeatherEntry], part: str) -> dict[str, Any]
         ]
         values["atlas"] = arrays.vec2f(np.concatenate(places))
     films = [
-        each.film if part == MESH_PART else each.barb_film for e in entries if (each := e.colours)
+        each.film if part == MESH_PRIM else each.barb_film for e in entries if (each := e.colours)
     ]
     if films and (found := [each for each in films if each is not None]):
         values["filmThickness"] = arrays.floats(1e9 * np.concatenate(found))
@@ -188,7 +188,7 @@ def chart_primvar(entries: Sequence[FeatherEntry]) -> Any:
 
 
 def _st(entry: FeatherEntry, part: str) -> Any:
-    if part == MESH_PART:
+    if part == MESH_PRIM:
         return entry.feather.surface.st
     return np.zeros((0, 2)) if entry.barbs is None else entry.barbs.st.reshape(-1, 2)
 
@@ -225,7 +225,7 @@ def define_mesh(
 ) -> None:
     """Author the constant part of a mesh. entries: of the group. rest: USD array of the points."""
     surfaces = [entry.feather.surface for entry in entries]
-    starts = group.points[MESH_PART]
+    starts = group.points[MESH_PRIM]
     triangles = [each.triangles + start for each, start in zip(surfaces, starts, strict=False)]
     part = np.concatenate([each.part for each in surfaces])
     mesh = UsdGeom.Mesh.Define(stage, path)
@@ -245,10 +245,10 @@ def define_mesh(
         author_shared(prim, BARB_COUNT_PRIMVAR, barbs, usual, counts)
     st = arrays.vec2f(np.concatenate([each.st for each in surfaces]))
     author_primvars(prim, Pref=rest, rest=rest, st=st, side=arrays.ints(part))
-    author_primvars(prim, **paint_primvars(entries, MESH_PART))
+    author_primvars(prim, **paint_primvars(entries, MESH_PRIM))
     if (
         any(entry.held is not None for entry in entries)
-        and (MESH_PART, HOOKED_PRIMVAR) not in group.keys
+        and (MESH_PRIM, HOOKED_PRIMVAR) not in group.keys
     ):
         author_primvars(prim, hooked=arrays.floats(group.held))
     shades = join_shades(entries, "points", np.diff(starts).tolist())
@@ -283,7 +283,7 @@ def define_rachises(
 
     ups: (M, 3) dorsal directions of the roots at rest, stage axes.
     """
-    starts, each = group.points[SHAFT], np.arange(len(entries) + 1)
+    starts, each = group.points[RACHIS_PRIM], np.arange(len(entries) + 1)
     prim = _define_curves(stage, path, np.diff(starts), rest, group.widths)
     _author_owners(prim, group, entries, points=starts, curves=each)
     author_primvars(prim, group.interpolation, up=arrays.vec3f(ups))
@@ -309,11 +309,11 @@ def define_barbs(
     prim = _define_curves(stage, path, counts, rest, group.barb_widths)
     drawn = [0 if entry.barbs is None else len(entry.barbs.side) for entry in entries]
     curves = np.concatenate([[0], np.cumsum(drawn)])
-    _author_owners(prim, group, entries, points=group.points[BARB_PART], curves=curves)
+    _author_owners(prim, group, entries, points=group.points[BARB_PRIM], curves=curves)
     side = arrays.ints(np.concatenate([each.side for each in barbs]))
     st = arrays.vec2f(np.concatenate([each.st.reshape(-1, 2) for each in barbs]))
-    author_primvars(prim, side=side, st=st, **paint_primvars(entries, BARB_PART))
-    drawn = np.diff(group.points[BARB_PART]).tolist()
+    author_primvars(prim, side=side, st=st, **paint_primvars(entries, BARB_PRIM))
+    drawn = np.diff(group.points[BARB_PRIM]).tolist()
     shades = join_shades(entries, "barbs", drawn)
     _author_look(prim, "vane", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
 
@@ -336,7 +336,7 @@ def define_polylines(stage: Any, path: Any, counts: Any) -> Any:
     return curve
 
 
-MATERIAL_COLOURS = {"vane": colours.VANE, "rachis": colours.SHAFT}
+MATERIAL_COLOURS = {"vane": VANE_COLOUR, "rachis": RACHIS_COLOUR}
 MATERIAL_ROUGHNESS = {"vane": 0.65, "rachis": 0.4}
 
 
