@@ -115,7 +115,7 @@ def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, A
     notify: as on_frame of bake.
     """
     if task.finished:
-        usd.previous_cache.tidy(task.path, task.settings)
+        usd.previous_cache.remove_finished_parts(task.path, task.settings)
         notify(task.samples, task.samples)
         done = task.samples
         figures: dict[str, Any] = {"newton_iterations": _NONE, "substeps": _NONE}

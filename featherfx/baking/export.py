@@ -22,12 +22,12 @@ from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Groom
 from featherfx.shot.placement import lay_out
-from featherfx.usd.space import origin_for
+from featherfx.usd.space import choose_origin
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter
 from featherfx.usd.write.instances import write_instances
-from featherfx.usd.write.options import FEATHER, StageOptions, WriteOptions, check_ranges
+from featherfx.usd.write.options import BY_FEATHER, StageOptions, WriteOptions, check_ranges
 from featherfx.usd.write.output import (
-    SUFFIXES,
+    USD_SUFFIXES,
     check_output,
     output_files,
     refuse_inputs,
@@ -76,8 +76,8 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     moving = drawn_entries(groom, grid, options, names, None)
     entries = [replace(entry, static=True) for entry in moving]
     written = {each.name: getattr(options, each.name) for each in fields(StageOptions)}
-    origin = origin_for([each.position for each in groom.feathers])
-    stage = WriteOptions(**written, group=FEATHER)
+    origin = choose_origin([each.position for each in groom.feathers])
+    stage = WriteOptions(**written, group=BY_FEATHER)
     place = CachePlace(origin=origin)
     with CacheWriter(path, entries, None, options=stage, place=place, metadata=metadata):
         pass
@@ -116,7 +116,7 @@ def export(
         from featherfx.usd.convert.mesh_files import export_morph
 
         return [export_morph(cache, path, frames, overwrite)]
-    if path.suffix not in SUFFIXES:
+    if path.suffix not in USD_SUFFIXES:
         from featherfx.usd.convert.mesh_files import mesh_sequence
 
         chosen = range(frames[0], frames[1] + 1) if frames else None

@@ -23,7 +23,7 @@ from featherfx.shot.layers.types import Laid
 from featherfx.shot.replay import Replay
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter, Continuation
-from featherfx.usd.write.layers import table_text
+from featherfx.usd.write.layers import format_table
 
 # feathers from which on it pays to freeze them for Python's collector
 _MIN_FROZEN = 500
@@ -227,10 +227,10 @@ class CacheSink:
 def cache_tables(task: BakeTask, dependences: Sequence[str]) -> dict[str, Any]:
     """Return what a later bake compares itself with; dependences: of the task's feathers."""
     depend = dict(zip(task.names, dependences, strict=True))
-    found = {"inputs": table_text(task.shot.inputs), "dependences": table_text(depend)}
+    found = {"inputs": format_table(task.shot.inputs), "dependences": format_table(depend)}
     if task.whole.layers is not None and task.dependences is not None:
         ids = [each.id for each in task.whole.groom.feathers]
-        found["motions"] = table_text(dict(zip(ids, task.dependences.motion, strict=True)))
+        found["motions"] = format_table(dict(zip(ids, task.dependences.motion, strict=True)))
     return found
 
 

@@ -18,7 +18,7 @@ from featherfx.errors import Problem
 from featherfx.files.content import digest
 from featherfx.shot.replay import Replay
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.previous_cache import EarlierCache, difference, is_finished
+from featherfx.usd.write.previous_cache import PreviousCache, describe_changes, is_finished
 
 if TYPE_CHECKING:
     from featherfx.shot.checkpoint import Checkpoint
@@ -50,7 +50,7 @@ def find_reused(task: BakeTask) -> ReusedFeathers | None:
     """Return what a bake may reuse of a finished cache at its output; None for nothing."""
     if not task.path.is_file():
         return None
-    earlier = EarlierCache(task.path)
+    earlier = PreviousCache(task.path)
     if not _fits(earlier.settings, task.settings):
         return None
     assert task.dependences is not None
@@ -63,7 +63,7 @@ def find_reused(task: BakeTask) -> ReusedFeathers | None:
             moving = ()  # the motion was not kept
     if not same and not moving:
         return None
-    changes = difference(earlier.settings, earlier.inputs, task.settings, task.shot.inputs)
+    changes = describe_changes(earlier.settings, earlier.inputs, task.settings, task.shot.inputs)
     changed = tuple(f"{key}: {change}" for key, change in changes.items())
     return ReusedFeathers(earlier, same, moving, changed)
 
@@ -120,7 +120,7 @@ def replay_of(task: BakeTask, start: Checkpoint | None) -> Replay:
     return replay
 
 
-def _replay(task: BakeTask, earlier: EarlierCache | None, moving: Sequence[int]) -> Replay:
+def _replay(task: BakeTask, earlier: PreviousCache | None, moving: Sequence[int]) -> Replay:
     shot, subframes = task.whole, task.options.subframes
     if shot.layers is None:
         return Replay()

@@ -19,7 +19,7 @@ from featherfx.usd.convert.merge import join_shares
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.output import check_output
-from featherfx.usd.write.previous_cache import EarlierCache
+from featherfx.usd.write.previous_cache import PreviousCache
 
 # settings in which a share may differ from the whole
 _OWN = ("feathers", "layout", "chunk")
@@ -52,7 +52,7 @@ def merge(
     with phase("building", silent=True):
         writer = new_writer(task)
     with writer:
-        caches = [EarlierCache(path) for path in shares]
+        caches = [PreviousCache(path) for path in shares]
         depend = _taken(task, writer, shares, caches)
         with phase("writing", silent=True):
             for piece in pieces:
@@ -77,7 +77,7 @@ def merge_piece(
     """
     options = replace(task.options, layout="clips", resume=True)
     with new_writer(replace(task, path=piece, options=options)) as writer:
-        caches = [EarlierCache(path) for path in shares]
+        caches = [PreviousCache(path) for path in shares]
         _taken(task, writer, shares, caches)
         chunks = -(-task.samples // writer.chunk)
         first, end = (chunks * number // place[1] for number in (place[0] - 1, place[0]))
@@ -97,7 +97,7 @@ def _write(
 
 
 def _taken(
-    task: BakeTask, writer: CacheWriter, shares: Sequence[Path], caches: Sequence[EarlierCache]
+    task: BakeTask, writer: CacheWriter, shares: Sequence[Path], caches: Sequence[PreviousCache]
 ) -> dict[str, str]:
     """Have a writer take the feathers of all shares; returns their dependences by name."""
     depend = {name: text for each in caches for name, text in each.dependences.items()}
@@ -112,7 +112,7 @@ def _taken(
 
 
 def _problems(
-    task: BakeTask, writer: CacheWriter, shares: Sequence[Path], caches: Sequence[EarlierCache]
+    task: BakeTask, writer: CacheWriter, shares: Sequence[Path], caches: Sequence[PreviousCache]
 ) -> Iterator[Problem]:
     """Yield reasons why shares are no parts of the task's cache."""
     for path, cache in zip(shares, caches, strict=True):

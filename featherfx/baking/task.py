@@ -24,18 +24,18 @@ from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.placement import place_feathers
 from featherfx.shot.types import Shot
 from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.space import origin_for
-from featherfx.usd.write.forms import chosen_group
+from featherfx.usd.space import choose_origin
+from featherfx.usd.write.forms import choose_group
 from featherfx.usd.write.options import (
-    CHUNK,
-    PUSHING_CHUNK,
+    CHUNK_FRAMES,
+    CONTACT_CHUNK_FRAMES,
     StageOptions,
     WriteOptions,
     check_ranges,
 )
 from featherfx.usd.write.output import (
     check_output,
-    file_problems,
+    find_file_problems,
     output_files,
     prim_name,
     refuse_inputs,
@@ -45,7 +45,7 @@ from featherfx.usd.write.parts import refuse_unfinished
 
 if TYPE_CHECKING:
     from featherfx.shot.layers.types import Laid
-    from featherfx.usd.write.previous_cache import EarlierCache
+    from featherfx.usd.write.previous_cache import PreviousCache
 
 Options = TypeVar("Options", bound=StageOptions)
 
@@ -84,7 +84,7 @@ class ReusedFeathers:
     differences, in words.
     """
 
-    cache: EarlierCache
+    cache: PreviousCache
     feathers: tuple[int, ...]
     moving: tuple[int, ...]
     changed: tuple[str, ...]
@@ -141,8 +141,8 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     options = in_space(options, shot.groom, shot.skin)
     options = replace(
         options,
-        group=chosen_group(options.group, len(every)),
-        chunk=options.chunk or (PUSHING_CHUNK if shot.contact else CHUNK),
+        group=choose_group(options.group, len(every)),
+        chunk=options.chunk or (CONTACT_CHUNK_FRAMES if shot.contact else CHUNK_FRAMES),
     )
     settings = _settings(shot, frames, options)
     part, whole, numbers = _part(shot, options.feathers)
@@ -161,7 +161,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
         whole=whole,
         wanted=None if whole is part else numbers,
         taken=None,
-        origin=origin_for([each.position for each in shot.groom.feathers]),
+        origin=choose_origin([each.position for each in shot.groom.feathers]),
         dependences=Dependences(shot, numbers),
     )
 
@@ -223,7 +223,7 @@ def in_space(options: Options, groom: Groom, skin: BoundSkin | None) -> Options:
     if skin is not None and skin.parts:
         unit, axis = skin.parts[0].surface.space
     elif groom.source.suffix.lower() in SCENE_SUFFIXES:
-        unit, axis = usd.stage.stage_space(usd.opening.open_stage(groom.source))
+        unit, axis = usd.stage.read_stage_space(usd.opening.open_stage(groom.source))
     return replace(
         options,
         meters_per_unit=unit if options.meters_per_unit is None else options.meters_per_unit,
@@ -242,7 +242,7 @@ def _settings(shot: Shot, frames: tuple[int, int], options: BakeOptions) -> dict
         **{name: json.dumps(getattr(options, name)) for name in sorted(written)},
         "render grid": "{} x {}".format(*options.grid(shot.quality)),
         "barbs": str(options.barbs or "none"),
-        "origin": json.dumps(origin_for([each.position for each in shot.groom.feathers])),
+        "origin": json.dumps(choose_origin([each.position for each in shot.groom.feathers])),
         **{f"shot.{key}": text for key, text in shot_settings(shot).items()},
     }
 
@@ -285,7 +285,7 @@ def _refuse_inputs(path: Path, report: str | Path | None, inputs: Sequence[Path]
 
 def check_report(report: str | Path | None, overwrite: bool) -> None:
     """Raise InputError where a report cannot be written there."""
-    if report is not None and (problems := file_problems([Path(report)], overwrite)):
+    if report is not None and (problems := find_file_problems([Path(report)], overwrite)):
         raise InputError(*problems)
 
 
