@@ -40,7 +40,7 @@ from featherfx.shot.patterns import may_touch
 from featherfx.shot.share import part_of
 from featherfx.shot.simulate import drawn_feathers, simulate
 from featherfx.shot.types import Detail, Shot
-from featherfx.usd.write.forms import chosen_group
+from featherfx.usd.write.forms import choose_group
 from featherfx.usd.write.output import unique_prim_names
 
 # feathers of the first trials and of the next, and frames of each
@@ -222,7 +222,7 @@ def _trial(shot: Shot, count: int, frames: int, jobs: int) -> Trial:
                 jobs=jobs,
                 meters_per_unit=1.0,
                 up_axis="Z",
-                group=chosen_group(None, len(shot.groom.feathers)),
+                group=choose_group(None, len(shot.groom.feathers)),
             ),
             whole=part,
             wanted=None,
