@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
@@ -89,7 +89,7 @@ def build(groom: Groom, quality: Quality | str = "final") -> tuple[Feather, ...]
     Raises InputError with the problems of all feathers that cannot be built.
     """
     grid = read_quality(quality) if isinstance(quality, str) else quality
-    return tuple(feathers_of(groom.feathers, grid.rows, grid.columns))
+    return tuple(build_feathers(groom.feathers, grid.rows, grid.columns))
 
 
 def simulate(

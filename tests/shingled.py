@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from places import SAMPLES
 
-from featherfx.feather.crossings import crossings_of, patches_of
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.crossings import find_intersections, make_patches
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.types import Placement
 from featherfx.shot.layers import layers
@@ -82,14 +82,14 @@ def least_gap(upper: np.ndarray, lower: np.ndarray) -> float:
 def crossings(shot: Shot, frame) -> int:
     """Triangles of vanes that pass through each other."""
     rows, columns = shot.quality.rows, shot.quality.columns
-    feathers = feathers_of(shot.groom.feathers, rows, columns)
+    feathers = build_feathers(shot.groom.feathers, rows, columns)
     meshes, offset = [], []
     for k, (feather, pose) in enumerate(zip(feathers, frame.poses, strict=True)):
         surface = feather.surface
         vanes = surface.triangles[surface.part != RACHIS_PART]
         offset.append(surface.points(pose.points))
         meshes.append((offset[-1], vanes, np.zeros(len(vanes), dtype=bool), k))
-    return int(crossings_of(np.concatenate(offset), patches_of(meshes)).vanes.sum())
+    return int(find_intersections(np.concatenate(offset), make_patches(meshes)).vanes.sum())
 
 
 def askew(one: Placement, k: int, angle: float = 6.0) -> Placement:
@@ -124,7 +124,7 @@ def sinking(
     shot = replace(shot, layers=replace(shot.layers, ease=ease))
     upper, lower = next(iter(simulate(replace(shot, layers=None)))).poses
     sunk = replace(upper, points=upper.points.shifted(np.array([0.0, 0.0, -0.02])))
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     poses = [[sunk if k in when else upper, lower] for k in range(24)]
     return shot, layers.Layers(shot, drawn, np.arange(2), 1), poses
 

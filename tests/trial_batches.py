@@ -83,7 +83,7 @@ def rod(
         twist_stiffness=np.zeros((1, 2, rows - 1, 0)),
         mass=mass,
         rotary_inertia=np.full((1, rows, 2), 1e-6 * line_mass * length**2 * element),
-        shaft_area=np.zeros((1, rows)),
+        rachis_area=np.zeros((1, rows)),
         retardation=np.zeros((1, 2)),
         hooks=no_hooks(1, rows),
     )
@@ -158,7 +158,7 @@ def assembled(
     The Hessian is left in work.system.band.
     """
     from featherfx.solver.step.assembly_kernels import assemble
-    from featherfx.solver.vane.pairs_kernels import STABILISING_STIFFNESS, WHOLE_STIFFNESS
+    from featherfx.solver.vane.line_kernels import STABILISING_STIFFNESS, WHOLE_STIFFNESS
 
     wanted = WHOLE_STIFFNESS if signed else STABILISING_STIFFNESS
     assemble(model, loads, 0, fraction, factors, wanted, 0.0, work)

@@ -28,7 +28,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.api import Folders, read_quality, read_shot
 from featherfx.errors import InputWarning, all_of
-from featherfx.feather.lengths import farthest
+from featherfx.feather.density import max_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.resolution import rachis_deflection
 from featherfx.phases import phase
@@ -291,4 +291,4 @@ def finer_quality(quality: Quality, grid: Resolution, finer: frozenset[str]) -> 
 def _ways(fine: _Run, coarse: _Run) -> Array:
     """(F,) m, largest distance of the nodes of a coarse run from where a fine one has them."""
     pairs = zip(coarse.feathers, fine.feathers, coarse.points, fine.points, strict=True)
-    return np.array([farthest(*each) for each in pairs])
+    return np.array([max_distance(*each) for each in pairs])

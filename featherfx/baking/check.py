@@ -10,8 +10,8 @@ from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_re
 from featherfx.baking.entries import refuse_too_large
 from featherfx.baking.options import DrawnOptions
 from featherfx.errors import InputError, Problem, all_of
-from featherfx.feather.build import repeated_shapes
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.build import distinct_shapes
+from featherfx.feather.shapes import build_feathers
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MOST_TRIED, irregular
 from featherfx.shot.detail.levels import level_plan
@@ -64,10 +64,10 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
     else:
         return None
     refuse_too_large(groom, grid, DrawnOptions(), str(path))
-    first, _ = repeated_shapes(groom.feathers)
+    first, _ = distinct_shapes(groom.feathers)
     tried = first[:: 1 + len(first) // MOST_TRIED]
     some = [groom.feathers[k] for k in tried]
-    tasks.append(lambda: feathers_of(some, grid.rows, grid.columns))
+    tasks.append(lambda: build_feathers(some, grid.rows, grid.columns))
     try:
         all_of(*tasks)
     except InputError as error:

@@ -17,12 +17,11 @@ from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, DrawnOptions
 from featherfx.errors import Problem, all_of, require
 from featherfx.feather.barb_looks import drawn_barbs
-from featherfx.feather.build import repeated_shapes
-from featherfx.feather.colours import colours_of
-from featherfx.feather.hooked import hooked_fraction
-from featherfx.feather.profiles import in_cells
+from featherfx.feather.build import distinct_shapes
+from featherfx.feather.colours import colour_feather
+from featherfx.feather.profiles import hooked_fraction, in_cells
 from featherfx.feather.render import barb_diameters, render_feather
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Array, Feather, RowMap
 from featherfx.groom.looks import look_text
 from featherfx.groom.materials import Profile
@@ -71,7 +70,9 @@ def entries_of(
             held=held[id(shape[0]), shape[1]],
             hooked=not static and may_slip(placement.kind),
             colours=(
-                colours_of(placement.kind, feather, None, placement.id, film) if coloured else None
+                colour_feather(placement.kind, feather, None, placement.id, film)
+                if coloured
+                else None
             ),
             shape=shape,
             look=look_text(placement.kind.drawn_look),
@@ -110,7 +111,7 @@ def refuse_too_large(
     quality: of the simulation. source: of the problem. instances: whether feathers of one shape are
     drawn once.
     """
-    first, chosen = repeated_shapes(groom.feathers)
+    first, chosen = distinct_shapes(groom.feathers)
     rows, columns = drawn.grid(quality)
     points = rows * (2 * columns + 3)
     held = _BUILT_BYTES + (0 if (rows, columns) == (quality.rows, quality.columns) else _MAP_BYTES)
@@ -219,7 +220,7 @@ def drawn_entries(
     built: list[tuple[Feather, RowMap | None]]
     with phase("building", len(groom.feathers)) as done:
         if grid == meshes:
-            built = [(feather, None) for feather in feathers_of(groom.feathers, *grid)]
+            built = [(feather, None) for feather in build_feathers(groom.feathers, *grid)]
         else:
 
             def build(number: int, placement: Placement) -> tuple[Feather, RowMap | None]:
@@ -238,7 +239,7 @@ def drawn_entries(
             barbs = replace(barbs, points=points)
             if entries[index].colours is not None:
                 own = placement.kind, built[index][0], barbs, placement.id, _with_film(groom)
-                entries[index] = replace(entries[index], colours=colours_of(*own))
+                entries[index] = replace(entries[index], colours=colour_feather(*own))
         entries[index] = replace(
             entries[index],
             name=names[index],

@@ -17,8 +17,8 @@ from featherfx.baking.entries import (
 from featherfx.baking.options import GroomOptions, takes
 from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of
-from featherfx.feather.build import repeated_shapes
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.build import distinct_shapes
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Groom
 from featherfx.shot.placement import lay_out
@@ -63,7 +63,7 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     groom = lay_out(groom)
     options = in_space(options, groom, None)
     metadata = metadata_of(groom, grid) | scenery_of_groom(groom, Path(path))
-    first, chosen = repeated_shapes(groom.feathers)
+    first, chosen = distinct_shapes(groom.feathers)
     own = options.barbs or options.textures
     repeat = not own and 3 * len(first) <= 2 * len(chosen)
     instanced = repeat if options.instances is None else options.instances
@@ -87,7 +87,7 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
 def _prototypes(groom: Groom, first: Sequence[int], grid: tuple[int, int]) -> list[Feather]:
     """Rest geometry of every shape, at the size of its prototype."""
     placements = [replace(groom.feathers[k], size=1.0) for k in first]
-    return feathers_of(placements, *grid)
+    return build_feathers(placements, *grid)
 
 
 def export(

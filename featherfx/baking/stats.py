@@ -18,9 +18,9 @@ from featherfx.baking.bake import in_parts, peak_memory_bytes
 from featherfx.baking.entries import entries_of
 from featherfx.baking.trial import expected, time_of, work_of
 from featherfx.errors import InputWarning, all_of
-from featherfx.feather.build import repeated_shapes
+from featherfx.feather.build import distinct_shapes
 from featherfx.feather.layout.layout import cover, measure_layout
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.groom.types import Groom
 from featherfx.phases import account
 from featherfx.shot.detail.levels import level_plan
@@ -81,11 +81,11 @@ def _is_shot(path: Path) -> bool:
 
 
 def _of_groom(groom: Groom, quality: Quality) -> dict[str, Any]:
-    first, shapes = repeated_shapes(groom.feathers)
+    first, shapes = distinct_shapes(groom.feathers)
     report = measure_layout(groom)
     lengths = [feather.kind.length for feather in groom.feathers]
     used = Counter(shapes)
-    built = feathers_of([groom.feathers[k] for k in first], quality.rows, quality.columns)
+    built = build_feathers([groom.feathers[k] for k in first], quality.rows, quality.columns)
     points = [len(feather.surface.row) for feather in built]
     return {
         "name": groom.name,

@@ -140,7 +140,7 @@ def _beside(barbs: BarbCurves, points: Array) -> Matrix:
 
 
 def _dorsal(barbs: BarbCurves, feather: Feather) -> Matrix:
-    """(B K, n (3 + 2 m)) dorsal directors of the shaft at the roots of the barbs."""
+    """(B K, n (3 + 2 m)) dorsal directors of the rachis at the roots of the barbs."""
     rows, nodes = feather.rest.nodes.shape[:2]
     stations = feather.station / feather.station[-1]
     weights = np.repeat(linear_weights(stations, barbs.st[:, 0, 1]), barbs.widths.shape[1], axis=0)
@@ -162,7 +162,7 @@ def clumped(barbs: BarbCurves, points: Array, amount: float, clumps: int) -> Arr
 
 
 def middle_barbs(side: Indices, place: Array, clumps: int) -> Indices:
-    """(B,) barb in the middle of each barb's clump. place: (B,) along the shaft, 0 to 1."""
+    """(B,) barb in the middle of each barb's clump. place: (B,) along the rachis, 0 to 1."""
     rng = np.random.default_rng(_SEED)
     cuts = (np.arange(clumps) + _UNEVEN * rng.uniform(-0.5, 0.5, clumps))[1:] / clumps
     span = np.ptp(place) or 1.0

@@ -8,9 +8,9 @@ Where that ray meets the outline gives the length without iteration. The outline
 is steeper than barbs are, so the first ones would cut it off in a straight edge; where the base is
 rounded they grow to the outline instead, as a quarter of an ellipse of the way.
 
-A barb is carried onto the curved shaft by turning it, on top of its own curl and camber, as much
-as the shaft turns over the stretch that the flat barb reaches forward. Its length and its angle at
-the root stay exact, and the vane follows camber, sweep and twist of the shaft without being
+A barb is carried onto the curved rachis by turning it, on top of its own curl and camber, as much
+as the rachis turns over the stretch that the flat barb reaches forward. Its length and its angle at
+the root stay exact, and the vane follows camber, sweep and twist of the rachis without being
 squeezed or folded (docs/barb_grid.md compares three ways).
 """
 
@@ -165,7 +165,7 @@ def _place(
 ) -> Barbs:
     """Barbs from their shapes, lengths (n,) m and roots (n,) m.
 
-    turning: (n, 3) rad that the shaft turns by from the roots on over ways (n,) m.
+    turning: (n, 3) rad that the rachis turns by from the roots on over ways (n,) m.
     """
     angle, curl, camber = shapes.angles
     none = np.zeros_like(angle)

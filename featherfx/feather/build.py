@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import Problem, require
-from featherfx.feather.outline import outline_fault
+from featherfx.feather.outline import describe_outline_fault
 from featherfx.feather.rachis import build_rachis
 from featherfx.feather.splits import open_cells, strips_of
-from featherfx.feather.surface import build_surface
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
@@ -24,7 +23,7 @@ from featherfx.feather.types import (
     RowPoints,
     barb_slice,
 )
-from featherfx.feather.vane import barb_span, build_vane
+from featherfx.feather.vane import barb_span, build_surface, build_vane
 from featherfx.groom.splits import splits_of
 from featherfx.groom.types import FeatherKind, Placement, VaneShape
 
@@ -55,7 +54,7 @@ def build_feather(
     return feather
 
 
-def repeated_shapes(placements: Sequence[Placement]) -> tuple[list[int], list[int]]:
+def distinct_shapes(placements: Sequence[Placement]) -> tuple[list[int], list[int]]:
     """The first placement of every shape, and for each placement the number of its shape."""
     numbers: dict[tuple[int, bool], int] = {}
     first: list[int] = []
@@ -139,7 +138,7 @@ def _problems(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> li
 
 def _vane_problems(kind: FeatherKind, name: str, vane: VaneShape) -> list[Problem]:
     problems = []
-    fault = outline_fault(vane.outline)
+    fault = describe_outline_fault(vane.outline)
     if fault:
         problems.append(_problem(kind, f"{name}.outline", fault))
     places = [guide.position for guide in vane.guides]
@@ -208,7 +207,7 @@ def _positive_zeros(values: Array) -> Array:
     return values + 0.0
 
 
-def scaled(feather: Feather, size: float) -> Feather:
+def scale_feather(feather: Feather, size: float) -> Feather:
     """The feather `size` times as large. Directors and the mesh's topology stay the same."""
     if size == 1.0:
         return feather

@@ -2,8 +2,8 @@
 
 Of a place on a vane, by the rest shape and row by row against the row's own frame,
 
-    a   distance from the follicle along the shaft, to the foot of the place on it, m
-    l   distance from the shaft, and that of the barb's end, m
+    a   distance from the follicle along the rachis, to the foot of the place on it, m
+    l   distance from the rachis, and that of the barb's end, m
     e   distance from the vane's edge along the barb, m
 
 so that bars run straight across a feather whose barbs are oblique, and spots are round. With d the
@@ -31,36 +31,36 @@ from featherfx.groom.types import FeatherKind
 
 # linear, of keratin without colours
 VANE_COLOUR, RACHIS_COLOUR = (0.80, 0.76, 0.69), (0.42, 0.33, 0.24)
-# of the vanes' colour, what a shaft without one of its own has; chosen by eye
+# of the vanes' colour, what a rachis without one of its own has; chosen by eye
 _RACHIS_SHADE = 0.55
 
 
 @dataclass(frozen=True)
 class FeatherColours:
-    """Linear colours of one feather: points (V, 3) of its mesh, shaft (3,), barbs (K, 3) of all
+    """Linear colours of one feather: points (V, 3) of its mesh, rachis (3,), barbs (K, 3) of all
     points of its barbs, where these are drawn. film, barb_film: (V,), (K,) m, thickness of what
     shines by interference; None where no feather of the groom has that."""
 
     points: Array
-    shaft: Array
+    rachis: Array
     barbs: Array | None = None
     film: Array | None = None
     barb_film: Array | None = None
 
 
-def colours_of(
+def colour_feather(
     kind: FeatherKind, feather: Feather, barbs: BarbCurves | None, id: str, film: bool = False
 ) -> FeatherColours:
     """Colour a feather of a kind, at any size; id: by which its brightness varies. film: whether
     its thickness is wanted."""
-    places, shaft = _mesh_places(feather), _shaft(kind.colour)
+    places, rachis = _mesh_places(feather), _rachis(kind.colour)
     points, light = _vane_colours(kind, places), brightness(kind.colour, id)
-    on_shaft = np.unique(feather.surface.triangles[feather.surface.part == RACHIS_PART])
-    points[on_shaft] = shaft
-    found = FeatherColours(np.clip(light * points, 0, 1), np.clip(light * shaft, 0, 1))
+    on_rachis = np.unique(feather.surface.triangles[feather.surface.part == RACHIS_PART])
+    points[on_rachis] = rachis
+    found = FeatherColours(np.clip(light * points, 0, 1), np.clip(light * rachis, 0, 1))
     if film:
         thickness = _film(kind, places)
-        thickness[on_shaft] = 0.0
+        thickness[on_rachis] = 0.0
         found = replace(found, film=thickness)
     if barbs is not None:
         places = _barb_places(feather, barbs)
@@ -71,8 +71,8 @@ def colours_of(
 
 def at_nodes(colours: FeatherColours, feather: Feather) -> Array:
     """(n, 1 + 2 m, 3) linear colours of a feather's nodes, from those of its mesh; of nodes without
-    a point that of the shaft."""
-    found = np.tile(colours.shaft, (feather.rows, 1 + 2 * feather.columns, 1))
+    a point that of the rachis."""
+    found = np.tile(colours.rachis, (feather.rows, 1 + 2 * feather.columns, 1))
     surface = feather.surface
     # of lips at one place the barb's own, which come first, count
     own = np.flatnonzero(surface.node > 0)[::-1]
@@ -162,7 +162,7 @@ def _film(kind: FeatherKind, places: Array) -> Array:
     return found
 
 
-def _shaft(colour: Colour) -> Array:
+def _rachis(colour: Colour) -> Array:
     if colour.rachis is not None:
         return linear(np.array(colour.rachis))
     return (

@@ -150,7 +150,7 @@ def crossings_between(points, patches, boxes, bounds, pairs, span, corners, coun
     """Triangles that cross, of the pairs of patches in a span (first, last + 1).
 
     boxes, bounds: of fit_boxes. corners: (2, 3), overwritten. counts: (K, 2), by pair: those
-    between vanes, and those of which one at least is of a shaft. A patch has 63 triangles at most.
+    between vanes, and those of which one at least is of a rachis. A patch has 63 triangles at most.
     """
     for k in range(span[0], span[1]):
         first, second = pairs[k, 0], pairs[k, 1]
@@ -171,5 +171,5 @@ def crossings_between(points, patches, boxes, bounds, pairs, span, corners, coun
                 if not others >> (s - other[0]) & 1 or not _meet(boxes[t], boxes[s]):
                     continue
                 if triangles_cross(p, _corners(points, patches.triangles[s])):
-                    shaft = patches.shaft[t] or patches.shaft[s]
-                    counts[k, 1 if shaft else 0] += 1
+                    rachis = patches.rachis[t] or patches.rachis[s]
+                    counts[k, 1 if rachis else 0] += 1

@@ -23,17 +23,17 @@ _PATCH_SIZE, _CLUSTER_SIZE, _PIECES = 48, 16, 16
 BODY = -1
 
 
-class Patches(NamedTuple):
-    """T triangles in P patches. triangles: (T, 3) points; shaft: (T,) whether it is of a shaft;
+class TrianglePatches(NamedTuple):
+    """T triangles in P patches. triangles: (T, 3) points; rachis: (T,) whether it is of a rachis;
     first: (P + 1,) first triangle of each patch; owner: (P,) feather, or BODY."""
 
     triangles: Indices
-    shaft: Flags
+    rachis: Flags
     first: Indices
     owner: Indices
 
 
-class Clusters(NamedTuple):
+class PatchClusters(NamedTuple):
     """C runs of patches of one owner each. first: (C + 1,) first patch, owner: (C,), around: (C, 6)
     box, asked: (C,) whether its crossings are asked for."""
 
@@ -43,40 +43,40 @@ class Clusters(NamedTuple):
     asked: Flags
 
 
-class Crossings(NamedTuple):
+class Intersections(NamedTuple):
     """Intersections in one frame. owners: (K, 2) feathers that cross, the lower number first, BODY
-    for the body. vanes, shafts: (K,) pairs of triangles that do, both of vanes, or one at least of
-    a shaft."""
+    for the body. vanes, rachises: (K,) pairs of triangles that do, both of vanes, or one at least
+    of a rachis."""
 
     owners: Indices
     vanes: Indices
-    shafts: Indices
+    rachises: Indices
 
     @property
     def total(self) -> int:
         """All triangles that cross."""
-        return int(self.vanes.sum() + self.shafts.sum())
+        return int(self.vanes.sum() + self.rachises.sum())
 
 
-def patches_of(meshes: Sequence[tuple[Array, Indices, Flags, int]]) -> Patches:
-    """Patches of meshes: points (V, 3), triangles (T, 3), shaft (T,) and owner of each; points
+def make_patches(meshes: Sequence[tuple[Array, Indices, Flags, int]]) -> TrianglePatches:
+    """Patches of meshes: points (V, 3), triangles (T, 3), rachis (T,) and owner of each; points
     are counted on through all meshes."""
-    triangles, shafts, sizes, owners = [], [], [], []
+    triangles, rachises, sizes, owners = [], [], [], []
     offset, cuts = 0, dict[bytes, list[Indices]]()
-    for points, corners, shaft, owner in meshes:
+    for points, corners, rachis, owner in meshes:
         # what is faced alike is cut alike
         key = corners.tobytes()
         if key not in cuts:
             cuts[key] = list(_cut(points[corners].mean(axis=1), np.arange(len(corners))))
         for part in cuts[key]:
             triangles.append(corners[part] + offset)
-            shafts.append(shaft[part])
+            rachises.append(rachis[part])
             sizes.append(len(part))
             owners.append(owner)
         offset += len(points)
-    return Patches(
+    return TrianglePatches(
         np.ascontiguousarray(np.concatenate(triangles), dtype=np.int64),
-        np.concatenate(shafts),
+        np.concatenate(rachises),
         np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
         np.array(owners, dtype=np.int64),
     )
@@ -94,28 +94,28 @@ def _cut(middles: Array, some: Indices) -> Iterator[Indices]:
         yield from _cut(middles, half)
 
 
-def crossings_of(
-    points: Array, patches: Patches, jobs: int = 1, asked: Flags | None = None
-) -> Crossings:
+def find_intersections(
+    points: Array, patches: TrianglePatches, jobs: int = 1, asked: Flags | None = None
+) -> Intersections:
     """Crossings of all meshes. points: (V, 3) m or any unit, of all of them. asked: (F,) feathers
     with which others' crossings are looked for; None: all."""
     pairs, counts, _ = _crossed_patches(points, patches, jobs, asked)
     owners = np.sort(patches.owner[pairs], axis=1)
     each, place = np.unique(owners, axis=0, return_inverse=True)
-    vanes, shafts = (
+    vanes, rachises = (
         np.bincount(place.ravel(), counts[:, k], len(each)).astype(np.int64) for k in (0, 1)
     )
-    return Crossings(each.reshape(-1, 2), vanes, shafts)
+    return Intersections(each.reshape(-1, 2), vanes, rachises)
 
 
-def crossed_triangles(points: Array, patches: Patches) -> Flags:
+def crossed_triangles(points: Array, patches: TrianglePatches) -> Flags:
     """(T,) whether each triangle of the patches, in their order, passes through one of another
-    mesh, neither of them of a shaft. points: as of crossings_of."""
+    mesh, neither of them of a rachis. points: as of find_intersections."""
     near, counts, boxes = _crossed_patches(points, patches, 1, None)
     count = len(patches.triangles)
-    single = Patches(
+    single = TrianglePatches(
         patches.triangles,
-        patches.shaft,
+        patches.rachis,
         np.arange(count + 1),
         np.repeat(patches.owner, np.diff(patches.first)),
     )
@@ -134,7 +134,7 @@ def crossed_triangles(points: Array, patches: Patches) -> Flags:
 
 
 def _crossed_patches(
-    points: Array, patches: Patches, jobs: int, asked: Flags | None
+    points: Array, patches: TrianglePatches, jobs: int, asked: Flags | None
 ) -> tuple[Indices, Indices, Array]:
     """(K, 2) patches of different owners that cross, (K, 2) how often, as of crossings_between, and
     boxes (T, 6) of all triangles."""
@@ -157,7 +157,7 @@ def _crossed_patches(
     return pairs, counts, boxes
 
 
-def _clusters(owner: Indices, bounds: Array, asked: Flags | None) -> Clusters:
+def _clusters(owner: Indices, bounds: Array, asked: Flags | None) -> PatchClusters:
     """Patches of one owner that follow each other, a few at a time."""
     begin = np.flatnonzero(np.diff(owner, prepend=owner[0] - 1))
     within = np.arange(len(owner)) - np.repeat(begin, np.diff(begin, append=len(owner)))
@@ -168,10 +168,10 @@ def _clusters(owner: Indices, bounds: Array, asked: Flags | None) -> Clusters:
     )
     whose = owner[first]
     wanted = np.ones(len(first), dtype=np.bool_) if asked is None else asked[whose]
-    return Clusters(np.append(first, len(owner)), whose, around, wanted)
+    return PatchClusters(np.append(first, len(owner)), whose, around, wanted)
 
 
-def _search(bounds: Array, clusters: Clusters) -> Callable[[int, int], Indices]:
+def _search(bounds: Array, clusters: PatchClusters) -> Callable[[int, int], Indices]:
     """Find (K, 2) patches of different owners whose bounds meet, of a piece of the clusters, in an
     order of its own."""
     axis = int(np.ptp(clusters.around[:, :3], axis=0).argmax())

@@ -1,4 +1,4 @@
-r"""One feather at two densities: nodes and directors of a fine grid from those of a coarse one.
+"""One feather at two densities: nodes and directors of a fine grid from those of a coarse one.
 
 A fine point is the coarse points' interpolation plus what that misses at rest, carried along by
 the interpolated frame of its row:
@@ -12,26 +12,39 @@ differentiable, local, and fixed, unlike monotone ones. frame(s) has the columns
 d3(s), all linear in the coarse points, and c is chosen so that the rest shape comes out. So the
 map is linear, the same for positions and their rates; rest shape and rigid motions are exact, and
 so is every barb of a coarse row that is a fine row, too. Barbs are a little longer or shorter than
-at rest then; lengths.py gives each piece its length.
+at rest then; carry_points gives each piece its length.
+
+Points of a feather carried to another grid, its barbs as long as at rest.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from featherfx.algebra.sparse import rows_of
-from featherfx.algebra.types import Indices
+from featherfx.feather.carry_kernels import (
+    LINE_WIDTH,
+    MovingPoints,
+    RowMapArrays,
+    carry_feather,
+    carry_feathers,
+)
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
     Array,
     Feather,
+    Indices,
     PointMap,
     RowMap,
+    RowPoints,
     barb_slice,
+    both,
 )
+from featherfx.jit.views import views_of
 
 
 def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:
@@ -74,7 +87,7 @@ class _Between:
     """Weights by which a fine feather's rows follow those of a coarse one next to them.
 
     Of N fine rows each takes from a window of w coarse ones alone. first: (N,) the first of those;
-    values, slopes: (N, w) weights of the shaft's; barbs: per side (N, w), of barbs' nodes.
+    values, slopes: (N, w) weights of the rachis'; barbs: per side (N, w), of barbs' nodes.
     """
 
     def __init__(self, coarse: Feather, fine: Feather, parts: bool) -> None:
@@ -224,3 +237,63 @@ def _reach(feather: Feather, side: int) -> Array:
     nodes = feather.rest.nodes
     end = barb_slice(side, feather.columns).stop - 1
     return np.asarray(np.linalg.norm(nodes[:, end] - nodes[:, 0], axis=1))
+
+
+def carry_points(to_fine: RowMap, points: RowPoints) -> RowPoints:
+    """Points on another grid, its barbs as long as at rest."""
+    still = both(np.zeros_like, points)
+    return carry_motion(to_fine, points, still, still)[0]
+
+
+def carry_motion(
+    to_fine: RowMap, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
+) -> MovingPoints:
+    """The same with their first and second rates."""
+    parts = points, velocities, accelerations
+    given = MovingPoints(*(both(np.ascontiguousarray, each) for each in parts))
+    found = _empty(to_fine)
+    carry_feather(_way(to_fine), given, np.zeros((to_fine.nodes.width, LINE_WIDTH)), found)
+    return found
+
+
+def _way(to_fine: RowMap) -> RowMapArrays:
+    return RowMapArrays(to_fine.nodes.matrix, to_fine.directors.matrix, to_fine.pieces)
+
+
+def _empty(to_fine: RowMap, *before: int) -> MovingPoints:
+    """Room for what is carried, with axes in front."""
+    shapes = [(*before, *each.shape) for each in (to_fine.nodes, to_fine.directors)]
+    return MovingPoints(*(RowPoints(*map(np.empty, shapes)) for _ in MovingPoints._fields))
+
+
+class PointCarrier:
+    """Carries feathers of one grid to another, each by a map of its own (F of them)."""
+
+    def __init__(self, maps: Sequence[RowMap]) -> None:
+        self._first = maps[0]
+        self._ways = views_of([_way(each) for each in maps])
+
+    def __call__(
+        self, some: Indices, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
+    ) -> MovingPoints:
+        """As carry_motion, of some (K,) of the feathers that are given (F, ...)."""
+        found = _empty(self._first, len(some))
+        lines = np.zeros((self._first.nodes.width, LINE_WIDTH))
+        given = MovingPoints(points, velocities, accelerations)
+        carry_feathers(self._ways.views, some, given, lines, found)
+        return found
+
+
+def max_distance(
+    coarse: Feather, fine: Feather, points: Sequence[RowPoints], wanted: Sequence[RowPoints]
+) -> float:
+    """m, largest distance of the nodes of a coarse feather from where a fine one has them, in any
+    of some poses; nodes of barbs that are not there do not count."""
+    to_coarse = density_map(fine, coarse)
+    grown = np.repeat(coarse.barb_length.T > 0.0, coarse.columns, axis=1)
+    there = np.concatenate([np.ones((coarse.rows, 1), dtype=np.bool_), grown], axis=1)
+    ways = [
+        np.linalg.norm(a.nodes - carry_points(to_coarse, b).nodes, axis=-1)[there].max()
+        for a, b in zip(points, wanted, strict=True)
+    ]
+    return float(max(ways))

@@ -1,7 +1,7 @@
 r"""The nodes of a grid as those of half its rows and columns, and small whole numbers for the rest.
 
 What feathers do between the nodes that are kept, they do smoothly, so these lead to all others. In
-the frame of its row, a barb's node x stands off the shaft r by what it does at rest and by d:
+the frame of its row, a barb's node x stands off the rachis r by what it does at rest and by d:
 
     r(i) = sum_k w_ik r_k + Q(i) (r0(i) - sum_k w_ik r0_k)
     x(i, j) = r(i) + Q(i) F0(i) (x0(i, j) + sum_kl w_ik v_jl d_kl)
@@ -32,7 +32,7 @@ _AT_ONCE = 128
 
 
 @dataclass(frozen=True)
-class Thinning:
+class ThinnedGrid:
     """The rows and nodes of a grid that are kept. rows: (n,). nodes: (1 + 2 k,), the rachis' first.
     along: (N, n) weights of the rows that are kept in all, and across: (1 + 2 m, 1 + 2 k) of the
     nodes."""
@@ -47,14 +47,16 @@ class Thinning:
         """Nodes of each barb that are kept."""
         return len(self.nodes) // 2
 
-    def kept(self, points: RowPoints) -> RowPoints:
+    def select(self, points: RowPoints) -> RowPoints:
         """Select the kept nodes and directors, or their rates."""
         nodes = points.nodes[..., self.rows[:, None], self.nodes, :]
         return RowPoints(nodes, points.directors[..., self.rows, :, :])
 
 
 @lru_cache(maxsize=256)
-def thinning(rows: int, columns: int, kept: tuple[int, int] | None = None) -> Thinning:
+def choose_rows_and_nodes(
+    rows: int, columns: int, kept: tuple[int, int] | None = None
+) -> ThinnedGrid:
     """Choose the rows and columns of a grid to keep. kept: how many of both, default: half of them,
     at least 3 and 1."""
     some, few = kept or (max(3, rows // 2), max(1, columns // 2))
@@ -64,7 +66,7 @@ def thinning(rows: int, columns: int, kept: tuple[int, int] | None = None) -> Th
     across = np.zeros((1 + 2 * columns, 1 + 2 * few))
     for side in range(2):
         across[1 + side * columns :, 1 + side * few :][:columns, :few] = over[1:, 1:]
-    return Thinning(
+    return ThinnedGrid(
         rows=chosen,
         nodes=np.concatenate([[0], barb, columns + barb]),
         along=hermite_weights(chosen.astype(float), np.arange(float(rows)))[0],
@@ -73,17 +75,17 @@ def thinning(rows: int, columns: int, kept: tuple[int, int] | None = None) -> Th
 
 
 def detail_of(
-    points: Sequence[RowPoints], rest: Sequence[RowPoints], lengths: Array, thin: Thinning
+    points: Sequence[RowPoints], rest: Sequence[RowPoints], lengths: Array, thin: ThinnedGrid
 ) -> NDArray[np.int32]:
     """(F, 3, N, 1 + 2 m) what the nodes that are kept miss of F feathers of one grid, in steps.
 
-    rest: of each, in any place. lengths: (F,) of their shafts.
+    rest: of each, in any place. lengths: (F,) of their rachises.
     """
     found = np.empty((len(points), 3, *points[0].nodes.shape[:2]), dtype=np.int32)
     for first in range(0, len(points), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         all_of = stacked(points[some])
-        nodes, frames = _led(thin.kept(all_of), stacked(rest[some]), thin)
+        nodes, frames = _led(thin.select(all_of), stacked(rest[some]), thin)
         steps = (all_of.nodes - nodes) @ frames
         steps /= (_DIFFERENCE_TIME * lengths[some])[:, None, None, None]
         # what is not finite is refused by its points
@@ -95,7 +97,7 @@ def detail_of(
 
 
 def restored(
-    kept: RowPoints, rest: RowPoints, lengths: Array, detail: NDArray[np.int32], thin: Thinning
+    kept: RowPoints, rest: RowPoints, lengths: Array, detail: NDArray[np.int32], thin: ThinnedGrid
 ) -> RowPoints:
     """All nodes and directors of F feathers again, from what is kept of them; as of detail_of."""
     nodes, frames = _led(kept, rest, thin)
@@ -104,10 +106,10 @@ def restored(
     return RowPoints(nodes, np.stack([frames[..., 1], frames[..., 2]], axis=-2))
 
 
-def _led(kept: RowPoints, rest: RowPoints, thin: Thinning) -> tuple[Array, Array]:
+def _led(kept: RowPoints, rest: RowPoints, thin: ThinnedGrid) -> tuple[Array, Array]:
     """Return all nodes (F, N, 1 + 2 m, 3) as those that are kept lead them, and frames of the
     rows."""
-    rest_kept, rest_frames = thin.kept(rest), _frames(rest.directors)
+    rest_kept, rest_frames = thin.select(rest), _frames(rest.directors)
     standing_off = _within(rest_frames, rest.nodes)
     deviation = _within(_frames(kept.directors), kept.nodes)
     deviation -= standing_off[:, thin.rows[:, None], thin.nodes]
@@ -119,25 +121,25 @@ def _led(kept: RowPoints, rest: RowPoints, thin: Thinning) -> tuple[Array, Array
     now, then = (_frames(_along(thin, each.directors)) for each in (kept, rest_kept))
     turns = now @ np.swapaxes(then, -1, -2)
     missed = rest.nodes[:, :, 0] - thin.along @ rest_kept.nodes[:, :, 0]
-    shaft = thin.along @ kept.nodes[:, :, 0] + (turns @ missed[..., None])[..., 0]
+    rachis = thin.along @ kept.nodes[:, :, 0] + (turns @ missed[..., None])[..., 0]
     frames = turns @ rest_frames
-    return shaft[:, :, None] + standing_off @ np.swapaxes(frames, -1, -2), frames
+    return rachis[:, :, None] + standing_off @ np.swapaxes(frames, -1, -2), frames
 
 
-def _along(thin: Thinning, directors: Array) -> Array:
+def _along(thin: ThinnedGrid, directors: Array) -> Array:
     """(F, N, 2, 3) directors of all rows from those that are kept, not yet of unit length."""
     count, rows = directors.shape[:2]
     return (thin.along @ directors.reshape(count, rows, 6)).reshape(count, -1, 2, 3)
 
 
 def _within(frames: Array, nodes: Array) -> Array:
-    """Nodes as seen from the shaft, in the frame of their row."""
+    """Nodes as seen from the rachis, in the frame of their row."""
     return np.asarray((nodes - nodes[:, :, :1]) @ frames)
 
 
 def _frames(directors: Array) -> Array:
-    """(..., 3, 3) orthonormal, its columns along the shaft, d2 and d3 of directors (..., 2, 3) that
-    are nearly so."""
+    """(..., 3, 3) orthonormal, its columns along the rachis, d2 and d3 of directors (..., 2, 3)
+    that are nearly so."""
     lateral, dorsal = directors[..., 0, :], directors[..., 1, :]
     lateral = lateral / _length(lateral)
     dorsal = dorsal - lateral * (lateral * dorsal).sum(axis=-1, keepdims=True)

@@ -25,7 +25,7 @@ _PARALLEL = 1e-14
 _END_SLACK = 1e-9
 
 
-def outline_fault(control: Outline) -> str:
+def describe_outline_fault(control: Outline) -> str:
     """Describe what is wrong with the control points themselves; empty if nothing is."""
     points = np.asarray(control, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
@@ -135,8 +135,8 @@ def distance_outside(curve: Array, points: Array) -> Array:
         nearest = np.sqrt(np.sum(gap * gap, axis=-1).min(axis=1))
         # The rachis closes the vane.
         low, high = curve[[0, -1], 0]
-        shaft = np.hypot(strays[:, 0] - np.clip(strays[:, 0], low, high), strays[:, 1])
-        distance[~inside] = np.minimum(nearest, shaft)
+        rachis = np.hypot(strays[:, 0] - np.clip(strays[:, 0], low, high), strays[:, 1])
+        distance[~inside] = np.minimum(nearest, rachis)
     return distance
 
 

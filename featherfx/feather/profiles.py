@@ -1,4 +1,13 @@
-"""Figures that change along the shaft and along the barbs, as factors place by place."""
+"""Profiles along rachis and barbs, as factors place by place, and the fraction of hooked barbules.
+
+What a strip between two rows has of the stiffness of a whole one is not the share in its middle.
+The barbs that it stands for hang one on the next, so compliances add up: over a strip from a to b
+
+    share = (b - a) / integral ds / h(s),    h the share along the rachis,
+
+and where some of them are loose, the next row hangs on nothing, however wide the strip is. Along a
+barb stiffnesses add up, and the middle of a triangle tells.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +38,59 @@ def middles(kind: FeatherKind, feather: Feather) -> tuple[Array, Array]:
 
 def in_cells(profile: Profile, kind: FeatherKind, feather: Feather) -> Array:
     """(n-1, m, 1) factors of a profile in the middle of each cell."""
-    shaft, barb = middles(kind, feather)
-    return np.outer(at_places(profile.rachis, shaft), at_places(profile.barb, barb))[..., None]
+    rachis, barb = middles(kind, feather)
+    return np.outer(at_places(profile.rachis, rachis), at_places(profile.barb, barb))[..., None]
 
 
 def barb_bending(vane: VaneMaterial, places: Array) -> Array:
     """(K,) factors of the bending of barbs at places (K,) from their roots."""
     thick = at_places(vane.thickness_profile.barb, places)
     return np.asarray(at_places(vane.along_barbs_profile.barb, places) * thick**3)
+
+
+# shares are not less along the rachis, so that loose barbs are compliant, not apart; what is left
+# of a strip then counts as nothing below this
+_MIN_FRACTION, _NOTHING = 1e-6, 1e-4
+
+
+def hooked_fraction(kind: FeatherKind, feather: Feather) -> Array:
+    """(2, n-1, m, 2) share of hooked barbules, 0 to 1, in the middle of each triangle.
+
+    feather: of that kind, at any size.
+    """
+    along_rachis, along_barb = middles(kind, feather)
+    sides = [
+        np.outer(
+            at_places(each.hooked.rachis, along_rachis), at_places(each.hooked.barb, along_barb)
+        )
+        for each in (kind.leading, kind.trailing)
+    ]
+    return np.repeat(np.stack(sides)[..., None], 2, axis=3)
+
+
+def hooked_stiffness(kind: FeatherKind, feather: Feather) -> Array:
+    """(2, n-1, m, 2) what is hooked has of each triangle's stiffness, 0 to 1."""
+    ends, (_, along_barb) = vane_shares(kind, feather.station), middles(kind, feather)
+    sides = [
+        np.outer(in_series(each.hooked.rachis, ends), at_places(each.hooked.barb, along_barb))
+        for each in (kind.leading, kind.trailing)
+    ]
+    return np.repeat(np.stack(sides)[..., None], 2, axis=3)
+
+
+def in_series(curve: Curve, ends: Array) -> Array:
+    """(n-1,) shares of the strips between places (n,), of what hangs one on the next."""
+    if not curve:
+        return np.ones(len(ends) - 1)
+    corners = np.array([place for place, _ in curve])
+    inside = (corners > ends[0]) & (corners < ends[-1])
+    places = np.unique(np.concatenate([ends, corners[inside]]))
+    share = np.maximum(at_places(curve, places), _MIN_FRACTION)
+    low, high = np.minimum(share[1:], share[:-1]), np.maximum(share[1:], share[:-1])
+    rise = high / low - 1.0
+    # of 1 / h where h is linear
+    mean = np.divide(np.log1p(rise), rise, out=np.ones_like(rise), where=rise > 0.0) / low
+    strip = np.searchsorted(ends, places[:-1], side="right") - 1
+    compliance = np.bincount(strip, np.diff(places) * mean, minlength=len(ends) - 1)
+    found = np.diff(ends) / compliance
+    return np.where(found < _NOTHING, 0.0, found)

@@ -1,4 +1,4 @@
-"""The shaft at rest: stations of the rows, positions, frames and sections."""
+"""The rachis at rest: stations of the rows, positions, frames and sections."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from featherfx.groom.types import FeatherKind
 
 @dataclass(frozen=True)
 class Rachis:
-    """The shaft sampled at n rows.
+    """The rachis sampled at n rows.
 
     station: (n,) m, arc length. position: (n, 3) m. frame: (n, 3, 3), columns d1, d2, d3.
     width, height: (n,) m, outer section along d2 and d3.
@@ -43,7 +43,7 @@ def row_stations(length: float, calamus: float, rows: int) -> tuple[Array, int]:
 
 
 def build_rachis(kind: FeatherKind, rows: int) -> Rachis:
-    """Sample the shaft of a kind at near-equal arc lengths; rows >= 3."""
+    """Sample the rachis of a kind at near-equal arc lengths; rows >= 3."""
     shape = kind.rachis
     station, first_vane_row = row_stations(kind.length, kind.calamus, rows)
     along = station / kind.length

@@ -11,7 +11,7 @@ from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
 from featherfx.feather.profiles import at_places
-from featherfx.feather.split_edges import SplitBarbs
+from featherfx.feather.splits import SplitBarbs
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
@@ -80,7 +80,7 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
     if kind.may_part:
         each = (np.repeat(station, len(along)), np.repeat(side, len(along)))
         flat = points.reshape(-1, 3)
-        strands = SplitBarbs.of(feather, *each, np.tile(along, len(station)), flat)
+        strands = SplitBarbs.from_curves(feather, *each, np.tile(along, len(station)), flat)
         points = _at_rest(feather, points_map, strands)
     return BarbCurves(
         points=points,
@@ -115,5 +115,5 @@ def _at_rest(feather: Feather, points_map: PointMap, strands: SplitBarbs) -> Arr
     parted = strands.parted(np.where(feather.split, 0.0, 1.0))
     if parted is None:
         return points
-    joined = parted.joined(points.reshape(-1, 3), parted.carried(feather.rest))
+    joined = parted.joined(points.reshape(-1, 3), parted.positions(feather.rest))
     return joined.reshape(points.shape)

@@ -10,7 +10,7 @@ Nodes of a row, 1 + 2 m for m columns a side, positions:
     1 .. m       leading barb nodes, root to end
     1+m .. 2m    trailing barb nodes, root to end
 Directors of a row, unit vectors: d2 (to the leading side, within the vane; to the trailing side on
-a mirrored feather) and d3 (dorsal); d1 = d2 x d3 is normal to the shaft's section.
+a mirrored feather) and d3 (dorsal); d1 = d2 x d3 is normal to the rachis' section.
 Every surface point is a node of its row, or stands off one along the directors, so that one map
 serves positions, velocities and accelerations.
 """
@@ -44,7 +44,7 @@ class RowPoints(NamedTuple):
     directors: Array
 
     @staticmethod
-    def of(rows: Array) -> RowPoints:
+    def from_rows(rows: Array) -> RowPoints:
         """Those of one array, as `rows` gives it."""
         return RowPoints(np.delete(rows, (1, 2), axis=-2), rows[..., 1:3, :])
 
@@ -100,11 +100,11 @@ class FeatherSurface:
         (rachis tube, closed at both ends).
     part: (T,) LEADING, TRAILING or RACHIS_PART.
     barb_direction: (T, 3) unit, rest direction of the triangle's barb, root to end, feather frame
-        (rachis triangles: along the shaft).
+        (rachis triangles: along the rachis).
     st: (V, 2) u from trailing edge (0) over the rachis (0.5) to the leading edge (1), v from
         base (0) to tip (1).
     lips: (L, 2) points that coincide while the vane is whole, of vanes that may split
-        (split_edges.py): the upper edge of a strip, and the barb above it, or -1 where
+        (splits.py): the upper edge of a strip, and the barb above it, or -1 where
         no strip begins with that barb.
     """
 
@@ -120,7 +120,7 @@ class FeatherSurface:
     def points(self, values: RowPoints | Array) -> Array:
         """(..., V, 3) surface points, or their rates. values: also as an array (RowPoints.rows)."""
         if isinstance(values, np.ndarray):
-            values = RowPoints.of(values)
+            values = RowPoints.from_rows(values)
         directors = values.directors[..., self.row, :, :]
         along, up = (self.offset[:, k, None] * directors[..., k, :] for k in range(2))
         return np.asarray(values.nodes[..., self.row, self.node, :] + along + up)
@@ -141,7 +141,7 @@ class Feather:
 
     rest: nodes and directors at rest.
     station: (n,) m, arc length of the rachis at the rows.
-    width, height: (n,) m, outer section of the shaft along d2 and d3.
+    width, height: (n,) m, outer section of the rachis along d2 and d3.
     barb_length: (2, n) m, leading and trailing, along the nodes: m segments of barb_length / m.
     barb_span: (2, n) m, length of rachis whose barbs the row's barb stands for (0 where there
         is no barb).
@@ -214,7 +214,7 @@ class BarbCurves:
 
     points: (B, K, 3) m, at rest, root first. widths: (B, K) m, diameters. side: (B,) LEADING or
     TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface. points_map: from the
-    simulated feather's rows (or rates) to points. strands: split_edges.SplitBarbs of the
+    simulated feather's rows (or rates) to points. strands: splits.SplitBarbs of the
     points, one curve after the other, of a vane that may part.
     """
 

@@ -2,7 +2,7 @@
 
 What presses on a place of a vane is air that flows around a stretch of it about as long as the vane
 is wide, not what a wave of a few barbs would turn aside for itself. With the normals of the surface
-a wave of wave number k, over which the wind goes along the shaft at U, is fed by
+a wave of wave number k, over which the wind goes along the rachis at U, is fed by
 
     rho C_n |u.n| U k
 
@@ -11,14 +11,14 @@ across its barbs holds it, nothing where they are loose. A plume then flutters i
 grids that have them, and the edge of a swan's vane snaps over otherwise on each grid (docs/log.md).
 A strip of width c that moves across itself by cos(k s) turns aside, in potential flow, all of
 pi rho c^2 / 4 a metre where waves are long and half of it at k c = 3.76, as air goes from crest to
-trough instead of around the edges. So normals n are evened out along the shaft (arc length s),
+trough instead of around the edges. So normals n are evened out along the rachis (arc length s),
 
     n' - d/ds (l^2 dn'/ds) = n,     dn'/ds = 0 at both ends of the vane,
 
 and scaled to length 1, with l = c / 3.76: waves 1.7 times as long as the vane is wide keep half of
 their slope, longer ones nearly all, shorter ones less by the square. c is 0.64 of the length of
 both barbs of a row together (0.61 to 0.67 in flight feathers and plumes). A vane that is straight
-along the shaft keeps its normals. The area of a place is what is seen of it along n'.
+along the rachis keeps its normals. The area of a place is what is seen of it along n'.
 """
 
 from featherfx.algebra.angle_kernels import cosine
@@ -113,14 +113,14 @@ def _joined(model, f, side, i):
 
 @kernel
 def _stands_for(model, f, i):
-    """Length of shaft that row i stands for (m)."""
+    """Length of rachis that row i stands for (m)."""
     own = 0.5 * model.length[f, i - 1] if i > 0 else 0.0
     return own + 0.5 * model.length[f, i] if i < model.length.shape[1] else own
 
 
 @kernel
 def _even_out(model, f, side, p, area, room, passed_on):
-    """Areas of one column of nodes, along the vane's normals evened out along the shaft.
+    """Areas of one column of nodes, along the vane's normals evened out along the rachis.
 
     The rows' equations are a tridiagonal system, solved from the base to the tip and back.
     area: (n, 1 + 2 m, 3), written. room: the same, scratch. passed_on: (n, 1 + 2 m), scratch.
@@ -153,7 +153,7 @@ def _even_out(model, f, side, p, area, room, passed_on):
 def vane_areas(model, f, points, area, room, passed_on):
     """Area of the vane around each node, seen along its normal there, times that normal.
 
-    area: (n, 1 + 2 m, 3) m^2, written; the shaft's own nodes have the normals of the surface. room:
+    area: (n, 1 + 2 m, 3) m^2, written; the rachis' own nodes have the normals of the surface. room:
     the same, scratch. passed_on: (n, 1 + 2 m), scratch.
     """
     area_vectors(points, model.cell_stiffness[f], area)

@@ -12,8 +12,13 @@ import numpy as np
 from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, rotation_vectors
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import dots
-from featherfx.feather.hooked import hooked_stiffness
-from featherfx.feather.profiles import at_places, barb_bending, in_cells, vane_shares
+from featherfx.feather.profiles import (
+    at_places,
+    barb_bending,
+    hooked_stiffness,
+    in_cells,
+    vane_shares,
+)
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
@@ -48,7 +53,7 @@ class _Constants(NamedTuple):
     twist_stiffness: Array
     mass: Array
     rotary_inertia: Array
-    shaft_area: Array
+    rachis_area: Array
     cell_guard: Array
 
 
@@ -84,7 +89,7 @@ _POWERS: dict[str, float | Array] = {
     "twist_stiffness": 3.0,
     "mass": 3.0,
     "rotary_inertia": 5.0,
-    "shaft_area": 2.0,
+    "rachis_area": 2.0,
     "retardation": 1.0,
     "cell_guard": np.array([3.0, 0.0]),
 }
@@ -234,7 +239,7 @@ def _constants(
         * bending[..., 0],
         mass=_mass(feather, kind, cell_area, length),
         rotary_inertia=_rotary_inertia(feather, kind, length),
-        shaft_area=feather.width * _row_length(length),
+        rachis_area=feather.width * _row_length(length),
         cell_guard=_guard(feather, kind, touching),
     )
 
@@ -242,7 +247,7 @@ def _constants(
 def _held(feather: Feather, kind: FeatherKind) -> Array:
     """(2, n-1, m, 2) share of each triangle's stiffness that its hooked barbules have."""
     if kind.vane_material.ribbon:
-        # its stiffness is all in the shaft's
+        # its stiffness is all in the rachis'
         return np.full(feather.cell.shape, MIN_HOOKED)
     return np.maximum(hooked_stiffness(kind, feather), MIN_HOOKED)
 
@@ -356,7 +361,7 @@ def _rachis_stiffness(feather: Feather, kind: FeatherKind, length: Array) -> Arr
 
 
 def _strip_width(feather: Feather, kind: FeatherKind) -> Array:
-    """(n-1,) m, of the ribbon that each element is, 0 where it is a shaft."""
+    """(n-1,) m, of the ribbon that each element is, 0 where it is a rachis."""
     if not kind.vane_material.ribbon:
         return np.zeros(feather.rows - 1)
     width = vane_width(feather)
@@ -409,7 +414,7 @@ def vane_mass(feather: Feather, kind: FeatherKind, cell_area: Array | None = Non
 
 
 def _rotary_inertia(feather: Feather, kind: FeatherKind, length: Array) -> Array:
-    """(n, 2) kg m^2: a director moves where the shaft turns about the other one."""
+    """(n, 2) kg m^2: a director moves where the rachis turns about the other one."""
     _, about_second, about_third = rachis_mass(feather.width, feather.height, kind.rachis_material)
     return np.stack([about_third, about_second], axis=1) * _row_length(length)[:, None]
 

@@ -72,8 +72,8 @@ class Model(NamedTuple):
     twist_rest: (F, 2, n-1, m, 2) 1 / A^(3/2) (1/m^3) and rest twist (vane_twist_kernels).
     twist_stiffness: (F, 2, n-1, m) N m, 4 D_66; 0 where a cell lacks a triangle.
     mass: (F, n, 1 + 2 m) kg, of the nodes.
-    rotary_inertia: (F, n, 2) kg m^2 of the shaft, carried by the directors.
-    shaft_area: (F, n) m^2, side area of the shaft that the row stands for, for air drag.
+    rotary_inertia: (F, n, 2) kg m^2 of the rachis, carried by the directors.
+    rachis_area: (F, n) m^2, side area of the rachis that the row stands for, for air drag.
     retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
     cell_guard: (F, 2, n-1, m, 2, 2), G (N m) and n of the compression guard (vane_guard_kernels),
     or (F, 0, 0, 0, 0, 0) where there is none. hooks: of the vane.
@@ -96,7 +96,7 @@ class Model(NamedTuple):
     twist_stiffness: Array
     mass: Array
     rotary_inertia: Array
-    shaft_area: Array
+    rachis_area: Array
     retardation: Array
     hooks: VaneHooks
     cell_guard: Array = np.zeros((0, 0, 0, 0, 0, 0))
@@ -124,7 +124,7 @@ class Model(NamedTuple):
     def some(self, feathers: slice | list[int]) -> Model:
         """The model of some of its feathers; numbers may repeat."""
         parts = {name: value[feathers] for name, value in self.arrays().items() if name != "shapes"}
-        return Model.of(parts | {"shapes": self.shapes})
+        return Model.from_arrays(parts | {"shapes": self.shapes})
 
     def arrays(self) -> dict[str, Any]:
         """All arrays by name, those of hooks as hooks.name."""
@@ -133,7 +133,7 @@ class Model(NamedTuple):
         return fields | {f"hooks.{name}": value for name, value in hooks.items()}
 
     @staticmethod
-    def of(arrays: Mapping[str, Any]) -> Model:
+    def from_arrays(arrays: Mapping[str, Any]) -> Model:
         """The model of its `arrays`."""
         fields = {name: value for name, value in arrays.items() if "." not in name}
         return Model(
@@ -192,7 +192,7 @@ class Loads(NamedTuple):
     """Loads on a batch during a step.
 
     gravity: (3,) m/s^2. air: (4,) air density kg/m^3, normal and tangential vane coefficients,
-    shaft coefficient. wind_mean: (F, 3) m/s, or (3,) for all feathers; wind_wave: (3, K) rad/m,
+    rachis coefficient. wind_mean: (F, 3) m/s, or (3,) for all feathers; wind_wave: (3, K) rad/m,
     wind_rate: (K,) rad/s, wind_amplitude: (3, K) m/s, wind_phase: (K,) rad: mean + sum amplitude
     cos(wave.x - rate t + phase). grip_node: (F, G, 2) row and node, row -1 for none.
     grip_start, grip_end: (F, G, 3) m, target at the frame's start and end. grip_stiffness: (F, G)

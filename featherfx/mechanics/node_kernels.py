@@ -30,12 +30,12 @@ from featherfx.jit.compiled import kernel
 
 
 @kernel
-def _air_factors(area, shaft, air, speed):
-    """(unit normal, 1/2 rho S C_n, 1/2 rho S C_t |u0|) at a point; shaft: m^2 of bare shaft."""
+def _air_factors(area, rachis, air, speed):
+    """(unit normal, 1/2 rho S C_n, 1/2 rho S C_t |u0|) at a point; rachis: m^2 of bare rachis."""
     size = length(area)
     half = 0.5 * air[0]
     normal = scale(1.0 / size if size > 0.0 else 0.0, area)
-    return normal, half * size * air[1], half * (size * air[2] + shaft * air[3]) * speed
+    return normal, half * size * air[1], half * (size * air[2] + rachis * air[3]) * speed
 
 
 @kernel
@@ -45,8 +45,8 @@ def _drag(model, loads, f, rate, point, around, i, p):
     i, p: row and node. The second derivative is b 1 + (a - b) n n^T; returns
     (D, gradient, a, b, n).
     """
-    shaft = model.shaft_area[f, i] if p == 0 else 0.0
-    n, normal, tangential = _air_factors(around.area[i, p], shaft, loads.air, around.speed[i, p])
+    rachis = model.rachis_area[f, i] if p == 0 else 0.0
+    n, normal, tangential = _air_factors(around.area[i, p], rachis, loads.air, around.speed[i, p])
     u = sub(scale(rate, sub(point, around.past.nodes[i, p])), around.wind[i, p])
     un = dot(u, n)
     t = sub(u, scale(un, n))

@@ -15,7 +15,7 @@ A rachis under a load p per length is a cantilever, too, whose tip goes down by
     d = integral_0^L M(s) (L - s) / EI(s) ds,     M(s) = integral_s^L p(t) (t - s) dt
 
 and at most by about its length. The rows are of second order: n of them miss c d / (n - 1)^2.
-c is 0.2 to 1.3 for points of the shaft, and up to 7 for those of broad vanes, whose outline the
+c is 0.2 to 1.3 for points of the rachis, and up to 7 for those of broad vanes, whose outline the
 rows cut (the shipped presets under gravity and ten times that, 6 to 21 rows against 81).
 """
 
@@ -99,8 +99,8 @@ def rachis_deflection(
         _, flat = strip_stiffness(width, kind.vane_material)
         bending = np.where(width[:, None] > 0.0, flat, bending)
     thick = kind.vane_material.thickness_profile
-    on_shaft = at_places(thick.rachis, vane_shares(kind, s))
-    density = kind.vane_material.surface_density * on_shaft * np.mean(at_places(thick.barb, _EVEN))
+    on_rachis = at_places(thick.rachis, vane_shares(kind, s))
+    density = kind.vane_material.surface_density * on_rachis * np.mean(at_places(thick.barb, _EVEN))
     load = line * acceleration + width * (density * acceleration + pressure)
     step = np.diff(s)
 

@@ -1,4 +1,4 @@
-"""Section of the shaft: a hollow ellipse of keratin cortex around a light core.
+"""Section of the rachis: a hollow ellipse of keratin cortex around a light core.
 
     area A = pi/4 w h,   I_2 = pi/64 w h^3,   I_3 = pi/64 h w^3,   J = pi/16 w^3 h^3/(w^2 + h^2)
 

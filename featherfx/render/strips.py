@@ -12,7 +12,7 @@ show, at most as many as a feather has barbs; each carries the numbers of the ba
 rays find these one by one, with their ends (barb_kernels.py).
 
 A vane that may part has two points where the upper edge of a strip of the mesh meets the next row
-(split_edges.py). Barbs between the two rows are those of P, and where the edge is d_j
+(splits.py). Barbs between the two rows are those of P, and where the edge is d_j
 away from the row they go along with it, by the part of the strip that lies below them.
 """
 

@@ -61,7 +61,7 @@ class Checkpoint:
         try:
             with np.load(path, allow_pickle=False) as file:
                 groups = range(int(file["groups"]))
-                states = tuple(State.of(_under(f"{k}.", file)) for k in groups)
+                states = tuple(State.from_arrays(_under(f"{k}.", file)) for k in groups)
                 starts = tuple(file[f"{k}.start"] for k in groups)
                 kept = {kind: _under(f"{kind}.", file) for kind in _KEPT}
                 index, wanted, replayed = int(file["index"]), file["wanted"], file["replayed"]

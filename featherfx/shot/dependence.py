@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Indices
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.files.content import digest, digests, members
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import is_guarded, may_slip
@@ -48,7 +48,7 @@ def motion_dependences(shot: Shot) -> list[str]:
     """Of every feather of a shot that is placed on its skin, in the groom's order: what its motion
     depends on before it is laid over others. Raises InputError for shapes that cannot be built,
     and for levels that cannot be."""
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     motion = root_motion(shot)
     plan = level_plan(shot, drawn, motion)
     common = digest(_common(shot))
@@ -69,7 +69,7 @@ def dependences(shot: Shot, laid: Laid | None = None, own: Sequence[str] = ()) -
     if shot.layers is None:
         return list(texts)
     if laid is None:
-        drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+        drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
         laid = Layers(shot, drawn, np.arange(len(drawn)), 1).laid
     return _with_those_beneath(shot, laid, texts)
 

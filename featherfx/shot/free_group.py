@@ -15,8 +15,7 @@ from featherfx.shot.motion.motion import root_path
 from featherfx.shot.motion.roots import Roots
 from featherfx.shot.settled import settled
 from featherfx.shot.types import Shot
-from featherfx.solver.overload import overload_describer
-from featherfx.solver.solver import RootPath, raise_if_failed
+from featherfx.solver.solver import RootPath, overload_describer, raise_if_failed
 
 
 class FreeRootPaths:

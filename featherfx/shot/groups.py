@@ -11,10 +11,8 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather.build import build_feather
-from featherfx.feather.density import scaled_map
-from featherfx.feather.lengths import Carrier
-from featherfx.feather.maps import unit_maps
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.density import PointCarrier, scaled_map
+from featherfx.feather.shapes import build_feathers, build_unit_maps
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.disk_cache import kept
 from featherfx.groom.presets.kinds import Change, adjusted
@@ -91,10 +89,10 @@ class Group:
         return self.resolution.level
 
     @cached_property
-    def carrier(self) -> Carrier | None:
+    def carrier(self) -> PointCarrier | None:
         """To the meshes' grid, where that is another one."""
         maps = [each for each in self.maps if each is not None]
-        return Carrier(maps) if maps else None
+        return PointCarrier(maps) if maps else None
 
     @property
     def flying(self) -> bool:
@@ -206,7 +204,7 @@ def _group(
     grid = resolution.rows, resolution.columns
     some = [drawn[i] for i in members]
     as_drawn = grid == (some[0].rows, some[0].columns)
-    feathers = some if as_drawn else feathers_of(placements, *grid)
+    feathers = some if as_drawn else build_feathers(placements, *grid)
     pushes = shot.contact is not None and key.island != ALONE
     model = model_of(placements, feathers, resolution, pushes)
     positions, rotations = motion.frames(time)
@@ -302,7 +300,7 @@ def model_of(
 
     inputs = [_constant(placement, unit) for placement, unit, _ in own]
     how = resolution.level, *grid, resolution.coefficients, touching
-    found = Model.of(kept("models", [inputs, *how], compute))
+    found = Model.from_arrays(kept("models", [inputs, *how], compute))
     model = found.some([number[shape] for shape in shapes])
     sizes = [1.0 if unit is None else p.size for p, unit in zip(placements, units, strict=True)]
     return resized(model, np.array(sizes)) if any(units) else model
@@ -410,7 +408,7 @@ def maps_between(
             shape = placement.prototype or placement.kind
             if (id(shape), placement.mirrored) not in known:
                 own[id(shape), placement.mirrored] = shape, placement.mirrored
-        known |= zip(own, unit_maps(tuple(own.values()), *grids), strict=True)
+        known |= zip(own, build_unit_maps(tuple(own.values()), *grids), strict=True)
     found: list[RowMap | None] = []
     for placement in placements:
         unit = known[id(placement.prototype or placement.kind), placement.mirrored]

@@ -7,8 +7,7 @@ import numpy as np
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.types import Array
 from featherfx.mechanics.model import Model
-from featherfx.solver.settle.reinitialise import set_pose
-from featherfx.solver.state import State, rest_state
+from featherfx.solver.state import State, rest_state, set_pose
 from featherfx.solver.work import make_gaps
 
 

@@ -16,10 +16,9 @@ import numpy as np
 from featherfx.feather.types import turned
 from featherfx.mechanics.model import Loads
 from featherfx.shot.motion.roots import RootFrames
-from featherfx.solver.overload import overload_describer
-from featherfx.solver.solver import Solver, State, raise_if_failed
+from featherfx.solver.solver import Solver, State, overload_describer, raise_if_failed
+from featherfx.solver.state import hold_roots
 from featherfx.solver.status import NO_REST
-from featherfx.solver.step.root_path import hold_roots
 
 # s of motion before the first frame, and of one of its intervals
 PRE_ROLL, INTERVAL = 0.5, 1.0 / 24.0

@@ -139,9 +139,9 @@ def shot_islands(shot: Shot) -> Indices:
 
 
 def _drawn(shot: Shot) -> list[Feather]:
-    from featherfx.feather.shapes import feathers_of
+    from featherfx.feather.shapes import build_feathers
 
-    return feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    return build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
 
 
 def _shares(shot: Shot, count: int) -> Indices:

@@ -13,7 +13,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem, SimulationError
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.model import Loads
 from featherfx.phases import counted
@@ -459,7 +459,7 @@ class Simulation:
 def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:
     """All feathers of a shot on the grid of its quality. Raises InputError."""
     rows, columns = shot.quality.rows, shot.quality.columns
-    return tuple(feathers_of(shot.groom.feathers, rows, columns))
+    return tuple(build_feathers(shot.groom.feathers, rows, columns))
 
 
 def simulate(

@@ -16,17 +16,16 @@ from featherfx.jit.compiled import compile_ahead, is_asked_for
 from featherfx.jit.threads import allowed
 from featherfx.limits import MOST_JOBS
 from featherfx.mechanics.model import Loads, Model, expand_wind, no_loads
-from featherfx.solver.settle.reinitialise import carry_to
-from featherfx.solver.settle.settle_kernels import SettleResult, make_mixing, settle_feathers
+from featherfx.solver.settle_kernels import SettleResult, make_mixing, settle_feathers
+from featherfx.solver.state import RootPath as RootPath
 from featherfx.solver.state import State as State
 from featherfx.solver.state import StepReport as StepReport
-from featherfx.solver.state import make_report, rest_state
+from featherfx.solver.state import carry_to, make_report, rest_state
+from featherfx.solver.state import hold_roots as hold_roots
 from featherfx.solver.status import CONVERGED, reason_of
-from featherfx.solver.step.batch_kernels import advance_feathers
-from featherfx.solver.step.frame_kernels import advance_feather
+from featherfx.solver.step.energy_kernels import elastic_energy
+from featherfx.solver.step.frame_kernels import advance_feather, advance_feathers
 from featherfx.solver.step.retry_kernels import StepSettings
-from featherfx.solver.step.root_path import RootPath as RootPath
-from featherfx.solver.step.root_path import hold_roots as hold_roots
 from featherfx.solver.step.start_kernels import start_acceleration
 from featherfx.solver.work import SolverScratch, make_scratch
 
@@ -51,18 +50,22 @@ _SETTLED_PER_PIECE, _SETTLED_NODES_PER_PIECE = 8, 2000
 # of the tolerance of a step, distance from the solution that counts as rest at most
 _REST_TOLERANCE_RATIO = 1e-2
 
+# J/kg, of keratin of 2.5 GPa (Bonser and Purslow 1995) and 1300 kg/m3 that is strained by a tenth
+# throughout, about where it breaks
+_BREAKING_ENERGY = 1e4
+
 
 @dataclass(frozen=True)
 class Settings:
     """Settings of the steps of a batch.
 
-    tolerance: m, local error of a step that the sub-stepping keeps to. newton: m, distance from a
-    step's solution that counts as converged. max_substeps: sub-steps of a frame at most, by default
+    tolerance: m, local error of a step that the substepping keeps to. newton: m, distance from a
+    step's solution that counts as converged. max_substeps: substeps of a frame at most, by default
     as many as its work allows (those that Newton cannot solve are cut further). max_iterations: of
     Newton, of one feather in one frame, those with a matrix at hand counted as quarters; one that
     needs more stops with a status. spectral_radius: at infinite frequency, 0 (most damping of what
     a step does not resolve) to 0.9 (energy is nearly conserved). At 1 nothing damps the constraint
-    of inextensible barbs and shafts, and the steps become unstable.
+    of inextensible barbs and rachises, and the steps become unstable.
     """
 
     tolerance: float = 1e-4
@@ -137,7 +140,7 @@ class Solver:
         A feather whose path begins elsewhere than its root is carried there first (see carry_to).
 
         feathers: indices to advance, all by default. A feather that cannot be solved stays at its
-        last good sub-step and has a status in the report: see raise_if_failed.
+        last good substep and has a status in the report: see raise_if_failed.
         """
         new = state.copy()
         carry_to(self.model.held, new, path)
@@ -157,7 +160,7 @@ class Solver:
     ) -> StepReport:
         """Advance feathers by a duration in s in place.
 
-        A feather that cannot be solved stays at its last good sub-step.
+        A feather that cannot be solved stays at its last good substep.
         """
         loads = expand_wind(loads, self.model.feathers)
         report = make_report(self.model.feathers)
@@ -260,3 +263,26 @@ def raise_if_failed(
     if len(bad) > 1:
         reason += f" (and {len(bad) - 1} more feathers)"
     raise SimulationError(names[first], float(time[first]), reason)
+
+
+def specific_energy(model: Model, state: State, f: int) -> float:
+    """Elastic energy of feather f over its mass, J/kg."""
+    strains, gaps = state.strains.at(f, 0), state.gaps_of(f)
+    energy = float(elastic_energy(model, f, strains, strains, gaps, 0.0))
+    return energy / float(model.mass[f].sum())
+
+
+def describe_overload(held: float) -> str:
+    """Describe the overload of a feather that holds so much (J/kg); empty where it is none."""
+    if not held > _BREAKING_ENERGY:
+        return ""
+    return (
+        f"its pose holds {held:.2g} J/kg, {held / _BREAKING_ENERGY:.2g} times what keratin breaks "
+        "at: look at how its root moves, at grips and forces, and at its stiffness"
+    )
+
+
+def overload_describer(model: Model, state: State) -> Callable[[int], str]:
+    """Return the function that describes the overload of feather f of a state, for
+    raise_if_failed."""
+    return lambda f: describe_overload(specific_energy(model, state, f))

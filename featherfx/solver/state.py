@@ -1,4 +1,4 @@
-"""Changing data of a batch, and what a step reports."""
+"""State of a batch, paths of its roots, what a step reports, and poses set from outside."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_to_quats
+from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
+from featherfx.algebra.rotation_kernels import conjugate, multiply, normalised
+from featherfx.algebra.types import Array, Flags
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps, Model
-from featherfx.solver.step.pose_kernels import rest_pose
+from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rest_pose
 from featherfx.solver.step.strain_kernels import Strains
-from featherfx.solver.work import make_gaps, make_points, make_pose, make_strains
-
-Array = NDArray[np.float64]
+from featherfx.solver.work import make_gaps, make_points, make_pose, make_scratch, make_strains
 
 
 class State(NamedTuple):
@@ -61,7 +61,7 @@ class State(NamedTuple):
 
     def part(self, some: slice) -> State:
         """Some feathers, the same memory."""
-        return State.of({name: array[some] for name, array in self.arrays().items()})
+        return State.from_arrays({name: array[some] for name, array in self.arrays().items()})
 
     def gaps_of(self, f: int) -> Gaps:
         """Gaps of one feather, the same memory."""
@@ -77,7 +77,7 @@ class State(NamedTuple):
         return {name: get(self) for name, get in _GETTERS.items()}
 
     @staticmethod
-    def of(arrays: Mapping[str, Array]) -> State:
+    def from_arrays(arrays: Mapping[str, Array]) -> State:
         """The state of its `arrays`; KeyError where one is missing."""
         fields: dict[str, Any] = {}
         for name, *within in _PATHS:
@@ -115,7 +115,7 @@ _GETTERS = {name: attrgetter(name) for name in map(".".join, _PATHS)}
 class StepReport(NamedTuple):
     """Counts and errors of one call, per feather: (F,) arrays.
 
-    steps, iterations, matrices, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
+    steps, iterations, matrices, rejected, failed, fallbacks: counts of accepted substeps, Newton
     iterations (linear solves), new matrices among them, steps repeated for their error, attempts
     that Newton gave up, implicit Euler steps. Of steps accepted because none shorter is allowed,
     forced: those whose local error is above the tolerance; passed, slipped: those in which loose
@@ -175,3 +175,90 @@ def rest_state(model: Model, positions: Array, rotations: Array) -> State:
     quats = frames_to_quats(np.asarray(rotations, dtype=float))
     rest_pose(model, roots, quats, state, make_pose(model))
     return state
+
+
+class RootPath(NamedTuple):
+    """Paths of the roots during a frame.
+
+    samples: (F, K, 6) position (m) and rotation vector (rad) relative to the first sample, at K
+    evenly spaced fractions of the frame. base: (F, 4) quaternion of the first sample.
+    """
+
+    samples: Array
+    base: Array
+
+    def part(self, some: slice) -> RootPath:
+        """The paths of some feathers, the same memory."""
+        return RootPath(self.samples[some], self.base[some])
+
+
+def hold_roots(state: State) -> RootPath:
+    """A path that keeps all roots where they are."""
+    samples = np.zeros((len(state.rotation), 2, 6))
+    samples[:, :, :3] = state.centre[:, None, 0]
+    return RootPath(samples, state.rotation[:, 0].copy())
+
+
+def set_pose(
+    model: Model,
+    state: State,
+    f: int,
+    frames: Array,
+    centres: Array,
+    coefficients: Array,
+    velocity: RowPoints,
+    time: float,
+) -> None:
+    """Put feather f of the state into a pose, in place.
+
+    frames: (n, 3, 3) row frames. centres: (n, 3) m. coefficients: (2, n, 2 C). velocity: of nodes
+    and directors. time: s. The first step then finds the accelerations that belong to pose and
+    velocity (featherfx/solver/step/start_kernels.py).
+    """
+    state.rotation[f] = along_rows(frames_to_quats(frames))
+    state.centre[f], state.coefficient[f] = centres, coefficients
+    for rate in state.rates():
+        rate[f] = 0.0
+    state.velocity.at(f).assign(velocity)
+    state.step[f] = state.proposal[f] = 0.0
+    state.time[f] = time
+    work = make_scratch(model)
+    load_pose(model, f, state, work.now)
+    complete_pose(model, f, work.now, work.around.reference)
+    state.points.at(f).assign(work.now.points)
+    for step in range(2):
+        state.strains.at(f, step).assign(work.now.strains)
+
+
+# m and rad; what a path may differ from the state by round-off
+_SAME_PLACE = 1e-9
+
+
+def carry_to(held: Flags, state: State, path: RootPath) -> None:
+    """Move held feathers (F,) rigidly, in place, to where their paths begin.
+
+    A jump in no time is a cut in the animation, not a motion: taken as one it would throw the
+    feather with its length over the step, and shorter steps would throw it harder. Velocities and
+    accelerations turn with the feather. Feathers that are there already are not touched.
+    """
+    move = np.abs(path.samples[:, 0, :3] - state.centre[:, 0])
+    near = np.abs(np.einsum("fk,fk->f", path.base, state.rotation[:, 0]))
+    if move.max(initial=0.0) <= _SAME_PLACE and near.min(initial=1.0) >= 1.0 - 0.125 * _SAME_PLACE:
+        return
+    cut = held & ((move.max(axis=1) > _SAME_PLACE) | (near < 1.0 - 0.125 * _SAME_PLACE))
+    for f in np.flatnonzero(cut):
+        _carry(int(f), state, path)
+
+
+def _carry(f: int, state: State, path: RootPath) -> None:
+    move = multiply(path.base[f], conjugate(state.rotation[f, 0]))
+    turn = quats_to_frames(np.array(move))
+    old, new = state.centre[f, 0].copy(), path.samples[f, 0, :3]
+    state.centre[f] = new + (state.centre[f] - old) @ turn.T
+    state.points.nodes[f] = new + (state.points.nodes[f] - old) @ turn.T
+    rates = *state.velocity, *state.acceleration, *state.smoothed, state.spin
+    for turned in (state.points.directors, *rates):
+        turned[f] = turned[f] @ turn.T
+    # the signs of neighbours belong together (rachis_kernels)
+    state.rotation[f] = [normalised(multiply(move, row)) for row in state.rotation[f]]
+    state.rotation[f, 0] = path.base[f]

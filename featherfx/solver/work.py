@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps, Model
-from featherfx.solver.step.banded_kernels import panel_shape
+from featherfx.solver.step.banded_kernels import MAX_SECANT_PAIRS, panel_shape
 from featherfx.solver.step.closing_kernels import MAX_FOLLOWED_CONTACTS
-from featherfx.solver.step.secant_kernels import MAX_SECANT_PAIRS
 from featherfx.solver.step.strain_kernels import Strains
 from featherfx.solver.vane.line_kernels import HINGE_SIZE, LANES, STRIP_SIZE
 
@@ -104,7 +103,7 @@ class CellScratch(NamedTuple):
 class VaneScratch(NamedTuple):
     """Stiffness of a vane's nodes, and sums of one row and side, w = 6 + 2 C.
 
-    blocks: (n, 2, 6, 3, 3 S), N/m, of pairs of nodes (vane/pairs_kernels), S at least m + 2 and a
+    blocks: (n, 2, 6, 3, 3 S), N/m, of pairs of nodes (vane/line_kernels), S at least m + 2 and a
     multiple of four. nodes: (n, 2, 3, S + 4) m and pull: (n, 2, 3, S + 4) N, gradient, of the nodes
     of all barbs, line by line. product: (w, 3 S) of one barb and sums: (w, w)
     (vane/assembly_kernels). tension: (m,) N.
@@ -169,7 +168,7 @@ class StoredMatrices(NamedTuple):
 
 class SolverScratch(NamedTuple):
     """now, trial: poses. around: StepEnvironment. system, vane: sums. secants
-    (MAX_SECANT_PAIRS, 3, N): steps since the matrix was made (secant_kernels). kept: that matrix.
+    (MAX_SECANT_PAIRS, 3, N): steps since the matrix was made (banded_kernels). kept: that matrix.
     spin (n, 3), coefficient_rate (2, n, 2 C): those of State in the step before the last. force (n,
     1 + 2 m, 3), stiff (n, 1 + 2 m, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints.
     jacobian (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element.

@@ -21,9 +21,8 @@ from featherfx.mechanics.model import no_loads
 from featherfx.solver.contact.interval import ContactSettings, ContactSolver, IntervalOptions
 from featherfx.solver.contact.types import Candidates
 from featherfx.solver.solver import Settings, Solver
-from featherfx.solver.state import rest_state
+from featherfx.solver.state import RootPath, hold_roots, rest_state
 from featherfx.solver.step.integrator_kernels import integrator_of
-from featherfx.solver.step.root_path import RootPath, hold_roots
 
 GRID = {"rows": 11, "columns": 4}
 PAIR = [(0, 1), (1, 0)]

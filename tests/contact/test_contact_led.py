@@ -9,7 +9,7 @@ from contact_cases import THICKNESS, free_feathers, solver_of
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.contact.interval import IntervalOptions, LedMotion
 from featherfx.solver.contact.surfaces import NEAR_ROOT, elastic_stiffness
-from featherfx.solver.step.root_path import hold_roots
+from featherfx.solver.state import hold_roots
 
 STEP, TOLERANCE = 1.0 / 48.0, 0.1 * THICKNESS
 # guest and host: what is between with those that are led

@@ -10,7 +10,7 @@ from trial_batches import preset_kind
 
 from featherfx.algebra.srgb import linear
 from featherfx.feather.build import build_feather
-from featherfx.feather.colours import colours_of
+from featherfx.feather.colours import colour_feather
 from featherfx.feather.render import barb_curves
 from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.looks import Colour, Pattern
@@ -24,7 +24,7 @@ def shades(*patterns, rows=81, columns=16, mirrored=False, **colour):
     """Points (V, 3) m, st (V, 2), light (V,) of the vanes of a white feather; the feather."""
     kind = replace(KIND, colour=Colour(base=WHITE, patterns=patterns, **colour))
     feather = build_feather(kind, rows, columns, mirrored)
-    found = colours_of(kind, feather, None, "one")
+    found = colour_feather(kind, feather, None, "one")
     surface = feather.surface
     vane = np.setdiff1d(surface.triangles[surface.part != RACHIS_PART], [])
     points = surface.points(feather.rest)
@@ -51,7 +51,7 @@ def test_bars_run_straight_across_a_feather_of_oblique_barbs():
         colour=Colour(base=WHITE, patterns=(bar(number=5, size=0.5),)),
     )
     feather = build_feather(kind, 201, 16)
-    light = colours_of(kind, feather, None, "one").points[:, 0]
+    light = colour_feather(kind, feather, None, "one").points[:, 0]
     points = feather.surface.points(feather.rest)
     vane = np.unique(feather.surface.triangles[feather.surface.part != RACHIS_PART])
     along = (points[vane, 0] / kind.length - kind.calamus) / (1.0 - kind.calamus)
@@ -94,7 +94,7 @@ def test_barbs_have_the_colours_of_the_vane_below_them():
     kind = replace(KIND, colour=Colour(base=WHITE, patterns=(bar(number=2, soft=1.0),)))
     feather = build_feather(kind, 81, 16)
     barbs = barb_curves(kind, (81, 16), 60, False)
-    found = colours_of(kind, feather, barbs, "one")
+    found = colour_feather(kind, feather, barbs, "one")
     surface = feather.surface
     vane = np.unique(surface.triangles[surface.part != RACHIS_PART])
     points = surface.points(feather.rest)[vane]
@@ -107,8 +107,8 @@ def test_brightness_goes_by_the_id_alone():
     colour = Colour(base=(0.5, 0.5, 0.5), brightness_variation=0.1)
     kind = replace(KIND, colour=colour)
     feather = build_feather(kind, 9, 3)
-    light = [colours_of(kind, feather, None, f"f{k}").points[0, 0] for k in range(400)]
-    again = colours_of(kind, feather, None, "f7").points[0, 0]
+    light = [colour_feather(kind, feather, None, f"f{k}").points[0, 0] for k in range(400)]
+    again = colour_feather(kind, feather, None, "f7").points[0, 0]
     assert again == light[7]
     plain = float(linear(np.array(0.5)))
     assert np.mean(light) == pytest.approx(plain, rel=0.02)

@@ -10,13 +10,14 @@ from places import SAMPLES
 from scipy.spatial.transform import Rotation
 
 import featherfx
-from featherfx.feather.build import build_feather, scaled
+from featherfx.feather.build import build_feather, scale_feather
 from featherfx.feather.density import (
+    carry_motion,
+    carry_points,
     density_map,
     hermite_weights,
     scaled_map,
 )
-from featherfx.feather.lengths import carried, carried_moving
 from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import RowPoints, barb_slice, both, turned
 from featherfx.shot.placement import place
@@ -132,17 +133,15 @@ def test_barbs_keep_their_lengths_on_another_grid_and_rates_are_those_of_the_pla
     before, now, after = (pose(0.4 + k * step) for k in (-1, 0, 1))
     rate = both(lambda a, b: (b - a) / (2.0 * step), before, after)
     second = both(lambda a, b, c: (a - 2.0 * b + c) / step**2, before, now, after)
-    points, rates, seconds = carried_moving(to_fine, now, rate, second)
+    points, rates, seconds = carry_motion(to_fine, now, rate, second)
     linear = to_fine(now).nodes
     assert np.abs(pieces(fine, linear) - 1.0).max() > 1e-3
     assert np.abs(pieces(fine, points.nodes) - 1.0).max() < 1e-12
     assert np.abs(points.nodes - linear).max() < 3e-3 * kind.length
-    a, b, c = (
-        carried_moving(to_fine, each, rate, second)[0].nodes for each in (before, now, after)
-    )
+    a, b, c = (carry_motion(to_fine, each, rate, second)[0].nodes for each in (before, now, after))
     assert rates.nodes == pytest.approx((c - a) / (2.0 * step), abs=1e-5)
     assert seconds.nodes == pytest.approx((a - 2.0 * b + c) / step**2, abs=1e-4)
-    assert carried(to_fine, coarse.rest).nodes == pytest.approx(fine.rest.nodes, abs=1e-14)
+    assert carry_points(to_fine, coarse.rest).nodes == pytest.approx(fine.rest.nodes, abs=1e-14)
 
 
 def test_interpolation_is_smooth_and_reproduces_parabolas():
@@ -179,7 +178,7 @@ def test_equal_grids_need_no_map(swan):
 
 def test_the_map_of_a_larger_feather_is_the_scaled_map(swan):
     small = [build_feather(swan, rows, columns) for rows, columns in ((9, 3), GRID)]
-    large = [scaled(each, 1.7) for each in small]
+    large = [scale_feather(each, 1.7) for each in small]
     unit, own = density_map(*small), density_map(*large)
     found, random = scaled_map(unit, 1.7, small[0].rows), np.random.default_rng(1)
     values = both(lambda part: random.normal(size=part.shape), small[0].rest)

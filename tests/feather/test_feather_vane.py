@@ -11,7 +11,12 @@ from feather_kinds import LEADING_VANE, NO_VANE, SWAN_PRIMARY, TRAILING_VANE, fe
 from featherfx.errors import InputError
 from featherfx.feather.barbs import interpolate_guides
 from featherfx.feather.build import build_feather
-from featherfx.feather.outline import distance_outside, outline_curve, outline_fault, ray_lengths
+from featherfx.feather.outline import (
+    describe_outline_fault,
+    distance_outside,
+    outline_curve,
+    ray_lengths,
+)
 from featherfx.feather.types import LEADING, TRAILING
 from featherfx.groom.types import BarbGuide, VaneShape
 
@@ -189,14 +194,14 @@ def test_a_barb_that_turns_back_across_the_rachis_is_named():
     ],
 )
 def test_faulty_outlines_are_described(outline, said):
-    assert said in outline_fault(outline)
+    assert said in describe_outline_fault(outline)
     shape = vane(outline, (0.0, 60.0, 0.0, 0.0))
     assert any(said in message for message in messages(feather_kind(shape, NO_VANE)))
 
 
 def test_a_sound_outline_has_no_fault():
-    assert outline_fault(LEADING_VANE.outline) == ""
-    assert outline_fault(TRAILING_VANE.outline) == ""
+    assert describe_outline_fault(LEADING_VANE.outline) == ""
+    assert describe_outline_fault(TRAILING_VANE.outline) == ""
 
 
 def test_all_faults_of_the_arguments_are_reported_together():

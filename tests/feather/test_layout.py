@@ -13,10 +13,10 @@ from scipy.optimize import minimize
 import featherfx
 from featherfx.algebra.rotation import frames_from
 from featherfx.errors import InputError, InputWarning
-from featherfx.feather.build import build_feather, repeated_shapes, scaled
+from featherfx.feather.build import build_feather, distinct_shapes, scale_feather
 from featherfx.feather.layout.layout import cover, laid_out, lay_out, measure_layout
 from featherfx.feather.layout.overlap import segment_distance, shingle_pairs, strips_of
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.files.disk_cache import nothing_kept
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import Change, adjusted, kind_of
@@ -124,7 +124,7 @@ def test_cleared_feathers_do_not_meet_as_meshes(kind):
     groom, _ = laid_out(groom_of(*field(kind, 4, 3)))
     meshes = []
     for feather in groom.feathers:
-        (built,) = feathers_of([feather], 21, 6)
+        (built,) = build_feathers([feather], 21, 6)
         vanes = built.surface.triangles[built.surface.part != 2]
         points = built.surface.points(built.points) @ feather.rotation.T + feather.position
         meshes.append(trimesh.Trimesh(points, vanes, process=False))
@@ -229,7 +229,7 @@ def test_a_grown_feather_is_not_pierced_by_the_skin_between_its_samples(kind, he
     feather = placed(kind, "a", (0, 0, 0), grown=True)
 
     def pierced(groom):
-        (built,) = feathers_of(groom.feathers, 21, 6)
+        (built,) = build_feathers(groom.feathers, 21, 6)
         vanes = built.surface.triangles[built.surface.part != 2]
         points = built.surface.points(built.points) @ groom.feathers[0].rotation.T
         vane = trimesh.Trimesh(points + groom.feathers[0].position, vanes, process=False)
@@ -281,7 +281,7 @@ def test_a_grown_feather_is_shortened_until_it_is_clear(kind):
     assert 0.2 < report.shortened[1] < 1.0
     short = result.feathers[1]
     assert short.kind.length == pytest.approx(report.shortened[1] * kind.length)
-    found = scaled(build_feather(short.prototype, 5, 2, False), short.size)
+    found = scale_feather(build_feather(short.prototype, 5, 2, False), short.size)
     assert found.points == pytest.approx(build_feather(short.kind, 5, 2, False).points)
     # no shorter than allowed
     _, report = laid_out(limited(groom, least_size=0.95))
@@ -376,7 +376,7 @@ def test_distance_of_segments():
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_scaled_feather_is_the_feather_of_the_scaled_kind(kind, mirrored):
     wanted = build_feather(adjusted(kind, Change(scale=1.7)), 11, 4, mirrored)
-    found = scaled(build_feather(kind, 11, 4, mirrored), 1.7)
+    found = scale_feather(build_feather(kind, 11, 4, mirrored), 1.7)
     names = ("station", "width", "height", "barb_length", "barb_span")
     for name in ("rest.nodes", "rest.directors", *names):
         ours, theirs = (attrgetter(name)(each) for each in (found, wanted))
@@ -394,7 +394,7 @@ def test_repeated_shapes(kind):
         placed(other, "c", (0, 0, 0)),
         placed(kind, "d", (0, 0, 0), mirrored=True),
     ]
-    assert repeated_shapes(feathers) == ([0, 2, 3], [0, 0, 1, 2])
+    assert distinct_shapes(feathers) == ([0, 2, 3], [0, 0, 1, 2])
 
 
 ROW = """

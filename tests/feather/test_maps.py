@@ -10,7 +10,7 @@ import pytest
 
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
-from featherfx.feather.maps import unit_maps
+from featherfx.feather.shapes import build_unit_maps
 from featherfx.groom.keys.problems import Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.read.read import groom_of
@@ -29,10 +29,10 @@ def shapes(monkeypatch, tmp_path):
 
 
 def test_maps_are_those_of_each_shape_and_the_same_when_they_are_read_again(shapes, monkeypatch):
-    first = unit_maps(shapes, COARSE, FINE)
+    first = build_unit_maps(shapes, COARSE, FINE)
     # what is kept needs no feather
-    monkeypatch.setattr("featherfx.feather.maps.build_feather", None)
-    for found in (first, unit_maps(shapes, COARSE, FINE)):
+    monkeypatch.setattr("featherfx.feather.shapes.build_feather", None)
+    for found in (first, build_unit_maps(shapes, COARSE, FINE)):
         for (kind, mirrored), own in zip(shapes, found, strict=True):
             coarse, fine = (build_feather(kind, *grid, mirrored) for grid in (COARSE, FINE))
             expected = density_map(coarse, fine)
@@ -40,4 +40,4 @@ def test_maps_are_those_of_each_shape_and_the_same_when_they_are_read_again(shap
                 assert a.shape == b.shape
                 assert np.array_equal(a, b)
             assert np.array_equal(own.pieces, expected.pieces)
-    assert unit_maps((), COARSE, FINE) == []
+    assert build_unit_maps((), COARSE, FINE) == []

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherfx.feather.build import build_feather, mirror_feather, scaled
-from featherfx.feather.split_edges import SplitEdges
+from featherfx.feather.build import build_feather, mirror_feather, scale_feather
+from featherfx.feather.splits import SplitEdges
 from featherfx.feather.types import TRAILING
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.splits import splits_of
@@ -36,10 +36,10 @@ def across(vectors, along):
 
 def gape(feather, node):
     """(L,) m, from lips that are open at rest across to the barbs above them, at a node."""
-    lips = SplitEdges.of(feather)
+    lips = SplitEdges.from_feather(feather)
     open_ = lips.open(np.where(feather.split, 0.0, 1.0)) & (lips.node == node)
     above = feather.rest.nodes[lips.row[open_] + 1, node - 1 : node + 1]
-    return across(above[:, 1] - lips.carried(feather.rest)[open_], above[:, 1] - above[:, 0])
+    return across(above[:, 1] - lips.positions(feather.rest)[open_], above[:, 1] - above[:, 0])
 
 
 @pytest.mark.parametrize(("rows", "within"), [(15, 0.2), (41, 0.1)])
@@ -73,7 +73,7 @@ def test_other_barbs_stay_and_keep_their_lengths():
 
 def test_mirrored_and_larger_feathers_have_the_same_splits():
     feather = build_feather(ONE, 21, 4)
-    other = scaled(mirror_feather(feather), 2.0)
+    other = scale_feather(mirror_feather(feather), 2.0)
     np.testing.assert_array_equal(other.split, feather.split)
     np.testing.assert_allclose(gape(other, 8), 2.0 * gape(feather, 8), rtol=1e-12)
 

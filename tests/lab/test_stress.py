@@ -10,16 +10,16 @@ from featherfx.lab.bench import stress
 from featherfx.lab.bench.cases import MAX_CASE_WORK, draw_case
 from featherfx.mechanics.model import no_loads
 from featherfx.shot.counts import Bounds, Counts
-from featherfx.solver.overload import overload_describer, specific_energy
 from featherfx.solver.solver import (
     MAX_FRAME_ITERATIONS,
     MAX_NEWTON_ITERATIONS,
     Settings,
     Solver,
+    overload_describer,
     raise_if_failed,
+    specific_energy,
 )
-from featherfx.solver.state import State, make_report
-from featherfx.solver.step.root_path import hold_roots
+from featherfx.solver.state import State, hold_roots, make_report
 
 SEEDS = range(1000, 1040)
 MOST_ROWS = 14
@@ -254,7 +254,7 @@ def test_a_feather_that_is_not_finite_does_not_stop_the_other():
         if name not in ("shapes", "hooks")
     }
     model = case.model._replace(**both)
-    state = State.of({n: np.repeat(a, 2, axis=0) for n, a in case.state.arrays().items()})
+    state = State.from_arrays({n: np.repeat(a, 2, axis=0) for n, a in case.state.arrays().items()})
     state.velocity.nodes[1] = np.nan
     loads, path = no_loads(2, (0.0, 0.0, -9.81)), hold_roots(state)
     new, report = Solver(model, Settings()).step(state, loads, path, 1e-3)

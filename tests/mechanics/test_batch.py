@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind
 
-from featherfx.feather.build import build_feather, scaled
-from featherfx.feather.hooked import hooked_stiffness
+from featherfx.feather.build import build_feather, scale_feather
+from featherfx.feather.profiles import hooked_stiffness
 from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape
@@ -229,7 +229,7 @@ def test_constants_of_similar_feathers_follow_from_their_size():
     built = build_feather(unit, 9, 3, True)
     one = with_damping(make_model([built] * 3, [unit] * 3, 1), [unit] * 3)
     found = resized(one, sizes).arrays()
-    feathers = [scaled(built, size) for size in sizes.tolist()]
+    feathers = [scale_feather(built, size) for size in sizes.tolist()]
     wanted = with_damping(make_model(feathers, kinds, 1), kinds).arrays()
     for name, values in wanted.items():
         # frequencies are found to 1e-6

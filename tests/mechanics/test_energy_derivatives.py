@@ -16,15 +16,15 @@ from trial_batches import barb_slopes, random_quat, rod, rotation_of, turned
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.barb_kernels import barb_points
 from featherfx.mechanics.barb_shapes import curvature_shapes
-from featherfx.mechanics.director_kernels import (
+from featherfx.mechanics.model import no_loads
+from featherfx.mechanics.node_kernels import node_energy, node_forces
+from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
+from featherfx.mechanics.row_kernels import (
     couple_energy,
     director_energy,
     subtract_couple_moments,
     subtract_director_moments,
 )
-from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.node_kernels import node_energy, node_forces
-from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
 from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
 from featherfx.mechanics.vane_twist_kernels import cell_twist, twist_slopes
@@ -153,7 +153,7 @@ class Nodes:
         shape = (2, 5)
         self.points = rng.normal(size=(*shape, 3))
         self.model = rod(2)._replace(
-            mass=rng.uniform(0.5, 1.5, (1, *shape)), shaft_area=rng.uniform(1, 2, (1, 2))
+            mass=rng.uniform(0.5, 1.5, (1, *shape)), rachis_area=rng.uniform(1, 2, (1, 2))
         )
         air, gravity = np.array([1.2, 1.5, 0.1, 1.1]), rng.normal(size=3)
         self.loads = no_loads(1)._replace(air=air, gravity=gravity)

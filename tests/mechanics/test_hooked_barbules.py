@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from featherfx.feather.build import build_feather
-from featherfx.feather.hooked import hooked_stiffness, in_series
+from featherfx.feather.profiles import hooked_stiffness, in_series
 from featherfx.groom.presets.kinds import blended
 from featherfx.groom.types import Hooked
 from featherfx.lab.feathers.feather import feather_kind

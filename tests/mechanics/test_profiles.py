@@ -10,7 +10,7 @@ from feather_kinds import LEADING_VANE, NO_VANE, SWAN_PRIMARY, TRAILING_VANE, fe
 from scipy.integrate import quad
 from trial_batches import assembled, at_origin, random_pose
 
-from featherfx.feather.build import build_feather, scaled
+from featherfx.feather.build import build_feather, scale_feather
 from featherfx.groom.materials import Profile
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.mechanics.barb_shapes import curvature_shapes
@@ -215,7 +215,7 @@ def test_uneven_feathers_of_other_sizes_follow_from_one():
     unit, size = uneven(), 2.5
     built = build_feather(unit, 9, 4)
     kind = adjusted(unit, Change(scale=size))
-    wanted = make_model([scaled(built, size)], [kind], 2)
+    wanted = make_model([scale_feather(built, size)], [kind], 2)
     assert_same(resized(make_model([built], [unit], 2), np.array([size])), wanted)
 
 

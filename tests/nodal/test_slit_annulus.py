@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from nodal_cases import at_rest, end_row_loads, isotropic
 
-from featherfx.feather.surface import vane_surface
 from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice
+from featherfx.feather.vane import vane_surface
 from featherfx.lab.feathers.strip import NO_SHAFT, strip_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver

@@ -7,8 +7,8 @@ import pytest
 from places import SAMPLES
 
 from featherfx.api import scene_readers
-from featherfx.feather.crossings import crossings_of, patches_of
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.crossings import find_intersections, make_patches
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.anatomy.drape import Body
 from featherfx.shot.motion.motion import root_motion
@@ -63,7 +63,7 @@ def test_wings_meet_the_body(owl):
     assert 0.0 < np.min(shafts) < 0.03
     # seen from above, the innermost vane lies over the trunk's side
     vane = next(f for f in inner if f.id == "left_wing_tertial_04")
-    (built,) = feathers_of([vane], 11, 4)
+    (built,) = build_feathers([vane], 11, 4)
     points = vane.position + built.surface.points(built.rest) @ vane.rotation.T
     corners = owl.skin.reshape(-1, 3)
     near = np.abs(points[:, None, 0] - corners[:, 0]) < 0.004
@@ -75,7 +75,7 @@ def test_coverts_lie_over_each_other_where_the_beat_folds_the_wing(owl, shot):
     """Rigid, in the plane of the wing: in frame 16, where elbow and wrist fold most, little more of
     them pass through each other than in frame 8."""
     own = [k for k, each in enumerate(owl.feathers) if "covert" in each.id and "wing" in each.id]
-    built = feathers_of([owl.feathers[k] for k in own], 11, 4)
+    built = build_feathers([owl.feathers[k] for k in own], 11, 4)
 
     def crossed(frame):
         roots = root_motion(shot).frames(shot.time_of(frame))
@@ -87,7 +87,7 @@ def test_coverts_lie_over_each_other_where_the_beat_folds_the_wing(owl, shot):
             (place, each.surface.triangles, each.surface.part == RACHIS_PART, number)
             for number, (place, each) in enumerate(zip(points, built, strict=True))
         ]
-        return len(crossings_of(np.concatenate(points), patches_of(meshes)).owners)
+        return len(find_intersections(np.concatenate(points), make_patches(meshes)).owners)
 
     assert crossed(16) < 1.3 * crossed(8) < 100
 

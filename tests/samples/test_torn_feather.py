@@ -8,7 +8,7 @@ from places import SAMPLES
 from split_vanes import compliance
 
 from featherfx import read_shot
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Gaps
 from featherfx.shot.simulate import simulate
@@ -48,7 +48,7 @@ def test_it_splits_in_three_places_from_the_edge(run):
 
 def test_opened_length_is_that_of_the_splits_and_all_of_it_heals(run):
     torn, preened, report = run
-    (feather,) = feathers_of(SHOT.groom.feathers[:1], SHOT.quality.rows, SHOT.quality.columns)
+    (feather,) = build_feathers(SHOT.groom.feathers[:1], SHOT.quality.rows, SHOT.quality.columns)
     half = 0.5 * feather.barb_length / feather.columns
     own = np.stack([half[:, :-1], half[:, 1:]], axis=-1)[:, :, None]
     length = float((own * (torn.hooked == 0.0)).sum())
@@ -72,7 +72,7 @@ def test_a_preened_vane_is_as_stiff_as_before(run):
     """Within 2 %, at the end of the barb above the first split; torn it was softer."""
     torn, preened, _ = run
     placement, quality = SHOT.groom.feathers[0], SHOT.quality
-    (feather,) = feathers_of([placement], quality.rows, quality.columns)
+    (feather,) = build_feathers([placement], quality.rows, quality.columns)
     model = make_model([feather], [placement.kind], 2)
     row = int(np.flatnonzero((torn.hooked == 0.0)[TRAILING].any(axis=(1, 2)))[0]) + 1
     whole = Gaps(*(np.zeros_like(array) for array in torn))

@@ -22,7 +22,7 @@ from shingled import (
 )
 
 from featherfx.algebra.rotation import frames_from, vectors_to_frames
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import both, stacked, turned
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.shot.frames import FeatherPose
@@ -49,7 +49,7 @@ def test_rims_that_cross_between_their_points_are_parted():
 def test_edges_that_lead_from_the_base_of_a_vane_are_looked_up():
     """Where a vane begins in a point its edges are long, and cross others between their nodes."""
     shot = shingles(2)
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     stack, vanes, rest = layers.shot_stack(shot, drawn)
     pose, scratch = pose_like(rest, vanes.present.shape), scratch_of(vanes, len(stack.pairs))
     lift_points_of_all(vanes, rest, pose, (0, len(drawn)))
@@ -88,7 +88,7 @@ def pushed_beneath_a_large_one(limb=(0, 0), depth=0.7, size=3.0, behind=1.0):
     poses, none = next(iter(simulate(replace(shot, layers=None)))).poses, np.zeros((0, 3))
     slant = frames_from((1.0, 0.0, 1.0), (-1.0, 0.0, 1.0))
     upper, lower = (replace(each, points=turned(slant.T, each.points)) for each in poses)
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage = layers.Layers(shot, drawn, np.arange(2), 1)
     plumage.vanes = plumage.vanes._replace(limb=np.array(limb))
     lay(plumage, [upper, lower], none, 0.0, 0.0)
@@ -125,7 +125,7 @@ def test_what_needs_a_lift_of_more_than_its_length_is_laid_all_the_same():
 def test_what_another_limb_carries_does_not_turn_where_a_feather_is_lifted():
     """A breast's feather swung to and fro over a beating wing that it had lain on."""
     shot = shingles(2)
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     stack, _, rest = layers.shot_stack(shot, drawn)
     upper, lower = stack.pairs[0]
     directors = rest.directors.copy()
@@ -164,7 +164,7 @@ def test_lifts_do_not_add_up_over_all_that_lie_beneath():
     """Follicles turn by 27 degrees, so that each feather of 24 is in those beneath it."""
     shot = shingles(24)
     poses, none = next(iter(simulate(replace(shot, layers=None)))).poses, np.zeros((0, 3))
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage = layers.Layers(shot, drawn, np.arange(len(poses)), 1)
     lay(plumage, poses, none, 0.0, 0.0)
     down, pressed = frames_from((1.0, 0.0, 0.5), (-0.5, 0.0, 1.0)), []
@@ -183,7 +183,7 @@ def test_lifts_do_not_add_up_over_all_that_lie_beneath():
 def test_what_moves_by_nanometres_stays_as_it_is_laid():
     """Wherever its points are: rounded to micrometres they once counted as moved over an edge."""
     shot, none, shake = shingles(12), np.zeros((0, 3)), np.random.default_rng(3)
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage, shown = layers.Layers(shot, drawn, np.arange(len(drawn)), 1), []
     for frame in range(6):
         given = []
@@ -204,7 +204,7 @@ def test_what_lies_askew_on_another_goes_up_with_it():
     """Of 12 feathers rolled by 35 degrees to either side in turn the lowest goes up by a twentieth
     of the length; lifted along their own dorsal sides the highest went up by twice the length."""
     shot, step, none = shingles(12), 0.01, np.zeros((0, 3))
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage, poses, given = layers.Layers(shot, drawn, np.arange(len(drawn)), 1), [], []
     for k, (one, feather) in enumerate(zip(shot.groom.feathers, drawn, strict=True)):
         for way, some in ((one, poses), (askew(one, k, 35.0), given)):
@@ -274,7 +274,7 @@ def test_a_feather_that_is_pushed_into_the_skin_is_laid_over_it():
     low = float(pose.points.nodes[..., 2].min())
     surfaces = SkinSurfaces((Sheet(low - 4e-3),), 0.0, 1.0, "", "")
     shot = replace(shot, skin=surfaces.bind(shot.groom))
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage = layers.Layers(shot, drawn, np.arange(1), 1)
     skin = plumage.skin(0.0)
     lay(plumage, [pose], skin, 0.0, 0.0)
@@ -292,7 +292,7 @@ def test_what_has_left_the_skin_is_not_lifted_to_the_planes_of_its_faces():
     length = shot.groom.feathers[0].kind.length
     low = float(pose.points.nodes[..., 2].min()) - 4e-3
     shot = replace(shot, skin=SkinSurfaces((Sheet(low),), 0.0, 1.0, "", "").bind(shot.groom))
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage = layers.Layers(shot, drawn, np.arange(1), 1)
     skin = plumage.skin(0.0)
     lay(plumage, [pose], skin, 0.0, 0.0)
@@ -305,7 +305,7 @@ def test_no_feather_is_lifted_by_more_than_twice_its_length():
     """The report says how many were lifted as far as that. Rolled by 50 degrees a feather has to be
     lifted by 1 / cos 50 of how deep it is in the skin."""
     shot = shingles(1)
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     one, length = shot.groom.feathers[0], float(np.diff(drawn[0].station).sum())
     rest = place(drawn[0].rest, one.position, one.rotation)
     rolled = place(drawn[0].rest, one.position, askew(one, 0, 50.0).rotation)
@@ -331,13 +331,13 @@ def test_no_feather_is_lifted_beyond_the_top_of_what_it_lies_over():
     kind = adjusted(under.kind, Change(scale=0.5))
     under = replace(under, kind=kind, prototype=None, rotation=steep, position=np.zeros(3), rank=0)
     grid = shot.quality.rows, shot.quality.columns
-    low = place(feathers_of((under,), *grid)[0].rest, under.position, under.rotation)
+    low = place(build_feathers((under,), *grid)[0].rest, under.position, under.rotation)
     high = low.rows()[-1, 0] + np.array([-0.17 * length, 0.0, 0.1 * length])
     way = np.array([0.02 * length, 0.0, -4.0 * THICKNESS])
     flat = [replace(each, position=high + (k + 6) * way) for k, each in enumerate(others)]
     feathers = (replace(over, position=high), under, *flat)
     shot = replace(shot, groom=replace(shot.groom, feathers=feathers))
-    drawn, given = feathers_of(feathers, *grid), []
+    drawn, given = build_feathers(feathers, *grid), []
     for sunk in (0.0, 0.2 * length):
         poses = []
         for one, feather in zip(feathers, drawn, strict=True):
@@ -375,7 +375,7 @@ class Ridge(Sheet):
 def test_skin_does_not_pass_between_the_nodes_of_a_feather_that_lies_on_it():
     """A ridge between two rows at rest, where the shaft's nodes are above the skin."""
     shot = shingles(1)
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     one = shot.groom.feathers[0]
     rest = place(drawn[0].rest, one.position, one.rotation)
     shaft = rest.nodes[:, 0]
@@ -445,7 +445,7 @@ def test_what_a_lift_takes_to_others_is_laid_over_these_as_well(monkeypatch, sam
     monkeypatch.setattr(layers, "stack_of", lambda *_: sorted_stack(pairs, order))
     shot, none = shingles(3), np.zeros((0, 3))
     poses = next(iter(simulate(replace(shot, layers=None)))).poses
-    drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage, rest, length = layers.Layers(shot, drawn, np.arange(3), 1), drawn[0].rest, 0.2
     edge = frames_from((1.0, 0.0, 0.0), (0.0, -0.7, 0.7))
     # boxes along the axes meet

@@ -10,7 +10,7 @@ from places import SAMPLES
 from featherfx.api import read_quality
 from featherfx.baking.pipeline import bake
 from featherfx.errors import InputError
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.groom.keys.preset import Quality
 from featherfx.lab.bench.front import Setting, at, errors, fine, run
 from featherfx.lab.bench.scenes import scene
@@ -62,7 +62,7 @@ def test_barbs_that_are_bent_as_far_as_they_are_long_take_more_rows_the_harder_t
     def rows(name):
         shot = scene(name)
         shot = replace(shot, quality=shot.quality.with_error(0.5))
-        feathers = feathers_of(shot.groom.feathers, 11, 4)
+        feathers = build_feathers(shot.groom.feathers, 11, 4)
         loads = load_estimate(shot, root_motion(shot))
         bent = deflections(shot, feathers, loads)
         assert bent[0].barb > feathers[0].barb_length.max()
@@ -109,7 +109,7 @@ def test_air_takes_longer_steps_and_wrung_vanes_more_rows():
     def wrung(way):
         grip = replace(shot.grips[0], displacement=shot.groom.feathers[0].rotation @ way)
         return deflections(
-            replace(shot, grips=(grip,)), feathers_of(shot.groom.feathers, 11, 4), loads
+            replace(shot, grips=(grip,)), build_feathers(shot.groom.feathers, 11, 4), loads
         )[0].wrung
 
     assert wrung(np.array([0.0, 0.05, 0.0]))
@@ -137,7 +137,7 @@ def test_rows_and_columns_that_are_asked_for_overrule_the_error():
     shot = scene("gust")
     quality = replace(read_quality("draft"), simulated_rows=7, simulated_columns=3)
     shot = replace(shot, quality=quality)
-    feathers = feathers_of(shot.groom.feathers, 11, 4)
+    feathers = build_feathers(shot.groom.feathers, 11, 4)
     loads = load_estimate(shot, root_motion(shot))
     for own in simulated_settings(shot, feathers, loads, deflections(shot, feathers, loads)):
         assert (own.rows, own.columns, own.coefficients) == (7, 3, 1)

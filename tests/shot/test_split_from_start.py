@@ -104,7 +104,7 @@ def test_drawn_barbs_gape_with_the_lips(tmp_path):
     strip = np.flatnonzero(feather.split[1].any(axis=(1, 2)))[0]
     assert set(parted.near.row) == {strip}
     whole = barbs.points_map(feather.rest).reshape(-1, 3)
-    joined = parted.joined(whole, parted.carried(feather.rest))
+    joined = parted.joined(whole, parted.positions(feather.rest))
     np.testing.assert_allclose(joined, barbs.points.reshape(-1, 3), atol=1e-15)
     untouched = np.setdiff1d(np.arange(len(whole)), parted.numbers)
     np.testing.assert_array_equal(joined[untouched], whole[untouched])

@@ -14,15 +14,14 @@ from featherfx.lab.bench.cases import crumple
 from featherfx.lab.rods.experiments import total_energy
 from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.solver.solver import Settings, Solver
-from featherfx.solver.state import rest_state
-from featherfx.solver.step.energy_promise_kernels import (
+from featherfx.solver.state import hold_roots, rest_state
+from featherfx.solver.step.energy_kernels import (
     EnergyBound,
     is_isolated,
     slow_down,
     solved_energy,
     stored_sums,
 )
-from featherfx.solver.step.root_path import hold_roots
 from featherfx.solver.work import make_scratch
 
 STILL = (0.0, 0.0, 0.0)

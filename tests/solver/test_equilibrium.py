@@ -8,7 +8,7 @@ from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, r
 
 from featherfx.mechanics.air_kernels import vane_areas
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.settle.settle_kernels import MIXING_DEPTH, MIXING_FRACTION, make_mixing, mix
+from featherfx.solver.settle_kernels import MIXING_DEPTH, MIXING_FRACTION, make_mixing, mix
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.status import CONVERGED, NO_REST
 from featherfx.solver.step.integrator_kernels import IntegratorFactors
@@ -126,7 +126,7 @@ def test_a_feather_at_rest_in_wind_balances_the_pressure_on_its_own_pose(wind):
         size = np.linalg.norm(area[i, p])
         n = area[i, p] / max(size, 1e-300)
         u = np.dot(wind, n)
-        shaft = model.shaft_area[0, i] if p == 0 else 0.0
+        shaft = model.rachis_area[0, i] if p == 0 else 0.0
         pressure[0, i, p] = 0.6 * size * AIR[1] * abs(u) * u * n
         along = np.array(wind) - u * n
         pressure[0, i, p] += 0.6 * (size * AIR[2] + shaft * AIR[3]) * speed * along

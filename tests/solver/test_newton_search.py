@@ -11,7 +11,7 @@ from trial_batches import at_origin, preset_batch
 
 from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED
-from featherfx.solver.step.energy_promise_kernels import EnergyBound
+from featherfx.solver.step.energy_kernels import EnergyBound
 from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import (
     MAX_SHIFT,

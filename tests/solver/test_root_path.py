@@ -7,8 +7,8 @@ import pytest
 from trial_batches import random_quat, rotation_of
 
 from featherfx.algebra.rotation import quats_to_frames
-from featherfx.solver.step.root_kernels import root_at
-from featherfx.solver.step.root_path import RootPath
+from featherfx.solver.state import RootPath
+from featherfx.solver.step.pose_kernels import root_at
 
 SHARES = np.linspace(0.0, 1.0, 23)
 

@@ -15,7 +15,7 @@ from featherfx.solver.solver import (
     step_settings,
 )
 from featherfx.solver.status import CONVERGED
-from featherfx.solver.step.batch_kernels import advance_feathers
+from featherfx.solver.step.frame_kernels import advance_feathers
 
 FRAME = 1.0 / 24.0
 # iterations that the step takes from the rigidly moved pose, and fewer

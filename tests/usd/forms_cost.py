@@ -16,7 +16,7 @@ import numpy as np
 from featherfx.api import read_groom
 from featherfx.baking.entries import entries_of
 from featherfx.feather.render import barb_curves
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import both
 from featherfx.shot.frames import FeatherPose, Frame
 from featherfx.usd.convert.rigid import export_rigid
@@ -41,7 +41,7 @@ FORMS = [
 def entries(count: int, grid: tuple[int, int], barbs: int) -> list[FeatherEntry]:
     groom = read_groom(GROOM)
     some = groom.feathers[0]
-    (built,) = feathers_of([some], *grid)
+    (built,) = build_feathers([some], *grid)
     curves = barb_curves(some.kind, grid, barbs, some.mirrored) if barbs else None
     (made,) = entries_of(type(groom)(**{**vars(groom), "feathers": (some,)}), [built], static=False)
     return [FeatherEntry(**{**vars(made), "id": f"f{k}", "barbs": curves}) for k in range(count)]

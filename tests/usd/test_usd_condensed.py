@@ -16,7 +16,7 @@ from featherfx.algebra.rotation import about_x
 from featherfx.baking.entries import drawn_entries, entries_of
 from featherfx.baking.options import DrawnOptions
 from featherfx.errors import InputError
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import RowPoints, both
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.read.cache import Cache
@@ -38,7 +38,7 @@ def entries():
     groom = featherfx.read_groom(SAMPLES / "swan_wing/groom.toml")
     chosen = replace(groom, feathers=groom.feathers[::6])
     assert {each.mirrored for each in chosen.feathers} == {True, False}
-    return entries_of(chosen, feathers_of(chosen.feathers, *GRID), static=False)
+    return entries_of(chosen, build_feathers(chosen.feathers, *GRID), static=False)
 
 
 def bent(rest: RowPoints, number: int) -> RowPoints:
@@ -234,7 +234,7 @@ def drawn(tmp_path_factory):
     quality = replace(featherfx.read_quality("draft"), rows=GRID[0], columns=GRID[1])
     names = [each.id for each in chosen.feathers]
     options = DrawnOptions(render_rows=47, render_columns=9, barbs=30)
-    coarse = entries_of(chosen, feathers_of(chosen.feathers, *GRID), static=False)
+    coarse = entries_of(chosen, build_feathers(chosen.feathers, *GRID), static=False)
     return coarse, drawn_entries(chosen, quality, options, names, None)
 
 

@@ -13,7 +13,7 @@ from places import SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.feather.crossing_kernels import triangles_cross
-from featherfx.feather.crossings import BODY, crossings_of, patches_of
+from featherfx.feather.crossings import BODY, find_intersections, make_patches
 from featherfx.usd.check.measures import count_crossings
 
 FLAT = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -38,7 +38,9 @@ def crossings(*meshes, owners=None, jobs=1):
         (points, triangles, np.zeros(len(triangles), bool), owner)
         for (points, triangles), owner in zip(meshes, owners, strict=True)
     ]
-    return crossings_of(np.concatenate([points for points, _ in meshes]), patches_of(parts), jobs)
+    return find_intersections(
+        np.concatenate([points for points, _ in meshes]), make_patches(parts), jobs
+    )
 
 
 def test_two_quads_that_cross():

@@ -12,11 +12,11 @@ import numpy as np
 from featherfx.algebra.raster import nodes_within
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
-from featherfx.feather.build import repeated_shapes
-from featherfx.feather.crossings import BODY, Patches, crossings_of, patches_of
+from featherfx.feather.build import distinct_shapes
+from featherfx.feather.crossings import BODY, TrianglePatches, find_intersections, make_patches
 from featherfx.feather.layout.move_kernels import all_gaps, count_cover
 from featherfx.feather.layout.overlap import Strips
-from featherfx.feather.shapes import built_shapes
+from featherfx.feather.shapes import build_shapes
 from featherfx.feather.types import RACHIS_PART, Feather
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Placement
@@ -126,7 +126,9 @@ class LayoutMeshes:
     (V, 3) in feather lengths. owner: (V,) whose each is, in order. skin: (S, 3) m, the last points
     of the patches, of BODY. Only what has moved since the last look is compared again."""
 
-    def __init__(self, points: Array, owner: Indices, skin: Array, patches: Patches) -> None:
+    def __init__(
+        self, points: Array, owner: Indices, skin: Array, patches: TrianglePatches
+    ) -> None:
         self._points, self._owner, self._patches = points, owner, patches
         self._first = np.flatnonzero(np.diff(owner, prepend=-1))
         self._world = np.concatenate([np.full_like(points, np.nan), skin])
@@ -146,7 +148,7 @@ class LayoutMeshes:
         moved = np.append(np.logical_or.reduceat(changed, self._first), False)
         kept = np.append(feathers.kept, True)
         jobs = os.cpu_count() or 1
-        again = crossings_of(world, self._patches, jobs, moved & kept).owners
+        again = find_intersections(world, self._patches, jobs, moved & kept).owners
         known = self._found[~moved[self._found].any(axis=1)]
         self._world, self._found = world, np.unique(np.concatenate([known, again]), axis=0)
         return self._found[kept[self._found].all(axis=1)]
@@ -161,9 +163,9 @@ def _vanes(feather: Feather, length: float) -> tuple[Array, Indices]:
 
 def _built_on(feathers: Sequence[Placement]) -> tuple[list[tuple[Feather, float]], Indices]:
     """The shapes of feathers, each with its length (m), and (F,) which is whose."""
-    first, shape = repeated_shapes(feathers)
+    first, shape = distinct_shapes(feathers)
     kinds = tuple((feathers[k].prototype or feathers[k].kind, feathers[k].mirrored) for k in first)
-    shapes = built_shapes(kinds, _ROWS, _COLUMNS)
+    shapes = build_shapes(kinds, _ROWS, _COLUMNS)
     built = [(each, kind.length) for each, (kind, _) in zip(shapes, kinds, strict=True)]
     return built, np.array(shape)
 
@@ -199,7 +201,7 @@ def meshes_of(feathers: Sequence[Placement], skin: Array | None) -> LayoutMeshes
     vanes = [_vanes(*each) for each in built]
     chosen = [vanes[k] for k in shape]
     parts = [(p, t, np.zeros(len(t), bool), f) for f, (p, t) in enumerate(chosen)]
-    patches = patches_of([*parts, (below, faces, np.zeros(len(faces), bool), BODY)])
+    patches = make_patches([*parts, (below, faces, np.zeros(len(faces), bool), BODY)])
     owner = np.repeat(np.arange(len(chosen)), [len(points) for points, _ in chosen])
     return LayoutMeshes(np.concatenate([points for points, _ in chosen]), owner, below, patches)
 

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.feather.lengths import farthest
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.density import max_distance
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.lab.bench.scenes import REFERENCE_ROWS, scene
@@ -117,7 +117,7 @@ def errors(one: FrontRun, reference: FrontRun) -> list[float]:
     """Per feather the largest distance of any point that one run simulates, at any frame, from
     where the reference has it, over the feather's length."""
     return [
-        farthest(own, reference.feathers[f], one.points[f], reference.points[f])
+        max_distance(own, reference.feathers[f], one.points[f], reference.points[f])
         / float(own.station[-1])
         for f, own in one.feathers.items()
     ]
@@ -128,7 +128,7 @@ def estimated_deflections(shot: Shot) -> list[Bends]:
     shot = replace(shot, quality=shot.quality.with_error(1.0))
     loads = load_estimate(shot, root_motion(shot))
     assert loads is not None
-    found = deflections(shot, feathers_of(shot.groom.feathers, 21, 6), loads)
+    found = deflections(shot, build_feathers(shot.groom.feathers, 21, 6), loads)
     lengths = [p.kind.length for p in shot.groom.feathers]
     return [
         each._replace(shaft=each.shaft / size, barb=each.barb / size)

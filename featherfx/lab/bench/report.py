@@ -128,7 +128,7 @@ def stress_page(stress: dict[str, Any]) -> str:
         " iterations were spent; violations: anything not finite,"
         " a changed input, energy that grew without work. Still cases: the root is held, the air"
         " still. Where all steps keep to the tolerance, kinetic and potential energy may ripple:"
-        " what the integrator held in its accelerations is explained (energy_promise_kernels)."
+        " what the integrator held in its accelerations is explained (energy_kernels)."
     )
     return (
         as_markdown(ResultTable("stress", "Stability", note, listed))

@@ -19,12 +19,20 @@ from featherfx.feather.types import both
 from featherfx.lab.bench.cases import Case, draw_case, pose_of
 from featherfx.lab.bench.hooked_cases import zipped
 from featherfx.mechanics.model import Loads, Model
-from featherfx.solver.overload import describe_overload, specific_energy
-from featherfx.solver.solver import COARSE_ERROR_RATIO, Solver, StepReport
+from featherfx.solver.solver import (
+    COARSE_ERROR_RATIO,
+    Solver,
+    StepReport,
+    describe_overload,
+    specific_energy,
+)
 from featherfx.solver.state import State
-from featherfx.solver.status import CONVERGED, TOO_MUCH_WORK, reason_of
-from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.step.energy_promise_kernels import stored_energy
+from featherfx.solver.status import (
+    CONVERGED,
+    TOO_MUCH_WORK,
+    reason_of,
+)
+from featherfx.solver.step.energy_kernels import elastic_energy, stored_energy
 
 # growth of energy that round-off and Newton's tolerance may cause, share of all energy there is
 ENERGY_SLACK = 1e-6
@@ -43,7 +51,7 @@ class CaseOutcome:
     steps, iterations, rejected, failed, fallbacks, forced: sums over the frames (StepReport).
     energy_gain: largest growth of kinetic and potential energy over a frame, share of all there is;
     None where work is done. unexplained_gain: the same without what the integrator had held in its
-    accelerations (solver/step/energy_promise_kernels.py), which frames with steps over the
+    accelerations (solver/step/energy_kernels.py), which frames with steps over the
     tolerance may not give back. unsolved: largest distance of a step from its solution, share of
     the length. violations: what must never happen and did. seconds: processor
     time.

@@ -25,8 +25,8 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require
-from featherfx.feather.surface import vane_surface
 from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice
+from featherfx.feather.vane import vane_surface
 from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import FeatherKind, RachisShape, VaneShape
 from featherfx.lab.declare import Range, out_of_range, value
@@ -36,8 +36,7 @@ from featherfx.lab.nodal.state import nodal_rest_state
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
-from featherfx.solver.state import rest_state
-from featherfx.solver.step.root_path import RootPath
+from featherfx.solver.state import RootPath, rest_state
 
 Scene = Literal["iso", "feather"]
 Kinematics = Literal["nodal", "barb-curvature"]

@@ -27,7 +27,7 @@ from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import add_increment, barb_jacobians
 from featherfx.solver.vane.assembly_kernels import add_rows
-from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, WHOLE_STIFFNESS
+from featherfx.solver.vane.line_kernels import FORCES_ONLY, WHOLE_STIFFNESS
 
 _FEATHERS = {"hero": (41, 10, 2), "production": (21, 6, 2)}
 _STEP, _STEPS = 1.0 / 384.0, 40  # s

@@ -18,7 +18,7 @@ from featherfx.lab.nodal.stencil_kernels import (
 from featherfx.mechanics.node_kernels import add_dead_forces, add_grip_forces, node_forces
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_normal_stiffness
-from featherfx.solver.vane.pairs_kernels import cell_nodes
+from featherfx.solver.vane.line_kernels import cell_nodes
 
 
 @kernel

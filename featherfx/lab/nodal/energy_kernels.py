@@ -12,10 +12,9 @@ from featherfx.jit.views import shaped
 from featherfx.lab.nodal.barb_stretch_kernels import stretch_strain
 from featherfx.lab.nodal.plate_kernels import hinge_of
 from featherfx.lab.nodal.turns_kernels import barb_turns, hinge_turns
-from featherfx.mechanics.director_kernels import couple_energy, director_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.rachis_kernels import rachis_strain
-from featherfx.mechanics.row_kernels import node_index
+from featherfx.mechanics.row_kernels import couple_energy, director_energy, node_index
 from featherfx.mechanics.vane_bending_kernels import wrapped
 from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.solver.step.strain_kernels import cell_strains

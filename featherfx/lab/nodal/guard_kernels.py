@@ -11,7 +11,7 @@ from featherfx.lab.nodal.stencil_kernels import add_element, add_stress
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_guard_kernels import guard_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_normal_stiffness
-from featherfx.solver.vane.pairs_kernels import cell_nodes
+from featherfx.solver.vane.line_kernels import cell_nodes
 
 
 @kernel

@@ -16,7 +16,7 @@ import numpy as np
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import Problem, require
-from featherfx.feather.hooked import hooked_stiffness
+from featherfx.feather.profiles import hooked_stiffness
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.nodal.plate import barb_hinges, hinge_places, oriented_hinges, plate_tables

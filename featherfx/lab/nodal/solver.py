@@ -20,7 +20,7 @@ from featherfx.lab.nodal.state import NodalState, NodalWork, make_nodal_work
 from featherfx.lab.nodal.step_kernels import NodalFrame, keep_state, load_state, nodal_advance
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.model import Loads, Model, expand_wind
-from featherfx.solver.settle.settle_kernels import (
+from featherfx.solver.settle_kernels import (
     FIRST_SETTLE_STEP,
     MAX_SETTLE_STEPS,
     MIN_SETTLE_STEP,
@@ -46,7 +46,7 @@ def nodal_settle(
 ) -> tuple[int, int]:
     """Bring feather f of the state to rest, in place, by ever longer implicit Euler steps.
 
-    As settle_some of solver/settle/settle_kernels.py, without its first long step. method: of its
+    As settle_feathers of solver/settle_kernels.py, without its first long step. method: of its
     steps. Returns (Newton status, iterations).
     """
     around, now = work.around, work.now

@@ -15,17 +15,17 @@ from featherfx.lab.nodal.barb_carried_kernels import begin_barb, begin_twist, ca
 from featherfx.lab.nodal.barb_stretch_kernels import stretch_gradient
 from featherfx.lab.nodal.energy_kernels import sections
 from featherfx.lab.nodal.turns_kernels import bend_nodes
-from featherfx.mechanics.director_kernels import (
-    add_director_stiffness,
-    subtract_couple_moments,
-    subtract_director_moments,
-)
 from featherfx.mechanics.rachis_kernels import (
     rachis_geometric_stiffness,
     rachis_gradient,
     rachis_stabilising_stiffness,
 )
-from featherfx.mechanics.row_kernels import node_index
+from featherfx.mechanics.row_kernels import (
+    add_director_stiffness,
+    node_index,
+    subtract_couple_moments,
+    subtract_director_moments,
+)
 
 
 @kernel

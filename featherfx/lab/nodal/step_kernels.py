@@ -17,8 +17,9 @@ from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.newton_kernels import Minimiser, gather, nodal_minimise, set_directors
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
+from featherfx.solver.state import RootPath
 from featherfx.solver.status import CONVERGED
-from featherfx.solver.step.energy_promise_kernels import EnergyBound
+from featherfx.solver.step.energy_kernels import EnergyBound
 from featherfx.solver.step.integrator_kernels import (
     EULER,
     NODE_POINTS,
@@ -30,7 +31,7 @@ from featherfx.solver.step.integrator_kernels import (
     step_error,
 )
 from featherfx.solver.step.newton_kernels import UNKNOWN_CONVERGENCE
-from featherfx.solver.step.pose_kernels import rotate_by
+from featherfx.solver.step.pose_kernels import root_at, rotate_by
 from featherfx.solver.step.retry_kernels import (
     EXTRAPOLATE,
     FOLLOW_ROOT,
@@ -45,8 +46,6 @@ from featherfx.solver.step.retry_kernels import (
     next_step,
     record_failure,
 )
-from featherfx.solver.step.root_kernels import root_at
-from featherfx.solver.step.root_path import RootPath
 from featherfx.solver.step.strain_kernels import difference_weights, set_reference
 
 # beside the ways of solver/step/retry_kernels.py: start at the last pose

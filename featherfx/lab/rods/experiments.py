@@ -33,7 +33,7 @@ from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.modes import first_frequency, frequencies
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
+from featherfx.solver.vane.line_kernels import FORCES_ONLY
 from featherfx.solver.work import SolverScratch, make_scratch
 
 # a Newton move that ends statics, as a share of the rod's length

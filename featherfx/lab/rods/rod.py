@@ -110,7 +110,7 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
         twist_stiffness=np.zeros((1, 2, rows - 1, 0)),
         mass=mass,
         rotary_inertia=np.repeat(mass * (_GYRATION * rod.length) ** 2, 2, axis=2),
-        shaft_area=np.zeros((1, rows)),
+        rachis_area=np.zeros((1, rows)),
         retardation=np.zeros((1, 2)),
         hooks=no_hooks(1, rows),
     )

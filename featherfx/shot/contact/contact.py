@@ -36,9 +36,8 @@ from featherfx.solver.contact.interval import ContactReport, ContactSettings, Co
 from featherfx.solver.contact.surfaces import grids_of, surfaces_of
 from featherfx.solver.contact.types import Candidates, ContactMemory
 from featherfx.solver.solver import Solver, StepReport
-from featherfx.solver.state import LARGEST_FIGURES, State
+from featherfx.solver.state import LARGEST_FIGURES, RootPath, State
 from featherfx.solver.status import MAX_INTERVAL_WORK
-from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

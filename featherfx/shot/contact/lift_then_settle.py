@@ -18,8 +18,7 @@ from featherfx.algebra.rotation import quats_to_frames, rotation_vectors, vector
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Model
 from featherfx.solver.contact.surfaces import Grids
-from featherfx.solver.state import State, rest_state
-from featherfx.solver.step.root_path import RootPath, hold_roots
+from featherfx.solver.state import RootPath, State, hold_roots, rest_state
 
 Array = NDArray[np.float64]
 

@@ -27,8 +27,7 @@ from featherfx.solver.contact.interval import (
     LedMotion,
 )
 from featherfx.solver.solver import StepReport
-from featherfx.solver.state import LARGEST_FIGURES, LONG_STEP_COUNTS, State
-from featherfx.solver.step.root_path import RootPath
+from featherfx.solver.state import LARGEST_FIGURES, LONG_STEP_COUNTS, RootPath, State
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

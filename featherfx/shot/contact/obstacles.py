@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather, RowMap, RowPoints, stacked
 from featherfx.mechanics.model import Loads, no_loads
 from featherfx.shot.detail.detail import Resolution
@@ -247,7 +247,7 @@ def _batch(shot: Shot, level: str, members: Indices, settings: Settings) -> Batc
     elsewhere. Their model tells contact where vanes are and how stiff; nothing is solved with it.
     """
     placements, grid = [shot.groom.feathers[f] for f in members.tolist()], _grid_of(shot)
-    feathers = feathers_of(placements, *grid)
+    feathers = build_feathers(placements, *grid)
     resolution = Resolution(level, *grid, 0, 1.0)
     model = model_of(placements, feathers, resolution, True)
     return Batch(level, members, feathers, Solver(model, settings))
@@ -268,7 +268,7 @@ def _guides_of(
     solved."""
     placements, (numbers, shapes) = shot.groom.feathers, followers
     own = [placements[f] for f in guides.tolist()]
-    seen = feathers_of(own, shapes[0].rows, shapes[0].columns)
+    seen = build_feathers(own, shapes[0].rows, shapes[0].columns)
     by_number = dict(zip(guides.tolist(), seen, strict=True))
     places = {}
     for b, group in enumerate(groups):

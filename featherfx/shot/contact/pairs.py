@@ -25,8 +25,7 @@ from featherfx.solver.contact.meeting_kernels import cover_ways, meeting
 from featherfx.solver.contact.search import Searcher
 from featherfx.solver.contact.surfaces import WALL_FIT, Grids, moving_bodies, no_memory
 from featherfx.solver.contact.types import Candidates, SearchSettings, VaneSurfaces
-from featherfx.solver.state import State
-from featherfx.solver.step.root_path import RootPath
+from featherfx.solver.state import RootPath, State
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

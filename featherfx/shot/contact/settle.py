@@ -29,10 +29,9 @@ from featherfx.solver.contact.interval import (
     IntervalOptions,
     LedMotion,
 )
-from featherfx.solver.contact.move_kernels import largest_moves
+from featherfx.solver.contact.meeting_kernels import largest_moves
 from featherfx.solver.solver import raise_if_failed
-from featherfx.solver.state import State
-from featherfx.solver.step.root_path import RootPath
+from featherfx.solver.state import RootPath, State
 
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]

@@ -26,8 +26,7 @@ from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputWarning
 from featherfx.mechanics.model import Loads
-from featherfx.solver.state import State
-from featherfx.solver.step.root_path import RootPath
+from featherfx.solver.state import RootPath, State
 
 # by which what acts may differ from what acted a cycle before, in SI units and of its size: skins
 # are sampled in single precision
@@ -142,7 +141,9 @@ class Cycle:
         self.played = bool(memory["played"])
         if "inputs" in memory:
             stacked = zip(*(memory[name] for name in State.names()), strict=True)
-            states = (State.of(dict(zip(State.names(), each, strict=True))) for each in stacked)
+            states = (
+                State.from_arrays(dict(zip(State.names(), each, strict=True))) for each in stacked
+            )
             self._changes.extend(memory["changes"])
             self._kept.extend(map(_Sample, states, memory["inputs"], memory["places"]))
 

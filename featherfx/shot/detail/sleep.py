@@ -15,8 +15,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags
 from featherfx.algebra.vectors import dots
 from featherfx.mechanics.model import Loads
-from featherfx.solver.state import State
-from featherfx.solver.step.root_path import RootPath
+from featherfx.solver.state import RootPath, State
 
 # over the tolerance, what a sleeping feather would move in a frame at most
 _MAX_MOTION_RATIO = 1e-3

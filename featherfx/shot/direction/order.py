@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.feather.shapes import feathers_of
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather, stacked
 from featherfx.files.content import members
 from featherfx.files.disk_cache import kept
@@ -79,7 +79,7 @@ def shares(shot: Shot, asked: Asked, posed: Posed) -> Array:
     inputs = [each for each in members(shot) if each[0] not in _NOT_POSED]
 
     def compute() -> dict[str, Any]:
-        drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+        drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
         limbs = limbs_of(shot.groom)
         # what presses a coat down leaves it in order
         coat = np.maximum(asked.angles, (0.0, -np.inf)) * np.equal(limbs, 0)[:, None]

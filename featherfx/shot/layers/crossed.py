@@ -9,7 +9,7 @@ import numpy as np
 
 from featherfx.algebra.types import Flags
 from featherfx.errors import InputWarning
-from featherfx.feather.crossings import crossings_of, patches_of
+from featherfx.feather.crossings import find_intersections, make_patches
 from featherfx.feather.types import RACHIS_PART, Feather
 from featherfx.groom.types import Placement
 from featherfx.shot.layers.types import Indices, Stack
@@ -29,7 +29,7 @@ def crossed_at_rest(
         vanes = surface.triangles[surface.part != RACHIS_PART]
         points.append(surface.points(place(feather.rest, own.position, own.rotation)))
         meshes.append((points[-1], vanes, np.zeros(len(vanes), dtype=np.bool_), number))
-    found = crossings_of(np.concatenate(points), patches_of(meshes), asked=touching)
+    found = find_intersections(np.concatenate(points), make_patches(meshes), asked=touching)
     pairs, laid = found.owners[found.vanes > 0], np.array([own.rank >= 0 for own in placements])
     first, second = np.sort(stack.pairs, axis=1).T
     known = np.isin(pairs @ [len(laid), 1], first * len(laid) + second)

@@ -25,7 +25,7 @@ from featherfx.shot.motion.keys import keyed
 from featherfx.shot.motion.limbs import carried, on_bones
 from featherfx.shot.motion.roots import SAMPLES, Roots, arrived
 from featherfx.shot.types import Motion, Shot
-from featherfx.solver.step.root_path import RootPath
+from featherfx.solver.state import RootPath
 
 
 def root_motion(shot: Shot) -> Roots:

@@ -21,7 +21,7 @@ from featherfx.jit.threads import allowed
 from featherfx.mechanics.model import Loads
 from featherfx.solver.contact.colour_kernels import islands_of, neighbours
 from featherfx.solver.contact.list_kernels import add_forces, list_by_body, soften
-from featherfx.solver.contact.move_kernels import largest_moves
+from featherfx.solver.contact.meeting_kernels import largest_moves
 from featherfx.solver.contact.run import BatchRun, Team, islands_before, no_colours
 from featherfx.solver.contact.search import ContactSearch, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
@@ -49,9 +49,8 @@ from featherfx.solver.contact.types import (
     Wall,
 )
 from featherfx.solver.solver import Solver, StepReport
-from featherfx.solver.state import State
+from featherfx.solver.state import RootPath, State
 from featherfx.solver.step.integrator_kernels import integrator_of
-from featherfx.solver.step.root_path import RootPath
 
 Flags = NDArray[np.bool_]
 

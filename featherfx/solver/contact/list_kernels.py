@@ -10,6 +10,8 @@ that a feather that slipped through comes back at a limited speed instead of bei
 
 Points count as on the widest grid of all bodies (surfaces.Grids). touch: contacts found (types),
 the first count of them.
+
+Data of the contacts of one search that the next one needs.
 """
 
 from featherfx.algebra.vec3_kernels import add, dot, scale, store, sub
@@ -308,3 +310,31 @@ def _plane(contact, sign, x, begin, slip, planes, to):
     store(planes.target[to, 1], sub(x, scale(sign, slip)))
     planes.offset[to, 0] = dot(normal, begin) - contact.start_gap
     planes.offset[to, 1] = dot(normal, x) - contact.gap
+
+
+@kernel
+def remember(touch, count, order, goes_on, key, force, side, wall):
+    """Write what the next search needs of contacts (ContactSearch.remembered); returns how many of
+    bodies are kept.
+
+    order: (N,) of Candidates. goes_on: whether an interval goes on, so that only forces tell sides.
+    Written: key, force and side of those kept, and wall, as of ContactMemory.
+    """
+    rows, columns = wall.shape[1], wall.shape[2]
+    kept = 0
+    for at in range(count):
+        contact = touch[at]
+        if contact.host < 0:
+            wall[contact.guest, contact.row, contact.column] = contact.guest_force
+            continue
+        held = contact.guest_force > 0.0 or contact.host_force > 0.0
+        if not goes_on:
+            # what is deep belongs on its side, whether it is pressed or not
+            deep = contact.gap < contact.spared
+            held = held or deep or contact.side != order[contact.pair]
+        if held:
+            key[kept] = (contact.pair * rows + contact.row) * columns + contact.column
+            force[kept, 0], force[kept, 1] = contact.guest_force, contact.host_force
+            side[kept] = contact.side
+            kept += 1
+    return kept

@@ -1,5 +1,8 @@
 """Broad phase of bodies: boxes sorted along one axis, each compared with those that begin before it
-ends (sweep and prune, Baraff 1992)."""
+ends (sweep and prune, Baraff 1992).
+
+Distances that bodies went in an interval.
+"""
 
 from __future__ import annotations
 
@@ -150,3 +153,18 @@ def _join(order, low, high, leader, kept):
             count += 1
     for box in range(leader.shape[0]):
         leader[box] = _leader_of(leader, box)
+
+
+@kernel
+def largest_moves(after, before, free, found):
+    """(B,) m, how far any node of each body that is free (B,) is in one pose (B, n, 1 + 2 m, 3)
+    from the other along an axis; no other has moved."""
+    for body in range(after.shape[0]):
+        found[body] = 0.0
+        if not free[body]:
+            continue
+        for i in range(after.shape[1]):
+            for p in range(after.shape[2]):
+                for k in range(3):
+                    way = abs(after[body, i, p, k] - before[body, i, p, k])
+                    found[body] = max(found[body], way)

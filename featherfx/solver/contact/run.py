@@ -25,16 +25,14 @@ from featherfx.solver.contact.sweep_kernels import (
     Sweep,
     solve_rounds,
 )
-from featherfx.solver.settle.reinitialise import carry_to
 from featherfx.solver.solver import (
     COARSE_ERROR_RATIO,
     HARD_STEP_WORK,
     MAX_NEWTON_ITERATIONS,
     Solver,
 )
-from featherfx.solver.state import State, StepReport, make_report
+from featherfx.solver.state import RootPath, State, StepReport, carry_to, make_report
 from featherfx.solver.step.retry_kernels import StepSettings
-from featherfx.solver.step.root_path import RootPath
 from featherfx.solver.work import make_matrices, make_scratch
 
 Array = NDArray[np.float64]

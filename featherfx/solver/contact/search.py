@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from featherfx.solver.contact.find_kernels import find_contacts, refit
 from featherfx.solver.contact.ground_kernels import find_ground_contacts
-from featherfx.solver.contact.memory_kernels import remember
+from featherfx.solver.contact.list_kernels import remember
 from featherfx.solver.contact.types import (
     CONTACT_DTYPE,
     Bytes,

@@ -44,7 +44,7 @@ class StateBuffers:
     def made(self, new: Callable[..., Any]) -> StateBuffer:
         """A room of arrays as np.empty or np.zeros makes them."""
         states = [
-            State.of({name: new(shape, dtype) for name, shape, dtype in forms})
+            State.from_arrays({name: new(shape, dtype) for name, shape, dtype in forms})
             for forms in self._forms
         ]
         addresses = [[each.ctypes.data for each in state.arrays().values()] for state in states]

@@ -8,11 +8,6 @@ from featherfx.mechanics.contact_kernels import (
     add_contact_stiffness,
     press,
 )
-from featherfx.mechanics.director_kernels import (
-    add_director_stiffness,
-    subtract_couple_moments,
-    subtract_director_moments,
-)
 from featherfx.mechanics.node_kernels import add_dead_forces, add_grip_forces, node_forces
 from featherfx.mechanics.rachis_kernels import (
     rachis_geometric_stiffness,
@@ -20,6 +15,11 @@ from featherfx.mechanics.rachis_kernels import (
     rachis_stabilising_stiffness,
 )
 from featherfx.mechanics.ribbon_kernels import add_curl_stiffness, add_curl_stress
+from featherfx.mechanics.row_kernels import (
+    add_director_stiffness,
+    subtract_couple_moments,
+    subtract_director_moments,
+)
 from featherfx.mechanics.turn_guard_kernels import (
     add_turn_guard_stiffness,
     add_turn_guard_stress,
@@ -27,9 +27,9 @@ from featherfx.mechanics.turn_guard_kernels import (
 from featherfx.solver.step.closing_kernels import followed_contacts
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes
 from featherfx.solver.vane.assembly_kernels import add_rows, subtract_barb_forces
-from featherfx.solver.vane.crushed_hinge_kernels import add_crushed_hinges
 from featherfx.solver.vane.force_kernels import add_vane_forces
-from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, WHOLE_STIFFNESS, damped_stress
+from featherfx.solver.vane.hinge_kernels import add_crushed_hinges
+from featherfx.solver.vane.line_kernels import FORCES_ONLY, WHOLE_STIFFNESS, damped_stress
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Cholesky factor of a symmetric banded matrix, in place.
+"""Symmetric banded systems: Cholesky factor, secant corrections, and lowest mode.
 
 Storage: band (N, B + 1), band[j, d] = A[j + d, j], so that the column below the diagonal is
 contiguous; entries beyond the last row are zero. Columns are eliminated in blocks: a block is
@@ -6,10 +6,23 @@ copied to a panel that lines its columns up row by row, factored there, copied b
 every later column in one pass, two columns at a time, so that an entry is read and written once for
 the whole block. Rows are taken four by four (lanes); what lies beyond a column's end gets zeros
 subtracted.
+
+A step s after which the gradient has changed by y tells the true matrix H along s: H s = y. The
+inverse of the earlier matrix A, corrected so that it agrees with all steps since, is that of BFGS.
+It is applied by two loops over the pairs (s, y), with A^-1 between them:
+
+    a_i = s_i.x / s_i.y_i,    x := x - a_i y_i                  newest pair first
+    x := A^-1 x
+    x := x + (a_i - y_i.x / s_i.y_i) s_i                        oldest pair first
+
+Source: Nocedal 1980. Every s.y must be positive; then the corrected matrix is definite if A is.
+
+secants: (MAX_SECANT_PAIRS, 3, N), of each pair s, y, and in the third row a and s.y.
 """
 
 from math import sqrt
 
+from featherfx.algebra.array_kernels import add_scaled, copy_values, product
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import load, put, spread
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
@@ -229,3 +242,86 @@ def solve_factored(band, x):
         x[j] = value / band[j, 0]
     for block in range(blocks - 1, -1, -1):
         _backward(band, 4 * block, x)
+
+
+MAX_SECANT_PAIRS = 6
+_STEP, _CHANGE, _SUMS = 0, 1, 2
+
+
+@kernel
+def begin_pair(pair, right, secants):
+    """Keep minus the gradient (N,) where a step begins."""
+    copy_values(right, secants[pair, _CHANGE])
+
+
+@kernel
+def store_step(pair, step, secants):
+    """Keep the step (N,) itself."""
+    copy_values(step, secants[pair, _STEP])
+
+
+@kernel
+def end_pair(pair, right, secants):
+    """Complete a pair by minus the gradient (N,) where the step has led; returns s.y > 0."""
+    change = secants[pair, _CHANGE]
+    for k in range(right.shape[0]):
+        change[k] -= right[k]
+    work = product(secants[pair, _STEP], change)
+    secants[pair, _SUMS, 1] = work
+    return work > 0.0
+
+
+@kernel
+def solve_corrected(band, count, secants, x):
+    """As banded_kernels.solve_factored, corrected by the first count pairs."""
+    for back in range(count):
+        pair = secants[count - 1 - back]
+        pair[_SUMS, 0] = product(pair[_STEP], x) / pair[_SUMS, 1]
+        add_scaled(-pair[_SUMS, 0], pair[_CHANGE], x)
+    solve_factored(band, x)
+    for i in range(count):
+        pair = secants[i]
+        factor = pair[_SUMS, 0] - product(pair[_CHANGE], x) / pair[_SUMS, 1]
+        add_scaled(factor, pair[_STEP], x)
+
+
+# iterations at most; change of the quotient, part of it, that ends them
+_MAX_ITERATIONS, _QUOTIENT_TOLERANCE = 100, 1e-9
+
+
+@kernel
+def _times(band, x, image):
+    """Symmetric band (N, B + 1), as of banded_kernels, times x (N,), to image (N,)."""
+    size, width = band.shape
+    image[:] = 0.0
+    for j in range(size):
+        for d in range(min(width, size - j)):
+            image[j + d] += band[j, d] * x[j]
+            if d > 0:
+                image[j] += band[j, d] * x[j + d]
+
+
+@kernel
+def lowest_quotient(stiffness, mass, factor, panel, mode, image):
+    """Smallest stiffness over mass, 1/s^2; 0 where the stiffness is not positive definite.
+
+    stiffness, mass: bands (N, B + 1). factor, panel: scratch of factorise. mode: (N,), first guess,
+    becomes the mode. image: (N,) scratch.
+    """
+    copy_values(stiffness, factor)
+    if not factorise(factor, panel):
+        return 0.0
+    quotient = 0.0
+    for _ in range(_MAX_ITERATIONS):
+        _times(mass, mode, image)
+        copy_values(image, mode)
+        solve_factored(factor, mode)
+        _times(mass, mode, image)
+        square, before = product(mode, image), quotient
+        _times(stiffness, mode, image)
+        quotient = product(mode, image) / square
+        for k in range(mode.shape[0]):
+            mode[k] /= square**0.5
+        if abs(quotient - before) <= _QUOTIENT_TOLERANCE * quotient:
+            break
+    return quotient

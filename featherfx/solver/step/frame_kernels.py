@@ -1,4 +1,7 @@
-"""One feather through one frame: error-controlled implicit steps, entirely compiled."""
+"""One feather through one frame: error-controlled implicit steps, entirely compiled.
+
+Several feathers of a batch through one frame, one after the other, in one call from Python.
+"""
 
 from featherfx.algebra.array_kernels import copy_values
 from featherfx.algebra.rotation_kernels import (
@@ -15,10 +18,10 @@ from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, GREW, NOT_CONVERGED, TOO_MUCH_WORK
-from featherfx.solver.step.energy_kernels import damped_energy
-from featherfx.solver.step.energy_promise_kernels import (
+from featherfx.solver.step.energy_kernels import (
     begin_bound,
     bound_step,
+    damped_energy,
     slow_down,
     solved_energy,
     update_bound,
@@ -56,6 +59,7 @@ from featherfx.solver.step.pose_kernels import (
     load_pose,
     place_points,
     rebuild_centres,
+    root_at,
     rotate_by,
 )
 from featherfx.solver.step.retry_kernels import (
@@ -75,9 +79,10 @@ from featherfx.solver.step.retry_kernels import (
     min_step_length,
     next_step,
     record_failure,
+    scale_settings,
     work_after_failure,
 )
-from featherfx.solver.step.root_kernels import root_at
+from featherfx.solver.step.start_kernels import start_acceleration
 from featherfx.solver.step.strain_kernels import (
     copy_strains,
     difference_weights,
@@ -361,3 +366,17 @@ def advance_feather(model, loads, f, path, state, settings, work, report):
     if work.kept.plain.shape[0] > 0:
         store_convergence(found, work.kept.pace)
     return CONVERGED
+
+
+@kernel
+def advance_feathers(model, loads, feathers, path, state, frame, work, report):
+    """Bring feathers (K,) of the state through one frame, in place; those whose steps are yet to
+    begin get their accelerations first.
+
+    frame: StepSettings whose coarse is a part of a feather's length. Others as in advance.
+    """
+    for f in feathers:
+        settings = scale_settings(frame, model.length[f])
+        if state.step[f] == 0.0:
+            start_acceleration(model, loads, f, path, settings, state, work)
+        advance_feather(model, loads, f, path, state, settings, work, report)

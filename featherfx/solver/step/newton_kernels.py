@@ -12,7 +12,7 @@ turn: beyond a whole one the same places come again, where the barb is wound up 
 energy is where the next steps do not look.
 
 A new matrix costs four times what a gradient and a solution do. So it is kept, corrected by what
-the steps since have shown (secant_kernels), for as long as each full step is less than
+the steps since have shown (banded_kernels), for as long as each full step is less than
 _MAX_REUSE_CONTRACTION of the one before; after a step that had to be cut, or with a matrix that was
 not the whole one, the next is new. Contacts that open or close on the way ask for no other matrix
 (closing_kernels). The next steps of the frame begin with it as well while their inertia is within
@@ -38,7 +38,14 @@ from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.row_kernels import copy_points
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.assembly_kernels import assemble
-from featherfx.solver.step.banded_kernels import factorise
+from featherfx.solver.step.banded_kernels import (
+    MAX_SECANT_PAIRS,
+    begin_pair,
+    end_pair,
+    factorise,
+    solve_corrected,
+    store_step,
+)
 from featherfx.solver.step.closing_kernels import (
     add_contacts_to_matrix,
     followed_contacts,
@@ -53,15 +60,8 @@ from featherfx.solver.step.pose_kernels import (
     complete_pose,
     turn_rows,
 )
-from featherfx.solver.step.secant_kernels import (
-    MAX_SECANT_PAIRS,
-    begin_pair,
-    end_pair,
-    solve_corrected,
-    store_step,
-)
 from featherfx.solver.step.strain_kernels import copy_strains
-from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, STABILISING_STIFFNESS, WHOLE_STIFFNESS
+from featherfx.solver.vane.line_kernels import FORCES_ONLY, STABILISING_STIFFNESS, WHOLE_STIFFNESS
 
 # rad, that an increment turns a joint of a barb by at most
 _MAX_JOINT_TURN = pi

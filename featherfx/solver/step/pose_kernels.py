@@ -3,6 +3,13 @@
 Coordinates of a row: centre r (3), frame as quaternion (4), coefficients of both barbs (2 x 2 C).
 Increments of a row, w = 6 + 4 C of them: dr (3), world rotation vector u (3), leading and trailing
 coefficients.
+
+Place of a root within a frame: a polynomial through samples of its path.
+
+A path is (K, 6): position (m) and rotation vector relative to the frame's first sample (rad) at K
+evenly spaced fractions of the frame; the rotation vectors are unwrapped, so that a root may spin
+several turns in a frame. The polynomial through all samples is smooth, so substeps of any length
+see no kinks.
 """
 
 from featherfx.algebra.array_kernels import copy_values
@@ -131,7 +138,7 @@ def add_increment(length, now, step, factor, trial, gradient):
 
     Row frames are turned by their rotation vectors and coefficients are added; the rachis points
     are then rebuilt from the root so that every stretch and shear changes by exactly its linear
-    increment. Moving the points straight instead would stretch the nearly inextensible shaft at
+    increment. Moving the points straight instead would stretch the nearly inextensible rachis at
     second order, and that artificial energy is what makes Newton crawl.
 
     length: (n-1,) m. gradient: (6, 12) scratch.
@@ -217,3 +224,22 @@ def rest_pose(model, positions, rotations, state, pose):
         copy_values(pose.rotation, state.rotation[f])
         copy_values(pose.centre, state.centre[f])
         copy_points(pose.points, points_of(state.points, f))
+
+
+@kernel
+def root_at(path, f, fraction, rotation, centre):
+    """Root quaternion (4,) and position (3,) of feather f at a fraction 0..1 of the frame, written
+    in place; path: RootPath.
+    """
+    samples = path.samples[f]
+    count = samples.shape[0]
+    place, vector = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(count):
+        weight = 1.0
+        for j in range(count):
+            if j != i:
+                weight *= (fraction * (count - 1) - j) / (i - j)
+        place = add(place, scale(weight, samples[i]))
+        vector = add(vector, scale(weight, samples[i, 3:]))
+    store(centre, place)
+    store_rotation(rotation, normalised(multiply(exponential(vector), path.base[f])))

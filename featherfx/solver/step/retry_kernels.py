@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 from featherfx.jit.compiled import kernel
 from featherfx.solver.status import CONVERGED, GREW
-from featherfx.solver.step.energy_promise_kernels import EnergyBound
+from featherfx.solver.step.energy_kernels import EnergyBound
 from featherfx.solver.step.newton_kernels import ConvergenceHistory
 
 # what becomes of a try
@@ -129,7 +129,7 @@ class Attempt(NamedTuple):
 class Outcome(NamedTuple):
     """Result of an attempt: status, Newton iterations and those of them with a new matrix, distance
     from the solution (move, m), the part of its velocities that it keeps and its energy (J,
-    energy_promise_kernels), the convergence.
+    energy_kernels), the convergence.
 
     error: m, local error. Whether loose barbs passed through each other, and how far hooks slipped,
     over the most that a step should (gap_kernels), shorten a step as an error does (excess, m).

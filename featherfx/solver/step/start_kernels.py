@@ -17,9 +17,8 @@ from featherfx.solver.step.newton_kernels import (
     largest_move,
     minimise,
 )
-from featherfx.solver.step.pose_kernels import load_pose
+from featherfx.solver.step.pose_kernels import load_pose, root_at
 from featherfx.solver.step.retry_kernels import min_step_length
-from featherfx.solver.step.root_kernels import root_at
 from featherfx.solver.step.strain_kernels import copy_strains, strains_of
 
 # Newton iterations that a first acceleration gets: the second one only corrects for the curved

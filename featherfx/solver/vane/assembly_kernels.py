@@ -13,7 +13,7 @@ from featherfx.algebra.vec3_kernels import add, combined, cross, scale
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
 from featherfx.mechanics.row_kernels import node_index
-from featherfx.solver.vane.pairs_kernels import (
+from featherfx.solver.vane.line_kernels import (
     PAIR_ALONG,
     PAIR_BACK,
     PAIR_OWN,

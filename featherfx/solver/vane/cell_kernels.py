@@ -21,28 +21,26 @@ from featherfx.mechanics.vane_membrane_kernels import (
 )
 from featherfx.solver.vane.line_kernels import (
     AXIS_SIZE,
+    FORCES_ONLY,
     GEOMETRIC_PLACE,
     HALF_SIZE,
+    PAIR_ALONG,
+    PAIR_OWN,
     PAIR_SIZE,
+    PAIR_SLANT,
+    PAIR_UP,
+    STABILISING_STIFFNESS,
     STRAIN_SIZE,
     STRESS_PLACE,
     STRIP_SIZE,
     WEIGHT_PLACE,
     add_outer,
     block_of,
+    damped_stress,
     lanes,
     membrane_gradients,
     place_of,
     vectors,
-)
-from featherfx.solver.vane.pairs_kernels import (
-    FORCES_ONLY,
-    PAIR_ALONG,
-    PAIR_OWN,
-    PAIR_SLANT,
-    PAIR_UP,
-    STABILISING_STIFFNESS,
-    damped_stress,
 )
 
 Array = NDArray[np.float64]

@@ -2,7 +2,7 @@
 
 A strain with stress s and stiffness k, whose gradient by node p is g_p, gives the force s g_p and,
 for every pair of its nodes, the block k g_p g_q^T. Blocks are kept row by row and side by side: the
-few kinds of pairs in pairs_kernels are all that triangles, hinges and twist couple.
+few kinds of pairs in line_kernels are all that triangles, hinges and twist couple.
 """
 
 from featherfx.jit.compiled import kernel, loop_kernel
@@ -10,8 +10,12 @@ from featherfx.mechanics.vane_guard_kernels import is_pressed
 from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, row_of_gaps, twist_hold
 from featherfx.solver.vane.cell_kernels import Strip, fill_strip
 from featherfx.solver.vane.hinge_kernels import Hinges, Twists, fill_hinges, fill_twists
-from featherfx.solver.vane.line_kernels import add_lines_to_nodes, lanes, nodes_to_lines
-from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
+from featherfx.solver.vane.line_kernels import (
+    FORCES_ONLY,
+    add_lines_to_nodes,
+    lanes,
+    nodes_to_lines,
+)
 from featherfx.solver.vane.sum_kernels import add_blocks, add_forces
 
 

@@ -1,4 +1,6 @@
-"""Lines along barbs, and what cells and hinges write to them: four neighbours at a time (lanes).
+"""Pairs of nodes that a vane couples, and kinds of their stiffness.
+
+Lines along barbs, and what cells and hinges write to them: four neighbours at a time (lanes).
 
 A line holds one number for each node of a barb, the rachis point first, or for each cell or hinge
 between two of them. Loops run over a multiple of LANES; what lies beyond the barb's end is zero and
@@ -13,6 +15,27 @@ from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.vane_bending_kernels import hinge_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_slopes
 from featherfx.mechanics.vane_twist_kernels import twist_slopes
+
+# blocks K(p, q) of row i and column j: p, q =
+# (i, j), (i, j), halved; (i, j), (i, j+1); (i+1, j), (i, j); (i+1, j), (i, j+1);
+# (i+1, j), (i, j-1); (i+1, j), (i-1, j)
+PAIR_OWN, PAIR_ALONG, PAIR_UP, PAIR_SLANT, PAIR_BACK, PAIR_SKIP = 0, 1, 2, 3, 4, 5
+# which second derivatives are wanted: none, those without what may be indefinite, all
+FORCES_ONLY, STABILISING_STIFFNESS, WHOLE_STIFFNESS = 0, 1, 2
+
+
+@kernel
+def cell_nodes(i, half, j, near, far):
+    """(row of the edge, other row, other column, other node) of triangle A or B of a cell."""
+    if half == 0:
+        return i, i + 1, j, near
+    return i + 1, i, j + 1, far
+
+
+@kernel
+def damped_stress(stiffness, strain, reference, damping):
+    return stiffness * (strain + damping * (strain - reference))
+
 
 # Places in a block of LANES cells of a strip between two rows: gradients of the strains of
 # triangles A and B (half), by strain, node and axis, and of the twist, by node and axis; the

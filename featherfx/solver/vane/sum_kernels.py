@@ -8,7 +8,7 @@ has nodes 0 and 1 on it, 2 and 3 above and below node 1.
 
 below, above: cells of the strips on both sides of the barb. low, own, high: hinges on the barb
 below, on it, and on the one above (line_kernels). Blocks are (3, 3 S), entry [m, k S + j] = K_km of
-a pair of pairs_kernels.
+a pair of line_kernels.
 """
 
 from featherfx.algebra.lanes import COUNT as LANES
@@ -23,7 +23,13 @@ from featherfx.solver.vane.line_kernels import (
     HINGE_STRESS_PLACE,
     HINGE_WEIGHT_PLACE,
     NODE_SIZE,
+    PAIR_ALONG,
+    PAIR_BACK,
+    PAIR_OWN,
     PAIR_SIZE,
+    PAIR_SKIP,
+    PAIR_SLANT,
+    PAIR_UP,
     STRAIN_SIZE,
     STRESS_PLACE,
     STRIP_SIZE,
@@ -32,14 +38,6 @@ from featherfx.solver.vane.line_kernels import (
     WEIGHT_PLACE,
     block_of,
     vectors,
-)
-from featherfx.solver.vane.pairs_kernels import (
-    PAIR_ALONG,
-    PAIR_BACK,
-    PAIR_OWN,
-    PAIR_SKIP,
-    PAIR_SLANT,
-    PAIR_UP,
 )
 
 # a place's cell or hinge; else how far before it the column before lies

@@ -15,7 +15,13 @@ import numpy as np
 from featherfx.algebra.raster import nodes_within
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.feather.crossings import BODY, Crossings, crossed_triangles, crossings_of, patches_of
+from featherfx.feather.crossings import (
+    BODY,
+    Intersections,
+    crossed_triangles,
+    find_intersections,
+    make_patches,
+)
 from featherfx.feather.types import RACHIS_PART
 from featherfx.usd.read.cache import Cache, CachedScene, find_scenery
 
@@ -45,7 +51,7 @@ def count_crossings(
         raise InputError(Problem(str(path), "", "holds no mesh with a feather's id"))
     scenes = find_scenes(cache, path)
     codes = choose_frames(cache, str(path), frames)
-    patches = patches_of(list(_meshes(scenes, codes[0])))
+    patches = make_patches(list(_meshes(scenes, codes[0])))
     names = [feather.id for feather in cache.feathers]
     on_frame(0, len(codes))
 
@@ -59,7 +65,7 @@ def count_crossings(
             points = following.result()
             if done < len(codes):
                 following = reader.submit(read, codes[done])
-            found = crossings_of(points, patches, jobs)
+            found = find_intersections(points, patches, jobs)
             on_frame(done, len(codes))
             yield _frame_report(found, names, code)
 
@@ -73,7 +79,7 @@ class CrossedPoints:
     def __init__(self, cache: Cache, path: Path) -> None:
         self._scenes = find_scenes(cache, path)
         code = cache.whole_frames()[0] if cache.has_frames else None
-        self._patches = patches_of(list(_meshes(self._scenes, code)))
+        self._patches = make_patches(list(_meshes(self._scenes, code)))
         self._count = sum(map(len, self._scenes[0].points(code)))
 
     def at(self, code: float | None) -> Flags:
@@ -120,7 +126,7 @@ def _meshes(
             yield points, feather.triangles, shaft, index if own else BODY
 
 
-def _frame_report(found: Crossings, names: Sequence[str], code: float | None) -> dict[str, Any]:
+def _frame_report(found: Intersections, names: Sequence[str], code: float | None) -> dict[str, Any]:
     """One frame's figures."""
     body = (found.owners == BODY).any(axis=1)
     crossed = found.vanes > 0
@@ -130,7 +136,7 @@ def _frame_report(found: Crossings, names: Sequence[str], code: float | None) ->
         "crossings": int(found.vanes.sum()),
         "pairs": int(crossed.sum()),
         "with_body": int(found.vanes[body].sum()),
-        "with_shafts": int(found.shafts[~body].sum()),
+        "with_shafts": int(found.rachises[~body].sum()),
         "worst": [
             {
                 "feathers": ["body" if f == BODY else names[f] for f in found.owners[k].tolist()],

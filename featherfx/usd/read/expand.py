@@ -16,15 +16,14 @@ from pxr import Usd, UsdGeom
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Flags
 from featherfx.errors import InputError, Problem, require
-from featherfx.feather.barb_length_kernels import keep_lengths
 from featherfx.feather.barb_looks import clumped, drawn_barbs
-from featherfx.feather.build import scaled
-from featherfx.feather.colours import FeatherColours, colours_of
+from featherfx.feather.build import scale_feather
+from featherfx.feather.carry_kernels import keep_lengths
+from featherfx.feather.colours import FeatherColours, colour_feather
 from featherfx.feather.density import density_map, scaled_map, scaled_points
-from featherfx.feather.detail import Thinning, restored, thinning
+from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, restored
 from featherfx.feather.render import BARB_SEGMENTS
-from featherfx.feather.shape_text import shape_of
-from featherfx.feather.shapes import built_shapes
+from featherfx.feather.shapes import build_shapes, decode_shape
 from featherfx.feather.types import (
     Array,
     BarbCurves,
@@ -85,10 +84,10 @@ def expand_shape(
     shape: tuple[FeatherKind, bool], own: tuple[int, int], wanted: tuple[int, int]
 ) -> ExpandedShape:
     """Feathers of a kind and side. own, wanted: rows and columns."""
-    (fine,) = built_shapes((shape,), *wanted)
+    (fine,) = build_shapes((shape,), *wanted)
     if own == wanted:
         return ExpandedShape(fine, fine, None)
-    (written,) = built_shapes((shape,), *own)
+    (written,) = build_shapes((shape,), *own)
     return ExpandedShape(written, fine, density_map(written, fine))
 
 
@@ -258,7 +257,7 @@ class _ThinnedFeathers:
     members: Indices
     rest: RowPoints
     lengths: Array
-    thin: Thinning
+    thin: ThinnedGrid
 
 
 class _CondensedPrim:
@@ -289,7 +288,7 @@ class _CondensedPrim:
             for shape, (n, m) in zip(shapes, self._grids_written.tolist(), strict=True)
         ]
         self._thinned = list(self._thinnings(counts, grown, scales)) if self._has_detail else []
-        drawn = [scaled(each.fine, float(s)) for each, s in zip(grown, scales, strict=True)]
+        drawn = [scale_feather(each.fine, float(s)) for each, s in zip(grown, scales, strict=True)]
         self._built, self._surfaces = drawn, [each.surface for each in drawn]
         self._grids = [(each.rows, 1 + 2 * each.columns) for each in drawn]
         self._map = None
@@ -356,12 +355,12 @@ class _CondensedPrim:
             shapes = stacked([grown[k].own.rest for k in own])
             rest = RowPoints(shapes.nodes * scales[own, None, None, None], shapes.directors)
             lengths = scales[own] * [grown[k].own.station[-1] for k in own]
-            thin = thinning(rows, columns, (some, self._columns))
+            thin = choose_rows_and_nodes(rows, columns, (some, self._columns))
             yield _ThinnedFeathers(np.array(own), rest, lengths, thin)
 
     def _shapes(self, count: int) -> list[tuple[FeatherKind, bool]]:
         """Kind and side of each feather."""
-        return parse_texts(self.prim, SHAPE_PRIMVAR, shape_of, count)
+        return parse_texts(self.prim, SHAPE_PRIMVAR, decode_shape, count)
 
     def _coloured(self, kinds: list[FeatherKind]) -> list[FeatherKind]:
         """Kinds of each feather with its colours, where they are told."""
@@ -377,7 +376,7 @@ class _CondensedPrim:
         for kind, built, own, each in zip(
             self.kinds, self._built, barbs, self.feathers, strict=True
         ):
-            yield colours_of(kind, built, own, each.id, film)
+            yield colour_feather(kind, built, own, each.id, film)
 
     def codes(self) -> list[float]:
         return read_times(self._curves.GetPointsAttr())

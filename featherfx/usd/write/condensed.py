@@ -17,8 +17,8 @@ from pxr import Sdf, UsdGeom
 
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.feather.colours import at_nodes
-from featherfx.feather.detail import Thinning, detail_of, thinning
-from featherfx.feather.shape_text import shape_text
+from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, detail_of
+from featherfx.feather.shapes import encode_shape
 from featherfx.feather.types import LEADING, TRAILING, Array, Feather, RowPoints, barb_slice
 from featherfx.groom.looks import colour_text
 from featherfx.usd import arrays
@@ -56,7 +56,7 @@ def find_details(
 
     points: of each feather, on its whole grid. Feathers of one grid are coded at once.
     """
-    alike: dict[int, tuple[Thinning, list[int]]] = {}
+    alike: dict[int, tuple[ThinnedGrid, list[int]]] = {}
     for k, feather in enumerate(feathers):
         if feather.thin:
             alike.setdefault(id(feather.thin), (feather.thin, []))[1].append(k)
@@ -80,7 +80,7 @@ def _constant_values(
     for entry in entries:
         feather = entry.feather
         grid = feather.rows, feather.columns
-        kept = thinning(*grid, None if group.feathers[0].form.thinned else grid)
+        kept = choose_rows_and_nodes(*grid, None if group.feathers[0].form.thinned else grid)
         shades.append(_barb_shades(entry, kept))
         along = feather.station[kept.rows] / feather.station[-1]
         barb = kept.nodes[1:][: kept.columns]
@@ -109,7 +109,7 @@ def _constant_values(
     return made
 
 
-def _barb_shades(entry: FeatherEntry, kept: Thinning) -> list[Array] | None:
+def _barb_shades(entry: FeatherEntry, kept: ThinnedGrid) -> list[Array] | None:
     """Return linear colours (K, 3) of the nodes of left and right barbs; None: no colours."""
     if entry.colours is None:
         return None
@@ -124,7 +124,7 @@ def _shape_texts(entries: Sequence[FeatherEntry]) -> dict[str, list[str]]:
     shapes = [entry.shape for entry in entries if entry.shape is not None]
     if len(shapes) < len(entries):
         return {}
-    texts = {SHAPE_PRIMVAR: [shape_text(*each[:2]) for each in shapes]}
+    texts = {SHAPE_PRIMVAR: [encode_shape(*each[:2]) for each in shapes]}
     if entries[0].colours is not None:
         texts[COLOUR_PRIMVAR] = [colour_text(each[0].colour) for each in shapes]
     return texts

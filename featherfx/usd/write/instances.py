@@ -11,7 +11,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from featherfx.algebra.rotation import frames_to_quats
-from featherfx.feather.colours import colours_of, uniform
+from featherfx.feather.colours import colour_feather, uniform
 from featherfx.feather.types import Feather
 from featherfx.files.atomic_write import standing
 from featherfx.files.content import stable_number
@@ -98,7 +98,7 @@ def _entries(
             rest_points=place(shape.rest, np.zeros(3), np.eye(3)),
             static=True,
             # instances of one shape are equally bright
-            colours=colours_of(uniform(kind), shape, None, "", film) if coloured else None,
+            colours=colour_feather(uniform(kind), shape, None, "", film) if coloured else None,
             look=look_text(kind.drawn_look),
             barb_count=kind.barb_count,
         )

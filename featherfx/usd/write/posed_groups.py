@@ -153,7 +153,7 @@ class _JoinedBlock:
         if not self._form.thinned:
             return _join_rows(points)
         pairs = zip(points, self._feathers, strict=True)
-        return _join_rows([f.thin.kept(each) if f.thin else each for each, f in pairs])
+        return _join_rows([f.thin.select(each) if f.thin else each for each, f in pairs])
 
 
 def _join_rows(points: Sequence[RowPoints]) -> RowPoints:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from featherfx import usd
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.barb_looks import clumped
-from featherfx.feather.lengths import carried_moving
-from featherfx.feather.split_edges import SplitEdges, difference_rates
+from featherfx.feather.density import carry_motion
+from featherfx.feather.splits import SplitEdges, difference_rates
 from featherfx.feather.types import (
     RACHIS_PART,
     Feather,
@@ -49,7 +49,7 @@ from featherfx.usd.write.forms import AttributeKey, CacheForm, find_keys
 from featherfx.usd.write.surface_kernels import DrawnSurface, ToStage, WrittenSurface
 
 if TYPE_CHECKING:
-    from featherfx.feather.detail import Thinning
+    from featherfx.feather.detail import ThinnedGrid
 
 _ROUNDING = float(np.finfo(np.float32).eps)
 _NONE, _ONE = np.zeros(0), np.ones(1)
@@ -80,9 +80,11 @@ class PosedFeather:
     ) -> None:
         """extras: ACCELERATIONS, names of DIAGNOSTICS."""
         self.form, self.rest_points = form, entry.feather.rest
-        self.thin: Thinning | None = None
+        self.thin: ThinnedGrid | None = None
         if form.thinned:
-            self.thin = usd.condensed.thinning(entry.feather.rows, entry.feather.columns)
+            self.thin = usd.condensed.choose_rows_and_nodes(
+                entry.feather.rows, entry.feather.columns
+            )
         self.columns = self.thin.columns if self.thin else entry.feather.columns
         self.length = float(entry.feather.station[-1])
         self.left_leads = form.condensed and usd.condensed.left_leads(entry.feather)
@@ -190,7 +192,7 @@ class PosedFeather:
         for key in self.keys.wet:
             out[key][:] = given.clumped[WET_PRIMVARS.index(key[1])]
         self._surface.carry(points)
-        mesh, *changes = map(_contiguous, carried_moving(own, *moving) if own else moving)
+        mesh, *changes = map(_contiguous, carry_motion(own, *moving) if own else moving)
         finite = self._place(out, mesh)
         for (name, values), drawn in zip(rates.items(), changes, strict=False):
             second = values if name == ACCELERATIONS else None
@@ -208,13 +210,13 @@ class PosedFeather:
         strands = None if hooked is None or barbs.strands is None else barbs.strands.parted(hooked)
         curves, finite = _barb_points(barbs.points_map, points), True
         if strands is not None:
-            curves = strands.joined(curves, strands.carried(points))
+            curves = strands.joined(curves, strands.positions(points))
         finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PRIM, "points"])
         for name, values in rates.items():
             curves = _barb_points(barbs.points_map, values)
             if strands is not None:
                 second = values if name == ACCELERATIONS else None
-                rate = difference_rates(strands.carried, points, given.velocities, second)
+                rate = difference_rates(strands.positions, points, given.velocities, second)
                 curves = strands.joined(curves, rate)
             finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PRIM, name])
         return finite
@@ -255,7 +257,7 @@ class PosedFeather:
         """Points of mesh and shaft, and what follows from them; whether all are finite."""
         if self.thin:
             out[RACHIS_PRIM, DETAIL_ATTRIBUTE][:] = usd.condensed.find_details([self], [points])
-            points = self.thin.kept(points)
+            points = self.thin.select(points)
         written = WrittenSurface(
             out[MESH_PRIM, "points"],
             out[MESH_PRIM, "normals"],
@@ -302,7 +304,7 @@ class PosedFeather:
 
     def _rates(self, out: Written, name: str, values: RowPoints) -> bool:
         drawn, shaft = self._surface.drawn, out[RACHIS_PRIM, name]
-        values = self.thin.kept(values) if self.thin else values
+        values = self.thin.select(values) if self.thin else values
         written = surface_kernels.write_values(
             values, drawn, self.to_stage, out[MESH_PRIM, name], shaft
         )
@@ -341,7 +343,7 @@ class _SharedSurface:
             parted=np.zeros(len(lips), dtype=np.bool_),
             carried=np.zeros((len(lips), 3)),
         )
-        self._lips = SplitEdges.of(feather) if len(lips) else None
+        self._lips = SplitEdges.from_feather(feather) if len(lips) else None
 
     @property
     def cells(self) -> NDArray[np.int64]:
@@ -357,7 +359,7 @@ class _SharedSurface:
     def carry(self, points: RowPoints) -> None:
         """Set where open lips are; points: of the feather."""
         if self._lips and self.drawn.parted.any():
-            self.drawn.carried[:] = self._lips.carried(points)
+            self.drawn.carried[:] = self._lips.positions(points)
 
     def carry_rates(
         self, points: RowPoints, velocities: RowPoints, accelerations: RowPoints | None
@@ -365,7 +367,7 @@ class _SharedSurface:
         """Set their velocities, or their accelerations where those are given."""
         if self._lips and self.drawn.parted.any():
             self.drawn.carried[:] = difference_rates(
-                self._lips.carried, points, velocities, accelerations
+                self._lips.positions, points, velocities, accelerations
             )
 
     @cached_property

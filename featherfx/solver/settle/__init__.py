@@ -1,1 +1,0 @@
-"""Feathers brought to rest, and poses taken up from outside."""
