@@ -18,14 +18,14 @@ from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.read.read import read_groom as read_groom_file
 from featherfx.groom.types import Groom
 from featherfx.phases import phase
-from featherfx.shot.placement import lay_out, place_feathers
+from featherfx.shot.loop.placement import lay_out, place_feathers
 from featherfx.shot.read.read import read_shot as read_shot_file
-from featherfx.shot.read.sources import SceneReaders
+from featherfx.shot.sources import SceneReaders
 from featherfx.shot.types import Quality, Shot
 
 if TYPE_CHECKING:
-    from featherfx.shot.checkpoint import Checkpoint
-    from featherfx.shot.simulate import Simulation
+    from featherfx.shot.loop.checkpoint import Checkpoint
+    from featherfx.shot.loop.simulate import Simulation
 
 Folders = Iterable[str | Path]
 
@@ -106,7 +106,7 @@ def simulate(
     InputError here and, while iterating, SimulationError.
     """
     # the solver takes its time to load, which nothing else here needs
-    from featherfx.shot import simulate as loop
+    from featherfx.shot.loop import simulate as loop
 
     whole = read_shot(shot) if isinstance(shot, str | Path) else shot
     return loop.simulate(whole, jobs, frames, start=start)

@@ -12,8 +12,8 @@ from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.types import Placement
 from featherfx.shot.layers import layers
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Contact, Detail, Layers, Motion, Shot
 
 THICKNESS = 1e-3
@@ -144,7 +144,7 @@ def lifted(shot: Shot, plumage: layers.Layers, poses: list, first: int = 0) -> t
 
 
 class Sheet:
-    """A level square that does not move, as featherfx.shot.read.sources.MovingSurface has it."""
+    """A level square that does not move, as featherfx.shot.sources.MovingSurface has it."""
 
     path, st, sampled, bones, is_ribbon = "/sheet", None, None, None, False
     triangles, face = np.array([[0, 1, 2], [0, 2, 3]]), np.array([0, 0])

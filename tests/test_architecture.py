@@ -18,6 +18,7 @@ ORDER = (
     "errors",
     "limits",
     "phases",
+    "packages",
     "files",
     "jit",
     "algebra",

@@ -40,9 +40,10 @@ from featherfx.shot.detail.detail import (
     load_estimate,
 )
 from featherfx.shot.detail.promise import quality_of
+from featherfx.shot.loop.run import drawn_feathers
+from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.share import part_of
-from featherfx.shot.simulate import Simulation, drawn_feathers, simulate
+from featherfx.shot.partition.partition import part_of
 from featherfx.shot.types import Quality, Shot
 
 # feathers that are looked at by default

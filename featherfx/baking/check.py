@@ -17,9 +17,9 @@ from featherfx.limits import MOST_TRIED, irregular
 from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.direction.unsimulated_targets import FELT, warn_of_unfelt
+from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file
-from featherfx.shot.simulate import drawn_feathers
 from featherfx.shot.types import Shot
 
 

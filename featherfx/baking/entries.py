@@ -29,9 +29,9 @@ from featherfx.groom.types import FeatherKind, Groom, Placement
 from featherfx.limits import refuse_beyond_memory
 from featherfx.mechanics.batch import may_slip
 from featherfx.phases import phase
-from featherfx.shot.motion.skin import BoundSkin
+from featherfx.shot.frames import place
 from featherfx.shot.patterns import last_fitting
-from featherfx.shot.placement import place
+from featherfx.shot.skin import BoundSkin
 from featherfx.shot.types import Quality, Shot, Wet
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.options import BOTH_FORMS, CONDENSED_FORM, CURVES_FORM

@@ -21,7 +21,7 @@ from featherfx.feather.build import distinct_shapes
 from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Groom
-from featherfx.shot.placement import lay_out
+from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.space import choose_origin
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter
 from featherfx.usd.write.instances import write_instances

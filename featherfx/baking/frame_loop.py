@@ -17,11 +17,10 @@ from featherfx.files.gc_pause import seldom_collected, set_aside
 from featherfx.files.memory import give_back_memory, keep_arrays_apart
 from featherfx.jit.compile_progress import TELLER
 from featherfx.phases import phase
-from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.frames import Frame
-from featherfx.shot.layers.types import Laid
-from featherfx.shot.replay import Replay
-from featherfx.shot.simulate import Simulation, simulate
+from featherfx.shot.frames import Frame, StackingOrder
+from featherfx.shot.loop.checkpoint import Checkpoint
+from featherfx.shot.loop.replay import Replay
+from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter, Continuation
 from featherfx.usd.write.layers import format_table
 
@@ -175,7 +174,7 @@ class CacheSink:
         """Writer; waits for it. Raises what new_writer raises."""
         return self.begin().result()
 
-    def compare(self, laid: Laid | None) -> None:
+    def compare(self, laid: StackingOrder | None) -> None:
         """Compute, when the writer is built, the texts that a later bake compares itself with.
 
         laid: the stacking order where there are layers.

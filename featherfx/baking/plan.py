@@ -19,8 +19,8 @@ from featherfx.errors import InputError, Problem, require
 from featherfx.files.atomic_write import write_text
 from featherfx.groom.presets.folders import SHIPPED, own_folders
 from featherfx.limits import TASK_HOURS
-from featherfx.shot.placement import place_feathers
-from featherfx.shot.share import most_shares, share_count
+from featherfx.shot.loop.placement import place_feathers
+from featherfx.shot.partition.partition import most_shares, share_count
 from featherfx.usd.write.output import check_output, find_file_problems
 
 # of the environment, in which USD finds files that are not beside those that name them

@@ -16,12 +16,12 @@ import numpy as np
 from featherfx.baking.task import BakeTask, ReusedFeathers
 from featherfx.errors import Problem
 from featherfx.files.content import digest
-from featherfx.shot.replay import Replay
+from featherfx.shot.loop.replay import Replay
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.previous_cache import PreviousCache, describe_changes, is_finished
 
 if TYPE_CHECKING:
-    from featherfx.shot.checkpoint import Checkpoint
+    from featherfx.shot.loop.checkpoint import Checkpoint
     from featherfx.usd.write.cache_writer import CacheWriter
 
 _GONE = "was begun with samples of a cache that is gone; --overwrite bakes it anew"

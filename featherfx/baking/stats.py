@@ -24,8 +24,8 @@ from featherfx.feather.shapes import build_feathers
 from featherfx.groom.types import Groom
 from featherfx.phases import account
 from featherfx.shot.detail.levels import level_plan
+from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.simulate import drawn_feathers
 from featherfx.shot.types import LEVELS, Quality, Shot
 from featherfx.usd.space import StageSpace
 from featherfx.usd.write.cache_writer import chunk_bytes

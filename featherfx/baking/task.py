@@ -20,8 +20,8 @@ from featherfx.files.content import program_digest
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
 from featherfx.shot.fingerprint import shot_settings
-from featherfx.shot.motion.skin import BoundSkin
-from featherfx.shot.placement import place_feathers
+from featherfx.shot.loop.placement import place_feathers
+from featherfx.shot.skin import BoundSkin
 from featherfx.shot.types import Shot
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.space import choose_origin
@@ -44,7 +44,7 @@ from featherfx.usd.write.output import (
 from featherfx.usd.write.parts import refuse_unfinished
 
 if TYPE_CHECKING:
-    from featherfx.shot.layers.types import Laid
+    from featherfx.shot.frames import StackingOrder
     from featherfx.usd.write.previous_cache import PreviousCache
 
 Options = TypeVar("Options", bound=StageOptions)
@@ -61,13 +61,13 @@ class Dependences:
     def motion(self) -> list[str]:
         """Texts of the motion of all feathers of the shot, before they are layered."""
         # loads compiled code, which a finished cache does without
-        from featherfx.shot.dependence import motion_dependences
+        from featherfx.shot.partition.dependence import motion_dependences
 
         return motion_dependences(self._shot)
 
-    def shown(self, laid: Laid | None = None) -> list[str]:
+    def shown(self, laid: StackingOrder | None = None) -> list[str]:
         """Return texts of the final shapes, given the stacking order where that is known."""
-        from featherfx.shot.dependence import dependences
+        from featherfx.shot.partition.dependence import dependences
 
         if not self._shown:
             every = dependences(self._shot, laid, self.motion)
@@ -98,7 +98,7 @@ class BakeTask:
     (None: all). names: prim name per feather. root: name of the root prim. finished: the output is
     there already. taken: feathers that are reused of a cache of other settings at the output.
     origin: position of the root prim. options: with the final units and axis. dependences: texts of
-    its feathers (featherfx/shot/dependence.py); None for a trial, which keeps nothing.
+    its feathers (featherfx/shot/partition/dependence.py); None for a trial, which keeps nothing.
     frames_each: frames of a chunk, where it must be another cache's; else the writer's choice.
     """
 
@@ -207,7 +207,7 @@ def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Seq
     if feathers is None:
         return shot, shot, range(len(shot.groom.feathers))
     from featherfx.shot.detail.guides import uses_guides
-    from featherfx.shot.share import part_of, share_numbers
+    from featherfx.shot.partition.partition import part_of, share_numbers
 
     numbers = share_numbers(shot, *feathers)
     part = part_of(shot, numbers)

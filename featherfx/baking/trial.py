@@ -35,10 +35,11 @@ from featherfx.files.memory import give_back_memory
 from featherfx.phases import Account, phase
 from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.levels import LevelPlan, level_plan
+from featherfx.shot.loop.run import drawn_feathers
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.partition.partition import part_of
 from featherfx.shot.patterns import may_touch
-from featherfx.shot.share import part_of
-from featherfx.shot.simulate import drawn_feathers, simulate
 from featherfx.shot.types import Detail, Shot
 from featherfx.usd.write.forms import choose_group
 from featherfx.usd.write.output import unique_prim_names

@@ -17,7 +17,7 @@ with seldom_collected():
         "featherfx.farm.work",
         "featherfx.baking.frame_loop",
         # that a share loads when it gets so far
-        "featherfx.shot.dependence",
+        "featherfx.shot.partition.dependence",
         "scipy.sparse.csgraph",
     ):
         importlib.import_module(_name)

@@ -23,7 +23,7 @@ from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.farm.places import Shares, mapped
 from featherfx.files.content import program_digest
 from featherfx.phases import Account
-from featherfx.shot.share import share_count, share_sizes
+from featherfx.shot.partition.partition import share_count, share_sizes
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, BusyError
 from featherfx.usd.write.cache_writer import chunk_frames

@@ -13,7 +13,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.render.light_kernels import Lens
-from featherfx.shot.detail.view import View
+from featherfx.shot.view import View
 
 _ANGLE = math.radians(24)
 _FOCAL_LENGTH = 0.056  # m: sees this angle over the height of a frame of 24 mm

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array
-from featherfx.feather.types import RowPoints
+from featherfx.algebra.types import Array, Indices
+from featherfx.feather.types import RowPoints, turned
 from featherfx.mechanics.model import Gaps
 
 # feathers whose points are copied to be looked at in one call
@@ -57,6 +58,22 @@ class Frame:
     def accelerations(self) -> tuple[Array, ...]:
         """The second rates of points, per second squared."""
         return tuple(pose.accelerations.rows() for pose in self.poses)
+
+
+class StackingOrder(NamedTuple):
+    """Who lies over whom. feathers: (F,) numbers in the groom, ascending, of those of a stack
+    (layers/types.py)."""
+
+    feathers: Indices
+    stack: Any
+
+
+def place(points: RowPoints, position: Array, rotation: Array) -> RowPoints:
+    """What is given in the feather frame, in the world frame.
+
+    position: (3,) m and rotation: (3, 3) of the root.
+    """
+    return turned(rotation.T, points).shifted(position)
 
 
 def not_finite(poses: Sequence[FeatherPose]) -> int | None:

@@ -12,11 +12,10 @@ from featherfx.groom.keys.preset import FAMILIES, STEADY, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.limits import MOST_CLUMPS
-from featherfx.shot.detail.view import TimedCamera
-from featherfx.shot.loads.types import Force, Grip
-from featherfx.shot.motion.preroll import NO_RUN_UP, RunUp
-from featherfx.shot.motion.skin import BoundSkin, SkinSurfaces
-from featherfx.shot.read.sources import TimedSurface, TimedWind
+from featherfx.shot.preroll import NO_RUN_UP, RunUp
+from featherfx.shot.skin import BoundSkin, SkinSurfaces
+from featherfx.shot.sources import TimedSurface, TimedWind
+from featherfx.shot.view import TimedCamera
 
 LEVELS = ("full", "coarse", "rachis", "guided", "rigid")
 
@@ -24,6 +23,34 @@ _PART = Number(0, 1)
 _PATTERNS = ArrayOf(Text(), 1, 1000)
 _PIXELS = Number(0, 1e6)
 _FRAME = Number(-1_000_000, 1_000_000, whole=True)
+
+
+_COLUMN = "Place along the barb: 0 the rachis, 1 the barb's end."
+_VANES = Text(("leading", "trailing"))
+_VANE = "Vane that the barb belongs to."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grip:
+    """A node that is led along a path by a stiff spring.
+
+    displacement: (3,), reached with zero velocity at start and end.
+    """
+
+    feather: Annotated[str, "Id of the feather."]
+    row: Annotated[float, _PART, "Place along the rachis: 0 the base, 1 the tip."] = 1.0
+    column: Annotated[float, _PART, _COLUMN] = 0.0
+    side: Annotated[str, _VANES, _VANE] = "leading"
+    displacement: Annotated[
+        Array,
+        vector(-100, 100, "m"),
+        "Way of the gripped point in the groom's frame, from start to end with rest at both.",
+    ]
+    start: Annotated[float, Number(0, 1e5, "s"), "When the grip starts to move."] = 0.0
+    end: Annotated[float, Number(0, 1e5, "s"), "When it has arrived; later than start."]
+    stiffness: Annotated[
+        float, Number(1e-6, 1e7, "N/m"), "Stiffness of the spring that leads the point."
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,6 +192,37 @@ CHANNELS = {
     "gravity": Dial(-10, 10, 1),
     "follow": Dial(0, 3, 1),
 }
+
+
+@dataclass(frozen=True)
+class Force:
+    """A dead force. force: (3,). Of a barb's line the row alone counts."""
+
+    feather: Annotated[str, "Id of the feather."]
+    force: Annotated[
+        Array,
+        vector(-1e6, 1e6, "N"),
+        "Force in the groom's frame, which the feather does not turn; N/m along a line.",
+    ]
+    line: Annotated[
+        str,
+        Text(("point", "rachis", "barb")),
+        "Where it acts: at a point, along the rachis, or along the barb at `row`.",
+    ] = "point"
+    row: Annotated[float, _PART, "Place along the rachis by arc length: 0 the base, 1 the tip."] = (
+        1.0
+    )
+    column: Annotated[float, _PART, _COLUMN] = 0.0
+    side: Annotated[str, _VANES, _VANE] = "leading"
+    span: Annotated[
+        tuple[float, float], ArrayOf(_PART, 2, 2), "Of a line: first and last share that it covers."
+    ] = (0.0, 1.0)
+    keys: Annotated[
+        tuple[tuple[float, float], ...],
+        ArrayOf(ArrayOf(Number(-1e6, 1e6), 2, 2), 0, 10_000),
+        "[time in s, factor of the force] in ascending time, linear between them and constant "
+        "outside. None: the whole force at all times.",
+    ] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -363,7 +421,7 @@ class Shot:
     """All that a bake needs. first_frame, last_frame: both baked. gravity: (3,).
 
     skin: the groom's roots on their skin, where the motion is of kind "skin"; surfaces: what they
-    are to be bound to, until featherfx.shot.placement has done so. exposure: (F,) to the wind, of
+    are to be bound to, until shot/loop/placement.py has done so. exposure: (F,) to the wind, of
     feathers on a skin (loads/shelter.py). wind_source: added to wind.
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
     through each other and through colliders. layers: None: they are shown as they were simulated.
@@ -438,6 +496,22 @@ class Shot:
     channels: tuple[Channel, ...] = ()
     targets: tuple[Target, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def has_moving_roots(self) -> bool:
+        """Whether anything moves roots."""
+        return self.skin is not None or self.motion.kind != "hold" or bool(self.channels)
+
+    @property
+    def has_slipping_hooks(self) -> bool:
+        """Whether hooks of any feather may slip."""
+        kinds = (feather.kind for feather in self.groom.feathers)
+        return any(kind.vane_material.hooks != "closed" or kind.is_split for kind in kinds)
+
+    @property
+    def has_sheltered_feathers(self) -> bool:
+        """Whether some feathers lie so that less of the wind reaches them."""
+        return self.exposure is not None and bool((self.exposure != 1.0).any())
 
     def uneased(self) -> Shot:
         """The shot as it is laid without what comes after a frame."""

@@ -9,7 +9,7 @@ from featherfx.errors import InputError
 from featherfx.feather.colours import FeatherColours
 from featherfx.feather.types import BarbCurves, Feather, RowMap, RowPoints
 from featherfx.groom.types import FeatherKind
-from featherfx.shot.motion.skin import SkinRoot
+from featherfx.shot.skin import SkinRoot
 
 # What may be written of a pose besides, by the names that users ask for.
 ACCELERATIONS = "accelerations"

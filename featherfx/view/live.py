@@ -28,11 +28,9 @@ from featherfx.groom.presets.library import Library
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Placement
 from featherfx.render.scene import DrawnPose
-from featherfx.shot.frames import Frame
-from featherfx.shot.loads.types import Grip
-from featherfx.shot.placement import place
-from featherfx.shot.simulate import Simulation, simulate
-from featherfx.shot.types import Shot
+from featherfx.shot.frames import Frame, place
+from featherfx.shot.loop.live import LiveSimulation
+from featherfx.shot.types import Grip, Shot
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.view.page import page
 from featherfx.view.played import STRAIN, Played
@@ -70,7 +68,7 @@ class Made(NamedTuple):
     (V, 3), (T, 3), as of DrawnPose, at rest."""
 
     shot: Shot
-    simulation: Simulation
+    simulation: LiveSimulation
     triangles: Array
     points: Array
     barbs: Array
@@ -235,7 +233,7 @@ class Live:
             frames = shot.first_frame, shot.last_frame
             if shot.skin is None and shot.wind_source is None and not shot.colliders:
                 frames = shot.first_frame, shot.first_frame + _ENDLESS
-            simulation = simulate(shot.uneased(), source.jobs, frames, often, wanted=wanted)
+            simulation = LiveSimulation(shot.uneased(), source.jobs, frames, often, wanted=wanted)
         surfaces = [each.surface for each in simulation.feathers]
         starts = np.cumsum([0, *(len(each.row) for each in surfaces)])
         rest = [

@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom, Vt
 
 from featherfx.api import read_shot
 from featherfx.errors import InputError
-from featherfx.shot.simulate import simulate
+from featherfx.shot.loop.simulate import simulate
 
 RADIUS, RISE, FRAMES = 0.02, 0.015, 10
 GROOM = """name = "pair"

@@ -10,8 +10,8 @@ import pytest
 from shingled import crossings
 
 from featherfx.errors import InputWarning
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
 
 FEATHER = """[[feather]]
 id = "{}"

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from test_contact_shots import THICKNESS, baked, bird
 
-from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.simulate import simulate
+from featherfx.shot.loop.checkpoint import Checkpoint
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.types import Motion
 from featherfx.solver.contact.meeting_kernels import cover_ways, joined, meeting
 

@@ -14,7 +14,7 @@ from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.errors import InputWarning
 from featherfx.groom.types import Joint
 from featherfx.shot.frames import Frame
-from featherfx.shot.simulate import simulate
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.types import Contact, Detail, Motion, Shot
 
 THICKNESS = 5e-4

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from shingled import in_line, least_gap
 
-from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.frames import Frame
-from featherfx.shot.share import shot_islands
-from featherfx.shot.simulate import Simulation, simulate
+from featherfx.shot.loop.checkpoint import Checkpoint
+from featherfx.shot.loop.simulate import Simulation, simulate
+from featherfx.shot.partition.partition import shot_islands
 from featherfx.shot.types import Contact, Detail, Shelter, Shot
 
 THICKNESS = 5e-4

@@ -9,7 +9,7 @@ import pytest
 from pxr import Usd, UsdGeom, Vt
 
 from featherfx.api import read_shot
-from featherfx.shot.simulate import Simulation, simulate
+from featherfx.shot.loop.simulate import Simulation, simulate
 
 # m, half the wing's thickness
 HALF = 0.001

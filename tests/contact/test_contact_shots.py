@@ -17,11 +17,17 @@ from featherfx.limits import MOST_JOBS
 from featherfx.phases import Account
 from featherfx.shot.contact.pairs import _through_others
 from featherfx.shot.frames import Frame
+from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.read.sources import TimedSurface
-from featherfx.shot.simulate import Simulation, simulate
+from featherfx.shot.sources import TimedSurface
 from featherfx.shot.types import Contact, Motion, Shot
 from featherfx.solver.contact import run
+
+
+def contact_group(simulation):
+    """The first contact group of a simulation."""
+    return next(each for each in simulation._run.step_groups if hasattr(each, "contact"))
+
 
 SAMPLE = SAMPLES / "flapping_bird" / "shot.toml"
 THICKNESS = 1.2e-4
@@ -107,7 +113,7 @@ def test_without_contact_the_same_feathers_cut_through_each_other():
 def test_neighbours_lie_as_the_rows_say():
     """Each feather of a row lies below the one before it (lift = -0.001)."""
     simulation, _ = baked(half_wing(bird()), 1)
-    solver = simulation._islands[0].contact.solver
+    solver = contact_group(simulation).contact.solver
     pairs = [tuple(pair) for pair in solver.candidates.pairs.tolist()]
     sides = dict(zip(pairs, solver.candidates.order.tolist(), strict=True))
     for k in range(4):
@@ -136,7 +142,7 @@ def test_two_that_cut_through_each_other_about_evenly_come_apart(tmp_path):
     kept = ("b0_right_secondary_05", "b0_right_primary_01")
     pair = [f for f in shot.groom.feathers if f.id in kept]
     simulation, frames = baked(replace(shot, groom=replace(shot.groom, feathers=tuple(pair))), 1)
-    assert simulation._islands[0].contact.solver.candidates.order.tolist() == [1, -1]
+    assert contact_group(simulation).contact.solver.candidates.order.tolist() == [1, -1]
     contact = simulation.report["contact"]
     assert contact["depth_at_rest"] > 30.0 * THICKNESS
     assert contact["depth_after_settling"] < 0.5 * THICKNESS
@@ -176,7 +182,7 @@ def test_the_order_of_a_layout_holds_where_there_is_one(upwards):
         replace(feather, rank=10 + upwards * k) for k, feather in enumerate(shot.groom.feathers)
     )
     simulation, _ = baked(replace(shot, groom=replace(shot.groom, feathers=ranked)), 1)
-    solver = simulation._islands[0].contact.solver
+    solver = contact_group(simulation).contact.solver
     sides = dict(
         zip(
             map(tuple, solver.candidates.pairs.tolist()),
@@ -228,7 +234,7 @@ def test_fewer_threads_from_some_frame_on_change_nothing():
 
 
 def test_a_checkpoint_goes_on_bit_by_bit(tmp_path):
-    from featherfx.shot.checkpoint import Checkpoint
+    from featherfx.shot.loop.checkpoint import Checkpoint
 
     shot = half_wing(bird())
     simulation = simulate(shot, 1, (1, 4))
@@ -335,7 +341,7 @@ def test_contact_can_be_limited_to_regions_and_kinds():
         settle=False,
     )
     simulation, _ = baked(some, 1)
-    contact = simulation._islands[0].contact
+    contact = contact_group(simulation).contact
     touching = {contact.names[body] for body in np.unique(contact.solver.candidates.pairs)}
     assert touching == set(contact.names) == {f"right_primary_0{k}" for k in (1, 2, 3)}
 

@@ -22,11 +22,10 @@ from test_contact_shots import (
 from featherfx.errors import InputWarning, SimulationError
 from featherfx.shot.contact import settle
 from featherfx.shot.contact.steps import FrameSteps, Pace, Span, StepRules
-from featherfx.shot.loads.types import Force
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.read.sources import TimedSurface
-from featherfx.shot.simulate import simulate
-from featherfx.shot.types import Detail, Motion
+from featherfx.shot.sources import TimedSurface
+from featherfx.shot.types import Detail, Force, Motion
 from featherfx.solver.contact.interval import PLAIN_INTERVAL, ContactReport, ContactSolver
 from featherfx.solver.state import make_report
 

@@ -20,7 +20,7 @@ from featherfx.feather.density import (
 )
 from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import RowPoints, barb_slice, both, turned
-from featherfx.shot.placement import place
+from featherfx.shot.frames import place
 
 GRID = (21, 6)
 

@@ -23,7 +23,7 @@ from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import Groom, Layout, Placement
 from featherfx.phases import Account
-from featherfx.shot.placement import place_feathers
+from featherfx.shot.loop.placement import place_feathers
 from featherfx.shot.read.read import read_shot
 
 CLEARANCE = 2e-4

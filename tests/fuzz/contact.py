@@ -23,7 +23,7 @@ import numpy as np
 
 from featherfx.api import read_shot
 from featherfx.errors import InputError, SimulationError
-from featherfx.shot.simulate import simulate
+from featherfx.shot.loop.simulate import simulate
 
 from .cases import SECONDS, Failure, Found, child, ended_by, nothing
 

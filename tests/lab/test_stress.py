@@ -9,7 +9,7 @@ from featherfx.errors import InputError, SimulationError
 from featherfx.lab.bench import stress
 from featherfx.lab.bench.cases import MAX_CASE_WORK, draw_case
 from featherfx.mechanics.model import no_loads
-from featherfx.shot.counts import Bounds, Counts
+from featherfx.shot.loop.counts import Bounds, Counts
 from featherfx.solver.solver import (
     MAX_FRAME_ITERATIONS,
     MAX_NEWTON_ITERATIONS,

@@ -13,8 +13,8 @@ from featherfx.api import read_shot
 from featherfx.baking.accuracy import _AT_FIRST, _PARTS, chosen_feathers, own_grids, shot_error
 from featherfx.errors import InputWarning
 from featherfx.feather.density import density_map
-from featherfx.shot.share import part_of
-from featherfx.shot.simulate import simulate
+from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.partition.partition import part_of
 
 
 def sample(name, frames=None):

@@ -15,9 +15,9 @@ from featherfx.baking import frame_loop, pipeline
 from featherfx.errors import InputError, Problem
 from featherfx.feather import shapes
 from featherfx.feather.layout import layout
-from featherfx.shot import groups
 from featherfx.shot.contact import pairs
 from featherfx.shot.layers import stack
+from featherfx.shot.loop import groups
 from featherfx.usd.write.cache_writer import CacheWriter
 
 GROOM = """

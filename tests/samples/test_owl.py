@@ -11,9 +11,9 @@ from featherfx.feather.crossings import find_intersections, make_patches
 from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.anatomy.drape import Body
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
 
 OWL = SAMPLES / "owl_flight"
 # of its length, that a point of the tail goes in a frame: its roots stand, so all of it is the

@@ -11,7 +11,7 @@ from featherfx import read_shot
 from featherfx.feather.shapes import build_feathers
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Gaps
-from featherfx.shot.simulate import simulate
+from featherfx.shot.loop.simulate import simulate
 
 SHOT = read_shot(SAMPLES / "torn_feather/shot.toml")
 TORN, TRAILING = 48, 1

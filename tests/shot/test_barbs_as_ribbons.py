@@ -7,8 +7,8 @@ from featherfx.baking.bake import bake
 from featherfx.feather.build import build_feather
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.mechanics.batch import make_model
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
 from featherfx.solver.contact.surfaces import carried_mass
 from featherfx.usd.read.cache import Cache
 

@@ -8,7 +8,7 @@ from test_motion import is_rotation, sampled
 
 from featherfx.errors import InputError
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.motion.preroll import NO_RUN_UP, RunUpRoots, run_up_of
+from featherfx.shot.preroll import NO_RUN_UP, RunUpRoots, run_up_of
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Motion
 

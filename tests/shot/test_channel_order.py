@@ -10,9 +10,9 @@ from shingled import THICKNESS, in_line
 
 import featherfx
 from featherfx.errors import InputWarning
-from featherfx.shot.dependence import dependences
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.simulate import simulate
+from featherfx.shot.partition.dependence import dependences
 from featherfx.shot.types import Channel, Contact, Detail, Layers, Motion
 
 WING = """

@@ -9,11 +9,11 @@ import pytest
 from places import ROOT, SAMPLES
 
 from featherfx.errors import InputError, InputWarning
-from featherfx.shot.dependence import dependences
 from featherfx.shot.direction.channels import courses
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.partition.dependence import dependences
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
 from featherfx.shot.types import CHANNELS, Channel, Detail, Target
 
 # m, within the reach of the roots of two wings

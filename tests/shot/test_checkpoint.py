@@ -7,7 +7,7 @@ import pytest
 from trial_batches import at_origin, rod
 
 from featherfx.errors import InputError
-from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.loop.checkpoint import Checkpoint
 
 
 @pytest.fixture
@@ -16,7 +16,9 @@ def saved(tmp_path):
     state = at_origin(rod(4))
     for number, array in enumerate(state.arrays().values()):
         array[...] = number
-    checkpoint = Checkpoint(3, (state,), (state.points.nodes.copy(),), {"held": np.arange(2)})
+    checkpoint = Checkpoint(
+        3, (state,), (state.points.nodes.copy(),), {"contact": {"held": np.arange(2)}}
+    )
     checkpoint.save(tmp_path / "state.npz")
     return checkpoint, tmp_path / "state.npz"
 
@@ -29,7 +31,7 @@ def test_what_is_saved_is_loaded(saved):
     for name, array in checkpoint.states[0].arrays().items():
         np.testing.assert_array_equal(loaded[name], array, err_msg=name)
     np.testing.assert_array_equal(again.starts[0], checkpoint.starts[0])
-    np.testing.assert_array_equal(again.contact["held"], checkpoint.contact["held"])
+    np.testing.assert_array_equal(again.stages["contact"]["held"], np.arange(2))
 
 
 @pytest.mark.parametrize("missing", ["0.rotation", "0.strains.hinge"])

@@ -12,12 +12,12 @@ from places import SAMPLES
 from featherfx.algebra.between import Knots
 from featherfx.errors import InputWarning
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.cuts import CutRoots
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.motion.roots import RootFrames, Roots, arrived, root_rates
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.read.sources import TimedSurface
-from featherfx.shot.simulate import simulate
+from featherfx.shot.roots import RootFrames, Roots, arrived, root_rates
+from featherfx.shot.sources import TimedSurface
 from featherfx.shot.types import Motion
 
 SAMPLE = SAMPLES / "flapping_bird" / "shot.toml"
@@ -152,7 +152,7 @@ def test_a_collider_that_is_elsewhere_is_no_wall_that_moves():
 
 def simulate_states(shot):
     simulation = simulate(shot, 1, (1, 1))
-    yield [group.state for group in simulation._groups]
+    yield [group.state for group in simulation._run.groups]
 
 
 def keyed(way: float, turn: float = 9.0, after: float = 0.0) -> Roots:

@@ -11,11 +11,10 @@ import pytest
 from places import SAMPLES
 
 from featherfx.errors import InputWarning
-from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.loads.types import Grip
+from featherfx.shot.loop.checkpoint import Checkpoint
+from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import Simulation, simulate
-from featherfx.shot.types import Motion, Shot
+from featherfx.shot.types import Grip, Motion, Shot
 
 SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 PERIOD, LAST = 6, 54

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
 
 GROOM = """
 name = "moult"
@@ -48,7 +48,7 @@ def run(shot, **options):
     """Poses of all frames, mass (n, 1 + 2 m) of the feather that falls, and the simulation."""
     simulation = simulate(shot, **options)
     frames = list(simulation)
-    group = next(g for g in simulation._groups if "falls" in g.names)
+    group = next(g for g in simulation._run.groups if "falls" in g.names)
     mass = group.solver.model.mass[group.names.index("falls")]
     return frames, mass, simulation
 

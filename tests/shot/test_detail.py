@@ -9,9 +9,9 @@ import pytest
 from places import SAMPLES
 
 from featherfx.shot.detail.detail import deflections, load_estimate, simulated_settings
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
 
 
 def chosen(shot) -> list[int]:

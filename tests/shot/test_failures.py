@@ -9,8 +9,8 @@ import pytest
 from places import SAMPLES
 
 from featherfx.errors import SimulationError
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
 
 SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 

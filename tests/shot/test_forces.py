@@ -14,10 +14,9 @@ from featherfx.feather.build import build_feather
 from featherfx.feather.types import LEADING, barb_slice
 from featherfx.shot.loads.forces import force_at, force_weights, hat_integrals
 from featherfx.shot.loads.loads import frame_loads
-from featherfx.shot.loads.types import Force
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Force, Shot
 
 SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 

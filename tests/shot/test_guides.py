@@ -16,8 +16,8 @@ from featherfx.feather.types import stacked
 from featherfx.groom.types import Placement
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights, root_distances
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Detail, Motion, Shot
 
 
@@ -220,5 +220,5 @@ def test_some_feathers_alone_are_those_of_the_whole(wanted: list[int]) -> None:
                 np.testing.assert_array_equal(values, getattr(one, name)[f])
     assert len(part.feathers) == len(part.resolutions) == len(wanted)
     # guides that nobody wanted follows are not simulated
-    simulated = sum(len(group.members) for group in part._groups)
-    assert simulated <= sum(len(group.members) for group in whole._groups) == 2
+    simulated = sum(len(group.members) for group in part._run.groups)
+    assert simulated <= sum(len(group.members) for group in whole._run.groups) == 2

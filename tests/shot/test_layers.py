@@ -11,10 +11,10 @@ import pytest
 from shingled import THICKNESS, askew, depths, least_gap, shingles
 
 from featherfx.errors import InputWarning
-from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.layers import layers as laying
-from featherfx.shot.share import share_count
-from featherfx.shot.simulate import simulate
+from featherfx.shot.loop.checkpoint import Checkpoint
+from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.partition.partition import share_count
 from featherfx.shot.types import Contact, Layers, Motion, Shot
 
 

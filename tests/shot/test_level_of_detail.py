@@ -11,11 +11,11 @@ from places import SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.shot.detail.levels import level_plan
-from featherfx.shot.detail.view import TimedCamera, View, relative_sizes
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file, read_shot
-from featherfx.shot.simulate import simulate
 from featherfx.shot.types import LevelOfDetail, Motion, Shot
+from featherfx.shot.view import TimedCamera, View, relative_sizes
 
 AXES = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([-1.0, 0.0, 0.0])
 

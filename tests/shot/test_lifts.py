@@ -25,15 +25,15 @@ from featherfx.algebra.rotation import frames_from, vectors_to_frames
 from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import both, stacked, turned
 from featherfx.groom.presets.kinds import Change, adjusted
-from featherfx.shot.frames import FeatherPose
+from featherfx.shot.frames import FeatherPose, place
 from featherfx.shot.layers import layers
 from featherfx.shot.layers.lap_kernels import find_laps
 from featherfx.shot.layers.pose_kernels import lift_points_of_all, lift_ways
 from featherfx.shot.layers.stack import pose_like, scratch_of, sorted_stack
-from featherfx.shot.motion.skin import SkinSurfaces
-from featherfx.shot.placement import place
+from featherfx.shot.loop.run import drawn_feathers
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import drawn_feathers, simulate
+from featherfx.shot.skin import SkinSurfaces
 
 
 def test_rims_that_cross_between_their_points_are_parted():

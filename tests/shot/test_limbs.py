@@ -17,7 +17,7 @@ from featherfx.shot.motion.flap import folding
 from featherfx.shot.motion.joints import joint_roots, roots_at_rest, skeleton_of
 from featherfx.shot.motion.limbs import carried, limbs_of, moving_limbs
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.motion.roots import RootFrames
+from featherfx.shot.roots import RootFrames
 
 GROOM = """
 name = "bird"

@@ -13,9 +13,9 @@ from featherfx.groom.types import Placement
 from featherfx.shot.loads import shelter
 from featherfx.shot.loads.shelter import LEAST, lying_exposures
 from featherfx.shot.loads.wind import exposures
-from featherfx.shot.motion.skin import SkinSurfaces
+from featherfx.shot.partition.partition import part_of
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.share import part_of
+from featherfx.shot.skin import SkinSurfaces
 from featherfx.shot.types import Shelter
 
 SHOT = read_shot(SAMPLES / "feather_pull" / "shot.toml")

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 from featherfx.errors import InputError
 from featherfx.groom.keys.preset import STEADY, Clock
 from featherfx.groom.types import Groom, Joint, Placement
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.motion.roots import root_rates
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
+from featherfx.shot.roots import root_rates
 from featherfx.shot.types import Motion, Quality, Shot, Wind
 
 MIRROR = np.diag((1.0, -1.0, 1.0))

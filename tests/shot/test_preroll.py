@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.rotation import from_rotation_vector
-from featherfx.shot.motion.preroll import RunUpRoots, run_up_of
-from featherfx.shot.motion.roots import RootFrames
-from featherfx.shot.read.sources import TimedSurface
+from featherfx.shot.preroll import RunUpRoots, run_up_of
+from featherfx.shot.roots import RootFrames
+from featherfx.shot.sources import TimedSurface
 
 PREROLL = 0.4  # s, 12 of 30 frames a second
 TOLERANCE = 1e-4

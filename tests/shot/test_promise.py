@@ -26,8 +26,8 @@ from featherfx.shot.detail.promise import (
     stepped_down,
 )
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.partition.partition import part_of
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.share import part_of
 
 PULL = SAMPLES / "feather_pull/shot.toml"
 

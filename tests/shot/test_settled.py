@@ -10,7 +10,7 @@ from trial_batches import at_origin, preset_batch
 
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, no_loads
-from featherfx.shot.settled import settled, standing
+from featherfx.shot.loop.settled import settled, standing
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.status import NO_REST
 

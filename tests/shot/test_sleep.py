@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from places import SAMPLES
 
-from featherfx.shot.loads.types import Force, Grip
+from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import Simulation, simulate
-from featherfx.shot.types import Motion, Shot
+from featherfx.shot.types import Force, Grip, Motion, Shot
 
 SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 STILL, MOVED = 4, 8

@@ -10,9 +10,9 @@ import pytest
 from places import SAMPLES
 
 from featherfx.errors import InputWarning
-from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.loop.checkpoint import Checkpoint
+from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import LevelOfDetail, Shot
 
 SAMPLE = SAMPLES / "feather_pull"

@@ -11,8 +11,8 @@ from places import SAMPLES
 from featherfx.baking.bake import bake
 from featherfx.feather.build import build_feather
 from featherfx.feather.render import barb_curves
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
 
 SAMPLE = SAMPLES / "feather_pull"
 SPLIT = "trailing.splits = { places = [[0.5, 0.9]], width = 0.01 }"

@@ -13,9 +13,10 @@ from pxr import Usd, UsdGeom, Vt
 
 import featherfx
 from featherfx.errors import InputError, InputWarning
-from featherfx.shot.dependence import dependences
 from featherfx.shot.direction.shafts import _shortest, along_line
-from featherfx.shot.simulate import drawn_feathers, simulate
+from featherfx.shot.loop.run import drawn_feathers
+from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.partition.dependence import dependences
 from featherfx.shot.types import Channel, Target
 
 SAMPLE = SAMPLES / "swan_wing"

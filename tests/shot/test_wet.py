@@ -21,11 +21,11 @@ from featherfx.render.light_kernels import VANE
 from featherfx.render.options import PictureOptions
 from featherfx.render.scene import load_points
 from featherfx.render.subject import open_subject
-from featherfx.shot.dependence import dependences
-from featherfx.shot.loads.wet import Water, clumping
+from featherfx.shot.hooks.wet import Water, clumping
+from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.partition.dependence import dependences
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Wet
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.expand import expand
@@ -50,8 +50,8 @@ def test_water_is_mass_of_the_vane_and_weakens_hooks_and_air(shot):
     dry = make_model([feather], [placement.kind], 1)
     rule = Wet(keys=((0.0, 0.0), (1.0, 1.0)), water=1.5, hooks=0.4, drag=0.6)
     water = Water(rule, [feather], [placement])
-    assert not water.soak(0.0)
-    assert water.soak(0.5)
+    assert not water.renew(None, 0.0, 0.0)
+    assert water.renew(None, 0.0, 0.5)
     model = water.model(dry)
     area = np.linalg.norm(np.cross(*_edges(feather)), axis=1).sum() / 2.0
     added = (model.mass - dry.mass).sum()
@@ -60,7 +60,7 @@ def test_water_is_mass_of_the_vane_and_weakens_hooks_and_air(shot):
     np.testing.assert_allclose(model.hooks.limit, 0.7 * dry.hooks.limit)
     np.testing.assert_allclose(model.hooks.release, 0.7 * dry.hooks.release)
     loads = no_loads(1)._replace(air=np.array([1.2, 1.0, 0.1, 1.1]))
-    np.testing.assert_allclose(water.through(loads).air, [1.2, 0.8, 0.08, 1.1])
+    np.testing.assert_allclose(water.added(loads, None, 0.0, 0.5).air, [1.2, 0.8, 0.08, 1.1])
 
 
 def _edges(feather):

@@ -16,7 +16,7 @@ import featherfx.baking.pipeline as pipeline
 from featherfx.feather.build import build_feather
 from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import RowPoints, both
-from featherfx.shot.placement import place
+from featherfx.shot.frames import place
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions

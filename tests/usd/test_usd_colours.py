@@ -13,7 +13,7 @@ import featherfx
 from featherfx.algebra.srgb import linear
 from featherfx.errors import InputError
 from featherfx.feather.colours import VANE_COLOUR
-from featherfx.shot.dependence import dependences
+from featherfx.shot.partition.dependence import dependences
 from featherfx.shot.read.read import read_shot
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.convert.condensed import export_condensed

@@ -6,7 +6,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import featherfx
-from featherfx.shot.simulate import simulate
+from featherfx.shot.loop.simulate import simulate
 
 FIRST, SUBFRAMES = creature.FIRST, 8
 STEP = 1.0 / (creature.RATE * SUBFRAMES)

@@ -10,8 +10,8 @@ from usdin_scenes import new_stage, rigid
 
 from featherfx.api import read_shot
 from featherfx.errors import InputError
-from featherfx.shot.detail.view import relative_sizes
 from featherfx.shot.fingerprint import shot_settings
+from featherfx.shot.view import relative_sizes
 
 SAMPLE = SAMPLES / "swan_wing" / "shot.toml"
 
@@ -100,7 +100,7 @@ def test_a_camera_without_a_picture_is_told(tmp_path):
 
 
 def test_feathers_out_of_the_picture_are_rigid(tmp_path):
-    from featherfx.shot.simulate import simulate
+    from featherfx.shot.loop.simulate import simulate
 
     write_camera(tmp_path)
     table = 'usd = "scene.usda"\nprim = "/cam"\nguided_below = 0\ncoarse_below = 0'

@@ -7,7 +7,7 @@ from usdin_scenes import TYPES, add_curves, add_matrix, arc, new_stage, rigid, v
 
 import featherfx
 from featherfx.feather.types import LEADING
-from featherfx.shot.placement import place
+from featherfx.shot.frames import place
 
 
 def built(groom, number=0):

@@ -22,7 +22,7 @@ from featherfx.cli.view import _OF_WING, _stage
 from featherfx.errors import InputError
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
-from featherfx.shot.simulate import simulate
+from featherfx.shot.loop.live import LiveSimulation
 from featherfx.view.live import Live, LiveServer, LiveSource, presets_of
 from featherfx.view.serve import _HOST
 from featherfx.view.tuned import Tuned
@@ -107,19 +107,19 @@ def test_a_feather_goes_on_from_where_it_was_in_another_shape():
     shot = read_shot(SHOT)
     quality = replace(read_quality("draft").pushing, simulated_rows=0)
     shot = changed(replace(shot, quality=quality))
-    first = simulate(shot, frames=(1, 100))
+    first = LiveSimulation(shot, 1, (1, 100))
     frames = iter(first)
     for _ in range(6):
         next(frames)
     before = first.checkpoint().states[0].points.at(0)
     kind = shot.groom.feathers[0].kind
     stiff = changed(shot, rachis_material=replace(kind.rachis_material, youngs_modulus=4e9))
-    other = simulate(stiff, frames=(1, 100))
+    other = LiveSimulation(stiff, 1, (1, 100))
     assert other.reshaped(first)
     state = other.checkpoint()
     np.testing.assert_array_equal(state.states[0].points.nodes[0], before.nodes)
     assert state.index == 5
-    longer = simulate(changed(shot, length=1.2 * kind.length), frames=(1, 100))
+    longer = LiveSimulation(changed(shot, length=1.2 * kind.length), 1, (1, 100))
     assert longer.reshaped(first)
     state = longer.checkpoint().states[0]
     shaft, was = state.points.nodes[0, :, 0], before.nodes[:, 0]
@@ -130,7 +130,7 @@ def test_a_feather_goes_on_from_where_it_was_in_another_shape():
     np.testing.assert_allclose(shaft[-1] - shaft[0], 1.2 * (was[-1] - was[0]), atol=2e-3)
     assert next(iter(longer)).number == 7
     finer = replace(shot, quality=replace(shot.quality, rows=14))
-    assert not simulate(finer, frames=(1, 100)).reshaped(first)
+    assert not LiveSimulation(finer, 1, (1, 100)).reshaped(first)
 
 
 @pytest.fixture(scope="module")

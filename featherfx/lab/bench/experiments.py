@@ -28,7 +28,7 @@ from featherfx.lab.bench.shake import (
 from featherfx.mechanics.resolution import barb_load, rachis_deflection
 from featherfx.shot.detail.detail import settings_for
 from featherfx.shot.detail.promise import Bends
-from featherfx.shot.groups import NEWTON_FRACTION
+from featherfx.shot.loop.run import NEWTON_FRACTION
 from featherfx.shot.types import Quality
 
 _METHODS: dict[str, Method] = {"barb-curvature": barb_curvature}

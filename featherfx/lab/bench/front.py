@@ -28,8 +28,8 @@ from featherfx.lab.bench.skips import share_of
 from featherfx.shot.detail.detail import deflections, load_estimate
 from featherfx.shot.detail.estimate import barb_bends
 from featherfx.shot.detail.promise import Bends
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Quality, Shot
 
 # (columns, coefficients)

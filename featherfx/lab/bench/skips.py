@@ -14,8 +14,8 @@ from featherfx.algebra.types import Array
 from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.frames import Frame
-from featherfx.shot.share import part_of, share_numbers
-from featherfx.shot.simulate import Simulation, simulate
+from featherfx.shot.loop.simulate import Simulation, simulate
+from featherfx.shot.partition.partition import part_of, share_numbers
 from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
 
 Change = Callable[[Shot], Shot]

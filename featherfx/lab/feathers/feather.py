@@ -36,9 +36,8 @@ from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.vane_rest import barb_nodes
 from featherfx.shot.loads.loads import frame_loads
-from featherfx.shot.loads.types import Grip
 from featherfx.shot.motion.motion import root_motion, root_path
-from featherfx.shot.types import Motion, Quality, Shot, Wind
+from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.integrator_kernels import IntegratorFactors

@@ -19,7 +19,7 @@ from featherfx.groom.types import FeatherKind
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
-from featherfx.shot.simulate import Simulation, simulate
+from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import frequencies

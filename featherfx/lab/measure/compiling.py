@@ -16,7 +16,7 @@ from unittest.mock import patch
 
 from featherfx.api import read_shot
 from featherfx.jit.compile_progress import SECONDS, name_of
-from featherfx.shot.simulate import simulate
+from featherfx.shot.loop.simulate import simulate
 
 Entry = tuple[str, float, float]
 

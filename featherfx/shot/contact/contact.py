@@ -28,9 +28,9 @@ from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pai
 from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
 from featherfx.shot.contact.steps import FrameSteps, Pace, StepRules
 from featherfx.shot.detail.promise import common_tolerance
-from featherfx.shot.detail.sleep import skip_frame
-from featherfx.shot.groups import NEWTON_FRACTION
-from featherfx.shot.placement import place
+from featherfx.shot.frames import place
+from featherfx.shot.loop.run import NEWTON_FRACTION
+from featherfx.shot.loop.sleep import skip_frame
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
 from featherfx.solver.contact.surfaces import grids_of, surfaces_of

@@ -23,8 +23,9 @@ from featherfx.shot.detail.followers import turned_by
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.levels import LevelPlan
-from featherfx.shot.groups import Group, maps_between, model_of
-from featherfx.shot.motion.roots import RootFrames, Roots, arrived
+from featherfx.shot.loop.groups import FeatherGroup
+from featherfx.shot.loop.models import maps_between, model_of
+from featherfx.shot.roots import RootFrames, Roots, arrived
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import LedMotion
 from featherfx.solver.contact.surfaces import Grids
@@ -208,7 +209,7 @@ def obstacles_of(
     shot: Shot,
     plan: LevelPlan,
     members: Indices,
-    groups: Sequence[Group],
+    groups: Sequence[FeatherGroup],
     motion: Roots,
 ) -> Obstacles:
     """The obstacles among the feathers of an island, by their numbers in the groom. groups: what is
@@ -262,7 +263,7 @@ def _guides_of(
     followers: tuple[Indices, Sequence[Feather]],
     guides: Indices,
     weights: Any,
-    groups: Sequence[Group],
+    groups: Sequence[FeatherGroup],
 ) -> Guides:
     """Guides (G,) of some feathers and their shapes, with weights (F, G). groups: what is
     solved."""

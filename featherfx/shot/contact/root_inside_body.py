@@ -15,8 +15,8 @@ from featherfx.errors import InputWarning
 from featherfx.groom.anatomy.drape import Body
 from featherfx.groom.skin.search import search_tree
 from featherfx.shot.motion.limbs import of_wings
-from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.patterns import may_touch
+from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
 
 # depth of a root in the body, over its feather's length, from which on it is told

@@ -8,9 +8,9 @@ import numpy as np
 
 from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.search import search_tree
-from featherfx.shot.motion.preroll import NO_RUN_UP, RunUp
-from featherfx.shot.motion.skin import BoundSkin
-from featherfx.shot.read.sources import TimedSurface
+from featherfx.shot.preroll import NO_RUN_UP, RunUp
+from featherfx.shot.skin import BoundSkin
+from featherfx.shot.sources import TimedSurface
 from featherfx.solver.contact.ground_kernels import bind_nodes
 from featherfx.solver.contact.types import Array, Indices, SkinMesh
 from featherfx.solver.contact.wall import outward

@@ -26,6 +26,7 @@ from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputWarning
 from featherfx.mechanics.model import Loads
+from featherfx.shot.loop.run import Arrays, Stage, prefixed, under
 from featherfx.solver.state import RootPath, State
 
 # by which what acts may differ from what acted a cycle before, in SI units and of its size: skins
@@ -167,27 +168,42 @@ def repeats_together(
     return playing
 
 
-def memory_of(cycles: Sequence[Cycle | None]) -> dict[str, NDArray[Any]]:
-    """What the groups of a shot keep, for checkpoints."""
-    return {
-        f"{g}.{name}": value
-        for g, cycle in enumerate(cycles)
-        if cycle is not None
-        for name, value in cycle.memory().items()
-    }
+class CycleStage(Stage):
+    """The cycles of a shot that says that it repeats. Batches that may repeat have one; what slips,
+    dries, is directed or leaves its root does not."""
+
+    name = "cycles"
+
+    def prepare(self) -> None:
+        """Give cycles to batches."""
+        period = self.run.shot.cycle * self.run.subframes
+        for group in self.run.groups:
+            if not (group.changes_model or group.solver.model.hooked):
+                tolerance, count = group.solver.settings.tolerance, len(group.members)
+                group.cycle = Cycle(period, tolerance, count)
+
+    def finish(self, index: int) -> None:
+        """Warn if nothing was replayed."""
+        cycles = [group.cycle for group in self.run.groups]
+        _warn_if_never(cycles, self.run.shot.cycle, index // self.run.subframes)
+
+    def checkpoint(self) -> Arrays:
+        """Samples that the cycles of batches hold."""
+        found: Arrays = {}
+        for g, group in enumerate(self.run.groups):
+            if group.cycle is not None:
+                found |= prefixed(f"{g}.", group.cycle.memory())
+        return found
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from a checkpoint."""
+        for g, group in enumerate(self.run.groups):
+            if group.cycle is not None:
+                group.cycle.restore(under(f"{g}.", arrays))
 
 
-def restore(cycles: Sequence[Cycle | None], memory: Mapping[str, NDArray[Any]]) -> None:
-    """Take over what `memory_of` gave."""
-    for g, cycle in enumerate(cycles):
-        mine = f"{g}."
-        kept = {n.removeprefix(mine): value for n, value in memory.items() if n.startswith(mine)}
-        if cycle is not None:
-            cycle.restore(kept)
-
-
-def warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> None:
-    """InputWarning if nothing was replayed after a cycle of so many frames, of done in all."""
+def _warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> None:
+    """Warn if nothing was replayed after a cycle of so many frames, of done in all."""
     if not frames or done <= 2 * frames:
         return
     known = [cycle for cycle in cycles if cycle is not None]

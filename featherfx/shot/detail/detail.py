@@ -41,8 +41,8 @@ from featherfx.shot.detail.promise import (
     stepped_down,
 )
 from featherfx.shot.loads.wind import exposures
-from featherfx.shot.motion.roots import Roots, sampled_rates
 from featherfx.shot.patterns import fits, last_fitting
+from featherfx.shot.roots import Roots, sampled_rates
 from featherfx.shot.types import Quality, Shot
 
 CHOSEN_BY_SOLVER = -1

@@ -10,7 +10,7 @@ import numpy as np
 from featherfx.algebra.types import Array
 from featherfx.feather.types import RowPoints, stacked
 from featherfx.shot.detail.promise import front, quality_of
-from featherfx.shot.groups import Group
+from featherfx.shot.loop.groups import FeatherGroup
 from featherfx.shot.types import Shot
 from featherfx.solver.solver import StepReport
 
@@ -22,7 +22,7 @@ class Estimate:
     another simulation computed.
     """
 
-    def __init__(self, shot: Shot, groups: Sequence[Group], air: Array) -> None:
+    def __init__(self, shot: Shot, groups: Sequence[FeatherGroup], air: Array) -> None:
         self._promised = promised(shot)
         self._groups = {id(group): group for group in groups if group.level == "full"}
         self._rest = {
@@ -40,12 +40,12 @@ class Estimate:
         for k, group in self._groups.items():
             self._worse(group, 0, _largest(_ends(group.state.points) - self._rest[k]))
 
-    def stepped(self, group: Group, report: StepReport) -> None:
+    def stepped(self, group: FeatherGroup, report: StepReport) -> None:
         """Take the steps of a batch into account."""
         if id(group) in self._groups:
             self._worse(group, 1, report.error)
 
-    def _worse(self, group: Group, part: int, found: Array) -> None:
+    def _worse(self, group: FeatherGroup, part: int, found: Array) -> None:
         worst = self._worst[id(group)][:, part]
         np.maximum(worst, found / self._lengths[id(group)], out=worst)
 

@@ -14,10 +14,9 @@ from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.shot.detail import guided_kernels as kernels
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
-from featherfx.shot.detail.levels import LevelPlan
 from featherfx.shot.frames import FeatherPose
-from featherfx.shot.motion.roots import RootFrames, Roots, root_rates
-from featherfx.shot.types import Shot
+from featherfx.shot.loop.run import ShotRun, Stage
+from featherfx.shot.roots import RootFrames, Roots, root_rates
 
 
 def rigid_poses(
@@ -33,57 +32,61 @@ def rigid_poses(
     return _by_number(members, world)
 
 
-class GuidedFeathers:
-    """The guided feathers of a shot.
+class FollowerStage(Stage):
+    """The rigid and the guided feathers of a shot: nothing is solved of them.
 
-    drawn: all feathers on the meshes' grid. plan: of their levels. wanted: numbers of those that
-    are shown; of others nothing is computed, but whom a feather follows does not depend on them.
-    guided: numbers of those that are computed; guides: numbers of those that guide them.
+    Of feathers whose poses are not needed nothing is computed, but whom a feather follows does not
+    depend on these.
     """
 
-    def __init__(
-        self, shot: Shot, drawn: Sequence[Feather], plan: LevelPlan, wanted: Indices
-    ) -> None:
-        guided = plan.at_level("guided")
-        self.guided, self.guides = guided, np.zeros(0, dtype=np.int64)
-        if not len(guided):
+    def __init__(self, run: ShotRun) -> None:
+        super().__init__(run)
+        shot, drawn, placements = run.shot, run.drawn, run.shot.groom.feathers
+        posed = run.posed
+        rigid = np.intersect1d(run.plan.at_level("rigid"), posed)
+        self._rigid = {f: drawn[f] for f in rigid.tolist()}
+        guided = run.plan.at_level("guided")
+        self._guided = guided[np.isin(guided, posed)]
+        run.rigid, run.guided = len(rigid), len(self._guided)
+        if not len(self._guided):
             return
-        guides, weights = guide_weights(shot, guided, plan.leading)
-        weights = weights[np.isin(guided, wanted)]
-        self.guided = guided = guided[np.isin(guided, wanted)]
-        if not len(guided):
-            return
+        guides, weights = guide_weights(shot, guided, run.plan.leading)
+        weights = weights[np.isin(guided, posed)]
         used = np.unique(weights.indices)
-        guides, weights = guides[used], weights[:, used]
-        placements = shot.groom.feathers
+        self._guides, weights = guides[used], weights[:, used]
         own, others = (
             Shapes([drawn[f] for f in members], [placements[f].mirrored for f in members])
-            for members in (guided, guides)
+            for members in (self._guided, self._guides)
         )
-        self.guides = guides
         self._followers = Followers(own, others, weights)
+        run.solve_also(self._guides)
 
-    def poses(
+    def follow(self, index: int, poses: dict[int, FeatherPose]) -> None:
+        """Add the poses of rigid and guided feathers at a sample."""
+        motion, start, end = self.run.motion, self.run.time(index - 1), self.run.time(index)
+        if self._rigid:
+            poses |= rigid_poses(self._rigid, motion, start, end)
+        if len(self._guided):
+            poses |= self._guided_poses(poses, motion, start, end)
+
+    def _guided_poses(
         self, guides: Mapping[int, FeatherPose], motion: Roots, start: float, end: float
     ) -> dict[int, FeatherPose]:
-        """Poses of the guided at a time `end` (s), by numbers in the groom.
-
-        guides: poses of the guides. start: s, of the sample before.
-        """
-        poses = [guides[int(f)] for f in self.guides]
+        """Poses of the guided at a time `end` (s), by number; start: s, of the sample before."""
+        poses = [guides[int(f)] for f in self._guides]
         given = [
             stacked([getattr(pose, name) for pose in poses])
             for name in ("points", "velocities", "accelerations")
         ]
-        points, rates, seconds = seen_from_roots(given, rates_of(motion, self.guides, start, end))
+        points, rates, seconds = seen_from_roots(given, rates_of(motion, self._guides, start, end))
         posed, step = self._followers.moving(points, rates, seconds, end - start)
-        roots = tuple(map(tuple, rates_of(motion, self.guided, start, end)))
+        roots = tuple(map(tuple, rates_of(motion, self._guided, start, end)))
         # each place is read before it is written over
         world = posed if posed[0] is not posed[1] else [both(np.copy, each) for each in posed]
         for part, shifted in enumerate((1.0, 0.0)):  # nodes, directors
             vectors = [tuple(_flat(each[part]) for each in many) for many in (posed, world)]
             kernels.in_world(vectors[0], step, shifted, roots, vectors[1])
-        return _by_number(self.guided, world)
+        return _by_number(self._guided, world)
 
 
 def rates_of(motion: Roots, members: Indices, start: float, end: float) -> list[RootFrames]:

@@ -29,6 +29,7 @@ import scipy
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
+from featherfx.files.content import digest
 from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.skin.skin import closest
@@ -257,3 +258,17 @@ def _graph(roots: Array, corners: Array) -> tuple[Any, int]:
     lengths = np.maximum(lengths, 1e-12)
     graph = scipy.sparse.coo_array((lengths, (edges[:, 0], edges[:, 1])), shape=(count, count))
     return graph.tocsr(), first
+
+
+def add_guides(shot: Shot, plan: Any, own: Sequence[str]) -> list[str]:
+    """Texts of what feathers depend on; of those that follow guides with those of the guides."""
+    result, guided = list(own), plan.at_level("guided")
+    if not len(guided):
+        return result
+    guides, weights = guide_weights(shot, guided, plan.leading)
+    for row, f in enumerate(guided.tolist()):
+        some = slice(weights.indptr[row], weights.indptr[row + 1])
+        followed = guides[weights.indices[some]].tolist()
+        parts = [own[g] for g in followed]
+        result[f] = digest(own[f], parts, weights.data[some])
+    return result

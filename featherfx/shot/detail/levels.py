@@ -17,9 +17,9 @@ from featherfx.feather.types import Feather
 from featherfx.limits import refuse_beyond_memory
 from featherfx.shot.detail.detail import Detailer, Resolution
 from featherfx.shot.detail.guides import with_guides
-from featherfx.shot.detail.view import relative_sizes
-from featherfx.shot.motion.roots import RootFrames, Roots, sampled_rates
+from featherfx.shot.roots import RootFrames, Roots, sampled_rates
 from featherfx.shot.types import LEVELS, LevelOfDetail, Shot
+from featherfx.shot.view import relative_sizes
 
 _NUMBER = {level: number for number, level in enumerate(LEVELS)}
 # m/s^2, accelerations are measured in

@@ -13,62 +13,58 @@ from dataclasses import replace
 
 import numpy as np
 
-from featherfx.algebra.types import Indices
-from featherfx.feather.types import Feather, RowPoints, both, stacked
+from featherfx.feather.types import RowPoints, both, stacked
 from featherfx.shot.detail.followers import in_world, rates_of, seen_from_roots
 from featherfx.shot.detail.guided import INSTANT, Shapes, Turns
 from featherfx.shot.direction.channels import courses, product
+from featherfx.shot.direction.roots import warn_of_shares
+from featherfx.shot.direction.unsimulated_targets import warn_of_unfelt
 from featherfx.shot.frames import FeatherPose
-from featherfx.shot.motion.roots import Roots
+from featherfx.shot.loop.run import ShotRun, Stage
 from featherfx.shot.patterns import last_fitting
-from featherfx.shot.types import Shot
 
 NAMES = ("follow",)
 
 
-class FollowThrough:
-    """The feathers of a shot of which another share is shown.
+class FollowThrough(Stage):
+    """The feathers of a shot of which another part of the simulated motion is shown."""
 
-    drawn: all feathers on the meshes' grid. shown: (S,) numbers of those that are shown.
-    """
-
-    def __init__(self, shot: Shot, drawn: Sequence[Feather], motion: Roots, shown: Indices) -> None:
-        self._found, self._motion = courses(shot, NAMES), motion
+    def __init__(self, run: ShotRun) -> None:
+        super().__init__(run)
+        shot, drawn, shown = run.shot, run.drawn, run.posed
+        warn_of_shares(shot, run.directed)
+        warn_of_unfelt(shot, run.plan.resolutions)
+        self._found = courses(shot, NAMES)
         acted_on = np.zeros(len(drawn), dtype=np.bool_)
         for each in self._found:
             acted_on |= each.weights > 0.0
         # what flies by itself has no root that it could follow
         acted_on &= np.array(last_fitting(shot.detachments, shot.groom.feathers)) < 0
-        self._places = np.flatnonzero(acted_on[shown])
-        self._members = shown[self._places]
+        self._members = shown[acted_on[shown]]
         if len(self._members):
             mirrored = [shot.groom.feathers[f].mirrored for f in self._members]
             self._shapes = Shapes([drawn[f] for f in self._members], mirrored)
 
-    def of(self, poses: Sequence[FeatherPose], start: float, end: float) -> list[FeatherPose]:
-        """The poses of those that are shown, with the share of a time `end` (s).
-
-        start: s, of the sample before.
-        """
-        found = list(poses)
+    def follow(self, index: int, poses: dict[int, FeatherPose]) -> None:
+        """Change the poses of those that are shown by their part at a sample."""
         if not len(self._members):
-            return found
-        taken = [poses[k] for k in self._places.tolist()]
+            return
+        start, end = self.run.time(index - 1), self.run.time(index)
+        taken = [poses[f] for f in self._members.tolist()]
         world = [
             stacked([getattr(pose, name) for pose in taken])
             for name in ("points", "velocities", "accelerations")
         ]
-        roots = rates_of(self._motion, self._members, start, end)
+        roots = rates_of(self.run.motion, self._members, start, end)
         moved = in_world(self._local(seen_from_roots(world, roots), start, end), roots)
         points, velocities, accelerations = moved
-        for place, k in enumerate(self._places.tolist()):
-            found[k] = replace(
-                poses[k],
+        for place, f in enumerate(self._members.tolist()):
+            poses[f] = replace(
+                poses[f],
                 points=points.at(place),
                 velocities=velocities.at(place),
                 accelerations=accelerations.at(place),
             )
-        return found
 
     def _local(self, local: Sequence[RowPoints], start: float, end: float) -> list[RowPoints]:
         """Points and their first and second rates in root frames."""

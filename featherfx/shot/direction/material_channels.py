@@ -13,14 +13,15 @@ Moduli change from sample to sample; what a bent feather holds then changes with
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.direction.channels import Course, courses, product
-from featherfx.shot.types import Shot
+from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
+from featherfx.shot.loop.run import ShotLoad, ShotRun
 
 NAMES = ("stiffness", "damping", "gravity")
 # arrays of a model that are moduli
@@ -32,19 +33,36 @@ _MODULI = (
 _WIND_STEP = 1.0 / 8.0
 
 
-class Blown:
+class WindLoads(ShotLoad):
     """How much of the wind the feathers of a shot feel, by its channels of wind."""
 
-    def __init__(self, shot: Shot) -> None:
-        self._found, count = courses(shot, ("wind",)), len(shot.groom.feathers)
+    def __init__(self, run: ShotRun) -> None:
+        super().__init__(run)
+        self._found, count = courses(run.shot, ("wind",)), len(run.shot.groom.feathers)
         table = [np.round(each.weights / _WIND_STEP) * _WIND_STEP for each in self._found]
         # (F,) of every feather the weights of all channels, in eighths
-        self.weights = [tuple(float(weights[f]) for weights in table) for f in range(count)]
+        self._weights = [tuple(float(weights[f]) for weights in table) for f in range(count)]
 
-    def through(self, loads: Loads, weights: tuple[float, ...], time: float) -> Loads:
-        """Loads of a batch that feels the channels by these weights, at a time in s."""
-        fraction = 1.0
-        for course, weight in zip(self._found, weights, strict=True):
+    def key(self, feather: int) -> Hashable:
+        """Weights of the channels."""
+        return self._weights[feather]
+
+    def on(self, group: FeatherGroup) -> GroupLoad | None:
+        """The wind that a batch feels."""
+        weights = self._weights[group.members[0]]
+        return _FeltWind(self._found, weights) if any(weights) else None
+
+
+class _FeltWind(GroupLoad):
+    """The wind on a batch that feels channels by some weights."""
+
+    def __init__(self, found: Sequence[Course], weights: tuple[float, ...]) -> None:
+        self._found, self._weights = found, weights
+
+    def added(self, loads: Loads, group: FeatherGroup, start: float, end: float) -> Loads:
+        """Loads with the wind that is felt in the middle of a step."""
+        time, fraction = 0.5 * (start + end), 1.0
+        for course, weight in zip(self._found, self._weights, strict=True):
             fraction *= 1.0 + weight * (course.value(time) - 1.0)
         if fraction == 1.0:
             return loads
@@ -53,15 +71,22 @@ class Blown:
         )
 
 
-def matter_of(found: Sequence[Course], members: Indices, gravity: Array) -> Matter | None:
-    """What channels (those of NAMES) make of the matter of a batch, members: (M,) numbers of its
-    feathers in the shot; None where none does."""
-    own = [each for each in found if each.weights[members].any()]
-    return Matter(own, members, gravity) if own else None
+class MaterialLoads(ShotLoad):
+    """The channels of stiffness, damping and gravity of a shot."""
+
+    def __init__(self, run: ShotRun) -> None:
+        super().__init__(run)
+        self._found = courses(run.shot, NAMES)
+        self._gravity = np.asarray(run.shot.gravity)
+
+    def on(self, group: FeatherGroup) -> GroupLoad | None:
+        """The material of a batch; None where no channel acts on it."""
+        own = [each for each in self._found if each.weights[group.members].any()]
+        return DirectedMaterial(own, group.members, self._gravity) if own else None
 
 
-class Matter:
-    """The matter of a batch of feathers while channels act on it.
+class DirectedMaterial(GroupLoad):
+    """The material of a batch of feathers while channels act on it.
 
     found: those that do. members: (M,) numbers of the feathers in the shot. gravity: (3,) m/s^2.
     """
@@ -70,13 +95,13 @@ class Matter:
         self._found, self._members, self._gravity = tuple(found), members, gravity
         names = {each.channel.name for each in found}
         self.changes_model = not names.isdisjoint(("stiffness", "damping"))
-        self.changes_weight = "gravity" in names
+        self._changes_weight = "gravity" in names
         self._factors = np.ones((2, len(members)))
 
-    def renew(self, time: float) -> bool:
-        """Take the moduli of a time (s since the first frame); whether they are others."""
+    def renew(self, group: FeatherGroup, start: float, end: float) -> bool:
+        """Take the moduli of the end of a step; whether they are others."""
         before = self._factors
-        self._factors = np.stack([self._values(name, time) for name in ("stiffness", "damping")])
+        self._factors = np.stack([self._values(name, end) for name in ("stiffness", "damping")])
         return not np.array_equal(self._factors, before)
 
     def model(self, model: Model) -> Model:
@@ -89,10 +114,11 @@ class Matter:
         times = model.retardation * (damping / np.sqrt(stiffness))[:, None]
         return model._replace(retardation=times, **scaled)
 
-    def weighed(self, loads: Loads, mass: Array, start: float, end: float) -> Loads:
-        """Loads with what gravity adds from start to end (s). mass: (M, n, 1 + 2 m) kg."""
-        if not self.changes_weight:
+    def added(self, loads: Loads, group: FeatherGroup, start: float, end: float) -> Loads:
+        """Loads with what gravity adds from start to end (s)."""
+        if not self._changes_weight:
             return loads
+        mass = group.solver.model.mass
         before, after = (
             ((self._values("gravity", time) - 1.0)[:, None, None] * mass)[..., None] * self._gravity
             for time in (start, end)

@@ -33,12 +33,12 @@ from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather, stacked
 from featherfx.files.content import members
 from featherfx.files.disk_cache import kept
+from featherfx.shot.frames import place
 from featherfx.shot.layers.layers import Layers, shot_stack
 from featherfx.shot.layers.stack import laps_at_rest
 from featherfx.shot.layers.types import Stack
 from featherfx.shot.motion.limbs import limbs_of
-from featherfx.shot.motion.roots import RootFrames
-from featherfx.shot.placement import place
+from featherfx.shot.roots import RootFrames
 from featherfx.shot.types import Shot
 
 # of a length, by which layers let feathers rise on those beneath them; below the slope of a lift

@@ -23,6 +23,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -31,10 +32,10 @@ from featherfx.errors import InputWarning
 from featherfx.feather.layout.overlap import strips_of
 from featherfx.groom.types import Placement
 from featherfx.shot.contact.skin_binding import SkinBeneath, surfaces_under
-from featherfx.shot.direction.channels import Course, courses
+from featherfx.shot.direction.channels import Course, acting, courses
 from featherfx.shot.direction.order import Asked, shares
 from featherfx.shot.motion.limbs import limbs_of
-from featherfx.shot.motion.roots import RootFrames, Roots
+from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
 
 NAMES = ("ruffle", "sleek", "turn", "fan", "fold", "puff")
@@ -97,7 +98,7 @@ class Directed:
         return np.array(sum(each.course.of_each(time)[:, None] * each.axes for each in self.pulls))
 
 
-def directed(shot: Shot, motion: Roots) -> Roots:
+def direct_roots(shot: Shot, motion: Roots) -> Roots:
     """The motion with the channels of a shot that act on roots; itself where there are none."""
     found = courses(shot, NAMES)
     if not found:
@@ -131,6 +132,13 @@ def _asked(shot: Shot, motion: Directed) -> Asked:
 def shares_of(motion: Roots, count: int) -> Array:
     """(F,) share of what channels ask for that each of so many feathers gets."""
     return motion.share if isinstance(motion, Directed) else np.ones(count)
+
+
+def depend_on_channels(shot: Shot, motion: Roots) -> list[Any]:
+    """What acts on every feather of a shot, and its part of what channels ask of its root."""
+    fractions = shares_of(motion, len(shot.groom.feathers)).tolist()
+    every = zip(acting(shot), fractions, strict=True)
+    return [[acts, own] if acts or own != 1.0 else None for acts, own in every]
 
 
 def warn_of_shares(shot: Shot, motion: Roots) -> None:

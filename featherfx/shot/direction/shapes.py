@@ -12,8 +12,8 @@ from featherfx.feather.density import density_map
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.direction.shafts import along_line, why_no_shaft
-from featherfx.shot.motion.roots import Roots
 from featherfx.shot.patterns import fits
+from featherfx.shot.roots import Roots
 from featherfx.shot.types import Shot, Target
 
 

@@ -26,12 +26,14 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputWarning
-from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.direction.channels import Curve
-from featherfx.shot.direction.shapes import shape_of
-from featherfx.shot.motion.roots import Roots, arrived
+from featherfx.shot.direction.shapes import refuse_other_shapes, shape_of
+from featherfx.shot.direction.unsimulated_targets import warn_of_unfelt
+from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
+from featherfx.shot.loop.run import ShotLoad, ShotRun, Stage
 from featherfx.shot.patterns import fits
+from featherfx.shot.roots import Roots, arrived
 from featherfx.shot.types import Shot, Target
 from featherfx.solver.step.modes import first_frequency
 
@@ -68,13 +70,13 @@ class Pull:
         return self.mass * square[:, None, None]
 
 
-class Pulls:
+class Pulls(GroupLoad):
     """All targets of a batch; members: (F,) numbers of its feathers in the shot."""
 
     def __init__(self, found: Sequence[Pull], members: Indices, motion: Roots) -> None:
         self._found, self._members, self._motion = tuple(found), members, motion
 
-    def added(self, loads: Loads, start: float, end: float) -> Loads:
+    def added(self, loads: Loads, group: FeatherGroup, start: float, end: float) -> Loads:
         """Loads of the batch from start to end (s) with those of the targets, as grips."""
         for pull in self._found:
             hold = pull.hold.value(end)
@@ -135,52 +137,47 @@ def _with_slack(loads: Loads, feathers: int, count: int, within: float) -> Array
     return np.concatenate([own, np.full((feathers, count), within)], axis=1)
 
 
-def pulls_of(
-    shot: Shot,
-    drawn: Sequence[Feather],
-    feathers: Sequence[Feather],
-    members: Indices,
-    motion: Roots,
-    model: Model,
-) -> Pulls | None:
-    """The targets of a batch; None where no target is about any of its feathers.
+class TargetLoads(ShotLoad):
+    """The targets of a shot."""
 
-    drawn: all feathers of the shot on the meshes' grid. feathers: of the batch, as simulated.
-    model: of the batch.
-    """
-    found, known = [], dict[bytes, float]()
-    for target in shot.targets:
-        chosen = [k for k, f in enumerate(members) if fits(target, shot.groom.feathers[f])]
-        if chosen:
-            local = [
-                shape_of(shot, target, int(f), drawn[f], feathers[k], motion)
-                for k, f in zip(chosen, members[chosen], strict=True)
-            ]
-            length = np.array([feathers[k].station[-1] for k in chosen])
-            first = np.array([_first_square(model, k, known) for k in chosen])
-            strong = GRAVITY + 0.5 * first * length
-            reach = target.tolerance / 100.0 * length
-            if target.within > 0.0:
-                reach = np.minimum(reach, (1.0 - FREE) * target.within)
-            found.append(
-                Pull(
-                    target=target,
-                    hold=Curve.of_keys(shot, target.keys),
-                    members=np.array(chosen, dtype=np.int64),
-                    local=np.array(local),
-                    mass=model.mass[chosen],
-                    length=length,
-                    first=first,
-                    most=SAFETY * strong / reach,
+    def on(self, group: FeatherGroup) -> GroupLoad | None:
+        """The targets of a batch; None where no target is about any of its feathers."""
+        run, feathers, members = self.run, group.feathers, group.members
+        shot, drawn, motion, model = run.shot, run.drawn, run.motion, group.own
+        found, known = [], dict[bytes, float]()
+        for target in shot.targets:
+            chosen = [k for k, f in enumerate(members) if fits(target, shot.groom.feathers[f])]
+            if chosen:
+                local = [
+                    shape_of(shot, target, int(f), drawn[f], feathers[k], motion)
+                    for k, f in zip(chosen, members[chosen], strict=True)
+                ]
+                length = np.array([feathers[k].station[-1] for k in chosen])
+                first = np.array([_first_square(model, k, known) for k in chosen])
+                strong = GRAVITY + 0.5 * first * length
+                reach = target.tolerance / 100.0 * length
+                if target.within > 0.0:
+                    reach = np.minimum(reach, (1.0 - FREE) * target.within)
+                found.append(
+                    Pull(
+                        target=target,
+                        hold=Curve.of_keys(shot, target.keys),
+                        members=np.array(chosen, dtype=np.int64),
+                        local=np.array(local),
+                        mass=model.mass[chosen],
+                        length=length,
+                        first=first,
+                        most=SAFETY * strong / reach,
+                    )
                 )
-            )
-    return Pulls(found, members, motion) if found else None
+        return Pulls(found, members, motion) if found else None
 
 
-def targets_of(shot: Shot) -> list[list[Any]]:
+def depend_on_targets(shot: Shot, _motion: Roots) -> list[Any]:
     """Of every feather of a shot, what brings it to a shape: keys, frame, tolerance and points."""
-    return [
-        [
+    found: list[Any] = []
+    for placement in shot.groom.feathers:
+        own = [
             (
                 each.keys,
                 each.frame,
@@ -192,8 +189,8 @@ def targets_of(shot: Shot) -> list[list[Any]]:
             for each in shot.targets
             if fits(each, placement)
         ]
-        for placement in shot.groom.feathers
-    ]
+        found.append(own or None)
+    return found
 
 
 def _first_square(model: Model, k: int, known: dict[bytes, float]) -> float:
@@ -205,20 +202,31 @@ def _first_square(model: Model, k: int, known: dict[bytes, float]) -> float:
     return known[key]
 
 
-class Reached:
+class TargetStage(Stage):
     """How near feathers come to the shapes that they are held in.
 
     worst: by target's number, the greatest deviation beyond `within` (of the length), the feather
     and the frame.
     """
 
-    def __init__(self, shot: Shot) -> None:
-        self._shot = shot
+    def __init__(self, run: ShotRun) -> None:
+        super().__init__(run)
+        refuse_other_shapes(run.shot, run.drawn, run.plan.resolutions, run.motion)
+        if not run.shot.channels:
+            warn_of_unfelt(run.shot, run.plan.resolutions)
+        self._shot = run.shot
         self._worst: dict[int, tuple[float, str, float]] = {}
 
-    def note(self, pulls: Pulls | None, nodes: Array, time: float, frame: float) -> None:
-        """Look at a batch, with nodes (F, n, 1 + 2 m, 3) m, at a time (s) and frame."""
-        for target, members, deviations in pulls.deviations(nodes, time) if pulls else ():
+    def note(self, index: int) -> None:
+        """Look at all batches at a sample."""
+        for group in self.run.groups if index >= 0 else ():
+            for pulls in group.acting:
+                if isinstance(pulls, Pulls):
+                    self._note_batch(pulls, group.state.points.nodes, index)
+
+    def _note_batch(self, pulls: Pulls, nodes: Array, index: int) -> None:
+        frame = self.run.number(index)
+        for target, members, deviations in pulls.deviations(nodes, self.run.time(index)):
             number = next(k for k, each in enumerate(self._shot.targets) if each is target)
             k = int(np.argmax(deviations))
             worst = float(deviations[k])
@@ -234,8 +242,8 @@ class Reached:
         ]
         return {"targets": told} if told else {}
 
-    def warn(self) -> None:
-        """Say which targets were not reached within their tolerance."""
+    def finish(self, index: int) -> None:
+        """Warn of targets were not reached within their tolerance."""
         for number, (worst, name, frame) in sorted(self._worst.items()):
             allowed = self._shot.targets[number].tolerance
             if 100.0 * worst > allowed:

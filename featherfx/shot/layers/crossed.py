@@ -12,9 +12,9 @@ from featherfx.errors import InputWarning
 from featherfx.feather.crossings import find_intersections, make_patches
 from featherfx.feather.types import RACHIS_PART, Feather
 from featherfx.groom.types import Placement
+from featherfx.shot.frames import place
 from featherfx.shot.layers.types import Indices, Stack
 from featherfx.shot.patterns import may_touch
-from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 
 

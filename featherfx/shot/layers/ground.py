@@ -8,8 +8,8 @@ import numpy as np
 
 from featherfx.shot.contact.skin_binding import NEAR, SkinBeneath, surfaces_under
 from featherfx.shot.layers.types import Array, Ground, Indices, Vanes
-from featherfx.shot.motion.skin import BoundSkin
-from featherfx.shot.read.sources import TimedSurface
+from featherfx.shot.skin import BoundSkin
+from featherfx.shot.sources import TimedSurface
 
 
 class GroundBeneath(NamedTuple):

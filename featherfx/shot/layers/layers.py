@@ -32,7 +32,7 @@ from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.jit.thread_team import new_team
 from featherfx.jit.threads import allowed
 from featherfx.mechanics.model import Gaps
-from featherfx.shot.frames import FeatherPose
+from featherfx.shot.frames import FeatherPose, StackingOrder, place
 from featherfx.shot.layers.depths import Depths, Lifted
 from featherfx.shot.layers.ground import ground_beneath
 from featherfx.shot.layers.lap_kernels import meeting_pairs
@@ -50,7 +50,6 @@ from featherfx.shot.layers.stack import (
 from featherfx.shot.layers.types import (
     Array,
     Indices,
-    Laid,
     Lifts,
     Manner,
     Scratch,
@@ -59,7 +58,6 @@ from featherfx.shot.layers.types import (
 )
 from featherfx.shot.motion.limbs import moving_limbs
 from featherfx.shot.patterns import may_touch
-from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 
 # s, in which a lift that is no longer asked for falls to 1 / e
@@ -306,9 +304,9 @@ class Layers:
         return self._depths.report(self._names) | self._lifted.report(self._names)
 
     @property
-    def laid(self) -> Laid:
+    def laid(self) -> StackingOrder:
         """Who lies over whom."""
-        return Laid(self.needed, self.stack)
+        return StackingOrder(self.needed, self.stack)
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """What is kept after a sample that is laid for good, for checkpoints."""

@@ -68,13 +68,6 @@ class Stack(NamedTuple):
     first: Indices
 
 
-class Laid(NamedTuple):
-    """feathers: (F,) numbers in the groom, ascending, of those of a stack."""
-
-    feathers: Indices
-    stack: Stack
-
-
 class Ground(NamedTuple):
     """Nodes over a skin. triangle: (F, n, 2 m + 1) the nearest at rest, -1 for a node that is not
     over it. clear: m, height to keep. triangles: (T, 3); beside: (T, 3) those across the edges

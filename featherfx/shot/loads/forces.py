@@ -16,7 +16,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, TRAILING, Feather, barb_slice
-from featherfx.shot.loads.types import Force, Grip
+from featherfx.shot.types import Force, Grip
 
 
 def force_weights(force: Force, feather: Feather) -> Array:

@@ -10,9 +10,8 @@ from featherfx.algebra.types import Array
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads, no_contacts
 from featherfx.shot.loads.forces import dead_forces, gripped
-from featherfx.shot.loads.types import Force, Grip
 from featherfx.shot.loads.wind import wind_field
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Force, Grip, Shot
 
 # drag coefficient of a round shaft across the wind (Hoerner, subcritical)
 SHAFT_DRAG = 1.1

@@ -24,7 +24,7 @@ from featherfx.files.disk_cache import kept
 from featherfx.groom.course import shaft
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import FeatherKind, Placement
-from featherfx.shot.motion.skin import BoundSkin
+from featherfx.shot.skin import BoundSkin
 
 # e of a vane that lies over the skin
 LEAST = 0.2

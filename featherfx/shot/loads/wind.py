@@ -27,7 +27,6 @@ from functools import lru_cache
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.mechanics.model import Loads
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import Shot, Wind
 
@@ -35,8 +34,6 @@ _MODES = 24
 # Wave numbers over that of the largest energy; 0.1 % of the energy lies below, 7 % above.
 _LOWEST, _HIGHEST = 0.25, 60.0
 _PEAK = math.sqrt(12.0 / 5.0)  # where E(k) is largest
-# m/s, to which roots' velocities are rounded, so that even motion gives equal winds
-_DIGITS = 9
 
 
 @dataclass(frozen=True)
@@ -122,17 +119,3 @@ def exposures(shot: Shot) -> Array:
             if fits(shelter, placement):
                 found[f] = 1.0 - shelter.share
     return found
-
-
-def sheltered(loads: Loads, exposure: float, way: Array, duration: float) -> Loads:
-    """Loads of a batch whose feathers all have one exposure.
-
-    way: (F, 3) m, that the roots go within the loads' duration (s; 0: nothing moves).
-    """
-    velocity = np.zeros_like(way)
-    if duration > 0.0:
-        velocity = np.round(way / duration, _DIGITS)
-    return loads._replace(
-        wind_mean=exposure * loads.wind_mean + (1.0 - exposure) * velocity,
-        wind_amplitude=exposure * loads.wind_amplitude,
-    )

@@ -12,44 +12,31 @@ to, by its amount; an act does so with all that parts before have done to joints
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from featherfx.algebra.ease import eased
-from featherfx.algebra.rotation import rotation_vectors, vectors_to_frames
-from featherfx.algebra.types import Array, Indices
-from featherfx.groom.keys.preset import STEADY, Clock
+from featherfx.algebra.types import Indices
+from featherfx.errors import InputError
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
+from featherfx.shot.motion.motion import joint_poses, scaled_turns
+from featherfx.shot.types import Motion, Shot
 
 
-def clocked(poses: PosesOverTime, clock: Clock) -> PosesOverTime:
-    """Poses in the time, and by the amount, of a clock."""
-    if clock == STEADY:
-        return poses
-    times, amounts = zip(*clock.amount, strict=True)
+def acted(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    """Poses of the parts of an act, one upon the other.
 
-    def changed(time: float) -> JointPoses:
-        own = (time - clock.start) * clock.tempo
-        found, amount = poses(own), eased(times, amounts, own)
-        if amount == 1.0 == clock.size:
-            return found
-        share = min(amount, 1.0)
-        return JointPoses(
-            rotations=_share(found.rotations, amount),
-            displacements=clock.size * amount * found.displacements,
-            bends=amount * found.bends,
-            folds=amount * found.folds,
-            aims=share * found.aims,
-            taken=share * found.taken,
-        )
-
-    return changed
-
-
-def together(parts: Sequence[PosesOverTime], skeleton: Skeleton) -> PosesOverTime:
-    """Poses of parts one upon the other."""
+    A part whose joints the groom lacks is left out. Raises InputError where none is left.
+    """
+    parts: list[PosesOverTime] = []
+    lacking: list[InputError] = []
+    for part in motion.values["motions"]:
+        try:
+            parts.append(joint_poses(part, shot, skeleton))
+        except InputError as error:
+            lacking.append(error)
+    if not parts:
+        raise lacking[0]
     upon = _Upon.of(skeleton)
 
     def poses(time: float) -> JointPoses:
@@ -79,7 +66,7 @@ class _Upon:
         kept = 1.0 - then.taken
         if then.taken.any():
             before = before._replace(
-                rotations=_share(before.rotations, kept[:, None]), bends=kept * before.bends
+                rotations=scaled_turns(before.rotations, kept[:, None]), bends=kept * before.bends
             )
         limbs = before.rotations.copy()
         limbs[0] = np.eye(3)  # axes of limbs go with the groom
@@ -97,8 +84,3 @@ class _Upon:
             1.0 - (1.0 - then.aims) * (1.0 - before.aims),
             1.0 - kept * (1.0 - before.taken),
         )
-
-
-def _share(rotations: Array, amount: Array | float) -> Array:
-    """A part of (J, 3, 3) rotations, about their axes."""
-    return vectors_to_frames(amount * rotation_vectors(rotations))

@@ -21,8 +21,8 @@ import numpy as np
 from featherfx.algebra.rotation import shared_turns
 from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, InputWarning
-from featherfx.shot.motion.roots import RootFrames, Roots
-from featherfx.shot.read.sources import TimedSurface
+from featherfx.shot.roots import RootFrames, Roots
+from featherfx.shot.sources import TimedSurface
 from featherfx.shot.types import Shot
 
 # way within a frame, over that of the frames beside it, from which on it is a cut

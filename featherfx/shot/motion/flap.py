@@ -32,7 +32,8 @@ from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem
 from featherfx.groom.types import Groom
-from featherfx.shot.motion.joints import JointPoses, PosesOverTime, still_poses
+from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
+from featherfx.shot.types import Motion, Shot
 
 _ROLES = ("body", "shoulder", "elbow", "wrist")
 _FOLDING = ("elbow", "wrist")
@@ -91,16 +92,17 @@ class Flap:
         return np.stack((np.eye(3), shoulder, elbow, wrist))
 
 
-def flapping(groom: Groom, values: Mapping[str, Any], source: str) -> PosesOverTime:
-    """Poses of a groom's joints that beat. values: as of Flap. source: of the shot, for messages.
+def flapping(motion: Motion, shot: Shot, _skeleton: Skeleton) -> PosesOverTime:
+    """Poses of a groom's joints that beat.
 
     A joint in the middle (side 0) has no wing to move and is driven as a body, as the groom itself
     is. Raises InputError where the groom has no shoulder on either side.
     """
+    groom = shot.groom
     if not any(joint.role == "shoulder" and joint.side for joint in groom.joints):
         message = 'a flap needs a joint with role = "shoulder" and side = 1 or -1 in the groom'
-        raise InputError(Problem(source, "motion.kind", message))
-    flap = Flap(values)
+        raise InputError(Problem(str(shot.source), "motion.kind", message))
+    flap = Flap(motion.values)
     driven = [_ROLES.index(joint.role) if joint.side else 0 for joint in groom.joints]
     roles = np.array([0, *driven], dtype=np.int64)
     right = np.array([False, *(joint.side < 0 for joint in groom.joints)])[:, None, None]
@@ -121,6 +123,11 @@ def flapping(groom: Groom, values: Mapping[str, Any], source: str) -> PosesOverT
         return JointPoses(rotations, still, bends, *none)
 
     return poses
+
+
+def folded(motion: Motion, shot: Shot, _skeleton: Skeleton) -> PosesOverTime:
+    """Poses of joints that fold, as a shot asks for it."""
+    return folding(shot.groom, motion.values, str(shot.source))
 
 
 def folding(groom: Groom, values: Mapping[str, Any], source: str) -> PosesOverTime:

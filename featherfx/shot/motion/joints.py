@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import fnmatch
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,8 @@ from featherfx.algebra.vectors import dots
 from featherfx.errors import InputError, Problem
 from featherfx.groom.anatomy.bow import bow_fraction
 from featherfx.groom.types import Groom
-from featherfx.shot.motion.roots import RootFrames
+from featherfx.shot.roots import RootFrames
+from featherfx.shot.types import Motion, Shot
 
 _TILTED = 0.5  # of a forearm's tilt, that a feather beside the elbow takes; measured on an owl
 
@@ -289,14 +290,15 @@ def roots_at_rest(groom: Groom) -> RootFrames:
     return RootFrames(positions.reshape(-1, 3), rotations.reshape(-1, 3, 3))
 
 
-def held(joints: int) -> PosesOverTime:
-    """Nothing moves."""
-    still = still_poses(joints)
+def held(_motion: Motion, _shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    """Poses of joints that do not move."""
+    still = still_poses(len(skeleton.names))
     return lambda time: still
 
 
-def shaken(joints: int, values: Mapping[str, Any]) -> PosesOverTime:
-    """The whole groom swings along a line, from rest. values: of the motion."""
+def shaken(motion: Motion, _shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    """Poses of a groom that swings along a line as a whole, from rest."""
+    values, joints = motion.values, len(skeleton.names)
     axis = np.asarray(values["direction"], dtype=np.float64)
     way = values["amplitude"] / np.linalg.norm(axis) * axis
 
@@ -310,17 +312,18 @@ def shaken(joints: int, values: Mapping[str, Any]) -> PosesOverTime:
     return poses
 
 
-def swung(skeleton: Skeleton, values: Mapping[str, Any], source: str) -> PosesOverTime:
-    """Joints swing about an axis, from rest. values: of the motion.
+def swung(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    """Poses of joints that swing about an axis, from rest.
 
-    source: of the shot, for messages. Raises InputError where none of the joints is there.
+    Raises InputError where none of the joints is there.
     """
+    values = motion.values
     pattern = values["joints"]
     moved = [k for k, name in enumerate(skeleton.names) if fnmatch.fnmatchcase(name, pattern)]
     if not moved:
         known = ", ".join(skeleton.names[1:]) or "none"
         message = f"'{pattern}' is no joint of the groom; there are: {known}"
-        raise InputError(Problem(source, "motion.joints", message))
+        raise InputError(Problem(str(shot.source), "motion.joints", message))
     axis = math.radians(values["angle"]) * np.asarray(values["axis"], dtype=np.float64)
 
     def poses(time: float) -> JointPoses:

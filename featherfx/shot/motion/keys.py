@@ -25,6 +25,7 @@ from featherfx.algebra.rotation import (
 from featherfx.algebra.types import Array
 from featherfx.shot.motion.cuts import FARTHER
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
+from featherfx.shot.types import Motion, Shot
 
 Track = Callable[[float], Array]
 
@@ -33,17 +34,16 @@ Track = Callable[[float], Array]
 WITHIN, TURN = 1.5, np.pi / 3.0
 
 
-def keyed(
-    keyframes: Sequence[dict[str, Any]], skeleton: Skeleton, frame: float, far: float
-) -> PosesOverTime:
+def keyed(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     """Poses through keyframes, in any order, that the reader of the shot has checked.
 
-    frame: s. far: m, that a joint has to go within a frame, from keyframe to keyframe, to be cut
-    to another place (cuts.py), or turn so far that the end of a feather of that length goes as far:
-    what is before and after are curves of their own, which one curve through both would swing
-    about.
+    A joint that goes farther within a frame, from keyframe to keyframe, than the longest feather is
+    long, or turns so far that the end of such a feather does, is cut to another place (cuts.py):
+    curves before and after are separate.
     """
-    ordered = sorted(keyframes, key=lambda keyframe: keyframe["time"])
+    frame = 1.0 / shot.frames_per_second
+    far = max(each.kind.length for each in shot.groom.feathers)
+    ordered = sorted(motion.values["keyframes"], key=lambda keyframe: keyframe["time"])
     tracks: list[tuple[int, int, Track]] = []
     for joint, name in enumerate(skeleton.names):
         own = [each for each in ordered if each.get("joint", "") == name]

@@ -17,9 +17,9 @@ from featherfx.errors import InputError, Problem
 from featherfx.groom.skin.skin import Binding, bind, follow
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.joints import JointPoses, Skeleton, joint_roots, skeleton_of
-from featherfx.shot.motion.roots import RootFrames, Roots
-from featherfx.shot.motion.skin import BoundSkin
-from featherfx.shot.read.sources import MovingSurface
+from featherfx.shot.roots import RootFrames, Roots
+from featherfx.shot.skin import BoundSkin
+from featherfx.shot.sources import MovingSurface
 from featherfx.shot.types import Shot
 
 # times as far as another wing's bone, from which on one is beside the bone that bears both
@@ -138,6 +138,11 @@ class _WingRoots:
         moved, own = self.wings.frames(time), self.members
         positions[own], rotations[own] = moved.positions[own], moved.rotations[own]
         return RootFrames(positions, rotations)
+
+
+def skin_roots(groom: Groom, skin: BoundSkin, limbs: Roots | None = None) -> Roots:
+    """The roots of a groom on a skin; limbs: roots of wings, tails and crests that fold."""
+    return on_bones(groom, skin) if limbs is None else carried(groom, skin, limbs)
 
 
 def on_bones(groom: Groom, skin: BoundSkin) -> Roots:

@@ -4,84 +4,80 @@ from __future__ import annotations
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
+from featherfx.algebra.ease import eased
+from featherfx.algebra.rotation import frames_to_quats, rotation_vectors, vectors_to_frames
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots
-from featherfx.errors import InputError
-from featherfx.shot.direction.roots import directed
-from featherfx.shot.motion.act import clocked, together
-from featherfx.shot.motion.flap import flapping, folding
+from featherfx.groom.keys.preset import STEADY, Clock
+from featherfx.packages import MOTIONS, brought, load_name
 from featherfx.shot.motion.joints import (
     JointPoses,
     PosesOverTime,
     Skeleton,
-    held,
     joint_roots,
-    shaken,
     skeleton_of,
-    swung,
 )
-from featherfx.shot.motion.keys import keyed
-from featherfx.shot.motion.limbs import carried, on_bones
-from featherfx.shot.motion.roots import SAMPLES, Roots, arrived
+from featherfx.shot.roots import SAMPLES, Roots, arrived
 from featherfx.shot.types import Motion, Shot
 from featherfx.solver.state import RootPath
 
 
 def root_motion(shot: Shot) -> Roots:
-    """What moves the roots of a shot, its channels included.
+    """Find what moves the roots of a shot, its channels included.
 
-    Beside a skin the motion's limbs count, and the skin carries them; without them the bones of a
-    skeleton move wings. Raises InputError for a motion whose joints the groom lacks.
+    Raises InputError for a motion whose joints the groom lacks.
     """
-    if shot.skin is not None and not shot.motion.of_limbs:
-        return directed(shot, on_bones(shot.groom, shot.skin))
-    skeleton = skeleton_of(shot.groom)
-    poses = _poses(shot.motion, shot, skeleton)
+    motion = _undirected_motion(shot)
+    for change in brought(shot, "roots"):
+        motion = change(shot, motion)
+    return motion
+
+
+def _undirected_motion(shot: Shot) -> Roots:
+    """Beside a skin the motion's limbs count, and the skin carries them; without them the bones of
+    a skeleton move wings."""
     if shot.skin is None:
-        return directed(shot, joint_roots(shot.groom, skeleton, poses))
-    limbs = joint_roots(shot.groom, skeleton, _without_body(poses))
-    return directed(shot, carried(shot.groom, shot.skin, limbs))
+        skeleton = skeleton_of(shot.groom)
+        return joint_roots(shot.groom, skeleton, joint_poses(shot.motion, shot, skeleton))
+    skin_roots = load_name("motion.limbs:skin_roots")
+    if not shot.motion.of_limbs:
+        return skin_roots(shot.groom, shot.skin)
+    skeleton = skeleton_of(shot.groom)
+    poses = _without_body(joint_poses(shot.motion, shot, skeleton))
+    return skin_roots(shot.groom, shot.skin, joint_roots(shot.groom, skeleton, poses))
 
 
-def _poses(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
-    return clocked(_unclocked(motion, shot, skeleton), motion.clock)
+def joint_poses(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    """Poses of the joints of a shot's groom under a motion, in the time of its clock."""
+    poses: PosesOverTime = load_name(MOTIONS[motion.kind])(motion, shot, skeleton)
+    return poses if motion.clock == STEADY else _clocked_poses(poses, motion.clock)
 
 
-def _unclocked(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
-    values, joints, source = motion.values, len(skeleton.names), str(shot.source)
-    match motion.kind:
-        case "hold":
-            return held(joints)
-        case "shake":
-            return shaken(joints, values)
-        case "flap":
-            return flapping(shot.groom, values, source)
-        case "fold":
-            return folding(shot.groom, values, source)
-        case "keys":
-            far = max(each.kind.length for each in shot.groom.feathers)
-            return keyed(values["keyframes"], skeleton, 1.0 / shot.frames_per_second, far)
-        case "swing":
-            return swung(skeleton, values, source)
-        case "act":
-            return _act(values["motions"], shot, skeleton)
-        case kind:
-            raise ValueError(f"no motion is of kind {kind!r}")
+def _clocked_poses(poses: PosesOverTime, clock: Clock) -> PosesOverTime:
+    """Poses in the time, and by the amount, of a clock."""
+    times, amounts = zip(*clock.amount, strict=True)
+
+    def changed(time: float) -> JointPoses:
+        own = (time - clock.start) * clock.tempo
+        found, amount = poses(own), eased(times, amounts, own)
+        if amount == 1.0 == clock.size:
+            return found
+        fraction = min(amount, 1.0)
+        return JointPoses(
+            rotations=scaled_turns(found.rotations, amount),
+            displacements=clock.size * amount * found.displacements,
+            bends=amount * found.bends,
+            folds=amount * found.folds,
+            aims=fraction * found.aims,
+            taken=fraction * found.taken,
+        )
+
+    return changed
 
 
-def _act(parts: tuple[Motion, ...], shot: Shot, skeleton: Skeleton) -> PosesOverTime:
-    """Parts whose joints are there. Raises InputError where there are none."""
-    found: list[PosesOverTime] = []
-    lacking: list[InputError] = []
-    for part in parts:
-        try:
-            found.append(_poses(part, shot, skeleton))
-        except InputError as error:
-            lacking.append(error)
-    if not found:
-        raise lacking[0]
-    return together(found, skeleton)
+def scaled_turns(rotations: Array, amount: Array | float) -> Array:
+    """Part of (J, 3, 3) rotations, about their axes."""
+    return vectors_to_frames(amount * rotation_vectors(rotations))
 
 
 def _without_body(poses: PosesOverTime) -> PosesOverTime:

@@ -14,12 +14,13 @@ from featherfx.groom.keys.values import (
     keys_of,
     tables,
 )
-from featherfx.shot.loads.types import Force, Grip
 from featherfx.shot.types import (
     Channel,
     Contact,
     Detachment,
     Detail,
+    Force,
+    Grip,
     Layers,
     LevelOfDetail,
     Preen,

@@ -21,7 +21,6 @@ from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.read.value_diff import told
 from featherfx.groom.types import Groom
-from featherfx.shot.loads.types import Force, Grip
 from featherfx.shot.patterns import fits
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.motion import read_motion
@@ -33,13 +32,15 @@ from featherfx.shot.read.scenes import (
     with_maps,
     with_shapes,
 )
-from featherfx.shot.read.sources import SceneReaders
+from featherfx.shot.sources import SceneReaders
 from featherfx.shot.types import (
     CHANNELS,
     Channel,
     Contact,
     Detachment,
     Detail,
+    Force,
+    Grip,
     Layers,
     Motion,
     Preen,
@@ -59,7 +60,7 @@ def read_shot(
 ) -> Shot:
     """The shot that a TOML file describes, with its groom as its files have it.
 
-    Feathers are not yet laid over each other, nor roots bound to a skin: featherfx.shot.placement.
+    Feathers are not yet laid over each other, nor roots bound to a skin: shot/loop/placement.py.
     preset_folders: searched before the user's and the shipped presets. readers: of USD scenes.
     Raises InputError with all problems of the shot, its groom, tables, scenes and presets.
     """

@@ -18,9 +18,8 @@ from featherfx.groom.regions.rules import painted
 from featherfx.groom.skin.points import SkinSurface
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Groom
-from featherfx.shot.detail.view import TimedCamera
-from featherfx.shot.motion.skin import SkinSurfaces
-from featherfx.shot.read.sources import (
+from featherfx.shot.skin import SkinSurfaces
+from featherfx.shot.sources import (
     MovingSurface,
     SceneReaders,
     TimedSurface,
@@ -28,6 +27,7 @@ from featherfx.shot.read.sources import (
     WindSource,
 )
 from featherfx.shot.types import Channel, LevelOfDetail, Target
+from featherfx.shot.view import TimedCamera
 
 
 def read_skin(

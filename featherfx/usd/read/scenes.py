@@ -14,7 +14,7 @@ from featherfx.algebra.types import Array
 from featherfx.groom.keys.groom import DEFAULT_NAMES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.search import search_tree
-from featherfx.shot.detail.view import View
+from featherfx.shot.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.drawn_meshes import drawn_meshes
@@ -229,7 +229,7 @@ def _open_sampled_wind(scene: SourceScene, prim: Any, at: Place) -> SampledWind:
 
 
 class SceneCamera(ScenePrim):
-    """A camera prim as featherfx.shot.detail.view.Camera."""
+    """A camera prim as featherfx.shot.view.Camera."""
 
     def view(self, code: float) -> View:
         """In metres, z up, at a time code; transforms and lens may be animated."""

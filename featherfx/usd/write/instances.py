@@ -17,7 +17,7 @@ from featherfx.files.atomic_write import standing
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import look_text
 from featherfx.groom.types import Placement
-from featherfx.shot.placement import place
+from featherfx.shot.frames import place
 from featherfx.usd import arrays
 from featherfx.usd.space import StageSpace, choose_origin
 from featherfx.usd.types import MESH_PRIM, FeatherEntry

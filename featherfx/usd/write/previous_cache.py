@@ -153,7 +153,7 @@ class _PrimRanges(NamedTuple):
 class PreviousCache:
     """A cache that a bake has finished; its layers are opened when they are first read.
 
-    dependences: what each feather depended on (featherfx/shot/dependence.py), by name; motions:
+    dependences: what each feather depended on (shot/partition/dependence.py), by name; motions:
     what its motion did, before it was laid over others, by id; empty where the file does not tell.
     inputs: what its files said (featherfx/groom/read/value_diff.py).
     settings: that it was baked with. chunk: samples of each chunk.

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.shot.motion.roots import RootFrames, Roots
+from featherfx.shot.roots import RootFrames, Roots
 
 # of the error tolerance: what moves less before the first frame is at rest
 STILL = 1e-3

@@ -21,7 +21,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.types import Feather
 from featherfx.shot.detail.guides import guide_weights, uses_guides
-from featherfx.shot.motion.skin import BoundSkin
+from featherfx.shot.skin import BoundSkin
 from featherfx.shot.types import Shot
 
 # work of a feather that follows guides, over that of one that is simulated
@@ -130,8 +130,8 @@ def shot_islands(shot: Shot) -> Indices:
     """(F,) island of every feather of a shot whose feathers push each other, below 0 for those that
     push nothing."""
     # compiled code, which shares without contact do without
+    from featherfx.shot.contact.islands import pushing_islands
     from featherfx.shot.detail.levels import level_plan
-    from featherfx.shot.islands import pushing_islands
     from featherfx.shot.motion.motion import root_motion
 
     drawn, motion = _drawn(shot), root_motion(shot)

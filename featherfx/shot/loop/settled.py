@@ -15,7 +15,7 @@ import numpy as np
 
 from featherfx.feather.types import turned
 from featherfx.mechanics.model import Loads
-from featherfx.shot.motion.roots import RootFrames
+from featherfx.shot.roots import RootFrames
 from featherfx.solver.solver import Solver, State, overload_describer, raise_if_failed
 from featherfx.solver.state import hold_roots
 from featherfx.solver.status import NO_REST

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.shot.read.sources import OfScene
+from featherfx.shot.sources import OfScene
 
 
 @dataclass(frozen=True)

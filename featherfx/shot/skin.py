@@ -12,8 +12,8 @@ from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.skin.skin import Binding, bound_before, closest, follow, is_flat, may_be_flat
 from featherfx.groom.types import FeatherKind, Groom
-from featherfx.shot.motion.roots import RootFrames
-from featherfx.shot.read.sources import MovingSurface
+from featherfx.shot.roots import RootFrames
+from featherfx.shot.sources import MovingSurface
 
 _MOST_NAMED = 10
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from featherfx.algebra.types import Flags
-from featherfx.shot.groups import Group
+from featherfx.shot.loop.groups import FeatherGroup
+from featherfx.shot.loop.run import Stage
 from featherfx.shot.patterns import fits
-from featherfx.shot.types import Preen, Shot
+from featherfx.shot.types import Preen
 from featherfx.solver.preen import close_gaps
 from featherfx.solver.step.gap_kernels import (
     DAMPED_ENERGY,
@@ -23,28 +25,29 @@ from featherfx.solver.step.gap_kernels import (
 )
 
 
-class Hooks:
-    """Batches of a shot whose hooks may slip."""
+class HookStage(Stage):
+    """The hooks of a shot's vanes: strokes and healing that close gaps, and an account of both."""
 
-    def __init__(self, shot: Shot, groups: Sequence[Group]) -> None:
-        self._groups = [group for group in groups if group.solver.model.hooked]
-        self._shot = shot
-        self._stirred: dict[int, Flags] = {}
-        self.begin()
+    def prepare(self) -> None:
+        """Take the batches whose hooks may slip."""
+        self._groups = [group for group in self.run.groups if group.solver.model.hooked]
         self._changes: list[dict[str, Any]] = []
+        self.restore({})
 
-    def begin(self) -> None:
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Count from here what opens and heals: the states are those of another simulation."""
         self._before = [group.state.gaps.length.copy() for group in self._groups]
 
-    def preen(self, start: float, end: float) -> None:
-        """Close the gaps that strokes reach between two samples, from start to end (s)."""
-        self._stirred = {}
+    def begin(self, index: int) -> None:
+        """Close the gaps that strokes reach, and that heal, on the way to a sample."""
+        if index <= 0:
+            return
+        start, end, shot = self.run.time(index - 1), self.run.time(index), self.run.shot
         for group in self._groups:
-            changed = np.zeros(len(group.members), dtype=np.bool_)
+            changed = group.stirred
             for k, number in enumerate(group.members):
-                placement = self._shot.groom.feathers[number]
-                for stroke in self._shot.preens:
+                placement = shot.groom.feathers[number]
+                for stroke in shot.preens:
                     if fits(stroke, placement) and stroke.start < end and stroke.end > start:
                         changed[k] |= _stroke(group, k, stroke, start, end)
                 rate = placement.kind.vane_material.hook_healing_rate
@@ -52,14 +55,10 @@ class Hooks:
                     every = np.ones(group.feathers[k].cell.shape, dtype=np.bool_)
                     fraction = 1.0 - np.exp(-rate * (end - start))
                     changed[k] |= _close(group, k, every, float(fraction), 0.0)
-            self._stirred[id(group)] = changed
 
-    def stirred(self, group: Group) -> Flags:
-        """(F,) feathers of a batch whose gaps were closed on the way to this sample."""
-        return self._stirred.get(id(group), np.zeros(len(group.members), dtype=np.bool_))
-
-    def note(self, number: float) -> None:
-        """Note at a frame what has opened and healed since the last one."""
+    def note(self, index: int) -> None:
+        """Note what has opened and healed since the sample before."""
+        number = self.run.number(index)
         for place, group in enumerate(self._groups):
             now = group.state.gaps.length.copy()
             change = now - self._before[place]
@@ -92,7 +91,7 @@ class Hooks:
         }
 
 
-def _stroke(group: Group, k: int, stroke: Preen, start: float, end: float) -> bool:
+def _stroke(group: FeatherGroup, k: int, stroke: Preen, start: float, end: float) -> bool:
     """Close what a stroke comes to between two times; whether that was anything."""
     first, last = np.clip(
         (np.array([start, end]) - stroke.start) / (stroke.end - stroke.start), 0.0, 1.0
@@ -107,7 +106,7 @@ def _stroke(group: Group, k: int, stroke: Preen, start: float, end: float) -> bo
     return _close(group, k, touched, stroke.closed_fraction, stroke.max_gap)
 
 
-def _close(group: Group, k: int, touched: Flags, fraction: float, reach: float) -> bool:
+def _close(group: FeatherGroup, k: int, touched: Flags, fraction: float, reach: float) -> bool:
     gaps = close_gaps(group.solver.model, group.state, k, touched, fraction, reach)
     if gaps is None:
         return False

@@ -15,19 +15,21 @@ import numpy as np
 import scipy
 
 from featherfx.algebra.types import Array, Indices
+from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather
+from featherfx.files.content import digest
+from featherfx.mechanics.batch import may_slip
 from featherfx.shot.contact.pairs import REACH
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.levels import LevelPlan
+from featherfx.shot.frames import place
+from featherfx.shot.loop.groups import ALONE
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.motion.roots import Roots
 from featherfx.shot.patterns import may_touch
-from featherfx.shot.placement import place
+from featherfx.shot.roots import Roots
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.meeting_kernels import joined, meeting
 
-# island of a feather that pushes nothing
-ALONE = -1
 # feathers of an island that is put together with others, and into how many islands at most
 SMALL, MOST_OF_SMALL = 8, 16
 
@@ -91,18 +93,6 @@ def _near(shot: Shot, drawn: Sequence[Feather], motion: Roots, some: Indices) ->
     return island
 
 
-def with_pushing(
-    shot: Shot, drawn: Sequence[Feather], plan: LevelPlan, asked: Indices
-) -> tuple[Indices, Indices]:
-    """Numbers of some feathers and of all that may push them, and the island of each feather of
-    the shot."""
-    if shot.contact is None:
-        return asked, np.zeros(len(drawn), dtype=np.int64)
-    islands = pushing_islands(shot, drawn, root_motion(shot), plan)
-    pushed = np.isin(islands, islands[asked]) & (islands != ALONE)
-    return np.union1d(asked, np.flatnonzero(pushed)), islands
-
-
 def _come_near(island: Indices, low: Array, high: Array) -> Indices:
     """The islands, those made one of which feathers' boxes (F, 3) meet."""
     count = int(island.max()) + 1
@@ -126,3 +116,23 @@ def _few(island: Indices) -> Indices:
         number[each] = first
         filled += int(sizes[each])
     return np.unique(number[island], return_inverse=True)[1]
+
+
+def add_islands(shot: Shot, plan: LevelPlan, own: Sequence[str]) -> list[str]:
+    """Texts of what feathers depend on, with those of all feathers of their islands."""
+    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    islands = pushing_islands(shot, drawn, root_motion(shot), plan)
+    slips = any(may_slip(each.kind) for each in shot.groom.feathers)
+    placements, result = shot.groom.feathers, list(own)
+    for number in np.unique(islands[islands != ALONE]).tolist():
+        members = np.flatnonzero(islands == number).tolist()
+        some = [placements[f] for f in members]
+        labels = [(each.id, each.region, each.kind.name, each.layer, each.stack) for each in some]
+        # places in the order of the layout, as far as these feathers go
+        order = np.unique([each.rank for each in some], return_inverse=True)[1]
+        laid = order, [each.rank < 0 for each in some]
+        parts = [own[f] for f in members], labels, *laid
+        together = digest(*parts, shot.contact, shot.colliders, slips)
+        for f in members:
+            result[f] = digest(own[f], together)
+    return result

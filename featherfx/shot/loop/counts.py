@@ -65,11 +65,9 @@ class Unsolved(NamedTuple):
 class Advanced(NamedTuple):
     """What a sample took of batches that are stepped together.
 
-    reports: of the batches, none where nothing was solved. resting: feathers that nothing stirs.
-    repeated: those that were replayed.
+    resting: feathers that nothing stirs. repeated: those that were replayed.
     """
 
-    reports: Sequence[StepReport]
     resting: int = 0
     repeated: int = 0
 

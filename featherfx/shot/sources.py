@@ -17,7 +17,7 @@ from featherfx.algebra.between import Knots
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.regions.regions import GroomReaders
-from featherfx.shot.motion.preroll import NO_RUN_UP, STILL, RunUp
+from featherfx.shot.preroll import NO_RUN_UP, STILL, RunUp
 
 
 class OfScene(Protocol):
@@ -89,7 +89,7 @@ class SceneReaders(GroomReaders):
 
     feathers, skin: see GroomReaders. meshes: (file, prim paths or names with the key that names
     each, collection, rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd],
-    place). camera: (file, prim path, place) to a featherfx.shot.detail.view.Camera. poses: (file,
+    place). camera: (file, prim path, place) to a featherfx.shot.view.Camera. poses: (file,
     time code or None, place) to the points (V, 3) m of the feathers' meshes there, or else of
     their shafts' curves (k, 3), by id.
     """

@@ -1,27 +1,17 @@
-"""Where feathers stand: laid over each other, on their skin, and their points in the world."""
+"""Placement of the feathers of a shot: laid over each other and bound to their skin."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from itertools import compress
 
-from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require
-from featherfx.feather.types import RowPoints, turned
 from featherfx.groom.coincident_feathers import refuse_crowds
 from featherfx.groom.types import Groom
+from featherfx.packages import load_name
 from featherfx.phases import phase
-from featherfx.shot.loads.shelter import lying_exposures
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.types import Shot
-
-
-def place(points: RowPoints, position: Array, rotation: Array) -> RowPoints:
-    """What is given in the feather frame, in the world frame.
-
-    position: (3,) m and rotation: (3, 3) of the root.
-    """
-    return turned(rotation.T, points).shifted(position)
 
 
 def lay_out(groom: Groom) -> Groom:
@@ -56,7 +46,9 @@ def place_feathers(shot: Shot) -> Shot:
     skin = shot.surfaces.bind(groom) if shot.surfaces is not None else shot.skin
     if skin is not None:
         refuse_crowds(groom.feathers, str(shot.source), "skin", "since these shelter each other")
-    exposure = None if skin is None else lying_exposures(groom.feathers, skin)
+    exposure = None
+    if skin is not None:
+        exposure = load_name("loads.shelter:lying_exposures")(groom.feathers, skin)
     return replace(shot, groom=groom, skin=skin, surfaces=None, exposure=exposure)
 
 

@@ -1,4 +1,4 @@
-"""An island of feathers that may touch each other, in the frame loop: all in common steps."""
+"""Feathers of one contact group: they may touch each other and take common steps."""
 
 from __future__ import annotations
 
@@ -9,38 +9,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.types import Flags, Indices
+from featherfx.algebra.types import Flags
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.contact import MOST_NAMED, ShotContact
+from featherfx.shot.contact.islands import pushing_islands
 from featherfx.shot.contact.obstacles import Obstacles, obstacles_of
 from featherfx.shot.contact.root_inside_body import warn_of_sunk
-from featherfx.shot.counts import Advanced, Bounds
 from featherfx.shot.detail.cycle import SLACK, repeats_together
-from featherfx.shot.detail.levels import LevelPlan
-from featherfx.shot.detail.sleep import is_at_rest, is_undisturbed, skip_frame
-from featherfx.shot.free_group import Alone, FreeRootPaths
-from featherfx.shot.groups import Group, loads_within
-from featherfx.shot.islands import ALONE
-from featherfx.shot.motion.motion import root_path
-from featherfx.shot.motion.roots import Roots
-from featherfx.shot.types import Shot
+from featherfx.shot.loop.counts import Advanced, Bounds
+from featherfx.shot.loop.groups import ALONE, FeatherGroup
+from featherfx.shot.loop.run import Arrays, ShotRun, Stage, prefixed, under
+from featherfx.shot.loop.sleep import is_at_rest, is_undisturbed, skip_frame
+from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.solver.solver import RootPath
 
 
-class Together:
-    """Batches of one island (islands.py), whose states it brings on. groups: at least one.
-    obstacles: of the island."""
+class ContactGroup:
+    """Batches of one contact group (islands.py), whose states it brings on. groups: at least one.
+    obstacles: of the contact group."""
 
-    def __init__(
-        self, shot: Shot, groups: Sequence[Group], motion: Roots, obstacles: Obstacles
-    ) -> None:
-        self._shot, self.groups, self._motion = shot, groups, motion
-        self._obstacles = obstacles
+    def __init__(self, run: ShotRun, groups: Sequence[FeatherGroup], obstacles: Obstacles) -> None:
+        self._run, self.groups, self._obstacles = run, groups, obstacles
         # what contact kept after the samples that the batches' cycles keep
         self._kept: deque[dict[str, Any]] = deque()
         self._led: tuple[tuple[float, float], list[RootPath]] = (np.nan, np.nan), []
         self.contact = ShotContact(
-            shot,
+            run.shot,
             [group.solver for group in groups],
             [group.members for group in groups],
             [feather for group in groups for feather in group.feathers],
@@ -49,64 +43,51 @@ class Together:
 
     @property
     def bounds(self) -> Bounds:
-        """What their steps are held to."""
+        """Tolerance and limits of their steps."""
         tolerances = [group.solver.settings.tolerance for group in self.groups]
         return Bounds(min(tolerances), self.contact.limits)
 
-    def settle(self, loads: Sequence[Loads]) -> None:
-        """Bring the feathers to rest against each other. loads: on each batch."""
-        states = [group.state for group in self.groups]
+    def settle(self) -> None:
+        """Bring the feathers to rest against each other where the shot begins."""
+        run, states = self._run, [group.state for group in self.groups]
+        loads = [run.loads(group, run.first) for group in self.groups]
         rested = self.contact.settle(states, loads)
         for group, state in zip(self.groups, rested, strict=True):
             group.state = state
 
-    def advance(
-        self,
-        start: float,
-        end: float,
-        loads: Sequence[Loads],
-        stirred: Sequence[Flags],
-        begun: bool,
-    ) -> Advanced:
-        """Bring the feathers from start to end (s).
-
-        loads: on each batch, from start to end. stirred: per batch, feathers that something else
-        has changed. begun: whether the first frame is past, so that grips act and cycles count.
-        """
+    def advance(self, index: int) -> Advanced:
+        """Bring the feathers from the sample before to a sample. Raises SimulationError."""
+        run, start, end = self._run, self._run.time(index - 1), self._run.time(index)
         paths = self._paths(start, end)
-        resting = self._resting(paths, loads, end - start) & ~np.concatenate(stirred)
-        done = self._advance((start, end), paths, loads, resting, begun)
-        if begun and any(group.cycle for group in self.groups):
+        loads = [run.loads(group, index) for group in self.groups]
+        stirred = np.concatenate([group.stirred for group in self.groups])
+        resting = self._resting(paths, loads, end - start) & ~stirred
+        done = self._advance(index, paths, loads, resting)
+        if index > 0 and any(group.cycle for group in self.groups):
             self._keep(paths, loads)
         return done
 
     def _advance(
-        self,
-        span: tuple[float, float],
-        paths: Sequence[RootPath],
-        loads: Sequence[Loads],
-        resting: Flags,
-        begun: bool,
+        self, index: int, paths: Sequence[RootPath], loads: Sequence[Loads], resting: Flags
     ) -> Advanced:
-        start, end = span
+        run, start, end = self._run, self._run.time(index - 1), self._run.time(index)
         states, number = [group.state for group in self.groups], int(resting.sum())
         if resting.all() and not self.contact.stirred(states, start, end):
             self._pass(end - start)
-            return Advanced([], resting=number)
-        if begun and self._shot.cycle and self._repeats(paths, loads, end):
+            return Advanced(resting=number)
+        if index > 0 and run.shot.cycle and self._repeats(paths, loads, end):
             self._replay(paths, end - start)
-            return Advanced([], repeated=len(resting))
+            return Advanced(repeated=len(resting))
 
         def loads_of(begin: float, stop: float) -> list[Loads]:
-            return [
-                loads_within(self._shot, group, self._motion, begin, stop, begun)
-                for group in self.groups
-            ]
+            return [run.loads_within(group, begin, stop, index > 0) for group in self.groups]
 
         states, reports = self.contact.advance(states, loads_of, self._paths, start, end, resting)
         for group, state, acting in zip(self.groups, states, loads, strict=True):
             group.state, group.loads = state, acting
-        return Advanced(reports, resting=number)
+        for group, report in zip(self.groups, reports, strict=False):
+            group.report = report
+        return Advanced(resting=number)
 
     def _repeats(self, paths: Sequence[RootPath], loads: Sequence[Loads], end: float) -> bool:
         """Whether all feathers do what they did a cycle before, and colliders and obstacles, which
@@ -114,8 +95,8 @@ class Together:
         cycles = [group.cycle for group in self.groups]
         if not repeats_together(cycles, paths, loads):
             return False
-        before = end - self._shot.cycle / self._shot.frames_per_second
-        moved = [each.points(end) - each.points(before) for each in self._shot.colliders]
+        before = end - self._run.shot.cycle / self._run.shot.frames_per_second
+        moved = [each.points(end) - each.points(before) for each in self._run.shot.colliders]
         moved += [self._obstacles.way(before, end)] if self._obstacles.count else []
         if moved:
             known = zip(cycles, paths, strict=True)
@@ -158,7 +139,7 @@ class Together:
         """Of the roots from start to end (s); those asked for last are kept."""
         if self._led[0] != (start, end):
             members = np.concatenate([group.members for group in self.groups])
-            whole, low, paths = root_path(self._motion, members, start, end), 0, []
+            whole, low, paths = root_path(self._run.motion, members, start, end), 0, []
             for group in self.groups:
                 own = slice(low, low + len(group.members))
                 paths.append(whole.part(own))
@@ -173,7 +154,7 @@ class Together:
             quiet = is_undisturbed(group.state, path, acting, group.loads)
             if quiet.any():  # seldom where roots move, and what follows looks at all nodes
                 quiet &= is_at_rest(group.state, group.solver.settings.tolerance, duration)
-            flags.append(quiet & self._shot.sleep)
+            flags.append(quiet & self._run.shot.sleep)
         return np.concatenate(flags)
 
     def _pass(self, duration: float) -> None:
@@ -181,52 +162,6 @@ class Together:
         for group in self.groups:
             everyone = np.ones(len(group.members), dtype=np.bool_)
             group.state = skip_frame(group.state, everyone, duration)
-
-
-def islands_together(
-    shot: Shot,
-    groups: Sequence[Group],
-    motion: Roots,
-    plan: LevelPlan,
-    islands: Indices,
-    duration: float,
-) -> tuple[list[Together], list[Alone]]:
-    """The islands of a shot, of their batches, and batches of feathers that push nothing. plan: of
-    all feathers of the shot; islands: (F,) of each, or ALONE. duration: s, between two samples."""
-    lone = [group for group in groups if shot.contact is None or group.island == ALONE]
-    paths = FreeRootPaths(lone, motion)
-    alone = [Alone(shot, group, paths, duration) for group in lone]
-    if shot.contact is None:
-        return [], alone
-    own: dict[int, list[Group]] = {}
-    for group in groups:
-        own.setdefault(group.island, []).append(group)
-    own.pop(ALONE, None)
-    warn_of_sunk(shot, motion)
-    found = []
-    for number, some in own.items():
-        members = np.flatnonzero(islands == number)
-        obstacles = obstacles_of(shot, plan, members, some, motion)
-        found.append(Together(shot, some, motion, obstacles))
-    return found, alone
-
-
-def contact_memory(islands: Sequence[Together]) -> dict[str, NDArray[Any]]:
-    """What islands keep between frames, for checkpoints."""
-    return {
-        f"{k}.{name}": value
-        for k, each in enumerate(islands)
-        for name, value in each.memory().items()
-    }
-
-
-def restore_contact(islands: Sequence[Together], memory: Mapping[str, NDArray[Any]]) -> None:
-    """Take over what `contact_memory` gave."""
-    for k, each in enumerate(islands):
-        own = f"{k}."
-        each.restore(
-            {n.removeprefix(own): value for n, value in memory.items() if n.startswith(own)}
-        )
 
 
 # figures of several islands as one: their sum, their least, one of them; else the largest
@@ -237,17 +172,62 @@ _SUMMED = (
 )  # fmt: skip
 
 
-def contact_report(islands: Sequence[Together]) -> dict[str, Any]:
-    """Figures of the contact of all islands so far, in SI units."""
-    reports = [each.contact.report() for each in islands]
-    if not reports:
-        return {}
-    found = {name: _of_all(name, [each[name] for each in reports]) for name in reports[0]}
-    rounds = sum(each["mean_rounds"] * each["steps"] for each in reports)
-    return found | {"mean_rounds": rounds / max(found["steps"], 1), "islands": len(reports)}
+class ContactStage(Stage):
+    """The contact groups of a shot."""
+
+    name = "contact"
+
+    def __init__(self, run: ShotRun) -> None:
+        super().__init__(run)
+        run.islands = pushing_islands(run.shot, run.drawn, root_motion(run.shot), run.plan)
+        pushed = np.isin(run.islands, run.islands[run.solved]) & (run.islands != ALONE)
+        run.solved = np.union1d(run.solved, np.flatnonzero(pushed))
+        self.contact_groups: list[ContactGroup] = []
+
+    def prepare(self) -> None:
+        """Put the batches of each contact group together."""
+        run, own = self.run, dict[int, list[FeatherGroup]]()
+        for group in run.groups:
+            own.setdefault(group.island, []).append(group)
+        own.pop(ALONE, None)
+        warn_of_sunk(run.shot, run.motion)
+        for number, some in own.items():
+            members = np.flatnonzero(run.islands == number)
+            obstacles = obstacles_of(run.shot, run.plan, members, some, run.motion)
+            self.contact_groups.append(ContactGroup(run, some, obstacles))
+        run.step_groups += self.contact_groups
+
+    def begin(self, index: int) -> None:
+        """Warn of bodies that are somewhere else right after the sample before."""
+        frame, between = divmod(index - 1, self.run.subframes)
+        if self.contact_groups and index > 0 and not between:
+            number = self.run.number(index - 1 + self.run.subframes)
+            self.contact_groups[0].contact.bodies.warn(frame, number)
+
+    def checkpoint(self) -> Arrays:
+        """Contacts, obstacles and kept cycles of each group."""
+        found: Arrays = {}
+        for k, each in enumerate(self.contact_groups):
+            found |= prefixed(f"{k}.", each.memory())
+        return found
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from a checkpoint."""
+        for k, each in enumerate(self.contact_groups):
+            each.restore(under(f"{k}.", arrays))
+
+    def report(self) -> dict[str, Any]:
+        """Figures of the contact of all groups so far, in SI units."""
+        reports = [each.contact.report() for each in self.contact_groups]
+        if not reports:
+            return {}
+        found = {name: _joint_figure(name, [each[name] for each in reports]) for name in reports[0]}
+        rounds = sum(each["mean_rounds"] * each["steps"] for each in reports)
+        found |= {"mean_rounds": rounds / max(found["steps"], 1), "islands": len(reports)}
+        return {"contact": found}
 
 
-def _of_all(name: str, values: Sequence[Any]) -> Any:
+def _joint_figure(name: str, values: Sequence[Any]) -> Any:
     if name in _SUMMED:
         return sum(values)
     if name == "shortest_step":

@@ -14,24 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.types import Indices
 from featherfx.feather.shapes import build_feathers
 from featherfx.files.content import digest, digests, members
 from featherfx.groom.types import Placement
-from featherfx.mechanics.batch import is_guarded, may_slip
-from featherfx.shot.detail.guides import guide_weights
+from featherfx.mechanics.batch import is_guarded
+from featherfx.packages import brought, load_name
 from featherfx.shot.detail.levels import LevelPlan, level_plan
-from featherfx.shot.direction.channels import acting
-from featherfx.shot.direction.roots import shares_of
-from featherfx.shot.direction.targets import targets_of
-from featherfx.shot.islands import ALONE, pushing_islands
-from featherfx.shot.layers.layers import Layers
-from featherfx.shot.layers.types import Laid
+from featherfx.shot.frames import StackingOrder
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.motion.roots import Roots
-from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.patterns import last_fitting
+from featherfx.shot.roots import Roots
+from featherfx.shot.skin import BoundSkin
 from featherfx.shot.types import Shot
 
 # of a shot, what does not count, and what counts for each feather by itself
@@ -52,13 +46,20 @@ def motion_dependences(shot: Shot) -> list[str]:
     motion = root_motion(shot)
     plan = level_plan(shot, drawn, motion)
     common = digest(_common(shot))
-    texts = digests([common, *each] for each in _each(shot, plan, motion))
-    if shot.contact is not None:
-        texts = _with_islands(shot, pushing_islands(shot, drawn, motion, plan), texts)
-    return _with_guides(shot, plan, texts)
+    each = _each(shot, plan, motion)
+    for more in brought(shot, "dependences"):
+        values = zip(each, more(shot, motion), strict=True)
+        each = [own if value is None else [*own, value] for own, value in values]
+    texts = digests([common, *own] for own in each)
+    # what pushes a feather, and then what it follows
+    for spread in reversed(brought(shot, "spreads")):
+        texts = spread(shot, plan, texts)
+    return texts
 
 
-def dependences(shot: Shot, laid: Laid | None = None, own: Sequence[str] = ()) -> list[str]:
+def dependences(
+    shot: Shot, laid: StackingOrder | None = None, own: Sequence[str] = ()
+) -> list[str]:
     """The same of what is shown of each feather.
 
     laid: who lies over whom of some feathers, where that is known; texts of others that are laid
@@ -70,29 +71,11 @@ def dependences(shot: Shot, laid: Laid | None = None, own: Sequence[str] = ()) -
         return list(texts)
     if laid is None:
         drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-        laid = Layers(shot, drawn, np.arange(len(drawn)), 1).laid
+        laid = load_name("layers.layers:Layers")(shot, drawn, np.arange(len(drawn)), 1).laid
     return _with_those_beneath(shot, laid, texts)
 
 
-def _with_islands(shot: Shot, islands: Indices, own: Sequence[str]) -> list[str]:
-    """The texts with what all feathers of an island depend on."""
-    slips = any(may_slip(each.kind) for each in shot.groom.feathers)
-    placements, result = shot.groom.feathers, list(own)
-    for number in np.unique(islands[islands != ALONE]).tolist():
-        members = np.flatnonzero(islands == number).tolist()
-        some = [placements[f] for f in members]
-        labels = [(each.id, each.region, each.kind.name, each.layer, each.stack) for each in some]
-        # places in the order of the layout, as far as these feathers go
-        order = np.unique([each.rank for each in some], return_inverse=True)[1]
-        laid = order, [each.rank < 0 for each in some]
-        parts = [own[f] for f in members], labels, *laid
-        together = digest(*parts, shot.contact, shot.colliders, slips)
-        for f in members:
-            result[f] = digest(own[f], together)
-    return result
-
-
-def _with_those_beneath(shot: Shot, laid: Laid, own: Sequence[str]) -> list[str]:
+def _with_those_beneath(shot: Shot, laid: StackingOrder, own: Sequence[str]) -> list[str]:
     """The texts with those of the feathers that each is laid over, and these with theirs."""
     stack = laid.stack
     # how far is searched for what lies beneath goes with the thickest
@@ -122,7 +105,6 @@ def _each(shot: Shot, plan: LevelPlan, motion: Roots) -> list[list[Any]]:
         [each[number] if number >= 0 else None for number in last_fitting(each, placements)]
         for each in (shot.wets, shot.detachments)
     ]
-    directed, share, brought = acting(shot), shares_of(motion, len(placements)), targets_of(shot)
     pulls: dict[str, list[Any]] = {}
     for grip in shot.grips:
         pulls.setdefault(grip.feather, []).append(grip)
@@ -137,8 +119,6 @@ def _each(shot: Shot, plan: LevelPlan, motion: Roots) -> list[list[Any]]:
             plan.resolutions[f],
             guarded[f],
             [each[f] for each in rules],
-            [directed[f], float(share[f])],
-            brought[f],
         ]
         for f, placement in enumerate(placements)
     ]
@@ -180,17 +160,3 @@ def _roots(skin: BoundSkin | None, count: int) -> list[Any]:
             sits = binding.triangle[k], binding.barycentric[k], binding.offset[k]
             found[f] = [part.surface.path, *sits, *turned_by]
     return found
-
-
-def _with_guides(shot: Shot, plan: LevelPlan, own: Sequence[str]) -> list[str]:
-    """The texts of those that follow guides, with what these depend on."""
-    result, guided = list(own), plan.at_level("guided")
-    if not len(guided):
-        return result
-    guides, weights = guide_weights(shot, guided, plan.leading)
-    for row, f in enumerate(guided.tolist()):
-        some = slice(weights.indptr[row], weights.indptr[row + 1])
-        followed = guides[weights.indices[some]].tolist()
-        parts = [own[g] for g in followed]
-        result[f] = digest(own[f], parts, weights.data[some])
-    return result

@@ -1,0 +1,151 @@
+"""The packages of a shot: what each one does, what asks for it, and what it brings.
+
+The frame loop knows none of them. It imports a package only if the shot has one of the tables that
+ask for it, by the names in this file. Packages act in the order of this file.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+_SHOT = "featherfx.shot."
+
+
+class Package(NamedTuple):
+    """A feature that a shot may need. What it brings are names, `module:name` below featherfx.shot.
+
+    tables: attributes of a shot, of which one that is set asks for the package; none: every shot
+    has it. stages: parts of the frame loop, and loads: what acts on feathers (shot/loop/run.py).
+    roots: what changes the motion of roots, (shot, Roots) -> Roots. dependences: what the motion of
+    each feather depends on, (shot, Roots) -> values, None for none; spreads: the same of what it
+    shares with others, (shot, LevelPlan, texts) -> texts (shot/partition/dependence.py).
+    """
+
+    name: str
+    offers: str
+    tables: tuple[str, ...] = ()
+    stages: tuple[str, ...] = ()
+    loads: tuple[str, ...] = ()
+    roots: tuple[str, ...] = ()
+    dependences: tuple[str, ...] = ()
+    spreads: tuple[str, ...] = ()
+
+
+PACKAGES = (
+    Package(
+        "core",
+        "Feathers that are stepped one by one under gravity, wind, grips and forces.",
+        stages=("loop.error_stage:ErrorStage",),
+    ),
+    Package(
+        "cuts",
+        "Roots that jump to another place within a frame.",
+        tables=("has_moving_roots",),
+        stages=("loop.cut_stage:CutStage",),
+    ),
+    Package(
+        "layers",
+        "Feathers that are laid over each other and over the skin in what is written.",
+        tables=("layers",),
+        stages=("layers.stage:ShotLayers",),
+    ),
+    Package(
+        "levels",
+        "Levels of detail by table, length or camera; guided and rigid feathers.",
+        tables=("details", "level_of_detail", "quality.guided_below", "quality.rigid_below"),
+        stages=("detail.followers:FollowerStage",),
+        spreads=("detail.guides:add_guides",),
+    ),
+    Package(
+        "contact",
+        "Feathers that push each other, the skin and colliders.",
+        tables=("contact",),
+        stages=("contact.contact_group:ContactStage",),
+        spreads=("contact.islands:add_islands",),
+    ),
+    Package(
+        "cycles",
+        "Periodic motion that is replayed instead of stepped.",
+        tables=("cycle",),
+        stages=("detail.cycle:CycleStage",),
+    ),
+    Package(
+        "hooks",
+        "Vanes that open between barbs, and strokes and healing that close them.",
+        tables=("preens", "has_slipping_hooks"),
+        stages=("hooks.preening:HookStage",),
+    ),
+    Package(
+        "targets",
+        "Feathers that are brought to a shape.",
+        tables=("targets",),
+        stages=("direction.targets:TargetStage",),
+        loads=("direction.targets:TargetLoads",),
+        dependences=("direction.targets:depend_on_targets",),
+    ),
+    Package(
+        "channels",
+        "Feathers that are directed over time: turned, stiffened, calmed, exaggerated.",
+        tables=("channels",),
+        stages=("direction.follow_through:FollowThrough",),
+        loads=(
+            "direction.material_channels:WindLoads",
+            "direction.material_channels:MaterialLoads",
+        ),
+        roots=("direction.roots:direct_roots",),
+        dependences=("direction.roots:depend_on_channels",),
+    ),
+    Package(
+        "wetness",
+        "Feathers that are wet: heavier, with weaker hooks and clumped barbs.",
+        tables=("wets",),
+        stages=("hooks.wet:ClumpStage",),
+        loads=("hooks.wet:WetLoads",),
+    ),
+    Package(
+        "shelter",
+        "Wind that a plumage keeps off its feathers.",
+        tables=("shelters", "has_sheltered_feathers"),
+        loads=("loop.sheltered_wind:ShelterLoads",),
+    ),
+    Package(
+        "free flight",
+        "Feathers that leave their roots and fall.",
+        tables=("detachments",),
+        loads=("loop.free_flight:FreeFlight",),
+    ),
+)
+
+# what moves the roots of a shot, by the kind of its motion: (motion, shot, skeleton) -> poses
+MOTIONS = {
+    "hold": "motion.joints:held",
+    "shake": "motion.joints:shaken",
+    "swing": "motion.joints:swung",
+    "flap": "motion.flap:flapping",
+    "fold": "motion.flap:folded",
+    "keys": "motion.keys:keyed",
+    "act": "motion.act:acted",
+}
+
+
+def load_name(name: str) -> Any:
+    """Import what a name of this file stands for."""
+    module, _, attribute = name.partition(":")
+    return getattr(import_module(_SHOT + module), attribute)
+
+
+def is_asked(package: Package, shot: Any) -> bool:
+    """Whether a shot asks for a package."""
+    return not package.tables or any(attrgetter(table)(shot) for table in package.tables)
+
+
+def brought(shot: Any, what: str) -> list[Any]:
+    """What the packages that a shot asks for bring, in their order; what: a field of Package."""
+    return [
+        load_name(name)
+        for package in PACKAGES
+        if getattr(package, what) and is_asked(package, shot)
+        for name in getattr(package, what)
+    ]

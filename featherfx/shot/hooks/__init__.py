@@ -1,0 +1,1 @@
+"""Hooks that slip, open and heal, and feathers that are wet."""

@@ -1,0 +1,1 @@
+"""The frame loop of a shot, and what it steps: batches of feathers."""

@@ -1,0 +1,28 @@
+"""The error that a simulation is estimated to have, in the frame loop."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from featherfx.shot.detail.estimate import Estimate
+from featherfx.shot.loop.run import Stage
+
+
+class ErrorStage(Stage):
+    """Estimated error of the feathers that are simulated in full."""
+
+    def prepare(self) -> None:
+        """Keep rest shapes and lengths of the feathers of each batch."""
+        self._estimate = Estimate(self.run.shot, self.run.groups, self.run.plan.air)
+
+    def note(self, index: int) -> None:
+        """Take the poses of a frame, and the steps on the way to it, into account."""
+        if index >= 0:
+            self._estimate.note()
+        for group in self.run.groups:
+            if group.report is not None:
+                self._estimate.stepped(group, group.report)
+
+    def report(self) -> dict[str, Any]:
+        """Error that is estimated and promised, percent of the length."""
+        return self._estimate.report()

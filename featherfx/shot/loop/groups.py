@@ -1,0 +1,132 @@
+"""Batches of feathers that share a grid, and what acts on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.feather.density import PointCarrier
+from featherfx.feather.types import Feather, RowMap
+from featherfx.mechanics.model import Loads, Model
+from featherfx.shot.detail.detail import Resolution
+from featherfx.shot.frames import FeatherPose
+from featherfx.shot.types import Force, Grip
+from featherfx.solver.solver import Solver, StepReport
+from featherfx.solver.state import State
+
+# contact group of a feather that pushes nothing
+ALONE = -1
+
+
+class GroupLoad:
+    """A load on a batch of feathers; it may change their model over time."""
+
+    changes_model = False
+
+    def renew(self, group: FeatherGroup, start: float, end: float) -> bool:
+        """Take the values of a step from start to end (s); whether the model is another one."""
+        return False
+
+    def model(self, model: Model) -> Model:
+        """Constant data with the present values, from those without this load."""
+        return model
+
+    def added(self, loads: Loads, group: FeatherGroup, start: float, end: float) -> Loads:
+        """Loads with those of a step from start to end (s)."""
+        return loads
+
+
+@dataclass
+class FeatherGroup:
+    """Feathers that share a grid: their places in the groom, solver, state and loads.
+
+    resolution: what is simulated. island: contact group, or ALONE. feathers: as simulated. maps:
+    to the meshes' grid, where that is another one. own: model without what loads change. start:
+    nodes at the first frame. acting: loads beside grips and forces. cycle: of a shot that repeats.
+    loads: of the step before. stirred: (F,) feathers that something else than a step has changed
+    since the sample before. report: of the last step, None where none was taken.
+    """
+
+    resolution: Resolution
+    island: int
+    members: Indices
+    feathers: list[Feather]
+    maps: list[RowMap | None]
+    names: list[str]
+    grips: list[tuple[int, Grip]]
+    forces: list[tuple[int, Force, Array]]
+    solver: Solver
+    own: Model
+    state: State
+    start: Array
+    stirred: Flags
+    acting: list[GroupLoad] = field(default_factory=list)
+    cycle: Any = None
+    loads: Loads | None = None
+    report: StepReport | None = None
+
+    @property
+    def level(self) -> str:
+        """Level of detail."""
+        return self.resolution.level
+
+    @cached_property
+    def carrier(self) -> PointCarrier | None:
+        """Map to the meshes' grid, where that is another one."""
+        maps = [each for each in self.maps if each is not None]
+        return PointCarrier(maps) if maps else None
+
+    @property
+    def is_flying(self) -> bool:
+        """Whether the feathers have left their roots."""
+        return not self.solver.model.held.any()
+
+    @property
+    def changes_model(self) -> bool:
+        """Whether its model is another one at times."""
+        return any(load.changes_model for load in self.acting)
+
+    def renew(self, start: float, end: float) -> bool:
+        """Give the solver the model of a step from start to end (s); whether it is a new one."""
+        new = [load.renew(self, start, end) for load in self.acting]
+        if any(new):
+            model = self.own
+            for load in self.acting:
+                model = load.model(model)
+            self.solver.model = model
+        return any(new)
+
+    def restart_steps(self, step: float) -> None:
+        """Have the next step, of `step` s, find accelerations first: the loads have changed."""
+        self.state = self.state.copy()
+        self.state.step[:], self.state.proposal[:] = 0.0, step
+
+
+def grips_of(names: Sequence[str], grips: Sequence[Grip]) -> list[tuple[int, Grip]]:
+    """Grips on a batch of feathers with these ids, each with its place in the batch."""
+    place = {name: k for k, name in enumerate(names)}
+    return [(place[each.feather], each) for each in grips if each.feather in place]
+
+
+def poses_of(group: FeatherGroup) -> dict[int, FeatherPose]:
+    """Return points and rates of a group's feathers, by their numbers, on the grid of the
+    meshes."""
+    state, hooked = group.state, group.solver.model.hooked
+    numbers = group.members.tolist()
+    if (carrier := group.carrier) is not None:
+        every = np.arange(len(numbers))
+        moving = carrier(every, state.points, state.velocity, state.acceleration)
+        each = moving.points.each(), moving.velocities.each(), moving.accelerations.each()
+        given = zip(numbers, *each, strict=True)
+        return {f: FeatherPose(points, rate, second) for f, points, rate, second in given}
+    found = {}
+    for k, f in enumerate(numbers):
+        gaps = state.gaps_of(k) if hooked else None
+        points, rate, second = state.points.at(k), state.velocity.at(k), state.acceleration.at(k)
+        found[f] = FeatherPose(points, rate, second, gaps)
+    return found

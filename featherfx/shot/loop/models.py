@@ -1,0 +1,133 @@
+"""Models of batches of feathers, and maps from their grids to those of the meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from featherfx.algebra.types import Indices
+from featherfx.feather.build import build_feather
+from featherfx.feather.density import scaled_map
+from featherfx.feather.shapes import build_unit_maps
+from featherfx.feather.types import Feather, RowMap
+from featherfx.files.disk_cache import kept
+from featherfx.groom.presets.kinds import Change, adjusted
+from featherfx.groom.types import FeatherKind, Placement, Splits
+from featherfx.mechanics.batch import make_model, may_slip, resized
+from featherfx.mechanics.model import Model
+from featherfx.shot.detail.detail import Resolution
+from featherfx.solver.solver import compile_steps
+from featherfx.solver.step.modes import with_damping
+
+# places of a groom whose maps are kept together
+_PART = 128
+
+
+def model_of(
+    placements: Sequence[Placement],
+    feathers: Sequence[Feather],
+    resolution: Resolution,
+    touching: bool,
+) -> Model:
+    """Constant arrays of a batch: made once for feathers of one shape, or of one shape and size
+    where their materials do not follow from the size.
+
+    touching: whether loose barbs do not pass through each other. Of what is not solved, nothing is
+    damped.
+    """
+    units = [_of_unit_size(each, resolution) for each in placements]
+    shapes: list[tuple[Any, ...]] = [
+        (id(unit), p.mirrored) if unit else (id(p.prototype or p.kind), p.kind, p.size, p.mirrored)
+        for p, unit in zip(placements, units, strict=True)
+    ]
+    first: dict[tuple[Any, ...], int] = {}
+    for k, shape in enumerate(shapes):
+        first.setdefault(shape, k)
+    number = {shape: n for n, shape in enumerate(first)}
+    own = [(placements[k], units[k], feathers[k]) for k in first.values()]
+    grid = resolution.rows, resolution.columns
+
+    def compute() -> dict[str, Any]:
+        some = [
+            build_feather(unit, *grid, placement.mirrored) if unit else feather
+            for placement, unit, feather in own
+        ]
+        kinds = [_as_simulated(unit or placement.kind, resolution) for placement, unit, _ in own]
+        model = make_model(some, kinds, resolution.coefficients, touching)
+        if not resolution.is_simulated:
+            return model.arrays()
+        compile_steps(model)  # while this process finds frequencies
+        return with_damping(model, kinds).arrays()
+
+    inputs = [_constant(placement, unit) for placement, unit, _ in own]
+    how = resolution.level, *grid, resolution.coefficients, touching
+    found = Model.from_arrays(kept("models", [inputs, *how], compute))
+    model = found.some([number[shape] for shape in shapes])
+    sizes = [1.0 if unit is None else p.size for p, unit in zip(placements, units, strict=True)]
+    return resized(model, np.array(sizes)) if any(units) else model
+
+
+def _constant(placement: Placement, unit: FeatherKind | None) -> list[Any]:
+    """What the constants of a feather, or of one of unit size, depend on."""
+    if unit is not None:
+        return [unit.uncoloured, placement.mirrored]
+    kind, prototype = placement.kind, placement.prototype
+    shape = prototype and prototype.uncoloured
+    return [kind.uncoloured, shape, placement.size, placement.mirrored]
+
+
+def _of_unit_size(placement: Placement, resolution: Resolution) -> FeatherKind | None:
+    """The kind that a feather is `size` times as large as, if all of its constants follow."""
+    unit = placement.prototype
+    if unit is None or unit.scaling != "similar" or has_open_hooks(unit, resolution):
+        return None
+    return unit if adjusted(unit, Change(scale=placement.size)) == placement.kind else None
+
+
+def has_open_hooks(kind: FeatherKind, resolution: Resolution) -> bool:
+    """Whether hooks of a feather may slip; those of vanes with less detail hold."""
+    return resolution.level == "full" and may_slip(kind)
+
+
+def _as_simulated(kind: FeatherKind, resolution: Resolution) -> FeatherKind:
+    if has_open_hooks(kind, resolution) or not may_slip(kind):
+        return kind
+    return replace(
+        kind,
+        vane_material=replace(kind.vane_material, hooks="closed"),
+        leading=replace(kind.leading, splits=Splits()),
+        trailing=replace(kind.trailing, splits=Splits()),
+    )
+
+
+def maps_between(
+    members: Indices,
+    placements: Sequence[Placement],
+    simulated: Sequence[Feather],
+    drawn: Sequence[Feather],
+) -> list[RowMap | None]:
+    """From the simulated grids to those drawn; None where they are the same. members: numbers in
+    the groom, ascending."""
+    if not placements or simulated[0].cell.shape == drawn[0].cell.shape:
+        return [None] * len(placements)
+    coarse, fine = simulated[0], drawn[0]
+    grids = (coarse.rows, coarse.columns), (fine.rows, fine.columns)
+    # one map for all feathers that differ in size only; a wind in which some feathers are simulated
+    # otherwise leaves most parts of a groom as they were
+    known: dict[tuple[int, bool], RowMap] = {}
+    for part in np.split(np.arange(len(members)), np.flatnonzero(np.diff(members // _PART)) + 1):
+        own = {}
+        for placement in (placements[k] for k in part):
+            shape = placement.prototype or placement.kind
+            if (id(shape), placement.mirrored) not in known:
+                own[id(shape), placement.mirrored] = shape, placement.mirrored
+        known |= zip(own, build_unit_maps(tuple(own.values()), *grids), strict=True)
+    found: list[RowMap | None] = []
+    for placement in placements:
+        unit = known[id(placement.prototype or placement.kind), placement.mirrored]
+        size = placement.size if placement.prototype is not None else 1.0
+        found.append(scaled_map(unit, size, coarse.rows))
+    return found

@@ -1,0 +1,313 @@
+"""A shot while it is simulated: what its stages share, and what a stage is."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.types import Array, Indices
+from featherfx.feather.shapes import build_feathers
+from featherfx.feather.types import Feather
+from featherfx.mechanics.batch import barb_course, has_elastic_clamp
+from featherfx.mechanics.model import Loads
+from featherfx.packages import brought
+from featherfx.phases import counted
+from featherfx.shot.detail.detail import Resolution
+from featherfx.shot.detail.levels import LevelPlan, level_plan
+from featherfx.shot.detail.promise import common_tolerance
+from featherfx.shot.frames import FeatherPose, sample_number
+from featherfx.shot.loads.forces import force_weights
+from featherfx.shot.loads.loads import frame_loads
+from featherfx.shot.loop.counts import Advanced, Bounds
+from featherfx.shot.loop.groups import ALONE, FeatherGroup, GroupLoad, grips_of
+from featherfx.shot.loop.models import has_open_hooks, maps_between, model_of
+from featherfx.shot.loop.replay import Replay
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.preroll import RunUpRoots, run_up_of
+from featherfx.shot.roots import Roots
+from featherfx.shot.types import Shot
+from featherfx.solver.solver import Settings, Solver
+from featherfx.solver.state import rest_state
+
+Arrays = dict[str, NDArray[Any]]
+
+# Newton stops at this fraction of the step's tolerance from the step's solution: what is left adds
+# as much to the step's error, and less costs more (docs/log.md)
+NEWTON_FRACTION = 0.1
+# the same where forces of contact follow from the poses, so that feathers in balance come to rest;
+# and m, a small part of what any gap may be off, below which that says nothing
+CONTACT_NEWTON_FRACTION, CONTACT_NEWTON = 1e-3, 2e-7
+
+
+class StepGroup(Protocol):
+    """Batches of feathers that are settled and stepped together: a free or a contact group."""
+
+    groups: Sequence[FeatherGroup]
+
+    @property
+    def bounds(self) -> Bounds:
+        """Tolerance and limits of the steps."""
+
+    def settle(self) -> None:
+        """Bring the feathers to rest where the shot begins."""
+
+    def advance(self, index: int) -> Advanced:
+        """Bring the feathers from the sample before to a sample. Raises SimulationError."""
+
+
+class ShotRun:
+    """A shot while it is simulated.
+
+    shot: with its colliders brought up from rest. first: number of the first sample, below 0 where
+    the motion does not begin at rest. directed: roots as the shot moves them; motion: brought up
+    from rest, with cuts. drawn: all feathers on the meshes' grid. wanted: numbers of those in the
+    frames; posed: of those whose poses are needed for these; solved: of those that are stepped if
+    they are simulated. islands: (F,) contact group of each, or ALONE. rigid, guided: number of
+    posed feathers that are not simulated. groups: batches; step_groups: the same, as they are
+    stepped together.
+    """
+
+    def __init__(
+        self,
+        shot: Shot,
+        subframes: int,
+        jobs: int,
+        wanted: Sequence[int] | None,
+        replay: Replay,
+    ) -> None:
+        self.subframes, self.jobs, self.replay = subframes, jobs, replay
+        self.directed = root_motion(shot)
+        self.shot, self.motion, self.first = _from_preroll(shot, self.directed, subframes)
+        self.drawn = drawn_feathers(shot)
+        every: Indices = np.arange(len(self.drawn))
+        self.wanted: Indices = every if wanted is None else np.array(wanted, dtype=np.int64)
+        self.posed = self.wanted
+        self.solved = np.setdiff1d(self.wanted, replay.numbers)
+        self.islands = np.full(len(self.drawn), ALONE)
+        self.rigid = self.guided = 0
+        self.groups: list[FeatherGroup] = []
+        self.step_groups: list[StepGroup] = []
+
+    @cached_property
+    def plan(self) -> LevelPlan:
+        """Levels of detail and resolutions of all feathers."""
+        return level_plan(self.shot, self.drawn, self.motion)
+
+    def pose_also(self, feathers: Indices) -> None:
+        """Pose some feathers, by number, whether they are wanted or not."""
+        self.posed = np.union1d(self.posed, feathers)
+        self.solve_also(feathers)
+
+    def solve_also(self, feathers: Indices) -> None:
+        """Solve some feathers, by number, but for those whose motion is known."""
+        self.solved = np.setdiff1d(np.union1d(self.solved, feathers), self.replay.numbers)
+
+    def time(self, index: int) -> float:
+        """Time of a sample, s since the first frame."""
+        return index / (self.shot.frames_per_second * self.subframes)
+
+    def number(self, index: int) -> float:
+        """Frame number of a sample."""
+        return sample_number(self.shot.first_frame, index, self.subframes)
+
+    def loads(self, group: FeatherGroup, index: int) -> Loads:
+        """Loads on a batch on the way to a sample."""
+        start = self.time(max(index - 1, self.first))
+        return self.loads_within(group, start, self.time(index), index > 0)
+
+    def loads_within(self, group: FeatherGroup, start: float, end: float, gripped: bool) -> Loads:
+        """Loads on a batch from start to end (s).
+
+        gripped: whether grips act. They take hold of the settled feathers, so not while those
+        settle.
+        """
+        shot, roots = self.shot, None
+        if shot.wind_source is not None:
+            roots = self.motion.frames(0.5 * (start + end))[0][group.members]
+            roots = group.state.centre[:, 0] if group.is_flying else roots
+        grips, points = group.grips if gripped else [], list(group.start)
+        loads = frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
+        for each in group.acting:
+            loads = each.added(loads, group, start, end)
+        return loads
+
+
+class Stage:
+    """A package's part in the frame loop. Methods that it does not need do nothing.
+
+    name: of its arrays in a checkpoint.
+    """
+
+    name = ""
+
+    def __init__(self, run: ShotRun) -> None:
+        """Change the motion of roots, or ask for more feathers than those that are wanted."""
+        self.run = run
+
+    def prepare(self) -> None:
+        """Prepare for the first sample, once all batches exist."""
+
+    def begin(self, index: int) -> None:
+        """Act before the feathers are stepped to a sample."""
+
+    def note(self, index: int) -> None:
+        """Note what has become of the feathers at a sample."""
+
+    def follow(self, index: int, poses: dict[int, FeatherPose]) -> None:
+        """Add poses of feathers that are not stepped at a sample, by number, or change others."""
+
+    def show(self, time: float, poses: list[FeatherPose]) -> list[FeatherPose]:
+        """Change poses of the wanted feathers, as they are written, at a time in s."""
+        return poses
+
+    def finish(self, index: int) -> None:
+        """Warn of what did not happen until the last sample that is wanted."""
+
+    def checkpoint(self) -> Arrays:
+        """Arrays that a later simulation needs to go on from a sample."""
+        return {}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from a checkpoint."""
+
+    def report(self) -> dict[str, Any]:
+        """Figures of a bake's report so far."""
+        return {}
+
+
+class LayerStage(Stage):
+    """A stage that shows feathers elsewhere than they were simulated, after its samples_ahead."""
+
+    samples_ahead = 0
+
+    def skin(self, time: float) -> Array:
+        """(V, 3) m, the skin beneath at a time in s."""
+        raise NotImplementedError
+
+    def ask(
+        self, poses: list[FeatherPose], skin: Array, duration: float, accelerations: bool
+    ) -> None:
+        """Take in the posed feathers of a sample, out of a list; duration: s since the one before,
+        0 at the first."""
+        raise NotImplementedError
+
+    def lay(self, frame: float) -> list[FeatherPose]:
+        """Poses of the wanted feathers at the first sample that was not laid yet."""
+        raise NotImplementedError
+
+    @property
+    def laid(self) -> Any:
+        """Stacking order of the feathers."""
+        raise NotImplementedError
+
+
+class ShotLoad:
+    """A kind of load in a shot, which gives each batch its own."""
+
+    def __init__(self, run: ShotRun) -> None:
+        self.run = run
+
+    def key(self, feather: int) -> Hashable:
+        """What feathers of one batch have in common, by number in the shot."""
+        return None
+
+    def on(self, group: FeatherGroup) -> GroupLoad | None:
+        """The load on a batch; None where it has none."""
+        raise NotImplementedError
+
+
+def make_groups(run: ShotRun) -> list[FeatherGroup]:
+    """Make batches of the feathers of a shot that are solved: of one contact group, grid, barb
+    taper, clamp, hooks, and loads that only whole batches have."""
+    alike: dict[tuple[Any, ...], list[int]] = {}
+    loads = [make(run) for make in brought(run.shot, "loads")]
+    for f in run.solved.tolist():
+        kind, resolution = run.shot.groom.feathers[f].kind, run.plan.resolutions[f]
+        if resolution.is_simulated:
+            island, hooked = int(run.islands[f]), has_open_hooks(kind, resolution)
+            own = barb_course(kind), has_elastic_clamp(kind), hooked
+            key = island, resolution, *own, *(load.key(f) for load in loads)
+            alike.setdefault(key, []).append(f)
+    found = []
+    for (island, resolution, *_), members in counted("building", alike.items(), len(alike)):
+        group = _make_group(run, np.array(members), island, resolution)
+        own_loads = [load.on(group) for load in loads]
+        group.acting = [each for each in own_loads if each is not None]
+        found.append(group)
+    return found
+
+
+def _make_group(
+    run: ShotRun, members: Indices, island: int, resolution: Resolution
+) -> FeatherGroup:
+    shot, time = run.shot, run.time(run.first)
+    placements = [shot.groom.feathers[f] for f in members]
+    grid, drawn = (resolution.rows, resolution.columns), [run.drawn[f] for f in members]
+    as_drawn = grid == (drawn[0].rows, drawn[0].columns)
+    feathers = drawn if as_drawn else build_feathers(placements, *grid)
+    model = model_of(placements, feathers, resolution, island != ALONE)
+    positions, rotations = run.motion.frames(time)
+    state = rest_state(model, positions[members], rotations[members])
+    state.time[:] = time
+    names = [each.id for each in placements]
+    place = {name: k for k, name in enumerate(names)}
+    newton = NEWTON_FRACTION * resolution.tolerance
+    if island != ALONE:
+        newton = min(newton, max(CONTACT_NEWTON_FRACTION * resolution.tolerance, CONTACT_NEWTON))
+    settings = Settings(
+        tolerance=resolution.tolerance,
+        newton=newton,
+        max_substeps=shot.quality.max_substeps,
+        spectral_radius=shot.quality.spectral_radius,
+    )
+    return FeatherGroup(
+        resolution=resolution,
+        island=island,
+        members=members,
+        feathers=feathers,
+        maps=maps_between(members, placements, feathers, drawn),
+        names=names,
+        grips=grips_of(names, shot.grips),
+        forces=[
+            (place[each.feather], each, force_weights(each, feathers[place[each.feather]]))
+            for each in shot.forces
+            if each.feather in place
+        ],
+        solver=Solver(model, settings, run.jobs),
+        own=model,
+        state=state,
+        start=state.points.nodes.copy(),
+        stirred=np.zeros(len(members), dtype=np.bool_),
+    )
+
+
+def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:
+    """All feathers of a shot on the grid of its quality. Raises InputError."""
+    rows, columns = shot.quality.rows, shot.quality.columns
+    return tuple(build_feathers(shot.groom.feathers, rows, columns))
+
+
+def _from_preroll(shot: Shot, motion: Roots, subframes: int) -> tuple[Shot, Roots, int]:
+    """Shot, roots and number of the first sample, where what moves is brought up from rest."""
+    tolerance = common_tolerance(shot)
+    run_up = run_up_of(motion, shot.preroll / shot.frames_per_second, tolerance)
+    if run_up is None:
+        return shot, motion, 0
+    colliders = tuple(each.brought_up(run_up, tolerance) for each in shot.colliders)
+    begun = replace(shot, colliders=colliders, run_up=run_up)
+    return begun, RunUpRoots(motion, run_up), -shot.preroll * subframes
+
+
+def under(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
+    """Arrays whose names begin with a prefix, without it."""
+    return {n.removeprefix(prefix): arrays[n] for n in arrays if n.startswith(prefix)}
+
+
+def prefixed(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
+    """The inverse of `under`."""
+    return {f"{prefix}{name}": value for name, value in arrays.items()}

@@ -1,0 +1,63 @@
+"""Wind on feathers that a plumage shelters (see loads/wind.py)."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+
+import numpy as np
+
+from featherfx.algebra.types import Array
+from featherfx.mechanics.model import Loads
+from featherfx.shot.loads.wind import exposures
+from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
+from featherfx.shot.loop.run import ShotLoad, ShotRun
+from featherfx.shot.roots import Roots, arrived
+
+# m/s, to which roots' velocities are rounded, so that even motion gives equal winds
+_DIGITS = 9
+
+
+class ShelterLoads(ShotLoad):
+    """The shelter that a plumage gives its feathers."""
+
+    def __init__(self, run: ShotRun) -> None:
+        super().__init__(run)
+        self._exposures = exposures(run.shot).tolist()
+
+    def key(self, feather: int) -> Hashable:
+        """Exposure."""
+        return self._exposures[feather]
+
+    def on(self, group: FeatherGroup) -> GroupLoad | None:
+        """The shelter of a batch; None where all of the wind reaches it."""
+        exposure = self._exposures[group.members[0]]
+        return None if exposure == 1.0 else _Shelter(exposure, self.run.motion)
+
+
+class _Shelter(GroupLoad):
+    """Shelter of a batch, as long as it is on its roots."""
+
+    def __init__(self, exposure: float, motion: Roots) -> None:
+        self._exposure, self._motion = exposure, motion
+
+    def added(self, loads: Loads, group: FeatherGroup, start: float, end: float) -> Loads:
+        """Loads with the part of the wind that reaches the batch."""
+        if group.is_flying:
+            return loads
+        before, after = arrived(self._motion, start), self._motion.frames(end)
+        way = (after.positions - before.positions)[group.members]
+        return sheltered(loads, self._exposure, way, end - start)
+
+
+def sheltered(loads: Loads, exposure: float, way: Array, duration: float) -> Loads:
+    """Loads of a batch whose feathers all have one exposure.
+
+    way: (F, 3) m, that the roots go within the loads' duration (s; 0: nothing moves).
+    """
+    velocity = np.zeros_like(way)
+    if duration > 0.0:
+        velocity = np.round(way / duration, _DIGITS)
+    return loads._replace(
+        wind_mean=exposure * loads.wind_mean + (1.0 - exposure) * velocity,
+        wind_amplitude=exposure * loads.wind_amplitude,
+    )

@@ -1,0 +1,1 @@
+"""Partitions of a shot for several workers, and what each feather depends on."""
