@@ -70,9 +70,9 @@ count = {count}
 length = {length:.5f}
 tilt = 4
 follow = 1
-fit = 1.0
+max_length_per_free_radius = 1.0
 variants = 4
-where = [{{ primvar = "{name}" }}, {{ room = {room:.5f}, soft = {soft:.5f} }}]
+where = [{{ primvar = "{name}" }}, {{ free_radius = {room:.5f}, soft = {soft:.5f} }}]
 flow = {{ primvar = "flow" }}
 variation = {{ length = 0.05, curl = 2, turn = 4, roll = 3 }}
 """
