@@ -7,7 +7,7 @@ import pytest
 from commands import invoke
 
 from featherfx.lab.bench import experiments, report, shake
-from featherfx.lab.bench.factorisation import factorisation_seconds
+from featherfx.lab.bench.experiments import factorisation_seconds
 
 COARSE = shake.Shake(rows=9, columns=3, coefficients=1, step=1.0 / 48.0, duration=0.25)
 TINY = experiments.Extent(

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from featherfx.lab.bench.front_fit import missed
+from featherfx.lab.bench.front import missed
 from featherfx.shot.detail.promise import Grid, Missed, MissedBySteps, Work
 
 KNOWN = Grid(Missed(0.6, 2.0, 0.6, 0.05), Missed(0.1, 2.0, 0.8), Missed(0.004, 3.0, 0.2))

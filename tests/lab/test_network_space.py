@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 from featherfx.lab.networks.krylov import solve
-from featherfx.lab.networks.layouts import FibreSection, Mikado, mikado
+from featherfx.lab.networks.layouts import (
+    FibreSection,
+    Mikado,
+    SpaceMikado,
+    linked_sheets,
+    mikado,
+    shear,
+    space_mikado,
+)
 from featherfx.lab.networks.network import held_system
-from featherfx.lab.networks.space import SpaceMikado, linked_sheets, shear, space_mikado
 from featherfx.lab.studies.space import small
 
 pytestmark = pytest.mark.verification

@@ -4,9 +4,18 @@ import numpy as np
 import pytest
 
 from featherfx.feather.types import both
-from featherfx.lab.rods.experiments import ReleaseTest, bend, damped, release, total_energy
 from featherfx.lab.rods.oracles import link_chain
-from featherfx.lab.rods.rod import Rod, clamped, rod_loads, rod_model
+from featherfx.lab.rods.rod import (
+    ReleaseTest,
+    Rod,
+    bend,
+    clamped,
+    damped,
+    release,
+    rod_loads,
+    rod_model,
+    total_energy,
+)
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.step.modes import first_frequency

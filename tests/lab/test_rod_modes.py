@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.lab.rods.experiments import natural_frequencies
 from featherfx.lab.rods.oracles import taper_frequencies
-from featherfx.lab.rods.rod import Rod
+from featherfx.lab.rods.rod import Rod, natural_frequencies
 
 pytestmark = pytest.mark.verification
 

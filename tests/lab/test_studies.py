@@ -11,7 +11,7 @@ from commands import invoke
 from places import ROOT
 
 from featherfx.errors import InputError, SimulationError
-from featherfx.lab.studies import pages, report, runs, study
+from featherfx.lab.studies import report, study
 from featherfx.lab.studies.study import (
     Comparisons,
     Study,
@@ -114,7 +114,7 @@ def place(function):
 
 def entries(tmp_path, *functions):
     chosen = [Study(f.__name__, f"The {f.__name__}", "nobody", place(f)) for f in functions]
-    return runs.run_all(chosen, tmp_path, compile_first=())
+    return report.run_all(chosen, tmp_path, compile_first=())
 
 
 def test_report_holds_every_number_and_picture(tmp_path):
@@ -148,11 +148,11 @@ def test_report_holds_every_number_and_picture(tmp_path):
 
 
 def test_studies_that_were_not_run_stay_on_the_page(tmp_path):
-    done = runs.run_all(study.studies(["elastica"]), tmp_path, compile_first=())
+    done = report.run_all(study.studies(["elastica"]), tmp_path, compile_first=())
     page = tmp_path / "page.md"
     report.write_markdown(page, done, "1")
     first = page.read_text()
-    more = runs.run_all(study.studies(["fibre_merging"]), tmp_path, compile_first=())
+    more = report.run_all(study.studies(["fibre_merging"]), tmp_path, compile_first=())
     report.write_markdown(page, more, "1")
     text = page.read_text()
     row = next(line for line in first.splitlines() if "shortening / L" in line)
@@ -208,7 +208,7 @@ def test_the_page_is_of_today(tmp_path):
             *("vane_mesoscale", "guard_truss", "feather_masses", "ribbon_shell", "tissue_laws"),
         ]
     )
-    now = runs.run_all(quick, tmp_path, compile_first=())
+    now = report.run_all(quick, tmp_path, compile_first=())
     assert report.moved(now, json.loads(page.read_text())) == []
 
 
@@ -221,7 +221,7 @@ def test_published_places_have_their_pages():
         published("Jouve 2024, table 9.9")
     listed = json.loads((ROOT / "docs/validation/validation.json").read_text())["studies"].values()
     rows = [row for each in listed for row in each["rows"] if row["kind"] == "published"]
-    texts = {row["source"] for row in rows if row["source"].split(",")[0] in pages.PAGES}
+    texts = {row["source"] for row in rows if row["source"].split(",")[0] in study.PAGES}
     assert len(texts) > 30
     assert all(re.search(r"\(pp?\. \d", text) for text in texts)
 
@@ -238,7 +238,7 @@ def quick(folder):
 def test_studies_run_in_processes_and_keep_their_order(tmp_path):
     chosen = [Study(f.__name__, "x", "x", place(f)) for f in (slow_then, quick, broken)]
     told = []
-    done = runs.run_all(
+    done = report.run_all(
         chosen,
         tmp_path,
         lambda entry, k, total: told.append((entry.study.name, k, total)),
@@ -258,7 +258,7 @@ def late(folder):
 
 def test_kernels_are_compiled_before_the_first_study(tmp_path):
     chosen = [Study("x", "x", "x", place(late))]
-    done = runs.run_all(chosen, tmp_path, compile_first=((tmp_path / "kernels").touch,))
+    done = report.run_all(chosen, tmp_path, compile_first=((tmp_path / "kernels").touch,))
     assert done[0].result.rows[0].ours == 1.0
 
 

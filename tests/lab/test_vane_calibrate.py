@@ -9,8 +9,13 @@ from commands import invoke
 
 from featherfx.errors import InputError
 from featherfx.groom.presets.presets import load_preset
-from featherfx.lab.vane.calibrate import CALIBRATED, calibrate
-from featherfx.lab.vane.curves import CURVE_COLUMNS, MeasuredCurve, read_curves
+from featherfx.lab.vane.calibrate import (
+    CALIBRATED,
+    CURVE_COLUMNS,
+    MeasuredCurve,
+    calibrate,
+    read_curves,
+)
 from featherfx.lab.vane.sample import Moduli, Sample
 from featherfx.lab.vane.traction import Traction, pull_test
 

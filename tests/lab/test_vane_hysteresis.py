@@ -11,7 +11,7 @@ from test_vane_calibrate import write_curves
 
 from featherfx.errors import InputError
 from featherfx.lab.feathers.feather import feather_kind
-from featherfx.lab.vane.curves import MeasuredCurve
+from featherfx.lab.vane.calibrate import MeasuredCurve
 from featherfx.lab.vane.hooked import CycleTest, cycle
 from featherfx.lab.vane.hysteresis import Hook, cyclic_stress, fit_cycles
 from featherfx.lab.vane.sample import Sample

@@ -7,9 +7,7 @@ from featherfx.cli.lab.show import plain
 from featherfx.errors import InputError
 from featherfx.lab.declare import out_of_range
 from featherfx.lab.vane.angles import band_width, fit_shear, tilted_sample
-from featherfx.lab.vane.elements import membrane
-from featherfx.lab.vane.locking import run_locking
-from featherfx.lab.vane.mesh import aligned_mesh, corner_rows
+from featherfx.lab.vane.mesh import aligned_mesh, corner_rows, membrane
 from featherfx.lab.vane.mesoscale import (
     Bands,
     SwanBands,
@@ -23,7 +21,7 @@ from featherfx.lab.vane.mesoscale import (
 )
 from featherfx.lab.vane.sample import Moduli, Sample, isotropic, strains
 from featherfx.lab.vane.statics import Statics
-from featherfx.lab.vane.traction import Traction, clamped, pull_test
+from featherfx.lab.vane.traction import Traction, clamped, pull_test, run_locking
 
 BANDS = SwanBands(0.14, 5e-4).bands()
 

@@ -7,8 +7,7 @@ import pytest
 from scipy.optimize import approx_fprime
 
 from featherfx.errors import InputError
-from featherfx.lab.vane.elements import membrane
-from featherfx.lab.vane.mesh import aligned_of_size, areas, graded_rows, unaligned_of_size
+from featherfx.lab.vane.mesh import aligned_of_size, areas, graded_rows, membrane, unaligned_of_size
 from featherfx.lab.vane.sample import Moduli, Sample, isotropic
 from featherfx.lab.vane.statics import Statics
 from featherfx.lab.vane.traction import Traction, clamped, pull_test, run_traction

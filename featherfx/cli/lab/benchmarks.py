@@ -12,8 +12,7 @@ from featherfx._version import __version__
 from featherfx.baking.pipeline import read_shot
 from featherfx.cli.progress import Progress
 from featherfx.lab.bench import experiments, peers
-from featherfx.lab.bench.front import iteration_times, kept_table, measure
-from featherfx.lab.bench.front_fit import HOW, missed
+from featherfx.lab.bench.front import HOW, iteration_times, kept_table, measure, missed
 from featherfx.lab.bench.options import BenchOptions
 from featherfx.lab.bench.report import (
     ResultTable,

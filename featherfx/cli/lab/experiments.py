@@ -15,8 +15,7 @@ from featherfx.cli.options import presets_option, readable_path
 from featherfx.files.atomic_write import write_text
 from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feather
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
-from featherfx.lab.feathers.plate import PlateTest, run_plate
-from featherfx.lab.feathers.strip import StripTest, run_strip
+from featherfx.lab.feathers.strip import PlateTest, StripTest, run_plate, run_strip
 from featherfx.lab.fibres.rupture import RuptureTest, run_rupture
 from featherfx.lab.fibres.tissue import LAWS, fit_tissue, read_tissue
 from featherfx.lab.networks.experiments import (
@@ -27,7 +26,7 @@ from featherfx.lab.networks.experiments import (
 )
 from featherfx.lab.networks.unit_cell import CellTest, cell_moduli, vane_of, vane_text
 from featherfx.lab.ribbons.experiments import HangTest, blown, hang
-from featherfx.lab.rods.experiments import (
+from featherfx.lab.rods.rod import (
     BendTest,
     ModesTest,
     ReleaseTest,
@@ -38,13 +37,17 @@ from featherfx.lab.rods.experiments import (
 from featherfx.lab.studies.study import Figure
 from featherfx.lab.vane import pictures
 from featherfx.lab.vane.angles import AnglesTest, angle_slopes, shear_bands
-from featherfx.lab.vane.calibrate import CalibrateTest, calibrate, check_name, save_preset
-from featherfx.lab.vane.curves import read_curves
+from featherfx.lab.vane.calibrate import (
+    CalibrateTest,
+    calibrate,
+    check_name,
+    read_curves,
+    save_preset,
+)
 from featherfx.lab.vane.hooked import CycleTest, TearTest, cycle, tear
 from featherfx.lab.vane.hysteresis import fit_cycles
-from featherfx.lab.vane.locking import LockingTest, run_locking
 from featherfx.lab.vane.mesoscale import BandTest, run_bands, run_size_effect
-from featherfx.lab.vane.traction import Traction, run_traction
+from featherfx.lab.vane.traction import LockingTest, Traction, run_locking, run_traction
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 _PRESETS = presets_option(click.Command("")).params[0]

@@ -17,7 +17,7 @@ from featherfx.cli.options import json_option, output_option
 from featherfx.cli.program import Command
 from featherfx.errors import InputError, Problem
 from featherfx.lab.studies import report as pages
-from featherfx.lab.studies.runs import Entry, run_all
+from featherfx.lab.studies.report import Entry, run_all
 from featherfx.lab.studies.study import Study, studies
 
 

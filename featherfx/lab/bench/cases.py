@@ -1,4 +1,9 @@
-"""Random simulations that a solver must survive: a feather, far beyond what grows, and its case."""
+"""Random simulations that a solver must survive: a feather, far beyond what grows, and its case.
+
+Hooks of random cases: vanes that slip, open, are split or loose in part, and are zipped up.
+
+Feathers of random cases, far beyond what grows.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +15,131 @@ from scipy.spatial.transform import Rotation
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.types import Array
-from featherfx.lab.bench.drawn import Drawn, draw_feather, log_uniform
-from featherfx.lab.bench.hooked_cases import Stroke, hooked, hooks_of, strokes_of
+from featherfx.errors import InputError
+from featherfx.feather.build import build_feather
+from featherfx.feather.types import Feather
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
+from featherfx.groom.types import BarbGuide, FeatherKind, Hooked, RachisShape, Splits, VaneShape
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
+from featherfx.solver.preen import close_gaps
 from featherfx.solver.solver import MAX_FRAME_ITERATIONS, RootPath, Settings, hold_roots
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rebuild_centres
 from featherfx.solver.work import Pose, make_scratch
+
+# share of cases with narrow vanes, and of vanes that are missing
+_SLIVERS, _MISSING = 0.15, 0.12
+# barb bending over that of a plate of the barb modulus, measured on swan feathers
+_BARB_OVER_PLATE = 4.8
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A random feather. ratio: barb over across modulus, 1 to 1e8; rachis: factor on the shaft's
+    stiffness, 1e-4 to 1e4; sliver: whether its vanes are narrow."""
+
+    feather: Feather
+    kind: FeatherKind
+    ratio: float
+    rachis: float
+    sliver: bool
+
+
+def log_uniform(random: np.random.Generator, low: float, high: float) -> float:
+    """A number whose logarithm is evenly spread."""
+    return float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+
+def draw_feather(random: np.random.Generator, rows: int, columns: int) -> Drawn:
+    """A feather of 5 mm to 2 m; shapes that cannot be built are drawn again."""
+    while True:
+        drawn = _draw_kind(random)
+        kind, ratio, rachis, sliver = drawn
+        try:
+            return Drawn(build_feather(kind, rows, columns), kind, ratio, rachis, sliver)
+        except InputError:
+            continue
+
+
+def _draw_kind(random: np.random.Generator) -> tuple[FeatherKind, float, float, bool]:
+    length = log_uniform(random, 5e-3, 2.0)
+    ratio, rachis = log_uniform(random, 1.0, 1e8), log_uniform(random, 1e-4, 1e4)
+    sliver = bool(random.random() < _SLIVERS)
+    base = 0.017 * length * log_uniform(random, 0.3, 2.0)
+    shape = RachisShape(
+        diameter_base=base,
+        diameter_tip=base * log_uniform(random, 0.02, 1.0),
+        taper=random.uniform(0.3, 2.0),
+        camber=random.uniform(-30.0, 90.0),
+        sweep=random.uniform(-30.0, 90.0),
+        twist=random.uniform(-60.0, 60.0),
+    )
+    kind = FeatherKind(
+        name="stress",
+        length=length,
+        calamus=float(random.choice([0.0, 0.05, 0.15, 0.4])),
+        barb_spacing=5e-4,
+        rachis=shape,
+        leading=_draw_vane(random, sliver),
+        trailing=_draw_vane(random, sliver),
+        vane_material=_draw_vane_material(random, ratio),
+        rachis_material=_draw_rachis_material(random, rachis),
+    )
+    return kind, ratio, rachis, sliver
+
+
+def _draw_vane(random: np.random.Generator, sliver: bool) -> VaneShape:
+    if random.random() < _MISSING:
+        return VaneShape((), ())
+    width = log_uniform(random, 2e-4, 5e-3) if sliver else random.uniform(0.005, 0.2)
+    outline = (
+        (0.0, width * float(random.choice([0.0, 0.5]))),
+        (random.uniform(0.05, 0.2), width * random.uniform(0.6, 1.0)),
+        (random.uniform(0.4, 0.6), width),
+        (random.uniform(0.8, 0.9), width * random.uniform(0.3, 0.9)),
+        (random.uniform(0.97, 1.05), 0.0),
+    )
+    base = random.uniform(10.0, 90.0)
+    tip = random.uniform(10.0, base)
+    camber = random.uniform(-20.0, 60.0)
+    guides = tuple(
+        BarbGuide(position, angle, random.uniform(-0.2, 0.6) * angle, camber)
+        for position, angle in ((0.0, base), (0.5, 0.5 * (base + tip)), (1.0, tip))
+    )
+    return VaneShape(outline, guides)
+
+
+def _draw_vane_material(random: np.random.Generator, ratio: float) -> VaneMaterial:
+    thickness = log_uniform(random, 1e-5, 1e-3)
+    across = log_uniform(random, 1e3, 1e6)
+    bending = _BARB_OVER_PLATE * ratio * across * thickness**3 / 12.0
+    return VaneMaterial(
+        modulus_along_barbs=ratio * across,
+        modulus_across_barbs=across,
+        shear_modulus=across * log_uniform(random, 0.05, 2.0),
+        thickness=thickness,
+        surface_density=400.0 * thickness,
+        barb_bending_normal=bending,
+        barb_bending_in_plane=bending * log_uniform(random, 1.0, 100.0),
+        barb_taper=random.uniform(0.0, 3.0),
+        bending_across=across * thickness**3 / 12.0,
+        loss_factor=float(random.choice([0.0, 0.02, 0.3])),
+    )
+
+
+def _draw_rachis_material(random: np.random.Generator, factor: float) -> RachisMaterial:
+    return RachisMaterial(
+        youngs_modulus=5e9 * factor,
+        shear_modulus=1.5e9 * factor,
+        cortex_fraction=random.uniform(0.05, 1.0),
+        flattening=random.uniform(0.3, 1.5),
+        cortex_density=1300.0,
+        core_density=100.0,
+        loss_factor=float(random.choice([0.0, 0.02, 0.3])),
+    )
+
 
 _FRAMES = 3
 _PATH_SAMPLES = 5
@@ -221,3 +342,113 @@ def _path(position: Array, move: Array | float, frame: Array, spin: Array | floa
     samples[0, :, :3] = position + progress * np.broadcast_to(move, 3)
     samples[0, :, 3:] = progress * np.broadcast_to(spin, 3)
     return RootPath(samples, frames_to_quats(frame)[None])
+
+
+# of the draws of hooks, apart from those of the rest of a case, which is the same without
+_STREAM = 1
+# draws of splits that may cross before a vane stays whole
+_TRIES = 20
+# shares of cases with splits and with vanes that are loose in part, and of frames before which a
+# stroke zips the vane up
+_SPLIT, _LOOSE, _STROKES = 0.5, 0.3, 0.5
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A stroke of a beak between two frames over a whole feather. fraction: of what is open that
+    it closes. reach: m, over which it does."""
+
+    fraction: float
+    reach: float
+
+
+def hooks_of(seed: int) -> np.random.Generator:
+    """Draws the hooks of a case."""
+    return np.random.default_rng([_STREAM, seed])
+
+
+def hooked(
+    feather: Feather, kind: FeatherKind, random: np.random.Generator
+) -> tuple[Feather, FeatherKind]:
+    """A feather, and its kind, with hooks."""
+    kind = replace(kind, vane_material=_hooks(kind.vane_material, random))
+    if random.random() < _LOOSE:
+        kind = _with_vanes(kind, replace(kind.leading, hooked=_loose(random)), kind.trailing)
+    if random.random() >= _SPLIT:
+        return build_feather(kind, feather.rows, feather.columns), kind
+    for _ in range(_TRIES):
+        split = _with_vanes(kind, _split(kind.leading, random), _split(kind.trailing, random))
+        try:
+            return build_feather(split, feather.rows, feather.columns), split
+        except InputError:
+            continue
+    return build_feather(kind, feather.rows, feather.columns), kind
+
+
+def strokes_of(
+    random: np.random.Generator, frames: int, length: float
+) -> tuple[Stroke | None, ...]:
+    """Return the strokes before each frame of a feather of a length (m)."""
+    return tuple(
+        Stroke(random.uniform(0.1, 1.0), log_uniform(random, 1e-4, 1.0) * length)
+        if frame > 0 and random.random() < _STROKES
+        else None
+        for frame in range(frames)
+    )
+
+
+def zipped(model: Model, state: State, stroke: Stroke | None) -> State:
+    """The state after a stroke."""
+    if stroke is None or not model.hooked:
+        return state
+    touched = np.ones(model.hooks.growth.shape[1:], dtype=bool)
+    gaps = close_gaps(model, state, 0, touched, stroke.fraction, stroke.reach)
+    if gaps is None:
+        return state
+    new = state.copy()
+    for own, after in zip(new.gaps_of(0), gaps, strict=True):
+        own[...] = after
+    return new
+
+
+def _hooks(vane: VaneMaterial, random: np.random.Generator) -> VaneMaterial:
+    """Yields at strains of a thousandth to 1, strengths up to tenfold."""
+    strain = log_uniform(random, 1e-3, 1.0)
+    across = float(np.clip(strain * vane.modulus_across_barbs, 1.0, 1e9))
+    return replace(
+        vane,
+        hooks=str(random.choice(["closed", "slip", "open", "open"])),
+        hook_yield_across=across,
+        hook_yield_shear=float(np.clip(strain * vane.shear_modulus, 1.0, 1e9)),
+        hook_strength=min(across * log_uniform(random, 1.0, 10.0), 1e9),
+        hook_slip=log_uniform(random, 1e-7, 1e-3),
+        hook_release=log_uniform(random, 1e-7, 1e-3),
+        hook_scatter=random.uniform(0.0, 0.5),
+    )
+
+
+def _loose(random: np.random.Generator) -> Hooked:
+    share = _shares(random), _shares(random)
+    return Hooked(rachis=share[0], barb=share[1])
+
+
+def _shares(random: np.random.Generator) -> tuple[tuple[float, float], ...]:
+    places: Array = np.sort(random.uniform(0.0, 1.0, 2))
+    return tuple((float(place), float(random.choice([0.0, 0.5, 1.0]))) for place in places)
+
+
+def _split(vane: VaneShape, random: np.random.Generator) -> VaneShape:
+    if not vane.outline:
+        return vane
+    splits = Splits(
+        count=int(random.integers(1, 5)),
+        depth=random.uniform(0.1, 1.0),
+        width=float(random.choice([0.0, 0.004, 0.02])),
+        irregularity=random.uniform(0.0, 1.0),
+        seed=int(random.integers(0, 1000)),
+    )
+    return replace(vane, splits=splits)
+
+
+def _with_vanes(kind: FeatherKind, leading: VaneShape, trailing: VaneShape) -> FeatherKind:
+    return replace(kind, leading=leading, trailing=trailing)

@@ -16,8 +16,7 @@ import numpy as np
 
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import both
-from featherfx.lab.bench.cases import Case, draw_case, pose_of
-from featherfx.lab.bench.hooked_cases import zipped
+from featherfx.lab.bench.cases import Case, draw_case, pose_of, zipped
 from featherfx.mechanics.model import Loads, Model
 from featherfx.solver.solver import (
     COARSE_ERROR_RATIO,

@@ -30,8 +30,7 @@ from featherfx.lab.feathers.repeat_kernels import repeat_iteration, repeat_nodal
 from featherfx.lab.nodal.model import NodalModel, nodal_model
 from featherfx.lab.nodal.solver import NodalSolver, nodal_system
 from featherfx.lab.nodal.state import NodalState, make_nodal_work, nodal_rest_state
-from featherfx.lab.rods.experiments import posed
-from featherfx.lab.rods.rod import Vector
+from featherfx.lab.rods.rod import Vector, posed
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.vane_rest import barb_nodes

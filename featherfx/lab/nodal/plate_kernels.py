@@ -4,7 +4,7 @@
 
 t = (t_barb, t_diagonal, t_row) dihedral angles at the edge along the barb, at the cell's diagonal
 and at the edge that runs from row to row; m_k: the rows of a 3 x 3 table made once for the rest
-shape (featherfx/lab/nodal/plate.py). A diagonal table gives separate hinges; a full one
+shape (featherfx/lab/nodal/model.py). A diagonal table gives separate hinges; a full one
 gives the plate whose curvature is constant in a triangle, as measured by its neighbours' normals.
 
 Nodes of the patch of triangle A (i,j)(i,j+1)(i+1,j): 0, 1, 2 its own; 3 across the barb edge,

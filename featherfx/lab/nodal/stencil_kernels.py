@@ -10,11 +10,15 @@ Newton then stalls; left out, it converges slowly or not at all where tension ca
 """
 
 from featherfx.jit.compiled import kernel
-from featherfx.lab.nodal.barb_bending_kernels import bend_gradient, clamp_gradient
-from featherfx.lab.nodal.barb_carried_kernels import begin_barb, begin_twist, carried_gradient
-from featherfx.lab.nodal.barb_stretch_kernels import stretch_gradient
-from featherfx.lab.nodal.energy_kernels import sections
-from featherfx.lab.nodal.turns_kernels import bend_nodes
+from featherfx.lab.nodal.barb_kernels import (
+    begin_barb,
+    begin_twist,
+    bend_gradient,
+    carried_gradient,
+    clamp_gradient,
+    stretch_gradient,
+)
+from featherfx.lab.nodal.energy_kernels import bend_nodes, sections
 from featherfx.mechanics.rachis_kernels import (
     rachis_geometric_stiffness,
     rachis_gradient,

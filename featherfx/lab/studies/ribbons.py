@@ -30,9 +30,8 @@ from featherfx.lab.ribbons.experiments import (
 )
 from featherfx.lab.ribbons.motion import FarClamp, RibbonMotion
 from featherfx.lab.ribbons.rest import settle_ribbon
-from featherfx.lab.rods.experiments import bend, enough_segments
 from featherfx.lab.rods.oracles import heavy_elastica
-from featherfx.lab.rods.rod import Rod
+from featherfx.lab.rods.rod import Rod, bend, enough_segments
 from featherfx.lab.studies.study import (
     Comparisons,
     StudyResult,

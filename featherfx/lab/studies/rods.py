@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from featherfx.lab.rods.experiments import ReleaseTest, bend, natural_frequencies, release
 from featherfx.lab.rods.oracles import (
     WAVE_NUMBERS,
     elastica_tip,
@@ -14,7 +13,7 @@ from featherfx.lab.rods.oracles import (
     link_chain,
     taper_frequencies,
 )
-from featherfx.lab.rods.rod import Rod
+from featherfx.lab.rods.rod import ReleaseTest, Rod, bend, natural_frequencies, release
 from featherfx.lab.studies.study import Comparisons, StudyResult, independent, published
 
 _SEGMENTS = 40

@@ -10,7 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.lab.networks.layouts import FibreSection, Mikado, mikado
+from featherfx.lab.networks.layouts import (
+    FibreSection,
+    Mikado,
+    Sheared,
+    SpaceMikado,
+    linked_sheets,
+    mikado,
+    shear,
+    space_mikado,
+)
 from featherfx.lab.networks.network import (
     FibreNetwork,
     HeldSystem,
@@ -18,7 +27,6 @@ from featherfx.lab.networks.network import (
     network_energy,
     strung,
 )
-from featherfx.lab.networks.space import Sheared, SpaceMikado, linked_sheets, shear, space_mikado
 from featherfx.lab.studies.study import Comparisons, StudyResult, draw, ourselves, published
 
 _HOUGHTON = "Houghton 2020"

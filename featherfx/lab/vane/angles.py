@@ -15,7 +15,7 @@ import numpy as np
 from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require
 from featherfx.lab.declare import out_of_range, part, value
-from featherfx.lab.vane.elements import Order
+from featherfx.lab.vane.mesh import Order
 from featherfx.lab.vane.mesoscale import (
     Bands,
     SwanBands,

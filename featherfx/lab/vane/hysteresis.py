@@ -21,8 +21,12 @@ from scipy.optimize import least_squares
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem, require
 from featherfx.groom.types import FeatherKind
-from featherfx.lab.vane.calibrate import IDENTIFIED, half_intervals, identified_fractions
-from featherfx.lab.vane.curves import MeasuredCurve
+from featherfx.lab.vane.calibrate import (
+    IDENTIFIED,
+    MeasuredCurve,
+    half_intervals,
+    identified_fractions,
+)
 from featherfx.mechanics.vane_hook_kernels import hooked_response, slip_after
 
 _NAMES = ("across", "hook_yield_across", "hook_slip")

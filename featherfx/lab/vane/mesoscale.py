@@ -24,8 +24,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags
 from featherfx.errors import Problem, require
 from featherfx.lab.declare import Range, out_of_range, part, value
-from featherfx.lab.vane.elements import Membrane, Order, membrane
-from featherfx.lab.vane.mesh import Mesh, aligned_mesh, corner_rows
+from featherfx.lab.vane.mesh import Membrane, Mesh, Order, aligned_mesh, corner_rows, membrane
 from featherfx.lab.vane.sample import (
     FORM,
     Moduli,

@@ -13,9 +13,8 @@ from featherfx.algebra.types import Array
 from featherfx.lab.studies.study import Figure, draw
 from featherfx.lab.vane.angles import AngleSlopes, ShearBand
 from featherfx.lab.vane.hooked import Torn
-from featherfx.lab.vane.locking import Locking
 from featherfx.lab.vane.mesoscale import SizeEffect
-from featherfx.lab.vane.traction import Meshing, PulledSample, TractionResult
+from featherfx.lab.vane.traction import Locking, Meshing, PulledSample, TractionResult
 
 _MARKS: tuple[tuple[Meshing, str], ...] = (("aligned", "o-"), ("unaligned", "s--"))
 

@@ -5,7 +5,7 @@
 g volume that a point stands for. The last term is the compression guard of vane_guard_kernels.py,
 k its modulus, l = 1 - J the area that is lost, 0 at least. In the plane J = a x c has its sign and
 is bilinear in the nodes, so that its derivatives need no rounding. The strains are those of
-vane_membrane_kernels.py and barb_stretch_kernels.py, taken of the images a = F v and c = F w of the
+vane_membrane_kernels.py and barb_kernels.py, taken of the images a = F v and c = F w of the
 unit vectors along and across the barbs, so any element serves whose a and c are linear in its
 nodes. Second variations: da.da of e_vv, dc.dc of e_ww, 2 da.dc of 2 e_vw, times their stresses.
 The second variation of J takes the guard's pressure dW/dJ / g = -3 k / 2592 l^2.
@@ -14,6 +14,10 @@ The stresses of the second variation are given apart from those of the gradient.
 iterations take there what the last iteration predicted to first order, as if stresses were
 unknowns of their own: an iterate that stretches stiff barbs too far then does not spoil the
 stiffness. Source: Magisano, Leonetti, Garcea 2017 (mixed integration points).
+
+Segments of barbs that keep their length: excess strain and its gradient.
+
+The strain is that of barb_kernels.py.
 """
 
 from typing import NamedTuple
@@ -22,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
-from featherfx.lab.nodal.barb_stretch_kernels import stretch_gradient, stretch_strain
+from featherfx.lab.nodal.barb_kernels import stretch_gradient, stretch_strain
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
 
 Array = NDArray[np.float64]
@@ -218,3 +222,20 @@ def sample_system(positions, elements, geometric, unit, scratch, forces, blocks)
                 pressure = g * geometric[m, q, 3]
                 energy += _add_guard(own, point, g * guard, pressure, forces, blocks[m])
     return energy
+
+
+@kernel
+def chain_system(positions, chains, inverse, line, ends, excess, table):
+    """e to excess (S,) and its gradient by both ends to table (S, 4): x, y of one, of the other.
+
+    positions: (N, 2) m. chains: (S, 2). inverse: (S,) 1/m. line: (6,) and ends: (2, 3), scratch.
+    """
+    for s in range(chains.shape[0]):
+        for end in range(2):
+            ends[end, 2] = 0.0
+            for axis in range(2):
+                ends[end, axis] = positions[chains[s, end], axis]
+        excess[s] = stretch_strain(ends[0], ends[1], inverse[s])
+        stretch_gradient(ends[0], ends[1], inverse[s], line)
+        for axis in range(2):
+            table[s, axis], table[s, 2 + axis] = line[axis], line[3 + axis]

@@ -28,10 +28,10 @@ from scipy.sparse import bmat, csc_matrix, csr_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.lab.vane.chain_kernels import chain_system
-from featherfx.lab.vane.elements import Membrane
+from featherfx.lab.vane.mesh import Membrane
 from featherfx.lab.vane.sample_kernels import (
     Elements,
+    chain_system,
     predicted_strains,
     sample_pressures,
     sample_strains,
