@@ -9,18 +9,18 @@ of energies) takes tuples of lanes as well. A line is (.,), or an array in order
 
 from __future__ import annotations
 
-from featherfx.jit.lazy_import import Late
+from featherfx.jit.kernel_calls import Intrinsic
 
 COUNT = 4
 # where it is said what each of these does
-_TYPES = "featherfx.algebra.lane_types"
-load = Late(_TYPES, "load")
-put = Late(_TYPES, "put")
-spread = Late(_TYPES, "spread")
-lane = Late(_TYPES, "lane")
-increase = Late(_TYPES, "increase")
-follow = Late(_TYPES, "follow")
-transposed = Late(_TYPES, "transposed")
-totals = Late(_TYPES, "totals")
-where_there = Late(_TYPES, "where_there")
-chosen = Late(_TYPES, "chosen")
+_TYPES = "featherfx.algebra.intrinsics"
+load = Intrinsic(_TYPES, "load")
+put = Intrinsic(_TYPES, "put")
+spread = Intrinsic(_TYPES, "spread")
+lane = Intrinsic(_TYPES, "lane")
+increase = Intrinsic(_TYPES, "increase")
+follow = Intrinsic(_TYPES, "follow")
+transposed = Intrinsic(_TYPES, "transposed")
+totals = Intrinsic(_TYPES, "totals")
+where_there = Intrinsic(_TYPES, "where_there")
+chosen = Intrinsic(_TYPES, "chosen")

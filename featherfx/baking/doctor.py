@@ -21,6 +21,7 @@ from featherfx.baking.install import sample_names
 from featherfx.errors import InputError, SimulationError
 from featherfx.files.cache_folder import wanted_folder
 from featherfx.files.shipped import shipped
+from featherfx.files.trust import distrust
 
 _NAME = "featherfx"
 _SAMPLE, _FRAMES = "feather_pull", (1, 3)
@@ -125,13 +126,12 @@ def _usd(problems: list[str]) -> dict[str, Any] | None:
 
 def _cache(problems: list[str]) -> dict[str, Any]:
     """The folder of compiled code. One that cannot be used costs time, and is told as a problem."""
-    from featherfx.jit.cache import can_be_loaded, unkept
-    from featherfx.jit.compile_progress import seconds_to_come
-    from featherfx.jit.shipped import unused
+    from featherfx.jit.code_cache import explain_unloaded, explain_unsaved
+    from featherfx.jit.compile_progress import predict_seconds
 
     wanted = wanted_folder()
-    used = can_be_loaded(wanted)
-    if fault := unkept():
+    used = not explain_unloaded(wanted)
+    if fault := explain_unsaved():
         problems.append(f"{wanted}: {fault}")
     files = [each for each in wanted.rglob("*") if each.is_file()] if used else []
     return {
@@ -139,9 +139,26 @@ def _cache(problems: list[str]) -> dict[str, Any]:
         "used": used,
         "files": len(files),
         "bytes": sum(each.stat().st_size for each in files if each.exists()),
-        "shipped_code_unused": unused(),
-        "seconds_to_compile": round(seconds_to_come("bake"), 1),
+        "shipped_code_unused": _explain_unshipped(),
+        "seconds_to_compile": round(predict_seconds("bake"), 1),
     }
+
+
+def _explain_unshipped() -> str:
+    """Why no shipped machine code is loaded; empty if it is."""
+    from featherfx.jit.code_cache import ROOT, SHIPPED, hash_source, shipped_target
+
+    if not SHIPPED.is_dir():
+        return "none came with the program"
+    if not shipped_target():
+        return "for other processors than this one, or the one that numba is told of"
+    if fault := distrust(SHIPPED):
+        return fault
+    python = f"*.py{sys.version_info.major}{sys.version_info.minor}.*.code"
+    folders = (SHIPPED / hash_source(each) for each in ROOT.rglob("*_kernels.py"))
+    if not any(any(each.glob(python)) for each in folders):
+        return "of other sources, or for another Python, numba or llvmlite"
+    return ""
 
 
 def _self_test(problems: list[str]) -> dict[str, Any]:

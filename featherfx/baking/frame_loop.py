@@ -15,7 +15,7 @@ from featherfx.baking.task import BakeTask
 from featherfx.files.background import Background
 from featherfx.files.gc_pause import seldom_collected, set_aside
 from featherfx.files.memory import give_back_memory, keep_arrays_apart
-from featherfx.jit.compile_progress import TELLER
+from featherfx.jit.compile_progress import PROGRESS
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, StackingOrder
 from featherfx.shot.loop.checkpoint import Checkpoint
@@ -39,7 +39,7 @@ def simulate_and_write(
     notify: called with the samples done and their number.
     """
     sink = CacheSink(task)
-    TELLER.works = ("bake",) if task.shot.contact is None else ("bake", "contact")
+    PROGRESS.works = ("bake",) if task.shot.contact is None else ("bake", "contact")
     try:
         with sink:
             figures = _run_loop(sink, task, notify)

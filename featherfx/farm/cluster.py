@@ -24,7 +24,7 @@ from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm.engine import BEGUN, DONE, FAILED, LOST, PROGRESS, QUIET, OrderNews
 from featherfx.farm.origin import forked
 from featherfx.farm.work import PLAN, Order, work
-from featherfx.jit.threads import allow, cores
+from featherfx.files.background import allow_threads, count_cores
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -146,7 +146,7 @@ class DaskEngine:
         threads = max(1, self._cores // max(1, min(busy, self.workers)))
         if threads != self._threads:
             self._threads = threads
-            self._client.run(allow, threads, on_error="ignore")
+            self._client.run(allow_threads, threads, on_error="ignore")
 
     def hear(self) -> OrderNews:
         if self._looks:
@@ -216,9 +216,9 @@ def opened(scheduler: str | None, workers: int | None) -> Iterator[DaskEngine]:
     with contextlib.ExitStack() as stack:
         if scheduler is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="featherfx-dask-"))
-            count = workers or cores()
+            count = workers or count_cores()
             connect = stack.enter_context(_local(distributed, count, folder))
-            yield DaskEngine(connect, count, starting=True, cores=cores())
+            yield DaskEngine(connect, count, starting=True, cores=count_cores())
         else:
             client = stack.enter_context(_client(distributed, scheduler, workers or 1))
             there = client.scheduler_info(n_workers=-1)["workers"]

@@ -25,6 +25,7 @@ from dataclasses import replace
 import numpy as np
 
 from featherfx.algebra.sparse import rows_of
+from featherfx.algebra.views import views_of
 from featherfx.feather.carry_kernels import (
     LINE_WIDTH,
     MovingPoints,
@@ -44,7 +45,6 @@ from featherfx.feather.types import (
     barb_slice,
     both,
 )
-from featherfx.jit.views import views_of
 
 
 def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:

@@ -1,12 +1,35 @@
-"""Work that overlaps: one function called in order by a thread of its own."""
+"""Work that overlaps: one function called in order by a thread of its own, and how many threads of
+a process may work, which changes no result."""
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from queue import Queue
 from threading import Thread
 from typing import Any, Self
+
+from featherfx.limits import MOST_JOBS
+
+_allowed_threads = [MOST_JOBS]
+
+
+def allow_threads(threads: int) -> None:
+    """Allow so many threads from now on: other processes of this machine have begun or ended."""
+    _allowed_threads[0] = threads
+
+
+def limit_threads(jobs: int) -> int:
+    """Threads of so many that may be taken now, at least one."""
+    return max(1, min(jobs, _allowed_threads[0]))
+
+
+def count_cores() -> int:
+    """Cores that this process may use, of those that the machine has."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 class Background:

@@ -1,91 +1,175 @@
-"""The decorators of all compiled kernels, which are compiled on first use.
+"""The decorators of compiled kernels, which are compiled at their first call.
 
-How kernels share machine code and keep it (kernels.py, inner.py) rests on inner classes of numba,
-which are known of the versions TRIED. With others they are compiled as numba does it (plain.py).
+Stored machine code is loaded without numba and LLVM, which take 70 MiB and a quarter of a second
+of a process. `compiler` compiles what is not stored.
 """
 
 from __future__ import annotations
 
+import functools
 import os
-import sys
-import warnings
+import threading
 from collections.abc import Callable
 from typing import Any
 
-from packaging.specifiers import SpecifierSet
-
-from featherfx.errors import InputError, InputWarning, Problem
-from featherfx.jit.cache import version_of
-from featherfx.jit.kernels import Kernel
+from featherfx.errors import InputError, Problem
+from featherfx.jit.code_cache import KernelStore
+from featherfx.jit.kernel_calls import (
+    INLINED,
+    KernelLink,
+    LoadedKernel,
+    StoredKernel,
+    describe_arguments,
+    encode_arguments,
+    find_kernel,
+)
+from featherfx.jit.object_loader import CannotBeLoadedError, load_object
 
 if os.environ.get("NUMBA_DISABLE_JIT", "").strip() not in ("", "0"):
     _DISABLED = "is set, but the solver works only as machine code; unset it"
     raise InputError(Problem("NUMBA_DISABLE_JIT", "", _DISABLED))
 
-# as in pyproject.toml
-TRIED = SpecifierSet(">=0.60,<0.69")
+# threads load one kernel after another, each with all that it calls
+_LOADING = threading.RLock()
 
 
-def _numba_version() -> str:
-    """Its version, without importing it where nobody has."""
-    if (numba := sys.modules.get("numba")) is not None:
-        return str(numba.__version__)
-    return version_of("numba")
+class Kernel:
+    """A compiled function as Python calls it.
+
+    returns: None, bool, int, float or a NamedTuple of these for a shared kernel, else INLINED.
+    compiled: number of types that this process compiled it for.
+    """
+
+    def __init__(self, function: Callable[..., Any], returns: Any = INLINED) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func, self.returns, self.compiled = function, returns, 0
+        self._by_form: dict[tuple[Any, ...], LoadedKernel] = {}
+        self._by_text: dict[str, LoadedKernel] = {}
+
+    def __call__(self, *arguments: Any) -> Any:
+        form, words = encode_arguments(arguments)
+        code = self._by_form.get(key := tuple(form))
+        if code is None:
+            text = describe_arguments(arguments)
+            code = self.find_loaded(text)
+            if code is None:
+                from featherfx.jit.compiler import find_types
+
+                code = self.compile_for(text, find_types(arguments))
+            self._by_form[key] = code
+        return code(words)
+
+    @functools.cached_property
+    def store(self) -> KernelStore:
+        """Its stored machine code."""
+        return KernelStore(self.py_func)
+
+    @functools.cached_property
+    def linked(self) -> Any:
+        """The dispatcher that numba calls in other kernels."""
+        from featherfx.jit.compiler import make_callee
+
+        return make_callee(self)
+
+    @property
+    def name(self) -> str:
+        """Module and name."""
+        return f"{self.py_func.__module__}.{self.py_func.__qualname__}"
+
+    @property
+    def _numba_type_(self) -> Any:
+        return self.linked._numba_type_
+
+    @property
+    def is_requested(self) -> bool:
+        """Whether it is loaded or compiled ahead, for whatever types."""
+        return bool(self._by_text) or bool("linked" in vars(self) and self.linked.overloads)
+
+    def compile_ahead(self, *arguments: Any) -> None:
+        """Let a worker compile a shared kernel that will be called with such arguments."""
+        if not self.is_there(describe_arguments(arguments)):
+            from featherfx.jit.compiler import find_types
+
+            self.linked.compile(find_types(arguments))
+
+    def is_there(self, text: str) -> bool:
+        """Whether there is machine code for types of arguments, loaded or stored."""
+        return text in self._by_text or self.store.holds(text)
+
+    def compile_for(self, text: str, types: tuple[Any, ...]) -> LoadedKernel:
+        """Compile it for numba's types and store it, unless another thread or process has."""
+        from featherfx.jit.compiler import compile_entry, wait_for_worker
+
+        if self.returns is not INLINED:
+            wait_for_worker(self, types)
+        with _LOADING:
+            if (found := self.find_loaded(text)) is None:
+                code, found = compile_entry(self, types)
+                self.compiled += 1
+                self.store.save(text, code)
+                self._by_text[text] = found
+        return found
+
+    def find_loaded(self, text: str) -> LoadedKernel | None:
+        """Loaded machine code, from the store if need be; None where there is none."""
+        with _LOADING:
+            if text not in self._by_text:
+                for code in self.store.load(text):
+                    if (found := _load(code)) is not None:
+                        self._by_text[text] = found
+                        break
+            return self._by_text.get(text)
 
 
-def _kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function of arrays and scalars without Python objects, cached between runs.
+def _load(code: StoredKernel) -> LoadedKernel | None:
+    """Load machine code with all that it calls; None where a type of that is gone."""
+    links: dict[str, int] = {}
+    for link in code.links:
+        if (own := _load_link(link)) is None:
+            return None
+        links[link.symbol] = own
+    try:
+        found = load_object(code.machine, links)
+    except CannotBeLoadedError:
+        from featherfx.jit.compiler import load_by_llvm
+
+        found = load_by_llvm(code, links)
+    return LoadedKernel(found[code.entry], found[code.own], code.returns)
+
+
+def _load_link(link: KernelLink) -> int | None:
+    """Address of a shared kernel that stored code calls."""
+    kernel = find_kernel(link.name)
+    if (found := kernel.find_loaded(link.text)) is None:
+        from featherfx.jit.compiler import unpickle_types
+
+        if (types := unpickle_types(link)) is None:
+            return None
+        found = kernel.compile_for(link.text, types)
+    return int(found.own)
+
+
+# untyped: mypy would see a Kernel where kernels call each other with lanes, numbers or tuples
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function of arrays and scalars without Python objects.
 
     Kernels that call it get its code linked in.
     """
     return Kernel(function)
 
 
-def _loop_kernel(function: Callable[..., Any]) -> Any:
+def loop_kernel(function: Callable[..., Any]) -> Any:
     """As kernel, for short loops over arrays of which none that is written overlaps another.
 
-    Else every such loop would begin with tests whether they do.
+    Other kernels test before every such loop whether arrays overlap.
     """
-    return Kernel(function, apart=True)
+    vars(function)["apart"] = True  # for compiler.py
+    return Kernel(function)
 
 
-def _shared_kernel(returns: Any) -> Callable[[Callable[..., Any]], Any]:
+def shared_kernel(returns: Any) -> Callable[[Callable[..., Any]], Any]:
     """As kernel, for large ones that several others call: they call its own machine code.
 
     returns: None, bool, int, float or a NamedTuple of these.
     """
-
-    def declared(function: Callable[..., Any]) -> Any:
-        return Kernel(function, returns)
-
-    return declared
-
-
-def _compile_ahead(shared: Any, *arguments: Any) -> None:
-    """Have a shared kernel compiled by others that will be called with such arguments."""
-    shared.compile_ahead(arguments)
-
-
-def _is_asked_for(shared: Any) -> bool:
-    """Whether others know a shared kernel already, for whatever types: called or compiled ahead."""
-    return bool(shared.is_asked_for)
-
-
-if TRIED.contains(_numba_version(), prereleases=True):
-    kernel, loop_kernel, shared_kernel = _kernel, _loop_kernel, _shared_kernel
-    compile_ahead, is_asked_for = _compile_ahead, _is_asked_for
-else:
-    from featherfx.jit.plain import (
-        compile_ahead,
-        is_asked_for,
-        kernel,
-        loop_kernel,
-        shared_kernel,
-    )
-
-    _MESSAGE = (
-        f"numba {_numba_version()} is none of {TRIED}: kernels are compiled anew by every run"
-    )
-    warnings.warn(_MESSAGE, InputWarning, stacklevel=2)
-
-__all__ = ("compile_ahead", "is_asked_for", "kernel", "loop_kernel", "shared_kernel")
+    return lambda function: Kernel(function, returns)

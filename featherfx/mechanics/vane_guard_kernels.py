@@ -22,8 +22,8 @@ Source: Kikuuwe et al. 2009 in the form of Jouve 2024, eq. 6.6; the derivatives 
 
 from math import sqrt
 
+from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel, loop_kernel
-from featherfx.jit.views import shaped
 
 GUARD_ROUNDING = 1e-3  # d
 _MIN_AREA_RATIO = 0.5 * GUARD_ROUNDING  # of J^2, below which J goes on linearly in it

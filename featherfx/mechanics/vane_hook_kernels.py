@@ -35,8 +35,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.array_kernels import copy_values
+from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel, loop_kernel
-from featherfx.jit.views import shaped
 from featherfx.mechanics.model import Gaps
 from featherfx.mechanics.vane_guard_kernels import area_ratio, ratio_slopes
 

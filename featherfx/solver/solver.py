@@ -12,8 +12,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import SimulationError
-from featherfx.jit.compiled import compile_ahead, is_asked_for
-from featherfx.jit.threads import allowed
+from featherfx.files.background import limit_threads
 from featherfx.limits import MOST_JOBS
 from featherfx.mechanics.model import Loads, Model, expand_wind, no_loads
 from featherfx.solver.settle_kernels import SettleResult, make_mixing, settle_feathers
@@ -96,14 +95,14 @@ def step_settings(settings: Settings, duration: float, length: float = 1.0) -> S
 
 def compile_steps(model: Model) -> None:
     """Have others compile what steps feathers of such a model, unless they were asked before."""
-    if is_asked_for(advance_feather):
+    if advance_feather.is_requested:
         return
     model = model.only(0)
     state, work = rest_state(model, np.zeros((1, 3)), np.eye(3)[None]), make_scratch(model)
     loads, path, report = expand_wind(no_loads(1), 1), hold_roots(state), make_report(1)
     settings = step_settings(Settings(), 1.0)
-    compile_ahead(advance_feather, model, loads, 0, path, state, settings, work, report)
-    compile_ahead(start_acceleration, model, loads, 0, path, settings, state, work)
+    advance_feather.compile_ahead(model, loads, 0, path, state, settings, work, report)
+    start_acceleration.compile_ahead(model, loads, 0, path, settings, state, work)
 
 
 class Solver:
@@ -218,7 +217,7 @@ class Solver:
     def for_each(self, function: Callable[[_Part], None], parts: Iterable[_Part]) -> None:
         """Call a function with each part, by all threads; the calling one is the first of them,
         which nobody has to wake."""
-        threads = allowed(self.jobs)
+        threads = limit_threads(self.jobs)
         if self._pool is None or threads == 1:
             for part in parts:
                 function(part)

@@ -12,7 +12,7 @@ from farm.flock import flock
 from places import SAMPLES
 
 from featherfx.errors import InputError, InputWarning
-from featherfx.jit.threads import allow
+from featherfx.files.background import allow_threads
 from featherfx.limits import MOST_JOBS
 from featherfx.phases import Account
 from featherfx.shot.contact.pairs import _through_others
@@ -226,9 +226,9 @@ def test_fewer_threads_from_some_frame_on_change_nothing():
     try:
         for frame in simulate(half_wing(bird()), 2, (1, 3)):
             some.append(frame)
-            allow(1 + len(some) % 2)
+            allow_threads(1 + len(some) % 2)
     finally:
-        allow(MOST_JOBS)
+        allow_threads(MOST_JOBS)
     for a, b in zip(whole, some, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
 

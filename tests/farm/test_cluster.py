@@ -17,7 +17,7 @@ import featherfx
 from featherfx.errors import InputError
 from featherfx.farm import cluster as room
 from featherfx.farm.job import Job
-from featherfx.jit.threads import allow, allowed, cores
+from featherfx.files.background import allow_threads, count_cores, limit_threads
 
 distributed = pytest.importorskip("distributed")
 OPTIONS = {"frames": (1, 3), "chunk": 2}
@@ -143,7 +143,7 @@ class FewWorkers:
         return {"workers": dict.fromkeys(self.workers)}
 
     def run(self, function, threads, on_error):
-        assert (function, on_error) == (allow, "ignore")
+        assert (function, on_error) == (allow_threads, "ignore")
         self.threads.append(threads)
 
     def submit(self, *order, key, workers):
@@ -210,7 +210,7 @@ def test_one_worker_of_this_machine_takes_what_a_job_tells_it(tmp_path):
     with room.opened(None, 1) as engine:
         engine.share_out(1)
         client = engine._client
-        assert list(client.run(allowed, 1000).values()) == [cores()]
+        assert list(client.run(limit_threads, 1000).values()) == [count_cores()]
         assert list(client.run(signal.getsignal, signal.SIGINT).values()) == [signal.SIG_IGN]
 
 

@@ -13,28 +13,27 @@ from kernel_runs import NONE, ROOT
 from numba import typeof
 
 from featherfx.algebra import array_kernels
-from featherfx.jit import cache, objects
-from featherfx.jit.forms import text_of
-from featherfx.jit.type_text import text_of_types
+from featherfx.jit import code_cache, object_loader
+from featherfx.jit.compiler import describe_types
+from featherfx.jit.kernel_calls import describe_argument
 
 
 @pytest.fixture
-def folder_after_change(monkeypatch, tmp_path):
-    """Cache folders (before, after) of one kernel file when another one changes."""
-    monkeypatch.setenv("FEATHERFX_CACHE", str(tmp_path))
+def folder_after_change(monkeypatch):
+    """Names of the folder (before, after) of one kernel file when another one changes."""
     read = Path.read_bytes
 
     def folders(source, changed):
-        cache.cache_folder.cache_clear()
-        before = cache.cache_folder(ROOT / source)
+        code_cache.hash_source.cache_clear()
+        before = code_cache.hash_source(ROOT / source)
         with monkeypatch.context() as patch:
             edited = ROOT / changed
             patch.setattr(
                 Path, "read_bytes", lambda self: read(self) + (b"#" if self == edited else b"")
             )
-            cache.cache_folder.cache_clear()
-            after = cache.cache_folder(ROOT / source)
-        cache.cache_folder.cache_clear()
+            code_cache.hash_source.cache_clear()
+            after = code_cache.hash_source(ROOT / source)
+        code_cache.hash_source.cache_clear()
         return before, after
 
     return folders
@@ -53,7 +52,7 @@ def test_what_a_kernel_is_made_of_counts(folder_after_change, changed):
     assert before != after
 
 
-@pytest.mark.parametrize("changed", ["jit/thread_team.py", "jit/views.py"])
+@pytest.mark.parametrize("changed", ["algebra/thread_team.py", "algebra/views.py"])
 def test_how_threads_meet_and_what_views_are_counts_where_kernels_call_it(
     folder_after_change, changed
 ):
@@ -66,7 +65,7 @@ def test_how_threads_meet_and_what_views_are_counts_where_kernels_call_it(
     [
         ("groom/regions/scatter_kernels.py", "mechanics/vane_membrane_kernels.py"),
         ("solver/step/frame_kernels.py", "errors.py"),
-        ("solver/step/frame_kernels.py", "jit/thread_team.py"),
+        ("solver/step/frame_kernels.py", "algebra/thread_team.py"),
     ],
 )
 def test_other_files_do_not_count(folder_after_change, source, changed):
@@ -87,7 +86,7 @@ def test_another_process_loads_what_one_compiled(run_kernels, tmp_path, compiled
     assert (value, rest) == ("4.0", "(3.0, 3) 9.0 []\nFalse\n"), "the compiler was loaded, too"
 
 
-LLVM = "from featherfx.jit import objects; objects.can_load = lambda: False"
+LLVM = "from featherfx.jit import object_loader as o; o.can_load = lambda: False"
 
 
 def test_llvm_loads_what_is_not_loaded_here(run_kernels, tmp_path, compiled_once):
@@ -98,8 +97,10 @@ def test_llvm_loads_what_is_not_loaded_here(run_kernels, tmp_path, compiled_once
 def test_an_address_that_a_place_cannot_hold_is_left_to_llvm():
     place = ctypes.create_string_buffer(16)
     half = struct.pack("<QQq", 0, 2, 0)  # to symbol 0, from the place on, half a word
-    with pytest.raises(objects.CannotBeLoadedError):
-        objects._fill(half, ctypes.addressof(place), [ctypes.addressof(place) + (1 << 40)])
+    with pytest.raises(object_loader.CannotBeLoadedError):
+        object_loader._relocate(
+            half, ctypes.addressof(place), [ctypes.addressof(place) + (1 << 40)]
+        )
 
 
 @pytest.mark.slow
@@ -113,8 +114,8 @@ def test_fields_in_another_order_are_compiled_anew():
     def named(*fields):
         return namedtuple("Pair", fields)(1.0, 2.0)
 
-    assert text_of(named("a", "b")) != text_of(named("b", "a"))
-    assert text_of((named("a", "b"),)) != text_of((named("b", "a"),))
+    assert describe_argument(named("a", "b")) != describe_argument(named("b", "a"))
+    assert describe_argument((named("a", "b"),)) != describe_argument((named("b", "a"),))
 
 
 class Inner(NamedTuple):
@@ -147,10 +148,10 @@ class Line(NamedTuple):
         (1.0, (2, True), ()),
         Line(np.zeros(3, dtype=np.float32), Inner(1, False)),
     ],
-    ids=lambda value: text_of(value)[:30],
+    ids=lambda value: describe_argument(value)[:30],
 )
 def test_values_and_numbas_types_of_them_have_one_text(value):
-    assert text_of_types((typeof(value),)) == text_of(value)
+    assert describe_types((typeof(value),)) == describe_argument(value)
 
 
 @pytest.mark.parametrize("value", ["text", 1j, [1.0], np.int8(1)])

@@ -1,72 +1,20 @@
-"""Who compiles kernels: helpers, or a numba of unknown inner classes."""
+"""Worker processes that compile kernels."""
 
 import subprocess
-import sys
-import tomllib
 
 import pytest
-from kernel_runs import ALL, ROOT
-from packaging.specifiers import SpecifierSet
+from kernel_runs import ALL
 
 from featherfx.errors import InputError
-from featherfx.jit.compile_workers import compilers
-from featherfx.jit.compiled import TRIED
-
-
-def test_a_numba_of_unknown_inner_classes_compiles_as_it_does(run_kernels, tmp_path):
-    """Slower, and nothing is kept; it is said once."""
-    before = "import numba; numba.__version__ = '99.0'"
-    assert run_kernels(tmp_path / "here", before=before) == ["4.0", ALL]
-    assert run_kernels.stderr.count("InputWarning: numba 99.0 is none of") == 1
-    assert not list((tmp_path / "cache").rglob("*.code"))
-    project = tomllib.loads((ROOT.parent / "pyproject.toml").read_text())["project"]
-    (bound,) = (each for each in project["dependencies"] if each.startswith("numba"))
-    assert SpecifierSet(bound.removeprefix("numba")) == TRIED
-
-
-BY_NUMBA = """
-import numba
-numba.__version__ = "99.0"
-import numpy as np
-from typing import NamedTuple
-from featherfx.algebra.lanes import load, put
-from featherfx.jit.compiled import kernel
-from featherfx.jit.views import shaped, viewed, views_of
-
-
-class Line(NamedTuple):
-    values: np.ndarray
-
-
-@kernel
-def double(views):
-    values = shaped(viewed(views, 0).values, (4,))
-    put(values, 0, 2.0 * load(values, 0))
-
-
-held = views_of([Line(np.arange(4.0).reshape(2, 2))])
-double(held.views)
-print(held.tuples[0].values.tolist())
-"""
-
-
-def test_what_kernels_have_of_their_own_is_known_to_such_a_numba():
-    done = subprocess.run(
-        [sys.executable, "-c", BY_NUMBA], capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "[[0.0, 2.0], [4.0, 6.0]]\n"
-
+from featherfx.jit.compile_workers import count_compilers
 
 ELSEWHERE = """
-import threading
+import time
 from featherfx.jit import compile_workers
 BREAK
-done = threading.Event()
-compile_workers.LISTENERS.append(lambda need: done.set())
 import trial_kernels
-from featherfx.jit.compiled import compile_ahead
-compile_ahead(trial_kernels.total, __import__("numpy").ones(3), 0.0)
-done.wait(0.5)
+trial_kernels.total.compile_ahead(__import__("numpy").ones(3), 0.0)
+time.sleep(0.5)
 """
 
 
@@ -86,10 +34,9 @@ WAITED = """
 import sys, time
 import numpy as np
 import trial_kernels
-from featherfx.jit.compiled import compile_ahead
 from featherfx.phases import Account
 
-compile_ahead(trial_kernels.total, np.ones(3), 0.0)
+trial_kernels.total.compile_ahead(np.ones(3), 0.0)
 time.sleep(0.3)  # a helper has taken it up
 told = []
 with Account(told.append) as own:
@@ -123,4 +70,4 @@ trial_kernels.total.returns = Other
 def test_a_number_of_compilers_that_cannot_be_is_named(monkeypatch, given):
     monkeypatch.setenv("FEATHERFX_COMPILERS", given)
     with pytest.raises(InputError, match=f"FEATHERFX_COMPILERS.*'{given}'.*1 to 64"):
-        compilers()
+        count_compilers()

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from featherfx.jit import struct_pointer
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.jit.inner import types_of
+from featherfx.jit.compiler import find_types
+from featherfx.jit.kernel_types import MIN_POINTER_WORDS, StructPointer, count_words
 
 
 class Alike(NamedTuple):
@@ -69,18 +69,14 @@ def fill(all_of):
     all_of.rows[1][2] = all_of.count
 
 
-def test_what_is_large_is_held_and_nothing_else():
-    kinds = types_of((large(0), alike(0), 1.0))
-    assert [isinstance(each, struct_pointer.HeldType) for each in kinds] == [True, False, False]
-    assert (
-        struct_pointer.words_of(kinds[1])
-        < struct_pointer.LARGE
-        <= struct_pointer.words_of(kinds[0].like)
-    )
+def test_large_tuples_are_pointers_and_nothing_else():
+    kinds = find_types((large(0), alike(0), 1.0))
+    assert [isinstance(each, StructPointer) for each in kinds] == [True, False, False]
+    assert count_words(kinds[1]) < MIN_POINTER_WORDS <= count_words(kinds[0].like)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_fields_of_held_tuples_are_those_that_were_given(seed):
+def test_fields_of_struct_pointers_are_those_that_were_given(seed):
     given = large(seed)
     for k in range(2):
         other = given._replace(one=given.one[1:], count=7, there=not given.there)
@@ -89,7 +85,7 @@ def test_fields_of_held_tuples_are_those_that_were_given(seed):
     assert (chosen(given, False), chosen(given, True)) == (1.5, 4.5)
 
 
-def test_arrays_of_held_tuples_are_the_callers():
+def test_arrays_of_struct_pointers_are_the_callers():
     given = large(4)
     fill(given)
     assert given.one.tolist() == [[0.0, 1.0, 2.0], [10.0, 11.0, 12.0], [20.0, 21.0, 22.0]]

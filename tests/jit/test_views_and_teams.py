@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from featherfx.algebra.thread_team import forget_tickets, meet, new_team, say_done, ticket, wait_for
+from featherfx.algebra.views import viewed, views_of
 from featherfx.jit.compiled import kernel
-from featherfx.jit.thread_team import forget_tickets, meet, new_team, say_done, ticket, wait_for
-from featherfx.jit.views import viewed, views_of
 
 
 class Inner(NamedTuple):

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from featherfx.algebra.thread_team import new_team
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning
 from featherfx.feather.crossings import BODY
@@ -40,7 +41,6 @@ from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.files.disk_cache import kept
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Groom, Layout, Placement
-from featherfx.jit.thread_team import new_team
 from featherfx.phases import ReportDone, phase
 
 _MOST_SWEEPS = 30

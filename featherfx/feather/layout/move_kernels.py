@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.array_kernels import copy_values
+from featherfx.algebra.thread_team import say_done, ticket, wait_for
 from featherfx.algebra.vec3_kernels import dot, sub
 from featherfx.jit.compiled import kernel, loop_kernel
-from featherfx.jit.thread_team import say_done, ticket, wait_for
 
 # how readily a feather moves: squares of raise and roll, as a way of the tip, and of lift
 _RAISE_EASE, _ROLL_EASE, _LIFT_EASE = 1.0, 3.0, 0.02

@@ -15,7 +15,7 @@ from typing import Any
 from unittest.mock import patch
 
 from featherfx.api import read_shot
-from featherfx.jit.compile_progress import SECONDS, name_of
+from featherfx.jit.compile_progress import SECONDS
 from featherfx.shot.loop.simulate import simulate
 
 Entry = tuple[str, float, float]
@@ -25,11 +25,11 @@ def measure_entries(work: Callable[[], None]) -> list[Entry]:
     """Do a work, and return of each entry compiled its name, seconds of lowering and of LLVM."""
     from numba.core.codegen import JITCodeLibrary
 
-    from featherfx.jit import inner
+    from featherfx.jit import compiler
 
     entries: list[Entry] = []
     own = threading.local()  # threads of a bake wait for each other's compiling
-    compile_entry, finalize = inner.compile_entry, JITCodeLibrary.finalize
+    compile_entry, finalize = compiler.compile_entry, JITCodeLibrary.finalize
 
     def compile_timed(kernel: Any, types: Any) -> Any:
         stack, begin = vars(own).setdefault("stack", []), time.thread_time()
@@ -39,7 +39,7 @@ def measure_entries(work: Callable[[], None]) -> list[Entry]:
         passed, (llvm, nested) = time.thread_time() - begin, stack.pop()
         if stack:
             stack[-1][1] += passed
-        entries.append((name_of(kernel.py_func), passed - llvm - nested, llvm))
+        entries.append((kernel.name, passed - llvm - nested, llvm))
         return code
 
     def finalize_timed(self: Any) -> None:
@@ -51,7 +51,7 @@ def measure_entries(work: Callable[[], None]) -> list[Entry]:
             stack[-1][0] += time.thread_time() - begin - (stack[-1][1] - before)
 
     with (
-        patch.object(inner, "compile_entry", compile_timed),
+        patch.object(compiler, "compile_entry", compile_timed),
         patch.object(JITCodeLibrary, "finalize", finalize_timed),
     ):
         work()

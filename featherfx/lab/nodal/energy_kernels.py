@@ -9,8 +9,8 @@ inextensible add p e with the multiplier p.
 Raw barb turns and dihedral angles of a nodal pose, and the width of its band.
 """
 
+from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel
-from featherfx.jit.views import shaped
 from featherfx.lab.nodal.barb_kernels import (
     begin_barb,
     bend_strain,

@@ -27,10 +27,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.thread_team import new_team
 from featherfx.algebra.types import Flags
 from featherfx.feather.types import Feather, RowPoints, both, stacked
-from featherfx.jit.thread_team import new_team
-from featherfx.jit.threads import allowed
+from featherfx.files.background import limit_threads
 from featherfx.mechanics.model import Gaps
 from featherfx.shot.frames import FeatherPose, StackingOrder, place
 from featherfx.shot.layers.depths import Depths, Lifted
@@ -279,7 +279,7 @@ class Layers:
         team = new_team(1), np.zeros(len(lifts.lift), dtype=np.int64)
         given, poses = (points, self._skin.ground, skin), (self._start, self._pose)
         lay = partial(lay_feathers, team, bodies, given, lifts, poses, manner)
-        threads = allowed(self._jobs)
+        threads = limit_threads(self._jobs)
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(lay, self._scratch[:threads]))
 

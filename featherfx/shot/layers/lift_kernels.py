@@ -13,8 +13,8 @@ is asked for less than at the sample before goes back slowly. Below the vane the
 the root, which stays.
 """
 
+from featherfx.algebra.thread_team import say_done, ticket, wait_for
 from featherfx.jit.compiled import kernel
-from featherfx.jit.thread_team import say_done, ticket, wait_for
 from featherfx.shot.layers.lap_kernels import BESIDE, find_laps, ground_lacks
 from featherfx.shot.layers.pose_kernels import lift_points
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.jit.threads import allowed
+from featherfx.files.background import limit_threads
 from featherfx.mechanics.model import Loads
 from featherfx.solver.contact.colour_kernels import islands_of, neighbours
 from featherfx.solver.contact.list_kernels import add_forces, list_by_body, soften
@@ -410,7 +410,7 @@ class ContactSolver:
         count, island = islands_of(touching)
         island[~self._free | run.failed() | lost] = -1
         marks = run.marks(island, stale, soft, self._fixed)
-        islands = islands_before(count, island, allowed(self._team.jobs))
+        islands = islands_before(count, island, limit_threads(self._team.jobs))
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
         sweep = Sweep(
             batches=run.batches(room),

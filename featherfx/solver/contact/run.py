@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import vectors_to_frames
-from featherfx.jit.thread_team import new_team
-from featherfx.jit.threads import allowed
-from featherfx.jit.views import Held, views_of
+from featherfx.algebra.thread_team import new_team
+from featherfx.algebra.views import ViewedTuples, views_of
+from featherfx.files.background import limit_threads
 from featherfx.mechanics.model import Contacts, Loads, expand_wind
 from featherfx.solver.contact.state_rooms import StateBuffers, put
 from featherfx.solver.contact.surfaces import Grids
@@ -96,7 +96,7 @@ class Team:
 
     def solve(self, sweep: Sweep) -> None:
         """All rounds of a sweep, by all threads."""
-        counters, size = new_team(STEP_KINDS), allowed(self.jobs)
+        counters, size = new_team(STEP_KINDS), limit_threads(self.jobs)
         pool = self._pool
         others = [
             pool.submit(solve_rounds, k, counters, size, sweep) for k in range(1, size) if pool
@@ -105,7 +105,7 @@ class Team:
         for other in others:
             other.result()
 
-    def loads(self, loads: Sequence[Loads], room: int) -> Held:
+    def loads(self, loads: Sequence[Loads], room: int) -> ViewedTuples:
         """The loads of the batches, for each thread with room for contacts of one feather."""
         windy = [
             expand_wind(each, solver.model.feathers)
@@ -169,7 +169,7 @@ class BatchRun:
             grids.put(headed, batch, bodies, self.now)
 
         team.for_each_part(begin)
-        self._acting: Held | None = None
+        self._acting: ViewedTuples | None = None
         self._room = 0
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
         self.report = make_report(grids.bodies)

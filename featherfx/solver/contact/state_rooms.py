@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.jit.views import Views, views_of
+from featherfx.algebra.views import Views, views_of
 from featherfx.solver.state import State
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class StateBuffers:
         self._forms = [[(name, each.shape, each.dtype) for name, each in some] for some in arrays]
         self._whole = views_of(like).views
         self._rows = views_of([_rows(state) for state in like]).views
-        # a view has the address of each array, and behind it its shape
+        # a view has the address of each array, and behind it its shape and strides
         self._at_whole = _addresses([each.ndim for _, each in arrays[0]])
         self._at_rows = _addresses([2 for _ in arrays[0]])
         self.before = self.made(np.zeros)
@@ -66,7 +66,7 @@ def put(given: State, state: State, some: Flags) -> None:
 
 
 def _addresses(dimensions: Sequence[int]) -> NDArray[np.int64]:
-    return np.cumsum([0, *(1 + each for each in dimensions[:-1])])
+    return np.cumsum([0, *(1 + 2 * each for each in dimensions[:-1])])
 
 
 def _rows(state: State) -> tuple[Array, ...]:

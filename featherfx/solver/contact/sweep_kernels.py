@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.array_kernels import copy_values
+from featherfx.algebra.thread_team import forget_tickets, meet, say_done, ticket, wait_for
+from featherfx.algebra.views import Views, viewed
 from featherfx.jit.compiled import kernel
-from featherfx.jit.thread_team import forget_tickets, meet, say_done, ticket, wait_for
-from featherfx.jit.views import Views, viewed
 from featherfx.solver.contact.colour_kernels import colour_island, colour_some
 from featherfx.solver.contact.list_kernels import (
     closed_on_led,

@@ -25,8 +25,8 @@ from math import sqrt
 from featherfx.algebra.array_kernels import add_scaled, copy_values, product
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import load, put, spread
+from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
-from featherfx.jit.views import shaped
 
 _BLOCK = 8  # columns; `_column` and `_eight` are written out for this many
 

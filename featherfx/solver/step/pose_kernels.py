@@ -23,8 +23,8 @@ from featherfx.algebra.rotation_kernels import (
     store_rotation,
 )
 from featherfx.algebra.vec3_kernels import add, scale, store
+from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.jit.views import shaped
 from featherfx.mechanics.barb_kernels import barb_axes, barb_jacobian, barb_points, root_jacobian
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
 from featherfx.mechanics.row_kernels import copy_points, points_of

@@ -11,8 +11,8 @@ from featherfx.algebra.array_kernels import copy_values
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import follow, lane, load, put, spread, transposed, where_there
 from featherfx.algebra.vec3_kernels import sub
+from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel, loop_kernel
-from featherfx.jit.views import shaped
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_bending_kernels import angles_and_openness, wrapped
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain

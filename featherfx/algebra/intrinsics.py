@@ -1,20 +1,25 @@
-"""How lanes (lanes.py) are a vector of the processor, and what LLVM does with them."""
+"""Functions of kernels as LLVM does them: lanes (lanes.py) are a vector of the processor, views
+(views.py) lines of words, and counters of teams (thread_team.py) atomic."""
 
 from __future__ import annotations
 
+import ctypes
 import math
 import operator
+import os
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-from llvmlite import ir
-from numba.core import types
+from llvmlite import binding, ir
+from numba.core import cgutils, types
 from numba.core.cgutils import get_or_insert_function
+from numba.core.errors import TypingError
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
 
 from featherfx.algebra.lanes import COUNT
+from featherfx.jit.kernel_types import build_array, read_words
 
 _VECTOR = ir.VectorType(ir.DoubleType(), COUNT)
 # arrays are aligned as their numbers are
@@ -30,7 +35,7 @@ LANES: Any = _Lanes()
 
 
 @register_model(_Lanes)
-class _Model(models.PrimitiveModel):
+class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, _VECTOR)
 
@@ -233,3 +238,52 @@ def chosen(typing: Any, a: Any, b: Any, larger: Any, other: Any) -> Any:
         return builder.select(builder.fcmp_ordered(">", args[0], args[1]), args[2], args[3])
 
     return LANES(LANES, LANES, LANES, LANES), emit
+
+
+@intrinsic
+def viewed(typing_context: Any, kind: Any, words: Any, line: Any) -> Any:
+    """The tuple of a line of words (views.py)."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        whole = context.make_array(words)(context, builder, args[1])
+        width = builder.extract_value(whole.shape, 1)
+        start = builder.gep(whole.data, [builder.mul(args[2], width)])
+        return read_words(context, builder, kind.like, start)
+
+    return kind.like(kind, words, types.intp), lower
+
+
+@intrinsic
+def shaped(typing_context: Any, array: Any, shape: Any) -> Any:
+    """The numbers of an array in order, in another shape of as many."""
+    if array.layout != "C":
+        raise TypingError(f"only arrays in order can have another shape, not {array}")
+    kind = array.copy(ndim=len(shape))
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        whole = context.make_array(array)(context, builder, args[0])
+        lengths = cgutils.unpack_tuple(builder, args[1])
+        return build_array(context, builder, kind, whole.data, lengths)
+
+    return kind(array, shape), lower
+
+
+@intrinsic
+def fetch_add(typing_context: Any, counters: Any, place: Any, more: Any) -> Any:
+    """Add to a counter in one atomic step; its value before."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        array = context.make_array(counters)(context, builder, args[0])
+        at = cgutils.get_item_pointer(context, builder, counters, array, [args[1]], False)
+        return builder.atomic_rmw("add", at, args[2], "seq_cst")
+
+    return types.int64(counters, types.intp, types.int64), lower
+
+
+_SLEEP = "usleep"
+if os.name == "nt":
+    # Windows sleeps for milliseconds at least, so threads give way, however long they are told
+    _SLEEP, _system = "SwitchToThread", vars(ctypes)["windll"].kernel32
+    binding.add_symbol(_SLEEP, ctypes.cast(_system.SwitchToThread, ctypes.c_void_p).value)
+# argument: microseconds
+sleep = types.ExternalFunction(_SLEEP, types.int32(types.uint32))

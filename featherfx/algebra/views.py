@@ -1,0 +1,94 @@
+"""Named tuples of arrays by address: one kernel reaches batches of many shapes through a table.
+
+A compiled function is made for the types of its arguments, and a list of batches would be a type
+of its own for every number of them. Here each batch is a line of words, as a StructPointer's
+(kernel_types.py). Inside a kernel `viewed` makes the named tuple of a line again, without copying.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.jit.compiled import kernel
+from featherfx.jit.kernel_calls import Intrinsic, TupleKind
+
+
+class Views(NamedTuple):
+    """Tuples of one kind whose arrays have any shapes; words: (N, W), each as a line."""
+
+    kind: TupleKind
+    words: NDArray[np.int64]
+
+
+class ViewedTuples(NamedTuple):
+    """Views, and the tuples whose memory they point to; these must live as long as the views."""
+
+    views: Views
+    tuples: tuple[Any, ...]
+
+
+_KINDS: dict[Any, TupleKind] = {}
+
+
+def views_of(tuples: Sequence[Any]) -> ViewedTuples:
+    """Make views of named tuples of arrays, nested or not.
+
+    Arrays that are not contiguous are copied.
+    """
+    whole = tuple(_map_arrays(_make_contiguous, each) for each in tuples)
+    lines = [[word for array in _arrays(each) for word in _words(array)] for each in whole]
+    form = _describe(whole[0])
+    if form not in _KINDS:
+        _KINDS[form] = TupleKind(_map_arrays(_make_empty, whole[0]))
+    return ViewedTuples(Views(_KINDS[form], np.array(lines, dtype=np.int64)), whole)
+
+
+def _map_arrays(function: Callable[[Any], Any], value: Any) -> Any:
+    """A tuple of the same type with every array replaced."""
+    if isinstance(value, np.ndarray):
+        return function(value)
+    parts = [_map_arrays(function, each) for each in value]
+    return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+
+
+def _make_contiguous(array: NDArray[Any]) -> NDArray[Any]:
+    # np.require tells the same in eight times as long
+    return array if array.flags.carray else np.require(array, requirements=("C", "W"))
+
+
+def _make_empty(array: NDArray[Any]) -> NDArray[Any]:
+    return np.empty((0,) * array.ndim, dtype=array.dtype)
+
+
+def _describe(value: Any) -> Any:
+    """What two tuples of one kind have in common."""
+    if isinstance(value, np.ndarray):
+        return value.dtype, value.ndim
+    return type(value), tuple(_describe(each) for each in value)
+
+
+def _arrays(value: Any) -> Iterator[NDArray[Any]]:
+    if isinstance(value, np.ndarray):
+        yield value
+        return
+    for each in value:
+        yield from _arrays(each)
+
+
+def _words(array: NDArray[Any]) -> tuple[int, ...]:
+    return (array.ctypes.data, *array.shape, *array.strides)
+
+
+_viewed = Intrinsic("featherfx.algebra.intrinsics", "viewed")
+# an array in order (its numbers) in another shape of as many (a tuple)
+shaped = Intrinsic("featherfx.algebra.intrinsics", "shaped")
+
+
+@kernel
+def viewed(views, line):
+    """The named tuple of a line of views."""
+    return _viewed(views.kind, views.words, line)

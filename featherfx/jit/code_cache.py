@@ -1,0 +1,240 @@
+"""Stored machine code of kernels: where it is, what it was made of, and what fits this machine.
+
+A folder is named by a hash of a kernel file and of all files of this program that it imports. It
+stands in $FEATHERFX_CACHE, else in the system's folder for caches, unless others can write there
+(files/trust.py). Further code comes with the program, for processors that many have. An entry is a
+checksum, its key and the code. A damaged one, or one of another key, counts as missing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import platform
+import re
+import sys
+import warnings
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from featherfx.errors import InputWarning
+from featherfx.files.atomic_write import write_whole
+from featherfx.files.cache_folder import doubt, wanted_folder
+from featherfx.files.trust import distrust
+from featherfx.jit.kernel_calls import StoredKernel
+
+ROOT = Path(__file__).resolve().parents[1]
+# machine code that came with the program
+SHIPPED = ROOT / "_machine_code"
+# files that decide how kernels are compiled and stored
+_COMPILER = [
+    ROOT / f"{name}.py"
+    for name in ("algebra/intrinsics", "jit/compiler", "jit/kernel_calls", "jit/kernel_types")
+]
+# by expression, since parsing the files takes 0.4 s of every run
+_IMPORT = re.compile(rb"^from featherfx\.(\S+) import ", re.MULTILINE)
+_CHECKSUM_BYTES = hashlib.sha256().digest_size
+_CPU_INFO = Path("/proc/cpuinfo")
+# lines that tell one processor from another, on x86-64 and on ARM
+_CPU_LINES = ("vendor_id", "cpu family", "model", "stepping", "flags")
+_ARM_LINES = ("CPU implementer", "CPU part", "CPU variant", "Features")
+# Linux's names of features, and LLVM's where they are others
+_FEATURE_NAMES = {"bmi1": "bmi", "abm": "lzcnt", "sse4_2": "sse4.2", "asimd": "neon"}
+# x86-64-v3: Haswell, Zen and later (x86-64 psABI, table 3.1)
+_V3 = ("avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2")
+# by machine: LLVM's name of the processor that code is shipped for, and features that it must have
+_TARGETS = {
+    "x86_64": ("x86-64-v3", _V3),
+    "AMD64": ("x86-64-v3", _V3),
+    "aarch64": ("generic", ("neon",)),
+    "arm64": ("generic", ("neon",)),
+}
+
+
+def find_target() -> str:
+    """LLVM's name of the processor whose shipped code can run here; empty if there is none."""
+    name, needs = _TARGETS.get(platform.machine(), ("", ()))
+    return name if set(needs) <= _inspect_processor()[1] else ""
+
+
+@cache
+def shipped_target() -> str:
+    """The same where something came with the program, and the user asks for no processor."""
+    return find_target() if SHIPPED.is_dir() and not _requested_processor() else ""
+
+
+def _requested_processor() -> str:
+    """The processor and features that the user has numba compile for; empty if none."""
+    given = [os.environ.get(f"NUMBA_CPU_{each}") or "" for each in ("NAME", "FEATURES")]
+    return " ".join(given).strip()
+
+
+@cache
+def _inspect_processor() -> tuple[str, frozenset[str]]:
+    """Identity and features (LLVM's names) of this processor; by Linux, else by LLVM."""
+    try:
+        first = _CPU_INFO.read_text(encoding="utf-8").split("\n\n")[0]
+    except OSError:
+        from llvmlite import binding
+
+        features = binding.get_host_cpu_features()
+        name = f"{binding.get_host_cpu_name()} {features}"
+        return name, frozenset(each for each, there in features.items() if there)
+    pairs = (line.partition(":") for line in first.splitlines())
+    lines = {key.strip(): value.strip() for key, _, value in pairs}
+    identity = repr([lines.get(each) for each in (*_CPU_LINES, *_ARM_LINES)])
+    flags = (lines.get("flags") or lines.get("Features", "")).split()
+    names = frozenset(_FEATURE_NAMES.get(flag, flag) for flag in flags)
+    return hashlib.sha256(identity.encode()).hexdigest()[:16], names
+
+
+@cache
+def _find_imports(source: Path) -> frozenset[Path]:
+    """Files of this program that a kernel file imports, itself included.
+
+    Constants and fields of named tuples are in machine code, too.
+    """
+    found = {source}
+    for name in _IMPORT.findall(source.read_bytes()):
+        # _COMPILER stands for the decorators
+        if name != b"jit.compiled":
+            place = ROOT / name.decode().replace(".", "/")
+            found |= _find_imports(place / "__init__.py" if place.is_dir() else Path(f"{place}.py"))
+    return frozenset(found)
+
+
+@cache
+def find_version(package: str) -> str:
+    """Version of an installed package by the name of its metadata's folder.
+
+    importlib.metadata takes some MiB to read what is in it.
+    """
+    for place in sys.path:
+        for found in Path(place or ".").glob(f"{package}-*.dist-info"):
+            return found.name.removesuffix(".dist-info").partition("-")[2]
+    from importlib.metadata import version
+
+    return version(package)
+
+
+@cache
+def hash_source(source: Path) -> str:
+    """Name of the folder for the kernels of a file: a hash of all that their code depends on."""
+    digest = hashlib.sha256(" ".join(map(find_version, ("numba", "llvmlite"))).encode())
+    for part in (*_COMPILER, *sorted(_find_imports(source))):
+        digest.update(part.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@cache
+def code_folder() -> Path:
+    """The user's folder of machine code, the same for as long as the process lives."""
+    return wanted_folder()
+
+
+@cache
+def explain_unloaded(folder: Path) -> str:
+    """Why nothing can be loaded from a folder, made if need be; empty if it can."""
+    try:
+        if fault := doubt(folder):
+            return fault
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError as error:
+        return f"{folder}: {error.strerror or error}"
+    return "" if os.access(folder, os.R_OK | os.X_OK) else f"no permission to read {folder}"
+
+
+@cache
+def explain_unsaved() -> str:
+    """Why code that is compiled now is not stored; empty if it is."""
+    if fault := explain_unloaded(code_folder()):
+        return f"machine code is not cached, and every run compiles it again: {fault}"
+    if os.access(code_folder(), os.W_OK):
+        return ""
+    return f"no permission to write to {code_folder()}: every run compiles what it lacks"
+
+
+@cache
+def warn_once(message: str) -> None:
+    """Warn of what concerns every kernel."""
+    warnings.warn(message, InputWarning, stacklevel=3)
+
+
+def is_stored(kernel: str) -> bool:
+    """Whether there is code of a kernel (module and name) for any types, or no such kernel."""
+    module, _, own = kernel.rpartition(".")
+    source = ROOT.parent.joinpath(*module.split(".")).with_suffix(".py")
+    if not source.is_file():
+        return True
+    roots = (code_folder(), SHIPPED) if shipped_target() else (code_folder(),)
+    return any(any((root / hash_source(source)).glob(f"*.{own}-*")) for root in roots)
+
+
+class KernelStore:
+    """The stored machine code of one kernel, by the text of its arguments' types."""
+
+    def __init__(self, function: Any) -> None:
+        code = function.__code__
+        source = Path(code.co_filename).resolve()
+        python = f"py{sys.version_info.major}{sys.version_info.minor}"
+        own = function.__qualname__.replace("<locals>", "locals")
+        self._folder = hash_source(source)
+        self._name = f"{source.stem}.{own}-{code.co_firstlineno}.{python}"
+
+    def load(self, text: str) -> Iterator[StoredKernel]:
+        """Sound code for types: the user's, then what came with the program."""
+        for file, key in self._find_files(text):
+            try:
+                stored = file.read_bytes()
+            except OSError:
+                continue
+            checksum, content = stored[:_CHECKSUM_BYTES], stored[_CHECKSUM_BYTES:]
+            if hashlib.sha256(content).digest() == checksum:
+                found, code = pickle.loads(content)
+                if found == key:
+                    yield code
+
+    def holds(self, text: str) -> bool:
+        """Whether there is code for types."""
+        return any(True for _ in self._find_files(text))
+
+    def save(self, text: str, code: StoredKernel) -> None:
+        """Store compiled code; the work goes on, with a warning, where it cannot be stored."""
+        if fault := explain_unsaved():
+            warn_once(fault)
+            return
+        file, key = self._locate(
+            code_folder(), text, _requested_processor() or _inspect_processor()[0]
+        )
+        content = pickle.dumps((key, code))
+        whole = hashlib.sha256(content).digest() + content
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            write_whole(file, lambda stream: stream.write(whole))
+        except OSError as error:
+            reason = error.strerror or str(error)
+            warn_once(f"machine code is not cached in {code_folder()} ({reason})")
+
+    def _find_files(self, text: str) -> Iterator[tuple[Path, Any]]:
+        """Files that are there for types, with their keys."""
+        if not explain_unloaded(code_folder()):
+            processor = _requested_processor() or _inspect_processor()[0]
+            file, key = self._locate(code_folder(), text, processor)
+            if file.is_file():
+                yield file, key
+        if target := shipped_target():
+            file, key = self._locate(SHIPPED, text, target)
+            if file.is_file():
+                if distrust(file):
+                    warn_once(f"others can write to machine code in {SHIPPED}: it is not used")
+                else:
+                    yield file, key
+
+    def _locate(self, root: Path, text: str, processor: str) -> tuple[Path, Any]:
+        """The file of an entry, there or not, and its key."""
+        key = text, sys.platform, platform.machine(), processor
+        digest = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
+        return root / self._folder / f"{self._name}.{digest}.code", key
