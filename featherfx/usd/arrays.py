@@ -1,7 +1,7 @@
-"""Numpy arrays to USD value arrays; the only place that knows how.
+"""Numpy arrays as USD value arrays.
 
 USD converts a buffer element by element, ten times slower than memory. Large values are therefore
-computed in place, in the memory of a new USD array (InPlace).
+computed in the memory of a new USD array (InPlace).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from featherfx.algebra.types import Floats
 
 
 class _Memory:
-    """The memory of a USD array for numpy to write to; numpy keeps it, and with it the array."""
+    """Memory of a USD array for numpy to write to; numpy keeps it, and with it the array."""
 
     def __init__(self, owner: Any) -> None:
         seen = np.asarray(owner)
@@ -31,7 +31,10 @@ class _Memory:
 
 
 def _writes_through() -> bool:
-    """Whether numpy sees USD's own memory, which no documentation of USD promises."""
+    """Return whether numpy writes to the memory of USD arrays.
+
+    No documentation of USD promises it.
+    """
     value = Vt.Vec3fArray(1)
     np.asarray(_Memory(value))[0] = (1.0, 2.0, 3.0)
     return tuple(value[0]) == (1.0, 2.0, 3.0)
@@ -41,10 +44,10 @@ _IN_PLACE = _writes_through()
 
 
 class InPlace:
-    """A USD array, computed in place. numbers: its elements, to be written to.
+    """A USD array that is computed in place. numbers: its elements, to be written to.
 
-    USD shares an array between its copies, so the numbers may change again only when no layer
-    holds the value any more.
+    USD shares an array between its copies, so the numbers may change again only when no layer holds
+    the value any more.
     """
 
     __slots__ = ("_kind", "_value", "numbers")
@@ -58,39 +61,42 @@ class InPlace:
 
     @property
     def value(self) -> Any:
-        """The array as USD takes it, with the numbers of now."""
+        """Return the array as USD takes it, with the present numbers."""
         return self._kind.FromNumpy(self.numbers) if self._value is None else self._value
 
 
 def new_vectors(count: int) -> InPlace:
-    """numbers: (count, 3)."""
+    """Return an array of vectors; numbers: (count, 3)."""
     return InPlace(Vt.Vec3fArray, (count, 3))
 
 
 def new_scalars(count: int) -> InPlace:
-    """numbers: (count,)."""
+    """Return an array of numbers (count,)."""
     return InPlace(Vt.FloatArray, (count,))
 
 
 def new_rotations(count: int) -> InPlace:
-    """numbers: (count, 4) in half precision, the real part last, as USD has it."""
+    """Return an array of quaternions.
+
+    numbers: (count, 4) in half precision, the real part last, as in USD.
+    """
     return InPlace(Vt.QuathArray, (count, 4), np.float16)
 
 
 def new_integers(count: int) -> InPlace:
-    """numbers: (count,)."""
+    """Return an array of integers (count,)."""
     return InPlace(Vt.IntArray, (count,), np.int32)
 
 
 def vec3f(values: ArrayLike) -> Any:
-    """(N, 3) to Vt.Vec3fArray."""
+    """Return (N, 3) values as Vt.Vec3fArray."""
     array = new_vectors(len(np.asarray(values)))
     array.numbers[...] = values
     return array.value
 
 
 def vec3h(values: Floats) -> Any:
-    """(N, 3) to Vt.Vec3hArray; what half precision cannot hold is its greatest number."""
+    """Return (N, 3) values as Vt.Vec3hArray, limited to the range of half precision."""
     most = np.finfo(np.float16).max
     return Vt.Vec3hArray.FromNumpy(np.clip(values, -most, most).astype(np.float16))
 
@@ -106,5 +112,5 @@ floats, ints = _to(Vt.FloatArray, np.float32), _to(Vt.IntArray, np.int32)
 
 
 def strings(*values: str) -> Any:
-    """Strings to Vt.StringArray."""
+    """Return strings as Vt.StringArray."""
     return Vt.StringArray(list(values))

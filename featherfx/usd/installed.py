@@ -1,4 +1,4 @@
-"""Which USD this process has: a host's own, or the wheel `usd-core`."""
+"""The USD library of this process: a host's own, or the wheel `usd-core`."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _MAPS = Path("/proc/self/maps")
 
 @cache
 def refuse_unfit_usd() -> None:
-    """Raise InputError for a USD that is too old, and where two of them are in this process.
+    """Raise InputError for a USD that is too old, or that is loaded twice in this process.
 
-    Two libraries of USD share neither layers nor types, and end the process sooner or later. Only
-    Linux tells which are loaded.
+    Two libraries of USD share neither layers nor types, and crash the process sooner or later. Only
+    Linux lists the loaded libraries.
     """
     from pxr import Usd
 
@@ -34,7 +34,7 @@ def refuse_unfit_usd() -> None:
 
 
 def loaded_libraries() -> list[str]:
-    """Files of USD's base library in this process, as far as the system tells."""
+    """Return the files of USD's base library in this process; none where the system lists none."""
     try:
         lines = _MAPS.read_text(errors="replace").splitlines()
     except OSError:
@@ -44,7 +44,7 @@ def loaded_libraries() -> list[str]:
 
 
 def usd_version() -> tuple[str, Path]:
-    """Version of this process's USD, such as "26.11", and the folder that it is in.
+    """Return the version of USD, such as "26.11", and its folder.
 
     Raises ModuleNotFoundError where there is none.
     """

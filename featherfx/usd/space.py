@@ -16,8 +16,11 @@ _MAX_DISTANCE = 100.0
 
 @dataclass(frozen=True)
 class StageSpace:
-    """meters_per_unit: m, length of one stage unit. up_axis: "Y" or "Z". origin: m, world, where
-    the root prim stands; points are written from there."""
+    """Units, up axis and origin of a stage.
+
+    meters_per_unit: m, length of one stage unit. up_axis: "Y" or "Z". origin: m, world, position of
+    the root prim; points are written relative to it.
+    """
 
     meters_per_unit: float = 1.0
     up_axis: str = "Z"
@@ -31,7 +34,7 @@ class StageSpace:
 
     @property
     def is_moved(self) -> bool:
-        """Whether the root prim does not stand in the world's origin."""
+        """Return whether the root prim stands away from the world's origin."""
         return self.origin != (0.0, 0.0, 0.0)
 
     def directions(self, vectors: Array) -> Array:
@@ -51,8 +54,10 @@ class StageSpace:
 
 
 def choose_origin(positions: ArrayLike) -> tuple[float, float, float]:
-    """Where the root prim of feathers at these (N, 3) positions, m, is to stand: the world's origin
-    unless they are far from it, else their middle, in whole metres."""
+    """Return the origin of the root prim for feathers at (N, 3) positions, m.
+
+    It is the world's origin unless the feathers are far from it, else their middle in whole metres.
+    """
     middle: Array = np.round(np.reshape(positions, (-1, 3)).mean(axis=0))
     if np.linalg.norm(middle) <= _MAX_DISTANCE:
         return 0.0, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""What the USD writer takes and what it reports; importable without USD."""
+"""Types and names of the USD writer and readers; importable without USD."""
 
 from __future__ import annotations
 

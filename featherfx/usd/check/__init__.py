@@ -1,1 +1,1 @@
-"""What is wrong with a USD file that its own validators let pass."""
+"""Checks and measurements of USD files."""

@@ -1,7 +1,7 @@
-"""What is wrong with a USD file that the USD validators let pass.
+"""Checks of USD files beyond those of the USD validators.
 
-Caches are looked through for values that contradict each other; stages that others made are checked
-as what they may be to a bake: feathers, skins, colliders.
+Caches are checked for values that contradict each other. Other stages are checked as inputs of a
+bake: feathers, skins, colliders.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ from featherfx.usd.write.previous_cache import read_metadata
 
 
 def check_file(path: str | Path) -> list[Problem]:
-    """Every problem of a USD file, checked as what it is: a cache of featherfx, or an input."""
+    """Return every problem of a USD file, checked as a cache of featherfx or as an input."""
     path = Path(path)
     return check_usd(path) if is_cache(path) else check_scene(path)
 
 
 def is_cache(path: Path) -> bool:
-    """Whether a file is a cache: it says so itself, or its meshes carry feather ids."""
+    """Return whether a file is a cache, by its metadata or by feather ids on its meshes."""
     if read_metadata(path):
         return True
     try:
@@ -71,15 +71,14 @@ def is_cache(path: Path) -> bool:
 
 
 def check_usd(path: str | Path) -> list[Problem]:
-    """Every problem of a USD file: source is the file, key is prim and attribute.
+    """Return every problem of a cache: source is the file, key is prim and attribute.
 
-    Checked: files that it refers to, clips included; default prim and its kind, units, up axis
-    and time metadata; and of every mesh and curve: point counts that change, topology that does
+    Checked are the files that it refers to, clips included, and the default prim, its kind, units,
+    up axis and time metadata. Of every mesh and curve: changing point counts, topology that does
     not fit, indices out of range, values that are not finite, extents that do not fit the points,
     sizes of velocities, normals, widths and primvars, sample times that differ or lie outside the
-    stage's range, time samples on what never changes, subsets, and windings against the normals.
-    At one attribute and kind of
-    problem the first time code is named and the others are counted.
+    stage's range, time samples on constant attributes, subsets, and windings against the normals. A
+    problem names the first time code and counts the others.
     """
     try:
         stage = open_stage(path)
@@ -102,7 +101,7 @@ def check_usd(path: str | Path) -> list[Problem]:
 
 
 def prim_problems(prim: Any) -> Iterator[tuple[str, str]]:
-    """(attribute, message) of everything that is wrong with a prim of a cache."""
+    """Yield (attribute, message) of all problems of a prim of a cache."""
     if prim.IsA(UsdGeom.PointInstancer):
         yield from instancer_problems(prim)
     if prim.IsA(UsdGeom.PointBased):
@@ -111,7 +110,7 @@ def prim_problems(prim: Any) -> Iterator[tuple[str, str]]:
 
 
 def stage_problems(stage: Any) -> Iterator[tuple[str, str]]:
-    """(metadata, message) of what is wrong with a cache as a whole."""
+    """Yield (metadata, message) of the problems of a cache's stage."""
     root = stage.GetDefaultPrim()
     if not root:
         yield "defaultPrim", "missing, or names no prim"
@@ -136,11 +135,11 @@ def stage_problems(stage: Any) -> Iterator[tuple[str, str]]:
 
 
 def check_scene(path: Path) -> list[Problem]:
-    """Every problem that keeps a stage, or what is in it, from being used.
+    """Return every problem that keeps a stage, or its prims, from being used.
 
-    Meshes are opened as skins and colliders are; curves and instancers are read as feathers; and
-    of every point set sizes, indices and values are checked. What only caches promise (extents
-    that fit, a kind, the range of time codes) is said as InputWarning where it is not so.
+    Meshes are opened as skins and colliders are; curves and instancers are read as feathers. Of
+    every point set sizes, indices and values are checked. Promises that only caches make (extents
+    that fit, a kind, the range of time codes) are InputWarnings.
     """
     problems = Problems()
     place = Place(str(path), "", problems)
@@ -171,7 +170,7 @@ def _geometry(prim: Any, place: Place) -> None:
 
 
 def _meshes(scene: SourceScene, place: Place) -> set[str]:
-    """Paths of the meshes that cannot be followed, after adding their problems."""
+    """Return paths of the meshes that cannot be followed, after adding their problems."""
     bad = set()
     for prim in prims_below(scene.stage.GetPseudoRoot()):
         if prim.IsA(UsdGeom.Mesh) and prim.IsDefined() and not prim.IsAbstract():
@@ -198,8 +197,7 @@ def _feathers(scene: SourceScene, path: Path, place: Place) -> None:
 
 
 def missing_files(stage: Any, path: Path) -> list[Problem]:
-    """What an open stage names, as sublayer, payload, reference, clip or picture, and is not to be
-    had."""
+    """Return a problem for each sublayer, payload, reference, clip or image that is missing."""
     named = (*SCENE_SUFFIXES, ".png")
     found = broken_files(stage) | broken_clips(stage) | broken_arcs(stage)
     if not found:  # USD 24.3 ends the process where it looks into a file that it cannot open
@@ -224,7 +222,7 @@ _PER_INSTANCE = {
 
 
 def instancer_problems(prim: Any) -> Iterator[tuple[str, str]]:
-    """(attribute, message) of everything that is wrong at the first time."""
+    """Yield (attribute, message) of the problems of an instancer at the first time."""
     try:
         yield from _instancer_problems(prim)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""The checks of one mesh or curve."""
+"""Checks of one mesh or curve prim."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ _KINDS = {
 
 @lru_cache(maxsize=1 << 16)
 def _time_code(code: float) -> Any:
-    """One for all prims: USD's are dear to make."""
+    """Return one USD time code for all prims; USD is slow to make them."""
     return Usd.TimeCode(code)
 
 
@@ -95,9 +95,9 @@ class SampleSeries(NamedTuple):
 
 
 def geometry_problems(prim: Any) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """(attribute, message) of what contradicts itself on a mesh or curve, and of odd habits.
+    """Return (attribute, message) of contradictions on a mesh or curve, and of broken promises.
 
-    A value that cannot be read is the last of the former: what depends on it is not checked.
+    A value that cannot be read is the last of the former: checks that depend on it are skipped.
     """
     faults: list[tuple[str, str]] = []
     habits: list[tuple[str, str]] = []
@@ -135,7 +135,7 @@ class GeometryCheck:
         self._at_once = max(1, _WINDOW_BYTES // (12 * max(self._points, len(self._counts), 1)))
 
     def faults(self) -> Faults:
-        """What contradicts itself: sizes, indices, values that are not finite, windings."""
+        """Yield contradictions: sizes, indices, values that are not finite, windings."""
         topology = list(self._topology())
         yield from topology
         yield from self._counted("points", self._points, "{} points, not {}")
@@ -151,7 +151,7 @@ class GeometryCheck:
         yield from self._shared()
 
     def habits(self) -> Faults:
-        """What a cache promises beyond that: extents, and which times have samples."""
+        """Yield broken promises of caches: extents, and sample times."""
         yield from self._sample_times()
         yield from self._static_samples()
         yield from self._over_time("extent", self._wrong_extent, self._may_not_fit)
@@ -177,13 +177,13 @@ class GeometryCheck:
         )
 
     def _default(self, name: str) -> Any:
-        """The default value of an attribute, read once."""
+        """Return the default value of an attribute, read once."""
         if name not in self._defaults:
             self._defaults[name] = self._read(name, DEFAULT_TIME)
         return self._defaults[name]
 
     def _window(self, name: str, first: int) -> SampleSeries:
-        """Samples of an attribute from a number on, as many as are looked at together."""
+        """Return samples of an attribute from a number on, as many as are tested together."""
         known = self._windows.get(name)
         if known is None or known[0] != first:
             self._windows.pop(name, None)
@@ -197,7 +197,7 @@ class GeometryCheck:
             yield self._window(name, first)
 
     def _samples(self, name: str, codes: Sequence[Any]) -> list[Any]:
-        """As _read, of all times; a query finds its way through the layers once."""
+        """Return values as _read does, at all times; a query resolves the layers once."""
         kind = _KINDS.get(name)
         if kind is None or not codes:
             return [self._read(name, code) for code in codes]
@@ -212,7 +212,7 @@ class GeometryCheck:
         return found
 
     def _read(self, name: str, code: Any) -> Any:
-        """An attribute as numpy, of the kind that its name stands for; None without a value."""
+        """Return an attribute as numpy, of the type that its name implies; None without a value."""
         if name in _KINDS:
             return read_array(self._attribute(name), code, _KINDS[name])
         value = read_value(self._attribute(name), code)
@@ -230,7 +230,7 @@ class GeometryCheck:
     ) -> Faults:
         """Run a test of (value, code) at every time of an attribute; report the first failure.
 
-        may_fail: of all samples (T, ...) and their codes at once, which are worth the test.
+        may_fail: from all samples (T, ...) and their codes, the samples that need the test.
         """
         attribute = self._attribute(name)
         if not attribute or not attribute.HasAuthoredValue():
@@ -250,7 +250,7 @@ class GeometryCheck:
     def _suspects(
         self, name: str, may_fail: Callable[[Any, Any], Any] | None
     ) -> Iterator[tuple[Any, Any]]:
-        """Values with their time codes: the default, and the samples that are worth a test."""
+        """Yield values with their time codes: the default, and the samples that need a test."""
         yield self._default(name), DEFAULT_TIME
         for series in self._all_windows(name):
             chosen: Sequence[int] = range(len(series.codes))
@@ -338,7 +338,7 @@ class GeometryCheck:
         return np.full(len(samples), not fits)
 
     def _points_at(self, codes: Any) -> Any:
-        """(T, P, 3) at these codes if that is where the samples of points are; else None."""
+        """Return (T, P, 3) at these codes if the points are sampled there; else None."""
         first = bisect_left(self._times("points"), codes[0].GetValue())
         if first % self._at_once:
             return None
@@ -357,7 +357,7 @@ class GeometryCheck:
         return ~(error <= 0.5 * _EXTENT_TOLERANCE * np.maximum(*size))
 
     def _padding(self) -> float:
-        """Half of the greatest width of curves."""
+        """Return half of the greatest width of curves."""
         if self._curves is None:
             return 0.0
         if self._half_width is None:
@@ -432,7 +432,7 @@ class GeometryCheck:
                 yield f"subsetFamily:{family}", f"{int((use < 1).sum())} faces in no subset"
 
     def _shared(self) -> Faults:
-        """Tables of a prim that feathers share."""
+        """Check the tables of a prim that feathers share."""
         members = read_members(self._prim)
         totals = {"points": self._points, "faces": len(self._counts)}
         for name, total in totals.items() if members else ():
@@ -442,7 +442,7 @@ class GeometryCheck:
                 yield f"{RANGES_PREFIX}:{element}", f"ends at {told}, but there are {total}"
 
     def _flipped(self) -> Faults:
-        """Windings against the normals in the rest pose; in motion a thin tube may fold."""
+        """Report windings against the normals in the rest pose; in motion a thin tube may fold."""
         rest = Usd.TimeCode.Default()
         code = rest if len(self._value("normals", rest)) else None
         points, normals = self._value("points", code), self._value("normals", code)

@@ -1,6 +1,6 @@
-"""How many triangles of a cache's vanes pass through other vanes, or through a body.
+"""Measurements of a cache: intersections, holes in its outline, and moves between frames.
 
-A shaft counts as a line of its vane, as in contact: what its tube passes through is told apart.
+A rachis counts as a line of its vane, as in contact. Intersections of its tube are counted apart.
 """
 
 from __future__ import annotations
@@ -36,14 +36,13 @@ def count_crossings(
     jobs: int = 1,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> Iterator[dict[str, Any]]:
-    """Crossings of a cache, frame by frame: whole frames from the first to the last of `frames`.
+    """Yield the intersections of a cache, frame by frame, for whole frames in `frames`.
 
     Meshes without a feather's id count as one body, and so does the skin that the cache names, if
-    its file is there; a warning says if not. What each frame tells: `crossings` of triangles of
-    vanes in so many `pairs`, of which `with_body`; `with_shafts`, of a shaft with a vane or shaft
-    of another feather; and the `worst` pairs. on_frame: called with the frames done and their
-    number. Raises InputError for files that hold no feather, and for frames
-    that the cache does not have.
+    its file is there; else a warning is given. Of each frame: `crossings` of triangles of vanes in
+    so many `pairs`, of which `with_body`; `with_shafts`, of a rachis with a vane or rachis of
+    another feather; and the `worst` pairs. on_frame: called with the frames done and their number.
+    Raises InputError for files that hold no feather, and for frames that the cache does not have.
     """
     path = Path(path)
     cache = Cache(path)
@@ -71,9 +70,9 @@ def count_crossings(
 
 
 class CrossedPoints:
-    """Where the vanes of a cache pass through others or the body, as count_crossings counts them.
+    """Points of vanes that intersect others or the body, as count_crossings counts them.
 
-    path: where the cache was opened.
+    path: of the cache.
     """
 
     def __init__(self, cache: Cache, path: Path) -> None:
@@ -83,7 +82,7 @@ class CrossedPoints:
         self._count = sum(map(len, self._scenes[0].points(code)))
 
     def at(self, code: float | None) -> Flags:
-        """(V,) points of the cache's meshes, whether a triangle around passes through another."""
+        """Return (V,) whether a triangle around a point intersects another feather or the body."""
         points = np.concatenate([each for scene in self._scenes for each in scene.points(code)])
         crossed = crossed_triangles(points, self._patches)
         found = np.zeros(len(points), dtype=bool)
@@ -92,7 +91,7 @@ class CrossedPoints:
 
 
 def find_scenes(cache: Cache, path: Path) -> list[CachedScene]:
-    """A cache's own meshes, and the skins that it names."""
+    """Return a cache's own meshes, and the skins that it names."""
     whole = CachedScene(cache, range(len(cache.feathers)))
     return [whole, *find_scenery(cache, path, ["skin"], "looked at")]
 
@@ -100,7 +99,7 @@ def find_scenes(cache: Cache, path: Path) -> list[CachedScene]:
 def choose_frames(
     cache: Cache, path: str, frames: tuple[int, int] | None
 ) -> Sequence[float | None]:
-    """Time codes to look at; [None], the rest pose, where nothing moves."""
+    """Return time codes to measure; [None], the rest pose, where nothing moves."""
     if not cache.has_frames:
         if frames is not None:
             raise InputError(Problem(path, "frames", "has no frames; leave out --frames"))
@@ -127,7 +126,7 @@ def _meshes(
 
 
 def _frame_report(found: Intersections, names: Sequence[str], code: float | None) -> dict[str, Any]:
-    """One frame's figures."""
+    """Return the figures of one frame."""
     body = (found.owners == BODY).any(axis=1)
     crossed = found.vanes > 0
     worst = np.argsort(-found.vanes, kind="stable")[:_MAX_PAIRS]
@@ -165,13 +164,14 @@ def measure_holes(
     *,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> Iterator[dict[str, Any]]:
-    """Holes in the outline of all that a file draws, its skin too, seen from far off.
+    """Yield the holes in the outline of all that a file draws, its skin too, seen from far off.
 
-    A hole is enclosed; gaps that open to the outside, as between the tips of primaries, are none.
-    Nor is what lies beside a leg, as between it, belly and tail, or between toes: where 0.4 of
-    what encloses it is skin without feathers, or a fifth is feathers of thighs and a fifth others'.
-    view: of VIEWS. Of each frame: `holes` wider than a pixel, the `widest` (m), the largest
-    circle that fits into any, and `place` (2,) m of its middle in the picture; `gaps` and
+    A hole is enclosed. Gaps that open to the outside, as between the tips of primaries, are none.
+    Neither are gaps beside a leg, as between leg, belly and tail, or between toes: 0.4 of the rim
+    is skin without feathers, or a fifth is feathers of thighs and a fifth others'.
+
+    view: of OUTLINE_VIEWS. Of each frame: `holes` wider than a pixel, the `widest` (m), the largest
+    circle that fits into any, and `place` (2,) m of its middle in the image; `gaps` and
     `widest_gap`, likewise of those beside legs. Widths are exact to a `pixel` (m). Raises
     InputError as count_crossings does.
     """
@@ -197,7 +197,7 @@ def measure_holes(
 
 
 def _holes(sorts: list[Array]) -> dict[str, Any]:
-    """sorts: (T, 3, 2) m, corners of triangles of skin, coat and the feathers of legs."""
+    """Return the holes of triangles. sorts: (T, 3, 2) m, corners of skin, coat and legs."""
     from scipy import ndimage  # heavy, and only for this
 
     corners = np.concatenate(sorts)
@@ -229,7 +229,10 @@ def _holes(sorts: list[Array]) -> dict[str, Any]:
 
 
 def _beside_a_leg(hole: Flags, drawn: Flags) -> bool:
-    """hole: (I, J) nodes. drawn: (3, I, J), covered by skin, coat and the feathers of legs."""
+    """Return whether a hole lies beside a leg.
+
+    hole: (I, J) nodes. drawn: (3, I, J), covered by skin, coat and the feathers of legs.
+    """
     from scipy import ndimage
 
     rim = ndimage.binary_dilation(hole, _RIM) & ~hole & drawn.any(axis=0)
@@ -244,11 +247,11 @@ def measure_moves(
     *,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> Iterator[dict[str, Any]]:
-    """How far points of feathers move from each whole frame to the next.
+    """Yield the largest moves of feather points from each whole frame to the next.
 
     Of each frame but the first: `largest`, in lengths of its feather from the first point of its
-    mesh to the farthest at rest, `feather`, whose that is, and `middle`, the median over feathers
-    of the largest of each. Raises InputError for files without two frames, or without feathers.
+    mesh to the farthest at rest; `feather`, its id; and `middle`, the median over feathers of the
+    largest of each. Raises InputError for files without two frames, or without feathers.
     """
     cache = Cache(path)
     chosen = [k for k, feather in enumerate(cache.feathers) if feather.is_feather]

@@ -1,10 +1,11 @@
-"""A cache as Houdini's condensed feathers: one polyline per shaft that carries its barbs.
+"""Export to Houdini's condensed feathers: one polyline per rachis that carries its barbs.
 
-Every point of a shaft has its two barbs as arrays, P_barbl and P_barbr, of equally many points
-each, root to end, the root (on the shaft) left out: what featherfx itself reads back as a groom.
-USD holds per-point arrays as primvars of elementSize m; displayColor_barbl and displayColor_barbr
-are colours of these points. Left is as seen from dorsal with the tip
-ahead. Rows without a barb have all its points on the shaft.
+Every point of a rachis has its two barbs as arrays, P_barbl and P_barbr, of equally many points,
+root to end, without the root. featherfx reads this form back as a groom.
+
+USD stores per-point arrays as primvars of elementSize m. displayColor_barbl and displayColor_barbr
+are colours of these points. Left is as seen from dorsal with the tip ahead. Rows without a barb
+have all its points on the rachis.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ _BARB_NAMES = ("P_barbl", "P_barbr")
 class _BarbGrid:
     """The barb grid of one mesh of V points, n rows and m columns.
 
-    tube: (K,) points of the shaft's surface, row by row, and first: (n,) where each row begins
-    among them; a row's shaft point is their mean. nodes: (2, n, m + 1) points of the left and right
-    barbs, root first; V + i is the shaft point of row i.
+    tube: (K,) points of the rachis's surface, row by row, and first: (n,) first index of each row
+    among them; a row's rachis point is their mean. nodes: (2, n, m + 1) points of the left and
+    right barbs, root first; V + i is the rachis point of row i.
     """
 
     tube: Indices
@@ -49,7 +50,7 @@ class _BarbGrid:
     nodes: Indices
 
     def values(self, points: Array | Floats) -> tuple[Floats, Floats, Floats]:
-        """Shaft (n, 3), left and right barbs (n, m, 3) of surface points (V, 3)."""
+        """Return rachis (n, 3), left and right barbs (n, m, 3) of surface points (V, 3)."""
         counts = np.diff(self.first, append=len(self.tube))
         shaft = np.add.reduceat(points[self.tube], self.first, axis=0, dtype=float)
         shaft /= counts[:, None]
@@ -99,7 +100,10 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
 
 
 def _find_grid(path: str | Path, feather: CachedFeather, pose: Any) -> _BarbGrid:
-    """Rows and columns from the texture coordinates: v is the row, u - 1/2 counts barb nodes."""
+    """Return rows and columns from the texture coordinates.
+
+    v is the row, u - 1/2 counts barb nodes.
+    """
     problem = Problem(str(path), feather.path, "is not laid out on a barb grid with st and sides")
     if feather.st is None:
         raise InputError(problem)
@@ -131,7 +135,7 @@ def _find_grid(path: str | Path, feather: CachedFeather, pose: Any) -> _BarbGrid
 
 
 def _leading_is_right(grid: _BarbGrid, feather: CachedFeather, pose: Any) -> bool:
-    """Whether the first side of a grid, the leading one, is the right one seen from dorsal."""
+    """Return whether the leading side of a grid is the right one, seen from dorsal."""
     points = pose.points.astype(float)
     shaft, leading, trailing = grid.values(pose.points)
     tangent, apart = np.gradient(shaft, axis=0), leading[:, -1] - trailing[:, -1]
@@ -164,8 +168,10 @@ def _define(stage: Any, path: Any, feather: CachedFeather, grid: _BarbGrid) -> A
 
 
 def _author_pose(curve: Any, grid: _BarbGrid, points: Array, code: float | None) -> None:
-    """code: of the sample, None: the default. Samples go by the layer, which takes less
-    time than attributes do."""
+    """Author a pose. code: of the sample, None: the default.
+
+    Samples go through the layer, which is faster than attributes.
+    """
     shaft, left, right = grid.values(points)
     values = {
         "points": shaft,

@@ -1,6 +1,13 @@
-"""Meshes with fewer points, for what a browser can take: shafts' tubes first, then rows and barbs.
+"""Levels of detail of a cache, of which renderers choose one by its size on the screen.
 
-Only points are left out; those that are kept stand where the cache has them.
+Coarser levels have fewer of the points: first the tubes of rachises are left out, then rows and
+barbs. The kept points stand where the cache has them.
+
+The exported file refers to the cache as its finest level, and holds the others: one mesh of all
+feathers each, with normals and velocities at all samples. Only the finest is visible; the variant
+set `levelOfDetail` shows another one instead. Where the installed USD has UsdLod (26.11 has it,
+24.3 has not), the levels are its items besides. Renderers that know it choose by the fraction of
+the view that a sphere around the feathers covers, and ignore visibility.
 """
 
 from __future__ import annotations
@@ -35,9 +42,12 @@ _MAX_LEVEL_RATIO = 0.75
 
 
 class ThinnedMesh(NamedTuple):
-    """points: (P,) kept points of all feathers, ascending by feather. triangles: (T, 3) into these.
-    starts: (N + 1,) first kept point of each feather, and P. told: what was left out, empty where
-    nothing was."""
+    """Points and triangles that are kept of feathers.
+
+    points: (P,) kept points of all feathers, ascending by feather. triangles: (T, 3) into these.
+    starts: (N + 1,) first kept point of each feather, and P. told: description of what was left
+    out, empty where nothing was.
+    """
 
     points: Indices
     triangles: Indices
@@ -46,7 +56,7 @@ class ThinnedMesh(NamedTuple):
 
 
 def thin_feathers(feathers: Sequence[CachedFeather], starts: Indices, most: int) -> ThinnedMesh:
-    """As much of feathers as has at most so many points, or the least that there is.
+    """Return as much of feathers as has at most so many points, or the least that there is.
 
     starts: (N + 1,) first point of each feather, and all.
     """
@@ -65,8 +75,11 @@ def thin_feathers(feathers: Sequence[CachedFeather], starts: Indices, most: int)
 def make_levels(
     feathers: Sequence[CachedFeather], starts: Indices, kept: ThinnedMesh
 ) -> list[tuple[Indices, Indices]]:
-    """Ever fewer of kept points (P,) and triangles (T, 3) of these, for pages that draw slowly:
-    without shafts, with fewer rows, and at last the outline alone. starts: as of thinned."""
+    """Return ever fewer points (P,) and triangles (T, 3) of a thinned mesh, for slow viewers.
+
+    The levels lack rachises, then have fewer rows, and at last the outline alone. starts: as of
+    thin_feathers.
+    """
     cuts = [slice(*kept.starts[k : k + 2]) for k in range(len(feathers))]
     among = [kept.points[cut] - start for cut, start in zip(cuts, starts, strict=False)]
     found, last = [], len(kept.triangles)
@@ -89,7 +102,7 @@ def _join_feathers(
 
 
 def _compact(triangles: Indices) -> tuple[Indices, Indices]:
-    """Points that triangles use, and the triangles by these."""
+    """Return the points that triangles use, and the triangles by these."""
     points, places = np.unique(triangles, return_inverse=True)
     return points, places.reshape(-1, 3)
 
@@ -106,8 +119,10 @@ def _keep_vanes(feather: CachedFeather) -> tuple[Indices, Indices]:
 def _keep_rows(
     feather: CachedFeather, most: int, among: Indices | None = None, middle: bool = True
 ) -> tuple[Indices, Indices]:
-    """The ends of the barbs at some of the rows, and the shaft where the middle is wanted, as
-    strips. among: points that there are; None: all."""
+    """Return the ends of the barbs at some of the rows, and the rachis if `middle`, as strips.
+
+    among: points that there are; None: all.
+    """
     points, triangles = _keep_vanes(feather)
     if feather.st is None or not (feather.side != RACHIS_PART).any():
         return points, triangles
@@ -138,7 +153,7 @@ def _keep_rows(
 
 
 def _areas(st: Floats, triangles: Indices) -> Floats:
-    """(T,) twice the signed areas in texture space."""
+    """Return (T,) twice the signed areas in texture space."""
     first, second = (st[triangles[:, k]] - st[triangles[:, 0]] for k in (1, 2))
     return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
@@ -150,8 +165,10 @@ LOD_THRESHOLDS = (0.1, 0.01, 0.001)
 
 @dataclass(frozen=True)
 class _CacheLevel:
-    """A version. points: (P,) ascending numbers of its points among those of all feathers.
-    triangles: (T, 3) into these."""
+    """A level of detail. points: (P,) ascending numbers of its points among those of all feathers.
+
+    triangles: (T, 3) into these.
+    """
 
     name: str
     points: Indices
@@ -159,7 +176,7 @@ class _CacheLevel:
 
 
 def has_usd_lod() -> bool:
-    """Whether the installed USD has UsdLod."""
+    """Return whether the installed USD has UsdLod."""
     return importlib.util.find_spec("pxr.UsdLod") is not None
 
 
@@ -214,7 +231,7 @@ def export_levels(
 
 
 def _levels(cache: Cache, starts: Indices, most: int) -> list[_CacheLevel]:
-    """Up to so many versions, evenly among those that there are."""
+    """Return up to so many levels, evenly chosen from those that there are."""
     kept = thin_feathers(cache.feathers, starts, int(starts[-1]))
     every = make_levels(cache.feathers, starts, kept)
     chosen = np.unique(np.linspace(0, len(every) - 1, min(most, len(every))).round().astype(int))
@@ -225,7 +242,7 @@ def _levels(cache: Cache, starts: Indices, most: int) -> list[_CacheLevel]:
 
 
 def _define_levels(stage: Any, source: Any) -> Any:
-    """Root and the finest version; return the prim that versions are children of."""
+    """Define root and finest level; return the prim that levels are children of."""
     default = source.GetDefaultPrim()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(source))
     UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(source))
@@ -244,7 +261,7 @@ def _define_levels(stage: Any, source: Any) -> Any:
 
 
 def _name_cache(layer: Any, full: Any, root: Any, source: Any, asset: str) -> None:
-    """Refer to the cache, and to its materials for the other versions."""
+    """Refer to the cache, and to its materials for the other levels."""
     layer.GetPrimAtPath(full).referenceList.Prepend(Sdf.Reference(asset))
     materials = source.GetDefaultPrim().GetPath().AppendChild(MATERIALS_SCOPE)
     if source.GetPrimAtPath(materials):
@@ -254,7 +271,7 @@ def _name_cache(layer: Any, full: Any, root: Any, source: Any, asset: str) -> No
 
 
 def _mesh(stage: Any, group: Any, level: _CacheLevel, cache: Cache, starts: Indices) -> Any:
-    """A version's mesh with all that never changes."""
+    """Define a level's mesh with its constant attributes."""
     own = UsdGeom.Xform.Define(stage, group.GetPath().AppendChild(level.name))
     mesh = UsdGeom.Mesh.Define(stage, own.GetPath().AppendChild(FEATHERS_SCOPE))
     mesh.CreateFaceVertexCountsAttr(arrays.ints(np.full(len(level.triangles), 3)))
@@ -296,9 +313,9 @@ def _author_samples(
     codes: Sequence[float | None],
     place: Array,
 ) -> Array:
-    """Author what moves at all samples, and return the box of all that is there, (2, 3).
+    """Author the animated attributes at all samples, and return their bounding box (2, 3).
 
-    place: (3,) where the meshes stand, so that their numbers are small.
+    place: (3,) position of the meshes, so that their numbers are small.
     """
     every, chosen = [], range(len(cache.feathers))
     for mesh in meshes:
@@ -324,7 +341,7 @@ def _author_samples(
 
 
 def _add_variants(group: Any) -> None:
-    """Show one version, the finest at first: what does not know levels of detail draws it alone."""
+    """Show one level, by default the finest; readers without UsdLod draw it alone."""
     root, names = group.GetParent(), [each.GetName() for each in group.GetChildren()]
     variants = root.GetVariantSets().AddVariantSet(LEVEL_SET)
     for name in names:
@@ -340,7 +357,7 @@ def _add_variants(group: Any) -> None:
 
 
 def _choose_by_size(stage: Any, group: Any, extent: Array, thresholds: Sequence[float]) -> None:
-    """Make the versions items of UsdLod."""
+    """Make the levels items of UsdLod."""
     from pxr import UsdLod
 
     by_size = UsdLod.ScreenSizeHeuristic.Define(

@@ -1,4 +1,4 @@
-"""A cache as one plain USD file, and how other files of it begin and end."""
+"""Caches merged to one file: layers flattened, shares joined under one root."""
 
 from __future__ import annotations
 
@@ -23,8 +23,11 @@ Publish = Callable[[Any], Path]
 
 
 def begin_export(path: str | Path, output: str | Path, overwrite: bool) -> tuple[Any, Publish]:
-    """The open stage of a cache, and what writes a layer of another form of it to the output, and
-    returns its path. Raises InputError where one cannot be read or the other not be written."""
+    """Open a cache for export; return its stage, and a function that publishes a layer.
+
+    The function returns the path of the output. Raises InputError where the cache cannot be read or
+    the output not be written.
+    """
     target = check_output(output, overwrite)
     before = {target: standing(target)}
     stage = open_stage(path)
@@ -38,12 +41,12 @@ def begin_export(path: str | Path, output: str | Path, overwrite: bool) -> tuple
 
 
 def flatten_stage(stage: Any) -> Any:
-    """All that a stage composes, as one layer in memory."""
+    """Return the composed stage as one layer in memory."""
     return compute(stage.GetPseudoRoot(), stage.Flatten, False)
 
 
 def copy_layer(layer: Any) -> Any:
-    """A layer to change and to write."""
+    """Return a copy of a layer to change and to write."""
     # Export goes by the suffix of the layer's own name; a plain copy has the right one.
     copy = Sdf.Layer.CreateAnonymous(".usda")
     copy.TransferContent(layer)

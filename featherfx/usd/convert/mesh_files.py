@@ -1,4 +1,9 @@
-"""A cache as mesh sequences, for a quick look."""
+"""Export to mesh files: a file per frame, or one animated glTF file for the web.
+
+The animated file is a mesh whose morph targets are its frames. The mesh is the first frame; target
+k is the difference of frame k + 1, and the weights change linearly from one to the next. There are
+no normals, which morph targets would double, so that faces are shaded flat.
+"""
 
 from __future__ import annotations
 
@@ -35,12 +40,11 @@ def mesh_sequence(
     frames: Sequence[float] | None = None,
     overwrite: bool = False,
 ) -> list[Path]:
-    """Write a file per frame for a quick look, with one mesh per feather, and return the files.
+    """Write one file per frame with one mesh per feather, and return the files.
 
     output: .glb, .obj, .ply or .stl; wing.glb gives wing.0001.glb and so on; a cache without time
-    gives the one file. frames: time codes, by default every whole one. glTF is in metres with y
-    up, as it has to be; the others keep the stage's units and axes. All files appear, or none.
-    Raises InputError.
+    gives the one file. frames: time codes; default: every whole one. glTF is in metres with y up;
+    the others keep the stage's units and axes. All files appear, or none. Raises InputError.
     """
     cache, output = Cache(path), Path(output)
     codes = choose_time_codes(cache, frames)
@@ -67,7 +71,7 @@ def mesh_sequence(
 
 
 def choose_time_codes(cache: Cache, frames: Sequence[float] | None) -> list[float | None]:
-    """Time codes of a sequence; None for a cache without time. Raises InputError."""
+    """Return time codes of a sequence; [None] for a cache without time. Raises InputError."""
     if not cache.has_frames:
         return [None]
     first, last = cache.frames
@@ -111,7 +115,7 @@ def _scene(cache: Cache, code: float | None, as_gltf: bool) -> Any:
 
 
 def gltf_matrix(cache: Cache) -> Any:
-    """(3, 3) stage to glTF: metres, y up."""
+    """Return the (3, 3) matrix from the stage to glTF: metres, y up."""
     turn = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) if cache.up_axis == "Z" else np.eye(3)
     return turn * cache.meters_per_unit
 
@@ -165,7 +169,7 @@ def export_morph(
 
 
 class _GltfBuffer:
-    """The binary part of a file, and what tells of it."""
+    """The binary part of a glTF file, and the records that describe it."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
@@ -174,7 +178,7 @@ class _GltfBuffer:
         self.size = 0
 
     def add(self, values: NDArray[Any], kind: str, target: int | None = None) -> int:
-        """The number of an array's accessor. kind: SCALAR or VEC3."""
+        """Add an array and return its accessor's number. kind: SCALAR or VEC3."""
         content = values.tobytes()  # of 4-byte numbers, so that all begin at multiples of 4
         view = {"buffer": 0, "byteOffset": self.size, "byteLength": len(content)}
         self.views.append(view if target is None else view | {"target": target})
@@ -230,7 +234,7 @@ def _gltf_content(cache: Cache, codes: list[float], counts: list[int]) -> list[b
 def _primitive(
     arrays: _GltfBuffer, cache: Cache, codes: list[float], starts: Indices
 ) -> dict[str, Any]:
-    """All feathers at the first code, and as targets what they have moved by at the others."""
+    """Return all feathers at the first code, with the displacements at the others as targets."""
     turn, every = gltf_matrix(cache).T, range(len(starts) - 1)
 
     def points(code: float) -> Floats:
@@ -255,7 +259,7 @@ def _primitive(
 
 
 def _animation(arrays: _GltfBuffer, codes: list[float], frames_per_second: float) -> dict[str, Any]:
-    """Each code's target in full at its time, in between in proportion."""
+    """Return the animation that shows each code's target at its time, linear in between."""
     times = (np.array(codes) - codes[0]) / frames_per_second
     weights = np.eye(len(codes), dtype=np.float32)[:, 1:].ravel()
     sampler = {

@@ -1,8 +1,8 @@
-"""A cache in another time: slower, faster, along keys, or closed to a loop.
+"""Retimed caches: slower, faster, along keys, or closed to a loop.
 
 Points between two samples follow the cubic through both that has the velocities of both. A new
 sample is a sum of old ones, sum_i w_i x(t_i), where weights and old times change with the new time
-s; its velocity is the derivative of that sum, sum_i w_i x'(t_i) t_i' + w_i' x(t_i), and its
+s. Its velocity is the derivative of that sum, sum_i w_i x'(t_i) t_i' + w_i' x(t_i). Its
 acceleration is sum_i w_i (x'' t_i'^2 + x' t_i'') + 2 w_i' x' t_i' + w_i'' x.
 """
 
@@ -41,7 +41,7 @@ _DIRECTIONS = ("normals", BARB_DIRECTION, ORIENT_PRIMVAR)
 
 @dataclass(frozen=True)
 class BlendedTime:
-    """What one old time adds to a new sample.
+    """Contribution of one old time to a new sample.
 
     code: old time code. rate, bend: its first and second derivative by the new one. weight,
     weight_rate, weight_bend: of the sum, and its derivatives by the new time code.
@@ -57,7 +57,10 @@ class BlendedTime:
 
 @dataclass(frozen=True)
 class TimeMap:
-    """Which old times a new sample is made of. first, last: new frames. parts: by new frame."""
+    """Map from new frames to the old times that they blend.
+
+    first, last: new frames. parts: old times by new frame.
+    """
 
     first: int
     last: int
@@ -65,7 +68,7 @@ class TimeMap:
 
 
 def map_keys(keys: Sequence[tuple[float, float]], range_: tuple[float, float]) -> TimeMap:
-    """Time that passes through keys of a new and an old frame each, smooth and without overshoot.
+    """Return time that passes smoothly through keys of a new and an old frame, without overshoot.
 
     range_: first and last frame of the cache. Raises InputError for fewer than two keys, new frames
     that do not increase, and old ones outside.
@@ -96,9 +99,9 @@ def map_keys(keys: Sequence[tuple[float, float]], range_: tuple[float, float]) -
 
 
 def map_speed(speed: float, range_: tuple[float, float]) -> TimeMap:
-    """The whole cache at so many of its frames a new frame, from its own first frame on.
+    """Return the whole cache at a speed, in its frames per new frame, from its first frame on.
 
-    Raises InputError unless speed lies above 0 and leaves at least one whole frame.
+    Raises InputError unless speed is above 0 and leaves at least one whole frame.
     """
     first, last = range_
     if not 0.0 < speed < np.inf:
@@ -113,10 +116,10 @@ def map_speed(speed: float, range_: tuple[float, float]) -> TimeMap:
 
 
 def map_loop(frames: int, range_: tuple[float, float]) -> TimeMap:
-    """The last so many frames, which end as they begin: what comes before them is faded in, over
-    as many frames as there are, so that position, velocity and acceleration go on.
+    """Return the last frames of a cache, blended so that they end as they begin.
 
-    Raises InputError where nothing comes before them.
+    The frames before them are faded in, over as many frames as there are, so that position,
+    velocity and acceleration are continuous. Raises InputError where nothing comes before them.
     """
     first, last = range_
     start = last - frames
@@ -188,7 +191,7 @@ def retime(
 
 
 class _Track:
-    """The samples of one attribute, read when they are needed."""
+    """Samples of one attribute, read when they are needed."""
 
     def __init__(self, layer: Any, path: Any) -> None:
         self._layer, self.path = layer, path
@@ -198,11 +201,11 @@ class _Track:
         self._near: dict[float, Any] = {}
 
     def raw(self, code: float) -> Any:
-        """As USD has it, at one of the codes."""
+        """Return the USD value at one of the codes."""
         return self._layer.QueryTimeSample(self.path, code)
 
     def written(self, value: Any) -> Any:
-        """A value in the form that the samples have."""
+        """Return a value in the type of the samples."""
         if isinstance(value, self.kind):
             return value
         array = np.ascontiguousarray(value, dtype=self.number)
@@ -221,7 +224,7 @@ class _Track:
         return self._near[code]
 
     def around(self, code: float) -> tuple[int, int, float]:
-        """Numbers of the samples before and after a code, and the part of the way between them."""
+        """Return the samples before and after a code, and the fraction of the way between."""
         after = int(np.clip(np.searchsorted(self.codes, code), 1, max(1, len(self.codes) - 1)))
         if len(self.codes) == 1:
             return 0, 0, 0.0
@@ -229,22 +232,22 @@ class _Track:
         return after - 1, after, float(np.clip((code - start) / (end - start), 0.0, 1.0))
 
     def linear(self, code: float) -> Any:
-        """The value at any code, on a straight line between samples."""
+        """Return the value at any code, linear between samples."""
         one, other, u = self.around(code)
         return (1.0 - u) * self._at(one) + u * self._at(other)
 
     def turning(self, code: float) -> Any:
-        """As linear, of quaternions, of which two of opposite sign are one rotation."""
+        """Return quaternions as `linear` does; two of opposite sign are one rotation."""
         one, other, u = self.around(code)
         first, second = self._at(one), self._at(other)
         sign = np.where((first * second).sum(axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
         return (1.0 - u) * first + u * sign * second
 
     def cubic(self, code: float, slopes: _Track | None, rate: float) -> tuple[Any, Any, Any]:
-        """Value, first and second derivative by the time code, on a cubic between two samples.
+        """Return value, first and second derivative by the time code, on a cubic between samples.
 
-        slopes: units a second; None: a parabola's through neighbouring samples. rate: time codes a
-        second.
+        slopes: units per second; None: of a parabola through neighbouring samples. rate: time codes
+        per second.
         """
         one, other, u = self.around(code)
         start, end = self._at(one), self._at(other)
@@ -284,13 +287,13 @@ class _RetimedPrim:
         self._padding = max(widths.default or (0.0,)) if widths is not None else 0.0
 
     def is_shaft(self) -> bool:
-        """Whether its curves are the shafts of feathers."""
+        """Return whether the curves are the rachises of feathers."""
         return (
             "curveVertexCounts" in self._spec.properties and "primvars:up" in self._spec.properties
         )
 
     def roots(self, code: float) -> tuple[Array, Array]:
-        """(M, 3) first points of all curves, and (M,) their lengths."""
+        """Return (M, 3) first points of all curves, and (M,) their lengths."""
         points = self.tracks["points"].linear(code)
         counts = np.asarray(self._spec.properties["curveVertexCounts"].default)
         starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
@@ -299,7 +302,7 @@ class _RetimedPrim:
         return points[starts], np.add.reduceat(steps, starts)
 
     def write(self, layer: Any, times: TimeMap, rate: float) -> Iterator[Floats]:
-        """Replace the samples in a layer that has the prim, and give the corners of each frame."""
+        """Replace the samples in a layer that has the prim, and yield the corners of each frame."""
         for track in self.tracks.values():
             for code in track.codes:
                 layer.EraseTimeSample(track.path, code)
@@ -320,7 +323,7 @@ class _RetimedPrim:
                 yield corners
 
     def _derived(self, parts: Sequence[BlendedTime], rate: float) -> dict[str, Any]:
-        """Points, barbs' nodes, velocities and accelerations of a new sample."""
+        """Return points, barb nodes, velocities and accelerations of a new sample."""
         values: dict[str, Any] = {}
         slopes = self.tracks.get("velocities")
         for name in ("points", *BARB_NODE_PRIMVARS):
@@ -345,7 +348,10 @@ class _RetimedPrim:
         return values
 
     def _summed(self, name: str, track: _Track, parts: Sequence[BlendedTime]) -> Any:
-        """What has no rate: directions stay unit vectors; what is no number is that of before."""
+        """Return a value without rates: directions stay unit vectors.
+
+        A value that is no number is that of the sample before.
+        """
         if name == DETAIL_ATTRIBUTE:
             return np.rint(sum(part.weight * track.linear(part.code) for part in parts))
         if not np.issubdtype(track.number, np.floating):
@@ -373,7 +379,7 @@ def _sampled_prims(layer: Any) -> list[Any]:
 def _check_roots(
     prims: Sequence[_RetimedPrim], frames: int, range_: tuple[float, float], source: str
 ) -> None:
-    """Raise InputError where roots are elsewhere so many frames after those that are faded in."""
+    """Raise InputError where roots do not repeat after the frames of a loop."""
     start, end = max(range_[0], range_[1] - 2 * frames), range_[1] - frames
     for prim in prims:
         if not prim.is_shaft() or "points" not in prim.tracks:

@@ -50,8 +50,10 @@ class RigidMotion(NamedTuple):
 
 
 def fit_rigid_motion(points: Array) -> tuple[RigidMotion, float]:
-    """The rigid motion nearest to points (F, V, 3), whose first turn is none, and how far any
-    point is off."""
+    """Return the rigid motion nearest to points (F, V, 3), and the largest error of any point.
+
+    The first rotation of the motion is the identity.
+    """
     places = points.mean(axis=1)
     about = points - places[:, None]
     shape = about[0]
@@ -66,7 +68,7 @@ def fit_rigid_motion(points: Array) -> tuple[RigidMotion, float]:
 
 
 def _fit_rotations(shape: Array, about: Array) -> Array:
-    """(F, 3, 3) rotations of a shape (V, 3) onto poses (F, V, 3), all about their middles."""
+    """Return (F, 3, 3) rotations of a shape (V, 3) onto poses (F, V, 3) about their middles."""
     return rotation_part(np.einsum("fvi,vj->fij", about, shape))
 
 
@@ -114,7 +116,7 @@ def export_rigid(
 
 
 def _find_prims(layer: Any, scope: Any) -> Iterator[_FeatherPrim]:
-    """The prims of feathers in a scope."""
+    """Yield the prims of feathers in a scope."""
     spec = layer.GetPrimAtPath(scope)
     for prim in () if spec is None else list(spec.nameChildren):
         if "primvars:featherId" not in prim.properties or "points" not in prim.properties:
@@ -141,7 +143,7 @@ def _time_codes(layer: Any, prim: _FeatherPrim) -> list[float]:
 def _find_rigid(
     layer: Any, prim: _FeatherPrim, allowed: float
 ) -> Iterator[tuple[str, tuple[Any, RigidMotion]]]:
-    """The feathers of a mesh that move, and do so rigidly, with the codes of their motion."""
+    """Yield the feathers of a mesh that move rigidly, with the codes of their motion."""
     codes = _time_codes(layer, prim)
     if not codes:
         return
@@ -157,7 +159,7 @@ def _find_rigid(
 def _write_scope(
     layer: Any, prims: Sequence[_FeatherPrim], found: dict[str, Any], end: str
 ) -> None:
-    """Give rigid feathers prims of their own, where they have not, with transforms."""
+    """Give rigid feathers prims of their own, with transforms."""
     taken = [prim.spec.name for prim in prims]
     for prim in prims:
         chosen = [k for k, id in enumerate(prim.ids) if id in found]
@@ -195,14 +197,14 @@ def _update_extents(layer: Any, path: Any) -> None:
 
 
 def _extent_of(layer: Any, path: Any, points: Any) -> Any:
-    """The extent of points of a prim, as a USD array."""
+    """Return the extent of points of a prim, as a USD array."""
     found, widths = np.asarray(points), layer.GetAttributeAtPath(path.AppendProperty("widths"))
     pad = np.float32(0.5) * np.float32(np.max(widths.default) if widths else 0.0)
     return vec3f([found.min(axis=0) - pad, found.max(axis=0) + pad])
 
 
 def _copy_feathers(layer: Any, prim: _FeatherPrim, cut: _FeatherCut, path: Any) -> None:
-    """A prim with some of the feathers of another."""
+    """Author a prim with some of the feathers of another."""
     Sdf.CreatePrimInLayer(layer, path)
     made = layer.GetPrimAtPath(path)
     made.specifier, made.typeName = prim.spec.specifier, prim.spec.typeName
@@ -228,9 +230,9 @@ def _copy_infos(source: Any, target: Any, left_out: Sequence[str]) -> None:
 
 
 class _FeatherCut:
-    """What some of the feathers of a prim have of its values.
+    """Values of some of the feathers of a prim.
 
-    alone: of one that is to move rigidly: what is of it is constant.
+    alone: of one feather that will move rigidly; its values are constant.
     """
 
     def __init__(self, prim: _FeatherPrim, chosen: Sequence[int], alone: bool) -> None:
@@ -243,14 +245,17 @@ class _FeatherCut:
         self._totals = {name: int(table.sum(axis=0)[1]) for name, table in tables.items()}
 
     def renumbered(self, name: str, indices: Any) -> Indices:
-        """Numbers of points or faces among those that are taken; others are left out."""
+        """Return new numbers of the points or faces that are copied; the others are left out."""
         number = np.full(self._totals[name], -1)
         number[self._own[name]] = np.arange(len(self._own[name]))
         found = number[indices]
         return np.asarray(found[found >= 0])
 
     def copy(self, layer: Any, source: Any, path: Any) -> None:
-        """The attribute at another path; of a feather alone the first sample of what it loses."""
+        """Copy an attribute to another path.
+
+        A single feather keeps the first sample of attributes that lose their samples.
+        """
         name = source.name
         if name in _LABELS:
             self._label(layer, source, path)
@@ -272,7 +277,7 @@ class _FeatherCut:
             )
 
     def _label(self, layer: Any, source: Any, path: Any) -> None:
-        """A label of the feathers that are taken, as the writer of caches has it."""
+        """Author a label of the copied feathers in the form of the cache writer."""
         indices = self._prim.spec.properties.get(f"{source.name}:indices")
         first = self._prim.faces[self._chosen][:, 0]
         values, made = source.default, _copy_attribute(layer, source, path)
@@ -316,7 +321,7 @@ class _FeatherCut:
         return type(value).FromNumpy(np.ascontiguousarray(np.asarray(value)[own]))
 
     def _domain(self, source: Any) -> str:
-        """Of what it has values: points, faces (or curves), or neither."""
+        """Return the elements that a value belongs to: points, faces (or curves), or none."""
         if source.name in _OF_POINTS:
             return "points"
         if source.name in _OF_FACES:
@@ -328,7 +333,7 @@ class _FeatherCut:
 
 
 def _copy_attribute(layer: Any, source: Any, path: Any) -> Any:
-    """An attribute as another one, without its values."""
+    """Author an attribute like another one, without its values."""
     Sdf.JustCreatePrimAttributeInLayer(
         layer, path, source.typeName, source.variability, source.custom
     )
@@ -338,9 +343,9 @@ def _copy_attribute(layer: Any, source: Any, path: Any) -> Any:
 
 
 def _author_transform(layer: Any, path: Any, codes: Sequence[float], motion: RigidMotion) -> None:
-    """Have a prim of one feather stand still in its own space, which moves.
+    """Author a prim of one feather as a constant shape with an animated transform.
 
-    Shafts and barbs have their shape of the first sample, which is not turned.
+    Rachises and barbs have their shape of the first sample, without rotation.
     """
     spec = layer.GetPrimAtPath(path)
     for each in list(spec.properties):
@@ -379,7 +384,7 @@ def _author_transform(layer: Any, path: Any, codes: Sequence[float], motion: Rig
 
 
 def _continuous(quats: Array) -> Array:
-    """Quaternions (F, 4) each of the sign that is nearer to the one before."""
+    """Return quaternions (F, 4), each with the sign nearest to its predecessor."""
     turned = dots(quats[1:], quats[:-1]) < 0.0
     signs = np.cumprod(np.concatenate([[1.0], np.where(turned, -1.0, 1.0)]))
     return np.asarray(quats * signs[:, None])

@@ -1,1 +1,1 @@
-"""What is read from USD: caches, and the scenes of others."""
+"""Readers of caches, grooms and scenes in USD."""

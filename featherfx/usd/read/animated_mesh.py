@@ -50,8 +50,7 @@ from featherfx.usd.read.values import (
 
 
 class _KnotPose(NamedTuple):
-    """What a mesh is made of at a knot: joints, weights, points as of SkinPose, and the matrix from
-    their space to the world."""
+    """Pose of a mesh at a knot: SkinPose, and the matrix from its space to the world."""
 
     joints: Array
     weights: Array
@@ -180,7 +179,7 @@ class AnimatedMesh(ScenePrim):
         return self._poses[time]
 
     def is_mirrored(self, code: float) -> bool:
-        """Whether the transforms mirror the mesh at a time code, and did not at rest."""
+        """Return whether the transforms mirror the mesh at a time code, and not at rest."""
         return self._sign(Usd.TimeCode(code)) != self._rest_sign
 
     def _finite(self, points: Array, code: float | None) -> Array:
@@ -294,7 +293,7 @@ def _changing(attribute: Any) -> tuple[Indices | None, float | None]:
 
 
 def _points_faults(attribute: Any) -> tuple[str, int]:
-    """What is wrong with the points of any sample (empty: nothing), and their number."""
+    """Return the first fault of the points of any sample (empty: none), and their number."""
     size = -1
     for code in list_times(attribute):
         where = describe_time(code)

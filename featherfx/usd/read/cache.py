@@ -1,4 +1,4 @@
-"""Caches read back: what pictures, tests and checks need of a USD file, as numpy arrays."""
+"""Caches as numpy arrays, with the scenery that they name."""
 
 from __future__ import annotations
 
@@ -65,8 +65,10 @@ class CachedPose:
 
 @dataclass
 class _CachedMesh:
-    """A mesh of the stage; values at the last time code that was asked for, where feathers share
-    it."""
+    """A mesh of the stage.
+
+    Values at the last time code are kept where feathers share it.
+    """
 
     drawn: DrawnMesh
     is_shared: bool
@@ -74,7 +76,7 @@ class _CachedMesh:
     values: dict[str, Any] = field(default_factory=dict)
 
     def read(self, name: str, code: Any, kind: ArrayKind) -> Any:
-        """(N, ...) an attribute; None where there is no value."""
+        """Return (N, ...) an attribute; None where there is no value."""
         if self.code != code:
             self.code, self.values = code, {}
         if name in self.values:
@@ -89,20 +91,20 @@ class _CachedMesh:
         return found
 
     def has(self, name: str) -> bool:
-        """Whether the mesh has an attribute."""
+        """Return whether the mesh has an attribute."""
         return bool(self.drawn.mesh.GetPrim().HasAttribute(name))
 
     def matrix(self, code: Any) -> Array:
-        """(4, 4) from the space of its points to the world."""
+        """Return (4, 4) from the space of its points to the world."""
         return self.drawn.matrix(code)
 
     def times(self) -> list[float]:
-        """Time codes at which it has points."""
+        """Return time codes of its points."""
         return read_times(self.drawn.mesh.GetPointsAttr())
 
 
 class _ExpandedMesh:
-    """What condensed feathers are as meshes: points alone, in world space."""
+    """Condensed feathers as one mesh: points alone, in world space."""
 
     def __init__(self, expansion: Expansion) -> None:
         self._expansion = expansion
@@ -129,8 +131,10 @@ class _ExpandedMesh:
 
 
 class _ValueRanges(NamedTuple):
-    """Where the values of a feather stand: points and faces of a mesh, or the one shaft of a
-    condensed feather instead of these."""
+    """Ranges of a feather's values: points and faces of a mesh.
+
+    Of a condensed feather the faces are its rachis.
+    """
 
     mesh: _CachedMesh | _ExpandedMesh
     points: slice
@@ -138,14 +142,13 @@ class _ValueRanges(NamedTuple):
 
 
 class Cache:
-    """A USD file with its meshes, or, where it has none, its condensed feathers as such; purposes
-    other than default and render are left out.
+    """Meshes of a USD file, or its condensed feathers where it has no mesh.
 
-    feathers: one entry per mesh, or instance of one, or feather of one that several share, in the
-    order of the stage. frames: start and end time code. scenery: skins and colliders of its shot:
-    role, file from its own folder, prim, time code `start` of that file at time code `first`, and
-    `rest`, its time code at rest, where that is not its rest pose.
-    Raises InputError if the file cannot be opened or holds no mesh.
+    Purposes other than default and render are left out. feathers: one entry per mesh, or instance
+    of one, or feather of a shared one, in the order of the stage. frames: start and end time code.
+    scenery: skins and colliders of its shot: role, file from its own folder, prim, time code
+    `start` of that file at time code `first`, and `rest`, its time code at rest, where that is not
+    its rest pose. Raises InputError if the file cannot be opened or holds no mesh.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -170,7 +173,7 @@ class Cache:
         )
 
     def codes(self) -> list[float]:
-        """All time codes at which any mesh has points; whole frames where none has samples."""
+        """Return all time codes at which any mesh has points; else whole frames."""
         if not self.has_frames:
             return []
         meshes = {id(own.mesh): own.mesh for own in self._own}.values()
@@ -179,7 +182,7 @@ class Cache:
         return sorted(code for code in found if first <= code <= last) or self.whole_frames()
 
     def whole_frames(self) -> list[float]:
-        """Time codes of all whole frames. Raises InputError where they are beyond number."""
+        """Return time codes of all whole frames. Raises InputError for too many."""
         first, last = self.frames
         if last - first > _MAX_FRAMES:
             message = f"is {last:g}, more than {_MAX_FRAMES} frames after the first, {first:g}"
@@ -187,7 +190,7 @@ class Cache:
         return [float(code) for code in range(int(np.ceil(first)), int(last) + 1)]
 
     def pose(self, index: int, time: float | None = None) -> CachedPose:
-        """Feather index at a time code.
+        """Return feather index at a time code.
 
         None is the rest pose: the default value, or the first sample where there is no default.
         """
@@ -205,8 +208,10 @@ class Cache:
         )
 
     def hooked_of(self, chosen: Sequence[int], time: float | None) -> Array:
-        """(T,) hooks of the triangles of some feathers, one after the other, as `pose` has them,
-        faster; 1 where there are none."""
+        """Return (T,) hooks of the triangles of some feathers, one after the other.
+
+        Values are those of `pose`; 1 where there are none.
+        """
         found = []
         for index in chosen:
             code = _pose_time(self._own[index], time)
@@ -220,8 +225,10 @@ class Cache:
         return any(mesh.has(WET_PRIMVARS[0]) for mesh in meshes)
 
     def clumped_of(self, chosen: Sequence[int], time: float | None) -> Array:
-        """(N, 2) of some feathers, how far water draws the ends of their barbs together, 0 to 1,
-        and in how many clumps a vane."""
+        """Return (N, 2) how far water draws the ends of barbs together, and into how many clumps.
+
+        The former is 0 to 1, the latter counted along a vane.
+        """
         found = np.zeros((len(chosen), 2))
         for place, index in enumerate(chosen) if self._is_wet else ():
             own = self._own[index]
@@ -233,19 +240,21 @@ class Cache:
         return found
 
     def _of_faces(self, index: int, name: str, code: Any, kind: ArrayKind) -> Any:
-        """(T, ...) values of a primvar for the triangles of feather index."""
+        """Return (T, ...) values of a primvar for the triangles of feather index."""
         own, feather = self._own[index], self.feathers[index]
         found = own.mesh.read(f"primvars:{name}", code, kind)
         mine = () if found is None else found[own.faces]
         return mine[feather.face] if len(mine) > feather.face.max(initial=0) else None
 
     def points(self, index: int, time: float | None = None) -> Array:
-        """(V, 3) points of feather index as `pose` has them, faster."""
+        """Return (V, 3) points of feather index as `pose` does, faster."""
         return self.points_of([index], time)[0]
 
     def points_of(self, chosen: Sequence[int], time: float | None = None) -> list[Array]:
-        """(V, 3) points of each of some feathers as `pose` has them, fastest where those that share
-        a mesh follow each other."""
+        """Return (V, 3) points of each of some feathers as `pose` does.
+
+        It is fastest where feathers of one mesh follow each other.
+        """
         found = []
         for run in self._runs(chosen):
             points, matrix, _ = self._placed(run, time)
@@ -258,9 +267,11 @@ class Cache:
     def directions_of(
         self, chosen: Sequence[int], time: float | None
     ) -> tuple[Array | None, Array | None]:
-        """(V, 3) velocities and normals of the points of some feathers, one after the other, as
-        `pose` has them. Where only some have velocities the others stand still; None where none
-        has, and of normals where one lacks them."""
+        """Return (V, 3) velocities and normals of some feathers, one after the other.
+
+        Where only some have velocities the others have zeros; None where none has. Normals are None
+        where a feather lacks them.
+        """
         found, places = [], []
         for run in self._runs(chosen):
             points, *place = self._placed(run, time)
@@ -275,7 +286,7 @@ class Cache:
         return velocities, np.concatenate(normals) if has_normals else None
 
     def _directions(self, run: Sequence[int], matrix: Array, code: Any) -> tuple[Any, Any]:
-        """Velocities and normals of feathers that follow each other, as of _placed."""
+        """Return velocities and normals of feathers that follow each other, as of _placed."""
         mesh = self._own[run[0]].mesh
         total = len(mesh.read("points", code, VECTOR_ARRAY))
         cut = slice(self._own[run[0]].points.start, self._own[run[-1]].points.stop)
@@ -294,8 +305,10 @@ class Cache:
         )
 
     def some_points_of(self, chosen: Sequence[int], time: float | None, among: Indices) -> Array:
-        """(P, 3) points of feathers, one after the other, as `points_of` has them: those with the
-        ascending numbers among (P,) alone, in the time that these take."""
+        """Return (P, 3) points with the ascending numbers among (P,) of some feathers.
+
+        Feathers and points are those of `points_of`.
+        """
         found, before, first = [], 0, 0
         for run in self._runs(chosen):
             points, matrix, _ = self._placed(run, time)
@@ -305,7 +318,7 @@ class Cache:
         return np.concatenate(found)
 
     def _runs(self, chosen: Sequence[int]) -> list[list[int]]:
-        """The feathers in pieces of which all points follow each other in one mesh."""
+        """Return the feathers in runs whose points follow each other in one mesh."""
         if self._last_runs[0] != (chosen := list(chosen)):
             self._last_runs = chosen, list(self._new_runs(chosen))
         return self._last_runs[1]
@@ -323,8 +336,7 @@ class Cache:
             yield run
 
     def _placed(self, run: Sequence[int], time: float | None) -> tuple[Floats, Array, Any]:
-        """Points of feathers that follow each other, in the space of their mesh's matrix, that
-        matrix, and the time code they are of."""
+        """Return points of a run in their mesh's space, the matrix to the world, and time code."""
         own, last, feather = self._own[run[0]], self._own[run[-1]], self.feathers[run[-1]]
         code = _pose_time(own, time)
         matrix = own.mesh.matrix(code)
@@ -348,7 +360,7 @@ class Cache:
 
 
 def _pose_time(own: _ValueRanges, time: float | None) -> Any:
-    """The time code that a pose is read at."""
+    """Return the time code of a pose."""
     if time is not None:
         return Usd.TimeCode(time)
     return (
@@ -359,7 +371,7 @@ def _pose_time(own: _ValueRanges, time: float | None) -> Any:
 
 
 def _read_meshes(stage: Any) -> Iterator[list[tuple[_ValueRanges, CachedFeather]]]:
-    """The feathers of every drawn mesh; what instances share is read once."""
+    """Yield the feathers of every drawn mesh; instances share constant parts."""
     known: dict[str, list[tuple[FeatherMember, CachedFeather]]] = {}
     for each in drawn_meshes(stage):
         path = str(each.mesh.GetPath())
@@ -377,7 +389,7 @@ def _read_meshes(stage: Any) -> Iterator[list[tuple[_ValueRanges, CachedFeather]
 
 
 def _describe_missing_mesh(stage: Any) -> str:
-    """What is said of a stage that shows no mesh."""
+    """Return the message for a stage without a mesh."""
     told = "holds no visible mesh"
     if any(prim.HasAttribute("primvars:P_barbl") for prim in stage.Traverse()):
         told += (
@@ -388,7 +400,7 @@ def _describe_missing_mesh(stage: Any) -> str:
 
 
 def _read_condensed(stage: Any) -> Iterator[tuple[_ValueRanges, CachedFeather]]:
-    """The condensed feathers of a stage as meshes; none where it has none."""
+    """Yield the condensed feathers of a stage as meshes; none where it has none."""
     if not usd.expand.condensed_prims(stage):
         return
     expansion = usd.expand.expand(stage)
@@ -425,7 +437,7 @@ def _read_condensed(stage: Any) -> Iterator[tuple[_ValueRanges, CachedFeather]]:
 
 
 def _read_scenery(stage: Any) -> Iterator[dict[str, Any]]:
-    """The scenery of a shot as its cache tells it; entries that are not as written are left out."""
+    """Yield the scenery of a shot in its cache, without malformed entries."""
     told = stage.GetRootLayer().customLayerData.get("featherfx")
     entries = told.get("scenery") if isinstance(told, dict) else None
     kinds = {"role": str, "file": str, "prim": str, "start": float, "first": float}
@@ -437,15 +449,17 @@ def _read_scenery(stage: Any) -> Iterator[dict[str, Any]]:
 
 
 def _to_world(points: Floats, matrix: Array) -> Array:
-    """Points in the world, in double precision."""
+    """Return points in the world, in double precision."""
     exact: Array = points.astype(float)
     return transform_points(exact, matrix) if (matrix != np.eye(4)).any() else exact
 
 
 class CachedScene(NamedTuple):
-    """Meshes of a file. chosen: numbers of those. start, first: time code of the file at a time
-    code of the cache; rate: time codes of the file in one of the cache. rest: time code of the file
-    at rest; None: its rest pose. role: what a cache names it as."""
+    """Meshes of a file. chosen: their numbers.
+
+    start, first: time code of the file at a time code of the cache; rate: time codes of the file in
+    one of the cache. rest: time code of the file at rest; None: its rest pose. role: in the cache.
+    """
 
     cache: Cache
     chosen: Sequence[int]
@@ -456,11 +470,11 @@ class CachedScene(NamedTuple):
     role: str = ""
 
     def code(self, time: float | None) -> float | None:
-        """Of the file at a time code of the cache; None: at rest."""
+        """Return the time code of the file at one of the cache; None: at rest."""
         return self.rest if time is None else self.start + self.rate * (time - self.first)
 
     def points(self, time: float | None) -> list[Array]:
-        """(V, 3) m, of each mesh at a time code of the cache; None: at rest."""
+        """Return (V, 3) m, of each mesh at a time code of the cache; None: at rest."""
         unit = self.cache.meters_per_unit
         return [unit * each for each in self.cache.points_of(self.chosen, self.code(time))]
 
@@ -468,8 +482,10 @@ class CachedScene(NamedTuple):
 def find_scenery(
     cache: Cache, path: Path, roles: Sequence[str], done: str
 ) -> Iterator[CachedScene]:
-    """What a cache at a path names in some roles, "skin" and "collider"; a warning tells what is
-    not there. done: what would be done with it, in words."""
+    """Yield the scenery of some roles, "skin" and "collider", that a cache at a path names.
+
+    A warning tells of missing files. done: what would be done with them, in words.
+    """
     for entry in cache.scenery:
         if entry["role"] not in roles:
             continue

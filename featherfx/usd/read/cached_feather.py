@@ -1,7 +1,7 @@
-"""Feathers of a prim that several share: which points, faces or curves are whose.
+"""Feathers of a mesh: their constant parts, and the ranges of those that share it.
 
-Such a prim has featherId, featherKind and region for each face or curve, and tables with the first
-and the number of each feather's points, faces or curves, in the order of featherId's values.
+A shared prim has featherId, featherKind and region for each face or curve. Its tables list the
+first and the number of each feather's points, faces or curves, in the order of featherId's values.
 """
 
 from __future__ import annotations
@@ -43,9 +43,11 @@ _PAIRS = ArrayKind("iu", (2,), "an array of pairs of integers")
 
 @dataclass(frozen=True)
 class FeatherMember:
-    """One feather of a prim. name: to tell it by, the prim's where it is the only one. points,
-    faces: (first, number) of its own, None for all; faces of a mesh, else curves. look: of its
-    barbs, as text. barb_count: of these, 0: not known."""
+    """One feather of a prim.
+
+    points, faces: (first, number) of its own, None for all; faces of a mesh, else curves. look: of
+    its barbs, as text. barb_count: of these, 0: not known.
+    """
 
     id: str
     kind: str
@@ -57,7 +59,7 @@ class FeatherMember:
 
 
 def read_members(prim: Any) -> list[FeatherMember]:
-    """The feathers of a prim that several share; none for any other prim.
+    """Return the feathers of a prim that several share; none for any other prim.
 
     Raises InputError where the tables do not fit each other.
     """
@@ -81,7 +83,7 @@ def read_members(prim: Any) -> list[FeatherMember]:
 
 
 def read_barb_count(prim: Any) -> int:
-    """Real barbs along each vane of a prim's only feather; 0 where it does not tell."""
+    """Return real barbs along each vane of a prim's only feather; 0: not known."""
     return next(iter(_read_barb_counts(prim)), 0)
 
 
@@ -91,7 +93,7 @@ def _read_barb_counts(prim: Any) -> list[int]:
 
 
 def _read_ranges(prim: Any, name: str) -> Indices | None:
-    """(M, 2) first and number; None where there is no such table."""
+    """Return (M, 2) first and number; None where there is no such table."""
     attribute = prim.GetAttribute(f"{RANGES_PREFIX}:{name}")
     found = read_array(attribute, DEFAULT_TIME, _PAIRS)
     if found is None:
@@ -103,7 +105,7 @@ def _read_ranges(prim: Any, name: str) -> Indices | None:
 
 
 def _read_labels(prim: Any, name: str, faces: Indices) -> Sequence[str]:
-    """A label of each feather: that of its first face or curve, empty where it has none."""
+    """Return a label of each feather: of its first face or curve, empty where it has none."""
     primvar = _primvar(prim, name)
     return _first_values(primvar, read_texts(primvar.GetAttr()), faces, "")
 
@@ -111,7 +113,7 @@ def _read_labels(prim: Any, name: str, faces: Indices) -> Sequence[str]:
 def _first_values(
     primvar: Any, values: Sequence[Shared], faces: Indices, none: Shared
 ) -> list[Shared]:
-    """What a primvar that may be indexed has for each feather's first face or curve."""
+    """Return values of an indexed or plain primvar at each feather's first face or curve."""
     indices = np.arange(len(values))
     if primvar and primvar.IsIndexed():
         indices = read_sized_array(primvar.GetIndicesAttr(), DEFAULT_TIME, INTEGER_ARRAY).astype(
@@ -129,17 +131,16 @@ def _primvar(prim: Any, name: str) -> Any:
 
 @dataclass(frozen=True)
 class CachedFeather:
-    """The constant part of one feather: of a mesh, or of what is its own in one that several share.
+    """Constant part of one feather: of a mesh, or of its range in a shared mesh.
 
-    path: of the mesh. name: its own, for prims and files: that of the mesh, or the id; a Cache
-    makes it valid and unique. id, kind, region: labels (id: the prim's name where none is
-    authored). is_feather: whether an id is authored.
-    triangles: (T, 3) point indices; faces with more sides are cut into fans. side: (T,) 0 leading,
-    1 trailing, 2 rachis (0 where unknown). face: (T,) face that the triangle was cut from.
-    subsets: name to face indices. rest: (V, 3), st: (V, 2) and colour: (V, 3), displayColor (the
-    mean of a point's faces where it is of faces), None where not authored. film: (V,) nm, of what
-    shines by interference; None: nothing does. look: of its barbs.
-    barb_count: real ones along each vane, 0: not known.
+    path: of the mesh. name: for prims and files: that of the mesh, or the id; a Cache makes it
+    valid and unique. id, kind, region: labels (id: the prim's name where none is authored).
+    is_feather: whether an id is authored. triangles: (T, 3) point indices; faces with more sides
+    are cut into fans. side: (T,) 0 leading, 1 trailing, 2 rachis (0 where unknown). face: (T,) face
+    of each triangle. subsets: name to face indices. rest: (V, 3), st: (V, 2) and colour: (V, 3),
+    displayColor (the mean of a point's faces where it is of faces), None where not authored. film:
+    (V,) nm, of iridescent feathers; else None. look: of its barbs. barb_count: real ones along each
+    vane, 0: not known.
     """
 
     path: str
@@ -161,7 +162,7 @@ class CachedFeather:
 
 
 def read_mesh_feathers(mesh: Any) -> list[tuple[FeatherMember, CachedFeather]]:
-    """The feathers of a mesh: itself, or those that share it."""
+    """Return the feathers of a mesh: itself, or those that share it."""
     prim = mesh.GetPrim()
     whole = _read_whole_mesh(mesh)
     members = read_members(prim)
@@ -189,7 +190,7 @@ def read_mesh_feathers(mesh: Any) -> list[tuple[FeatherMember, CachedFeather]]:
 def _cut_feather(
     whole: CachedFeather, member: FeatherMember, triangles: slice
 ) -> CachedFeather | None:
-    """What is a feather's own of a mesh; None where its faces name points of others."""
+    """Return a feather's part of a mesh; None where its faces use points of others."""
     points, (first, count) = range_slice(member.points), member.faces or (0, 0)
     own = whole.triangles[triangles] - points.start
     if own.min(initial=0) < 0 or own.max(initial=-1) >= points.stop - points.start:
@@ -221,7 +222,7 @@ def _cut_feather(
 
 
 def _read_whole_mesh(mesh: Any) -> CachedFeather:
-    """A mesh as one feather."""
+    """Return a mesh as one feather."""
     prim = mesh.GetPrim()
     primvars = UsdGeom.PrimvarsAPI(prim)
     counts, indices = read_topology(mesh)
@@ -269,7 +270,7 @@ def _read_whole_mesh(mesh: Any) -> CachedFeather:
 
 
 def _read_look(prim: Any, text: str) -> BarbLook:
-    """Of barbs, by what a mesh tells."""
+    """Return the look of barbs of a mesh."""
     try:
         return look_of(text)
     except InputError as error:
@@ -278,7 +279,7 @@ def _read_look(prim: Any, text: str) -> BarbLook:
 
 
 def _vertex_colours(primvar: Any, counts: Any, indices: Any, total: int) -> Floats | None:
-    """(V, 3) of a colour primvar of any interpolation; None where none fits the mesh."""
+    """Return (V, 3) of a colour primvar of any interpolation; None where none fits the mesh."""
     value = read_flattened(primvar, EARLIEST_TIME)
     if value is None or not len(indices):
         return None
@@ -300,6 +301,6 @@ def range_slice(own: tuple[int, int] | None) -> slice:
 
 
 def _read_sized(attribute: Any, code: Any, kind: ArrayKind, count: int) -> Any:
-    """An array (count, ...); None if there is none, or not of count elements."""
+    """Return an array (count, ...); None if there is none, or of another size."""
     value = read_array(attribute, code, kind)
     return value if value is None or len(value) == count else None

@@ -1,5 +1,7 @@
-"""Curve prims as polylines, checked: shafts of a groom, guides and lines of a skin; and primvars of
-curves and instancers, element by element, whatever their interpolation and type."""
+"""Curve prims as checked polylines, and primvars of curves and instancers by element.
+
+They are rachises of a groom, guides and lines of a skin.
+"""
 
 from __future__ import annotations
 
@@ -48,17 +50,17 @@ class PrimCurves:
         return len(self.starts) - 1
 
     def control(self, number: int) -> Array:
-        """(k, 3) points of one curve as they are authored."""
+        """Return (k, 3) points of one curve as they are authored."""
         return self.points[self.starts[number] : self.starts[number + 1]]
 
     def line(self, number: int) -> Array:
-        """(k, 3) points on one curve."""
+        """Return (k, 3) points on one curve."""
         points = self.control(number)
         return spline_points(points, self.basis, self.pinned) if self.basis else points
 
 
 def read_prim_curves(prim: Any, code: Any, place: Place) -> PrimCurves:
-    """The curves of a BasisCurves prim at a time. Raises InputError with all that is wrong."""
+    """Return the curves of a BasisCurves prim at a time. Raises InputError with all problems."""
     curves, found = UsdGeom.BasisCurves(prim), Problems()
     place = replace(place, problems=found)
     points = read_array(curves.GetPointsAttr(), code, VECTOR_ARRAY)
@@ -102,7 +104,7 @@ def _check_sizes(points: Array, counts: Indices, basis: str, pinned: bool, place
 class PrimvarReader:
     """Named primvars of a prim, inherited ones included.
 
-    names: primvars by what they hold, over the default names. starts: index of the first point of
+    names: primvars by their meaning, over the default names. starts: index of the first point of
     each curve, and of the end; None: of instances.
     """
 
@@ -115,7 +117,7 @@ class PrimvarReader:
         self._read: dict[str, Any] = {}
 
     def get(self, what: str, element: int, elements: int) -> Any:
-        """The value of one element, None where there is none."""
+        """Return the value of one element, None where there is none."""
         if what not in self._read:
             self._read[what] = self._flattened(what)
         values = self._read[what]
@@ -132,7 +134,7 @@ class PrimvarReader:
         return None
 
     def barbs(self, what: str, points: int) -> Array | None:
-        """(points, m, 3) array attribute per point, of points or of numbers, flattened; or None."""
+        """Return (points, m, 3) array attribute per point, of points or numbers; or None."""
         values, primvar = self._flattened(what), self._primvar(what)
         if values is None or len(values) == 0:
             return None
@@ -148,7 +150,7 @@ class PrimvarReader:
         return numbers.reshape(points, -1, 3)
 
     def _flattened(self, what: str) -> Any:
-        """The primvar's values as a sequence, indices resolved; None where it is not authored."""
+        """Return the primvar's values with indices resolved; None where it is not authored."""
         primvar = self._primvar(what)
         value = read_flattened(primvar, self._code)
         if value is None:
@@ -159,20 +161,23 @@ class PrimvarReader:
         return self._primvars.FindPrimvarWithInheritance(self._names[what] + suffix)
 
     def fail(self, what: str, message: str) -> None:
-        """Add a problem of what holds something."""
+        """Add a problem of a primvar by its meaning."""
         self._place.child("primvars:" + self._names[what]).fail(message)
 
 
 @dataclass(frozen=True)
 class CurveElement:
-    """One curve or instance of a prim: what primvars say of it. number: which one, of how many."""
+    """One curve or instance of a prim with its primvars.
+
+    number: which one, of how many.
+    """
 
     values: PrimvarReader
     number: int
     of: int
 
     def get(self, what: str) -> Any:
-        """The value, None where there is none."""
+        """Return the value, None where there is none."""
         return self.values.get(what, self.number, self.of)
 
     def text(self, what: str) -> str:
@@ -192,7 +197,7 @@ class CurveElement:
         return float(value)
 
     def vector(self, what: str, size: int) -> Array | None:
-        """(size,) numbers; None where there are none, after adding a problem if they are bad."""
+        """Return (size,) numbers; None without them, after adding a problem if they are bad."""
         value = self.get(what)
         if value is None:
             return None
@@ -206,7 +211,7 @@ class CurveElement:
         return array
 
     def frame(self) -> Array | None:
-        """(3, 3) rows x, y, z of the feather's frame, from a matrix or a quaternion."""
+        """Return (3, 3) rows x, y, z of the feather's frame, from a matrix or a quaternion."""
         value = self.get("frame")
         if value is None:
             return None

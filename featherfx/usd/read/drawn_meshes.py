@@ -1,4 +1,4 @@
-"""The meshes of a stage that are drawn: those that stand for themselves, and instanced ones."""
+"""Drawn meshes of a stage: single ones, and instanced ones."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class DrawnMesh:
 
 
 def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
-    """In the order of the stage; invisible prims and purposes of no picture are left out."""
+    """Yield drawn meshes in the order of the stage, without invisible prims and other purposes."""
     walk = iter(stage.Traverse())
     for prim in walk:
         if prim.IsA(UsdGeom.PointInstancer):
@@ -72,7 +72,7 @@ def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
 
 
 def _find_skinning(mesh: Any) -> Skinning | None:
-    """What a skeleton does to a mesh; None where none moves it."""
+    """Return the skinning of a mesh; None where no skeleton moves it."""
     stage = mesh.GetPrim().GetStage()
     scene = SourceScene(Path(stage.GetRootLayer().realPath), stage, np.eye(4))
     return find_skinning(scene, mesh, Place("", "", Problems()))

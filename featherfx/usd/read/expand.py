@@ -1,4 +1,11 @@
-"""What condensed feathers are built of, from the texts that a file has of them."""
+"""Meshes and barbs of condensed feathers, at any density.
+
+A condensed feather (featherfx/usd/write/condensed.py) has the nodes that its mesh stands on, all or
+half of the rows and columns with codes of the others (featherfx/feather/detail.py), and its shape.
+At its own density the mesh is the one that a bake would have written, to single precision, or to
+0.065 % of its length. Other densities, and barbs, are built from the shape. They follow the nodes
+by the map that a bake draws finer meshes with (featherfx/feather/density.py).
+"""
 
 from __future__ import annotations
 
@@ -69,9 +76,10 @@ from featherfx.usd.types import (
 
 @dataclass(frozen=True)
 class ExpandedShape:
-    """What feathers of one shape and grid have in common, unit size and metres.
+    """Shared parts of feathers of one shape and grid, unit size and metres.
 
-    own: on the written grid. fine: as it is drawn. to_fine: the map to that, None where it is own.
+    own: on the written grid. fine: on the drawn one. to_fine: the map to that, None where it is
+    own.
     """
 
     own: Feather
@@ -83,7 +91,7 @@ class ExpandedShape:
 def expand_shape(
     shape: tuple[FeatherKind, bool], own: tuple[int, int], wanted: tuple[int, int]
 ) -> ExpandedShape:
-    """Feathers of a kind and side. own, wanted: rows and columns."""
+    """Return feathers of a kind and side. own, wanted: rows and columns."""
     (fine,) = build_shapes((shape,), *wanted)
     if own == wanted:
         return ExpandedShape(fine, fine, None)
@@ -92,8 +100,10 @@ def expand_shape(
 
 
 def parse_texts(prim: Any, name: str, read: Callable[[str], Any], count: int) -> list[Any]:
-    """What each of so many feathers of a prim has by a primvar of texts. Raises InputError where
-    there are not as many, or `read` refuses one."""
+    """Return the values of a primvar of texts for so many feathers of a prim.
+
+    Raises InputError where there are not as many, or `read` refuses one.
+    """
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
     attribute = prim.GetAttribute(f"primvars:{name}")
     texts = read_texts(primvar.GetAttr()) if primvar else []
@@ -117,10 +127,11 @@ _PAIRS = ArrayKind("i", (2,), "an array of pairs of integers")
 
 @dataclass(frozen=True)
 class ExpandedFeather:
-    """One feather of an expansion. points: its own among all points, and barbs: among all barbs.
+    """One feather of an expansion.
 
-    triangles: (T, 3) into its own points. side: (T,) 0 leading, 1 trailing, 2 rachis. st: (V, 2).
-    barb_side: (B,) of its barbs. look: of these in pictures. barb_count: real ones along each vane.
+    points: its range among all points, and barbs: among all barbs. triangles: (T, 3) into its own
+    points. side: (T,) 0 leading, 1 trailing, 2 rachis. st: (V, 2). barb_side: (B,) of its barbs.
+    look: of these in images. barb_count: real ones along each vane.
     """
 
     id: str
@@ -143,7 +154,7 @@ def expand(
     columns: int | None = None,
     barbs: int | None = None,
 ) -> Expansion:
-    """The condensed feathers of a stage (or of a file, by its path) as meshes, and as barbs.
+    """Return the condensed feathers of a stage, or of a file by its path, as meshes and barbs.
 
     rows, columns: of the meshes, at least 3 and 1; default: as written. barbs: along each vane;
     None: none. Raises InputError where the file cannot be opened, holds no condensed feathers of
@@ -163,7 +174,7 @@ def expand(
 
 
 def condensed_prims(stage: Any) -> list[Any]:
-    """The curves prims of a stage that hold condensed feathers as a bake writes them."""
+    """Return the curves prims of a stage with condensed feathers of a bake."""
     return [
         prim
         for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
@@ -205,43 +216,44 @@ class Expansion:
 
     @cached_property
     def triangles(self) -> Indices:
-        """(T, 3) of all feathers, into all points."""
+        """Return (T, 3) of all feathers, into all points."""
         return np.concatenate([each.triangles + each.points.start for each in self.feathers])
 
     @property
     def path(self) -> str:
-        """Of the first prim."""
+        """Return the path of the first prim."""
         return str(self._prims[0].prim.GetPath())
 
     @cached_property
     def colours(self) -> tuple[FeatherColours, ...] | None:
-        """Linear colours of each feather's points, shaft and barbs, and their film in m; None where
-        the cache tells of none."""
+        """Return linear colours of each feather's points, rachis and barbs, and film in m."""
         if not all(each.is_coloured for each in self._prims):
             return None
         film = any(kind.colour.has_film for each in self._prims for kind in each.kinds)
         return tuple(found for each in self._prims for found in each.colours(film))
 
     def codes(self) -> list[float]:
-        """Time codes at which any of the feathers has samples."""
+        """Return time codes at which any of the feathers has samples."""
         return sorted({code for each in self._prims for code in each.codes()})
 
     def points(self, time: float | Usd.TimeCode | None = None) -> Array:
-        """(V, 3) points of all meshes at a time code, None: at rest; stage units, world space."""
+        """Return (V, 3) points of all meshes at a time code, None: at rest; stage units, world."""
         return np.concatenate([each.points(_code(time)) for each in self._prims])
 
     def barbs(self, time: float | Usd.TimeCode | None = None) -> Array:
-        """(B, K, 3) points of all barbs, root to end, as `points`; of wet feathers in clumps."""
+        """Return (B, K, 3) points of all barbs, root to end, as `points`; in clumps where wet."""
         return np.concatenate([each.barbs(_code(time)) for each in self._prims])
 
     @cached_property
     def is_wet(self) -> bool:
-        """Whether barbs of any of the feathers come together in clumps at times."""
+        """Return whether barbs of any feather form clumps at times."""
         return any(each.is_wet for each in self._prims)
 
     def clumped(self, time: float | Usd.TimeCode | None = None) -> Array:
-        """(N, 2) how far water draws the ends of the feathers' barbs together, 0 to 1, and in how
-        many clumps a vane."""
+        """Return (N, 2) how far water draws the ends of barbs together, and into how many clumps.
+
+        The former is 0 to 1, the latter counted along a vane.
+        """
         return np.concatenate([each.clumped(_code(time)) for each in self._prims])
 
 
@@ -251,8 +263,10 @@ def _code(time: float | Usd.TimeCode | None) -> Any:
 
 @dataclass(frozen=True)
 class _ThinnedFeathers:
-    """Feathers of a prim that have one grid. members: their numbers. rest, and lengths of their
-    shafts: as curves have them, stage units."""
+    """Feathers of a prim that have one grid.
+
+    members: their numbers. rest, and lengths of their rachises: in stage units.
+    """
 
     members: Indices
     rest: RowPoints
@@ -261,7 +275,7 @@ class _ThinnedFeathers:
 
 
 class _CondensedPrim:
-    """The feathers of one curves prim."""
+    """Feathers of one curves prim."""
 
     def __init__(self, prim: Any, rows: int | None, columns: int | None, barbs: int) -> None:
         self.prim = prim
@@ -326,7 +340,7 @@ class _CondensedPrim:
         self._row, self._node, self._offset = self._joined(drawn)
 
     def _written_grids(self, counts: Indices) -> Indices:
-        """(M, 2) rows and columns of which nodes are known of each feather."""
+        """Return (M, 2) rows and columns of the coded grid of each feather."""
         some = np.stack([counts, np.full_like(counts, self._columns)], axis=1)
         self._has_detail = self.prim.HasAttribute(DETAIL_ATTRIBUTE)
         if not self._has_detail:
@@ -347,7 +361,7 @@ class _CondensedPrim:
     def _thinnings(
         self, counts: Indices, grown: Sequence[ExpandedShape], scales: Array
     ) -> Iterator[_ThinnedFeathers]:
-        """Feathers of one grid, of which as much is kept, together."""
+        """Yield feathers of one grid and one thinning together."""
         alike: dict[tuple[int, ...], list[int]] = {}
         for k, key in enumerate(np.column_stack([counts, self._grids_written]).tolist()):
             alike.setdefault(tuple(key), []).append(k)
@@ -359,11 +373,11 @@ class _CondensedPrim:
             yield _ThinnedFeathers(np.array(own), rest, lengths, thin)
 
     def _shapes(self, count: int) -> list[tuple[FeatherKind, bool]]:
-        """Kind and side of each feather."""
+        """Return kind and side of each feather."""
         return parse_texts(self.prim, SHAPE_PRIMVAR, decode_shape, count)
 
     def _coloured(self, kinds: list[FeatherKind]) -> list[FeatherKind]:
-        """Kinds of each feather with its colours, where they are told."""
+        """Return kinds of each feather with its colours, where they are stored."""
         self.is_coloured = self.prim.HasAttribute(f"primvars:{COLOUR_PRIMVAR}")
         if not self.is_coloured:
             return kinds
@@ -371,7 +385,7 @@ class _CondensedPrim:
         return [replace(kind, colour=own) for kind, own in zip(kinds, colours, strict=True)]
 
     def colours(self, film: bool) -> Iterator[FeatherColours]:
-        """Of each feather. film: whether its thickness is wanted."""
+        """Yield colours of each feather. film: whether its thickness is wanted."""
         barbs: Sequence[BarbCurves | None] = self._drawn or [None] * len(self.feathers)
         for kind, built, own, each in zip(
             self.kinds, self._built, barbs, self.feathers, strict=True
@@ -399,7 +413,7 @@ class _CondensedPrim:
         return self._placed(curves, code).reshape(-1, BARB_SEGMENTS + 1, 3)
 
     def _soaked(self, curves: Array, code: Any) -> Array:
-        """Points of all barbs in the clumps that water draws them into."""
+        """Return points of all barbs in clumps."""
         ends = np.cumsum([each.widths.size for each in self._drawn])
         each = zip(self._drawn, np.split(curves, ends[:-1]), self.clumped(code), strict=True)
         return np.concatenate(
@@ -430,7 +444,7 @@ class _CondensedPrim:
         return transform_points(points, matrix)
 
     def _pose(self, code: Any) -> RowPoints:
-        """Nodes, leading first, and directors of all rows, feather after feather."""
+        """Return nodes, leading first, and directors of all rows, feather after feather."""
         shaft = self._array("points", code, VECTOR_ARRAY).astype(float)
         if len(shaft) != self._starts[-1]:
             raise self._fault(
@@ -448,7 +462,7 @@ class _CondensedPrim:
         return self._whole(kept, code) if self._has_detail else kept
 
     def _whole(self, kept: RowPoints, code: Any) -> RowPoints:
-        """All nodes and directors of all rows, from those that are kept."""
+        """Return all nodes and directors of all rows, from the kept ones."""
         sizes = self._grids_written[:, 0] * (1 + 2 * self._grids_written[:, 1]) * 3
         detail = self._shaped(DETAIL_ATTRIBUTE, code, INTEGER_ARRAY, (int(sizes.sum()),))
         found: list[RowPoints] = [kept] * len(sizes)
@@ -464,17 +478,17 @@ class _CondensedPrim:
 
     @cached_property
     def _leading_is_right(self) -> Flags:
-        """(N,) of the feather of each row."""
+        """Return (N,) of the feather of each row."""
         counts = np.diff(self._starts)
         flags = self._shaped("primvars:leadingIsRight", DEFAULT_TIME, INTEGER_ARRAY, (len(counts),))
         return np.repeat(flags.astype(np.bool_), counts)
 
     def _rows(self) -> list[slice]:
-        """Those of each feather, of the curves."""
+        """Return the rows of each feather among those of the curves."""
         return _row_slices(self._starts)
 
     def _flat(self, nodes: Array, directors: Array) -> Array:
-        """All nodes and directors as the maps take them, feather after feather."""
+        """Return all nodes and directors as the maps take them, feather after feather."""
         starts = np.concatenate([[0], np.cumsum(self._grids_written[:, 0])])
         each = (RowPoints(nodes[own], directors[own]) for own in _row_slices(starts))
         return np.concatenate([part.reshape(-1, 3) for points in each for part in points])
@@ -530,7 +544,7 @@ class _CondensedPrim:
 
 
 def _single_member(prim: Any) -> FeatherMember:
-    """The feather of a prim of its own."""
+    """Return the feather of a prim of its own."""
     primvars = UsdGeom.PrimvarsAPI(prim)
     names = ("featherId", "featherKind", "region")
     id, kind, region = (read_text(primvars.GetPrimvar(name).GetAttr()) or "" for name in names)

@@ -1,4 +1,4 @@
-"""Grooms drawn in USD: curves as shafts, condensed feathers, and instanced template feathers."""
+"""Grooms drawn in USD: curves as rachises, condensed feathers, and instanced templates."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from featherfx.usd.read.values import (
 
 @dataclass(frozen=True)
 class _Curve:
-    """One curve of a prim in the prim's own space, points (k, 3), with what its primvars say."""
+    """One curve of a prim in the prim's own space, points (k, 3), with its primvars."""
 
     prim: Any
     points: Array
@@ -58,7 +58,7 @@ class _Curve:
 def read_feathers(
     entry: dict[str, Any], folder: Path, place: Place
 ) -> tuple[Path, list[DrawnFeather]]:
-    """The feathers of one checked [[usd]] entry, and the file. Raises InputError.
+    """Return the file and the feathers of one checked [[usd]] entry. Raises InputError.
 
     folder: that relative files start from. Problems of prims name the file and the prim.
     """
@@ -85,7 +85,7 @@ def read_feathers(
 
 
 def _sources(scene: SourceScene, root: Any) -> Iterator[Any]:
-    """Curves and instancers at a prim or below; what is a prototype only counts as instanced."""
+    """Yield curves and instancers at a prim or below, without prototypes of instancers."""
     found = [
         prim
         for prim in prims_below(root)
@@ -124,7 +124,7 @@ def _rest_time(attribute: Any, entry: dict[str, Any]) -> Any:
 
 
 def _read_curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
-    """The curves of a BasisCurves prim."""
+    """Yield the curves of a BasisCurves prim."""
     at = place.child(str(prim.GetPath()))
     code = _rest_time(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
     curves = read_prim_curves(prim, code, at)
@@ -145,7 +145,7 @@ def _read_curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Cu
 def _drawn_feather(
     curve: _Curve, matrix: Array, label: str, name: str, instance: CurveElement | None
 ) -> DrawnFeather:
-    """A curve carried into the world by a matrix (4, 4).
+    """Return a curve carried into the world by a matrix (4, 4).
 
     instance: of the instancer; its values win.
     """
@@ -188,7 +188,7 @@ def _pair(values: Array | None) -> tuple[float, float] | None:
 
 
 def _read_up(source: CurveElement, matrix: Array) -> Array | None:
-    """(3,) dorsal in the world, from a frame or an up vector."""
+    """Return (3,) dorsal in the world, from a frame or an up vector."""
     frame = source.frame()
     up = source.vector("up", 3) if frame is None else frame[2]
     if up is None:
@@ -201,7 +201,7 @@ def _read_up(source: CurveElement, matrix: Array) -> Array | None:
 def _instances(
     scene: SourceScene, prim: Any, entry: dict[str, Any], place: Place
 ) -> Iterator[DrawnFeather]:
-    """Feathers of a point instancer: each instance of a template that holds curves, or a kind."""
+    """Yield feathers of a point instancer, each of a template with curves, or of a kind."""
     instancer, at = UsdGeom.PointInstancer(prim), place.child(str(prim.GetPath()))
     code = _rest_time(instancer.GetPositionsAttr(), entry)
     numbers = read_sized_array(instancer.GetProtoIndicesAttr(), code, INTEGER_ARRAY).astype(
@@ -234,7 +234,7 @@ def _instances(
 
 
 def _template(scene: SourceScene, path: Any, entry: dict[str, Any], at: Place, place: Place) -> Any:
-    """[(curve, matrix to the prototype's space)], and the prototype itself."""
+    """Return [(curve, matrix to the space of the prototype)], and the prototype itself."""
     prim, found = find_prim(scene, str(path), at.child("prototypes")), []
     root = read_inverse(prim, DEFAULT_TIME)
     for each in prims_below(prim):

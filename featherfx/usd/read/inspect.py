@@ -1,4 +1,4 @@
-"""What a stage holds for grooms and shots to name: meshes, skeletons, curves, cameras."""
+"""Contents of a stage that grooms and shots can name: meshes, skeletons, curves, cameras."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ class PrimvarReport:
 class PrimReport:
     """A prim that grooms and shots may name.
 
-    kind: a key of stage.KINDS. points: of a mesh, curves or points at rest. parts: faces of a mesh,
-    curves, joints, instances; 0 of others. size: (3,) m, of the box around the points along the
-    stage's axes, transforms included; None without points. box: least and greatest of the points in
-    the prim's own units and axes, as a groom has them in the space of its skin. sampled: first and
-    last time code of anything that moves it, skeletons included. samples: most that one of its own
-    attributes has. joints: paths of a skeleton's. subsets: names of a mesh's. skeleton: that moves
-    a mesh, empty where none does. prototypes: of an instancer. in_instance: lies within a native
-    instance.
+    kind: a key of stage.PRIM_KINDS. points: of a mesh, curves or points at rest. parts: faces of a
+    mesh, curves, joints, instances; 0 of others. size: (3,) m, of the box around the points along
+    the stage's axes, transforms included; None without points. box: least and greatest of the
+    points in the prim's own units and axes, as a groom has them in the space of its skin. sampled:
+    first and last time code of anything that moves it, skeletons included. samples: most that one
+    of its own attributes has. joints: paths of a skeleton's. subsets: names of a mesh's. skeleton:
+    that moves a mesh, empty where none does. prototypes: of an instancer. in_instance: lies within
+    a native instance.
     """
 
     path: str
@@ -88,10 +88,10 @@ class PrimReport:
 
 @dataclass(frozen=True)
 class StageReport:
-    """What a stage says of itself, and its prims in the order of the stage.
+    """Metadata of a stage, and its prims in the order of the stage.
 
-    start and end: time codes, None where they are not authored. problems: what cannot be read, and
-    files that are missing, one line each.
+    start and end: time codes, None where they are not authored. problems: unreadable prims and
+    missing files, one line each.
     """
 
     file: str
@@ -107,15 +107,15 @@ class StageReport:
     problems: tuple[str, ...]
 
     def of_kind(self, kind: str) -> tuple[PrimReport, ...]:
-        """The prims of a kind, a key of stage.KINDS."""
+        """Return the prims of a kind, a key of stage.PRIM_KINDS."""
         return tuple(prim for prim in self.prims if prim.kind == kind)
 
 
 def inspect_stage(path: str | Path) -> StageReport:
-    """What is in a USD file, with its payloads, within native instances too.
+    """Return the contents of a USD file with its payloads, within native instances too.
 
-    Prims that cannot be read are left out and told in `problems`; raises InputError for a file
-    that cannot be opened.
+    Unreadable prims are left out and listed in `problems`. Raises InputError for a file that cannot
+    be opened.
     """
     problems = Problems()
     place = Place(str(path), "", problems)
@@ -185,7 +185,7 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
 
 
 def _skeleton_of(scene: SourceScene, prim: Any) -> Any:
-    """The skeleton that moves a mesh, or None."""
+    """Return the skeleton that moves a mesh, or None."""
     found = compute(prim, UsdSkel.BindingAPI(prim).GetInheritedSkeleton)
     if not found or compute(prim, is_unmoved, scene, prim):
         return None
@@ -193,7 +193,7 @@ def _skeleton_of(scene: SourceScene, prim: Any) -> Any:
 
 
 def _places(prim: Any) -> Any:
-    """The attribute of a prim's points, of an instancer's places; None of what has neither."""
+    """Return the attribute of a prim's points, of an instancer's positions; else None."""
     if prim.IsA(UsdGeom.PointInstancer):
         return UsdGeom.PointInstancer(prim).GetPositionsAttr()
     return UsdGeom.PointBased(prim).GetPointsAttr() if prim.IsA(UsdGeom.PointBased) else None
@@ -213,7 +213,7 @@ def _parts(prim: Any, kind: str) -> int:
 
 
 def _moving(prim: Any, kind: str) -> list[Any]:
-    """Attributes of a prim that may move it; of a skeleton those of its animation."""
+    """Return attributes of a prim that may move it; of a skeleton those of its animation."""
     if kind == "skeleton":
         source = compute(prim, UsdSkel.BindingAPI(prim).GetInheritedAnimationSource)
         if not source:

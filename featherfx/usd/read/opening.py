@@ -1,5 +1,4 @@
-"""USD files found, beside who names them or by USD's asset resolver, opened as they stand on the
-disk, and their metadata checked."""
+"""USD files: located by folder or asset resolver, opened from disk, and their metadata checked."""
 
 from __future__ import annotations
 
@@ -18,11 +17,11 @@ from featherfx.usd.write.options import UP_AXES
 
 
 def locate_file(folder: Path, name: str) -> Path:
-    """Where a file is that is named by someone in a folder.
+    """Return the path of a file that is named relative to a folder.
 
-    What is there as seen from the folder is that; else the resolver of this process is asked, which
-    knows search paths (PXR_AR_DEFAULT_SEARCH_PATH) and, where a studio has its own, addresses such
-    as asset:bird. What it does not find either is as seen from the folder.
+    An existing file is returned as seen from the folder. Else the asset resolver of this process is
+    asked, which knows search paths (PXR_AR_DEFAULT_SEARCH_PATH) and, in a studio, addresses such as
+    asset:bird. Without an answer the path is as seen from the folder.
     """
     own = folder / name
     if own.exists():
@@ -50,8 +49,8 @@ _METADATA_RANGES = {
 def open_stage(path: str | Path) -> Any:
     """Open a USD file with all payloads.
 
-    Raises InputError if that fails, if layers form a cycle, and for units, axis, rates and range
-    with which no time or place could be told.
+    Raises InputError if that fails, if layers form a cycle, and for invalid units, axis, rates and
+    time range.
     """
     path = locate_file(Path(), str(path))
     if not path.is_file():
@@ -84,7 +83,7 @@ def open_stage(path: str | Path) -> Any:
 
 
 def _cycles(stage: Any, path: str) -> Iterator[Problem]:
-    """A layer that is a sublayer of itself, which USD leaves out without an error."""
+    """Yield a problem for a layer that is a sublayer of itself; USD omits it without an error."""
 
     def walk(layer: Any, above: tuple[str, ...]) -> list[str]:
         names = (*above, layer.realPath)

@@ -1,15 +1,14 @@
-"""What roots ride on where there is no skin: ribbons along the bones of a skeleton, or a curve.
+"""Ribbons that roots follow where there is no skin: along a skeleton's bones, or a curve.
 
-Every bone, from a joint to the one below it and from the last one on, is a narrow strip of
-triangles that moves with the joint. Where a chain goes on, strips share their ends, which move half
-with the joint above and half with the joint there. Roots on it take the mean turn of about half a
-bone around them, by the same smooth field as on a skin: those of a row pass from bone to bone, and
-roots beside it keep their place against it.
+Every bone, from a joint to the next and beyond the last one, is a narrow strip of triangles that
+moves with the joint. Where a chain continues, strips share their ends, which move half with the
+joint above and half with the joint there. Roots on it take the mean rotation of about half a bone
+around them, by the same smooth field as on a skin. Roots of a row pass from bone to bone, and roots
+beside the ribbon keep their place against it.
 
-Along a curve the ribbon's side at each point is that of the first point, carried along without
-turning about the curve, and the first one's is that of rest, turned by the least that takes its
-tangent along. A curve does not tell how it is turned about itself; transforms of its prim do, and
-are followed.
+Along a curve the ribbon's side is transported from the first point without rotation about the
+curve. At the first point the rest side is rotated by the least rotation that takes its tangent
+along. A curve does not define its twist; transforms of its prim do, and are followed.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ _SINGLE_BONE_LENGTH = 0.1  # length of the bone of a skeleton's only joint, in u
 
 
 class Ribbons(ABC):
-    """What AnimatedMesh asks of a skinning, of ribbons in the own space of a prim.
+    """Interface of ribbons in the own space of a prim, as AnimatedMesh uses a skinning.
 
     space: the prim. rest: (V, 3) in the bind pose. triangles: (T, 3), faces: (T,) bones or pieces
     of a curve and lengths: (T,) of these.
@@ -58,28 +57,28 @@ class Ribbons(ABC):
 
     @property
     def bind_matrix(self) -> Array:
-        """The ribbons are in the prim's own space."""
+        """Return the identity: ribbons are in the prim's own space."""
         return np.eye(4)
 
     def bind_points(self) -> Array:
-        """(V, 3) in the bind pose."""
+        """Return (V, 3) in the bind pose."""
         return self.rest
 
     def points(self, code: Any) -> Array:
-        """(V, 3) in the prim's space at a time code."""
+        """Return (V, 3) in the prim's space at a time code."""
         return self.posed(self.pose(code))
 
     @abstractmethod
     def pose(self, code: Any) -> SkinPose:
-        """What moves the ribbons at a time code."""
+        """Return the motion of the ribbons at a time code."""
 
     @abstractmethod
     def posed(self, pose: SkinPose) -> Array:
-        """(V, 3) in the prim's space in a pose of our own."""
+        """Return (V, 3) in the prim's space in a given pose."""
 
 
 class CurveRibbon(Ribbons):
-    """A ribbon along a curve, which has been looked at by `curve_fault`; faces are its pieces."""
+    """A ribbon along a curve without `curve_fault`; faces are its pieces."""
 
     def __init__(self, scene: SourceScene, prim: Any) -> None:
         self.space, self._path = prim, scene.path
@@ -97,15 +96,15 @@ class CurveRibbon(Ribbons):
         self.lengths = np.repeat(pieces, 2)
 
     def pose(self, code: Any) -> SkinPose:
-        """What moves the ribbon at a time code: the points of the curve."""
+        """Return the motion of the ribbon at a time code: the points of the curve."""
         return SkinPose(np.eye(4)[None], np.zeros(0), self._line(code))
 
     def posed(self, pose: SkinPose) -> Array:
-        """(V, 3) along a curve of our own."""
+        """Return (V, 3) along a given curve."""
         return self._ribbon(pose.points)
 
     def attributes(self) -> list[Any]:
-        """What moves the curve, for its time samples."""
+        """Return the animated attributes of the curve."""
         return [self._points]
 
     def _line(self, code: Any) -> Array:
@@ -124,13 +123,13 @@ class CurveRibbon(Ribbons):
 
 
 def _stations(line: Array) -> Array:
-    """(k,) lengths along a line to its points."""
+    """Return (k,) arc lengths of the points of a line."""
     pieces = np.linalg.norm(np.diff(line, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(pieces)])
 
 
 def _start_tangent(line: Array, stations: Array) -> Array:
-    """(3,) unit tangent at the first point, as `transported` has it."""
+    """Return (3,) unit tangent at the first point, as `transported` computes it."""
     way = line[1] - line[0]
     if len(line) > 2:
         way = np.gradient(line, stations, axis=0, edge_order=2)[0]
@@ -138,7 +137,7 @@ def _start_tangent(line: Array, stations: Array) -> Array:
 
 
 def curve_fault(scene: SourceScene, prim: Any, place: Place) -> str:
-    """Why roots cannot follow a curve; empty where they can. Raises InputError of a damaged one."""
+    """Return why roots cannot follow a curve; empty where they can. Raises InputError."""
     sizes = set()
     for code in list_times(UsdGeom.BasisCurves(prim).GetPointsAttr()):
         curves = read_prim_curves(
@@ -171,25 +170,24 @@ class BoneRibbons(Ribbons):
         self.faces = np.arange(len(self.triangles)) // (2 * _PIECES)
 
     def pose(self, code: Any) -> SkinPose:
-        """What moves the ribbons at a time code."""
+        """Return the motion of the ribbons at a time code."""
         with usd_errors(self.space):
             joints = np.array(self._skeleton.ComputeJointLocalTransforms(code))
         return SkinPose(joints, np.zeros(0), self.rest)
 
     def posed(self, pose: SkinPose) -> Array:
-        """(V, 3) in the skeleton's space in a pose of our own."""
+        """Return (V, 3) in the skeleton's space in a given pose."""
         moved = bind_to_pose(self._skeleton, pose.joints)
         whole = np.column_stack([self.rest, np.ones(len(self.rest))])
         return np.asarray(np.einsum("vj,vr,jrc->vc", self._weights, whole, moved)[:, :3])
 
     def attributes(self) -> list[Any]:
-        """What moves the skeleton, for its time samples."""
+        """Return the animated attributes of the skeleton."""
         return animation_attributes(self._skeleton)
 
 
 def _make_strips(places: Array, parents: list[int]) -> tuple[Array, Array, Indices, Array]:
-    """Points (V, 3), weights of the joints (V, J) and triangles (T, 3) of the ribbons, and the
-    length of each triangle's bone (T,).
+    """Return points (V, 3), joint weights (V, J), triangles (T, 3) and bone lengths (T,).
 
     places: (J, 3) of the joints. parents: of each, before it; -1: none.
     """
@@ -205,8 +203,11 @@ def _make_strips(places: Array, parents: list[int]) -> tuple[Array, Array, Indic
 
 
 class _BoneStart(NamedTuple):
-    """Where bones begin. pair: the first of two points that the bone before ends in, -1: none.
-    way: (3,) of that bone. across: (3,) unit, of its ribbon."""
+    """Start of bones at a joint.
+
+    pair: first of the two last points of the previous bone, -1: none. way: (3,) of that bone.
+    across: (3,) unit, of its ribbon.
+    """
 
     joint: int
     pair: int = -1
@@ -231,7 +232,7 @@ class _Strips:
         return np.array(self._points), np.array(self._weights), triangles, lengths
 
     def add(self, start: _BoneStart) -> list[_BoneStart]:
-        """The strips of the bones below a joint; where the next ones begin."""
+        """Add the strips of the bones below a joint; return the starts of the next ones."""
         following, joint = [], start.joint
         onwards, main = self._onwards(joint, start.way)
         for way, child in self._bones(joint, start.way):
@@ -252,28 +253,27 @@ class _Strips:
         return following
 
     def _bones(self, joint: int, way: Array | None) -> list[tuple[Array, int]]:
-        """(way, joint at the end) of each bone below a joint; -1: nothing stands at its end."""
+        """Return (way, joint at the end) of each bone below a joint; -1: no joint."""
         bones = [(self._places[k] - self._places[joint], k) for k in self._children[joint]]
         if bones:
             return bones
         return [(np.array([_SINGLE_BONE_LENGTH, 0.0, 0.0]) if way is None else way, -1)]
 
     def _onwards(self, joint: int, way: Array | None) -> tuple[Array, int]:
-        """The bone below a joint that goes on straightest: its way, and the joint at its end."""
+        """Return the straightest bone below a joint: its way, and the joint at its end."""
         bones = [each for each in self._bones(joint, way) if each[0].any()]
         if not bones or way is None:
             return bones[0] if bones else (np.zeros(3), -1)
         return max(bones, key=lambda each: float(each[0] @ way) / float(np.linalg.norm(each[0])))
 
     def _next(self, before: int, joint: int, offset: Array, movers: list[int], way: Array) -> int:
-        """A pair of points along a bone, and the triangles to it from the pair before."""
+        """Add a pair of points along a bone, and triangles to it from the pair before."""
         pair = self._pair(joint, offset, movers, way)
         self._triangles += [(before, before + 1, pair + 1), (before, pair + 1, pair)]
         return pair
 
     def _pair(self, joint: int, offset: Array, movers: list[int], way: Array | float = 0.0) -> int:
-        """The first of two points beside a place on a bone. movers: joints, in equal
-        shares."""
+        """Add two points beside a place on a bone; return the first. movers: joints, equally."""
         weights = np.zeros(len(self._places))
         weights[movers] = 1.0 / len(movers)
         middle = self._places[joint] + way
@@ -283,8 +283,10 @@ class _Strips:
 
 
 def _across(way: Array, onwards: Array, before: Array | None) -> Array:
-    """(3,) unit, square to a bone: along the hinge to the next one where there is a bend, else as
-    before."""
+    """Return (3,) unit, orthogonal to a bone: along the hinge to the next one if they bend.
+
+    Else the direction of the bone before is kept.
+    """
     hinge = np.cross(way, onwards)
     if np.linalg.norm(hinge) < _MIN_HINGE_SINE * np.linalg.norm(way) * np.linalg.norm(onwards):
         axis = np.eye(3)[np.argmin(np.abs(way))] if before is None else before
@@ -296,7 +298,7 @@ def _across(way: Array, onwards: Array, before: Array | None) -> Array:
 
 
 class RibbonMesh(AnimatedMesh):
-    """Ribbons as a mesh that roots ride on. Its faces are bones, or pieces of a curve."""
+    """Ribbons as a mesh that roots follow. Faces are bones, or pieces of a curve."""
 
     def __init__(
         self,
@@ -316,7 +318,7 @@ class RibbonMesh(AnimatedMesh):
 
 
 def open_carrier(scene: SourceScene, path: str, rest: float | None, place: Place) -> AnimatedMesh:
-    """A mesh, or the ribbons of a skeleton or a curve, by its path; as of open_mesh."""
+    """Return a mesh, or the ribbons of a skeleton or a curve, by its path; as open_mesh."""
     prim = scene.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
     for kind, opener in ((UsdSkel.Skeleton, open_bones), (UsdGeom.BasisCurves, open_curve)):
         if prim and prim.IsA(kind):
@@ -326,7 +328,7 @@ def open_carrier(scene: SourceScene, path: str, rest: float | None, place: Place
 
 
 def open_curve(scene: SourceScene, prim: Any, rest: float | None, place: Place) -> RibbonMesh:
-    """A curve as a mesh that moves. Raises InputError."""
+    """Return a curve as a mesh that moves. Raises InputError."""
     with usd_errors(prim):
         if fault := curve_fault(scene, prim, place):
             place.refuse(f"{prim.GetPath()} in {scene.path} {fault}")
@@ -335,7 +337,7 @@ def open_curve(scene: SourceScene, prim: Any, rest: float | None, place: Place) 
 
 
 def open_bones(scene: SourceScene, prim: Any, rest: float | None, place: Place) -> RibbonMesh:
-    """A skeleton as a mesh that moves. Raises InputError."""
+    """Return a skeleton as a mesh that moves. Raises InputError."""
     path = f"{prim.GetPath()} in {scene.path}"
     with usd_errors(prim):
         check_transforms(scene, prim, place)

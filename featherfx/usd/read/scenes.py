@@ -1,4 +1,4 @@
-"""Meshes by path, name or collection, winds and cameras, out of USD stages."""
+"""Inputs of shots in USD stages: meshes by path, name or collection, poses, winds, cameras."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ PointsById = dict[str, Array]
 def open_meshes(
     path: Path, prims: Mapping[str, Place], collection: str | None, rest: float | None, place: Place
 ) -> list[AnimatedMesh]:
-    """Meshes of a file by prim path, or by name with wild cards, and by collection.
+    """Return meshes of a file by prim path, by name with wild cards, and by collection.
 
     prims: with the key that names each. place: of the table. rest: time code of the rest pose, as
     in open_mesh. Raises InputError with all problems.
@@ -106,9 +106,11 @@ def _members(api: Any, stage: Any) -> Any:
 
 
 def read_poses(path: Path, code: float | None, place: Place) -> tuple[PointsById, PointsById]:
-    """What a file has of feathers at a time code, or at rest, by id, in m with z up: (V, 3) points
-    of their meshes; or, where it holds curves and no mesh, (k, 3) of their shafts. Raises
-    InputError."""
+    """Return points of feathers by id, at a time code or at rest, in m with z up.
+
+    The first table has (V, 3) points of meshes, the second (k, 3) of rachises, where the file holds
+    curves and no mesh. Raises InputError.
+    """
     scene = open_scene(path, place)
     with errors_at(place):
         if _has_curves_alone(scene):
@@ -126,7 +128,7 @@ def read_poses(path: Path, code: float | None, place: Place) -> tuple[PointsById
 
 
 def _has_curves_alone(scene: SourceScene) -> bool:
-    """Whether curves are all that there is to see; those of condensed feathers have barbs."""
+    """Return whether only curves are drawn; those of condensed feathers have barbs."""
     curves = [each for each in scene.stage.Traverse() if each.IsA(UsdGeom.BasisCurves)]
     barbs = f"primvars:{DEFAULT_NAMES['left_barbs']}"
     plain = bool(curves) and not any(each.HasAttribute(barbs) for each in curves)
@@ -134,7 +136,7 @@ def _has_curves_alone(scene: SourceScene) -> bool:
 
 
 class UniformWind(ScenePrim):
-    """One vector attribute, as a wind that is the same everywhere."""
+    """A wind that is the same everywhere, from one vector attribute."""
 
     def __init__(self, scene: SourceScene, prim: Any, attribute: Any) -> None:
         super().__init__(scene, prim)
@@ -142,7 +144,7 @@ class UniformWind(ScenePrim):
         self.sampled = sampled_range(prim, [attribute])
 
     def velocity(self, points: Array, code: float) -> Array:
-        """(N, 3) m/s, the same at all points, at a time code."""
+        """Return (N, 3) m/s, the same at all points, at a time code."""
         time = Usd.TimeCode(code)
         vector = np.array(read_value(self._attribute, time), dtype=np.float64).reshape(3)
         turned = vector @ self._scene.matrix(self._prim, time)[:3, :3]
@@ -150,7 +152,7 @@ class UniformWind(ScenePrim):
 
 
 class SampledWind(ScenePrim):
-    """Points with velocities: the wind between them is the mean of the nearest by 1/distance^2."""
+    """A wind from points with velocities: the mean of the nearest by 1/distance^2."""
 
     def __init__(self, scene: SourceScene, prim: Any) -> None:
         super().__init__(scene, prim)
@@ -160,7 +162,7 @@ class SampledWind(ScenePrim):
         self._last: tuple[float, Any, Array] | None = None
 
     def velocity(self, points: Array, code: float) -> Array:
-        """(N, 3) m/s at points (N, 3) m, at a time code."""
+        """Return (N, 3) m/s at points (N, 3) m, at a time code."""
         if self._last is None or self._last[0] != code:
             self._last = (code, *self._field(code))
         _, tree, velocities = self._last
@@ -179,7 +181,7 @@ class SampledWind(ScenePrim):
 
 
 def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | SampledWind:
-    """The wind that checked keys of [wind_usd] name. Raises InputError."""
+    """Return the wind that checked keys of [wind_usd] name. Raises InputError."""
     scene, at = open_scene(path, place.child("usd")), place.child("prim")
     prim = find_prim(scene, entry["prim"], at, "points")
     with errors_at(place):
@@ -232,7 +234,7 @@ class SceneCamera(ScenePrim):
     """A camera prim as featherfx.shot.view.Camera."""
 
     def view(self, code: float) -> View:
-        """In metres, z up, at a time code; transforms and lens may be animated."""
+        """Return the view in metres, z up, at a time code; transforms and lens may be animated."""
         time = Usd.TimeCode(code)
         camera = compute(self._prim, UsdGeom.Camera(self._prim).GetCamera, time)
         matrix = self._scene.matrix(self._prim, time)
@@ -255,7 +257,7 @@ class SceneCamera(ScenePrim):
 
 
 def open_camera(path: Path, prim: str, place: Place) -> SceneCamera:
-    """The camera at a prim path of a file. Raises InputError."""
+    """Return the camera at a prim path of a file. Raises InputError."""
     scene, at = open_scene(path, place.child("usd")), place.child("prim")
     found = find_prim(scene, prim, at, "camera")
     if not found.IsA(UsdGeom.Camera):
@@ -282,17 +284,17 @@ def _check_lens(camera: Any) -> None:
 
 
 def _field_values(base: Any, code: Any) -> tuple[Array, Array]:
-    """(N, 3) points and velocities of a point set at a time."""
+    """Return (N, 3) points and velocities of a point set at a time."""
     points = read_sized_array(base.GetPointsAttr(), code, VECTOR_ARRAY)
     velocities = read_sized_array(base.GetVelocitiesAttr(), code, VECTOR_ARRAY)
     return points.astype(np.float64), velocities.astype(np.float64)
 
 
 def find_camera(path: Path, named: str, cache: Cache) -> Callable[[float | None], View]:
-    """What a camera sees, by the cache's time codes; None: at rest, which is its first frame.
+    """Return the view of a camera by the cache's time codes; None: at rest, its first frame.
 
     path: of the cache. named: prim path in that file, or FILE:PATH of another one. Raises
-    InputError with the cameras that there are where it is none of them.
+    InputError with the cameras that there are.
     """
     file, colon, prim = named.rpartition(":/")
     where = Path(file) if colon else path

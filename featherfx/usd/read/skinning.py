@@ -29,8 +29,11 @@ _MISFIT = "joints, weights and bind pose do not fit"
 
 
 class SkinPose(NamedTuple):
-    """What moves a skinned mesh at a time: matrices (J, 4, 4) of the joints in their parents' space
-    (row vectors), weights (B,) of its blend shapes, and its own points (V, 3)."""
+    """Pose of a skinned mesh.
+
+    joints: (J, 4, 4) matrices in their parents' space (row vectors). weights: (B,) of its blend
+    shapes. points: (V, 3) of the mesh.
+    """
 
     joints: Array
     weights: Array
@@ -66,7 +69,7 @@ class Skinning:
         return np.asarray(points)
 
     def pose(self, code: Any) -> SkinPose:
-        """What moves the mesh at a time code."""
+        """Return the pose of the mesh at a time code."""
         with usd_errors(self._mesh.GetPrim()):
             joints = self._skeleton.ComputeJointLocalTransforms(code)
             weights = np.array(self._shape_weights(code), dtype=np.float64)
@@ -103,7 +106,7 @@ class Skinning:
         return points[fraction > 0.5 * weights.sum(axis=1)]
 
     def attributes(self) -> list[Any]:
-        """What moves the skeleton, for its time samples."""
+        """Return the animated attributes of the skeleton."""
         return animation_attributes(self._skeleton)
 
     def _mesh_points(self, code: Any) -> Any:
@@ -224,8 +227,7 @@ def find_skinning(scene: SourceScene, mesh: Any, place: Place) -> Skinning | Non
 
 
 def is_unmoved(scene: SourceScene, prim: Any) -> bool:
-    """Whether USD lets a mesh stand still that has joint influences of a skeleton, which an
-    InputWarning tells then."""
+    """Warn of a mesh whose joint influences USD ignores; return whether it is one."""
     skeleton, root = UsdSkel.BindingAPI(prim).GetInheritedSkeleton(), UsdSkel.Root.Find(prim)
     influences = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("skel:jointIndices")
     if not skeleton or not influences.HasValue():

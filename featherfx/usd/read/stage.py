@@ -1,6 +1,4 @@
-"""USD stages that others made, as sources: opened as they stand on the disk, measured, and their
-prims found by path. No output takes the place of a file that it is made from.
-"""
+"""Stages of others: opened from disk, measured, and their prims found by path."""
 
 from __future__ import annotations
 
@@ -51,9 +49,10 @@ _MAX_LISTED, _LISTED_NEAREST = (
 
 @dataclass(frozen=True)
 class SourceScene:
-    """An open stage. path: its file. to_world: (3, 3), stage to world (metres, z up), row vectors.
+    """An open stage. path: its file.
 
-    time_codes_per_second: of the stage.
+    to_world: (3, 3), stage to world (metres, z up), row vectors. time_codes_per_second: of the
+    stage.
     """
 
     path: Path
@@ -70,18 +69,18 @@ class SourceScene:
 
     @property
     def space(self) -> tuple[float, str]:
-        """Metres per unit and up axis of the stage."""
+        """Return metres per unit and up axis of the stage."""
         return read_stage_space(self.stage)
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Every file that the open stage is made of, clips included; no textures."""
+        """Return every file that the open stage is made of, clips included; no textures."""
         layers = {layer.realPath for layer in self.stage.GetUsedLayers()} | clip_files(self.stage)
         return tuple(Path(path) for path in sorted(layers) if path)
 
     @cached_property
     def paths(self) -> dict[str, list[str]]:
-        """Paths of the prims of each of KINDS."""
+        """Return paths of the prims of each of PRIM_KINDS."""
         found: dict[str, list[str]] = {kind: [] for kind in PRIM_KINDS}
         for prim in prims_below(self.stage.GetPseudoRoot()):
             if kind := prim_kind(prim):
@@ -89,12 +88,12 @@ class SourceScene:
         return found
 
     def matrix(self, prim: Any, code: Any) -> Array:
-        """(4, 4) local space of a prim to the world, row vectors, at a time code."""
+        """Return (4, 4) local space of a prim to the world, row vectors, at a time code."""
         return to_world_matrix(read_matrix(prim, code), self.to_world)
 
 
 class ScenePrim:
-    """A prim of a scene, as the base of what follows it in time. path: of the prim."""
+    """A prim of a scene, as the base of readers of its motion. path: of the prim."""
 
     def __init__(self, scene: SourceScene, prim: Any) -> None:
         self._scene, self._prim, self.path = scene, prim, str(prim.GetPath())
@@ -109,12 +108,12 @@ class ScenePrim:
 
     @property
     def file(self) -> Path:
-        """What the scene was opened from."""
+        """Return the file of the scene."""
         return self._scene.path
 
 
 def broken_files(stage: Any) -> dict[str, str]:
-    """Layers that a stage names and that cannot be opened, and why."""
+    """Return layers that a stage names and that cannot be opened, and why."""
     found: dict[str, str] = {}
     for layer in stage.GetUsedLayers():
         if fault := _variant_fault(layer):
@@ -128,8 +127,10 @@ def broken_files(stage: Any) -> dict[str, str]:
 
 
 def _variant_fault(layer: Any) -> str:
-    """What is wrong with the variants of a layer: USD ends the process where it meets one that it
-    lists and that is not there."""
+    """Return the fault of the variants of a layer; empty where there is none.
+
+    USD ends the process where it meets a variant that is listed and not there.
+    """
     prims = list(layer.rootPrims)
     while prims:
         prim = prims.pop()
@@ -143,7 +144,7 @@ def _variant_fault(layer: Any) -> str:
 
 
 def broken_clips(stage: Any) -> dict[str, str]:
-    """Value clips of a stage that are there and cannot be opened, and why."""
+    """Return value clips of a stage that exist and cannot be opened, and why."""
     found = {path: _opening_fault(path) for path in sorted(clip_files(stage))}
     return {path: reason for path, reason in found.items() if reason}
 
@@ -158,7 +159,7 @@ def _opening_fault(path: str) -> str:
 
 
 def broken_arcs(stage: Any) -> dict[str, str]:
-    """Prims that refer to what is not there, or to themselves, and how; files are broken_files'."""
+    """Return prims with missing or cyclic references, and why; files are in broken_files."""
     return {
         str(prim.GetPath()): _arc_fault(error)
         for prim in stage.TraverseAll()
@@ -177,7 +178,7 @@ def _arc_fault(error: Any) -> str:
 
 
 def clip_files(stage: Any) -> set[str]:
-    """Value clips of a stage, and their manifests, that are there."""
+    """Return existing value clips of a stage, and their manifests."""
     files: set[str] = set()
     for prim in stage.TraverseAll():
         files |= compute(prim, _clip_files, Usd.ClipsAPI(prim))
@@ -192,19 +193,19 @@ def _clip_files(api: Any) -> set[str]:
 
 
 def read_stage_space(stage: Any) -> tuple[float, str]:
-    """Metres per unit and up axis of a stage."""
+    """Return metres per unit and up axis of a stage."""
     return float(UsdGeom.GetStageMetersPerUnit(stage)), str(UsdGeom.GetStageUpAxis(stage))
 
 
 def to_world_matrix(local_to_stage: Array, to_world: Array) -> Array:
-    """(..., 4, 4) matrices to the stage's space continued to the world; row vectors."""
+    """Return (..., 4, 4) matrices to the stage's space continued to the world; row vectors."""
     whole = np.array(local_to_stage, dtype=np.float64)
     whole[..., :3] = whole[..., :3] @ to_world
     return whole
 
 
 def transform_points(points: NDArray[Any], matrix: Array) -> Array:
-    """(..., 3) points by a (4, 4) matrix, row vectors."""
+    """Return (..., 3) points transformed by a (4, 4) matrix, row vectors."""
     x, y, z = (np.asarray(points[..., k], dtype=np.float64) for k in range(3))
     moved = np.empty(points.shape)
     for k in range(3):  # ten times as fast as a product of so narrow matrices
@@ -237,14 +238,14 @@ def open_scene(path: Path, place: Place) -> SourceScene:
 
 
 def prim_kind(prim: Any) -> str:
-    """The key of KINDS that a prim is of; empty for none."""
+    """Return the key of PRIM_KINDS of a prim; empty for none."""
     return next((name for name, schema in PRIM_KINDS.items() if prim.IsA(schema)), "")
 
 
 def describe_prims(scene: SourceScene, kinds: Sequence[str], path: str) -> str:
-    """Paths of the prims of some of KINDS, as the end of a message; of many the nearest to a path.
+    """Return paths of the prims of some of PRIM_KINDS, as the end of a message.
 
-    Empty where no kind is asked for.
+    Of many the nearest to a path are listed. Empty where no kind is given.
     """
     return "".join(f"; {_listed(kind, scene.paths[kind], path)}" for kind in kinds)
 
@@ -259,9 +260,9 @@ def _listed(kind: str, paths: list[str], path: str) -> str:
 
 
 def find_prim(scene: SourceScene, path: str, place: Place, *kinds: str) -> Any:
-    """The prim at a path, also within an instance. Raises InputError at the place.
+    """Return the prim at a path, also within an instance. Raises InputError at the place.
 
-    kinds: of KINDS, that are listed where there is no prim at the path.
+    kinds: of PRIM_KINDS, that are listed where there is no prim at the path.
     """
     if not (
         Sdf.Path.IsValidPathString(path)
@@ -285,7 +286,7 @@ def find_prim(scene: SourceScene, path: str, place: Place, *kinds: str) -> Any:
 
 
 def describe_broken(scene: SourceScene) -> str:
-    """What may be the reason that a prim is not there, as the end of a message."""
+    """Return broken files and arcs as the end of a message about a missing prim."""
     broken = broken_files(scene.stage) | broken_arcs(scene.stage)
     return "".join(f"; {what}: {why}" for what, why in broken.items())
 
@@ -305,7 +306,7 @@ def _absent(scene: SourceScene, path: Any) -> str:
 
 
 def prims_below(prim: Any) -> Iterator[Any]:
-    """A prim and all below it, also within instances, but not below point instancers."""
+    """Yield a prim and all below it, also within instances, but not below point instancers."""
     walk = iter(Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
     for each in walk:
         if each.IsA(UsdGeom.PointInstancer):
@@ -314,18 +315,18 @@ def prims_below(prim: Any) -> Iterator[Any]:
 
 
 def rest_time(attribute: Any) -> Any:
-    """Default where the attribute has a default value, else its first sample's time."""
+    """Return the default time where the attribute has a default, else its first sample's."""
     return EARLIEST_TIME if read_value(attribute, DEFAULT_TIME) is None else DEFAULT_TIME
 
 
 def list_times(attribute: Any) -> list[Any]:
-    """Every time at which an attribute has a value of its own: its default, then its samples."""
+    """Return every time at which an attribute has a value: its default, then its samples."""
     default = [] if read_value(attribute, DEFAULT_TIME) is None else [DEFAULT_TIME]
     return default + [Usd.TimeCode(time) for time in read_times(attribute)]
 
 
 def transform_time(prim: Any, code: Any) -> Any:
-    """The time to read transforms at: code, but the first samples where an op has no default."""
+    """Return the time of transforms: code, or the first samples where an op has no default."""
     if not code.IsDefault():
         return code
     while prim and not prim.IsPseudoRoot():
@@ -336,7 +337,7 @@ def transform_time(prim: Any, code: Any) -> Any:
 
 
 def sampled_range(prim: Any, attributes: Sequence[Any]) -> tuple[float, float] | None:
-    """First and last time code with samples of attributes, or of any transform of a prim."""
+    """Return first and last time code with samples of attributes, or transforms of a prim."""
     every = [read_times(each) for each in (*attributes, *_transforms(prim))]
     # a single sample is a constant
     moving = [each for each in every if len(each) > 1]
@@ -344,7 +345,7 @@ def sampled_range(prim: Any, attributes: Sequence[Any]) -> tuple[float, float] |
 
 
 def check_transforms(scene: SourceScene, prim: Any, place: Place) -> None:
-    """Raises InputError where the transforms of a prim are not finite, at any of their samples."""
+    """Raise InputError where transforms of a prim are not finite at any of their samples."""
     transforms = _transforms(prim)
     times = sorted({time for each in transforms for time in read_times(each)})
     for code in (DEFAULT_TIME, *map(Usd.TimeCode, times)):
@@ -354,7 +355,7 @@ def check_transforms(scene: SourceScene, prim: Any, place: Place) -> None:
 
 
 def _transforms(prim: Any) -> list[Any]:
-    """The attributes of the transforms of a prim and of all above it."""
+    """Return the attributes of the transforms of a prim and of all above it."""
     found: list[Any] = []
     while prim and not prim.IsPseudoRoot():
         found += _own_transforms(prim)

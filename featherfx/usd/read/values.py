@@ -1,7 +1,7 @@
-"""Values of stages: every attribute, primvar and transform that others wrote is read here.
+"""Values of stages that others wrote: attributes, primvars and transforms.
 
-What USD cannot give, and what is of another kind than is asked for, is one InputError with the
-file, the path of the prim or attribute, what stands there and what is allowed.
+A value that USD cannot read, or that is of another type than expected, is one InputError with the
+file, the path of the prim or attribute, the value and the expected type.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _MOST_TOLD = 2000
 
 @dataclass(frozen=True)
 class ArrayKind:
-    """Kind of an array: numpy's kinds of numbers, shape of an element, and its name for people."""
+    """Type of an array: numpy kinds of its numbers, shape of an element, name in messages."""
 
     numbers: str
     element: tuple[int, ...]
@@ -47,12 +47,12 @@ MATRIX_ARRAY = ArrayKind("f", (4, 4), "an array of 4 x 4 matrices")
 
 
 def fault(thing: Any, message: str) -> InputError:
-    """What is wrong with an attribute, relationship or prim."""
+    """Return the error of an attribute, relationship or prim."""
     return InputError(Problem(_describe_file(thing), _describe_path(thing), message))
 
 
 def _describe_path(thing: Any) -> str:
-    """Path of an attribute, relationship or prim, whatever its bytes."""
+    """Return the path of an attribute, relationship or prim, whatever its bytes."""
     try:
         return str(thing.GetPath())
     except USD_ERRORS:
@@ -60,12 +60,12 @@ def _describe_path(thing: Any) -> str:
 
 
 def _describe_file(thing: Any) -> str:
-    """The file that an object's stage was opened from."""
+    """Return the file that an object's stage was opened from."""
     return str(thing.GetStage().GetRootLayer().identifier)
 
 
 def describe_error(error: BaseException) -> str:
-    """What USD says of an error, in one line."""
+    """Return the message of a USD error, in one line."""
     if isinstance(error, UnicodeDecodeError):
         return "holds bytes that are no UTF-8 text"
     if not isinstance(error, Tf.ErrorException):
@@ -99,13 +99,13 @@ def errors_at(place: Place) -> Iterator[None]:
 
 @contextmanager
 def collect_errors(place: Place) -> Iterator[None]:
-    """Add the problems of an InputError, or what USD says, to those of a place and go on."""
+    """Add the problems of an InputError, or of USD, to those of a place and continue."""
     with place.problems.collecting(), errors_at(place):
         yield
 
 
 def read_value(attribute: Any, code: Any = DEFAULT_TIME) -> Any:
-    """Any value at a time; None where there is no attribute or no value."""
+    """Return any value at a time; None where there is no attribute or no value."""
     if not attribute:
         return None
     try:
@@ -124,19 +124,19 @@ def read_value(attribute: Any, code: Any = DEFAULT_TIME) -> Any:
 
 
 def read_array(attribute: Any, code: Any, kind: ArrayKind) -> NDArray[Any] | None:
-    """(N, ...) an array; None where there is no value. Shares memory where USD allows it."""
+    """Return (N, ...) an array; None without a value. Shares memory where USD allows it."""
     value = read_value(attribute, code)
     return None if value is None else to_numpy(value, kind, attribute, describe_time(code))
 
 
 def read_sized_array(attribute: Any, code: Any, kind: ArrayKind) -> NDArray[Any]:
-    """As array_of, of no elements where there is no value."""
+    """Return an array as read_array does, empty without a value."""
     found = read_array(attribute, code, kind)
     return np.empty((0, *kind.element)) if found is None else found
 
 
 def read_flattened(primvar: Any, code: Any) -> Any:
-    """Any value of a primvar at a time, its indices resolved; None where there is none."""
+    """Return any value of a primvar at a time, its indices resolved; None without a value."""
     if not primvar or not primvar.HasValue():
         return None
     attribute = primvar.GetAttr()
@@ -152,7 +152,7 @@ def read_flattened(primvar: Any, code: Any) -> Any:
 
 
 def to_numpy(value: Any, kind: ArrayKind, attribute: Any, where: str = "") -> NDArray[Any]:
-    """A value as numpy; InputError where it is no array of the kind."""
+    """Return a value as numpy; raises InputError for another type of array."""
     try:
         found = np.asarray(value)
     except (TypeError, ValueError, *USD_ERRORS):
@@ -168,12 +168,12 @@ def to_numpy(value: Any, kind: ArrayKind, attribute: Any, where: str = "") -> ND
 
 
 def list_elements(value: Any) -> Any:
-    """The elements of an array, or one value as the only element."""
+    """Return the elements of an array, or one value as the only element."""
     return value if type(value).__name__.endswith("Array") else [value]
 
 
 def describe_value(value: Any) -> str:
-    """A value for people: the kind of an array and its number, or a short value itself."""
+    """Return a value in words: type and size of an array, or a short value itself."""
     if isinstance(value, float):
         return f"{value:g}"
     name = type(value).__name__
@@ -187,7 +187,7 @@ def describe_value(value: Any) -> str:
 
 
 def read_number(attribute: Any, code: Any, low: float, high: float) -> float | None:
-    """A number from low to high; None where there is no value."""
+    """Return a number from low to high; None without a value."""
     value = read_value(attribute, code)
     if value is None:
         return None
@@ -200,7 +200,7 @@ def read_number(attribute: Any, code: Any, low: float, high: float) -> float | N
 
 
 def read_text(attribute: Any, code: Any = DEFAULT_TIME) -> str:
-    """A text, the first of several; empty where there is no value."""
+    """Return a text, the first of several; empty without a value."""
     value = read_value(attribute, code)
     if value is None:
         return ""
@@ -211,7 +211,7 @@ def read_text(attribute: Any, code: Any = DEFAULT_TIME) -> str:
 
 
 def read_texts(attribute: Any, code: Any = DEFAULT_TIME) -> list[str]:
-    """Several texts; none where there is no value."""
+    """Return several texts; none without a value."""
     value = read_value(attribute, code)
     found = [] if value is None else value
     if isinstance(found, str) or not hasattr(found, "__len__"):
@@ -224,7 +224,7 @@ def read_texts(attribute: Any, code: Any = DEFAULT_TIME) -> list[str]:
 
 
 def read_times(attribute: Any) -> list[float]:
-    """Time codes of the samples of an attribute, in order; none where it is not there."""
+    """Return time codes of the samples of an attribute, in order; none without it."""
     if not attribute:
         return []
     with usd_errors(attribute):
@@ -235,20 +235,20 @@ def read_times(attribute: Any) -> list[float]:
 
 
 def read_targets(relationship: Any) -> list[Any]:
-    """Paths that a relationship names."""
+    """Return the paths that a relationship names."""
     with usd_errors(relationship):
         return list(relationship.GetForwardedTargets())
 
 
 def read_matrix(prim: Any, code: Any) -> Array:
-    """(4, 4) local space of a prim to the stage's, row vectors."""
+    """Return (4, 4) from local space of a prim to the stage's, row vectors."""
     with usd_errors(prim):
         found = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code)
     return np.array(found)
 
 
 def read_inverse(prim: Any, code: Any) -> Array:
-    """(4, 4) space of the stage to a prim's local one, row vectors."""
+    """Return (4, 4) from space of the stage to a prim's local one, row vectors."""
     try:
         return np.asarray(np.linalg.inv(read_matrix(prim, code)))
     except np.linalg.LinAlgError as error:
@@ -256,13 +256,13 @@ def read_inverse(prim: Any, code: Any) -> Array:
 
 
 def compute(thing: Any, compute: Callable[..., Any], *arguments: Any) -> Any:
-    """What USD computes of an attribute, relationship or prim."""
+    """Return a value that USD computes of an attribute, relationship or prim."""
     with usd_errors(thing):
         return compute(*arguments)
 
 
 def describe_time(code: Any) -> str:
-    """When, for people."""
+    """Return a time code in words."""
     if code.IsEarliestTime():
         return "at first"
     return "by default" if code.IsDefault() else f"at time code {code.GetValue():g}"

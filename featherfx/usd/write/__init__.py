@@ -1,1 +1,1 @@
-"""Caches and static feathers written to USD, complete or not at all."""
+"""Writers of caches and static feathers to USD, complete or not at all."""

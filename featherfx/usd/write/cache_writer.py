@@ -1,4 +1,4 @@
-"""The sink of a bake: frames in, one USD cache out, complete or not at all."""
+"""Writer of a cache: takes frames, writes one USD cache, complete or not at all."""
 
 from __future__ import annotations
 
@@ -43,23 +43,23 @@ _MIN_CHUNK_BYTES, _BYTES_PER_FEATHER, _MAX_CHUNK_BYTES = 32_000_000, 40_000, 128
 
 
 def chunk_bytes(feathers: int) -> int:
-    """Bytes of values that a chunk of so many feathers may hold."""
+    """Return the bytes of values that a chunk of so many feathers may hold."""
     return min(_MIN_CHUNK_BYTES + _BYTES_PER_FEATHER * feathers, _MAX_CHUNK_BYTES)
 
 
 def chunk_frames(options: WriteOptions, posed: Sequence[PosedFeather]) -> int:
-    """Frames of a chunk of these feathers: as asked for, or fewer where they would be too large."""
+    """Return the frames of a chunk: as given, or fewer where they would be too large."""
     frame = options.subframes * sum(each.bytes_per_sample for each in posed)
     return max(1, min(options.chunk or CHUNK_FRAMES, chunk_bytes(len(posed)) // frame))
 
 
 @dataclass(frozen=True)
 class CachePlace:
-    """Where the prims of a cache stand.
+    """Position of a cache's prims.
 
-    root: name of the root prim; "": the file's. part: in the names of groups, where caches with the
-    same groups are to be joined with this one. origin: m, world (origin_for of usd/space.py); what
-    is below it is written as seen from there.
+    root: name of the root prim; "": the file's. part: suffix of group names, where caches with the
+    same groups will be joined. origin: m, world (choose_origin of usd/space.py); all below the root
+    prim is written relative to it.
     """
 
     root: str = ""
@@ -69,11 +69,11 @@ class CachePlace:
 
 @dataclass(frozen=True)
 class Continuation:
-    """What a bake that was stopped is gone on with.
+    """Settings by which a stopped bake is continued.
 
     settings: texts of all that the frames depend on; a writer with equal ones may continue. inputs:
-    what the bake's files say, to tell what another bake has changed. frames_each: of a chunk,
-    however large; None: by the options.
+    texts of the bake's files, to describe changes to another bake. frames_each: of a chunk, however
+    large; None: by the options.
     """
 
     settings: Mapping[str, str]
@@ -82,7 +82,7 @@ class Continuation:
 
 
 class CacheWriter:
-    """Writes feathers, and frames of them, to USD; a context manager.
+    """Writer of feathers, and frames of them, to USD; a context manager.
 
         with CacheWriter("wing.usdc", entries, (1, 24), 24.0, WriteOptions(up_axis="Y")) as writer:
             for frame in simulate(shot):
@@ -92,16 +92,16 @@ class CacheWriter:
     None for a rest pose without time. frames_per_second: also the time codes per second. options:
     points, velocities and widths are converted to the unit and axis, 1 m and "Z" where they are
     None; layouts are those of usd/write/layers.py; a chunk has fewer frames where they exceed
-    chunk_bytes. metadata: plain values, kept with the layout as custom data of the root layer.
+    chunk_bytes. metadata: plain values, stored with the layout as custom data of the root layer.
 
     continuation: where given, finished chunks stay on disk when the block is left by an exception,
-    or the process by a kill, and a writer with equal settings and resume continues after them:
-    `samples_done` tells how many samples there are, `state` the file that was written with the last
-    (None: nothing to continue from). chunk: samples of each.
+    or the process by a kill. A writer with equal settings and resume continues after them:
+    `samples_done` is the number of samples, `state` the file that was written with the last (None:
+    nothing to continue from). chunk: samples of each.
 
-    The cache appears complete when the block ends normally; until then, and after an exception,
-    its files are as before. Raises OutputError (every problem at once) where the arguments are
-    wrong, the output cannot be written, another program wrote it meanwhile or frames are missing.
+    The cache appears complete when the block ends normally; until then, and after an exception, its
+    files are as before. Raises OutputError (every problem at once) where the arguments are wrong,
+    the output cannot be written, another program wrote it meanwhile or frames are missing.
     """
 
     def __init__(
@@ -174,7 +174,7 @@ class CacheWriter:
                 undone.pop_all()
 
     def _leave(self) -> None:
-        """After a failure: finished chunks stay where they can be continued from."""
+        """Clean up after a failure; finished chunks stay for a resumed bake."""
         with contextlib.suppress(OutputError, OSError):
             self._committing.close()
         for chunk in self._written:
@@ -185,49 +185,56 @@ class CacheWriter:
             self._parts.discard()
 
     def take_over(self, earlier: PreviousCache, feathers: Sequence[int]) -> None:
-        """Have the samples of some feathers, by their numbers, read from an earlier cache whose
-        chunks have as many samples (`chunk`); frames then come without these feathers. May be
-        called for several caches."""
+        """Read the samples of some feathers, by their numbers, from an earlier cache.
+
+        Its chunks must have as many samples (`chunk`). Frames then come without these feathers. May
+        be called for several caches.
+        """
         self._earlier.append(earlier)
         self._given -= len(feathers)
         self._chunk.take_over(earlier, feathers)
 
     def write_piece(self, first: int) -> None:
-        """Take the samples of some chunks only, from one on, 0 the first: the block then ends
-        without a cache, and the chunks stay on disk for another writer to adopt."""
+        """Take the samples of some chunks only, from one on, 0 the first.
+
+        The block then ends without a cache, and the chunks stay on disk for another writer.
+        """
         self._is_piece, self._next = True, first * self.chunk
 
     def adopt(self, piece: Path) -> None:
-        """Take over the next chunks from where a writer of the same cache, but with clips, at
-        another path has left them. Raises OutputError where none are there, or one is damaged."""
+        """Take over the next chunks that a writer of the same cache has left at another path.
+
+        That writer has the clips layout. Raises OutputError where none are there, or one is
+        damaged.
+        """
         assert self._parts is not None
         self._parts.adopt(piece)
         self._next = self.samples_kept
 
     def tell(self, metadata: Mapping[str, Any]) -> None:
-        """Keep more plain values with the layout, before the block ends."""
+        """Add plain values to the metadata, before the block ends."""
         self._info = replace(self._info, metadata={**self._info.metadata, **metadata})
 
     @property
     def published(self) -> bool:
-        """Whether the cache has its name."""
+        """Return whether the cache has its name."""
         return standing(self._path) != self._before[self._path]
 
     @property
     def samples_done(self) -> int:
-        """Samples that are safely on disk, from the first on; waits for those on their way."""
+        """Return the samples that are safely on disk, from the first on; waits for pending ones."""
         self._committing.wait()
         return self.samples_kept
 
     @property
     def samples_kept(self) -> int:
-        """Samples on disk that a later bake can take over, also after the block was left."""
+        """Return the samples on disk that a later bake can reuse, also after the block was left."""
         records = self._parts.records if self._parts else []
         return sum(len(record.codes) for record in records)
 
     @property
     def state(self) -> Path | None:
-        """File that was saved with the last finished chunk."""
+        """Return the file that was saved with the last finished chunk."""
         if not (self._parts and self._parts.records):
             return None
         return self._parts.state(len(self._parts.records) - 1)
@@ -235,9 +242,9 @@ class CacheWriter:
     def write(self, frame: Frame, save: Save | None = None) -> None:
         """Add the next sample: numbers count up by one, or one by subframes, from the first.
 
-        save: writes to a path what a resumed bake needs to go on after this frame; called where
-        a chunk ends. Raises SimulationError if a value is not finite, ValueError for a frame out
-        of turn or of other feathers.
+        save: writes to a path the state that a resumed bake needs to continue; called where a chunk
+        ends. Raises SimulationError if a value is not finite, ValueError for a frame out of turn or
+        of other feathers.
         """
         frames = self._frames
         if frames is None or self._next == self._samples or frame.number != self._code:
@@ -251,12 +258,11 @@ class CacheWriter:
             self._finish_chunk(save)
 
     def ends_chunk(self, sample: int) -> bool:
-        """Whether a chunk ends with a sample, counted from the first, and with it is saved what a
-        resumed bake needs to go on."""
+        """Return whether a chunk, and with it the state for a resumed bake, ends with a sample."""
         return (sample + 1) % self.chunk == 0 or sample + 1 == self._samples
 
     def _finish_chunk(self, save: Save | None) -> None:
-        """Write the chunk; its way to the disk goes on while the next frames come."""
+        """Write the chunk in the background while the next frames come."""
         assert self._parts is not None
         index = self._taken_over + len(self._written)
         self._written.append(self._chunk.write(self._parts.chunk(index)))
@@ -268,15 +274,17 @@ class CacheWriter:
 
     @property
     def _code(self) -> float:
-        """Time code of the next sample."""
+        """Return the time code of the next sample."""
         assert self._frames is not None
         return sample_number(self._frames[0], self._next, self._subframes)
 
     def _checked_files(
         self, options: WriteOptions, settings: Mapping[str, str]
     ) -> dict[Path, Standing]:
-        """How the files stand that the cache will have. Refuses those that are there, but for what
-        this bake left itself, which is replaced to resume it."""
+        """Return the state of the files that the cache will have.
+
+        Existing files are refused, except those of this bake, which a resumed bake replaces.
+        """
         begun = list_unfinished_bakes(parts_folder(self._path, self._layout))
         own = self._path.exists() or dict(settings) in [each for each, _ in begun]
         check_output(self._path, options.overwrite or (options.resume and own), self._layout)
@@ -287,7 +295,7 @@ class CacheWriter:
         return {file: standing(file) for file in files}
 
     def _check_unchanged(self) -> None:
-        """Refuse what another bake has published before this one had the lock."""
+        """Refuse files that another bake published before this one had the lock."""
         assert self._parts is not None
         for file, found in self._before.items():
             if standing(file) != found:
@@ -297,7 +305,7 @@ class CacheWriter:
                 raise OutputError(Problem(str(file), "", message))
 
     def _settings_of_stage(self, chunk: int | None) -> dict[str, str]:
-        """What tells one cache without settings from another of the same name."""
+        """Return settings that tell caches of the same name apart where none are given."""
         space, info = self._info.space, self._info
         values = (space, info.frames, info.frames_per_second, info.metadata, self._subframes, chunk)
         return {"stage": repr(values)}
@@ -340,7 +348,7 @@ def check_arguments(
     frames_per_second: float,
     options: WriteOptions,
 ) -> None:
-    """Raise OutputError with every problem."""
+    """Raise OutputError with every problem of the arguments."""
     wrong: list[tuple[str, str]] = []
     if not feathers:
         wrong.append(("feathers", "none given; a cache holds at least one"))

@@ -71,11 +71,10 @@ _INTERPOLATION |= dict.fromkeys(PER_FACE_PRIMVARS, "uniform")
 
 
 class AnimatedPrims:
-    """The prims of a cache that move, and how a pose becomes their values.
+    """The animated prims of a cache, and how a pose becomes their values.
 
     groups: the feathers of each mesh, or of curves where there is none. prims: per group, the path
-    of each part that is drawn of it. form: what of these is written. paths: per group, those
-    of what is written.
+    of each drawn part. form: written attributes. paths: per group, paths of these.
     """
 
     def __init__(
@@ -98,7 +97,7 @@ class AnimatedPrims:
 
     @staticmethod
     def of_cache(groups: Sequence[PosedGroup], root: Any, form: CacheForm) -> AnimatedPrims:
-        """Those of a cache. root: path of the prim above all."""
+        """Return the prims of a cache. root: path of the prim above all."""
         prims: list[dict[str, Any]] = [{} for _ in groups]
         for part, (scope, end) in SCOPES.items():
             names = unique_prim_names([group.name + end for group in groups])
@@ -108,7 +107,7 @@ class AnimatedPrims:
         return AnimatedPrims(groups, prims, form)
 
     def create(self, layer: Any, index: int, key: AttributeKey) -> Any:
-        """The attribute in a layer, as an over where the layer does not define the prim."""
+        """Return the attribute in a layer, as an over where the layer does not define the prim."""
         path = self.paths[index][key]
         name = path.name
         attribute = layer.GetAttributeAtPath(path)
@@ -123,7 +122,7 @@ class AnimatedPrims:
         return attribute
 
     def author_defaults(self, layer: Any, index: int, pose: WrittenPose) -> None:
-        """One pose of a group as default values; a default pose has no rates."""
+        """Author one pose of a group as default values, without rates."""
         for key in self.paths[index]:
             if key[1] not in RATES:
                 self.create(layer, index, key).default = pose.values[key].value
@@ -131,7 +130,7 @@ class AnimatedPrims:
     def author_sample(
         self, layer: Any, index: int, codes: Sequence[float], pose: WrittenPose
     ) -> None:
-        """One pose of a group at time codes, in a layer that has the attributes."""
+        """Author one pose of a group at time codes, in a layer that has the attributes."""
         paths, store = self.paths[index], layer.SetTimeSample
         for key, path in paths.items():
             array = pose.values[key].value
@@ -143,7 +142,7 @@ class AnimatedPrims:
 
 @dataclass
 class _ChunkPoses:
-    """Poses of the chunk at hand, of each group of feathers.
+    """Poses of the current chunk, of each group of feathers.
 
     moved: (M,) which of its feathers have left their first pose. first: that pose, None for static
     groups. codes: of all poses. kept: other poses that the layer refers to.
@@ -159,7 +158,7 @@ class _ChunkPoses:
 
 @dataclass(frozen=True)
 class WrittenChunk:
-    """A chunk that stands beside its target; finish makes it count as written."""
+    """A chunk beside its target; finish makes it count as written."""
 
     file: WrittenFile
     codes: tuple[float, ...]
@@ -178,18 +177,18 @@ class WrittenChunk:
 
 
 class WrittenSamples(Protocol):
-    """Poses that were written before."""
+    """Samples of an earlier cache."""
 
     def fill(self, feather: str, code: float, out: Written) -> None:
-        """Write what is there of a feather, by its id, at a time code."""
+        """Write the values of a feather, by its id, at a time code."""
 
 
 class ChunkWriter:
-    """Collects the poses of a chunk, then writes them.
+    """Writer of chunks: collects poses, then writes them.
 
     seconds: between two samples. Within a chunk every group of feathers that is not static has
-    samples at every code; one that keeps its first pose has the same value at all of them, which
-    a crate file stores once.
+    samples at every code. A group that repeats its first pose has the same value at all of them,
+    which a crate file stores once.
     """
 
     def __init__(self, info: StageInfo, prims: AnimatedPrims, seconds: float) -> None:
@@ -210,19 +209,19 @@ class ChunkWriter:
 
     @property
     def count(self) -> int:
-        """Poses collected so far."""
+        """Return the poses collected so far."""
         return len(self._run.codes)
 
     def take_over(self, earlier: WrittenSamples, feathers: Sequence[int]) -> None:
-        """Have the poses of some feathers read instead of evaluated; frames come without these."""
+        """Read the poses of some feathers from an earlier cache; frames come without these."""
         self._taken |= dict.fromkeys(feathers, earlier)
         left = [number for number in sorted(self._place) if number not in self._taken]
         self._place |= {number: place for place, number in enumerate(left)}
 
     def add(self, code: float, frame: Frame) -> list[int]:
-        """Add the pose at the next time code; returns feathers with values that are not finite.
+        """Add the pose at the next time code; return feathers with values that are not finite.
 
-        After such feathers the chunk is of no use.
+        The chunk is invalid after such feathers.
         """
         run, groups = self._run, self._prims.groups
         poses = {index: self._room(index) for index in self._sampled}
@@ -238,7 +237,7 @@ class ChunkWriter:
         return []
 
     def _evaluate(self, index: int, pose: WrittenPose, code: float, frame: Frame) -> None:
-        """Write to a pose what a frame, or an earlier cache, has of the feathers of a group."""
+        """Write the values of a frame, or of an earlier cache, to the pose of a group."""
         group = self._prims.groups[index]
         given: list[FeatherPose | None] = []
         for k, number in enumerate(group.members):
@@ -249,7 +248,7 @@ class ChunkWriter:
         group.evaluate(pose, given)
 
     def write(self, path: Path) -> WrittenChunk:
-        """Write the chunk beside its path, read back, and start the next one."""
+        """Write the chunk beside its path, read it back, and start the next one."""
         run, prims, layer = self._run, self._prims, self._layer
         constant, digests = "", []
         with Sdf.ChangeBlock():
@@ -315,7 +314,7 @@ class ChunkWriter:
 
 
 def open_chunk(path: Path) -> Any:
-    """A chunk's layer, values read when asked for."""
+    """Return a chunk's layer, whose values are read on demand."""
     return Sdf.Layer.OpenAsAnonymous(str(path))
 
 
@@ -330,11 +329,11 @@ def assemble_cache(
 ) -> None:
     """Complete the layers from the chunks and publish the cache; the root is written last.
 
-    pictures: files beside the layers, as of write_all.
-    parts: None for a cache without time. before: what stood at the cache's files when the work
-    began; nothing else is replaced. The rest pose becomes the default of everything, but of a group
-    of feathers that keeps one other pose throughout: it has that pose as its default and no
-    samples. Raises OutputError where a chunk is not what was written, or a file cannot be.
+    pictures: files beside the layers, as of write_all. parts: None for a cache without time.
+    before: state of the cache's files when the work began; nothing else is replaced. The rest pose
+    becomes the default of all attributes. A group that keeps one other pose throughout has that
+    pose as its default and no samples. Raises OutputError where a chunk is damaged, or a file
+    cannot be written.
     """
     clips, chunks = None, []
     records = parts.records if parts else []
@@ -362,7 +361,7 @@ def assemble_cache(
 
 
 def _find_moving(records: Sequence[ChunkRecord], static: Flags) -> Flags:
-    """(G,) which groups have samples: those with more than one pose over all chunks."""
+    """Return (G,) whether groups have samples: those with more than one pose over all chunks."""
     result = np.zeros(len(static), dtype=np.bool_)
     for record in records:
         result |= np.array([flag == "0" for flag in record.constant])
@@ -381,8 +380,11 @@ def _author_still_poses(layer: Any, prims: AnimatedPrims, still: Any, parts: Par
 
 
 def _copy_samples(layer: Any, prims: AnimatedPrims, moving: Any, parts: Parts) -> list[Any]:
-    """Returns the chunks: while they are open their values are pages of their files, which the
-    system takes back when it needs them; closed, all values would be copied."""
+    """Copy samples of all chunks; return the open chunks.
+
+    While they are open their values are pages of their files, which the system can reclaim. Closed,
+    all values would be copied.
+    """
     chunks = []
     for index in np.flatnonzero(moving):
         for key in prims.paths[index]:
@@ -400,7 +402,7 @@ def _copy_samples(layer: Any, prims: AnimatedPrims, moving: Any, parts: Parts) -
 def _prepare_clips(
     name: str, info: StageInfo, prims: AnimatedPrims, moving: Any, parts: Parts
 ) -> ValueClips | None:
-    """The chunks as clips; None where nothing moves. Each is looked at before the root names it."""
+    """Return the checked chunks as clips; None where nothing moves."""
     if not moving.any():
         return None
     for number in range(len(parts.records)):
@@ -424,7 +426,7 @@ def _prepare_clips(
 
 
 def _open_checked(parts: Parts, number: int) -> Any:
-    """A chunk's layer, after a look at its size and time codes."""
+    """Return a chunk's layer after a check of its size and time codes."""
     path, record = parts.chunk(number), parts.records[number]
     chunk = None
     with contextlib.suppress(OSError, Tf.ErrorException):

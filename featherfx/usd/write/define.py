@@ -1,6 +1,6 @@
-"""The prims of a cache, with all of them that never changes.
+"""Definition of the prims of a cache with their constant values.
 
-What is drawn is a variant set of the root prim:
+A variant set of the root prim chooses the drawn representation:
 
     variant   feathers (meshes)   barbs (curves)   rachises (curves)
     vane      drawn               hidden           guide
@@ -8,7 +8,7 @@ What is drawn is a variant set of the root prim:
     rachis    hidden              hidden           drawn
 
 Prims and their samples are the same in every variant; only purpose and visibility of the scopes
-above them change. Both are inherited, so that nothing is said of single feathers.
+above them change. Both are inherited, so that single feathers need neither.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ _VARIANTS = {
 
 
 def define_representations(stage: Any, info: StageInfo, with_barbs: bool) -> None:
-    """The variant set, with DEFAULT selected; no variant "barbs" where a cache has none."""
+    """Define the variant set; without the variant "barbs" where a cache has none."""
     variants = (
         stage.GetPrimAtPath(info.root_path).GetVariantSets().AddVariantSet(REPRESENTATION_SET)
     )
@@ -98,11 +98,10 @@ def define_prims(
     prims: AnimatedPrims,
     texture: str,
 ) -> None:
-    """Author the prims in a layer, and everything of them that never changes.
+    """Author the prims and their constant values in a layer.
 
-    texture: as of Look.
-    Rest points, topology and texture coordinates stay in memory with the layer, so this comes
-    when the samples have gone to disk.
+    texture: as of MaterialInputs. Rest points, topology and texture coordinates stay in memory with
+    the layer, so this comes when the samples are on disk.
     """
     stage, parts = Usd.Stage.Open(layer), {part for own in prims.prims for part in own}
     define_root(stage, info)
@@ -141,7 +140,7 @@ def define_prims(
 
 
 def _copy_key(group: PosedGroup, entries: Sequence[FeatherEntry]) -> Any:
-    """Equal for feathers whose meshes and shafts differ in nothing but what _copy replaces."""
+    """Return a key that is equal for feathers that differ only in what _copy_feather replaces."""
     surface = entries[0].feather.surface
     if not group.alone:
         return group.name
@@ -155,7 +154,7 @@ def _copy_key(group: PosedGroup, entries: Sequence[FeatherEntry]) -> Any:
 def _copy_feather(
     layer: Any, info: StageInfo, source: Any, target: Any, entry: FeatherEntry, group: PosedGroup
 ) -> None:
-    """Mesh and shaft of a feather as those of another of its surface, but for what is its own."""
+    """Copy mesh and rachis from a feather of the same surface, and replace own values."""
     rest, own = _rest_points(group), label_primvars(entry.id, entry.kind, entry.region)
     for part in (part for part in (MESH_PRIM, RACHIS_PRIM) if part in target):
         Sdf.CopySpec(layer, source[part], layer, target[part])

@@ -1,5 +1,4 @@
-"""Which prims a cache has, by the form that is asked for, and which feathers share them; needs no
-USD.
+"""Prims of a cache, by its form, and the feathers that share them; needs no USD.
 
     form        feathers (meshes)   rachises (curves)      barbs (curves, where N are asked for)
     mesh        yes                 yes                    yes
@@ -7,10 +6,7 @@ USD.
     condensed                       with barbs as arrays
     both        yes                 with barbs as arrays   yes
 
-A condensed feather is its shaft: every point of it carries the nodes of its two barbs, from root to
-end and without the root, as the primvars P_barbl and P_barbr; left is as seen from dorsal with the
-tip ahead. Beside a mesh they are all there; alone half of rows and nodes are, and small numbers for
-the rest (featherfx/feather/detail.py).
+condensed.py describes condensed feathers.
 """
 
 from __future__ import annotations
@@ -58,9 +54,12 @@ _PARTS = {CURVES_FORM: (RACHIS_PRIM, BARB_PRIM), CONDENSED_FORM: (RACHIS_PRIM,)}
 
 @dataclass(frozen=True)
 class CacheForm:
-    """parts: the prims of each feather. condensed: whether shafts carry barbs, and thinned: half of
+    """Form of the feathers in a cache.
+
+    parts: the prims of each feather. condensed: whether rachises carry barbs, and thinned: half of
     their rows and nodes. rates: whether velocities and accelerations are written; half: velocities
-    in half precision."""
+    in half precision.
+    """
 
     parts: tuple[str, ...] = (MESH_PRIM, RACHIS_PRIM, BARB_PRIM)
     condensed: bool = False
@@ -80,13 +79,15 @@ class CacheForm:
         )
 
     def writes(self, key: AttributeKey) -> bool:
-        """Whether an attribute of a part of feathers is written."""
+        """Return whether an attribute of a part of feathers is written."""
         return key[0] in self.parts and (self.rates or key[1] not in RATES)
 
 
 class AttributeKeys(NamedTuple):
-    """Attributes of a feather, by what they hold: vectors, numbers, rotations, whole numbers. wet:
-    numbers of feathers that are wet at times."""
+    """Attributes of a feather, by their values: vectors, numbers, rotations, integers.
+
+    wet: numbers of feathers that are wet at times.
+    """
 
     vectors: tuple[AttributeKey, ...]
     scalars: tuple[AttributeKey, ...]
@@ -104,7 +105,7 @@ def find_keys(
     hooks: bool,
     wet: bool,
 ) -> AttributeKeys:
-    """Of feathers with these parts, one for all that are alike.
+    """Return the attributes of feathers with these parts; equal feathers share them.
 
     extras: ACCELERATIONS, names of DIAGNOSTICS. faces: whether there are any. hooks, wet: whether
     their state is written.
@@ -138,18 +139,18 @@ class MeshGroup(NamedTuple):
 
 
 def choose_group(group: str | None, feathers: int) -> str:
-    """How a cache of so many feathers is grouped: as asked for, else by region if they are many."""
+    """Return the grouping of a cache: as given, else by region if feathers are many."""
     return group or (BY_REGION if feathers > _MAX_SINGLE else BY_FEATHER)
 
 
 def group_feathers(
     entries: Sequence[FeatherEntry], group: str, part: str = "", condensed: bool = False
 ) -> list[MeshGroup]:
-    """The groups of a cache, in the order of their first feathers.
+    """Return the groups of a cache, in the order of their first feathers.
 
-    group: of GROUPS; feathers without a region go by their kind. part: told in the names, where
-    the cache is a part of a larger one that has the same groups. condensed: feathers of one group
-    must have as many barb nodes, since a primvar has one element size; others are told by these.
+    group: of GROUPINGS; feathers without a region go by their kind. part: suffix of the names,
+    where the cache is a part of a larger one with the same groups. condensed: feathers of one group
+    must have as many barb nodes, since a primvar has one element size; others are grouped by these.
     """
     if group == BY_FEATHER:
         names = unique_prim_names([entry.name or entry.id for entry in entries])

@@ -1,4 +1,4 @@
-"""Static plumage as instances: one PointInstancer whose prototypes are the shapes that repeat."""
+"""Static plumage as instances: a PointInstancer whose prototypes are the repeated shapes."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def _entries(
 def _define_prototypes(
     stage: Any, layer: Any, info: StageInfo, at: Any, entries: Sequence[FeatherEntry]
 ) -> list[Any]:
-    """Meshes below the instancer, where nothing draws them but instances."""
+    """Define meshes below the instancer, which only instances draw."""
     materials = define_materials(
         stage, info.root_path.AppendChild(MATERIALS_SCOPE), choose_inputs(entries)
     )

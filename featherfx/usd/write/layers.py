@@ -50,10 +50,10 @@ SCOPES = {
 
 @dataclass(frozen=True)
 class StageInfo:
-    """What every layer of a cache says of itself.
+    """Metadata of every layer of a cache.
 
-    root: name of the root prim. frames: first and last frame (None: no time). metadata: kept as
-    the root layer's custom data.
+    root: name of the root prim. frames: first and last frame (None: no time). metadata: custom data
+    of the root layer.
     """
 
     root: str
@@ -68,7 +68,7 @@ class StageInfo:
 
 
 def new_layer(info: StageInfo) -> Any:
-    """An empty layer in memory with the stage's metadata and the root prim as an over."""
+    """Return an empty layer in memory with the stage metadata and the root prim as an over."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.defaultPrim = info.root
     world = layer.pseudoRoot
@@ -88,8 +88,7 @@ def author_metadata(layer: Any, metadata: Mapping[str, Any]) -> None:
 
 
 def format_table(table: Mapping[str, str]) -> Any:
-    """Texts by name as JSON for metadata; in pieces where it is long, since other readers of USD
-    refuse files with a string of more than 65,536 bytes (tinyusdz 0.9.4)."""
+    """Return texts by name as JSON for metadata, in pieces where the text is long."""
     text = json.dumps(dict(table), separators=(",", ":"))
     if len(text) <= _MAX_TEXT:
         return text
@@ -97,7 +96,7 @@ def format_table(table: Mapping[str, str]) -> Any:
 
 
 def define_root(stage: Any, info: StageInfo) -> Any:
-    """The root prim, a model, at its origin."""
+    """Define the root prim, a model, at its origin."""
     form = UsdGeom.Xform.Define(stage, info.root_path)
     if info.space.is_moved:
         place = info.space.positions(np.array(info.space.origin))
@@ -111,9 +110,9 @@ def define_root(stage: Any, info: StageInfo) -> Any:
 class CacheLayers:
     """The layers of a cache in memory.
 
-    root: what users open. topology: takes the prims and all that is constant. animation: takes
-    the samples and the default values of what has samples. In the flat layout all three are one
-    layer; with clips the last two are.
+    root: the file that users open. topology: takes the prims and all constant values. animation:
+    takes the samples, and the default values of sampled attributes. In the flat layout all three
+    are one layer; with clips the last two are.
     """
 
     layout: str
@@ -139,7 +138,7 @@ class ValueClips:
 
 
 def new_layers(info: StageInfo, layout: str) -> CacheLayers:
-    """Empty layers of a layout ("flat", "payload" or "clips")."""
+    """Return empty layers of a layout ("flat", "payload" or "clips")."""
     if layout == "flat":
         layer = new_layer(info)
         return CacheLayers(layout, layer, layer, layer)
@@ -153,7 +152,7 @@ def finish_layers(
 ) -> list[Any]:
     """Connect the layers and pair each with its file, in the order of publication.
 
-    extent: (2, 3) stage units, of everything at all times: lets tools place an unloaded payload.
+    extent: (2, 3) stage units, of everything at all times; tools place an unloaded payload by it.
     """
     files = output_files(path, layers.layout)
     if len(files) > 1:
@@ -190,7 +189,7 @@ def _author_clips(layer: Any, folder: Path, clips: ValueClips) -> None:
 
 
 def author_extents_hint(layer: Any, root: Any, extent: Any) -> None:
-    """(2, 3) stage units, of everything below the root prim, in a layer that has it."""
+    """Author the extent (2, 3), stage units, of everything below the root prim."""
     path = root.AppendProperty(UsdGeom.Tokens.extentsHint)
     Sdf.JustCreatePrimAttributeInLayer(layer, path, Sdf.ValueTypeNames.Float3Array)
     layer.GetAttributeAtPath(path).default = arrays.vec3f(np.asarray(extent))
@@ -208,9 +207,9 @@ def publish(
 ) -> None:
     """Write layers to their files, in order; the last one is the root.
 
-    before: what stood at the files when the work began, as of write_all. others: files that appear
-    with them, as of write_all. Raises OutputError if any cannot be written in full, or another
-    program has written it; then no target has changed.
+    before: state of the files when the work began, as of write_all. others: files that appear with
+    them, as of write_all. Raises OutputError if any cannot be written in full, or another program
+    has written it; then no target has changed.
     """
     with output_errors():
         exported = ((path, partial(_export, layer, path)) for layer, path in layers)
@@ -228,7 +227,7 @@ def export_beside(layer: Any, path: Path) -> WrittenFile:
 
 @contextlib.contextmanager
 def output_errors() -> Iterator[None]:
-    """Errors of the system that name a file, as OutputError."""
+    """Turn errors of the system that name a file into OutputError."""
     try:
         yield
     except FileExistsError as error:
@@ -267,10 +266,10 @@ def _describe_error(error: Tf.ErrorException) -> str:
 
 
 def _find_difference(layer: Any, path: Path) -> str:
-    """What a file on disk lacks against the layer in memory; empty if nothing.
+    """Return the first difference of a file on disk to the layer in memory; empty if none.
 
-    All time codes of the layer, and those and the last value of up to 2 * LOOKED_AT attributes,
-    evenly taken from all that are sampled.
+    Compared are all time codes of the layer, and codes and the last value of up to 2 *
+    _COMPARED_ATTRIBUTES attributes, evenly chosen among those with samples.
     """
     try:
         written = Sdf.Layer.OpenAsAnonymous(str(path))

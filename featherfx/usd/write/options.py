@@ -1,7 +1,7 @@
-"""How USD is written, as the commands and the functions take it; importable without USD.
+"""Options of written USD for commands and functions; importable without USD.
 
-An option is declared once: its name, type, default and what it may be. The command line derives its
-own options from these fields, and errors name them.
+An option is declared once: its name, type, default and range. The command line derives its own
+options from these fields, and errors name them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ CHUNK_FRAMES, CONTACT_CHUNK_FRAMES = 24, 8
 
 @dataclass(frozen=True)
 class StageOptions:
-    """How a USD stage is written."""
+    """Options of a USD stage."""
 
     meters_per_unit: float | None = option(
         None,
@@ -57,7 +57,7 @@ class StageOptions:
 
 @dataclass(frozen=True)
 class WriteOptions(StageOptions):
-    """How a cache is written, and which samples."""
+    """Options of a cache and its samples."""
 
     chunk: int | None = option(
         None,
@@ -102,18 +102,18 @@ class WriteOptions(StageOptions):
 
     @property
     def rates(self) -> str:
-        """How velocities are written, asked for or not."""
+        """Return how velocities are written, by option or default."""
         none = self.form == CONDENSED_FORM and not self.accelerations
         return self.velocities or ("none" if none else "full")
 
     @property
     def can_be_taken_over(self) -> bool:
-        """Whether what is written has all that another bake takes a feather's samples over by."""
+        """Return whether another bake can reuse a feather's samples."""
         return self.form == MESH_FORM and self.rates == "full"
 
 
 def check_ranges(options: StageOptions, source: str) -> None:
-    """Raise InputError for every number out of range. source: what the problems are of."""
+    """Raise InputError for every number out of range. source: of the problems."""
     problems = []
     for each in fields(options):
         value = getattr(options, each.name)

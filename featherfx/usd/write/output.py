@@ -1,4 +1,4 @@
-"""Names of an output: its files and prims, and whether they can be written; needs no USD."""
+"""Names of an output: its files and prims, and checks that they can be written; needs no USD."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _MAX_FLAT_BYTES = 256_000_000
 
 
 def choose_layout(layout: str, sample_bytes: int) -> str:
-    """The layout itself, or for "auto" the one that suits so many bytes of samples."""
+    """Return the layout itself, or for "auto" the one that suits so many bytes of samples."""
     if layout != "auto":
         return layout
     return "clips" if sample_bytes > _MAX_FLAT_BYTES else "flat"
 
 
 def output_files(path: Path, layout: str) -> list[Path]:
-    """Every file that is published at the end, in the order of publication: the root is last.
+    """Return every file that is published at the end, in order; the root is last.
 
-    "flat": the one file. "payload": animation, topology (the payload), root. "clips": topology
-    and root; the clips stand in clips_folder.
+    "flat": the one file. "payload": animation, topology (the payload), root. "clips": topology and
+    root; the clips stand in clips_folder.
     """
     topology = path.with_name(f"{path.stem}.payload.usdc")
     match layout:
@@ -41,12 +41,12 @@ def output_files(path: Path, layout: str) -> list[Path]:
 
 
 def clips_folder(path: Path) -> Path:
-    """Folder of the clips of a cache."""
+    """Return the folder of the clips of a cache."""
     return path.with_name(f"{path.stem}.clips")
 
 
 def parts_folder(path: Path, layout: str) -> Path:
-    """Folder that takes finished chunks while a cache is being written."""
+    """Return the folder of finished chunks while a cache is being written."""
     return clips_folder(path) if layout == "clips" else path.with_name(f".{path.name}.parts")
 
 
@@ -79,7 +79,7 @@ def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat"
 
 
 def find_file_problems(files: Sequence[Path], overwrite: bool) -> list[Problem]:
-    """Why files of one folder cannot be put there; empty if they can."""
+    """Return reasons why files of one folder cannot be written; empty if they can."""
     problems = []
     for file in files:
         # os.path.* answer False where a Path method would raise (a parent that is a file).
@@ -116,7 +116,7 @@ def refuse_inputs(outputs: Sequence[Path], inputs: Iterable[Path]) -> None:
 
 
 def _files_of(path: Path) -> list[Path]:
-    """A file, and what it names if it is a USD file: layers at any depth, clips, textures."""
+    """Return a file and all that a USD file names: layers at any depth, clips, textures."""
     if path.suffix.lower() not in _INPUT_SUFFIXES:
         return [path]
     from pxr import Tf, UsdUtils  # 4 MiB, which a bake without such files does without
@@ -129,7 +129,7 @@ def _files_of(path: Path) -> list[Path]:
 
 
 def _folder_problems(path: Path) -> list[Problem]:
-    """Why a file cannot be put where path says; empty if it can."""
+    """Return reasons why a file's folder cannot be written to; empty if it can."""
     folder = path.parent
     if not os.path.isdir(folder):
         exists = os.path.lexists(folder)
@@ -144,13 +144,13 @@ def _folder_problems(path: Path) -> list[Problem]:
 
 
 def prim_name(text: str) -> str:
-    """A valid ASCII prim name: every other character becomes "_"; never empty."""
+    """Return a valid ASCII prim name: every other character becomes "_"; never empty."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", text) or "_"
     return f"_{name}" if name[0].isdigit() else name
 
 
 def unique_prim_names(ids: Sequence[str]) -> list[str]:
-    """One prim name per id, all different and the same for the same ids in the same order.
+    """Return one prim name per id, all different and the same for the same ids in order.
 
     Ids that are valid names keep them; where sanitised ids collide, the later ones get _2, _3...
     """

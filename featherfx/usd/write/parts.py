@@ -49,18 +49,18 @@ Save = Callable[[Path], object]
 
 
 def chunk_error(path: Path) -> OutputError:
-    """What a chunk, or a piece that has none, is refused with."""
+    """Return the error for a chunk that is missing or damaged."""
     return OutputError(Problem(str(path), "", "is not the chunk that was written; bake again"))
 
 
 @dataclass(frozen=True)
 class ChunkRecord:
-    """What is known of a chunk without opening it.
+    """Record of a chunk.
 
-    codes: its time codes. bytes, crc32: of the file. constant: per group of feathers, "1" where
-    all poses of the chunk equal the first, else "0". first: per group, digest of that pose.
-    low, high: corners of everything in the chunk, stage units. state: bytes and CRC-32 of the
-    solver's state at its end, None where none was saved.
+    codes: its time codes. bytes, crc32: of the file. constant: per group of feathers, "1" where all
+    poses of the chunk equal the first, else "0". first: per group, digest of that pose. low, high:
+    corners of everything in the chunk, stage units. state: bytes and CRC-32 of the solver's state
+    at its end, None where none was saved.
     """
 
     codes: tuple[float, ...]
@@ -77,11 +77,10 @@ class Parts:
     """The chunks of one bake in their folder, while it alone writes this output.
 
     path: the output. layout: "flat", "payload" or "clips". settings: all that the chunks depend on.
-    keep: whether chunks that an earlier run with these settings left are taken over; all others
-    are removed. finished: the cache has its name, and only finish is to be called. inputs: what
-    the bake's files say, to tell what another one has changed. Raises
-    OutputError while another process writes this output or to the same
-    folder, and where something else has the folder's place.
+    keep: whether chunks of an earlier run with these settings are reused; all others are removed.
+    finished: the cache is published, and only finish will be called. inputs: texts of the bake's
+    files, to describe changes to another bake. Raises OutputError while another process writes this
+    output or to the same folder, and where the folder's name is taken.
     """
 
     def __init__(
@@ -154,10 +153,9 @@ class Parts:
         self.records.append(record)
 
     def adopt(self, piece: Path) -> None:
-        """Take over the next chunks from an unfinished cache in the clips layout, whose first they
-        are and stay, on disk already.
+        """Take over the next chunks from an unfinished cache in the clips layout.
 
-        Raises OutputError where they are not as they were written.
+        They must be its first ones; they stay there. Raises OutputError where they are damaged.
         """
         files = sorted((parts_folder(piece, "clips") / self.folder.name).glob("[0-9]*.json"))
         if not files:
@@ -176,8 +174,10 @@ class Parts:
         write_text(self._record(index), _json(content | {"check": _record_checksum(content)}))
 
     def finish(self, keep_chunks: bool) -> None:
-        """The cache is published: remove what bakes left here that is no part of it, also from the
-        records, which then tell of the cache alone, not of how it was made."""
+        """Remove all files of bakes here that are no part of the published cache.
+
+        Records then describe the cache alone, not how it was made.
+        """
         if keep_chunks:
             with _output_errors(self.folder):
                 for index, record in enumerate(self.records):
@@ -194,7 +194,7 @@ class Parts:
         self._release()
 
     def close(self) -> None:
-        """Leave all as it is, for a later run."""
+        """Keep all files for a later run."""
         self._release()
 
     def _release(self) -> None:
@@ -206,7 +206,7 @@ class Parts:
 
     @staticmethod
     def are_whole(folder: Path, settings: Mapping[str, str]) -> bool:
-        """Whether the chunks of a finished bake are all there, by their sizes."""
+        """Return whether the chunks of a finished bake are all there, by their sizes."""
         records = sorted((folder / settings_digest(settings)).glob("[0-9]*.json"))
         found = [(file.with_suffix(".usdc"), _read_record(file)) for file in records]
         return bool(found) and all(
@@ -218,7 +218,7 @@ class Parts:
         return self.folder / f"{index:04d}.json"
 
     def _sound_records(self) -> list[ChunkRecord]:
-        """Records of the chunks from the first on whose files are what was written."""
+        """Return records of the chunks from the first on whose files are intact."""
         found: list[ChunkRecord] = []
         if _read_settings(self.folder) != self._settings:
             return found
@@ -236,7 +236,7 @@ class Parts:
         return file.is_file() and compute_checksum(file) == record.state
 
     def _remove_strays(self) -> None:
-        """Remove what no kept record speaks of: temporary files, later chunks, old states."""
+        """Remove files without a record: temporary files, later chunks, old states."""
         wanted = {self.folder / _SETTINGS, self.state(len(self.records) - 1)}
         for index in range(len(self.records)):
             wanted |= {self.chunk(index), self._record(index)}
@@ -244,7 +244,7 @@ class Parts:
 
 
 def _link_file(file: Path, target: Path) -> None:
-    """Give a file that will not change a second name; a copy where the system cannot."""
+    """Give a constant file a second name; a copy where the system cannot."""
     try:
         os.link(file, target)
     except OSError:
@@ -252,12 +252,12 @@ def _link_file(file: Path, target: Path) -> None:
 
 
 def lock_file(path: Path) -> Path:
-    """What stands beside an output while it is written, and after a kill."""
+    """Return the lock file beside an output; it exists during a bake, and after a kill."""
     return path.with_name(f".{path.name}.lock")
 
 
 def _refuse_foreign(folder: Path, bake: Path) -> None:
-    """Raise OutputError where the folder of the chunks is not one of this program."""
+    """Raise OutputError where the folder of the chunks is not featherfx's own."""
     for place in (folder, bake):
         if place.is_symlink():
             message = "is a link, which is not followed; remove it or choose another name"
@@ -274,7 +274,7 @@ def _refuse_foreign(folder: Path, bake: Path) -> None:
 
 
 def _list_bakes(folder: Path) -> list[Path]:
-    """The folders of bakes in a parts folder, known by their records."""
+    """Return the folders of bakes in a parts folder, known by their records."""
     try:
         found = sorted(folder.iterdir())
     except OSError:
@@ -290,7 +290,7 @@ def _list_bakes(folder: Path) -> list[Path]:
 
 
 def _has_just_begun(bake: Path) -> bool:
-    """Whether a bake was killed before it had written its settings."""
+    """Return whether a bake was killed before it had written its settings."""
     return all(temporary_of(file.name) == _SETTINGS for file in bake.iterdir())
 
 
@@ -308,7 +308,7 @@ def _remove_bake(bake: Path, wanted: Collection[Path] = ()) -> None:
 
 
 def remove_cache(path: Path) -> None:
-    """Remove a cache in the clips layout, finished or begun, that nobody is writing."""
+    """Remove a cache in the clips layout, finished or not, that nobody is writing."""
     folder = parts_folder(path, "clips")
     for bake in _list_bakes(folder):
         _remove_bake(bake)
@@ -321,7 +321,7 @@ def remove_cache(path: Path) -> None:
 
 
 def list_unfinished_bakes(folder: Path) -> list[tuple[dict[str, str], dict[str, str]]]:
-    """Settings and inputs of the bakes that have chunks in a parts folder."""
+    """Return settings and inputs of the bakes that have chunks in a parts folder."""
     begun = [each for each in _list_bakes(folder) if (each / "0000.json").is_file()]
     return [(settings, _read_inputs(each)) for each in begun if (settings := _read_settings(each))]
 
@@ -329,14 +329,14 @@ def list_unfinished_bakes(folder: Path) -> list[tuple[dict[str, str], dict[str, 
 def list_chunk_files(
     folder: Path, settings: Mapping[str, str]
 ) -> list[tuple[tuple[float, ...], Path]]:
-    """Time codes and files of the chunks of a finished bake, in their order."""
+    """Return time codes and files of the chunks of a finished bake, in order."""
     records = sorted((folder / settings_digest(settings)).glob("[0-9]*.json"))
     found = [(_read_record(file), file.with_suffix(".usdc")) for file in records]
     return [(record.codes, file) for record, file in found if record is not None]
 
 
 def count_unfinished_samples(folder: Path) -> int:
-    """Samples of the chunks that bakes have left in a parts folder."""
+    """Return the number of samples in the chunks of a parts folder."""
     records = (
         _read_record(file) for bake in _list_bakes(folder) for file in bake.glob("[0-9]*.json")
     )
@@ -344,9 +344,9 @@ def count_unfinished_samples(folder: Path) -> int:
 
 
 def refuse_unfinished(path: Path) -> None:
-    """Raise OutputError where an interrupted bake has left samples that a new one would remove.
+    """Raise OutputError where a new bake would remove samples of an interrupted one.
 
-    What another bake is writing just now is told when this one begins to.
+    A bake that is running is reported when this one begins to write.
     """
     kept = sum(count_unfinished_samples(parts_folder(path, layout)) for layout in ("flat", "clips"))
     if kept and not path.exists() and not _is_being_written(path):
@@ -367,7 +367,7 @@ def _is_being_written(path: Path) -> bool:
 
 
 def compute_checksum(path: Path) -> tuple[int, int]:
-    """Bytes and CRC-32 of a file: tells a damaged file at half the time of a SHA-256."""
+    """Return bytes and CRC-32 of a file, at half the time of a SHA-256."""
     size, crc, block = 0, 0, bytearray(_BLOCK)
     with path.open("rb", buffering=0) as file:
         while count := file.readinto(block):
@@ -377,25 +377,25 @@ def compute_checksum(path: Path) -> tuple[int, int]:
 
 
 def _read_settings(folder: Path) -> dict[str, str]:
-    """Settings of a bake of this format; empty where there is none."""
+    """Return the settings of a bake of this format; empty where there is none."""
     content = _read_json(folder / _SETTINGS)
     return _read_any_settings(folder) if content.get("format") == _FORMAT else {}
 
 
 def _read_any_settings(folder: Path) -> dict[str, str]:
-    """Settings of a bake of any format."""
+    """Return the settings of a bake of any format."""
     settings = _read_json(folder / _SETTINGS).get("settings")
     return settings if isinstance(settings, dict) else {}
 
 
 def _read_inputs(folder: Path) -> dict[str, str]:
-    """What the files of a bake said."""
+    """Return the texts of the files of a bake."""
     inputs = _read_json(folder / _SETTINGS).get("inputs")
     return inputs if isinstance(inputs, dict) else {}
 
 
 def _read_record(path: Path) -> ChunkRecord | None:
-    """A record as it was written; None where it is missing or damaged."""
+    """Return a record as it was written; None where it is missing or damaged."""
     content = _read_json(path)
     check = content.pop("check", None)
     if not content or check != _record_checksum(content):
@@ -406,12 +406,12 @@ def _read_record(path: Path) -> ChunkRecord | None:
 
 
 def _record_checksum(content: Mapping[str, Any]) -> int:
-    """Checksum of a record, the same before and after it is stored."""
+    """Return the checksum of a record, the same before and after it is stored."""
     return zlib.crc32(json.dumps(content).encode())
 
 
 def _read_json(path: Path) -> dict[str, Any]:
-    """A JSON object; empty where there is none."""
+    """Return a JSON object; empty where there is none."""
     try:
         content = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
     except (OSError, ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""One pose of the feathers that share a mesh, in USD's own arrays.
+"""Poses of the feathers that share a mesh, in USD arrays.
 
 Many are posed as one surface, since a call of compiled code costs as much as a small feather. Each
 value is computed as for the feather alone, so the result is the same to the last bit.
@@ -51,8 +51,10 @@ _MAX_JOINED = 500
 
 
 class JoinedFeathers:
-    """The surfaces of feathers as a few large ones; each is `plain` (PosedFeather), and all have as
-    many barb nodes in a row."""
+    """Surfaces of feathers joined to a few large ones.
+
+    Each is `plain` (PosedFeather), and all have as many barb nodes in a row.
+    """
 
     def __init__(self, feathers: Sequence[PosedFeather]) -> None:
         parts = [feathers[k : k + _MAX_JOINED] for k in range(0, len(feathers), _MAX_JOINED)]
@@ -62,7 +64,7 @@ class JoinedFeathers:
 
     @staticmethod
     def of(feathers: Sequence[PosedFeather]) -> JoinedFeathers | None:
-        """None where some of the feathers ask for more than points, normals and directions."""
+        """Return joined feathers; None where some need more than points, normals and directions."""
         same = len({each.grid[1] for each in feathers}) == 1
         plain = len(feathers) > 1 and same and all(each.is_plain for each in feathers)
         return JoinedFeathers(feathers) if plain else None
@@ -70,8 +72,10 @@ class JoinedFeathers:
     def evaluate(
         self, values: Mapping[AttributeKey, InPlace], given: Sequence[FeatherPose]
     ) -> bool:
-        """Write the poses of all feathers, but for extents; False where a value is not finite, or a
-        pose is of another grid, which feather by feather can be told."""
+        """Write the poses of all feathers, except extents; return False if a value is not finite.
+
+        Also False for a pose of another grid; the evaluation feather by feather then names it.
+        """
         begin, first = dict.fromkeys(values, 0), 0
         for block in self._blocks:
             own = {}
@@ -86,7 +90,9 @@ class JoinedFeathers:
 
 class _JoinedBlock:
     """Feathers that are posed as one surface. grids: of each. counts: elements of each attribute.
-    scratch: (2, V, 3), which others overwrite."""
+
+    scratch: (2, V, 3), which others overwrite.
+    """
 
     def __init__(self, feathers: Sequence[PosedFeather], scratch: Array) -> None:
         surfaces = [each.drawn for each in feathers]
@@ -116,7 +122,7 @@ class _JoinedBlock:
         )
 
     def evaluate(self, values: Mapping[AttributeKey, Floats], given: Sequence[FeatherPose]) -> bool:
-        """As of JoinedFeathers, to the feathers' own elements of the attributes."""
+        """Write poses, as JoinedFeathers.evaluate, to the feathers' own elements."""
         if [np.shape(pose.points.nodes)[:2] for pose in given] != self.grids:
             return False
         points = self._joined([pose.points for pose in given])
@@ -157,31 +163,30 @@ class _JoinedBlock:
 
 
 def _join_rows(points: Sequence[RowPoints]) -> RowPoints:
-    """The rows of all feathers, one after the other."""
+    """Return the rows of all feathers, one after the other."""
     nodes = np.concatenate([each.nodes for each in points], dtype=np.float64)
     return RowPoints(nodes, np.concatenate([each.directors for each in points], dtype=np.float64))
 
 
 def _offset_indices(indices: Sequence[NDArray[Any]], starts: Indices) -> Indices:
-    """Indices of all feathers; starts: what each feather's count from."""
+    """Return indices of all feathers. starts: offset of each feather's."""
     return np.concatenate([each + start for each, start in zip(indices, starts, strict=False)])
 
 
 @dataclass
 class WrittenPose:
-    """The feathers of a group at one time, stage units and axes, as they are written.
+    """Feathers of a group at one time, stage units and axes, as they are written.
 
-    values: per prim (MESH, RACHIS, BARB) and attribute. finite: (M,) whether what is of each
-    feather is. Made once by PosedGroup.new_pose, then written to as often as a sample has left the
-    layers.
+    values: per prim (MESH_PRIM, RACHIS_PRIM, BARB_PRIM) and attribute. finite: (M,) whether the
+    values of each feather are. Made once by PosedGroup.new_pose, then overwritten whenever a sample
+    has left the layers.
     """
 
     values: dict[AttributeKey, InPlace]
     finite: Flags
 
     def corners(self) -> Sequence[Floats]:
-        """(2, 3) extents of surface and barbs, or where there is no surface of shafts and what
-        they carry."""
+        """Return (2, 3) extents of surfaces, or else rachises, and of barbs."""
         parts = (
             (MESH_PRIM, BARB_PRIM)
             if (MESH_PRIM, "extent") in self.values
@@ -200,10 +205,9 @@ class PosedGroup:
     """The feathers of one mesh, and their evaluation.
 
     name: of the group's prims. members: numbers of the feathers. feathers: those. alone: whether
-    the prims are those of a single feather, which they tell as a constant. is_static, static:
-    which feathers never leave their rest pose, all or (M,). parts: the prims, and keys: what is
-    written of them. points: (M + 1,) of each part where each feather's begin, and all; faces: as
-    points, of the mesh.
+    the prims are those of a single feather. is_static, static: which feathers never leave their
+    rest pose, all or (M,). parts: the prims, and keys: their written attributes. points: (M + 1,)
+    of each part, first point of each feather, and all; faces: likewise, of the mesh.
     """
 
     def __init__(
@@ -242,31 +246,31 @@ class PosedGroup:
 
     @property
     def is_condensed(self) -> bool:
-        """Whether the shafts carry their barbs."""
+        """Return whether the rachises carry their barbs."""
         return self.feathers[0].form.condensed
 
     @property
     def interpolation(self) -> str:
-        """Of what is one value a feather, on curves of which each is one."""
+        """Return the interpolation of one value per feather, on curves of one feather each."""
         return "constant" if self.alone else "uniform"
 
     @cached_property
     def widths(self) -> Array:
-        """(n,) stage units, diameters of all shafts."""
+        """Return (n,) stage units, diameters of all rachises."""
         return np.concatenate([each.widths for each in self.feathers])
 
     @property
     def held(self) -> Array:
-        """(T,) share of barbules that are hooked at rest."""
+        """Return (T,) fraction of barbules that are hooked at rest."""
         return np.concatenate([each.held for each in self.feathers])
 
     @cached_property
     def barb_widths(self) -> Array:
-        """(K,) stage units, diameters of all barbs."""
+        """Return (K,) stage units, diameters of all barbs."""
         return np.concatenate([each.barb_widths for each in self.feathers])
 
     def starts(self, key: AttributeKey) -> Indices:
-        """(M + 1,) where the elements of each feather begin in an attribute, and all."""
+        """Return (M + 1,) first elements of each feather in an attribute, and all."""
         if key[1] in PER_FACE_PRIMVARS:
             return self.faces if key[0] == MESH_PRIM else np.arange(len(self.members) + 1)
         if key[1] == DETAIL_ATTRIBUTE:
@@ -276,9 +280,9 @@ class PosedGroup:
         return self.points[key[0]] * (self.columns if key[1] in BARB_NODE_PRIMVARS else 1)
 
     def new_pose(self, compared: bool = True) -> WrittenPose:
-        """Room for one pose; static feathers are in it already.
+        """Return memory for one pose, which has the static feathers already.
 
-        compared: whether others are compared with it; else they share all that is not written.
+        compared: whether others are compared with it; else unwritten values are shared.
         """
         own = ("points", *RATES) if compared else ()
         shared = {key: room for key, room in self._unwritten.items() if key[1] not in own}
@@ -300,7 +304,7 @@ class PosedGroup:
 
     @cached_property
     def _unwritten(self) -> dict[AttributeKey, InPlace]:
-        """Room, which poses share, for what is found with them and not written."""
+        """Return memory, shared by poses, for values that are computed but not written."""
         form = self.feathers[0].form
         return {key: new_vectors(self._count(key)) for key in self._vectors if not form.writes(key)}
 
@@ -308,8 +312,11 @@ class PosedGroup:
         return int(self._starts_of[key][-1])
 
     def own(self, pose: WrittenPose, index: int) -> Written:
-        """What in a pose is of one feather; made when it is asked for, since views of thousands of
-        feathers take more memory than what they show."""
+        """Return the views of one feather in a pose.
+
+        They are made on demand, since views of thousands of feathers take more memory than their
+        values.
+        """
         keys, found = self.feathers[index].keys, {}
         for key in (*keys.vectors, *keys.scalars, *keys.turns, *keys.whole):
             first, end = self._starts_of[key][index : index + 2]
@@ -318,7 +325,7 @@ class PosedGroup:
 
     @cached_property
     def _starts_of(self) -> dict[AttributeKey, Indices]:
-        """Where the elements of each feather begin in each attribute, as of starts."""
+        """Return the first elements of each feather in each attribute, as of starts."""
         own = (*self._vectors, *self._scalars, *self._turns, *self._whole)
         return {key: self.starts(key) for key in own}
 
@@ -327,7 +334,7 @@ class PosedGroup:
         return None if self.static.any() else JoinedFeathers.of(self.feathers)
 
     def evaluate(self, pose: WrittenPose, given: Sequence[FeatherPose | None]) -> None:
-        """Write what is given of each feather, but for extents; None is in the pose already.
+        """Write the pose of each feather, except extents; None: it is in the pose already.
 
         Raises ValueError for another grid.
         """
@@ -341,7 +348,7 @@ class PosedGroup:
                 pose.finite[index] = self.feathers[index].evaluate(self.own(pose, index), each)
 
     def rest(self) -> WrittenPose:
-        """The rest pose; its rates are zero."""
+        """Return the rest pose; its rates are zero."""
         pose = self.new_pose()
         if self._joined is not None and self._joined.evaluate(
             pose.values, [each.at_rest for each in self.feathers]
@@ -356,20 +363,20 @@ class PosedGroup:
         return pose
 
     def not_finite(self, pose: WrittenPose) -> list[int]:
-        """Numbers of the feathers with values that are not finite."""
+        """Return numbers of the feathers with values that are not finite."""
         return [self.members[k] for k in np.flatnonzero(~pose.finite)]
 
     def bound(self, pose: WrittenPose) -> None:
-        """Set the extents of a pose whose points are there."""
+        """Set the extents of a pose from its points."""
         for part in self.parts:
             points, extent = (pose.values[part, name].numbers for name in ("points", "extent"))
             surface_kernels.extent(points, self._padding[part], extent)
 
     def hold(self, pose: WrittenPose, first: WrittenPose, moved: Flags, seconds: float) -> None:
-        """Mark the feathers that have left their first pose in moved (M,); the others keep it.
+        """Mark feathers that have left their first pose in moved (M,); the others repeat it.
 
-        So what is written of a feather does not depend on those that it shares prims with.
-        seconds: as of PosedFeather.changed.
+        So a feather is written the same whichever feathers share its prims. seconds: as of
+        PosedFeather.changed.
         """
         for index in np.flatnonzero(~(moved | self.static)).tolist():
             now, before = self.own(pose, index), self.own(first, index)
@@ -380,13 +387,15 @@ class PosedGroup:
                     numbers[...] = before[key]
 
     def is_at_rest(self, pose: WrittenPose) -> bool:
-        """Whether leaving out the rates of a pose, which is constant, loses nothing that another
-        cache might want; they may be rounding for a feather that has prims of its own."""
+        """Return whether the rates of a constant pose may be left out without loss to a later bake.
+
+        They may be rounding for a feather that has prims of its own.
+        """
         rates = (value for (_, name), value in pose.values.items() if name in RATES)
         return self.alone or not any(value.numbers.any() for value in rates)
 
     def digest(self, pose: WrittenPose) -> str:
-        """Short name of a pose: equal poses, equal names. Of a single feather the points tell."""
+        """Return a short digest of a pose; equal poses have equal ones."""
         named = (
             ("points", *BARB_NODE_PRIMVARS, DETAIL_ATTRIBUTE, *HOOK_PRIMVARS, *WET_PRIMVARS)
             if self.alone

@@ -1,4 +1,4 @@
-"""What is written of a feather in one pose, computed by compiled code where it is to stand."""
+"""Poses of one feather, computed by compiled code in the memory of USD arrays."""
 
 from __future__ import annotations
 
@@ -62,12 +62,12 @@ Written = Mapping[AttributeKey, Floats]
 class PosedFeather:
     """The constant arrays of one feather of a cache, and its evaluation.
 
-    id: of the feather. widths, barb_widths: (n,) and (B K,) stage units, diameters of shaft and
-    barbs; those of the shaft are of the circle of its section's area. parts: the prims that it
-    has. points: of each, and faces: of its mesh. held: (faces,) share of barbules that are hooked
-    at rest. keys: what is written of the parts. form: which of that; a mesh that
-    is not has neither points nor faces. thin: which of its rows and nodes are, None: all.
-    rest_points: of the feather, in its own frame. length: m, of its shaft.
+    id: of the feather. widths, barb_widths: (n,) and (B K,) stage units, diameters of rachis and
+    barbs; those of the rachis are of the circle of its section's area. parts: its prims. points: of
+    each, and faces: of its mesh. held: (faces,) fraction of barbules that are hooked at rest. keys:
+    attributes of the parts. form: which of these are written; a mesh that is not has neither points
+    nor faces. thin: which rows and nodes are, None: all. rest_points: of the feather, in its own
+    frame. length: m, of its rachis.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class PosedFeather:
         self.keys = find_keys(*kinds, self.faces > 0, self._hooks, entry.wet)
 
     def count(self, key: AttributeKey) -> int:
-        """Elements of an attribute."""
+        """Return the elements of an attribute."""
         if key[1] in PER_FACE_PRIMVARS:
             return self.faces if key[0] == MESH_PRIM else 1
         if key[1] == DETAIL_ATTRIBUTE:
@@ -124,30 +124,30 @@ class PosedFeather:
 
     @property
     def drawn(self) -> DrawnSurface:
-        """Its surface, as kernels take it."""
+        """Return its surface for kernels."""
         return self._surface.drawn
 
     @property
     def grid(self) -> tuple[int, int]:
-        """Rows, and nodes of each, that its poses have."""
+        """Return rows, and nodes of each, of its poses."""
         rows, nodes = self._entry.rest_points.nodes.shape[:2]
         return rows, nodes
 
     @property
     def at_rest(self) -> FeatherPose:
-        """The rest pose, for what sets its rates to zero."""
+        """Return the rest pose, for callers that set its rates to zero."""
         points = self._entry.rest_points
         return FeatherPose(points, points, points)
 
     @property
     def is_plain(self) -> bool:
-        """Whether its surface is all that is written, and follows from its nodes alone."""
+        """Return whether only its surface is written, and follows from its nodes alone."""
         alone = self._entry.points_map is None and len(self._surface.drawn.lips) == 0
         return alone and not self.has_barbs and not self.keys.scalars
 
     @property
     def bytes_per_sample(self) -> int:
-        """Bytes of one pose, with an extent for each prim."""
+        """Return the bytes of one pose, with an extent for each prim."""
         kinds = (
             (self.keys.vectors, 12),
             (self.keys.scalars, 4),
@@ -160,7 +160,7 @@ class PosedFeather:
         )
 
     def rest(self, out: Written) -> bool:
-        """Write the rest pose, whose rates are zero; whether it is finite."""
+        """Write the rest pose, whose rates are zero; return whether it is finite."""
         barbs = self._entry.barbs
         nodes = self._from_origin(self._entry.rest_points)
         self._note_hooks(out, self._split)
@@ -175,8 +175,7 @@ class PosedFeather:
         return finite
 
     def evaluate(self, out: Written, given: FeatherPose) -> bool:
-        """Write what is given of the feather, m and per second; whether points and rates are
-        finite.
+        """Write a pose, m and per second; return whether points and rates are finite.
 
         Raises ValueError for another grid.
         """
@@ -203,7 +202,7 @@ class PosedFeather:
     def _barbs(
         self, out: Written, points: RowPoints, rates: Mapping[str, RowPoints], given: FeatherPose
     ) -> bool:
-        """Barbs of a pose, and their rates; whether all are finite."""
+        """Write barbs of a pose, and their rates; return whether all are finite."""
         barbs = self._entry.barbs
         assert barbs is not None
         hooked = self._hooked(given)
@@ -222,19 +221,21 @@ class PosedFeather:
         return finite
 
     def _hooked(self, given: FeatherPose) -> Array | None:
-        """Hooks of all triangles; None where all hold. A feather that is not simulated in full
-        shows the splits that it has from the start."""
+        """Return hooks of all triangles; None where all hold.
+
+        A feather that is not simulated in full has its splits of the rest state.
+        """
         return given.gaps.hooked if given.gaps else self._split
 
     def _from_origin(self, points: RowPoints) -> RowPoints:
-        """Points as seen from where the root prim stands."""
+        """Return points relative to the root prim."""
         return points if self.to_origin is None else points.shifted(self.to_origin)
 
     def changed(self, now: Written, before: Written, seconds: float) -> bool:
-        """Whether the feather, as written, differs from what was written before, or is on its way.
+        """Return whether the feather, as written, differs from an earlier pose, or is moving.
 
-        seconds: to the next sample. A velocity that until then carries no point farther than its
-        rounding, at the greatest coordinate of a prim, does not count.
+        seconds: to the next sample. A velocity does not count if it moves no point by more than its
+        rounding, at the greatest coordinate of a prim.
         """
         own = [
             *((MESH_PRIM, name) for name in HOOK_PRIMVARS),
@@ -254,7 +255,7 @@ class PosedFeather:
         )
 
     def _place(self, out: Written, points: RowPoints) -> bool:
-        """Points of mesh and shaft, and what follows from them; whether all are finite."""
+        """Write points of mesh and rachis, and derived values; return whether all are finite."""
         if self.thin:
             out[RACHIS_PRIM, DETAIL_ATTRIBUTE][:] = usd.condensed.find_details([self], [points])
             points = self.thin.select(points)
@@ -273,7 +274,7 @@ class PosedFeather:
         return bool(finite)
 
     def _diagnose(self, out: Written) -> None:
-        """Strain and energy of the surface that was placed last."""
+        """Write strain and energy of the surface that was placed last."""
         surface = self._surface
         corners, rest = surface.unstrained
         across, shear = np.zeros((2, len(surface.drawn.edges)))
@@ -289,7 +290,7 @@ class PosedFeather:
                 density *= self._entry.stiffened[: len(density)]
 
     def _note_hooks(self, out: Written, hooked: Array | None, slip: Array | None = None) -> None:
-        """Which lips are open, and hooks and slip of each face; None for hooks that all hold."""
+        """Write open split edges, and hooks and slip of each face; None: all hooks hold."""
         surface = self._surface
         surface.part(hooked)
         if not self._hooks:
@@ -316,13 +317,13 @@ class PosedFeather:
 
 @cache
 def _stage_transform(space: StageSpace) -> tuple[ToStage, Array | None]:
-    """To a stage, and to where its root prim stands; None where that is the world's origin."""
+    """Return the transform to a stage, and to its root prim; None at the world's origin."""
     to_origin = -np.array(space.origin) if space.is_moved else None
     return ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y"), to_origin
 
 
 class _SharedSurface:
-    """Arrays of a surface that all feathers of one shape share, as the kernels take them."""
+    """Arrays of a surface that all feathers of one shape share, as kernels take them."""
 
     def __init__(
         self, feather: Feather, edges: NDArray[np.int32], scratch: Array, drawn: bool
@@ -347,17 +348,17 @@ class _SharedSurface:
 
     @property
     def cells(self) -> NDArray[np.int64]:
-        """Those of the faces, whose order is theirs."""
+        """Return cells with faces, in the order of the faces."""
         return np.flatnonzero(self._feather.cell)
 
     def part(self, hooked: Array | None) -> None:
-        """Open the lips of gaps that are open, and close the others; None where all hold."""
+        """Open the edges of gaps that are open, and close the others; None: all hooks hold."""
         self.drawn.parted[:] = False
         if self._lips and hooked is not None:
             self.drawn.parted[:] = self._lips.open(hooked)
 
     def carry(self, points: RowPoints) -> None:
-        """Set where open lips are; points: of the feather."""
+        """Set positions of open edges; points: of the feather."""
         if self._lips and self.drawn.parted.any():
             self.drawn.carried[:] = self._lips.positions(points)
 
@@ -372,7 +373,7 @@ class _SharedSurface:
 
     @cached_property
     def unstrained(self) -> tuple[Indices, Array]:
-        """As of strain_rest; only diagnostics ask for it."""
+        """Return rest values as find_rest_strain does; only diagnostics use them."""
         surface = self._feather.surface
         return find_rest_strain(surface, self.drawn.edges, surface.points(self._feather.rest))
 
@@ -383,8 +384,10 @@ def make_posed_feathers(
     extras: Collection[str] = (),
     form: CacheForm = CacheForm(),
 ) -> list[PosedFeather]:
-    """All feathers of a cache; arrays of entries that share a Feather are made once, and where no
-    surface is drawn all share one."""
+    """Return all feathers of a cache.
+
+    Arrays of entries that share a Feather are made once; where no surface is drawn all share one.
+    """
     drawn = MESH_PRIM in form.parts
     shapes: dict[int, _SharedSurface] = {}
     # feathers that differ in size alone have one topology
@@ -405,7 +408,7 @@ def make_posed_feathers(
 
 
 def find_barb_edges(surface: FeatherSurface, points: Array) -> NDArray[np.int32]:
-    """(T, 2) the edge of each triangle that runs along its barb, directed as barb_direction.
+    """Return (T, 2) the edge of each triangle along its barb, directed as barb_direction.
 
     points: (V, 3) surface points at rest, feather frame.
     """
@@ -423,11 +426,11 @@ def find_barb_edges(surface: FeatherSurface, points: Array) -> NDArray[np.int32]
 def find_rest_strain(
     surface: FeatherSurface, edges: NDArray[np.int32], points: Array
 ) -> tuple[Indices, Array]:
-    """Corners (T, 3), barb edge first, and rest values (T, 3) of membrane_strain in the vanes.
+    """Return corners (T, 3), barb edge first, and rest values (T, 3) of membrane_strain.
 
-    points: (V, 3) surface points at rest. The height over the edge is negative on faces that lie
-    at the root's side of their barb, so that `across` points to the tip everywhere: else the
-    shear would change its sign from face to face.
+    points: (V, 3) surface points at rest. The height over the edge is negative on faces at the
+    root's side of their barb, so that `across` points to the tip everywhere. Else the shear would
+    change its sign from face to face.
     """
     opposite = surface.triangles.sum(axis=1) - edges.sum(axis=1)
     corners = np.column_stack([edges, opposite]).astype(np.int64)
@@ -448,12 +451,12 @@ def _contiguous(values: RowPoints) -> RowPoints:
 
 
 def _barb_points(points_map: PointMap, values: RowPoints) -> Array:
-    """(K, 3) points or rates of barbs."""
+    """Return (K, 3) points or rates of barbs."""
     return np.ascontiguousarray(points_map(values), dtype=np.float64).reshape(-1, 3)
 
 
 def read_only(values: NDArray[Any], kind: Any = np.int64) -> NDArray[Any]:
-    """Read-only, as kernels are compiled for what poses do not change."""
+    """Return a read-only array; kernels are compiled for constant arrays."""
     own = np.ascontiguousarray(values, dtype=kind).view()
     own.flags.writeable = False
     return own

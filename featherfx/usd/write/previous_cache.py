@@ -1,4 +1,7 @@
-"""What an earlier bake left at an output: nothing, part of this bake, all of it, or another one."""
+"""Earlier bakes at an output: recognised, compared, and their samples reused.
+
+An output may hold nothing, part of this bake, all of it, or another bake.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +38,9 @@ _MAX_DIFFERENCES = 12
 def is_finished(
     path: Path, settings: Mapping[str, str], inputs: Mapping[str, str], overwrite: bool
 ) -> bool:
-    """Whether the cache at path is complete and was baked with these settings.
+    """Return whether the cache at path is complete and was baked with these settings.
 
-    inputs: what the bake's files say. Raises OutputError where a cache, or an unfinished one, of
+    inputs: texts of the bake's files. Raises OutputError where a cache, or an unfinished one, of
     other settings is there, unless overwrite: settings are never mixed.
     """
     if path.exists():
@@ -61,10 +64,10 @@ def describe_changes(
     settings: Mapping[str, str],
     inputs: Mapping[str, str],
 ) -> dict[str, str]:
-    """What differs between two bakes, by key, in words.
+    """Return the differences between two bakes, by key, in words.
 
-    Settings are what counts, and inputs what the files say: a setting that cannot be told in a few
-    words is only named where no input tells why it is another.
+    Settings decide, and inputs explain: a setting that is too long to describe is only named where
+    no input explains why it differs.
     """
     found = changes(earlier_inputs, inputs) if earlier_inputs else {}
     for key, change in changes(earlier, settings).items():
@@ -78,9 +81,9 @@ def describe_changes(
 
 
 def remove_finished_parts(path: Path, settings: Mapping[str, str]) -> None:
-    """Remove what a bake left that was killed when its cache, now complete, had its name.
+    """Remove leftovers of a bake that was killed after it had published its cache.
 
-    Raises OutputError where another bake is writing it.
+    Raises OutputError where another bake is writing the cache.
     """
     if lock_file(path).exists():
         layout = read_metadata(path).get("layout", "flat")
@@ -89,19 +92,19 @@ def remove_finished_parts(path: Path, settings: Mapping[str, str]) -> None:
 
 
 def read_settings(path: Path) -> dict[str, str]:
-    """Settings that a cache was baked with; empty where its file does not tell."""
+    """Return the settings of a cache; empty where its metadata lack them."""
     found = read_metadata(path).get("settings")
     known = found if isinstance(found, dict) else {}
     return {str(key): str(value) for key, value in known.items()}
 
 
 def read_inputs(path: Path) -> dict[str, str]:
-    """What the files of a cache's bake said; empty where its file does not tell."""
+    """Return the texts of the files of a cache's bake; empty where its metadata lack them."""
     return parse_table(read_metadata(path).get("inputs"))
 
 
 def parse_table(text: Any) -> dict[str, str]:
-    """Texts by name from JSON (table_text); empty where it is none."""
+    """Return texts by name from JSON (format_table); empty for any other value."""
     if isinstance(text, Vt.StringArray):
         text = "".join(text)
     try:
@@ -112,7 +115,7 @@ def parse_table(text: Any) -> dict[str, str]:
 
 
 def read_metadata(path: Path) -> dict[str, Any]:
-    """What featherfx wrote of itself into a root file; empty where there is none."""
+    """Return the metadata of featherfx in a root file; empty where there are none."""
     try:
         layer = Sdf.Layer.OpenAsAnonymous(str(path), metadataOnly=True)
         found = layer.customLayerData.get("featherfx") if layer else None
@@ -129,7 +132,7 @@ def _is_whole(path: Path, settings: Mapping[str, str]) -> bool:
 
 
 def _settings_error(path: Path, what: str, told: Mapping[str, str]) -> OutputError:
-    """told: what differs, by key; empty where that is not known."""
+    """Return the error for an output of other settings. told: the differences by key."""
     advice = "choose another name, or --overwrite to bake it anew"
     if not told:
         message = f"{what}, and does not tell with which settings; {advice}"
@@ -143,7 +146,7 @@ def _settings_error(path: Path, what: str, told: Mapping[str, str]) -> OutputErr
 
 
 class _PrimRanges(NamedTuple):
-    """Where a feather's values stand: path of the prim, its own points, faces or curves."""
+    """Path of a prim with a feather's values, and its ranges of points, faces or curves."""
 
     path: Any
     points: slice
@@ -151,12 +154,11 @@ class _PrimRanges(NamedTuple):
 
 
 class PreviousCache:
-    """A cache that a bake has finished; its layers are opened when they are first read.
+    """A finished cache at the output; its layers are opened when they are first read.
 
-    dependences: what each feather depended on (shot/partition/dependence.py), by name; motions:
-    what its motion did, before it was laid over others, by id; empty where the file does not tell.
-    inputs: what its files said (featherfx/groom/read/value_diff.py).
-    settings: that it was baked with. chunk: samples of each chunk.
+    dependences: of each feather (featherfx/shot/partition/dependence.py), by name. motions: of its motion
+    before layering, by id; both are empty where the file lacks them. inputs: texts of its files
+    (featherfx/groom/read/value_diff.py). settings: of its bake. chunk: samples of each chunk.
     """
 
     def __init__(self, path: Path) -> None:
@@ -174,7 +176,7 @@ class PreviousCache:
         self._code, self._values = math.nan, dict[Any, Any]()
 
     def fill(self, feather: str, code: float, out: Written) -> None:
-        """Write what is there of a feather, by its id, at a time code.
+        """Write the values of a feather, by its id, at a time code.
 
         Raises OutputError where a value is missing or of another size.
         """
@@ -191,7 +193,7 @@ class PreviousCache:
             numbers[...] = given
 
     def _value(self, part: _PrimRanges, name: str, sampled: Any, code: float) -> Any:
-        """A feather's elements of an attribute; None where it has no value."""
+        """Return a feather's elements of an attribute; None where it has no value."""
         if code != self._code:
             self._code, self._values = code, {}
         if (part.path, name) not in self._values:
@@ -207,13 +209,13 @@ class PreviousCache:
         return None if found is None else found[own]
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         self._layers.clear()
         self._values.clear()
 
     @property
     def _constant(self) -> Any:
-        """The layer with all that has no samples."""
+        """Return the layer with the constant values."""
         files = output_files(self._path, self._layout)
         return self._layer(files[-1 if self._layout == "flat" else -2])
 
@@ -224,7 +226,7 @@ class PreviousCache:
         return self._layer(files[max(bisect_right(starts, code) - 1, 0)])
 
     def _files(self) -> tuple[list[float], list[Path]]:
-        """The files that hold samples, and the first time code of each."""
+        """Return the files that hold samples, and the first time code of each."""
         if self._layout == "clips":
             found = list_chunk_files(clips_folder(self._path), self.settings)
             return [codes[0] for codes, _ in found], [file for _, file in found]
@@ -238,7 +240,7 @@ class PreviousCache:
 
 
 def _find_ranges(layer: Any) -> dict[str, dict[str, _PrimRanges]]:
-    """Where each feather's values stand, by its id and part (MESH, RACHIS, BARB)."""
+    """Return the ranges of each feather, by its id and prim (MESH_PRIM, RACHIS_PRIM, BARB_PRIM)."""
     found: dict[str, dict[str, _PrimRanges]] = {}
     root = layer.GetPrimAtPath(Sdf.Path.absoluteRootPath.AppendChild(layer.defaultPrim))
     for part, (scope, _) in SCOPES.items():
@@ -261,5 +263,5 @@ def _default_value(prim: Any, name: str) -> Any:
 
 
 def _feather_range(table: Any, index: int) -> slice:
-    """Of a prim without a table all is one feather's."""
+    """Return the range of a feather; a prim without a table is one feather."""
     return slice(None) if table is None else slice(table[index][0], sum(table[index]))

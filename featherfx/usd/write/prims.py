@@ -1,12 +1,17 @@
-"""What never changes of the prims of feathers: mesh, curves, primvars.
+"""Prims of feathers: their constant attributes, primvars and materials.
 
-The shaft's centre line is for grooming
-tools and constraints, and the whole feather where only rachises are drawn; purposes are those of
-the scopes above (define.py). Primvars are always arrays, since some readers drop scalars.
+The rachis's centre line serves grooming tools and constraints, and stands for the feather where
+only rachises are drawn. Purposes are those of the scopes above (define.py). Primvars are always
+arrays, since some readers drop scalars.
 
-What is one value a feather is a constant of a prim that is one feather's. On prims that feathers
-share it is uniform, a value for each face or curve, and tables tell which points, faces and curves
-are whose: featherRange:points and so on, first and number, in the order of featherId's values.
+A value per feather is constant on a prim of one feather. On a shared prim it is uniform, with a
+value for each face or curve, and tables list the points, faces and curves of each feather:
+featherRange:points and so on, first and number, in the order of featherId's values.
+
+Materials "vane" and "rachis" are UsdPreviewSurface; textures or a film add standard_surface of
+MaterialX (textures.py). They stand until look development binds others. Colours are those of the
+textures, else of displayColor, else of keratin. Iridescent feathers have the primvar filmThickness,
+which UsdPreviewSurface cannot use.
 """
 
 from __future__ import annotations
@@ -88,7 +93,7 @@ _PRIMVARS = {
 
 
 def author_primvars(prim: Any, interpolation: str = "", **values: Any) -> None:
-    """Author primvars of a prim, USD arrays by their names. interpolation: other than usual."""
+    """Author primvars, USD arrays by their names. interpolation: empty for the default."""
     for name, value in values.items():
         kind, usual, element = _PRIMVARS[name]
         primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(name, kind, interpolation or usual)
@@ -100,8 +105,10 @@ def author_primvars(prim: Any, interpolation: str = "", **values: Any) -> None:
 def author_shared(
     prim: Any, name: str, values: Sequence[Any], interpolation: str, counts: Any = 1
 ) -> None:
-    """Author a primvar of texts or numbers, each for as many elements as counts has, once in the
-    file."""
+    """Author a primvar of texts or numbers, each stored once.
+
+    counts: elements of each value.
+    """
     place = {value: number for number, value in enumerate(dict.fromkeys(values))}
     told = arrays.ints([*place]) if isinstance(values[0], int) else arrays.strings(*place)
     author_primvars(prim, interpolation, **{name: told})
@@ -111,14 +118,14 @@ def author_shared(
 
 
 def replace_primvars(layer: Any, path: Any, **values: Any) -> None:
-    """Other values of primvars that a prim of a layer has already."""
+    """Replace values of primvars that a prim of a layer has."""
     for name, value in values.items():
         attribute = layer.GetAttributeAtPath(path.AppendProperty(f"primvars:{name}"))
         attribute.default = value
 
 
 def skin_primvars(entries: Sequence[FeatherEntry]) -> dict[str, Any]:
-    """The primvars that tell where feathers sit on a skin; each does."""
+    """Return the primvars with the places of feathers on a skin; each must have one."""
     roots = [entry.root for entry in entries if entry.root is not None]
     return {
         "skinPrim": arrays.strings(*(root.path for root in roots)),
@@ -129,7 +136,7 @@ def skin_primvars(entries: Sequence[FeatherEntry]) -> dict[str, Any]:
 
 
 def label_primvars(id: str, kind: str, region: str) -> dict[str, Any]:
-    """The primvars that tell whose a prim is."""
+    """Return the primvars with id, kind and region of a feather."""
     values = {"featherId": id, "featherKind": kind, "region": region}
     return {name: arrays.strings(value) for name, value in values.items()}
 
@@ -137,7 +144,7 @@ def label_primvars(id: str, kind: str, region: str) -> dict[str, Any]:
 def _author_owners(
     prim: Any, group: PosedGroup, entries: Sequence[FeatherEntry], **starts: Indices
 ) -> None:
-    """Tell whose a prim is, or which of its elements are whose; starts as of tell_shared."""
+    """Author the labels of a feather, or the tables of feathers; starts as of author_ranges."""
     if group.alone:
         author_primvars(prim, **label_primvars(entries[0].id, entries[0].kind, entries[0].region))
     else:
@@ -145,9 +152,9 @@ def _author_owners(
 
 
 def author_ranges(prim: Any, feathers: Sequence[Any], **starts: Indices) -> None:
-    """Tell which elements of a prim are of which feathers, that have an id, kind and region.
+    """Author the ranges of feathers with an id, kind and region on a shared prim.
 
-    starts: (M + 1,) of points, then of faces or curves, where each feather's begin, and all.
+    starts: (M + 1,) of points, then of faces or curves, first element of each feather, and all.
     """
     *_, elements = starts.values()
     texts = {
@@ -164,8 +171,10 @@ def author_ranges(prim: Any, feathers: Sequence[Any], **starts: Indices) -> None
 
 
 def paint_primvars(entries: Sequence[FeatherEntry], part: str) -> dict[str, Any]:
-    """The primvars of vertices that shaders take beside colours, as far as there are any: places
-    in the pictures (textures.py), and nm of film. part: MESH or BARB."""
+    """Return the primvars that shaders take besides colours, as far as there are any.
+
+    These are places in the images (textures.py), and nm of film. part: MESH_PRIM or BARB_PRIM.
+    """
     values: dict[str, Any] = {}
     if entries[0].chart is not None:
         places = [
@@ -183,7 +192,7 @@ def paint_primvars(entries: Sequence[FeatherEntry], part: str) -> dict[str, Any]
 
 
 def chart_primvar(entries: Sequence[FeatherEntry]) -> Any:
-    """The charts of feathers that have one."""
+    """Return the charts of feathers that have one."""
     return arrays.vec4f(np.stack([e.chart for e in entries if e.chart is not None]))
 
 
@@ -196,16 +205,16 @@ def _st(entry: FeatherEntry, part: str) -> Any:
 def _author_look(
     prim: Any, name: str, materials: Any, shades: Any = None, interpolation: str = ""
 ) -> None:
-    """Display colour and material "vane" or "rachis". shades: (K, 3) linear, where there are."""
+    """Author display colour and material "vane" or "rachis". shades: (K, 3) linear, or None."""
     plain = [MATERIAL_COLOURS[name]] if shades is None else shades
     author_primvars(prim, interpolation, displayColor=arrays.vec3f(plain))
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(materials[name])
 
 
 def join_shades(entries: Sequence[FeatherEntry], name: str, counts: Sequence[int]) -> Array | None:
-    """(K, 3) linear colours of feathers that share a prim; None where they have none.
+    """Return (K, 3) linear colours of feathers that share a prim; None where they have none.
 
-    name: of Colours' points, shaft or barbs. counts: of each feather's elements.
+    name: of Colours' points, rachis or barbs. counts: of each feather's elements.
     """
     found = [getattr(entry.colours, name) for entry in entries if entry.colours is not None]
     if len(found) < len(entries):
@@ -257,7 +266,7 @@ def define_mesh(
 
 
 def _define_subsets(mesh: Any, part: Indices, materials: Any) -> None:
-    """Vanes and shafts as one family that covers every face once; what is absent has no subset."""
+    """Define vanes and rachis as a family that covers every face once, without empty subsets."""
     family = UsdShade.Tokens.materialBind
     for name, number in SUBSETS.items():
         faces = np.flatnonzero(part == number)
@@ -279,7 +288,7 @@ def define_rachises(
     ups: Any,
     materials: Any,
 ) -> None:
-    """Author the constant part of shafts, a curve each. rest, as of define_mesh.
+    """Author the constant part of rachises, a curve each. rest, as of define_mesh.
 
     ups: (M, 3) dorsal directions of the roots at rest, stage axes.
     """
@@ -328,7 +337,7 @@ def _define_curves(stage: Any, path: Any, counts: Any, rest: Any, widths: Any) -
 
 
 def define_polylines(stage: Any, path: Any, counts: Any) -> Any:
-    """Linear curves of so many points each."""
+    """Define linear curves of so many points each."""
     curve = UsdGeom.BasisCurves.Define(stage, path)
     curve.CreateTypeAttr(UsdGeom.Tokens.linear)
     curve.CreateWrapAttr(UsdGeom.Tokens.nonperiodic)
@@ -341,8 +350,11 @@ MATERIAL_ROUGHNESS = {"vane": 0.65, "rachis": 0.4}
 
 
 class MaterialInputs(NamedTuple):
-    """What materials take. coloured: whether displayColor. film: whether filmThickness. texture:
-    name of the pictures, whose coordinates are the primvar atlas; empty: none."""
+    """Inputs of the materials.
+
+    coloured: displayColor. film: filmThickness. texture: name of the images, whose coordinates are
+    the primvar atlas; empty: none.
+    """
 
     coloured: bool = False
     film: bool = False
@@ -350,14 +362,14 @@ class MaterialInputs(NamedTuple):
 
 
 def choose_inputs(entries: Sequence[FeatherEntry], texture: str = "") -> MaterialInputs:
-    """What materials take of feathers."""
+    """Return the material inputs that feathers have."""
     found = [entry.colours for entry in entries if entry.colours is not None]
     coloured = len(found) == len(entries)
     return MaterialInputs(coloured, coloured and found[0].film is not None, texture)
 
 
 def define_materials(stage: Any, scope: Any, look: MaterialInputs) -> dict[str, Any]:
-    """Both materials under the path scope, by name."""
+    """Define both materials under the path scope; return them by name."""
     UsdGeom.Scope.Define(stage, scope)
     made = {}
     for name in MATERIAL_COLOURS:
@@ -375,13 +387,13 @@ def define_materials(stage: Any, scope: Any, look: MaterialInputs) -> dict[str, 
 
 
 class MaterialNodes:
-    """The shaders of a material."""
+    """Shaders of a material."""
 
     def __init__(self, stage: Any, path: Any) -> None:
         self._stage, self._path = stage, path
 
     def add(self, name: str, id: str, output: tuple[str, Any], **inputs: tuple[Any, Any]) -> Any:
-        """A shader's output. inputs: type, and value or another's output."""
+        """Add a shader and return its output. inputs: type, and value or another's output."""
         shader = UsdShade.Shader.Define(self._stage, self._path.AppendChild(name))
         shader.CreateIdAttr(id)
         for each, (kind, value) in inputs.items():

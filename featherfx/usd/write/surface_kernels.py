@@ -1,13 +1,13 @@
-"""One pose of a feather as it is written: points, rates, normals, directions, extents, strains.
+"""Kernels for one written pose: points, rates, normals, directions, extents, strains.
 
 values: RowPoints of a feather or their rates, world frame, m. Results are single precision.
 
-Strain and energy are those of the vanes as they are drawn, per face, by the mechanics' own strain:
+Strain and energy are those of the drawn vanes, per face, by the mechanics' own strain:
 
     density = 1/2 b (E_ww e_ww^2 + 4 E_vw e_vw^2)        J per square metre of the vane at rest
 
 e_ww, e_vw Green-Lagrange strain across the barbs and in shear, b thickness, E_ww and E_vw moduli
-(featherfx/mechanics/vane_membrane_kernels.py). A face of the shaft has none: zero.
+(featherfx/mechanics/vane_membrane_kernels.py). A face of the rachis has none: zero.
 """
 
 from __future__ import annotations
@@ -169,9 +169,9 @@ def pose_surface(values, surface, stage, out):
 
 @kernel
 def changed(points, rates, reference, rounding):
-    """Whether points differ from the reference, or any rate is above rounding * |coordinate|.
+    """Return whether points differ from the reference, or a rate exceeds the rounding.
 
-    That is the greatest coordinate of all.
+    The rounding is relative to the greatest coordinate of all points.
     """
     greatest = 0.0
     for v in range(points.shape[0]):

@@ -1,8 +1,11 @@
-"""Colours as pictures: a chart for each feather, in square tiles (UDIM where there are several).
+"""Textures: images of the colours, and MaterialX shaders that use them or a film.
 
 A chart holds both vanes of one feather by its texture coordinates: the trailing one left of its
 middle, the leading one right of it, the root below. Every feather has its own, whatever it shares
-with others, so that it can be painted over. The border of a chart repeats its edge.
+with others, so that it can be painted over. The border of a chart repeats its edge. Charts stand in
+square tiles, UDIM where there are several.
+
+A USD that was built without MaterialX does not know its nodes, and its validators report them.
 """
 
 from __future__ import annotations
@@ -51,34 +54,38 @@ _MAX_CHARTS = 64  # charts in memory that other feathers may have as well
 
 @dataclass(frozen=True)
 class Atlas:
-    """Where the charts are. feathers: their number. pixels: of a chart along the feather; it is
-    half as wide."""
+    """Places of the charts. feathers: their number.
+
+    pixels: of a chart along the feather; it is half as wide.
+    """
 
     feathers: int
     pixels: int
 
     @property
     def side(self) -> int:
-        """Pixels of a tile's side, a power of two."""
+        """Return the pixels of a tile's side, a power of two."""
         side = 1 << (self.pixels - 1).bit_length()
         while side < _MAX_TILE_SIDE and np.prod(self._grid(side)) < self.feathers:
             side *= 2
         return side
 
     def _grid(self, side: int) -> tuple[int, int]:
-        """Charts across a tile, and up."""
+        """Return charts across a tile, and up."""
         return side // (self.pixels // 2), side // self.pixels
 
     def _places(self) -> tuple[Indices, ...]:
-        """(N,) each, of a feather: its tile, and its place in that."""
+        """Return (N,) tile, column and row of each feather."""
         across, up = self._grid(self.side)
         tile, place = np.divmod(np.arange(self.feathers), across * up)
         return tile, *np.divmod(place, across)[::-1]
 
     @property
     def charts(self) -> Array:
-        """(N, 4) of each feather u, v where its chart begins, and the size of that: its texture
-        coordinates s, t are at u + s du, v + t dv."""
+        """Return (N, 4) u, v of each chart's corner, and its size du, dv.
+
+        Texture coordinates s, t of a feather are at u + s du, v + t dv.
+        """
         tile, column, row = self._places()
         size = np.array([self.pixels // 2, self.pixels])
         corner = np.stack([column, row], axis=1) * size + _BORDER
@@ -86,24 +93,24 @@ class Atlas:
         return np.hstack([begin, np.broadcast_to((size - 2 * _BORDER) / self.side, begin.shape)])
 
     def given_to(self, entries: Sequence[FeatherEntry]) -> tuple[FeatherEntry, ...]:
-        """Each with its chart."""
+        """Return each entry with its chart."""
         charts = zip(entries, self.charts, strict=True)
         return tuple(replace(entry, chart=chart) for entry, chart in charts)
 
     def files(self, path: Path) -> list[Path]:
-        """The pictures of a cache, in the order of their tiles."""
+        """Return the images of a cache, in the order of their tiles."""
         last = int(self._places()[0][-1])
         return [
             path.with_name(f"{path.stem}.colour.{_FIRST_TILE + k}.png") for k in range(last + 1)
         ]
 
     def asset(self, path: Path) -> str:
-        """How the cache names them."""
+        """Return the asset path of the images in the cache."""
         name = "<UDIM>" if len(self.files(path)) > 1 else _FIRST_TILE
         return f"./{path.stem}.colour.{name}.png"
 
     def stored(self, path: Path, entries: Sequence[FeatherEntry]) -> Iterator[tuple[Path, Store]]:
-        """The pictures and what writes each, as write_all takes them."""
+        """Yield the images with the function that writes each, as write_all takes them."""
         for file, image in zip(self.files(path), self._images(entries), strict=True):
             yield file, partial(_save, image)
 
@@ -121,7 +128,7 @@ class Atlas:
             yield image
 
     def _chart(self, entry: FeatherEntry, known: dict[Any, Array]) -> Array:
-        """(H, W, 3) linear colours of a feather, the root first."""
+        """Return (H, W, 3) linear colours of a feather, the root first."""
         if entry.shape is None:
             return np.array(VANE_COLOUR)[None, None]
         kind, mirrored, _ = entry.shape
@@ -137,7 +144,7 @@ class Atlas:
 
 
 def refuse_textures(files: Sequence[Path], overwrite: bool) -> None:
-    """Raise OutputError where pictures cannot be written, or were painted over since."""
+    """Raise OutputError where images cannot be written, or were painted over."""
     problems = []
     if importlib.util.find_spec("PIL") is None:
         told = 'Pillow is not installed; pip install "featherfx[preview]"'
@@ -150,7 +157,7 @@ def refuse_textures(files: Sequence[Path], overwrite: bool) -> None:
 
 
 def _is_unchanged(file: Path) -> bool:
-    """Whether a picture has the colours that it was written with."""
+    """Return whether an image has the colours that it was written with."""
     from PIL import Image
 
     try:
@@ -175,7 +182,7 @@ def _save(image: NDArray[np.uint8], path: Path) -> None:
 
 
 def standard_surface(nodes: MaterialNodes, name: str, look: MaterialInputs) -> Any:
-    """The same by nodes of MaterialX, with light that goes through, and the film."""
+    """Return the standard_surface of a material, with transmitted light and film."""
 
     def primvar(node: str, kind: str, type: Any, of: str, **default: tuple[Any, Any]) -> Any:
         geomprop = (_TYPES.String, of)
