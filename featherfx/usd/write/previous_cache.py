@@ -156,7 +156,7 @@ class _PrimRanges(NamedTuple):
 class PreviousCache:
     """A finished cache at the output; its layers are opened when they are first read.
 
-    dependences: of each feather (featherfx/shot/partition/dependence.py), by name. motions: of its motion
+    dependences: of each feather, by name. motions: of its motion
     before layering, by id; both are empty where the file lacks them. inputs: texts of its files
     (featherfx/groom/read/value_diff.py). settings: of its bake. chunk: samples of each chunk.
     """
