@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -52,3 +53,8 @@ def along_polyline(points: Array, fraction: Array) -> Array:
     station = np.concatenate(([0.0], np.cumsum(lengths)))
     at = np.asarray(fraction, dtype=float) * station[-1]
     return np.column_stack([np.interp(at, station, points[:, axis]) for axis in range(3)])
+
+
+def bow_fraction(fold: Array | float) -> Any:
+    """Return the fraction of its bow that a wing has at a fold; fans are closed before it bends."""
+    return np.maximum(fold, 0.0) ** 6

@@ -16,7 +16,7 @@ import numpy as np
 from featherfx.algebra.between import Knots
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place
-from featherfx.groom.regions.regions import GroomReaders
+from featherfx.groom.read.readers import GroomReaders
 from featherfx.shot.preroll import NO_RUN_UP, STILL, RunUp
 
 

@@ -124,7 +124,7 @@ def test_hold_leaves_every_root_where_the_groom_has_it():
 
 
 def test_shake_is_a_sine_along_the_direction_that_starts_at_rest():
-    values = {"amplitude": 0.05, "frequency": 3.0, "direction": [0.0, 3.0, 4.0], "rise": 0.25}
+    values = {"amplitude": 0.05, "frequency": 3.0, "direction": [0.0, 3.0, 4.0], "ramp_periods": 0.25}
     motion, rest = motion_of("shake", values), motion_of("hold", {}).frames(0.0)
     for time in (0.1, 0.2513, 1.7):
         positions, rotations = motion.frames(time)
@@ -371,7 +371,7 @@ def test_ways_of_a_motion_go_with_its_size_and_turns_stay():
 
 def test_a_swing_turns_joints_there_and_back():
     values = {"joints": "elbow_?", "axis": [0, 0, 1], "angle": 30, "frequency": 2}
-    values |= {"lag": 0.0, "rise": 1.0}
+    values |= {"phase": 0.0, "ramp_periods": 1.0}
     rest, motion = motion_of("hold", {}).frames(0.0)[1], motion_of("swing", values)
     for time, angle in ((0.625, 30.0), (0.75, 0.0), (0.875, -30.0)):
         turn = Rotation.from_euler("z", angle, degrees=True).as_matrix()

@@ -25,12 +25,12 @@ from featherfx.groom.anatomy.remiges import shut
 from featherfx.groom.anatomy.wing import wing_type
 from featherfx.groom.frames import along_polyline
 from featherfx.groom.keys.anatomy import PARTS, WingType
-from featherfx.groom.keys.groom import CREST, TAIL, WING
+from featherfx.groom.keys.limbs import CREST, TAIL, WING
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.keys.regions import FLOW, LAYOUT, REGION, SPREAD, WHERE
 from featherfx.groom.keys.values import Key
 from featherfx.groom.presets.library import Library, plain, sourced
-from featherfx.groom.read.space import SkinsReader
+from featherfx.groom.read.readers import SkinsReader
 
 # of what lies over what, wings being -4 to 9: breast, neck and mantle over the wings' roots, what
 # wings lie on below; chosen by eye

@@ -10,7 +10,6 @@ at its root. An open wing is flat, and bends late as it folds, when its fan is n
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -83,11 +82,6 @@ def wrapped(kind: FeatherKind, sizes: Array, within: Array) -> Array:
 
 
 _FLATTEST = 1e-6  # rad, for a wing that bends along its feathers alone
-
-
-def bow_fraction(fold: Array | float) -> Any:
-    """How much of its bow a wing has at a fold: its sixth power, so late that fans are closed."""
-    return np.maximum(fold, 0.0) ** 6
 
 
 def bow_of(

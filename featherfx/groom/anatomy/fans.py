@@ -17,9 +17,8 @@ from featherfx.algebra.rotation import (
     screws_of,
 )
 from featherfx.algebra.types import Array
-from featherfx.groom.anatomy.bow import bow_fraction
 from featherfx.groom.anatomy.remiges import spread_evenly
-from featherfx.groom.frames import along_polyline
+from featherfx.groom.frames import along_polyline, bow_fraction
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.read.drafts import Draft

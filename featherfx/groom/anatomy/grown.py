@@ -1,8 +1,8 @@
-"""What anatomy grows in a groom: the feathers and joints of wings, tails and crests."""
+"""Feathers and joints of wings, tails and crests."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,16 +19,13 @@ from featherfx.groom.read.space import Space
 from featherfx.groom.types import Joint
 
 
-@dataclass(frozen=True)
-class Grown:
-    """joints: each with the table that asks for it."""
+def grow_limbs(
+    parts: dict[str, Any], store: KindStore, library: Library, space: Space
+) -> tuple[tuple[Draft, ...], tuple[tuple[Joint, Place], ...]]:
+    """Return feathers and joints of [[wing]], [[tail]] and [[crest]], joints with their tables.
 
-    drafts: tuple[Draft, ...]
-    joints: tuple[tuple[Joint, Place], ...]
-
-
-def grown_parts(parts: dict[str, Any], store: KindStore, library: Library, space: Space) -> Grown:
-    """What the [[wing]], [[tail]] and [[crest]] tables grow; problems go to their places."""
+    Problems go to the places of the tables.
+    """
     drafts: list[Draft] = []
     joints: list[tuple[Joint, Place]] = []
     for at, entry in parts["wing"]:
@@ -48,7 +45,7 @@ def grown_parts(parts: dict[str, Any], store: KindStore, library: Library, space
                 own, bones = grow(entry, at, store)
                 drafts += own
                 joints += [(each, at) for each in bones]
-    return Grown(tuple(drafts), tuple(joints))
+    return tuple(drafts), tuple(joints)
 
 
 def _mirrored(joint: Joint, mirror: Mirror) -> Joint:

@@ -19,7 +19,7 @@ import numpy as np
 from featherfx.algebra.rotation import from_rotation_vector, motions
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import all_of
-from featherfx.groom.anatomy.bow import Bow, bow_fraction, wrapped
+from featherfx.groom.anatomy.bow import Bow, wrapped
 from featherfx.groom.anatomy.pose import WingBones, as_placed, folded
 from featherfx.groom.anatomy.remiges import (
     ROWS,
@@ -32,6 +32,7 @@ from featherfx.groom.anatomy.remiges import (
     remiges_of,
     spread_evenly,
 )
+from featherfx.groom.frames import bow_fraction
 from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingType
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kind_store import KindChoice, KindStore

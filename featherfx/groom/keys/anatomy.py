@@ -288,9 +288,11 @@ class DiscOfBird:
     rim_tilt: Annotated[float, Number(-90, 90, "deg"), "Angle between shaft and skin."] = 45.0
 
 
+WING_TYPE = keys_of(WingType)
+
 BIRD_TYPE = {
     "length": Key(Number(1e-3, 100, "m"), "From the tip of the beak to the root of the tail."),
-    "wing": Key(Preset("wing", keys_of(WingType)), "Its wings."),
+    "wing": Key(Preset("wing", WING_TYPE), "Its wings."),
     "tail": Key(Table(keys_of(TailOfBird), "table of a tail"), "Its tail."),
     "crest": Key(Table(keys_of(CrestOfBird), "table of a crest"), "Its crest.", {}),
     "disc": Key(Table(keys_of(DiscOfBird), "table of a disc"), "The disc of its face.", {}),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.anatomy import MOST_IN_A_ROW, TAIL_COVERTS
 from featherfx.groom.keys.places import POINT, SPACE, Direction
-from featherfx.groom.keys.preset import DIALS, FAMILIES, FEATHER, names_or_list
-from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN, WHERE
+from featherfx.groom.keys.preset import DIALS, FEATHER, LAYER, names_or_list
 from featherfx.groom.keys.values import (
     ArrayOf,
     Flag,
     Key,
+    LazyKeys,
     Named,
     Number,
     Partial,
@@ -36,14 +35,14 @@ DEFAULT_NAMES = {
     "right_barbs": "P_barbr",
 }
 
-_LABEL = Text(empty=True)
-_FACTOR = Number(0.01, 100)
+LABEL = Text(empty=True)
+SIZE_FACTOR = Number(0.01, 100)
 _DIRECTION = Key(Direction(), "Direction of the shaft as it leaves the follicle.", None)
 _UP = Key(Direction(), "Dorsal side; need not be square to the direction.", None)
 
 _BELONGS = {
-    "region": Key(_LABEL, "Free label, written to USD.", ""),
-    "joint": Key(_LABEL, "Joint that carries the root; empty: the groom itself.", ""),
+    "region": Key(LABEL, "Free label, written to USD.", ""),
+    "joint": Key(LABEL, "Joint that carries the root; empty: the groom itself.", ""),
     "side": Key(
         Text(("left", "right")),
         "Wing that the feather belongs to. With x forward, y to the left and z up, a right feather "
@@ -51,15 +50,17 @@ _BELONGS = {
         "right",
     ),
 }
-_MIRROR = Key(
+MIRROR_KEY = Key(
     Text(("x", "y", "z")),
     'Also makes the mirror image at 0 of this axis: "left" and "right" change places in ids and '
     "joints, and side changes.",
     None,
 )
-_FACTORS = {
-    "scale": Key(_FACTOR, "Factor of the size; what follows is told by the kind's `scaling`.", 1.0),
-    "width": Key(_FACTOR, "Factor of the vanes' widths.", 1.0),
+FEATHER_FACTORS = {
+    "scale": Key(
+        SIZE_FACTOR, "Factor of the size; what follows is told by the kind's `scaling`.", 1.0
+    ),
+    "width": Key(SIZE_FACTOR, "Factor of the vanes' widths.", 1.0),
     "roll": Key(
         Number(-360, 360, "deg"),
         "Turning of the root about the shaft; positive lifts the leading vane.",
@@ -70,9 +71,9 @@ _FACTORS = {
 _SOME_FEATHER_KEYS = Partial(Table(FEATHER))
 _KIND = Key(Text(), "Name of a feather preset.")
 
-JOINT = keys_of(Joint) | {"mirror": _MIRROR}
+JOINT = keys_of(Joint) | {"mirror": MIRROR_KEY}
 
-CHANGE = FEATHER | _FACTORS
+CHANGE = FEATHER | FEATHER_FACTORS
 
 FEATHER_ENTRY = {
     "id": Key(Text(), "Name, unique in the groom."),
@@ -87,8 +88,8 @@ FEATHER_ENTRY = {
         None,
     ),
     **_BELONGS,
-    "mirror": _MIRROR,
-    **_FACTORS,
+    "mirror": MIRROR_KEY,
+    **FEATHER_FACTORS,
     "overrides": Key(
         _SOME_FEATHER_KEYS, "Any key of a feather preset, for this feather alone.", {}
     ),
@@ -147,9 +148,9 @@ ROW = {
         "what their frames differ in; otherwise they turn evenly from the one to the other.",
         False,
     ),
-    "scale": Key(ArrayOf(_FACTOR, 2, 2), "Factors of the size, first and last.", (1.0, 1.0)),
-    "width": _FACTORS["width"],
-    "roll": _FACTORS["roll"],
+    "scale": Key(ArrayOf(SIZE_FACTOR, 2, 2), "Factors of the size, first and last.", (1.0, 1.0)),
+    "width": FEATHER_FACTORS["width"],
+    "roll": FEATHER_FACTORS["roll"],
     **DIALS,
     "lift": Key(
         Number(-0.1, 0.1, "m"),
@@ -161,9 +162,9 @@ ROW = {
         "Distance of the last two roots over that of the first two; between, it changes evenly.",
         1.0,
     ),
-    "layer": REGION["layer"],
+    "layer": LAYER,
     **_BELONGS,
-    "mirror": _MIRROR,
+    "mirror": MIRROR_KEY,
     "overrides": Key(_SOME_FEATHER_KEYS, "Any key of a feather preset, for this row.", {}),
 }
 
@@ -177,144 +178,9 @@ TABLE = {
         "columns.",
     ),
     "kind": Key(Text(), "Feather preset, where there is no column kind.", None),
-    **_FACTORS,
+    **FEATHER_FACTORS,
     **_BELONGS,
-    "mirror": _MIRROR,
-}
-
-_SKELETON = Key(
-    Text(empty=True),
-    "Path of a Skeleton in the file of the shot's skin, whose bones fold wings; empty: the shot's "
-    "skin, which may be one.",
-    "",
-)
-
-WING = {
-    "id": Key(Text(), "Start of the ids of its feathers and joints."),
-    "type": Key(FAMILIES["wing"], "Wing preset, or a table that starts from one."),
-    "shoulder": Key(POINT, "Joint of the wing with the body."),
-    "elbow": Key(POINT, "Joint of upper arm and forearm; default: as the type has it.", None),
-    "wrist": Key(POINT, "Joint of forearm and hand.", None),
-    "tip": Key(POINT, "End of the bones of the hand.", None),
-    "fold": Key(
-        Number(0, 1),
-        "Spread (0) to folded (1), with the bones' lengths of the landmarks, or of the type; "
-        "default: the wing is as its landmarks have it.",
-        None,
-    ),
-    "forward": Key(Direction(), "Where the body looks.", (1.0, 0.0, 0.0)),
-    "up": Key(Direction(), "The body's upper side.", (0.0, 0.0, 1.0)),
-    "scale": Key(_FACTOR, "Factor of all lengths of the type.", 1.0),
-    "layer": REGION["layer"],
-    "joint": Key(_LABEL, "Joint that carries the shoulder; empty: the groom itself.", ""),
-    "side": Key(Text(("left", "right")), "Side of the bird.", "right"),
-    "below": Key(Flag(), "Coverts below the wing, too; one that stays folded does without.", True),
-    "skeleton": _SKELETON,
-    "mirror": _MIRROR,
-}
-
-_FAN_LENGTHS = ArrayOf(Number(1e-3, 5, "m"), 1, MOST_IN_A_ROW)
-_FAN_ANGLES = ArrayOf(Number(-360, 360, "deg"), 2, 2)
-
-TAIL = {
-    "id": Key(Text(), "Start of the ids of its feathers and joints."),
-    "position": Key(POINT, "Middle of the roots."),
-    "direction": Key(Direction(), "Where the tail points.", (-1.0, 0.0, 0.0)),
-    "up": Key(Direction(), "Its upper side.", (0.0, 0.0, 1.0)),
-    "kind": Key(Text(), "Feather preset.", "tail_feather"),
-    "count": Key(Number(2, MOST_IN_A_ROW, whole=True), "Feathers of both sides.", 12),
-    "lengths": Key(_FAN_LENGTHS, "Lengths from the central to the outermost, spread evenly."),
-    "width": _FACTORS["width"],
-    "root_width": Key(Number(0, 1, "m"), "From the outermost root to the other."),
-    "angles": Key(_FAN_ANGLES, "Angle of the whole fan, closed and open.", (10.0, 110.0)),
-    "fan": Key(Number(0, 1), "Closed (0) to open (1).", 0.0),
-    "roll": Key(Number(-90, 90, "deg"), "Lift of the outermost's leading vane.", 0.0),
-    "lift": Key(Number(0, 0.1, "m"), "How much deeper each root is than the next inner.", 8e-4),
-    "arch": Key(
-        Number(0, 170, "deg"),
-        "How far the closed tail is bent to a roof, from edge to edge; open it is flat.",
-        0.0,
-    ),
-    "coverts": Key(
-        TAIL_COVERTS, "Rows of coverts; on either side each lies over the one before it.", ()
-    ),
-    "layer": REGION["layer"],
-    "region": Key(_LABEL, "Free label, written to USD.", "tail"),
-    "joint": Key(_LABEL, "Joint that carries the tail; empty: the groom itself.", ""),
-}
-
-CREST = {
-    "id": Key(Text(), "Start of the ids of its feathers and joints."),
-    "path": Key(ArrayOf(POINT, 2, 1000), "Polyline of the roots, from front to back."),
-    "direction": Key(Direction(), "Where flat feathers point.", (-1.0, 0.0, 0.0)),
-    "up": Key(Direction(), "Upper side of the head.", (0.0, 0.0, 1.0)),
-    "kind": Key(Text(), "Feather preset.", "body_contour"),
-    "count": Key(Number(1, MOST_IN_A_ROW, whole=True), "Number of feathers."),
-    "lengths": Key(_FAN_LENGTHS, "Lengths from front to back, spread evenly."),
-    "width": _FACTORS["width"],
-    "angles": Key(
-        _FAN_ANGLES,
-        "Angle of the foremost feather above `direction`, flat and raised.",
-        (8.0, 80.0),
-    ),
-    "raise": Key(Number(0, 1), "Flat (0) to raised (1).", 0.0),
-    "aside": Key(Number(0, 90, "deg"), "By how much feathers point left and right.", 4.0),
-    "roll": Key(Number(-90, 90, "deg"), "Lean of the vanes to either side.", 0.0),
-    "layer": REGION["layer"],
-    "region": Key(_LABEL, "Free label, written to USD.", "crest"),
-    "joint": Key(_LABEL, "Joint that carries the crest; empty: the groom itself.", ""),
-}
-
-_WING_LANDMARKS = Key(
-    ArrayOf(POINT, 3, 3),
-    "Elbow, wrist and tip of the hand's bones, of both wings or of none; default: as the type has "
-    "them, by `fold`.",
-    None,
-)
-
-LANDMARKS = {
-    "beak": Key(POINT, "Tip of the beak."),
-    "crown": Key(POINT, "Top of the head."),
-    "nape": Key(POINT, "Back of the head, where the neck begins."),
-    "breast": Key(POINT, "Foremost place of the breast."),
-    "right_shoulder": Key(POINT, "Where the right wing leaves the body."),
-    "left_shoulder": Key(POINT, "The same of the left wing."),
-    "vent": Key(POINT, "Below the tail, between the legs and its root."),
-    "tail": Key(POINT, "Root of the tail."),
-    "right_wing": _WING_LANDMARKS,
-    "left_wing": _WING_LANDMARKS,
-    "right_eye": Key(POINT, "Middle of the right eye, for the disc of an owl's face.", None),
-    "left_eye": Key(POINT, "The same of the left eye.", None),
-    "right_heel": Key(POINT, "Joint below which the right leg is bare.", None),
-    "left_heel": Key(POINT, "The same of the left leg.", None),
-}
-
-BIRD = {
-    "type": Key(FAMILIES["bird"], "Bird preset, or a table that starts from one."),
-    "landmarks": Key(Table(LANDMARKS, "table of landmarks"), "Places of the body."),
-    "up": Key(
-        Direction(),
-        "The body's upper side; default: that of the groom's frame, whatever its space.",
-        None,
-    ),
-    "scale": Key(
-        _FACTOR,
-        "Factor of all lengths of the type; default: that of the distance from beak to tail.",
-        None,
-    ),
-    "fold": Key(Number(0, 1), "Of the wings: spread (0) to folded (1).", 1.0),
-    "fan": Key(Number(0, 1), "Of the tail: closed (0) to open (1).", 0.0),
-    "raise": Key(Number(0, 1), "Of the crest: flat (0) to raised (1).", 0.0),
-    "opens": Key(
-        Flag(),
-        "Whether folded wings open in a shot: coverts below them, and feathers on the flank.",
-        False,
-    ),
-    "bare": Key(
-        ArrayOf(Table(WHERE), 0, 100), "Rules as of a region: where the body has no feathers.", ()
-    ),
-    "joint": Key(_LABEL, "Joint that carries wings and tail; empty: the groom itself.", ""),
-    "skeleton": _SKELETON,
+    "mirror": MIRROR_KEY,
 }
 
 USD_NAMES = {name: Key(Text(), "Primvar that holds it.", None) for name in DEFAULT_NAMES}
@@ -345,7 +211,7 @@ USD = {
         "Primvars by what they hold; default: " + ", ".join(DEFAULT_NAMES.values()) + ".",
         {},
     ),
-    **_FACTORS,
+    **FEATHER_FACTORS,
     **_BELONGS,
 }
 
@@ -376,24 +242,27 @@ VARIATION = {
 }
 
 
+# modules of the keys that only grooms with these tables load
+_LIMBS, _REGIONS = "featherfx.groom.keys.limbs", "featherfx.groom.keys.regions"
+
 GROOM = {
     "name": Key(Text(), "Name of the groom."),
     "space": Key(Table(SPACE), "Axes and unit that the groom is written in.", None),
     "joint": tables(JOINT, "Joints of the skeleton."),
     "feather": tables(FEATHER_ENTRY, "Feathers placed one by one.", most=MOST_FEATHERS),
     "row": tables(ROW, "Rows of feathers."),
-    "bird": Key(Table(BIRD), "A whole bird, from landmarks of its body.", None),
-    "wing": tables(WING, "Whole wings.", most=1000),
-    "tail": tables(TAIL, "Tails that fan.", most=1000),
-    "crest": tables(CREST, "Crests that rise.", most=1000),
+    "bird": Key(Table(LazyKeys(_LIMBS, "BIRD")), "A whole bird, from landmarks of its body.", None),
+    "wing": tables(LazyKeys(_LIMBS, "WING"), "Whole wings.", most=1000),
+    "tail": tables(LazyKeys(_LIMBS, "TAIL"), "Tails that fan.", most=1000),
+    "crest": tables(LazyKeys(_LIMBS, "CREST"), "Crests that rise.", most=1000),
     "table": tables(TABLE, "Feathers from files, one table or several.", most=1000, single=True),
     "usd": tables(
         USD, "Feathers drawn in USD scenes, one table or several.", most=1000, single=True
     ),
-    "skin": Key(Table(SKIN), "Mesh that regions grow on.", None),
-    "region": tables(REGION, "Regions of the skin with their feathers."),
+    "skin": Key(Table(LazyKeys(_REGIONS, "SKIN")), "Mesh that regions grow on.", None),
+    "region": tables(LazyKeys(_REGIONS, "REGION"), "Regions of the skin with their feathers."),
     "layout": Key(
-        Table(LAYOUT),
+        Table(LazyKeys(_REGIONS, "LAYOUT")),
         "Lay the feathers over each other like shingles; without it they stay as placed.",
         None,
     ),

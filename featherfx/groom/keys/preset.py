@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from featherfx.algebra.types import Array
-from featherfx.groom.keys.anatomy import BIRD_TYPE, WingType
 from featherfx.groom.keys.family import PartPreset, Preset
 from featherfx.groom.keys.places import Direction
 from featherfx.groom.keys.values import (
@@ -15,6 +14,7 @@ from featherfx.groom.keys.values import (
     Default,
     Either,
     Key,
+    LazyKeys,
     Number,
     Table,
     Text,
@@ -212,6 +212,10 @@ DIALS = {
     "weight": Key(_DIAL, "Factor of all masses together: shaft and vane.", 1.0),
 }
 
+LAYER = Key(
+    Number(-1000, 1000, whole=True), "Feathers of a higher layer lie over those of a lower.", 0
+)
+
 FEATHER = keys_of(FeatherKind) | DIALS
 
 KEYFRAME = {
@@ -316,8 +320,8 @@ FAMILIES = {
         Preset("quality", keys_of(Quality)),
         Preset("wind", keys_of(Wind)),
         _PRESET,
-        Preset("wing", keys_of(WingType)),
-        Preset("bird", BIRD_TYPE),
+        Preset("wing", LazyKeys("featherfx.groom.keys.anatomy", "WING_TYPE")),
+        Preset("bird", LazyKeys("featherfx.groom.keys.anatomy", "BIRD_TYPE")),
     )
 }
 

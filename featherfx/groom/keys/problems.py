@@ -14,6 +14,8 @@ from featherfx.limits import MOST_COMPARED, MOST_LISTED, MOST_SEARCHES
 
 # what a check gives for a value that is wrong
 INVALID = object()
+# problems of one kind that a file reports; a table of nonsense stays readable
+MAX_REPORTED = 20
 _LONGEST_COMPARED = 200  # characters; comparing takes their square
 
 

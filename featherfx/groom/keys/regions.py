@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from featherfx.groom.keys.places import POINT, RADIUS, Direction, Sphere
-from featherfx.groom.keys.preset import DIALS, FEATHER, names_or_list
+from featherfx.groom.keys.preset import DIALS, FEATHER, LAYER, names_or_list
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,
@@ -174,9 +174,7 @@ REGION = {
         "they overlap, in proportion to how much of each there is.",
         True,
     ),
-    "layer": Key(
-        Number(-1000, 1000, whole=True), "Feathers of a higher layer lie over those of a lower.", 0
-    ),
+    "layer": LAYER,
     "joint": Key(Text(empty=True), "Joint that carries the roots; empty: the groom itself.", ""),
     "side": Key(
         Text(("auto", "left", "right")),

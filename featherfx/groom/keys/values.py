@@ -8,8 +8,10 @@ Checking never stops at the first fault: everything that is wrong goes to one li
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from functools import cached_property
+from importlib import import_module
 from typing import Annotated, Any, Protocol, get_args, get_origin, get_type_hints
 
 from featherfx.errors import CONTROL
@@ -214,6 +216,28 @@ class Key:
         if self.default is not REQUIRED and self.default is not None:
             result["default"] = self.default
         return result
+
+
+class LazyKeys(Mapping[str, Key]):
+    """Keys of a table that another module declares; they are imported on first use."""
+
+    def __init__(self, module: str, name: str):
+        self._home = module, name
+
+    @cached_property
+    def _keys(self) -> Mapping[str, Key]:
+        module, name = self._home
+        found: Mapping[str, Key] = getattr(import_module(module), name)
+        return found
+
+    def __getitem__(self, name: str) -> Key:
+        return self._keys[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)
 
 
 @dataclass(frozen=True)

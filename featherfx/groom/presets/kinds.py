@@ -10,6 +10,7 @@ import numpy as np
 
 from featherfx.groom.course import chord_angle
 from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.values import expected
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.materials import (
     LEAST_FACTOR,
@@ -21,10 +22,17 @@ from featherfx.groom.materials import (
 )
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
-from featherfx.groom.presets.lines import along_line, guide_along_line
 from featherfx.groom.presets.scaling import dialled, materials_resized, varied
 from featherfx.groom.splits import split_faults
-from featherfx.groom.types import FeatherKind, Hooked, RachisShape, Splits, VaneShape
+from featherfx.groom.types import (
+    BARB_ANGLE,
+    BarbGuide,
+    FeatherKind,
+    Hooked,
+    RachisShape,
+    Splits,
+    VaneShape,
+)
 
 # tables of a vane's material, of a curve along the shaft and one along the barbs
 _PROFILES = "thickness_profile", "across_barbs_profile", "along_barbs_profile"
@@ -46,12 +54,25 @@ def _at(tree: Tree, place: Place, *path: str) -> Place:
     return Place(source, place.child(".".join(path)).key, place.problems)
 
 
+def _guide(values: dict[str, Any], place: Place) -> BarbGuide:
+    """Return a guide of its checked keys. place: of the guide, for faults."""
+    own = {name: each for name, each in values.items() if name != "line"}
+    if values["line"]:
+        from featherfx.groom.presets.lines import follow_barb_line
+
+        return follow_barb_line(own, values["line"], place.child("line"))
+    if own["angle"] is None:
+        place.child("angle").fail(f"missing, expects {expected(BARB_ANGLE)}, or a line")
+        own["angle"] = 60.0  # any: the fault is reported
+    return BarbGuide(**own)
+
+
 def _vane(tree: Tree, side: str, place: Place) -> VaneShape:
     values, at = plain(tree[side]), _at(tree, place, side, "guides")
     guides = enumerate(values["guides"])
     return VaneShape(
         outline=tuple(values["outline"]),
-        guides=tuple(guide_along_line(each, at.item(index)) for index, each in guides),
+        guides=tuple(_guide(each, at.item(index)) for index, each in guides),
         rounded_base=values["rounded_base"],
         rounded_tip=values["rounded_tip"],
         hooked=Hooked(**values["hooked"]),
@@ -114,7 +135,9 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
         at = Place(source, place.child("rachis.diameter_tip").key, place.problems)
         at.fail(f"{tip:g} is out of range, allowed up to diameter_base = {base:g} m")
     if line and not len(problems):
-        kind = along_line(kind, line, _at(tree, place, "rachis", "line"))
+        from featherfx.groom.presets.lines import follow_rachis_line
+
+        kind = follow_rachis_line(kind, line, _at(tree, place, "rachis", "line"))
     _check_hooks(kind.vane_material, tree, place)
     _check_profiles(kind, tree, place)
     if kind.vane_material.ribbon:

@@ -12,7 +12,6 @@ from featherfx.algebra.monotone import monotone
 from featherfx.algebra.rotation import parallel
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place
-from featherfx.groom.keys.values import expected
 from featherfx.groom.presets.flat_vane import crossing_segments
 from featherfx.groom.read.min_bend_radius import tightest
 from featherfx.groom.read.rachis_curve import (
@@ -33,8 +32,8 @@ _DORSAL = np.array([0.0, 0.0, 1.0])
 Line = tuple[tuple[float, ...], ...]
 
 
-def along_line(kind: FeatherKind, line: Line, place: Place) -> FeatherKind:
-    """The kind with a shaft along a line, which keeps its twist. place: of the line, for faults."""
+def follow_rachis_line(kind: FeatherKind, line: Line, place: Place) -> FeatherKind:
+    """Return the kind with its rachis along a line; twist stays. place: of the line, for faults."""
     if not _sound(line, place):
         return kind
     points = _curve(line)
@@ -50,15 +49,8 @@ def along_line(kind: FeatherKind, line: Line, place: Place) -> FeatherKind:
     return replace(kind, rachis=shape)
 
 
-def guide_along_line(values: dict[str, Any], place: Place) -> BarbGuide:
-    """A guide of its checked keys. place: of the guide, for faults."""
-    line, own = values["line"], {k: each for k, each in values.items() if k != "line"}
-    if not line:
-        if own["angle"] is None:
-            place.child("angle").fail(f"missing, expects {expected(BARB_ANGLE)}, or a line")
-            own["angle"] = _ANY_ANGLE
-        return BarbGuide(**own)
-    at = place.child("line")
+def follow_barb_line(own: dict[str, Any], line: Line, at: Place) -> BarbGuide:
+    """Return a guide whose barb follows a line. own: its other keys. at: place of the line."""
     fit = _fitted_barb(line) if _sound(line, at) else None
     if fit is None:
         return BarbGuide(**{**own, "angle": _ANY_ANGLE})

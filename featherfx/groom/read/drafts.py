@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,12 +19,12 @@ from featherfx.groom.frames import Mirror, along_polyline
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
-from featherfx.groom.read.rachis_curve import FittedCurve
+from featherfx.groom.read.readers import CurveReader
 from featherfx.groom.read.space import Space
 from featherfx.groom.types import Turning
 
-# (folder, checked keys of a curve, place) to its polylines (k, 3) m; raises InputError
-CurveReader = Callable[[Path, dict[str, Any], Place], list[Array]]
+if TYPE_CHECKING:
+    from featherfx.groom.read.rachis_curve import FittedCurve
 
 
 @dataclass(frozen=True)

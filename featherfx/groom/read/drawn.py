@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from featherfx.groom.keys.values import Table
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import sourced
-from featherfx.groom.read.condensed import DrawnBarbs, DrawnVanes, vanes_of
+from featherfx.groom.read.condensed import DrawnVanes, vanes_of
 from featherfx.groom.read.drafts import Draft, DrawnShape, belonging
 from featherfx.groom.read.min_bend_radius import tightest
 from featherfx.groom.read.rachis_curve import (
@@ -32,41 +31,11 @@ from featherfx.groom.read.rachis_curve import (
     fit_course,
     without_repeats,
 )
+from featherfx.groom.read.readers import DrawnFeather, SceneReader
 from featherfx.groom.types import FeatherKind
 
 _MOST_NAMED = 10
 _SHORTEST, _LONGEST = 1e-4, 10.0  # m; beyond, a stage has another unit than it says
-
-
-@dataclass(frozen=True)
-class DrawnFeather:
-    """One feather as found in a scene; metres, groom's frame (z up).
-
-    label: prim path, with the number of the curve or instance where there are several. name: what
-    to call it where no id is given. id, kind, region, skin: as given, else empty. points: (k, 3)
-    the shaft, root first; a single point where nothing is drawn, and then direction is given.
-    direction, up: (3,) or None. scale: factor of the length (of the kind, where nothing is drawn).
-    mirrored: whether transforms mirror it. skin_uv: (2,) or None. barbs: of a condensed feather.
-    """
-
-    label: str
-    name: str
-    id: str
-    kind: str
-    region: str
-    points: Array
-    direction: Array | None
-    up: Array | None
-    scale: float
-    mirrored: bool
-    skin: str
-    skin_uv: tuple[float, float] | None
-    barbs: DrawnBarbs | None
-
-
-# (checked entry of [[usd]], folder that its file is relative to, place of the entry) to the file
-# and its feathers; raises InputError. The groom does not know who reads scenes.
-SceneReader = Callable[[dict[str, Any], Path, Place], tuple[Path, list[DrawnFeather]]]
 
 
 def drawn_drafts(
@@ -192,13 +161,12 @@ def _up(feather: DrawnFeather, entry: dict[str, Any], points: Array) -> Array | 
 
 
 def drawn_changes(draft: Draft, kind: FeatherKind, store: KindStore) -> tuple[float, Change]:
-    """Factor of length, and changes of the shaft, that make a kind fit its drawing.
+    """Return the factor of length and the change of the rachis that fit a kind to its drawing.
 
-    What an override has changed stays as it is. Raises InputError.
+    draft: with a drawn shape. Values that an override has changed stay. Raises InputError.
     """
     shape = draft.shape
-    if shape is None:
-        return 1.0, Change()
+    assert shape is not None
     base = store.kind(shape.choice)
     fit, rachis = shape.fit, base.rachis
     factor = fit.length / kind.length if kind.length == base.length else 1.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -14,24 +14,19 @@ import numpy as np
 
 from featherfx.algebra.rotation import about_x
 from featherfx.algebra.types import Array
-from featherfx.groom.anatomy.bird import hatch
-from featherfx.groom.anatomy.grown import grown_parts
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.problems import INVALID, Place, Problems
+from featherfx.groom.keys.problems import INVALID, MAX_REPORTED, Place, Problems
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import Library, sourced
 from featherfx.groom.read import drafts as draft_rules
 from featherfx.groom.read.drafts import Draft, draws, other_side, variant_number
-from featherfx.groom.read.drawn import drawn_changes, drawn_drafts
 from featherfx.groom.read.file_kind import file_kind
-from featherfx.groom.read.shades import painted, shaded
-from featherfx.groom.read.space import Space, in_groom, kept_skins
-from featherfx.groom.read.table import MOST_REPORTED, read_table
+from featherfx.groom.read.readers import GroomReaders, cache_skins
+from featherfx.groom.read.space import Space, in_groom
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.read.value_diff import told
-from featherfx.groom.regions.regions import GroomReaders, plumage_of
-from featherfx.groom.types import FeatherKind, Groom, Joint, Placement
+from featherfx.groom.types import FeatherKind, Groom, Joint, Layout, Placement
 from featherfx.limits import MOST_COMPARED, MOST_FEATHERS
 
 _SHOT_KEYS = {"groom", "frames"}  # that every shot has, and no groom
@@ -106,17 +101,30 @@ def groom_of(
     place = Place(str(path), "", library.problems)
     parts = GROOM_FILE.parts(raw, place)
     if readers is not None:
-        readers = replace(readers, skin=kept_skins(readers.skin))
+        readers = replace(readers, skin=cache_skins(readers.skin))
     space = in_groom(parts, place, None if readers is None else readers.skin)
     store = KindStore(library)
     colours: Overrides = {}
-    with library.problems.collecting():
-        colours = hatch(parts, place, library, None if readers is None else readers.skin)
-    grown = grown_parts(parts, store, library, space)
-    joints = _joints(parts["joint"], grown.joints, space)
-    plumage = plumage_of(raw, parts, place, store, readers, space)
+    if parts["bird"] is not None:
+        from featherfx.groom.anatomy.bird import hatch
+
+        with library.problems.collecting():
+            colours = hatch(parts, place, library, None if readers is None else readers.skin)
+    limb_drafts: tuple[Draft, ...] = ()
+    limb_joints: tuple[tuple[Joint, Place], ...] = ()
+    if parts["wing"] or parts["tail"] or parts["crest"]:
+        from featherfx.groom.anatomy.grown import grow_limbs
+
+        limb_drafts, limb_joints = grow_limbs(parts, store, library, space)
+    joints = _joints(parts["joint"], limb_joints, space)
+    region_drafts: tuple[Draft, ...] = ()
+    skin: Array | None = None
+    if raw.get("region") or parts["region"]:
+        from featherfx.groom.regions.regions import grow_regions
+
+        region_drafts, skin = grow_regions(raw, parts, place, store, readers, space)
     written = _drafts(parts, path.parent, store, readers, space) if _may_be(parts, place) else ()
-    drafts = [*islice(written, MOST_FEATHERS + 1), *grown.drafts, *plumage.drafts]
+    drafts = [*islice(written, MOST_FEATHERS + 1), *limb_drafts, *region_drafts]
     if len(drafts) > MOST_FEATHERS:
         place.refuse(f"holds more than {MOST_FEATHERS} feathers")
     if not drafts and not len(library.problems):
@@ -125,9 +133,11 @@ def groom_of(
             "[[crest]], [[table]], [[usd]] or [[region]]"
         )
     drafts = _overridden(colours, drafts, place.child("bird"), store, True)
-    if colours:
-        drafts = shaded(colours, drafts, place.child("bird"), store)
-    drafts = painted(drafts, place.child("skin").child("colours"), store)
+    if colours or any(draft.paint for draft in drafts):
+        from featherfx.groom.read.shades import painted, shaded
+
+        drafts = shaded(colours, drafts, place.child("bird"), store) if colours else drafts
+        drafts = painted(drafts, place.child("skin").child("colours"), store)
     for rules, at in ((parts["overrides"], place), *above):
         drafts = _overridden(rules, drafts, at.child("overrides"), store)
     _check_ids(drafts)
@@ -137,7 +147,9 @@ def groom_of(
         return None
     placements = _placements(parts["variation"], drafts, store)
     inputs = library.said | told(raw, path.parent)
-    return Groom(name, path, placements, joints, plumage.layout, plumage.skin, inputs)
+    laid = parts["layout"]
+    layout = None if laid is None or laid is INVALID else Layout(**laid)
+    return Groom(name, path, placements, joints, layout, skin, inputs)
 
 
 def _may_be(parts: dict[str, Any], place: Place) -> bool:
@@ -156,16 +168,22 @@ def _drafts(
     space: Space,
 ) -> Iterator[Draft]:
     curves, scenes = (readers.curves, readers.feathers) if readers else (None, None)
-    ways: dict[str, Callable[[dict[str, Any], Place], list[Draft]]] = {
-        "feather": lambda entry, at: draft_rules.single(entry, at, store, space),
-        "row": lambda entry, at: draft_rules.row(entry, at, store, space, folder, curves),
-        "table": lambda entry, at: read_table(entry, folder, at, space),
-        "usd": lambda entry, at: drawn_drafts(entry, folder, at, store, scenes),
-    }
-    for name, way in ways.items():
-        for at, entry in parts[name]:
-            with at.problems.collecting():
-                yield from way(entry, at)
+    for at, entry in parts["feather"]:
+        with at.problems.collecting():
+            yield from draft_rules.single(entry, at, store, space)
+    for at, entry in parts["row"]:
+        with at.problems.collecting():
+            yield from draft_rules.row(entry, at, store, space, folder, curves)
+    for at, entry in parts["table"]:
+        from featherfx.groom.read.table import read_table
+
+        with at.problems.collecting():
+            yield from read_table(entry, folder, at, space)
+    for at, entry in parts["usd"]:
+        from featherfx.groom.read.drawn import drawn_drafts
+
+        with at.problems.collecting():
+            yield from drawn_drafts(entry, folder, at, store, scenes)
 
 
 def _joints(
@@ -187,8 +205,8 @@ def _joints(
     parents = {name: joint.parent for name, (joint, _) in found.items()}
     for cycle in _cycles(parents):
         names = [*cycle, cycle[0]]
-        if len(names) > MOST_REPORTED:
-            names[MOST_REPORTED - 1 : -1] = ["..."]
+        if len(names) > MAX_REPORTED:
+            names[MAX_REPORTED - 1 : -1] = ["..."]
         found[cycle[0]][1].child("parent").fail("joint cycle: " + " -> ".join(names))
     return tuple(joint for joint, _ in found.values())
 
@@ -275,12 +293,12 @@ def _check_ids(drafts: list[Draft]) -> None:
             first[draft.id] = draft
             continue
         repeated += 1
-        if repeated <= MOST_REPORTED:
+        if repeated <= MAX_REPORTED:
             taken = first[draft.id].place
             by = taken.key if taken.source == draft.place.source else f"{taken.source}: {taken.key}"
             draft.place.child("id").fail(f"'{draft.id}' is taken already, by {by}")
-    if repeated > MOST_REPORTED:
-        draft.place.fail(f"and {repeated - MOST_REPORTED} more ids that are taken already")
+    if repeated > MAX_REPORTED:
+        draft.place.fail(f"and {repeated - MAX_REPORTED} more ids that are taken already")
 
 
 def _check_joints(drafts: list[Draft], joints: tuple[Joint, ...]) -> None:
@@ -339,7 +357,11 @@ def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Pla
 def _placement(draft: Draft, rotation: Array, change: list[float], store: KindStore) -> Placement:
     """change: drawn of a feather, of each column of _drawn. Raises InputError."""
     kind = store.kind(draft.choice)
-    factor, drawn = drawn_changes(draft, kind, store)
+    factor, drawn = 1.0, Change()
+    if draft.shape is not None:
+        from featherfx.groom.read.drawn import drawn_changes
+
+        factor, drawn = drawn_changes(draft, kind, store)
     scale = draft.scale * factor * (1.0 + change[0])
     shape = drawn._replace(
         width=draft.width * (1.0 + change[1]),

@@ -6,10 +6,9 @@ of their keys, so every point may be a landmark of the skin too.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +20,10 @@ from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.places import SPHERE_TABLE, Direction, Length, Point, Sphere
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.keys.values import ArrayOf, Either, Named, Partial, Table, Tables, the_one
-from featherfx.groom.skin.points import SkinSource, SkinSurface
+from featherfx.groom.read.readers import SkinsReader
+
+if TYPE_CHECKING:
+    from featherfx.groom.skin.points import SkinSource
 
 _NAMES = ("vertex", "joint", "primvar")
 # by which the axes of a prim may differ from a rotation and one scale
@@ -67,23 +69,6 @@ class Space:
 
 
 GROOM_SPACE = Space(np.eye(3), 1.0, np.zeros(3), np.array([0.0, 1.0, 0.0]), False)
-
-# checked keys of [skin], paths of meshes with what names them, folder, [skin]; raises InputError
-SkinsReader = Callable[[dict[str, Any], dict[str, Place], Path, Place], "dict[str, SkinSource]"]
-
-
-def kept_skins(read: SkinsReader) -> SkinsReader:
-    """A reader that reads each mesh of a groom once."""
-    known: dict[str, SkinSource] = {}
-
-    def reader(
-        skin: dict[str, Any], paths: dict[str, Place], folder: Path, place: Place
-    ) -> dict[str, SkinSource]:
-        missing = {path: at for path, at in paths.items() if path not in known}
-        known.update(read(skin, missing, folder, place) if missing else {})
-        return {path: known[path] for path in paths}
-
-    return reader
 
 
 def in_groom(parts: dict[str, Any], place: Place, read: SkinsReader | None) -> Space:
@@ -224,6 +209,8 @@ def _landmark(skin: SkinSource, name: str, value: Any, place: Place) -> Array:
             points = f"{skin.path} has points 0 to {len(skin.points) - 1}"
             at.refuse(f"{value} is out of range, {points}")
         return skin.points[value]
+    from featherfx.groom.skin.points import SkinSurface
+
     corners = skin.weights(value, at)
     surface = SkinSurface(skin)
     # a linear weight over a triangle: integrals of it and of it times the place

@@ -21,7 +21,7 @@ from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.algebra.types import Array
 from featherfx.errors import CONTROL
 from featherfx.groom.keys.groom import TABLE
-from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.problems import MAX_REPORTED, Place, Problems
 from featherfx.groom.keys.values import Number, shown
 from featherfx.groom.presets.kind_store import KindChoice
 from featherfx.groom.read.drafts import Draft, mirror_of, with_mirror_images
@@ -37,7 +37,6 @@ FACTORS = ("scale", "width", "roll", "stiffness", "weight")
 TEXTS = ("kind", "region", "joint", "side")
 NUMBERS = tuple(name for names in VECTORS.values() for name in names)
 COLUMNS = ("id", *TEXTS, *NUMBERS, *FACTORS)
-MOST_REPORTED = 20  # per file and kind of fault, a table of nonsense stays readable
 # what damaged files raise
 _UNREADABLE = (
     *(OSError, EOFError, ValueError, TypeError, RuntimeError, SyntaxError, LookupError),
@@ -199,10 +198,10 @@ def _report(
     path: Path, name: str, bad: NDArray[Any], message: Callable[[int], str], problems: Problems
 ) -> None:
     rows = np.flatnonzero(bad)
-    for row in rows[:MOST_REPORTED]:
+    for row in rows[:MAX_REPORTED]:
         problems.add(path, f"row {row + 1}.{name}", message(int(row)))
-    if len(rows) > MOST_REPORTED:
-        problems.add(path, name, f"and {len(rows) - MOST_REPORTED} more rows with the same fault")
+    if len(rows) > MAX_REPORTED:
+        problems.add(path, name, f"and {len(rows) - MAX_REPORTED} more rows with the same fault")
 
 
 def _check_numbers(path: Path, name: str, values: NDArray[Any], problems: Problems) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate
@@ -19,9 +19,9 @@ from featherfx.errors import InputWarning, all_of
 from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.presets.kind_store import KindStore
-from featherfx.groom.read.drafts import CurveReader, Draft
-from featherfx.groom.read.drawn import SceneReader
-from featherfx.groom.read.space import SkinsReader, Space
+from featherfx.groom.read.drafts import Draft
+from featherfx.groom.read.readers import GroomReaders, SkinsReader
+from featherfx.groom.read.space import Space
 from featherfx.groom.regions.drape import Bends, laid_along
 from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, region_kinds, shapes
 from featherfx.groom.regions.rules import (
@@ -36,7 +36,6 @@ from featherfx.groom.regions.rules import (
 from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
 from featherfx.groom.skin.points import SkinSource, SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree
-from featherfx.groom.types import Layout
 from featherfx.phases import phase
 
 _MOST_NAMED = 5
@@ -71,42 +70,21 @@ class _Region:
         return self.presence(points) * (1.0 if density is None else density)
 
 
-@dataclass(frozen=True)
-class GroomReaders:
-    """How a groom reads scenes; each raises InputError, of what stands at the place.
-
-    file: where a file is that is named by someone in a folder.
-    """
-
-    feathers: SceneReader
-    skin: SkinsReader
-    curves: CurveReader
-    file: Callable[[Path, str], Path]
-
-
-@dataclass(frozen=True)
-class Plumage:
-    """What the regions of a groom make. skin: corners (T, 3, 3) m of all meshes, or None."""
-
-    drafts: tuple[Draft, ...] = ()
-    layout: Layout | None = None
-    skin: Array | None = None
-
-
-def plumage_of(
+def grow_regions(
     raw: dict[str, Any],
     parts: dict[str, Any],
     place: Place,
     store: KindStore,
     readers: GroomReaders | None,
     space: Space,
-) -> Plumage:
-    """The plumage of a groom's file at place, as written and checked; problems go to place."""
-    checked = parts["layout"]
-    layout = None if checked is None or checked is INVALID else Layout(**checked)
+) -> tuple[tuple[Draft, ...], Array | None]:
+    """Return feathers of all regions, and corners (T, 3, 3) m of their meshes.
+
+    raw, parts: the groom as written and as checked. Problems go to place.
+    """
     written, entries = raw.get("region", []), parts["region"]
-    if not isinstance(written, list) or not (written or entries):
-        return Plumage(layout=layout)
+    if not isinstance(written, list):
+        return (), None
     first: dict[str, Place] = {}
     for at, entry in entries:
         if first.setdefault(entry["id"], at) is not at:
@@ -115,12 +93,11 @@ def plumage_of(
     if skin is None:
         at.fail("missing, [[region]] grows on a skin")
     if skin is None or skin is INVALID or len(entries) < len(written):
-        return Plumage(layout=layout)
+        return (), None
     if readers is None:
         at.fail("is a USD scene, which featherfx.read_groom and the commands read")
-        return Plumage(layout=layout)
-    drafts, corners = _region_drafts(skin, entries, at, store, readers.skin, space)
-    return Plumage(drafts, layout, corners)
+        return (), None
+    return _region_drafts(skin, entries, at, store, readers.skin, space)
 
 
 def _region_drafts(

@@ -21,7 +21,7 @@ from featherfx.algebra.rotation import (
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots
 from featherfx.errors import InputError, Problem
-from featherfx.groom.anatomy.bow import bow_fraction
+from featherfx.groom.frames import bow_fraction
 from featherfx.groom.types import Groom
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.types import Motion, Shot

@@ -11,6 +11,7 @@ from typing import Any
 
 from featherfx import limits
 from featherfx.groom.keys import groom as groom_keys
+from featherfx.groom.keys import limbs as limb_keys
 from featherfx.groom.keys import preset as preset_keys
 from featherfx.groom.keys import regions as region_keys
 from featherfx.groom.keys.anatomy import (
@@ -80,11 +81,11 @@ _GROOM = (
     ("### [[feather]]", groom_keys.FEATHER_ENTRY),
     ("### [[row]]", groom_keys.ROW),
     ("### first and last of a [[row]]", groom_keys.ROOT),
-    ("### [bird]", groom_keys.BIRD),
-    ("### [bird.landmarks]", groom_keys.LANDMARKS),
-    ("### [[wing]]", groom_keys.WING),
-    ("### [[tail]]", groom_keys.TAIL),
-    ("### [[crest]]", groom_keys.CREST),
+    ("### [bird]", limb_keys.BIRD),
+    ("### [bird.landmarks]", limb_keys.LANDMARKS),
+    ("### [[wing]]", limb_keys.WING),
+    ("### [[tail]]", limb_keys.TAIL),
+    ("### [[crest]]", limb_keys.CREST),
     ("### [[table]]", groom_keys.TABLE),
     ("### [[usd]]", groom_keys.USD),
     ("### names of [[usd]]", groom_keys.USD_NAMES),

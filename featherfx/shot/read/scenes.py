@@ -14,9 +14,6 @@ import numpy as np
 from featherfx.algebra.between import Knots
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.regions.rules import painted
-from featherfx.groom.skin.points import SkinSurface
-from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Groom
 from featherfx.shot.skin import SkinSurfaces
 from featherfx.shot.sources import (
@@ -86,6 +83,10 @@ def with_maps(
 def _factors(
     name: str, groom: Groom, entry: dict[str, Any], at: Place, readers: SceneReaders
 ) -> dict[str, float]:
+    from featherfx.groom.regions.rules import painted
+    from featherfx.groom.skin.points import SkinSurface
+    from featherfx.groom.skin.skin import closest
+
     folder, prims = Path(at.source).parent, {entry["prim"]: at}
     with warnings.catch_warnings():
         # holes matter to what grows on it, not to what is painted on it

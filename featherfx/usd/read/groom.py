@@ -16,7 +16,7 @@ from featherfx.algebra.types import Array
 from featherfx.errors import all_of
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.condensed import DrawnBarbs
-from featherfx.groom.read.drawn import DrawnFeather
+from featherfx.groom.read.readers import DrawnFeather
 from featherfx.usd.read.curves import CurveElement, PrimvarReader, read_prim_curves
 from featherfx.usd.read.drawn_meshes import instance_matrices
 from featherfx.usd.read.opening import locate_file

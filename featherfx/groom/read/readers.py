@@ -1,0 +1,77 @@
+"""Readers of scenes that a groom asks for; whoever knows USD hands them over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from featherfx.algebra.types import Array
+from featherfx.groom.keys.problems import Place
+
+if TYPE_CHECKING:
+    from featherfx.groom.read.condensed import DrawnBarbs
+    from featherfx.groom.skin.points import SkinSource
+
+
+@dataclass(frozen=True)
+class DrawnFeather:
+    """One feather as found in a scene; metres, groom's frame (z up).
+
+    label: prim path, with the number of the curve or instance where there are several. name: what
+    to call it where no id is given. id, kind, region, skin: as given, else empty. points: (k, 3)
+    the shaft, root first; a single point where nothing is drawn, and then direction is given.
+    direction, up: (3,) or None. scale: factor of the length (of the kind, where nothing is drawn).
+    mirrored: whether transforms mirror it. skin_uv: (2,) or None. barbs: of a condensed feather.
+    """
+
+    label: str
+    name: str
+    id: str
+    kind: str
+    region: str
+    points: Array
+    direction: Array | None
+    up: Array | None
+    scale: float
+    mirrored: bool
+    skin: str
+    skin_uv: tuple[float, float] | None
+    barbs: DrawnBarbs | None
+
+
+# (checked entry of [[usd]], folder that its file is relative to, place of the entry) to the file
+# and its feathers; raises InputError
+SceneReader = Callable[[dict[str, Any], Path, Place], tuple[Path, list[DrawnFeather]]]
+# (folder, checked keys of a curve, place) to its polylines (k, 3) m; raises InputError
+CurveReader = Callable[[Path, dict[str, Any], Place], list[Array]]
+# checked keys of [skin], paths of meshes with what names them, folder, [skin]; raises InputError
+SkinsReader = Callable[[dict[str, Any], dict[str, Place], Path, Place], "dict[str, SkinSource]"]
+
+
+def cache_skins(read: SkinsReader) -> SkinsReader:
+    """A reader that reads each mesh of a groom once."""
+    known: dict[str, SkinSource] = {}
+
+    def reader(
+        skin: dict[str, Any], paths: dict[str, Place], folder: Path, place: Place
+    ) -> dict[str, SkinSource]:
+        missing = {path: at for path, at in paths.items() if path not in known}
+        known.update(read(skin, missing, folder, place) if missing else {})
+        return {path: known[path] for path in paths}
+
+    return reader
+
+
+@dataclass(frozen=True)
+class GroomReaders:
+    """How a groom reads scenes; each raises InputError, of what stands at the place.
+
+    file: where a file is that is named by someone in a folder.
+    """
+
+    feathers: SceneReader
+    skin: SkinsReader
+    curves: CurveReader
+    file: Callable[[Path, str], Path]
