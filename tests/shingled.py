@@ -27,7 +27,12 @@ def in_line(count: int, step: np.ndarray, frames: int, **quality: object) -> Sho
         replace(one, id=f"f{k}", region="coat", position=k * step, rank=count - k)
         for k in range(count)
     )
-    swing = {"amplitude": 0.03, "frequency": 3.0, "direction": (0.0, 0.0, 1.0), "ramp_periods": 0.25}
+    swing = {
+        "amplitude": 0.03,
+        "frequency": 3.0,
+        "direction": (0.0, 0.0, 1.0),
+        "ramp_periods": 0.25,
+    }
     return replace(
         shot,
         groom=replace(shot.groom, feathers=feathers),

@@ -65,7 +65,8 @@ def test_what_stands_still_is_still_and_goes_on_from_a_checkpoint(tmp_path):
     shot = shingles()
     feathers = tuple(askew(each, k) for k, each in enumerate(shot.groom.feathers))
     held = Motion(
-        "shake", {"amplitude": 0.0, "frequency": 3.0, "direction": (0.0, 0.0, 1.0), "ramp_periods": 0.25}
+        "shake",
+        {"amplitude": 0.0, "frequency": 3.0, "direction": (0.0, 0.0, 1.0), "ramp_periods": 0.25},
     )
     shot = replace(shot, groom=replace(shot.groom, feathers=feathers), motion=held)
     simulation = simulate(shot)

@@ -57,7 +57,12 @@ def feathers(count: int, frames: int, shake: float = 0.0) -> Shot:
         replace(one, id=f"f{k}", region="row", position=np.array([0.0, 0.02 * k, 0.0]))
         for k in range(count)
     )
-    swing = {"amplitude": shake, "frequency": 2.0, "direction": (0.0, 0.0, 1.0), "ramp_periods": 0.25}
+    swing = {
+        "amplitude": shake,
+        "frequency": 2.0,
+        "direction": (0.0, 0.0, 1.0),
+        "ramp_periods": 0.25,
+    }
     return replace(
         shot,
         groom=replace(shot.groom, feathers=many),

@@ -27,7 +27,12 @@ from featherfx.solver.state import rest_state
 def shaken(frames: int = 6) -> Shot:
     """A swan primary whose root swings, 13 rows."""
     shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
-    swing = {"amplitude": 0.03, "frequency": 3.0, "direction": (0.0, 0.0, 1.0), "ramp_periods": 0.25}
+    swing = {
+        "amplitude": 0.03,
+        "frequency": 3.0,
+        "direction": (0.0, 0.0, 1.0),
+        "ramp_periods": 0.25,
+    }
     return replace(
         shot,
         first_frame=0,

@@ -124,7 +124,12 @@ def test_hold_leaves_every_root_where_the_groom_has_it():
 
 
 def test_shake_is_a_sine_along_the_direction_that_starts_at_rest():
-    values = {"amplitude": 0.05, "frequency": 3.0, "direction": [0.0, 3.0, 4.0], "ramp_periods": 0.25}
+    values = {
+        "amplitude": 0.05,
+        "frequency": 3.0,
+        "direction": [0.0, 3.0, 4.0],
+        "ramp_periods": 0.25,
+    }
     motion, rest = motion_of("shake", values), motion_of("hold", {}).frames(0.0)
     for time in (0.1, 0.2513, 1.7):
         positions, rotations = motion.frames(time)
