@@ -26,7 +26,12 @@ class Problem:
 
     def __str__(self) -> str:
         line = ": ".join(part for part in (self.source, self.key, self.message) if part)
-        return CONTROL.sub(lambda found: repr(found[0])[1:-1], line)
+        return as_sentence(CONTROL.sub(lambda found: repr(found[0])[1:-1], line))
+
+
+def as_sentence(text: str) -> str:
+    """Return a text that ends with a period, unless another mark ends it."""
+    return text if text.endswith((".", "?", "!", ":")) else f"{text}."
 
 
 class InputError(Exception):

@@ -61,7 +61,7 @@ def test_a_simulation_goes_on_from_a_checkpoint_with_other_loads(ran):
 def test_a_checkpoint_of_another_grid_is_refused(ran):
     known, folder = ran
     shot = featherfx.read_shot(folder / "feather_pull/shot.toml")
-    with pytest.raises(InputError, match="start: is of other feathers, or of another quality"):
+    with pytest.raises(InputError, match="start: is of other feathers or another quality"):
         featherfx.simulate(shot, start=known["half"])
 
 

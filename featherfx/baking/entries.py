@@ -150,17 +150,27 @@ def refuse_unfit_form(groom: Groom, options: BakeOptions, source: str) -> None:
     if options.form == CURVES_FORM and not options.barbs:
         problems.append(Problem(source, "as", "curves needs barbs (--barbs N)"))
     if options.form == CURVES_FORM and options.diagnostics:
-        problems.append(Problem(source, "as", "curves has no faces for diagnostics"))
+        problems.append(
+            Problem(source, "as", "curves has no faces for diagnostics. Leave out --diagnostics")
+        )
     if options.form == CONDENSED_FORM and (options.barbs or options.diagnostics):
-        problems.append(Problem(source, "as", "condensed has no barbs and diagnostics besides"))
+        problems.append(
+            Problem(source, "as", "condensed has no barbs and diagnostics. Leave them out")
+        )
     if options.form in (CONDENSED_FORM, BOTH_FORMS):
         names = dict.fromkeys(p.kind.name for p in groom.feathers if p.kind.may_part)
-        told = "may split, which condensed feathers have no place for; use --as mesh or curves"
+        told = "may split, which condensed feathers have no place for. Use --as mesh or curves"
         problems += [
             Problem(source, "groom", f"vanes of the kind '{name}' {told}") for name in names
         ]
     if options.rates == "none" and options.accelerations:
-        problems.append(Problem(source, "velocities", "none leaves no accelerations either"))
+        problems.append(
+            Problem(
+                source,
+                "velocities",
+                "none leaves no accelerations either. Leave out --accelerations",
+            )
+        )
     require(*problems)
 
 

@@ -58,7 +58,7 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     )
     for key in ("barbs", "textures"):
         if options.instances and getattr(options, key):
-            raise InputError(Problem("groom", key, "not written of instances; leave one out"))
+            raise InputError(Problem("groom", key, "not written of instances. Leave one out"))
     refuse_inputs(output_files(path, "payload"), read)
     groom = lay_out(groom)
     options = in_space(options, groom, None)

@@ -112,7 +112,7 @@ def install(name: str, into: str | Path | None = None, overwrite: bool = False) 
     host = HOSTS[name]
     folder = host.folder() if into is None else Path(into).absolute()
     if folder is None:
-        told = f"no folder of {host.title} was found; name one with --into"
+        told = f"no folder of {host.title} was found. Name one with --into"
         raise InputError(Problem("plugins", name, told))
     target = folder / f"featherfx_{name}"
     finder = folder / host.finder if host.finder else None
@@ -122,7 +122,7 @@ def install(name: str, into: str | Path | None = None, overwrite: bool = False) 
     except OSError as error:
         # of a folder that is copied: source, target and reason of each file
         reason = error.args[0][0][2] if isinstance(error, shutil.Error) else error.strerror
-        told = f"cannot be written ({reason or error}); nothing was installed"
+        told = f"cannot be written ({reason or error}). Nothing was installed"
         raise InputError(Problem(str(folder), "", told)) from error
     return target, host.then.replace("FOLDER", str(target))
 
@@ -150,13 +150,13 @@ def _put(host: Host, folder: Path, target: Path, finder: Path | None) -> None:
 def _refuse(target: Path, finder: Path | None, overwrite: bool) -> None:
     """Raise InputError where something stands that is not to be replaced."""
     if target.exists() and _version(target) is None:
-        told = "stands where the plugin goes, and is none of featherfx; move it away"
+        told = "stands where the plugin goes, and is none of featherfx. Move it away"
         raise InputError(Problem(str(target), "", told))
     if target.exists() and not overwrite:
-        told = f"is there already, version {_version(target)}; --overwrite replaces it"
+        told = f"is there already, version {_version(target)}. --overwrite replaces it"
         raise InputError(Problem(str(target), "", told))
     if finder is not None and finder.exists() and not target.exists():
-        told = "stands where the plugin is named, and is not of this plugin; move it away"
+        told = "stands where the plugin is named, and is not of this plugin. Move it away"
         raise InputError(Problem(str(finder), "", told))
 
 
@@ -206,9 +206,9 @@ def copy_sample(name: str, folder: str | Path) -> list[Path]:
         known = ", ".join(sample_names()) or "none, since this install has no samples"
         raise InputError(Problem("sample", "", f"'{name}' is not one of {known}"))
     if folder.is_dir() and any(folder.iterdir()):
-        raise InputError(Problem(str(folder), "", "is not empty; name a new folder with -o"))
+        raise InputError(Problem(str(folder), "", "is not empty. Name a new folder with -o"))
     if folder.exists() and not folder.is_dir():
-        raise InputError(Problem(str(folder), "", "is a file; name a new folder with -o"))
+        raise InputError(Problem(str(folder), "", "is a file. Name a new folder with -o"))
     above = folder.absolute().parent
     above.mkdir(parents=True, exist_ok=True)
     beside = Path(tempfile.mkdtemp(dir=above, prefix=f".{folder.name}."))

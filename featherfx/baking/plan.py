@@ -79,7 +79,7 @@ def plan(
     shot = place_feathers(shot)
     most = len(shot.groom.feathers)
     if not 1 <= shares <= most:
-        message = f"{shares} is out of range; allowed 1 to {most}, the number of feathers"
+        message = f"{shares} is out of range. Give 1 to {most}, the number of feathers"
         raise InputError(Problem(str(shot_path), "plan", message))
     shares, most = share_count(shot, shares), most_shares(shot)
     folders, search = own_folders(preset_folders), _search_path()

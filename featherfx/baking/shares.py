@@ -103,7 +103,11 @@ def _taken(
     depend = {name: text for each in caches for name, text in each.dependences.items()}
     problems = list(_problems(task, writer, shares, caches))
     if problems or depend.keys() != set(task.names):
-        missing = Problem(str(task.path), "", "its shares do not hold all of its feathers")
+        missing = Problem(
+            str(task.path),
+            "",
+            "its shares do not hold all of its feathers. Bake the missing shares",
+        )
         raise OutputError(*(problems or [missing]))
     number = {name: k for k, name in enumerate(task.names)}
     for cache in caches:

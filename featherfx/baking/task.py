@@ -269,8 +269,8 @@ def wanted_shot(
     frames = options.frames
     shot = shot_as_written(shot_path, options.preset_folders, note)
     if frames and not shot.first_frame <= frames[0] <= frames[1] <= shot.last_frame:
-        allowed = f"allowed {shot.first_frame} to {shot.last_frame}"
-        message = f"{frames[0]}-{frames[1]} is out of range, {allowed}"
+        allowed = f"Give frames from {shot.first_frame} to {shot.last_frame}"
+        message = f"{frames[0]}-{frames[1]} is out of range. {allowed}"
         raise InputError(Problem(str(shot_path), "frames", message))
     return shot
 
@@ -279,7 +279,7 @@ def _refuse_inputs(path: Path, report: str | Path | None, inputs: Sequence[Path]
     """Raise InputError where the cache or its report would take the place of an input."""
     outputs = {file for layout in ("payload", "clips") for file in output_files(path, layout)}
     if report is not None and Path(report).absolute() in {file.absolute() for file in outputs}:
-        raise InputError(Problem(str(report), "", "is the cache itself; choose another name"))
+        raise InputError(Problem(str(report), "", "is the cache itself. Choose another name"))
     refuse_inputs([*sorted(outputs), *([Path(report)] if report is not None else [])], inputs)
 
 

@@ -134,7 +134,7 @@ def bake(
     options["feathers"] = each_share[0]
     if engine == "dask":
         if plan:
-            raise click.UsageError("--plan is for farms of other kinds; leave out --engine dask")
+            raise click.UsageError("--plan is for farms of other kinds. Leave out --engine dask")
         from featherfx.cli.farm import bake_on_cluster
 
         bake_on_cluster(shots, style, options, farm)

@@ -59,7 +59,7 @@ def _unsolved(result: dict[str, Any]) -> Iterator[str]:
     count = result["feathers_unsolved"]
     yield (
         f"featherfx: warning: {count} feather{'s have' if count > 1 else ' has'} sub-steps that"
-        " were not solved: poses that feathers can have, where forces do not balance; look at"
+        " were not solved: poses that feathers can have, where forces do not balance. Look at"
         " how roots move, at grips, forces and stiffness"
     )
     for each in result["worst_unsolved"]:
@@ -123,13 +123,13 @@ def _lifted(contact: dict[str, Any]) -> Iterator[str]:
     count, worst = contact["feathers_lifted"], contact["worst_lifted"]
     yield (
         f"featherfx: warning: {count} feather{'s are' if count > 1 else ' is'} lifted out of the"
-        " skin and of what is beneath by a quarter of the length or more; wind or motion presses"
+        " skin and of what is beneath by a quarter of the length or more. Wind or motion presses"
         " them in: shelter them from the wind ([[shelter]]), make them stiffer, or let them push"
         " ([contact] forces, regions)"
     )
     if contact["feathers_at_limit"]:
         yield (
-            f"  {contact['feathers_at_limit']} of them by twice their length, the most; what would"
+            f"  {contact['feathers_at_limit']} of them by twice their length, the most. What would"
             " have to be lifted more stays deep (contact.written_depth of the report)"
         )
     for each in worst:

@@ -94,7 +94,7 @@ def list_command(as_json: bool) -> None:
         click.echo(json.dumps(found, indent=2))
         return
     for each in found:
-        place = each["folder"] or "no folder found; name one with --into"
+        place = each["folder"] or "no folder found. Name one with --into"
         state = f"version {each['installed']}" if each["installed"] else "not installed"
         click.echo(f"{each['host']}: {state} ({place})")
 

@@ -244,7 +244,7 @@ def presets_option(command: Decorated) -> Decorated:
 
 def _one_on_stdout(ctx: click.Context, param: click.Parameter, style: str) -> str:
     if style == "openjd" and ctx.params.get("as_json"):
-        raise click.UsageError("--json and --progress openjd both write to stdout; ask for one")
+        raise click.UsageError("--json and --progress openjd both write to stdout. Ask for one")
     return style
 
 

@@ -157,7 +157,7 @@ def trace(photo: Path, output: Path, overlay: Path | None, overwrite: bool, **op
     try:
         from featherfx.trace import trace as work
     except ImportError as error:
-        message = 'needs Pillow; pip install "featherfx[preview]"'
+        message = 'needs Pillow. Run pip install "featherfx[preview]"'
         raise InputError(Problem("trace", "", message)) from error
     options["shaft"] = options["shaft"] or ()
     traced, picture = work.trace(photo, work.TraceOptions(**options))

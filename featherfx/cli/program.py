@@ -28,7 +28,7 @@ from typing import Any
 import click
 
 from featherfx._version import __version__
-from featherfx.errors import InputError, InputWarning, Problem, SimulationError
+from featherfx.errors import InputError, InputWarning, Problem, SimulationError, as_sentence
 from featherfx.groom.read.places import located
 
 LOGGER = logging.getLogger("featherfx")
@@ -51,11 +51,15 @@ def open_log(ctx: click.Context, _: click.Parameter, path: Path | None) -> None:
     if path is None:
         return
     if path.exists() and not path.is_file():
-        raise InputError(Problem(str(path), "", "is not a regular file, so no log"))
+        raise InputError(
+            Problem(str(path), "", "is not a regular file. Name another file for the log")
+        )
     if path.is_file() and path.stat().st_size:
         with path.open("rb") as file:
             if not _OURS.match(file.read(80)):
-                raise InputError(Problem(str(path), "", "holds something else than a log"))
+                raise InputError(
+                    Problem(str(path), "", "holds something else than a log. Name another file")
+                )
     handler = _LogFile(path, encoding="utf-8", errors="backslashreplace")
     handler.setFormatter(logging.Formatter(_FORMAT))
     before, begin = LOGGER.level, time.perf_counter()
@@ -89,7 +93,7 @@ _warned: set[str] = set()  # what this run has said
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    text = f"featherfx: warning: {message}"
+    text = as_sentence(f"featherfx: warning: {message}")
     if text not in _warned:
         _warned.add(text)
         tell(text, logging.WARNING)
@@ -143,7 +147,7 @@ class Command(_WithExamples):
         for param in order:
             if getattr(param.type, "once", False) and order.count(param) > 1:
                 name = param.opts[-1]
-                text = f"{name} is given {order.count(param)} times; give one {param.type.name}"
+                text = f"{name} is given {order.count(param)} times. Give one {param.type.name}"
                 raise click.UsageError(text, ctx)
         return super().parse_args(ctx, args)
 
@@ -286,7 +290,7 @@ class Program(CommandGroup):
         except InputError as error:
             self._fail(ctx, "\n".join(map(located, error.problems)), error)
         except SimulationError as error:
-            self._fail(ctx, str(error), error)
+            self._fail(ctx, as_sentence(str(error)), error)
         except KeyboardInterrupt as error:
             self._fail(ctx, str(error) or "interrupted", error)
         except OSError as error:

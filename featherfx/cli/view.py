@@ -205,7 +205,7 @@ def tune(
     shot = Path(what)
     given = shot.suffix == ".toml"
     if given and (wind or motion):
-        raise click.UsageError("--wind and --motion are for presets; a shot has its own")
+        raise click.UsageError("--wind and --motion are for presets. A shot has its own")
     with tempfile.TemporaryDirectory(prefix="featherfx-") as name:
         folder = Path(name)
         if not given:
@@ -229,10 +229,10 @@ def _stage(
     family, _ = load_preset(preset, folders)
     name = preset.rpartition("/")[2]
     if family not in _FAMILIES:
-        told = f"is a {family} preset, allowed: {', '.join(_FAMILIES)}"
+        told = f"is a {family} preset. Give one of {', '.join(_FAMILIES)}"
         if family == "bird":
             told += (
-                "; a bird needs a body, so give a shot that has one (featherfx sample first_bird)"
+                ". A bird needs a body, so give a shot that has one (featherfx sample first_bird)"
             )
         raise InputError(Problem("tune", preset, told))
     feather = {"id": "feather", "kind": name if family == "feather" else _KIND}

@@ -52,7 +52,11 @@ def bake_many(
     begin = time.perf_counter()
     chosen = BakeOptions(**options)
     if not shots or chosen.feathers is not None:
-        what = "no shot is given" if not shots else "shares are cut by the job; leave feathers out"
+        what = (
+            "no shot is given. Name a shot"
+            if not shots
+            else "shares are cut by the job. Leave feathers out"
+        )
         raise InputError(Problem("bake_many", "", what))
     report = None if chosen.report is None else Path(chosen.report)
     check_report(report, chosen.overwrite or chosen.resume)

@@ -132,7 +132,7 @@ class DaskEngine:
 
             error = future.exception()
             return OrderNews(LOST if isinstance(error, KilledWorker) else FAILED, number, "", error)
-        message = "the connection to the scheduler was lost; --resume goes on"
+        message = "the connection to the scheduler was lost. --resume goes on"
         return OrderNews(FAILED, number, "", InputError(Problem("scheduler", "", message)))
 
     def cancel(self, number: int) -> None:

@@ -159,7 +159,7 @@ class Job:
         """Shares of an earlier job are gone on with, or removed, only where that is asked for."""
         if not each.shares.begun() or self._options["resume"]:
             return
-        message = "a job has begun it; --resume goes on, --overwrite bakes anew"
+        message = "a job has begun it. --resume goes on, --overwrite bakes anew"
         if self._options["overwrite"]:
             try:
                 lock = Lock(lock_file(each.output))
@@ -243,7 +243,7 @@ class Job:
         elif news.what == LOST:
             del self._out[news.number]
             lost = ", ".join([*given.lost, given.worker])
-            message = f"every worker that took it was lost ({lost}); its log may tell why"
+            message = f"every worker that took it was lost ({lost}). Its log may tell why"
             self._fail(given, [Problem(str(given.shot.shot), given.name, message)])
         elif news.what == FAILED:
             self._failed(given, news)

@@ -38,7 +38,7 @@ def outputs_of(shots: Sequence[Path], where: Path) -> list[Path]:
     if where.suffix in USD_SUFFIXES and not where.is_dir():
         if len(shots) == 1:
             return [where]
-        message = f"is a file; {len(shots)} shots go to a folder"
+        message = f"is a file. Name a folder for {len(shots)} shots"
         raise InputError(Problem(str(where), "output", message))
     taken = Counter(shot.stem for shot in shots)
     names = [shot.stem if taken[shot.stem] == 1 else _name_of(shot) for shot in shots]

@@ -74,7 +74,7 @@ def work(order: Order, notify: Callable[[int, int], None]) -> OrderResult:
     notify: called with the samples done and their number; ends the work by raising.
     """
     if order.program != program_digest():
-        message = "has another version of featherfx, or of numpy, than gives the work"
+        message = "has another version of featherfx or numpy. Install the same on all machines"
         raise InputError(Problem(os.uname().nodename, "", message))
     begin, spent = time.perf_counter(), time.process_time()
     order = replace(order, shot=mapped(order.shot), output=mapped(order.output))

@@ -124,8 +124,8 @@ def trace_barbs(
     backward = (np.sin(chord_angle) <= 0.0) & (x >= 0.0)
     messages = [
         f"barbs turn back across the rachis at position {x[i] / vane_length:.3g}: "
-        f"angle {np.degrees(angles[0, i]):g} deg, curl {np.degrees(angles[1, i]):g} deg; "
-        "allowed: 0 < angle - curl / 2 < 180 deg"
+        f"angle {np.degrees(angles[0, i]):g} deg, curl {np.degrees(angles[1, i]):g} deg. "
+        "Keep 0 < angle - curl / 2 < 180 deg"
         for i in np.flatnonzero(backward)[:1]
     ]
     arc_length = ray_lengths(curve, x, chord_angle, 1e-9 * kind.length) / part
@@ -245,5 +245,5 @@ def _bulges(barbs: Barbs, curve: Array, position: Array, length: float) -> list[
         return []
     return [
         f"the barb at position {position[grown[worst]]:.3g} leaves the outline by "
-        f"{outside[worst] / length:.3g} of the feather's length; allowed: {_LARGEST_BULGE:g}"
+        f"{outside[worst] / length:.3g} of the feather's length, more than {_LARGEST_BULGE:g}"
     ]

@@ -112,12 +112,14 @@ def _problems(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> li
     """List what can be seen to be wrong from the arguments alone."""
     least = {"rows": (rows, 3), "columns": (columns, 1), "tube_sides": (tube_sides, 3)}
     problems = [
-        Problem("", name, f"{value}; allowed: at least {low}")
+        Problem("", name, f"{value} is not allowed. Give at least {low}")
         for name, (value, low) in least.items()
         if value < low
     ]
     if not 0.0 <= kind.calamus < 1.0:
-        problems.append(_problem(kind, "calamus", f"{kind.calamus:g}; allowed: 0 to below 1"))
+        problems.append(
+            _problem(kind, "calamus", f"{kind.calamus:g} is not allowed. Give 0 to below 1")
+        )
     sizes = {
         "length": kind.length,
         "rachis.diameter_base": kind.rachis.diameter_base,
@@ -125,7 +127,7 @@ def _problems(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> li
         "rachis_material.flattening": kind.rachis_material.flattening,
     }
     problems += [
-        _problem(kind, key, f"{value:g}; allowed: above 0")
+        _problem(kind, key, f"{value:g} is not allowed. Give a value above 0")
         for key, value in sizes.items()
         if not 0.0 < value < np.inf
     ]
@@ -149,12 +151,12 @@ def _vane_problems(kind: FeatherKind, name: str, vane: VaneShape) -> list[Proble
     for number, guide in enumerate(vane.guides):
         key = f"{name}.guides.{number}"
         if not 0.0 < guide.angle < 180.0:
-            message = f"{guide.angle:g}; allowed: 0 to 180 deg"
+            message = f"{guide.angle:g} is not allowed. Give 0 to 180 deg"
             problems.append(_problem(kind, f"{key}.angle", message))
         for turning in ("curl", "camber"):
             value = getattr(guide, turning)
             if not abs(value) <= 180.0:
-                message = f"{value:g}; allowed: -180 to 180 deg"
+                message = f"{value:g} is not allowed. Give -180 to 180 deg"
                 problems.append(_problem(kind, f"{key}.{turning}", message))
     return problems
 

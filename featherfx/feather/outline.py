@@ -33,7 +33,7 @@ def describe_outline_fault(control: Outline) -> str:
     if not np.isfinite(points).all():
         return "the outline holds a number that is not finite"
     if points[:, 1].min() < 0.0:
-        return f"the outline has y = {points[:, 1].min():g}; allowed: y >= 0"
+        return f"the outline has y = {points[:, 1].min():g}. Give y >= 0"
     repeated = np.flatnonzero(np.all(np.diff(points, axis=0) == 0.0, axis=1))
     if len(repeated):
         x, y = control[int(repeated[0])]

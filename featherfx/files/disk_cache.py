@@ -126,7 +126,7 @@ def room() -> float:
     except ValueError:
         limit = -1.0
     if not limit >= 0.0:
-        message = f"'{given}' is no number of GB, allowed 0 (keeps nothing) and more"
+        message = f"'{given}' is no number of GB. Give 0 (keeps nothing) and more"
         raise InputError(Problem(SIZE_VARIABLE, "", message))
     return limit
 

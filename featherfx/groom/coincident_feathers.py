@@ -37,7 +37,7 @@ def refuse_crowds(placements: Sequence[Placement], source: str, key: str, instea
     some = np.flatnonzero(cubes.ravel() == counts.argmax())
     message = (
         f"{len(placements)} feathers make at least {pairs} pairs that stand within half a length of"
-        f" each other, allowed {CROWD_PAIRS}, or {MOST_NEIGHBOURS} neighbours a feather (beside"
-        f" '{placements[some[0]].id}' stand {len(some) - 1}): place them apart, {instead}"
+        f" each other, more than {CROWD_PAIRS}, or {MOST_NEIGHBOURS} neighbours a feather (beside"
+        f" '{placements[some[0]].id}' stand {len(some) - 1}). Place them apart, {instead}"
     )
     raise InputError(Problem(source, key, message))

@@ -71,7 +71,7 @@ def split_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
         if not first < position < last
     ]
     faults += [
-        (f"splits.places[{index}][1]", f"{depth:g} is out of range, allowed {LEAST_DEPTH:g} to 1")
+        (f"splits.places[{index}][1]", f"{depth:g} is out of range. Give {LEAST_DEPTH:g} to 1")
         for index, (_, depth) in enumerate(splits.places)
         if depth < LEAST_DEPTH
     ]

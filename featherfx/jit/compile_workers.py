@@ -59,7 +59,7 @@ def count_compilers() -> int:
         is_python = Path(sys.executable or "").stem.startswith("python")
         return min(count_cores(), MAX_COMPILERS) if is_python else 1
     if not given.isdecimal() or not 1 <= int(given) <= 64:
-        raise InputError(Problem(VARIABLE, "", f"is {given!r}, allowed: 1 to 64"))
+        raise InputError(Problem(VARIABLE, "", f"is {given!r}. Give 1 to 64"))
     return int(given)
 
 

@@ -61,7 +61,7 @@ def part(*without: str, **defaults: Any) -> Any:
 
 
 def out_of_range(
-    item: Any, source: str = "", form: str = "{value:g}; allowed: {allowed}"
+    item: Any, source: str = "", form: str = "{value:g} is not allowed. Give {allowed}"
 ) -> list[Problem]:
     """Every value of a dataclass that is none of its choices, or out of its declared range; None is
     in every one."""

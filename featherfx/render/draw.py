@@ -200,7 +200,7 @@ def _times(
     first, last = cache.frames
     if not cache.has_frames:
         if frames:
-            message = "the file has no frames, only a rest pose"
+            message = "the file has no frames, only a rest pose. Leave out --frame and --frames"
             raise InputError(Problem(str(path), "frame", message))
         return [None]
     if frames is None:
@@ -212,9 +212,9 @@ def _times(
             return list(cache.whole_frames())
         return [first]
     if not len(frames):
-        raise InputError(Problem(str(path), "frame", "no frame was chosen"))
+        raise InputError(Problem(str(path), "frame", "no frame was chosen. Give a frame"))
     problems = [
-        Problem(str(path), "frame", f"{code:g} is out of range; allowed {first:g} to {last:g}")
+        Problem(str(path), "frame", f"{code:g} is out of range. Give {first:g} to {last:g}")
         for code in frames
         if not first <= code <= last
     ]

@@ -100,13 +100,13 @@ def check_pixels(count: int, options: PictureOptions) -> list[Problem]:
     if total <= MOST_PIXELS:
         return []
     pixels = f"{count * sides} pictures of {total / 1e6:.4g} million pixels in all"
-    most = f"allowed {MOST_PIXELS / 1e6:g} million; draw fewer frames at a time, or smaller"
+    most = f"more than {MOST_PIXELS / 1e6:g} million. Draw fewer frames at a time, or smaller"
     return [Problem("preview", "size", f"{pixels}, {most}")]
 
 
 def check_options(path: Path, output: Path, options: PictureOptions) -> None:
     problems = [
-        Problem("preview", "", f'{name} is not installed; pip install "featherfx[{extra}]"')
+        Problem("preview", "", f'{name} is not installed. Run pip install "featherfx[{extra}]"')
         for module, name, extra in _libraries(output)
         if importlib.util.find_spec(module) is None
     ]
@@ -120,18 +120,18 @@ def check_options(path: Path, output: Path, options: PictureOptions) -> None:
         told = f"suffix '{output.suffix}' is not one of {', '.join(_SUFFIXES)}"
         problems.append(Problem(str(output), "", told))
     elif options.sheet and output.suffix.lower() != ".png":
-        problems.append(Problem(str(output), "", "a sheet is one picture, a .png"))
+        problems.append(Problem(str(output), "", "a sheet is one image. Name a .png file"))
     if options.against is not None and not options.is_look:
-        told = f"'{options.colour}' would have a scale for each file; allowed: shaded, region"
+        told = f"'{options.colour}' would have a scale for each file. Give shaded or region"
         problems.append(Problem("preview", "colour", told))
     if options.floor and not options.is_look:
         problems.append(Problem("preview", "floor", f"'{options.colour}' has no shadows to take"))
     if not os.path.isdir(output.parent):
-        problems.append(Problem(str(output.parent), "", "folder does not exist"))
+        problems.append(Problem(str(output.parent), "", "folder does not exist. Make it first"))
     others = () if options.against is None else (options.against,)
     for file in (path, *others, *options.scenery):
         if not Path(file).is_file():
-            problems.append(Problem(str(file), "", "file does not exist"))
+            problems.append(Problem(str(file), "", "file does not exist. Check the path"))
     require(*problems)
 
 
@@ -139,15 +139,15 @@ def _number_problems(options: PictureOptions) -> list[Problem]:
     width, height = options.pixels
     problems = []
     if not all(16 <= side <= MOST_SIDE for side in (width, height)):
-        message = f"{width} x {height}; allowed 16 to {MOST_SIDE} pixels a side"
+        message = f"{width} x {height} is not allowed. Give 16 to {MOST_SIDE} pixels a side"
         problems.append(Problem("preview", "size", message))
     else:
         problems += check_pixels(1 if options.frames is None else len(options.frames), options)
     if not (options.f_stop == 0.0 or 0.1 <= options.f_stop <= 1000.0):
-        message = f"{options.f_stop:g}; allowed 0.1 to 1000, or 0 where all is sharp"
+        message = f"{options.f_stop:g} is not allowed. Give 0.1 to 1000, or 0 where all is sharp"
         problems.append(Problem("preview", "f_stop", message))
     if not 0 <= options.turntable <= MOST_SHEET:
-        message = f"{options.turntable}; allowed 0 to {MOST_SHEET}"
+        message = f"{options.turntable} is not allowed. Give 0 to {MOST_SHEET}"
         problems.append(Problem("preview", "turntable", message))
     return problems
 

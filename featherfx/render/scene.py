@@ -86,7 +86,7 @@ def chosen_feathers(
             fits = np.array([fnmatchcase(name, pattern) for name in known[key]], dtype=bool)
             if not fits.any():
                 near = nearest(pattern, set(known[key]) - {""})
-                problems.append(Problem(source, key, f"no {key} fits '{pattern}'; {near}"))
+                problems.append(Problem(source, key, f"no {key} fits '{pattern}', {near}"))
             chosen |= fits
     require(*problems)
     return np.flatnonzero(chosen if feathers or regions else ~chosen)

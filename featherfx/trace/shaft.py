@@ -68,7 +68,7 @@ def shaft_of(laid: AlignedPicture, source: str) -> ShaftLine:
     found = [_path(each, mask, bare) for each in _ridges(laid.grey[columns], width)]
     contrast, path, shown = max(found, key=lambda each: each[0])
     if contrast < _LEAST_CONTRAST:
-        message = "the shaft does not show in the picture; give its line from base to tip (--shaft)"
+        message = "the shaft does not show in the picture. Give its line from base to tip (--shaft)"
         raise InputError(Problem(source, "", message))
     along = columns.astype(np.float64)
     return _even(np.stack([along, _smooth(along, path.astype(np.float64), shown)], axis=1))

@@ -82,7 +82,7 @@ def read_photo(path: Path) -> Photo:
             size = round(image.width / shrunk), round(image.height / shrunk)
             pixels = np.asarray(image.convert("RGBA").resize(size), dtype=np.float64) / 255.0
     except FileNotFoundError:
-        raise InputError(Problem(str(path), "", "file does not exist")) from None
+        raise InputError(Problem(str(path), "", "file does not exist. Check the path")) from None
     except (OSError, Image.DecompressionBombError) as error:
         raise InputError(
             Problem(str(path), "", f"is no picture that can be read: {error}")
@@ -114,15 +114,15 @@ def silhouette(photo: Photo, threshold: float | None) -> Flags:
             message = (
                 f"two pieces differ from the border, one {100.0 * second / largest:.0f} % as"
                 " large as the other: where a shaft is as pale as the ground, a lower threshold"
-                " joins them; other feathers must be cut away"
+                " joins them. Other feathers must be cut away"
             )
             raise InputError(Problem(str(photo.file), "", message))
     fraction = float(found.mean())
     if not count or not _COVERS[0] <= fraction <= _COVERS[1]:
         message = (
-            f"no silhouette: {100.0 * fraction:.2g} % of the picture differ from its border,"
-            f" allowed {100.0 * _COVERS[0]:g} to {100.0 * _COVERS[1]:g}; a plain background, or a"
-            " threshold, may help"
+            f"no silhouette: {100.0 * fraction:.2g} % of the picture differ from its border."
+            f" It may be {100.0 * _COVERS[0]:g} to {100.0 * _COVERS[1]:g} %. Use a plain background"
+            " or give a threshold"
         )
         raise InputError(Problem(str(photo.file), "", message))
     return found

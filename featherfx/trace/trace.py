@@ -216,7 +216,7 @@ def trace(photo_path: str | Path, options: TraceOptions = TraceOptions()) -> tup
         except InputError as error:
             told = f"what was found is no feather that can be built: {error.problems[0].message}"
             raise InputError(
-                Problem(source, "", f"{told}; --shaft or --threshold may help")
+                Problem(source, "", f"{told}. --shaft or --threshold may help")
             ) from error
         return _Try(_deviation(found, feather), rounded, text, feather)
 
@@ -397,7 +397,7 @@ def write_traced(
     """
     files = [output, *([overlay] if overlay else [])]
     problems = [
-        Problem(str(each), "", "exists already; choose another name or --overwrite")
+        Problem(str(each), "", "exists already. Choose another name or --overwrite")
         for each in files
         if each.exists() and not overwrite
     ]

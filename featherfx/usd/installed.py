@@ -29,7 +29,7 @@ def refuse_unfit_usd() -> None:
         problems.append(Problem(str(Path(Usd.__file__).parent.parent), "", told))
     if len(loaded := loaded_libraries()) > 1:
         told = f"is loaded beside {', '.join(loaded[1:])}: two installs of USD in one process"
-        problems.append(Problem(loaded[0], "", f"{told}; use the host's alone (docs/dcc.md)"))
+        problems.append(Problem(loaded[0], "", f"{told}. Use the host's alone (docs/dcc.md)"))
     require(*problems)
 
 

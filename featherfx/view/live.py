@@ -225,7 +225,7 @@ class Live:
             shot = replace(shot, quality=quality)
             placements = some_of(shot, source.feathers)
             if not 0 < len(placements) <= _MOST_FEATHERS:
-                told = f"{len(placements)} feathers, allowed 1 to {_MOST_FEATHERS}"
+                told = f"{len(placements)} feathers are not allowed. Give 1 to {_MOST_FEATHERS}"
                 raise InputError(Problem(str(source.shot), "feather", told))
             ids = {each.id for each in placements}
             wanted = [k for k, each in enumerate(shot.groom.feathers) if each.id in ids]

@@ -292,7 +292,7 @@ class Played:
 
     def _code(self, number: int) -> float | None:
         if standing(self.path) != self._before:
-            raise InputError(Problem(str(self.path), "", "has changed; open it again"))
+            raise InputError(Problem(str(self.path), "", "has changed. Open it again"))
         return self.codes[number]
 
     def _points(self, number: int, among: Indices | None = None) -> Array:

@@ -50,7 +50,7 @@ class Server(ThreadingHTTPServer):
         try:
             super().__init__((_HOST, port), _Handler)
         except OSError as error:
-            told = f"{port} cannot be used: {error.strerror or error}; leave it out for a free one"
+            told = f"{port} cannot be used: {error.strerror or error}. Leave it out for a free one"
             raise InputError(Problem("view", "port", told)) from error
 
     @property

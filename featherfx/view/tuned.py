@@ -103,7 +103,7 @@ class Tuned:
         wanted = {folder / name: text for name, text in self.files().items()}
         problems = [*self._refused(wanted, overwrite)]
         if not wanted:
-            problems.append(Problem(str(folder), "", "nothing was changed"))
+            problems.append(Problem(str(folder), "", "nothing was changed. Move a slider first"))
         require(*problems)
         try:
             for path in wanted:
@@ -120,9 +120,9 @@ class Tuned:
             if not path.exists():
                 continue
             if any(each.resolve() == path.parents[1].resolve() for each in self._folders):
-                yield Problem(str(path), "", "is what these changes are to; choose another folder")
+                yield Problem(str(path), "", "is what these changes are to. Choose another folder")
             elif not overwrite:
-                yield Problem(str(path), "", "exists; --overwrite replaces it")
+                yield Problem(str(path), "", "exists. --overwrite replaces it")
 
     def _all(self) -> Iterator[Slider]:
         for (family, name), values in self._before.items():

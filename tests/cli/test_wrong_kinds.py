@@ -55,7 +55,7 @@ def test_what_is_no_groom(tmp_path):
 @pytest.mark.parametrize("file", [GROOM, SHOT, *list(PRESETS.values())[:1]])
 def test_toml_is_no_stage(command, file, tmp_path):
     expected = (
-        "is a TOML file: a groom, shot or preset, expects .usd, .usda or .usdc; `featherfx groom`"
+        "is a TOML file: a groom, shot or preset, expects .usd, .usda or .usdc. `featherfx groom`"
         " and `featherfx bake` write one"
     )
     assert told(command, ROOT / file, tmp_path) == expected

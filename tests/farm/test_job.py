@@ -263,7 +263,7 @@ def test_the_command_bakes_a_folder_of_shots(tmp_path, monkeypatch, single):
     assert f"{out / 'other.usdc'}: 20 feathers, 3 frames" in result.stderr
     result = invoke(*given)
     assert result.exit_code == 1
-    assert result.stderr.count("exists already; choose another name or --overwrite") == 2
+    assert result.stderr.count("exists already. Choose another name or --overwrite") == 2
 
 
 @pytest.mark.parametrize(

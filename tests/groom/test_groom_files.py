@@ -243,9 +243,9 @@ def test_all_problems_at_once(tmp_path: Path) -> None:
     assert found(tmp_path, text) == [
         "groom.toml: feather[1].scal: unknown key, did you mean 'scale'?",
         "groom.toml: feather[5].scale: nan is not a finite number",
-        "groom.toml: row[0].count: 0 is out of range, allowed 1 to 100000",
-        "groom.toml: row[0].first.direction: has 2 items, allowed 3",
-        'groom.toml: overrides."x*".length: 99 is out of range, allowed 0.001 to 5 m',
+        "groom.toml: row[0].count: 0 is out of range. Give 1 to 100000",
+        "groom.toml: row[0].first.direction: has 2 items. Give 3",
+        'groom.toml: overrides."x*".length: 99 is out of range. Give 0.001 to 5 m',
         "groom.toml: feather[0].up: is parallel to direction",
         'groom.toml: overrides."zz": matches no feather id, ids are like b, b, c',
         "groom.toml: feather[3].id: 'b' is taken already, by feather[2]",
@@ -381,7 +381,7 @@ def test_table_faults_name_row_and_column(tmp_path: Path) -> None:
     problems = found(tmp_path, text)
     for expected in (
         "a.csv: row 2.y: nan is not a finite number",
-        "a.csv: row 2.scale: 0 is out of range, allowed 0.01 to 100",
+        "a.csv: row 2.scale: 0 is out of range. Give 0.01 to 100",
         "b.csv: row 1.y: 'x' is not a number",
         "c.csv: row 1.up_x: up is zero or parallel to direction",
         "d.csv: z: there is no such column",

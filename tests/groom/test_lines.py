@@ -87,8 +87,8 @@ def test_a_line_stands_for_camber_and_sweep_and_leaves_twist_and_length(tmp_path
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("[[0, 0]]", "line: has 1 point, allowed 2 to 200 (or none)"),
-        ("[[0, 0], [1]]", "line[1]: has 1 items, allowed 2 to 3"),
+        ("[[0, 0]]", "line: has 1 point. Give 2 to 200 (or none)"),
+        ("[[0, 0], [1]]", "line[1]: has 1 items. Give 2 to 3"),
         ("[[0, 0], [nan, 1]]", "line[1][0]: nan is not a finite number"),
         ("[[0, 0], [1, 0, 0], [1, 0]]", "line[2]: is the point before it once more"),
         ("[[0, 0], [2, 0], [1, 1], [1, -1]]", "line[2]: the line crosses itself: segments 0 and 2"),
@@ -179,7 +179,7 @@ def test_barbs_between_guides_are_between_them(tmp_path):
     ("guide", "message"),
     [
         ("position = 0", "[0].angle: missing, expects a number, 5 to 120 deg, or a line"),
-        ("position = 0, line = [[0, 0]]", "[0].line: has 1 point, allowed 2 to 200 (or none)"),
+        ("position = 0, line = [[0, 0]]", "[0].line: has 1 point. Give 2 to 200 (or none)"),
         (
             "position = 0, line = [[0, 0], [2, 0], [1, 1], [1, -1]]",
             "[0].line[2]: the line crosses itself: segments 0 and 2 meet",
@@ -188,7 +188,7 @@ def test_barbs_between_guides_are_between_them(tmp_path):
         ("position = 0, line = [[0, 0], [1, inf]]", "[0].line[1][1]: inf is not a finite number"),
         (
             "position = 0, angle = 40, course = [[0.5, 0, 0], [0.5, 9, 0]]",
-            "[0].course[1][0]: 0.5 is not above the point before it (0.5); points ascend",
+            "[0].course[1][0]: 0.5 is not above the point before it (0.5). Points ascend",
         ),
     ],
 )

@@ -156,8 +156,8 @@ def test_all_faults_of_a_preset_and_its_base_come_at_once(tmp_path: Path) -> Non
         load_preset("above", [tmp_path])
     text = messages(caught.value)
     assert "above.toml: speed: 'fast' is not a number" in text
-    assert "above.toml: direction: has 2 items, allowed 3" in text
-    assert "below.toml: speed: -1 is out of range, allowed 0 to 150 m/s" in text
+    assert "above.toml: direction: has 2 items. Give 3" in text
+    assert "below.toml: speed: -1 is out of range. Give 0 to 150 m/s" in text
     assert "below.toml: guts: unknown key, did you mean 'gust'?" in text
 
 
@@ -177,12 +177,12 @@ def test_missing_keys_are_named_with_their_range(tmp_path: Path) -> None:
 
 VANE_FAULTS = [
     ("leading.outline = [[0, 0], [0.8, 0.2], [0.2, 0.2], [1, 0]]", "the outline crosses itself"),
-    ("leading.outline = [[0, 0], [1, 0]]", "has 2 points, allowed 3 to 200"),
-    ("leading.outline = [[0, 0], [0.5, -0.1], [1, 0]]", "-0.1 is out of range, allowed 0 to 1.5"),
+    ("leading.outline = [[0, 0], [1, 0]]", "has 2 points. Give 3 to 200"),
+    ("leading.outline = [[0, 0], [0.5, -0.1], [1, 0]]", "-0.1 is out of range. Give 0 to 1.5"),
     ("leading.guides = []", "there is an outline but no guide"),
-    ("trailing.rounded_base = 1.5", "1.5 is out of range, allowed 0 to 1"),
+    ("trailing.rounded_base = 1.5", "1.5 is out of range. Give 0 to 1"),
     # a vane without it would feel no wind
-    ("vane_material.modulus_across_barbs = 0", "0 is out of range, allowed 1e-06 to 1e+10 Pa"),
+    ("vane_material.modulus_across_barbs = 0", "0 is out of range. Give 1e-06 to 1e+10 Pa"),
     ('trailing.rounded_tip = "soft"', "'soft' is not a number"),
     (
         "leading.guides = [{position = 0.5, angle = 40}, {position = 0.5, angle = 41}]",
@@ -201,7 +201,7 @@ VANE_FAULTS = [
     ("leading.outline = [[0, 0], [0.5, 0], [1, 0]]", "leading.outline: is 0 wide everywhere"),
     (
         "vane_material.hook_yield_across = 2e4",
-        "vane_material.hook_strength: 19200 is out of range, allowed: at least the yield stress",
+        "vane_material.hook_strength: 19200 is out of range. Give at least the yield stress",
     ),
     (
         "trailing.hooked.rachis = [[0.2, 0], [0.2, 1]]",
@@ -209,7 +209,7 @@ VANE_FAULTS = [
     ),
     (
         "trailing.splits.places = [[0.5, 0]]",
-        "trailing.splits.places[0][1]: 0 is out of range, allowed 0.01 to 1",
+        "trailing.splits.places[0][1]: 0 is out of range. Give 0.01 to 1",
     ),
     ("trailing.splits.places = [[1.0, 0.5]]", "1 lies outside the vane, which reaches from 0 to 1"),
     (
@@ -231,7 +231,7 @@ VANE_FAULTS = [
     ("vane_material = { ribbon = true, bending_across = 0 }", "allowed: above 0 N m"),
     (
         "vane_material = { ribbon = true, poissons_ratio = 0.6 }",
-        "0.6 is out of range, allowed 0 to 0.5",
+        "0.6 is out of range. Give 0 to 0.5",
     ),
     (
         "vane_material = { ribbon = true, across_barbs_profile.rachis = [[0, 2]] }",
@@ -239,15 +239,15 @@ VANE_FAULTS = [
     ),
     (
         "vane_material.along_barbs_profile.barb = [[0.5, 1], [0.5, 2]]",
-        "along_barbs_profile.barb[1][0]: 0.5 is out of order or range, allowed: 0 to 1",
+        "along_barbs_profile.barb[1][0]: 0.5 is out of order or range. Give 0 to 1",
     ),
     ("rachis.diameter_profile = [[1.5, 1]]", "rachis.diameter_profile[0][0]: 1.5 is out of order"),
     (
         "rachis_material.modulus_profile = [[0, 1], [1, 0]]",
-        "rachis_material.modulus_profile[1][1]: 0 is out of range, allowed 0.001 to 1000",
+        "rachis_material.modulus_profile[1][1]: 0 is out of range. Give 0.001 to 1000",
     ),
-    ("vane_material.thickness_profile.rachis = [[0]]", "rachis[0]: has 1 items, allowed 2"),
-    ("leading.hooked.barb = [[0.5, 1.2]]", "1.2 is out of range, allowed 0 to 1"),
+    ("vane_material.thickness_profile.rachis = [[0]]", "rachis[0]: has 1 items. Give 2"),
+    ("leading.hooked.barb = [[0.5, 1.2]]", "1.2 is out of range. Give 0 to 1"),
     ("rachis.diameter_tip = 0.02", "allowed up to diameter_base = 0.007 m"),
 ]
 

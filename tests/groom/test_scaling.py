@@ -151,7 +151,7 @@ def test_dials_of_presets_rows_tables_and_overrides_multiply(tmp_path):
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("stiffness = 0", "feather[0].stiffness: 0 is out of range, allowed 0.001 to 1000"),
+        ("stiffness = 0", "feather[0].stiffness: 0 is out of range. Give 0.001 to 1000"),
         ('weight = "heavy"', "feather[0].weight: 'heavy' is not a number"),
         (
             'overrides = { scaling = "similiar" }',

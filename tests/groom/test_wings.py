@@ -187,7 +187,7 @@ def test_landmarks_pose_the_wing_and_say_how_far_it_is_folded(tmp_path: Path) ->
     [
         ("", "elbow: missing: expects elbow, wrist and tip, or fold"),
         ("elbow = [0, -0.1, 0]\nfold = 0.5\n", "wrist: missing"),
-        ("fold = 1.2\n", "fold: 1.2 is out of range, allowed 0 to 1"),
+        ("fold = 1.2\n", "fold: 1.2 is out of range. Give 0 to 1"),
         (LANDMARKS.replace("-0.14", "-0.09").replace("0.0, ", "0.03, "), "tip: is where"),
         ("elbow = [0, -0.1, 0]\nwrist = [0, -0.2, 0]\ntip = [0, -0.3, 0]", "are on one line"),
         (LANDMARKS + "forward = [-1, 0, 0]\n", "would point forwards: are landmarks"),

@@ -160,7 +160,7 @@ def test_cholmod_finds_the_direct_solution_where_it_is_installed():
 
 def test_a_missing_cholmod_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "cvxopt", None)
-    with pytest.raises(InputError, match="needs cvxopt; pip install cvxopt"):
+    with pytest.raises(InputError, match=r"needs cvxopt\. Run pip install cvxopt"):
         precondition(PreconditionTest(NetworkPlan(size=6), "cholmod"))
 
 

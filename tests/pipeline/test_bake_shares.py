@@ -98,7 +98,7 @@ def test_shares_of_other_settings_or_missing_ones_are_not_joined(tmp_path):
 
 
 def test_a_share_that_holds_nothing_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"21/21 is out of range; allowed 1/1 to 20/20"):
+    with pytest.raises(InputError, match=r"21/21 is out of range. Give 1/1 to 20/20"):
         featherfx.bake(WING, tmp_path / "wing.usda", feathers=(21, 21), **OPTIONS)
     assert list(tmp_path.iterdir()) == []
 
@@ -318,7 +318,7 @@ def test_progress_lines_are_those_of_open_job_description(tmp_path):
     assert result.exit_code == 1
     *others, fail = result.stdout.splitlines()
     assert fail.startswith("openjd_fail: ")
-    assert fail.endswith("exists already; choose another name or --overwrite")
+    assert fail.endswith("exists already. Choose another name or --overwrite")
     parsed = as_a_session_reads_it([*lines, *others, fail])
     whole = [f"openjd_{name.lower()}: {value}" for name, value in parsed]
     assert whole == [*lines, *others, fail]
@@ -393,8 +393,8 @@ def test_the_reference_implementation_takes_both_templates(tmp_path, monkeypatch
         (("--feathers", "1-2/4", "--report", "r.json"), "several --feathers write no --report"),
         (("--feathers", "3-2/4"), "is not a share such as"),
         (("--feathers", "1-5/4"), "is not a share such as"),
-        (("--feathers", "1/2", "--feathers", "2/2"), "--feathers is given 2 times; give one I/N"),
-        (("--frames", "1-2", "--frames", "5-6"), "--frames is given 2 times; give one A-B"),
+        (("--feathers", "1/2", "--feathers", "2/2"), "--feathers is given 2 times. Give one I/N"),
+        (("--frames", "1-2", "--frames", "5-6"), "--frames is given 2 times. Give one A-B"),
     ],
 )
 def test_several_shares_that_make_no_sense_are_wrong_usage(more, told):

@@ -274,8 +274,8 @@ def test_feathers_and_regions_that_are_not_there(cache, tmp_path):
     with pytest.raises(InputError) as caught:
         render(cache, tmp_path / "a.png", feathers=[ids[0] + "x"], regions=["tial"])
     told = str(caught.value)
-    assert f"feather: no feather fits '{ids[0]}x'; did you mean '{ids[0]}'?" in told
-    assert "region: no region fits 'tial'; did you mean 'tail'?" in told
+    assert f"feather: no feather fits '{ids[0]}x', did you mean '{ids[0]}'?" in told
+    assert "region: no region fits 'tial', did you mean 'tail'?" in told
 
 
 def test_two_caches_side_by_side(cache, tmp_path):

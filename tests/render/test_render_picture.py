@@ -216,7 +216,7 @@ def test_all_wrong_options_are_named_at_once(tmp_path, cache):
         "folder does not exist", "no.usd",
     ):  # fmt: skip
         assert part in messages
-    with pytest.raises(InputError, match="frame: 9 is out of range; allowed 1 to 5"):
+    with pytest.raises(InputError, match=r"frame: 9 is out of range\. Give 1 to 5"):
         render(cache, tmp_path / "a.png", frames=[9], size=SIZE)
 
 

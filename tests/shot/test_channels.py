@@ -239,7 +239,7 @@ def test_only_what_a_channel_touches_depends_on_it(shot):
     ("entry", "said"),
     [
         ('name = "rufle"\nkeys = [[1, 2]]', "rufle"),
-        ('name = "fold"\nkeys = [[1, 1.5]]', "1.5 is out of range, allowed of fold: 0 to 1"),
+        ('name = "fold"\nkeys = [[1, 1.5]]', "1.5 is out of range. Give fold 0 to 1"),
         ('name = "ruffle"\nkeys = [[5, 1], [2, 3]]', "frame 2 is not later than frame 5"),
         ('name = "ruffle"\nregion = "tial"\nkeys = [[5, 1]]', "no region of the groom fits 'tial'"),
         ('name = "ruffle"', "keys"),

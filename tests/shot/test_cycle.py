@@ -125,7 +125,7 @@ def test_feathers_that_do_not_become_periodic_are_told() -> None:
     """Of a tolerance that four cycles do not come within."""
     shot = replace(cycling(), last_frame=4 * PERIOD)
     strict = replace(shot, quality=replace(shot.quality, tolerance=1e-9, max_substeps=8))
-    with pytest.warns(InputWarning, match="none has become periodic; over the last 6 they changed"):
+    with pytest.warns(InputWarning, match="none has become periodic. Over the last 6 they changed"):
         assert repeated(run(strict)[0]) == 0
 
 

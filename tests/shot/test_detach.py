@@ -147,7 +147,7 @@ def test_a_checkpoint_in_flight_goes_on_with_the_same_bytes(tmp_path):
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        ('[[detach]]\nfeathers = "falls"\nframe = 40\n', "40 is not of the shot, allowed 1 to 18"),
+        ('[[detach]]\nfeathers = "falls"\nframe = 40\n', "40 is not of the shot. Give 1 to 18"),
         ('[[detach]]\nfeathers = "none"\n', "no feather of the groom fits 'none'"),
     ],
 )

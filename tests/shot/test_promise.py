@@ -248,7 +248,7 @@ def test_a_bake_takes_an_error_and_reports_it(tmp_path):
     told = json.loads(report.read_text())
     assert told["error_promised"] == 2.0
     assert 0.0 < told["error_estimated"] < 6.0
-    with pytest.raises(InputError, match=r"error: 30\.0; allowed: 0\.01 to 20"):
+    with pytest.raises(InputError, match=r"error: 30\.0 is not allowed. Give 0\.01 to 20"):
         bake(PULL, tmp_path / "p.usdc", error=30.0)
 
 

@@ -91,4 +91,4 @@ def test_the_last_shelter_that_fits_holds_and_patterns_must_fit(tmp_path: Path) 
         read_shot(path)
     text = "\n".join(map(str, caught.value.problems))
     assert "shelter[0].region: no region of the groom fits 'nowhere'" in text
-    assert "shelter[1].share: 2 is out of range, allowed 0 to 1" in text
+    assert "shelter[1].share: 2 is out of range. Give 0 to 1" in text

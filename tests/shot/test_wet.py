@@ -185,7 +185,7 @@ def _check_condensed(path, meshes):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("[[0, 1.5]]", r"keys\[0\]\[1\]: 1.5 is out of range, allowed 0 to 1"),
+        ("[[0, 1.5]]", r"keys\[0\]\[1\]: 1.5 is out of range. Give 0 to 1"),
         ("[[1, 0], [1, 1]]", r"keys\[1\]: 1 s is not later than 1 s"),
         ("[]", "has 0 items"),
     ],

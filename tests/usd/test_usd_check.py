@@ -123,7 +123,7 @@ DEFECTS = {
     "index out of range": (
         change(STILL, "faceVertexIndices", None, with_value(7, 36)),
         f"{STILL}.faceVertexIndices",
-        "first is 36; allowed 0 to 35",
+        "first is 36. Give 0 to 35",
     ),
     "negative index": (
         change(STILL, "faceVertexIndices", None, with_value(7, -1)),
@@ -143,13 +143,13 @@ DEFECTS = {
     "widths": (
         change(CURVE, "widths", None, lambda v: v[:-1]),
         f"{CURVE}.widths",
-        "3 values; interpolation vertex asks for 4",
+        "3 values. Interpolation vertex asks for 4",
     ),
     "normals": (change(MESH, "normals", 1, lambda v: v[:5]), f"{MESH}.normals", "time 1: 5 values"),
     "primvar size": (
         change(STILL, "primvars:side", None, lambda v: v[:-2]),
         f"{STILL}.primvars:side",
-        "46 values; interpolation uniform asks for 48",
+        "46 values. Interpolation uniform asks for 48",
     ),
     "scalar primvar": (scalar_primvar, f"{STILL}.primvars:mass", "not an array"),
     "flipped face": (

@@ -309,7 +309,7 @@ def test_a_rigid_motion_is_kept_at_every_density(entries, tmp_path, form, within
 
 
 def test_densities_out_of_range_and_other_files_are_refused(baked, tmp_path):
-    with pytest.raises(InputError, match=r"rows: 2; allowed: 3 to") as caught:
+    with pytest.raises(InputError, match=r"rows: 2 is not allowed. Give 3 to") as caught:
         expand(baked["condensed", "all"], rows=2, barbs=0)
     assert len(caught.value.problems) == 2
     with pytest.raises(InputError, match="holds no condensed feathers"):

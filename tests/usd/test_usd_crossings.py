@@ -153,7 +153,7 @@ def test_a_cache_frame_by_frame(caches):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--crossings", "--frames", "3-9"], "3-9 is out of range, allowed 1 to 5"),
+        (["--crossings", "--frames", "3-9"], "3-9 is out of range. Give 1 to 5"),
         (["--frames", "1-2"], "--frames needs --crossings"),
         (["--json"], "--json needs --crossings"),
     ],

@@ -135,8 +135,8 @@ def test_a_usd_without_levels_gets_variants_alone(cache, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--lod", "0.1,0.2"], "0.1, 0.2; allowed: falling numbers above 0"),
-        (["--lod", "0"], "0; allowed: falling numbers above 0"),
+        (["--lod", "0.1,0.2"], "0.1, 0.2 is not allowed. Give falling numbers above 0"),
+        (["--lod", "0"], "0 is not allowed. Give falling numbers above 0"),
         (["--lod", "much"], "'much' is no list of numbers"),
         (["--lod", "0.1", "--rigid", "1"], "--lod goes with a USD file"),
     ],

@@ -62,7 +62,7 @@ def test_a_folder_of_others_in_the_place_of_the_chunks_is_an_error(tmp_path, lay
     (folder / "plates").mkdir(parents=True)
     (folder / "plates" / "0001.usdc").write_text("mine")
     before = tree(tmp_path)
-    with pytest.raises(OutputError, match=r"holds others' files \(plates\); choose another name"):
+    with pytest.raises(OutputError, match=r"holds others' files \(plates\). Choose another name"):
         bake(path, layout=layout)
     assert tree(tmp_path) == before
 
@@ -71,7 +71,7 @@ def test_a_link_in_the_place_of_the_chunks_is_not_followed(tmp_path):
     elsewhere = tmp_path / "elsewhere"
     (elsewhere / "plates").mkdir(parents=True)
     (tmp_path / "o.clips").symlink_to(elsewhere)
-    with pytest.raises(OutputError, match=r"o\.clips: is a link, which is not followed; remove it"):
+    with pytest.raises(OutputError, match=r"o\.clips: is a link, which is not followed. Remove it"):
         bake(tmp_path / "o.usdc", layout="clips")
     assert [each.name for each in elsewhere.iterdir()] == ["plates"]
 

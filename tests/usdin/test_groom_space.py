@@ -201,7 +201,7 @@ def at_vertex(table):
 @pytest.mark.parametrize(
     ("tables", "said"),
     [
-        (["[space]\nof = 'skin'\n"], "space.left: missing, says which axis"),
+        (["[space]\nof = 'skin'\n"], "space.left: is missing. Give the axis"),
         (["[space]\nof = 'world'\n"], "space.of: 'world' is not allowed"),
         ([at_vertex("{ vertex = 9999 }")], "feather[0].position.vertex: 9999 is out of range, "),
         ([at_vertex("{ joint = 'hand' }")], "position.joint: no skeleton moves /skin"),

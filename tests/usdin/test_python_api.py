@@ -31,7 +31,7 @@ def test_keywords_are_those_of_the_options(tmp_path):
     assert {each.name for each in fields(BakeOptions)} < names
     with pytest.raises(TypeError, match="'frame'"):
         featherfx.bake("shot.toml", frame=(1, 2))
-    with pytest.raises(InputError, match="bake: subframes: 0; allowed: 1 to "):
+    with pytest.raises(InputError, match=r"bake: subframes: 0 is not allowed\. Give 1 to "):
         featherfx.bake(write_shot(tmp_path, None), tmp_path / "a.usda", subframes=0)
 
 

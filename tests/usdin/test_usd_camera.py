@@ -80,7 +80,7 @@ def test_an_orthographic_camera_has_metres(tmp_path):
     ("prim", "message"),
     [
         ("/nothing", "no prim /nothing"),
-        ("/box", "is no camera in .*; the stage has one camera: /cam"),
+        ("/box", "is no camera in .*. The stage has one camera: /cam"),
     ],
 )
 def test_what_is_no_camera_is_told(tmp_path, prim, message):

@@ -90,7 +90,7 @@ def test_places_and_lengths_that_cannot_be(tmp_path):
         stage.RemovePrim(path)
     stage.Save()
     found = problems_of(tmp_path)
-    assert any("/giant.points: 20 m long, allowed 0.0001 to 10 m" in line for line in found)
+    assert any("/giant.points: are 20 m long. Give 0.0001 to 10 m" in line for line in found)
     assert any("/speck.points: 2e-05 m long" in line for line in found)
 
 
@@ -99,7 +99,7 @@ def test_a_kind_that_many_curves_lack_is_one_problem(tmp_path):
     add_curves(stage, "/wing", [lifted(arc(), 0.01 * k) for k in range(50)], kind=None)
     stage.Save()
     (line,) = problems_of(tmp_path)
-    assert "/wing.primvars:featherKind: missing; give the primvar, or kind" in line
+    assert "/wing.primvars:featherKind: missing. Give the primvar, or kind" in line
 
 
 @pytest.mark.parametrize(

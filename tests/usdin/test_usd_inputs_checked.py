@@ -58,7 +58,7 @@ def test_two_feathers_of_one_id(tmp_path):
     stage.Save()
     with pytest.warns(InputWarning):
         problems = told(tmp_path / "bird.usda")
-    assert problems == [("/bird[0], /bird[1]", "featherId 'a' is used 2 times; ids are unique")]
+    assert problems == [("/bird[0], /bird[1]", "featherId 'a' is used 2 times. Ids are unique")]
 
 
 def test_values_that_do_not_fit(tmp_path):

@@ -326,7 +326,7 @@ def test_shots_with_wrong_skins_say_all(tmp_path):
     text = str(caught.value)
     assert "motion: stands beside [skin]" in text
     assert "none.usda: file does not exist" in text
-    with pytest.raises(InputError, match="/bird is a Xform, no Mesh; below it is /bird/skin"):
+    with pytest.raises(InputError, match=r"/bird is a Xform, no Mesh\. Below it is /bird/skin"):
         featherfx.read_shot(write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/bird"'))
     with pytest.raises(
         InputError, match=r"skin\.prim: no prim /bird/skn .* below /bird there is skin"

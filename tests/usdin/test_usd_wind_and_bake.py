@@ -61,9 +61,9 @@ def test_one_vector_for_all(tmp_path):
     path.write_text(text + WIND + 'attribute = "label"\n')
     assert "/air.label is no vector of 3 finite numbers" in refused(path)
     path.write_text(text + WIND + 'attribute = "gust"\n')
-    assert "no attribute 'gust' on /air; attributes of one vector: wind" in refused(path)
+    assert "no attribute 'gust' on /air. Attributes of one vector: wind" in refused(path)
     path.write_text(text + WIND)
-    assert "/air holds no points; give attribute" in refused(path)
+    assert "/air holds no points. Give attribute" in refused(path)
 
 
 def test_a_field_of_points(tmp_path):

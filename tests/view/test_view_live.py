@@ -69,7 +69,7 @@ def test_files_hold_what_was_changed_and_nothing_else(tmp_path):
     del before["leading"]["guides"]
     assert after == before
     text = path.read_text()
-    with pytest.raises(InputError, match=r"swan_primary\.toml: exists; --overwrite"):
+    with pytest.raises(InputError, match=r"swan_primary\.toml: exists. --overwrite"):
         tuned.write(tmp_path, overwrite=False)
     again = Tuned([("feather", "swan_primary")], [tmp_path])
     again.change(YOUNG, 4e9)
@@ -81,7 +81,7 @@ def test_files_hold_what_was_changed_and_nothing_else(tmp_path):
 @pytest.mark.parametrize(
     ("key", "value", "told"),
     [
-        (YOUNG, -1.0, "-1 is out of range, allowed 1000 to 1e\\+12 Pa"),
+        (YOUNG, -1.0, "-1 is out of range. Give 1000 to 1e\\+12 Pa"),
         (YOUNG, "soft", "'soft' is not a number"),
         (YOUNG, float("nan"), "nan is not a finite number"),
         (HOOKS, "torn", "'torn' is not allowed"),
@@ -343,10 +343,10 @@ def test_a_slider_of_the_page_changes_the_feather(live, tmp_path):
     ("words", "told"),
     [
         (["no_such"], "there is no such preset"),
-        (["quality/draft"], "is a quality preset, allowed: feather"),
+        (["quality/draft"], "is a quality preset. Give one of feather"),
         (["bird/pigeon"], "a bird needs a body, so give a shot"),
         (["missing.toml"], "there is no such file"),
-        ([str(SHOT), "--feather", "x*"], "0 feathers, allowed 1 to 200"),
+        ([str(SHOT), "--feather", "x*"], "0 feathers are not allowed. Give 1 to 200"),
     ],
 )
 def test_what_cannot_be_tuned_is_told_in_a_line(words, told):

@@ -277,7 +277,7 @@ def test_a_served_cache_is_shown_and_its_change_is_told(cache, tmp_path):
     with served(Played(copy, EVERYTHING)) as server:
         assert '<span id="number">frame 1</span>' in browse(server.address, tmp_path)
         copy.write_bytes(copy.read_bytes() + b" ")
-        assert "has changed; open it again" in browse(server.address, tmp_path)
+        assert "has changed. Open it again" in browse(server.address, tmp_path)
 
 
 def test_a_file_loads_nothing_else(cache, tmp_path):

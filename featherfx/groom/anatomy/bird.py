@@ -84,7 +84,7 @@ def hatch(
     if entry is None or entry is INVALID or len(place.problems):
         return {}
     if parts["skin"] is None:
-        at.refuse("stands without [skin], whose coat it makes")
+        at.refuse("stands without [skin]. Add [skin], which it covers with feathers")
     points = {k: np.array(v) for k, v in entry["landmarks"].items() if v is not None}
     given = sourced(entry["type"], at.source)
     axes, tree = all_of(

@@ -32,7 +32,7 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
     left one. A feather stands at its share of half the width of the root and of half the fan.
     """
     if parallel(entry["direction"], entry["up"]):
-        place.child("up").refuse("is parallel to direction")
+        place.child("up").refuse("is parallel to direction. Turn one of them: give another vector")
     if entry["count"] % 2:
         place.child("count").refuse(f"{entry['count']} is odd, a tail has pairs of feathers")
     frame = frames_from(entry["direction"], entry["up"])
@@ -275,7 +275,7 @@ def crest(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[D
 
 def _kind(entry: dict[str, Any], place: Place, store: KindStore) -> FeatherKind:
     if parallel(entry["direction"], entry["up"]):
-        place.child("up").refuse("is parallel to direction")
+        place.child("up").refuse("is parallel to direction. Turn one of them: give another vector")
     return store.kind(KindChoice((entry["kind"],), 0.0, (), place))
 
 

@@ -31,7 +31,7 @@ def grow_limbs(
     for at, entry in parts["wing"]:
         with at.problems.collecting():
             if parallel(entry["forward"], entry["up"]):
-                at.child("up").refuse("is parallel to forward")
+                at.child("up").refuse("is parallel to forward. Give another vector")
             axes = frames_from(entry["forward"], entry["up"])
             own, bones = wing(entry, at, store, library, axes)
             mirror = mirror_of(entry, space)

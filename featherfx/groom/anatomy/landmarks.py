@@ -47,13 +47,13 @@ def axes_of(points: Points, up: tuple[float, ...], place: Place) -> Array:
     shoulders = 0.5 * (points["right_shoulder"] + points["left_shoulder"])
     forward = shoulders - points["tail"]
     if parallel(forward, up):
-        place.child("tail").refuse("is right below or above the shoulders; set `up`")
+        place.child("tail").refuse("is right below or above the shoulders. Set `up`")
     axes = frames_from(forward, up)
     for name, point in flat:
         away = min(float(np.linalg.norm(point - points[end])) for end in ("beak", "tail"))
         if away > _FARTHEST * size:
             told = f"is {away:.3g} m from beak and tail, which are {size:.3g} m apart"
-            place.child(name).refuse(f"{told}; allowed {_FARTHEST:g} times that")
+            place.child(name).refuse(f"{told}. Move it within {_FARTHEST:g} times that")
     _check_order(points, axes, place)
     return axes
 
@@ -97,5 +97,5 @@ def check_on_skin(points: Points, corners: Array, place: Place) -> None:
     away = np.linalg.norm(np.einsum("nk,nkc->nc", weights, corners[triangle]) - places, axis=1)
     worst = int(np.argmax(away))
     if away[worst] > most:
-        told = f"is {away[worst]:.3g} m off the skin; allowed {most:.3g} m, a quarter of the way"
-        place.child(flat[worst][0]).refuse(f"{told} from beak to tail")
+        told = f"is {away[worst]:.3g} m off the skin. Move it within {most:.3g} m, a quarter of"
+        place.child(flat[worst][0]).refuse(f"{told} the way from beak to tail")

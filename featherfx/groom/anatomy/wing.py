@@ -132,12 +132,12 @@ def _bones(entry: dict[str, Any], place: Place, kind: WingType, axes: Array) -> 
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if lengths.min() < 1e-4:
         name = names[int(np.argmin(lengths))]
-        place.child(name).refuse("is where the joint before it is; a bone has a length")
+        place.child(name).refuse("is where the joint before it is. Give bones a length")
     if fold is not None:
         return folded(kind, shoulder, lengths, axes, left, fold)
     bones = as_placed(kind, points, axes, left)
     if bones is None:
-        place.child("tip").refuse("shoulder, elbow, wrist and tip are on one line; give fold")
+        place.child("tip").refuse("shoulder, elbow, wrist and tip are on one line. Give fold")
     return bones
 
 

@@ -35,7 +35,7 @@ class Direction:
             return INVALID
         norm = math.hypot(*numbers)
         if norm < 1e-9:
-            return place.fail("a direction cannot be zero")
+            return place.fail("a direction cannot be zero. Give a vector with a length")
         return tuple(each / norm for each in numbers)
 
     def describe(self) -> tuple[str, str, str]:

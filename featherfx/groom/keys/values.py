@@ -80,7 +80,7 @@ class Number:
         if isinstance(value, float) and not math.isfinite(value):
             return place.fail(f"{shown(value)} is not a finite number")
         if not self.low <= value <= self.high:
-            return place.fail(f"{shown(value)} is out of range, allowed {self.allowed()}")
+            return place.fail(f"{shown(value)} is out of range. Give {self.allowed()}")
         return int(value) if self.whole else float(value)
 
     def allowed(self) -> str:
@@ -126,11 +126,11 @@ class Text:
         if self.choices and value not in self.choices:
             return place.unknown(f"{shown(value)} is not allowed", value, self.choices)
         if len(value) > MOST_CHARACTERS:
-            return place.fail(f"has {len(value)} characters, allowed {MOST_CHARACTERS}")
+            return place.fail(f"has {len(value)} characters. Give at most {MOST_CHARACTERS}")
         if CONTROL.search(value):
             return place.fail(f"{shown(value)} holds a line break or a control character")
         if not value and not self.empty and not self.choices:
-            return place.fail("the text is empty")
+            return place.fail("the text is empty. Give at least one character")
         return value
 
     def describe(self) -> tuple[str, str, str]:
@@ -156,7 +156,7 @@ class ArrayOf:
         if not isinstance(value, list):
             return place.fail(f"{shown(value)} is not an array")
         if not self.least <= len(value) <= self.most:
-            return place.fail(f"has {len(value)} items, allowed {self._count()}")
+            return place.fail(f"has {len(value)} items. Give {self._count()}")
         items = tuple(self.item.check(each, place.item(i), False) for i, each in enumerate(value))
         return INVALID if any(each is INVALID for each in items) else items
 
@@ -386,7 +386,7 @@ class Named:
             place.fail(f"{shown(value)} is not a table")
             return {}
         if len(value) > MOST_PATTERNS:
-            place.fail(f"has {len(value)} keys, allowed {MOST_PATTERNS}")
+            place.fail(f"has {len(value)} keys. Give at most {MOST_PATTERNS}")
             return {}
         result = {
             name: self.item.check(each, place.child(f'"{name}"'), partial)

@@ -128,12 +128,12 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
         if after[0] <= before[0]:
             at = Place(_source(tree, "rachis", "course"), place.child("rachis").key, place.problems)
             message = f"{after[0]:g} is not above the point before it ({before[0]:g})"
-            at.child("course").item(index).item(0).fail(f"{message}; points ascend")
+            at.child("course").item(index).item(0).fail(f"{message}. Points ascend")
     if kind.rachis.diameter_tip > kind.rachis.diameter_base:
         tip, base = kind.rachis.diameter_tip, kind.rachis.diameter_base
         source = _source(tree, "rachis", "diameter_tip")
         at = Place(source, place.child("rachis.diameter_tip").key, place.problems)
-        at.fail(f"{tip:g} is out of range, allowed up to diameter_base = {base:g} m")
+        at.fail(f"{tip:g} is out of range. Give up to diameter_base = {base:g} m")
     if line and not len(problems):
         from featherfx.groom.presets.lines import follow_rachis_line
 
@@ -153,7 +153,7 @@ def _check_hooks(vane: VaneMaterial, tree: Tree, place: Place) -> None:
     files = [_source(tree, "vane_material", f"hook_{k}") for k in ("strength", "yield_across")]
     # whoever overrode one of the two made them disagree
     source = place.source if place.source in files else files[files[0] == "default"]
-    message = f"{strength:g} is out of range, allowed: at least the yield stress, "
+    message = f"{strength:g} is out of range. Give at least the yield stress, "
     message += f"hook_yield_across = {limit:g} Pa"
     key = place.child("vane_material.hook_strength").key
     Place(source, key, place.problems).fail(message)
@@ -173,11 +173,11 @@ def _check_profiles(kind: FeatherKind, tree: Tree, place: Place) -> None:
         for index, (share, factor) in enumerate(curve):
             before = curve[index - 1][0] if index else -1.0
             if not before < share <= 1.0:
-                told = "allowed: 0 to 1, each above the one before it"
-                at.item(index).item(0).fail(f"{share:g} is out of order or range, {told}")
+                told = "Give 0 to 1, each above the one before it"
+                at.item(index).item(0).fail(f"{share:g} is out of order or range. {told}")
             if factor < LEAST_FACTOR:
-                told = f"allowed {LEAST_FACTOR:g} to {MOST_FACTOR:g}"
-                at.item(index).item(1).fail(f"{factor:g} is out of range, {told}")
+                told = f"Give {LEAST_FACTOR:g} to {MOST_FACTOR:g}"
+                at.item(index).item(1).fail(f"{factor:g} is out of range. {told}")
 
 
 def _check_ribbon(kind: FeatherKind, tree: Tree, place: Place) -> None:
@@ -185,21 +185,21 @@ def _check_ribbon(kind: FeatherKind, tree: Tree, place: Place) -> None:
     sheet, sides = "vane_material.ribbon = true, a strip without gaps", ("leading", "trailing")
     vane, shapes = kind.vane_material, [getattr(kind, side) for side in sides]
     faults = [
-        (f"{side}.{key}", f"not for {sheet}; allowed: none")
+        (f"{side}.{key}", f"is not for {sheet}. Leave it out")
         for side, shape in zip(sides, shapes, strict=True)
         for key, there in (("splits", shape.is_split), ("hooked", shape.hooked != Hooked()))
         if there
     ]
     faults += [
-        (f"vane_material.{name}", f"not for {sheet}; allowed: none")
+        (f"vane_material.{name}", f"is not for {sheet}. Leave it out")
         for name in _PROFILES
         if getattr(vane, name) != Profile()
     ]
     if vane.hooks != "closed":
-        message = f"'{vane.hooks}' is not for {sheet}; allowed: closed"
+        message = f"'{vane.hooks}' is not for {sheet}. Give closed"
         faults.append(("vane_material.hooks", message))
     if vane.bending_across == 0.0:
-        message = "0 is out of range for a ribbon, which bends with it; allowed: above 0 N m"
+        message = "0 is out of range for a ribbon, which bends with it. Give a value above 0 N m"
         faults.append(("vane_material.bending_across", message))
     for key, message in faults:
         _at(tree, place, *key.split(".")).fail(message)
@@ -217,7 +217,7 @@ def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
         if positions[index] <= positions[index - 1]:
             message = (
                 f"{positions[index]:g} is not above the guide before it "
-                f"({positions[index - 1]:g}); guides are in ascending position"
+                f"({positions[index - 1]:g}). Guides are in ascending position"
             )
             faults.append((f"guides[{index}].position", message))
     for index, guide in enumerate(vane.guides):
@@ -230,8 +230,8 @@ def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
         return faults
     for index in barbs_cross(vane, 1.0 - kind.calamus):
         message = (
-            f"the barbs of guides {index} and {index + 1} cross within the vane; "
-            "bring their angle and curl closer together, or their positions apart"
+            f"the barbs of guides {index} and {index + 1} cross within the vane. "
+            "Bring their angle and curl closer together, or their positions apart"
         )
         faults.append((f"guides[{index + 1}]", message))
     return faults
@@ -253,14 +253,12 @@ def _outline_faults(vane: VaneShape) -> list[tuple[str, str]]:
     outline = vane.outline
     faults = []
     if len(outline) < 3:
-        faults.append(("outline", f"has {len(outline)} points, allowed 3 to 200 (or none)"))
+        faults.append(("outline", f"has {len(outline)} points. Give 3 to 200 (or none)"))
     for index, (_, y) in enumerate(outline):
         if y < 0:
-            faults.append((f"outline[{index}][1]", f"{y:g} is out of range, allowed 0 to 1.5"))
+            faults.append((f"outline[{index}][1]", f"{y:g} is out of range. Give 0 to 1.5"))
     if all(y == 0 for _, y in outline):
-        faults.append(
-            ("outline", "is 0 wide everywhere; allowed: a point with y above 0 (or none)")
-        )
+        faults.append(("outline", "is 0 wide everywhere. Give a point with y above 0 (or none)"))
     if len(outline) >= 2 and outline[0][0] >= outline[-1][0]:
         faults.append(("outline", "ends at or before its start; it runs from base to tip"))
     for first, second in crossing_segments(outline):

@@ -123,7 +123,7 @@ class Library:
             where.refuse(where.meant(f"no {family} preset '{name}'", name, self.names(family)))
         path = found[0]
         if len(chain) >= MOST_BASES:
-            where.refuse(f"more than {MOST_BASES} presets extend each other; merge some of them")
+            where.refuse(f"more than {MOST_BASES} presets extend each other. Merge some of them")
         if any(path == each for _, each in chain):
             names = [each for each, _ in chain]
             loop = [*names[[p for _, p in chain].index(path) :], name]

@@ -38,7 +38,7 @@ def follow_rachis_line(kind: FeatherKind, line: Line, place: Place) -> FeatherKi
         return kind
     points = _curve(line)
     if parallel(points[1] - points[0], _DORSAL):
-        place.fail("leaves the follicle square to the vane; allowed: any way but along z")
+        place.fail("leaves the follicle square to the vane. Give any way but along z")
         return kind
     arc, most = fit_arc(points, _DORSAL), tightest(kind)
     fit = fit_course(arc, points, _DORSAL, most)
@@ -56,9 +56,9 @@ def follow_barb_line(own: dict[str, Any], line: Line, at: Place) -> BarbGuide:
         return BarbGuide(**{**own, "angle": _ANY_ANGLE})
     angle = float(np.degrees(np.arctan2(fit.direction[1], fit.direction[0])))
     if not BARB_ANGLE.low <= angle <= BARB_ANGLE.high:
-        at.fail(f"leaves the shaft at {angle:.0f} deg, allowed {BARB_ANGLE.allowed()}")
+        at.fail(f"leaves the shaft at {angle:.0f} deg. Give {BARB_ANGLE.allowed()}")
     if fit.deviation > MOST_DEVIATION:
-        off = f"the barb would be off by {fit.deviation:.1%} of its length; allowed: up to 1 %"
+        off = f"the barb would be off by {fit.deviation:.1%} of its length, more than 1 %"
         at.fail(f"turns more often or more sharply than a course of 200 points: {off}")
     course = tuple((share, sweep, 0.0) for share, _, sweep, _ in fit.course)
     return BarbGuide(**{**own, "angle": angle, "curl": fit.sweep, "course": course})
@@ -72,11 +72,11 @@ def _fitted_barb(line: Line) -> FittedCurve:
 def _sound(line: Line, place: Place) -> bool:
     """Whether a curve goes through the points; told where none does."""
     if len(line) < 2:
-        place.fail(f"has {len(line)} point, allowed 2 to 200 (or none)")
+        place.fail(f"has {len(line)} point. Give 2 to 200 (or none)")
         return False
     for index, (before, point) in enumerate(pairwise(_lifted(line).tolist()), start=1):
         if before == point:
-            place.item(index).fail("is the point before it once more; allowed: points that differ")
+            place.item(index).fail("is the point before it once more. Give points that differ")
             return False
     points = _lifted(line)
     if not points[:, 2].any() and (crossings := crossing_segments(points[:, :2])):
@@ -103,7 +103,7 @@ def _curve(line: Line) -> Array:
 
 def _too_sharp(arc: FittedCurve, points: Array, most: Array, fit: FittedCurve) -> str:
     """What keeps a line from being followed."""
-    told = f"the shaft would be off by {fit.deviation:.1%} of its length; allowed: up to 1 %"
+    told = f"the shaft would be off by {fit.deviation:.1%} of its length, more than 1 %"
     free = fit_course(arc, points, _DORSAL, np.full(len(most), np.inf))
     over = turning_within(free, len(most)) / most
     if free.deviation > MOST_DEVIATION or over.max() <= 1.0:
@@ -112,5 +112,5 @@ def _too_sharp(arc: FittedCurve, points: Array, most: Array, fit: FittedCurve) -
     return (
         f"bends {over[where]:.2f} times as sharply within the vane, at "
         f"{where / (len(most) - 1):.2g} of its length, as lets barbs lie side by side there, and "
-        f"{told}; shorter barbs or a wider bend help"
+        f"{told}. Shorter barbs or a wider bend help"
     )

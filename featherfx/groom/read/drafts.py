@@ -118,7 +118,7 @@ def _warn_of_side(draft: Draft, place: Place) -> None:
     if side in draft.id and draft.left != (side == "left"):
         warnings.warn(
             f"{place.source}: {place.key}: '{draft.id}' is a feather of the {other} side, with its"
-            f" leading vane there; expects side = '{side}', or another id",
+            f" leading vane there. Give side = '{side}', or another id",
             InputWarning,
             stacklevel=3,
         )
@@ -149,9 +149,9 @@ def _rotation(entry: dict[str, Any], place: Place, space: Space) -> Array:
         return space.axes
     if direction is None or up is None:
         missing = "direction" if direction is None else "up"
-        place.child(missing).refuse("missing, direction and up go together")
+        place.child(missing).refuse("is missing. Give direction and up together")
     if parallel(direction, up):
-        place.child("up").refuse("is parallel to direction")
+        place.child("up").refuse("is parallel to direction. Give another vector")
     return frames_from(direction, up)
 
 
@@ -185,7 +185,7 @@ def single(entry: dict[str, Any], place: Place, store: KindStore, space: Space) 
 
 def _check_root(root: dict[str, Any], place: Place) -> None:
     if parallel(root["direction"], root["up"]):
-        place.child("up").refuse("is parallel to direction")
+        place.child("up").refuse("is parallel to direction. Give another vector")
 
 
 def _row_frames(entry: dict[str, Any], path: Array | None) -> tuple[Array, Array]:

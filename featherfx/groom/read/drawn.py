@@ -69,7 +69,7 @@ def _warn_of_bends(path: Path, drafts: list[Draft]) -> None:
         named = ", ".join(f"'{name}' {off:.1%}" for off, name in far[:_MOST_NAMED])
         more = f" and {len(far) - _MOST_NAMED} more" if len(far) > _MOST_NAMED else ""
         warnings.warn(
-            f"{path}: these curves turn more often or more sharply than shaft and vanes can; what"
+            f"{path}: these curves turn more often or more sharply than shaft and vanes can. What"
             f" is taken for them is off by more than {MOST_DEVIATION:.0%} of their length: "
             f"{named}{more}",
             InputWarning,
@@ -97,11 +97,11 @@ def _draft(
     up = _up(feather, entry, points) if vanes is None else vanes.up
     if up is None or parallel(start, up):
         fault = "there is none, and the curve is straight" if up is None else "lies along the curve"
-        at.child(_named(entry, "up")).refuse(f"{fault}; give up vectors, or up in the groom")
+        at.child(_named(entry, "up")).refuse(f"{fault}. Give up vectors, or up in the groom")
     choice = _choice(kind, vanes, at, store)
     fit, bent = fit_arc(points, up) if len(points) >= 2 else None, entry["shape"] == "curve"
     if fit is not None and not _SHORTEST <= fit.length <= _LONGEST:
-        message = f"{fit.length:.3g} m long, allowed {_SHORTEST:g} to {_LONGEST:g} m; do unit and "
+        message = f"are {fit.length:.3g} m long. Give {_SHORTEST:g} to {_LONGEST:g} m. Do unit and "
         at.child("points").refuse(message + "transforms of the stage hold?")
     if fit is not None and bent and fit.deviation > MOST_DEVIATION * fit.length:
         fit = fit_course(fit, points, up, tightest(store.kind(choice)))
@@ -124,7 +124,7 @@ def _kind(feather: DrawnFeather, entry: dict[str, Any], at: Place) -> str:
     if not kind:
         # once for a prim, however many curves it has
         prim = Place(at.source, at.key.partition("[")[0], at.problems)
-        missing = "missing; give the primvar, or kind in the [groom] or [[usd]] that names the file"
+        missing = "missing. Give the primvar, or kind in the [groom] or [[usd]] that names the file"
         prim.child(_named(entry, "kind")).refuse(missing)
     return kind
 
@@ -134,7 +134,7 @@ def _start(feather: DrawnFeather, points: Array, at: Place) -> Array:
     if len(points) >= 2:
         return np.asarray(points[1] - points[0])
     if feather.direction is None:
-        at.child("points").refuse("the curve has no length")
+        at.child("points").refuse("the curve has no length. Draw it with two points or more")
     return feather.direction
 
 

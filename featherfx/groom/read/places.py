@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 from featherfx.errors import Problem
@@ -14,29 +15,31 @@ _HEADER = re.compile(r"\s*\[")
 
 
 def located(problem: Problem) -> str:
-    """A problem in one line, with the line of its key and the id of its entry where these are told.
+    """Print a problem in one line, with the line of its key and the id of its entry if found.
 
-    As it is where the file does not hold the key in a line of its own, as `[[row]]` and `count =`.
+    Keys are found where a line of their own holds them, as `[[row]]` and `count =`.
     """
-    told, match = str(problem), _KEY.match(problem.key)
-    path = Path(problem.source)
+    match, path = _KEY.match(problem.key), Path(problem.source)
     if match is None or path.suffix != ".toml" or irregular(path):
-        return told
+        return str(problem)
     try:
         if path.stat().st_size > _MOST_BYTES:
-            return told
+            return str(problem)
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, ValueError):
-        return told
+        return str(problem)
     table, number, leaf = match["table"], match["number"], match["leaf"]
-    found = _entry(lines, table, number)
-    if found is None:
-        line = None if number else _assigned(lines, 0, table)
-        return told if line is None else f"{told} (line {line + 1})"
-    line = _assigned(lines, found + 1, leaf) if leaf else None
-    where = f"line {(found if line is None else line) + 1}"
-    name = _name(lines, found + 1)
-    return f"{told} ({where}, {table} '{name}')" if name else f"{told} ({where})"
+    line = found = _entry(lines, table, number)
+    name = None
+    if found is not None:
+        line = _assigned(lines, found + 1, leaf) if leaf else found
+        line, name = found if line is None else line, _name(lines, found + 1)
+    elif not number:
+        line = _assigned(lines, 0, table)
+    if line is None:
+        return str(problem)
+    key = f"{problem.key} ('{name}')" if name else problem.key
+    return str(replace(problem, source=f"{problem.source}:{line + 1}", key=key))
 
 
 def _entry(lines: list[str], table: str, number: str | None) -> int | None:

@@ -129,7 +129,7 @@ def groom_of(
         place.refuse(f"holds more than {MOST_FEATHERS} feathers")
     if not drafts and not len(library.problems):
         place.fail(
-            "there are no feathers; expects a [bird], [[feather]], [[row]], [[wing]], [[tail]], "
+            "there are no feathers. Give a [bird], [[feather]], [[row]], [[wing]], [[tail]], "
             "[[crest]], [[table]], [[usd]] or [[region]]"
         )
     drafts = _overridden(colours, drafts, place.child("bird"), store, True)
@@ -156,7 +156,7 @@ def _may_be(parts: dict[str, Any], place: Place) -> bool:
     """Whether so many feathers as the rows ask for may be; False after adding a problem."""
     count = sum(entry["count"] * (2 if entry["mirror"] else 1) for _, entry in parts["row"])
     if count > MOST_FEATHERS:
-        place.child("row").fail(f"asks for {count} feathers in all, allowed {MOST_FEATHERS}")
+        place.child("row").fail(f"asks for {count} feathers in all. Give at most {MOST_FEATHERS}")
     return count <= MOST_FEATHERS
 
 

@@ -99,7 +99,7 @@ class _Skins:
         """A skin by its path, that of [skin] by default. Raises InputError, of no problem where
         [skin] itself is known to be wrong."""
         if self.skin is None:
-            at.refuse("is taken from the skin, and there is no [skin]")
+            at.refuse("is taken from the skin, and there is no [skin]. Add [skin]")
         if self.read is None:
             at.refuse("is of a USD scene, which featherfx.read_groom and the commands read")
         if not isinstance(self.skin, dict):
@@ -117,7 +117,7 @@ def _space(checked: Any, skins: _Skins, place: Place) -> Space | None:
         return None
     of, left = checked["of"], checked["left"]
     if left is None and of != "groom":
-        place.child("left").refuse("missing, says which axis of the space is the body's left")
+        place.child("left").refuse("is missing. Give the axis of the space that is the body's left")
     side = _axis(left or "y")
     if of == "groom":
         return Space(np.eye(3), 1.0, np.zeros(3), side, False)

@@ -77,7 +77,7 @@ def _load(path: Path, problems: Problems) -> Columns | None:
             rows = list(islice(filter(None, csv.reader(file)), MOST_FEATHERS + 2))
         return _load_csv(path, rows, problems)
     except FileNotFoundError:
-        problems.add(path, "", "there is no such file")
+        problems.add(path, "", "there is no such file. Check the path")
     except UnicodeDecodeError as error:
         problems.add(path, "", f"is not UTF-8 text (byte {error.start})")
     except _UNREADABLE as error:
@@ -128,7 +128,7 @@ def _npz_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]
     _check_count(math.prod(shape[:1]))
     size = math.prod(shape) * kind.itemsize
     if size > MOST_ARRAY_BYTES:
-        sizes = f"{size / 1e6:.6g} MB, allowed {MOST_ARRAY_BYTES / 1e6:.6g} MB"
+        sizes = f"{size / 1e6:.6g} MB, more than {MOST_ARRAY_BYTES / 1e6:.6g} MB"
         raise ValueError(f"{entry.filename} would take {sizes}")
     with archive.open(entry) as file:
         return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
@@ -147,7 +147,7 @@ def _load_csv(path: Path, rows: list[list[str]], problems: Problems) -> Columns 
     _check_count(len(rows) - 1)
     repeated = sorted(name for name, count in Counter(header).items() if count > 1)
     for name in repeated:
-        problems.add(path, name, "the header names this column twice")
+        problems.add(path, name, "the header names this column twice. Remove one")
     for number, line in enumerate(rows[1:], 1):
         if len(line) != len(header):
             message = f"has {len(line)} cells, the header has {len(header)}"
@@ -189,9 +189,9 @@ def _check_columns(path: Path, columns: Columns, entry: dict[str, Any], place: P
             Place(str(path), name, place.problems).unknown("unknown column", name, COLUMNS)
     for name in ("id", *NUMBERS):
         if name not in columns:
-            place.problems.add(path, name, "there is no such column")
+            place.problems.add(path, name, "there is no such column. Add it to the table")
     if "kind" not in columns and entry["kind"] is None:
-        place.child("kind").fail("missing, the table has no column kind")
+        place.child("kind").fail("is missing, and the table has no column kind. Give one of them")
 
 
 def _report(
@@ -210,13 +210,13 @@ def _check_numbers(path: Path, name: str, values: NDArray[Any], problems: Proble
     limits = TABLE[name].type if name in FACTORS else Number(-1e6, 1e6)
     assert isinstance(limits, Number)
     outside = ~bad & ((values < limits.low) | (values > limits.high))
-    tail = f"is out of range, allowed {limits.allowed()}"
+    tail = f"is out of range. Give {limits.allowed()}"
     _report(path, name, outside, lambda row: f"{values[row]:g} {tail}", problems)
 
 
 def _check_texts(path: Path, name: str, texts: list[str], problems: Problems) -> None:
     long = np.array([len(text) > MOST_CHARACTERS for text in texts])
-    tail = f"characters, allowed {MOST_CHARACTERS}"
+    tail = f"characters. Give at most {MOST_CHARACTERS}"
     _report(path, name, long, lambda row: f"has {len(texts[row])} {tail}", problems)
     broken = np.array([CONTROL.search(text) is not None for text in texts])
     tail = "holds a line break or a control character"

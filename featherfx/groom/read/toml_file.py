@@ -25,7 +25,7 @@ def load_toml(path: Path, label: str = "") -> dict[str, Any]:
     try:
         return _tables(path)
     except FileNotFoundError:
-        fault = "there is no such file"
+        fault = "there is no such file. Check the path"
     except RecursionError:
         fault = _TOO_DEEP
     except UnicodeDecodeError as error:
@@ -51,8 +51,8 @@ def _tables(path: Path) -> dict[str, Any]:
     if fault := irregular(path):
         raise _Unfit(f"{fault}, expects a TOML file")
     if (size := path.stat().st_size) > MOST_TOML_BYTES:
-        sizes = f"has {size / 1e6:.3g} MB, allowed {MOST_TOML_BYTES / 1e6:.3g} MB"
-        raise _Unfit(f"{sizes}; thousands of feathers stand in a [[table]], a CSV or NPZ file")
+        sizes = f"has {size / 1e6:.3g} MB, more than {MOST_TOML_BYTES / 1e6:.3g} MB"
+        raise _Unfit(f"{sizes}. Put thousands of feathers into a [[table]], a CSV or NPZ file")
     text = path.read_text(encoding="utf-8-sig")
     tables = None if _DEEP_KEY.search(text) else tomllib.loads(text)
     if tables is None or _is_deep(tables):

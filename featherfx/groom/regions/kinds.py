@@ -81,7 +81,7 @@ def region_kinds(
             amounts.append(_scaled(presence(each["where"], skin, at.child("where")), each["share"]))
     problems.hand_on()
     if not any(each["share"] > 0.0 for each in entries):
-        place.child("kind").refuse("has no share above 0")
+        place.child("kind").refuse("has no share above 0. Give one share above 0")
     return RegionKinds(tuple(choices), tuple(kinds), tuple(amounts))
 
 

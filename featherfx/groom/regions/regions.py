@@ -91,7 +91,7 @@ def grow_regions(
             at.child("id").fail(f"'{entry['id']}' is taken by {first[entry['id']].key}")
     skin, at = parts["skin"], place.child("skin")
     if skin is None:
-        at.fail("missing, [[region]] grows on a skin")
+        at.fail("is missing. Add [skin], since [[region]] grows on a skin")
     if skin is None or skin is INVALID or len(entries) < len(written):
         return (), None
     if readers is None:
@@ -166,7 +166,7 @@ def _region(
     if length > surface.diagonal:
         place.child("length").refuse(
             f"{length:g} m is longer than the whole skin {surface.source.path}, "
-            f"{surface.diagonal:.3g} m; are its units right?"
+            f"{surface.diagonal:.3g} m. Are its units right?"
         )
     return _Region(entry, place, surface, kinds, where, along, skin.space, colours)
 
@@ -197,7 +197,8 @@ def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, a
             key = "density" if region.entry["count"] is None else "count"
             region.place.child(key).fail(f"asks for {count} feathers of the {most} that may be")
     at.child("max_feathers").fail(
-        f"the regions ask for {sum(counts)} feathers, allowed {most}; lower a density or raise most"
+        f"the regions ask for {sum(counts)} feathers, more than {most}."
+        " Lower a density or raise most"
     )
 
 
@@ -362,7 +363,9 @@ def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Arr
     flat = along_skin(wanted, points.normal)
     missing = ~flat.any(axis=1)
     if missing.all():
-        region.place.child("flow").fail("gives no direction along the skin at any root")
+        region.place.child("flow").fail(
+            "gives no direction along the skin at any root. Draw it along it"
+        )
         flat = np.cross(points.normal, points.normal[:, [1, 2, 0]] + 0.1)
         return flat / np.linalg.norm(flat, axis=1, keepdims=True)
     if missing.any():

@@ -160,7 +160,7 @@ def _analytic(name: str, rule: dict[str, Any], space: Space, place: Place) -> Ru
         low, high = np.full(3, -np.inf), np.full(3, np.inf)
         low["xyz".index(name)], high["xyz".index(name)] = value
     if (low >= high).any():
-        place.child(name).refuse("is empty: the lower bound comes first")
+        place.child(name).refuse("is empty. Give the lower bound first")
 
     def box(points: SurfacePoints) -> Array:
         local = space.local(points.position)

@@ -103,7 +103,7 @@ def mujoco_or_error() -> Any:
     import mujoco
 
     if int(mujoco.__version__.split(".")[0]) < _OLDEST:
-        raise InputError(Problem("bench", "peers", f"{wanted}; found {mujoco.__version__}"))
+        raise InputError(Problem("bench", "peers", f"{wanted}, found {mujoco.__version__}"))
     return mujoco
 
 

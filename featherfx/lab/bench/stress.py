@@ -240,7 +240,7 @@ def read_records(folder: Path) -> dict[int, Record]:
             found[int(record["seed"])] = {name: record[name] for name in _NEEDED} | record
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
-                Problem(str(path), f"line {number}", "not a record of a case; remove the file")
+                Problem(str(path), f"line {number}", "not a record of a case. Remove the file")
             ) from error
     if lines[-1]:
         path.write_text("".join(line + "\n" for line in lines[:-1]), encoding="utf-8")

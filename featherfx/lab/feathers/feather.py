@@ -236,7 +236,9 @@ def _checked(test: FeatherTest, preset_folders: tuple[str | Path, ...]) -> Feath
     """The preset's kind; raises InputError with every wrong value of the test."""
     problems = out_of_range(test, "feather")
     if test.pull is not None and not np.isfinite(test.pull).all():
-        problems.append(Problem("feather", "pull", f"{test.pull}; allowed: finite numbers"))
+        problems.append(
+            Problem("feather", "pull", f"{test.pull} is not allowed. Give finite numbers")
+        )
     try:
         kind = feather_kind(test.preset, preset_folders)
     except InputError as error:

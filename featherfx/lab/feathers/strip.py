@@ -255,9 +255,9 @@ def _check(test: StripTest) -> None:
     """InputError with every wrong value of the test."""
     problems = out_of_range(test, "strip")
     if test.scene == "iso" and test.kinematics == "barb-curvature":
-        problems.append(Problem("strip", "kinematics", "iso has no barbs; allowed: nodal"))
+        problems.append(Problem("strip", "kinematics", "iso has no barbs. Give nodal"))
     if test.stretch == "inextensible" and (test.scene, test.kinematics) != ("feather", "nodal"):
-        message = "inextensible is for the nodal feather; allowed here: stiff"
+        message = "inextensible is for the nodal feather. Give stiff"
         problems.append(Problem("strip", "stretch", message))
     require(*problems)
 

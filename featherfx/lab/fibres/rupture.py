@@ -426,12 +426,14 @@ def run_rupture(test: RuptureTest) -> Rupture:
     problems = out_of_range(test, "rupture")
     if test.elements not in _SHAPES:
         allowed = ", ".join(str(each) for each in _SHAPES)
-        problems.append(Problem("rupture", "elements", f"{test.elements}; allowed: {allowed}"))
+        problems.append(
+            Problem("rupture", "elements", f"{test.elements} is not allowed. Give {allowed}")
+        )
     elif test.weak > 0 and test.elements not in _WEAK:
         problems.append(Problem("rupture", "weak", "one element alone has no weaker neighbour"))
     fibre = test.fibre()
     if not problems and fibre.release < fibre.critical:
-        text = f"{fibre.release:g}; allowed: {fibre.critical:g} (critical) or more"
+        text = f"{fibre.release:g} is not allowed. Give {fibre.critical:g} (critical) or more"
         problems.append(Problem("rupture", "release", text))
     require(*problems)
     specimen = Specimen(fibre, test.means(), test.sigma, fibres=test.fibres)

@@ -118,7 +118,7 @@ def fit_tissue(name: str, along: Array, stress: Array, across: Array, source: st
     law = LAWS[name]
     count, size = len(along), len(law.names)
     if count <= size:
-        text = f"{count} points; allowed: more than the {size} parameters of {name}"
+        text = f"{count} points are not allowed. Give more than the {size} parameters of {name}"
         require(Problem(source, "strain", text))
     scale = float(np.sqrt(np.mean(stress**2))) or 1.0
     units = np.array([scale if each in law.scaled else 1.0 for each in law.names])
@@ -171,7 +171,11 @@ def read_tissue(path: Path) -> tuple[Array, Array, Array]:
             if not np.isfinite(table[number, k]) or (key != "stress" and table[number, k] <= -0.5):
                 allowed = "finite" if key == "stress" else "above -0.5"
                 problems.append(
-                    Problem(source, f"line {number + 2}: {key}", f"{text!r}; allowed: {allowed}")
+                    Problem(
+                        source,
+                        f"line {number + 2}: {key}",
+                        f"{text!r} is not allowed. Give {allowed}",
+                    )
                 )
     require(*problems[:MOST_LISTED])
     along, stress = table[:, 0], table[:, 1]

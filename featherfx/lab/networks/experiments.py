@@ -81,16 +81,18 @@ class NetworkPlan:
         """
         problems = out_of_range(self, "network")
         if self.lattice == "mikado" and self.dilution != 1.0:
-            text = f"{self.dilution:g}; allowed with mikado: 1"
+            text = f"{self.dilution:g} is not allowed with mikado. Give 1"
             problems.append(Problem("network", "dilution", text))
         if self.lattice == "triangular" and self.scatter is not None:
-            text = f"{self.scatter:g}; allowed with mikado only"
+            text = f"{self.scatter:g} is allowed with mikado only"
             problems.append(Problem("network", "scatter", text))
         if self.lattice == "mikado" and periodic and not problems and self.width < 2.0:
-            text = f"{self.density:g}; allowed: up to a quarter of the number of fibres"
+            text = f"{self.density:g} is not allowed. Give up to a quarter of the number of fibres"
             problems.append(Problem("network", "density", text))
         if self.lattice == "triangular" and periodic and self.size % 2:
-            problems.append(Problem("network", "size", f"{self.size}; allowed: even numbers"))
+            problems.append(
+                Problem("network", "size", f"{self.size} is not allowed. Give even numbers")
+            )
         require(*problems)
         section = FibreSection(1.0, self.bend)
         if self.lattice == "mikado":
@@ -190,7 +192,7 @@ def precondition(test: PreconditionTest) -> KrylovSolution:
     require(*out_of_range(test, "network"))
     layout = test.plan.layout(periodic=False)
     if len(layout.held) == layout.network.nodes:
-        require(Problem("network", "size", "no node is free; allowed: more rows or fibres"))
+        require(Problem("network", "size", "no node is free. Give more rows or fibres"))
     with without_mechanism():
         found = solve(sheared_system(layout), test.method, test.preconditioner, test.tolerance)
     # the residual that a method keeps by recurrence drifts from the true one by rounding
@@ -206,7 +208,7 @@ def without_mechanism() -> Iterator[None]:
     try:
         yield
     except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
-        text = f"the network has a mechanism ({error}); more bending stiffness holds it"
+        text = f"the network has a mechanism ({error}). More bending stiffness holds it"
         raise InputError(Problem("network", "bend", text)) from error
 
 

@@ -106,7 +106,7 @@ def _cholmod(matrix: sparse.csr_array) -> Callable[[Array], Array]:
         from cvxopt import cholmod, spmatrix
         from cvxopt import matrix as vector
     except ImportError as error:
-        told = "cholmod, which needs cvxopt; pip install cvxopt"
+        told = "cholmod, which needs cvxopt: pip install cvxopt"
         raise InputError(Problem("network", "method", told)) from error
     lower = sparse.tril(matrix).tocoo()
     places = (vector(each.astype(np.int64)) for each in (lower.row, lower.col))
@@ -128,10 +128,10 @@ def _cholmod(matrix: sparse.csr_array) -> Callable[[Array], Array]:
 def _check(unknowns: int, method: Method, preconditioner: Preconditioner) -> None:
     problems = []
     if method in ("pcg", "minres") and preconditioner not in SYMMETRIC:
-        text = f"{preconditioner}; allowed with {method}: {', '.join(SYMMETRIC)}"
+        text = f"{preconditioner} is not allowed with {method}. Give {', '.join(SYMMETRIC)}"
         problems.append(Problem("network", "preconditioner", text))
     if method not in DIRECT and preconditioner in ("P_S", "P_AS") and unknowns > 2 * _MOST_DENSE:
-        text = f"{preconditioner} for {unknowns} unknowns; allowed: up to {2 * _MOST_DENSE}"
+        text = f"{preconditioner} takes up to {2 * _MOST_DENSE} unknowns, not {unknowns}"
         problems.append(Problem("network", "preconditioner", text))
     require(*problems)
 

@@ -46,23 +46,27 @@ class UnitCell:
             *("barbule_spacing", "barbule_diameter", "young"),
         )
         problems = [
-            Problem("unit cell", name, f"{found:g}; allowed: above 0")
+            Problem("unit cell", name, f"{found:g} is not allowed. Give a value above 0")
             for name in positive
             if not 0.0 < (found := getattr(self, name)) < np.inf
         ]
         if not 5.0 <= self.angle <= 85.0:
-            problems.append(Problem("unit cell", "angle", f"{self.angle:g}; allowed: 5 to 85 deg"))
+            problems.append(
+                Problem("unit cell", "angle", f"{self.angle:g} is not allowed. Give 5 to 85 deg")
+            )
         if not problems and self.crossings < 2:
-            text = f"{self.barbule_spacing:g}; allowed: at most half of spacing times cot(angle)"
+            text = f"{self.barbule_spacing:g} is above half of spacing times cot(angle)"
             problems.append(Problem("unit cell", "barbule_spacing", text))
         elif not problems and not 1 <= self.hooks <= 2 * self.crossings - 1:
-            text = f"{self.hooks}; allowed: 1 to {2 * self.crossings - 1}, its crossings"
+            text = f"{self.hooks} is not allowed. Give 1 to {2 * self.crossings - 1}, its crossings"
             problems.append(Problem("unit cell", "hooks", text))
         elif not problems and self.crossings > 200:
-            text = f"{self.barbule_spacing:g}; allowed: no more than 400 crossings a barbule"
+            text = f"{self.barbule_spacing:g} makes more than 400 crossings a barbule"
             problems.append(Problem("unit cell", "barbule_spacing", text))
         if self.hooks < 1 and not any(each.key == "hooks" for each in problems):
-            problems.append(Problem("unit cell", "hooks", f"{self.hooks}; allowed: 1 or more"))
+            problems.append(
+                Problem("unit cell", "hooks", f"{self.hooks} is not allowed. Give 1 or more")
+            )
         require(*problems)
 
     @property

@@ -260,15 +260,15 @@ def _check(
         if value not in allowed:
             problems.append(Problem("", key, f"'{value}' is not one of {', '.join(allowed)}"))
     if section == "carried" and not shaft:
-        problems.append(Problem("", "section", "'carried' begins at a clamp; allowed: a shaft"))
+        problems.append(Problem("", "section", "'carried' begins at a clamp. Give a shaft"))
     shape = model.mass.shape[1:]
     if pinned is not None and pinned.shape != shape:
-        problems.append(Problem("", "pinned", f"shape {pinned.shape}; allowed: {shape}"))
+        problems.append(Problem("", "pinned", f"shape {pinned.shape} is not allowed. Give {shape}"))
     if model.hooked:
-        message = "the nodal kinematics has no gaps that slip or open; allowed: closed, no splits"
+        message = "the nodal kinematics has no gaps that slip or open. Give closed, no splits"
         problems.append(Problem("", "vane_material.hooks", message))
     if model.rachis_rest.shape[2] > 6:
-        message = "true; the nodal kinematics has no ribbons; allowed: false"
+        message = "true is not allowed. The nodal kinematics has no ribbons. Give false"
         problems.append(Problem("", "vane_material.ribbon", message))
     require(*problems)
 

@@ -61,10 +61,10 @@ class Ribbon:
         problems = out_of_range(self, "ribbon")
         shape = np.shape(self.rest_curvature)
         if not np.isfinite(self.rest_curvature).all():
-            text = "not a finite number; allowed: any finite number"
+            text = "not a finite number. Give any finite number"
             problems.append(Problem("ribbon", "rest_curvature", text))
         if shape not in ((), (self.nodes,)):
-            text = f"shape {shape}; allowed: one number or {self.nodes}"
+            text = f"shape {shape} is not allowed. Give one number or {self.nodes}"
             problems.append(Problem("ribbon", "rest_curvature", text))
         require(*problems)
 

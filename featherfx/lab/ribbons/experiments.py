@@ -103,7 +103,7 @@ def blown(test: HangTest, hung: Hung) -> tuple[Array, Array]:
     """
     problems = out_of_range(test, "ribbon")
     if test.ribbon.series:
-        problems.append(Problem("ribbon", "series", "is for rest; what moves is made of links"))
+        problems.append(Problem("ribbon", "series", "is for rest. What moves is made of links"))
     require(*problems)
     ribbon = replace(test.ribbon, finite_width=not test.sadowsky)
     moving = RibbonMotion(ribbon, clamp_frame(test.clamp), GRAVITY_ALONG_Y)
@@ -162,7 +162,7 @@ def rod_of(ribbon: Ribbon, thickness: float) -> Rod:
     thickness: h, m. Raises InputError for a ribbon that tapers or whose rest curvature varies.
     """
     if ribbon.tip_width not in (None, ribbon.width) or np.shape(ribbon.rest_curvature):
-        message = "tapers or has a rest curvature that varies; allowed: a uniform strip"
+        message = "tapers or has a rest curvature that varies. Give a uniform strip"
         raise InputError(Problem("ribbon", "rod", message))
     width, poisson = ribbon.width, ribbon.poisson
     ei = ribbon.rigidity * width

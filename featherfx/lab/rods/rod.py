@@ -84,7 +84,7 @@ def rod_problems(rod: Rod) -> list[Problem]:
     largest = np.pi * rod.segments / (rod.length or 1.0)
     if not problems and not abs(rod.rest_curvature) < largest:
         allowed = f"below {largest:g} 1/m in size (half a turn per segment)"
-        message = f"{rod.rest_curvature:g}; allowed: {allowed}"
+        message = f"{rod.rest_curvature:g} is not allowed. Give {allowed}"
         problems.append(Problem("rod", "rest_curvature", message))
     return problems
 
@@ -212,7 +212,7 @@ def load_problems(
 ) -> list[Problem]:
     """Every value of a rod and of the loads on it that is out of its range."""
     problems = rod_problems(rod) + [
-        Problem("rod", name, f"{vector}; allowed: finite numbers")
+        Problem("rod", name, f"{vector} is not allowed. Give finite numbers")
         for name, vector in (
             ("tip_force", tip_force),
             *((f"points[{k}]", force) for k, (_, force) in enumerate(points)),
@@ -220,7 +220,7 @@ def load_problems(
         if not np.isfinite(vector).all()
     ]
     problems += [
-        Problem("rod", f"points[{k}]", f"{place:g}; allowed: 0 to {rod.length:g} m")
+        Problem("rod", f"points[{k}]", f"{place:g} is not allowed. Give 0 to {rod.length:g} m")
         for k, (place, _) in enumerate(points)
         if rod.length > 0.0 and not 0.0 <= place <= rod.length
     ]

@@ -402,6 +402,6 @@ def studies(names: Sequence[str] = ()) -> list[Study]:
     if wrong:
         allowed = ", ".join(known)
         raise InputError(
-            *(Problem("lab", "only", f"'{each}'; allowed: {allowed}") for each in wrong)
+            *(Problem("lab", "only", f"'{each}' is not allowed. Give {allowed}") for each in wrong)
         )
     return [study for study in STUDIES if not names or study.name in names]

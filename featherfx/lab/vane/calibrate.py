@@ -291,8 +291,8 @@ def _require_tests(curves: Sequence[MeasuredCurve], source: str) -> None:
                 Problem(
                     source,
                     f"curve {number + 1}",
-                    "one barb joins both clamps from corner to corner;"
-                    " such a sample determines no modulus",
+                    "one barb joins both clamps from corner to corner."
+                    " Take a sample that determines a modulus",
                 )
             )
         if not np.any(curve.strain):
@@ -315,7 +315,7 @@ def _require_tests(curves: Sequence[MeasuredCurve], source: str) -> None:
 
 
 def _missing(name: str, source: str) -> Problem:
-    return Problem(source, name, f"the curves do not determine it; missing is {_MISSING[name]}")
+    return Problem(source, name, f"the curves do not determine it. Missing is {_MISSING[name]}")
 
 
 def _first_guess(curves: Sequence[MeasuredCurve]) -> Array:
@@ -386,7 +386,7 @@ def check_name(folder: Path, name: str) -> Path:
         raise InputError(Problem("", "name", message))
     file = folder / "material" / "vane" / f"{name}.toml"
     if file.exists():
-        raise InputError(Problem(str(file), "", "exists already; remove it or choose another name"))
+        raise InputError(Problem(str(file), "", "exists already. Remove it or choose another name"))
     return file
 
 

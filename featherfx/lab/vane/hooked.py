@@ -355,7 +355,7 @@ def tear(test: TearTest) -> Torn:
 def _kind_with_gaps(where: str, preset: str) -> FeatherKind:
     kind = feather_kind(preset)
     if kind.vane_material.ribbon:
-        text = f"'{preset}' is a ribbon; allowed: vanes, whose barbs have gaps between them"
+        text = f"'{preset}' is a ribbon. Give vanes, whose barbs have gaps between them"
         require(Problem(where, "preset", text))
     return kind
 
@@ -385,7 +385,7 @@ def cycle(test: CycleTest) -> dict[str, Any]:
     except ValueError:
         strains = []
     if not strains or not all(0.0 < each <= 1.0 for each in strains):
-        text = f"'{test.strains}'; allowed: numbers above 0 to 1 with commas, as 0.1,0.2"
+        text = f"'{test.strains}' is not allowed. Give numbers above 0 to 1 with commas, as 0.1,0.2"
         problems.append(Problem("cycle", "strains", text))
     require(*problems)
     kind = _kind_with_gaps("cycle", test.preset)

@@ -119,7 +119,7 @@ def fit_cycles(curves: Sequence[MeasuredCurve], kind: FeatherKind, source: str =
     fractions = identified_fractions(found.jac)
     weak = [name for name, fraction in zip(_NAMES, fractions, strict=True) if fraction < IDENTIFIED]
     if weak:
-        message = "the curves do not determine it; missing is {}"
+        message = "the curves do not determine it. Missing is {}"
         raise InputError(*(Problem(source, n, message.format(_MISSING[n])) for n in weak))
     half = half_intervals(found.jac, found.fun)
     unit = np.array([1.0, 1.0, kind.barb_spacing])
@@ -142,11 +142,11 @@ def _require_cycles(curves: Sequence[MeasuredCurve], source: str) -> None:
         if curve.sample.angle != 0.0:
             message = (
                 f"barbs at {curve.sample.angle:g} degrees: such a sample deforms unevenly, and the "
-                "yield in shear cannot be identified from it; allowed: transverse samples, angle 0"
+                "yield in shear cannot be identified from it. Give transverse samples, angle 0"
             )
             problems.append(Problem(source, at, message))
         elif not np.any(np.diff(curve.strain) < 0.0):
-            problems.append(Problem(source, at, "is never unloaded; a cycle goes up and back"))
+            problems.append(Problem(source, at, "is never unloaded. A cycle goes up and back"))
     require(*problems)
 
 

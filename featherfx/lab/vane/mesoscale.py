@@ -174,7 +174,13 @@ def run_bands(test: BandTest) -> dict[str, Any]:
     begin, sample, closed = time.perf_counter(), test.sample, None
     strain = strains(test.strain, test.steps)
     if sample.regime == "diagonal":
-        require(Problem("", "angle", f"{sample.angle:g}: one barb joins both clamps; singular"))
+        require(
+            Problem(
+                "",
+                "angle",
+                f"{sample.angle:g}: one barb joins both clamps, and the system is singular",
+            )
+        )
     if abs(sample.angle) in (0.0, 90.0):
         sample = whole_periods(sample, bands)
         form = transverse_stress if sample.angle == 0.0 else longitudinal_stress

@@ -25,7 +25,7 @@ Regime = Literal["free", "diagonal", "bridged"]
 _SAME = 1e-9
 _SIZE, _THICKNESS = Range(1e-5, 1.0, unit="m"), Range(1e-7, 0.01, unit="m")
 _MODULUS = Range(0.0, above=True, unit="Pa")
-FORM = "{value:g} is not allowed, must be {allowed}"
+FORM = "{value:g} is not allowed. Give {allowed}"
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def _hint(name: str, found: float) -> str:
     if not (isfinite(found) and found > high):
         return ""
     unit = "micrometres" if name == "thickness" and found >= 5.0 else "millimetres"
-    return f"; is this in {unit}?"
+    return f". Is this in {unit}?"
 
 
 def _cos(degrees: float) -> float:

@@ -208,7 +208,7 @@ def pull(
         except NoEquilibrium as error:
             message = f"no equilibrium at {each:g}: {error}"
             if stresses:
-                message += f"; there is one up to {strain[len(stresses) - 1]:g}"
+                message += f". There is one up to {strain[len(stresses) - 1]:g}"
             raise InputError(Problem(of, "strain", message)) from error
         force = float(statics.forces(pose)[top, 1].sum())
         stresses.append(stress(force, moved, sample))

@@ -36,7 +36,7 @@ def command() -> list[str]:
         return list(known)
     found = shutil.which("featherfx")
     if found is None:
-        raise HostError("featherfx was not found; name its command in FEATHERFX_COMMAND")
+        raise HostError("featherfx was not found. Name its command in FEATHERFX_COMMAND")
     return [found]
 
 

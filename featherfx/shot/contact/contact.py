@@ -333,7 +333,7 @@ def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
             f"contact: feathers '{first['feather']}' and '{first['other']}' pass through each other"
             f" at rest, by {1e3 * first['depth']:.2g} mm"
             + (f", and so do {more} more pairs" if more else "")
-            + "; nothing tells which is over which, so nothing pushes them apart: move or turn"
+            + ". Nothing tells which is over which, so nothing pushes them apart: move or turn"
             f" one, or {helps}",
             InputWarning,
             stacklevel=2,
@@ -347,7 +347,7 @@ def _warn_of(tired: Flags, names: Sequence[str], time: float) -> None:
         warnings.warn(
             f"contact: feather '{names[int(np.flatnonzero(tired)[0])]}'{more} took too many Newton"
             f" iterations in the frame from {time:.4g} s on, and contacts yielded there: what holds"
-            " them apart may be passed; less wind or slower roots help",
+            " them apart may be passed. Less wind or slower roots help",
             InputWarning,
             stacklevel=2,
         )

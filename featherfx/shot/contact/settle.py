@@ -307,7 +307,7 @@ def warn_of_unsettled(
     said = f"settle: {who} out of balance, not at rest against the others"
     if found.hard is not None:
         said += (
-            f"; settling ended when '{names[found.hard]}' had taken {MOST_ITERATIONS} Newton"
+            f". Settling ended when '{names[found.hard]}' had taken {MOST_ITERATIONS} Newton"
             " iterations"
         )
     if deep and deep[0]["depth"] > found.rest_depth / 10.0:
@@ -315,5 +315,5 @@ def warn_of_unsettled(
             f"'{pair['feather']}' {1e3 * pair['depth']:.2g} mm in '{pair['other']}'"
             for pair in deep[:MOST_NAMED]
         )
-        said += f"; they begin in each other, still {', '.join(pairs)}"
+        said += f". They begin in each other, still {', '.join(pairs)}"
     warnings.warn(f"{said}: {HELP}", InputWarning, stacklevel=2)

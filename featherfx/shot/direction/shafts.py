@@ -31,12 +31,12 @@ def why_no_shaft(line: Array, length: float) -> str:
     least, most = LENGTHS
     if not least * length <= own <= most * length:
         return (
-            f"is {own:.3g} m long, its shaft {length:.3g} m; allowed are {least:g} to {most:g}"
-            " times that"
+            f"is {own:.3g} m long, its shaft {length:.3g} m. Draw it {least:g} to {most:g}"
+            " times as long"
         )
     if away[0] > AWAY * length:
-        turned = "; it ends there: is it reversed?" if away[1] <= AWAY * length else ""
-        return f"begins {away[0]:.3g} m from its root, allowed {AWAY * length:.3g} m{turned}"
+        turned = ". It ends there: is it reversed?" if away[1] <= AWAY * length else ""
+        return f"begins {away[0]:.3g} m from its root, more than {AWAY * length:.3g} m{turned}"
     return ""
 
 

@@ -249,7 +249,7 @@ class TargetStage(Stage):
             if 100.0 * worst > allowed:
                 message = (
                     f"{self._shot.source}: target[{number}]: '{name}' is {100.0 * worst:.2g} % of"
-                    f" its length off at frame {frame:g}, tolerance = {allowed:g}; a smaller"
+                    f" its length off at frame {frame:g}, tolerance = {allowed:g}. A smaller"
                     " tolerance pulls harder, but no shape is reached that stretches shaft or barbs"
                 )
                 warnings.warn(message, InputWarning, stacklevel=2)

@@ -38,5 +38,5 @@ def warn_of_unfelt(shot: Shot, resolutions: Sequence[Resolution]) -> None:
 
 
 def _warn(shot: Shot, key: str, told: str) -> None:
-    hint = "give them another level in [[detail]]"
-    warnings.warn(f"{shot.source}: {key}: {told}; {hint}", InputWarning, stacklevel=3)
+    hint = "Give them another level in [[detail]]"
+    warnings.warn(f"{shot.source}: {key}: {told}. {hint}", InputWarning, stacklevel=3)

@@ -48,7 +48,7 @@ def warn_of_crossed(shot: Shot, drawn: Sequence[Feather], some: Indices, stack: 
         one, other = (placements[f].id for f in pairs[0])
         more = f", and so do {len(pairs) - 1} more pairs" if len(pairs) > 1 else ""
         warnings.warn(
-            f"layers: feathers '{one}' and '{other}' pass through each other at rest{more}; nothing"
+            f"layers: feathers '{one}' and '{other}' pass through each other at rest{more}. Nothing"
             " tells which is over which, so they are left crossed in all frames: move or turn one,"
             " or let a [layout] table of the groom lay them",
             InputWarning,

@@ -50,7 +50,7 @@ def force_weights(force: Force, feather: Feather) -> Array:
 def _no_barb(force: Force, stations: Array, reach: Array) -> str:
     where = f"no {force.side} barb grows at row = {force.row:g} of feather '{force.feather}'"
     grown = stations[reach > 0.0]
-    return f"{where}; allowed: {grown[0]:.3g} to {grown[-1]:.3g}" if len(grown) else where
+    return f"{where}. Give {grown[0]:.3g} to {grown[-1]:.3g}" if len(grown) else where
 
 
 def hat_integrals(knots: Array, start: float, end: float) -> Array:

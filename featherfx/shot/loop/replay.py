@@ -66,7 +66,7 @@ class Replay:
         if self._known[0] != sample:
             arrays = kept_before(_WHAT, [self._earlier, sample])
             if arrays is None:
-                message = f"the motion that was kept of sample {sample} is gone; bake again"
+                message = f"the motion that was kept of sample {sample} is gone. Bake again"
                 raise InputError(Problem("cache folder", "", message))
             self._known = sample, self._read(arrays)
         return self._known[1]

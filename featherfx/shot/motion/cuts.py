@@ -241,7 +241,8 @@ def say_cut(what: str, count: int, way: float, number: float) -> None:
     more = f" and {count - 1} more" if count > 1 else ""
     warnings.warn(
         f"{what}{more}: cut to another place at frame {number:g}, {way:.3g} m away, more than"
-        f" {FARTHER:g} times as far as in the frames beside it; carried along, without that speed",
+        f" {FARTHER:g} times as far as in the frames beside it."
+        " It is carried along, without that speed",
         InputWarning,
         stacklevel=2,
     )

@@ -143,7 +143,7 @@ def folding(groom: Groom, values: Mapping[str, Any], source: str) -> PosesOverTi
     ]
     if not hinged:
         known = ", ".join(joint.name for joint in groom.joints if joint.hinge is not None)
-        message = f"'{pattern}' is no joint that folds; those of wings, tails and crests do"
+        message = f"'{pattern}' is no joint that folds. Those of wings, tails and crests do"
         raise InputError(
             Problem(source, "motion.joints", f"{message}: {known or 'there are none'}")
         )

@@ -322,7 +322,7 @@ def swung(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     moved = [k for k, name in enumerate(skeleton.names) if fnmatch.fnmatchcase(name, pattern)]
     if not moved:
         known = ", ".join(skeleton.names[1:]) or "none"
-        message = f"'{pattern}' is no joint of the groom; there are: {known}"
+        message = f"'{pattern}' is no joint of the groom. There are: {known}"
         raise InputError(Problem(str(shot.source), "motion.joints", message))
     axis = math.radians(values["angle"]) * np.asarray(values["axis"], dtype=np.float64)
 

@@ -39,7 +39,7 @@ def read_motion(
     for index, (_, amount) in enumerate(clock.amount):
         if not 0.0 <= amount <= 2.0:
             at = place.child("amount").item(index).item(1)
-            at.fail(f"{amount:g} is out of range, allowed 0 to 2")
+            at.fail(f"{amount:g} is out of range. Give 0 to 2")
     if kind == "act":
         at = Place(tree["motions"].source, place.child("motions").key, problems)
         with problems.collecting():
@@ -60,7 +60,7 @@ def _parts(
     depth: int,
 ) -> tuple[Motion, ...]:
     if depth == _DEEPEST:
-        place.refuse(f"acts stand in acts more than {_DEEPEST} deep; is one a part of itself?")
+        place.refuse(f"acts stand in acts more than {_DEEPEST} deep. Is one a part of itself?")
     read = (
         partial(read_motion, part, part, place.item(index), library, groom, depth + 1)
         for index, part in enumerate(parts)
@@ -95,6 +95,6 @@ def _check_keyframes(
                 taken.add((joint, what, time))
         rotation = frame["rotation"]
         if rotation is None and frame["position"] is None:
-            at.fail("holds neither position nor rotation")
+            at.fail("holds neither position nor rotation. Give one of them")
         if rotation is not None and len(rotation) == 4 and np.linalg.norm(rotation) < 1e-9:
-            at.child("rotation").fail("the quaternion is zero")
+            at.child("rotation").fail("the quaternion is zero. Give one with a length")

@@ -124,7 +124,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     limbs &= any(feather.turning is not None for feather in groom.feathers)
     if motion is not None and "motion" in raw and parts["skin"] is not None and not limbs:
         message = (
-            "stands beside [skin], which moves the roots; a fold, flap or act of wings, tails "
+            "stands beside [skin], which moves the roots. A fold, flap or act of wings, tails "
         )
         place.child("motion").fail(message + "and crests may, where the groom has any")
     loads["channels"] = with_maps(loads["channels"], groom, parts, place, readers)
@@ -288,7 +288,7 @@ def _check_preens(entries: Entries, groom: Groom | None) -> None:
         if found and len(held) == len(found) and not any(kind.is_split for kind in held):
             at.fail(
                 'closes nothing: vane_material.hooks is "closed" in all feathers that it fits, and '
-                "none has splits; allowed there: slip, open"
+                "none has splits. Give slip or open there"
             )
 
 
@@ -298,7 +298,7 @@ def _check_fractions(entries: Entries, said: str = "frame {:g}") -> None:
         for index, (_, fraction) in enumerate(entry["keys"]):
             if not 0.0 <= fraction <= 1.0:
                 place = at.child("keys").item(index).item(1)
-                place.fail(f"{fraction:g} is out of range, allowed 0 to 1")
+                place.fail(f"{fraction:g} is out of range. Give 0 to 1")
         _check_later(at.child("keys"), entry["keys"], said)
 
 
@@ -306,9 +306,7 @@ def _check_frames_of(entries: Entries, frames: Any) -> None:
     for at, entry in entries:
         frame = entry["frame"]
         if frames is not INVALID and frame is not None and not frames[0] <= frame <= frames[1]:
-            at.child("frame").fail(
-                f"{frame} is not of the shot, allowed {frames[0]} to {frames[1]}"
-            )
+            at.child("frame").fail(f"{frame} is not of the shot. Give {frames[0]} to {frames[1]}")
 
 
 def _check_channels(entries: Entries) -> None:
@@ -317,8 +315,8 @@ def _check_channels(entries: Entries) -> None:
         for index, (_, value) in enumerate(entry["keys"]):
             if not least <= value <= most:
                 place = at.child("keys").item(index).item(1)
-                allowed = f"allowed of {entry['name']}: {least:g} to {most:g}"
-                place.fail(f"{value:g} is out of range, {allowed}")
+                allowed = f"Give {entry['name']} {least:g} to {most:g}"
+                place.fail(f"{value:g} is out of range. {allowed}")
         _check_later(at.child("keys"), entry["keys"], "frame {:g}")
 
 
@@ -340,7 +338,7 @@ def _check_forces(entries: Entries) -> None:
     for at, entry in entries:
         first, last = entry["span"]
         if last <= first:
-            at.child("span").fail(f"{last:g} is not above {first:g}, allowed: [first, last]")
+            at.child("span").fail(f"{last:g} is not above {first:g}. Give [first, last]")
         _check_later(at.child("keys"), entry["keys"])
 
 

@@ -72,7 +72,7 @@ def with_maps(
     for index, channel in enumerate(channels):
         at = place.child("channel").item(index).child("map")
         if channel.map is not None and entry is None:
-            at.fail("is of the shot's skin; the shot has no [skin]")
+            at.fail("is of the shot's skin. Add [skin] to the shot")
         elif channel.map is not None and readers is not None:
             with place.problems.collecting():
                 channel = replace(channel, factors=_factors(channel.map, groom, entry, at, readers))
@@ -142,7 +142,7 @@ def read_colliders(
         with place.problems.collecting():
             readers = _needed(given, at)
             if not entry["prims"] and entry["collection"] is None:
-                at.refuse("names neither prims nor a collection")
+                at.refuse("names neither prims nor a collection. Give one of them")
             path = readers.file(Path(place.source).parent, entry["usd"])
             prims = {each: at.child("prims").item(k) for k, each in enumerate(entry["prims"])}
             for mesh in readers.meshes(path, prims, entry["collection"], None, at):
@@ -165,7 +165,9 @@ def read_level_of_detail(
     if (usd is None) == (scale is None):
         at.refuse("needs either usd and prim of a camera, or pixels_per_metre")
     if (usd is None) != (prim is None):
-        at.child("prim" if prim is None else "usd").refuse("missing; a camera has usd and prim")
+        at.child("prim" if prim is None else "usd").refuse(
+            "is missing. Give usd and prim of a camera"
+        )
     camera = None
     if usd is not None:
         readers = _needed(given, at)
@@ -223,14 +225,14 @@ def _check_range(
     for surface in surfaces:
         missing = _missing(surface, checked, start)
         if missing:
-            at.fail(f'{missing}; add the missing frames, or beyond = "hold"')
+            at.fail(f'{missing}. Add the missing frames, or beyond = "hold"')
         if rest is None or surface.sampled is None:
             continue
         low, high = surface.sampled
         if not low <= rest <= high:
             at.child("rest").fail(
                 f"{rest:g} is outside of the samples of {surface.path}, which has {low:g} to "
-                f'{high:g}; choose one of them, or beyond = "hold"'
+                f'{high:g}. Choose one of them, or beyond = "hold"'
             )
 
 
@@ -239,7 +241,7 @@ def _warn_of_range(
 ) -> None:
     missing = _missing(source, checked, start)
     if missing:
-        message = f"{at.source}: {at.key}: {missing}; the nearest is held beyond"
+        message = f"{at.source}: {at.key}: {missing}. The nearest is held beyond"
         warnings.warn(message, InputWarning, stacklevel=2)
 
 

@@ -115,10 +115,10 @@ def stage_problems(stage: Any) -> Iterator[tuple[str, str]]:
     if not root:
         yield "defaultPrim", "missing, or names no prim"
     elif not Usd.ModelAPI(root).GetKind():
-        yield f"{root.GetPath()}.kind", "missing; a default prim has one, such as component"
+        yield f"{root.GetPath()}.kind", "missing. A default prim has one, such as component"
     for name in (UsdGeom.Tokens.metersPerUnit, UsdGeom.Tokens.upAxis):
         if not stage.HasAuthoredMetadata(name):
-            yield str(name), "missing; readers differ in what they assume"
+            yield str(name), "missing. Readers differ in what they assume"
     has_samples = any(
         compute(attribute, attribute.GetNumTimeSamples)
         for prim in stage.Traverse()
@@ -193,7 +193,7 @@ def _feathers(scene: SourceScene, path: Path, place: Place) -> None:
     for name, count in ids.items():
         if count > 1:
             labels = ", ".join(feather.label for feather in found if feather.id == name)
-            place.child(labels).fail(f"featherId '{name}' is used {count} times; ids are unique")
+            place.child(labels).fail(f"featherId '{name}' is used {count} times. Ids are unique")
 
 
 def missing_files(stage: Any, path: Path) -> list[Problem]:
@@ -239,7 +239,7 @@ def _instancer_problems(prim: Any) -> Iterator[tuple[str, str]]:
             yield "prototypes", f"names {target}, which does not exist"
     wrong = indices[(indices < 0) | (indices >= len(targets))]
     if len(wrong):
-        yield "protoIndices", f"{wrong[0]} is out of range, allowed 0 to {len(targets) - 1}"
+        yield "protoIndices", f"{wrong[0]} is out of range. Give 0 to {len(targets) - 1}"
     for name, kind in _PER_INSTANCE.items():
         value = read_array(prim.GetAttribute(name), EARLIEST_TIME, kind)
         if value is None:
@@ -249,6 +249,6 @@ def _instancer_problems(prim: Any) -> Iterator[tuple[str, str]]:
         if len(value) != len(indices):
             yield name, f"{len(value)} values for {len(indices)} instances"
         if name == "ids" and len(np.unique(value)) < len(value):
-            yield name, f"{len(value)} values, {len(np.unique(value))} different; ids are unique"
+            yield name, f"{len(value)} values, {len(np.unique(value))} different. Ids are unique"
         elif not np.isfinite(value).all():
             yield name, "holds values that are not finite"

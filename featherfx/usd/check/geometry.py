@@ -57,7 +57,7 @@ _DIAGNOSED = [
     *(name for names in DIAGNOSTICS.values() for name in names),
 ]
 _NOTHING = np.asarray(None)
-_OF_PRIMVARS = "{{}} values; interpolation {} asks for {{}}"
+_OF_PRIMVARS = "{{}} values. Interpolation {} asks for {{}}"
 _PER_FACE = ("primvars:barbDirection", *_DIAGNOSED)
 _RATES = (*RATES, HALF_VELOCITIES)
 _SAMPLED_WITH_POINTS = (*_RATES, "normals", "extent", *_PER_FACE)
@@ -159,7 +159,7 @@ class GeometryCheck:
             name = str(primvar.GetAttr().GetName())
             # the schema of skeletons wants plain values for some of its own
             if not primvar.GetTypeName().isArray and not name.startswith("primvars:skel:"):
-                yield name, "is not an array; some readers drop it"
+                yield name, "is not an array. Some readers drop it"
 
     def _attribute(self, name: str) -> Any:
         if name not in self._attributes:
@@ -270,8 +270,8 @@ class GeometryCheck:
             if len(wrong):
                 yield (
                     "faceVertexIndices",
-                    f"{len(wrong)} out of range, the first is {int(wrong[0])};"
-                    f" allowed 0 to {self._points - 1}",
+                    f"{len(wrong)} out of range, the first is {int(wrong[0])}."
+                    f" Give 0 to {self._points - 1}",
                 )
             if len(self._counts) and self._counts.min() < 3:
                 yield "faceVertexCounts", "a face has fewer than 3 points"
@@ -410,7 +410,7 @@ class GeometryCheck:
         value = read_value(primvar.GetAttr())
         values = () if value is None else list_elements(value)
         if len(indices) and not 0 <= indices.min() <= indices.max() < len(values):
-            yield f"{name}:indices", f"out of range; allowed 0 to {len(values) - 1}"
+            yield f"{name}:indices", f"is out of range. Give 0 to {len(values) - 1}"
 
     def _subsets(self) -> Faults:
         families: dict[str, list[Any]] = {}
@@ -420,7 +420,7 @@ class GeometryCheck:
             )
             name = subset.GetPrim().GetName()
             if len(indices) and not 0 <= indices.min() <= indices.max() < len(self._counts):
-                yield f"{name}.indices", f"out of range; allowed 0 to {len(self._counts) - 1}"
+                yield f"{name}.indices", f"is out of range. Give 0 to {len(self._counts) - 1}"
                 continue
             families.setdefault(read_text(subset.GetFamilyNameAttr()), []).append(indices)
         for family, members in families.items():

@@ -47,7 +47,9 @@ def count_crossings(
     path = Path(path)
     cache = Cache(path)
     if not any(feather.is_feather for feather in cache.feathers):
-        raise InputError(Problem(str(path), "", "holds no mesh with a feather's id"))
+        raise InputError(
+            Problem(str(path), "", "holds no mesh with a feather's id. Give a cache of featherfx")
+        )
     scenes = find_scenes(cache, path)
     codes = choose_frames(cache, str(path), frames)
     patches = make_patches(list(_meshes(scenes, codes[0])))
@@ -102,14 +104,14 @@ def choose_frames(
     """Return time codes to measure; [None], the rest pose, where nothing moves."""
     if not cache.has_frames:
         if frames is not None:
-            raise InputError(Problem(path, "frames", "has no frames; leave out --frames"))
+            raise InputError(Problem(path, "frames", "has no frames. Leave out --frames"))
         return [None]
     every = cache.whole_frames()
     if frames is None:
         return every
     first, last = frames
     if not every[0] <= first <= last <= every[-1]:
-        message = f"{first}-{last} is out of range, allowed {every[0]:g} to {every[-1]:g}"
+        message = f"{first}-{last} is out of range. Give {every[0]:g} to {every[-1]:g}"
         raise InputError(Problem(path, "frames", message))
     return [float(code) for code in range(first, last + 1)]
 
@@ -257,7 +259,11 @@ def measure_moves(
     chosen = [k for k, feather in enumerate(cache.feathers) if feather.is_feather]
     codes = choose_frames(cache, str(path), frames)
     if not chosen or len(codes) < 2 or codes[0] is None:
-        raise InputError(Problem(str(path), "", "holds no feathers that move over two frames"))
+        raise InputError(
+            Problem(
+                str(path), "", "holds no feathers that move over two frames. Give a baked cache"
+            )
+        )
     rest = cache.points_of(chosen, codes[0])
     sizes = np.array([np.linalg.norm(each - each[:1], axis=1).max() for each in rest])
     first = np.cumsum([0, *(len(each) for each in rest[:-1])])

@@ -206,7 +206,7 @@ def _library() -> Any:
             import_module(f"alembic3d.{name}")
         return import_module("alembic3d")
     except ImportError as error:
-        message = 'Alembic needs alembic3d; pip install "featherfx[alembic]"'
+        message = 'Alembic needs alembic3d. Run pip install "featherfx[alembic]"'
         raise InputError(Problem("alembic3d", "", message)) from error
 
 
@@ -216,11 +216,13 @@ def _codes(cache: Cache, frames: tuple[float, float] | None) -> list[float | Non
         return [None]
     first, last = frames or cache.frames
     if not cache.frames[0] <= first <= last <= cache.frames[1]:
-        allowed = f"allowed {cache.frames[0]:g} to {cache.frames[1]:g}"
-        raise InputError(Problem("frames", "", f"{first:g}-{last:g} is out of range; {allowed}"))
+        allowed = f"Give {cache.frames[0]:g} to {cache.frames[1]:g}"
+        raise InputError(Problem("frames", "", f"{first:g}-{last:g} is out of range. {allowed}"))
     codes = [code for code in cache.codes() if first <= code <= last]
     if len(codes) > 2 and np.ptp(np.diff(codes)) > _SPACING_TOLERANCE:
-        message = "samples are not evenly spaced; Alembic is written with one rate"
+        message = (
+            "samples are not evenly spaced. Bake with even samples, since Alembic has one rate"
+        )
         raise InputError(Problem("frames", "", message))
     return list(codes)
 

@@ -104,7 +104,9 @@ def _find_grid(path: str | Path, feather: CachedFeather, pose: Any) -> _BarbGrid
 
     v is the row, u - 1/2 counts barb nodes.
     """
-    problem = Problem(str(path), feather.path, "is not laid out on a barb grid with st and sides")
+    problem = Problem(
+        str(path), feather.path, "has no barb grid with st and sides. Give a cache of featherfx"
+    )
     if feather.st is None:
         raise InputError(problem)
     vane = np.unique(feather.triangles[feather.side != 2])

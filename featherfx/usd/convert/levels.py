@@ -194,18 +194,25 @@ def export_levels(
     vanes, or the output not be written.
     """
     if not thresholds or any(not 0.0 < b < a for a, b in pairwise([np.inf, *thresholds])):
-        told = f"{', '.join(f'{each:g}' for each in thresholds)}; allowed: falling numbers above 0"
+        given = ", ".join(f"{each:g}" for each in thresholds)
+        told = f"{given} is not allowed. Give falling numbers above 0"
         raise InputError(Problem("lod", "", told))
     source, written = begin_export(path, output, overwrite)
     cache = Cache(path)
     if not source.GetDefaultPrim():
-        raise InputError(Problem(str(path), "defaultPrim", "is missing, so nothing can name it"))
+        raise InputError(
+            Problem(str(path), "defaultPrim", "is missing. Write the default prim with a name")
+        )
     codes: Sequence[float | None] = cache.codes() or [None]
     counts = [len(each) for each in cache.points_of(range(len(cache.feathers)), codes[0])]
     starts = np.cumsum([0, *counts])
     found = _levels(cache, starts, len(thresholds))
     if not found:
-        raise InputError(Problem(str(path), "", "has no vanes that can do with fewer points"))
+        raise InputError(
+            Problem(
+                str(path), "", "has no vanes that can do with fewer points. Bake with more rows"
+            )
+        )
     layer = Sdf.Layer.CreateAnonymous(".usda")
     stage = Usd.Stage.Open(layer)
     group = _define_levels(stage, source)

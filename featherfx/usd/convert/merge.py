@@ -82,7 +82,11 @@ def join_shares(path: str | Path, shares: Sequence[Path], overwrite: bool = Fals
     """
     path = check_output(path, overwrite)
     before = {path: standing(path)}
-    problems = [Problem(str(each), "", "is missing") for each in shares if not each.is_file()]
+    problems = [
+        Problem(str(each), "", "is missing. Bake this share first")
+        for each in shares
+        if not each.is_file()
+    ]
     if problems:
         raise OutputError(*problems)
     metadata = [read_metadata(each) for each in shares]
@@ -102,7 +106,9 @@ def join_shares(path: str | Path, shares: Sequence[Path], overwrite: bool = Fals
 
 def _settings_differences(share: Path, settings: Any, first: Any) -> list[Problem]:
     if not settings:
-        return [Problem(str(share), "", "does not tell with which settings it was baked")]
+        return [
+            Problem(str(share), "", "does not say with which settings it was baked. Bake it again")
+        ]
     return [
         Problem(
             str(share), key, f"was {settings.get(key)}, but {first.get(key)} in the first share"
@@ -116,7 +122,7 @@ def _open_share(share: Path) -> Any:
     try:
         return Sdf.Layer.OpenAsAnonymous(str(share))
     except Tf.ErrorException as error:
-        raise OutputError(Problem(str(share), "", "USD cannot open it")) from error
+        raise OutputError(Problem(str(share), "", "USD cannot open it. Bake it again")) from error
 
 
 def _root_layer(layers: Sequence[Any], shares: Sequence[Path], metadata: Any) -> Any:

@@ -83,7 +83,7 @@ def choose_time_codes(cache: Cache, frames: Sequence[float] | None) -> list[floa
         return [*whole]
     outside = [code for code in frames if not first <= code <= last]
     if outside:
-        message = f"{outside[0]:g} is out of range; allowed {first:g} to {last:g}"
+        message = f"{outside[0]:g} is out of range. Give {first:g} to {last:g}"
         raise InputError(Problem("frames", "", message))
     return [float(code) for code in frames]
 
@@ -148,11 +148,11 @@ def export_morph(
     counts = [len(points) for points in cache.points_of(range(len(cache.feathers)), codes[0])]
     if len(codes) < 2:
         problems.append(
-            Problem(str(path), "frames", f"{len(codes)}; morph targets need 2 at least")
+            Problem(str(path), "frames", f"{len(codes)} is too few. Morph targets need 2 at least")
         )
     elif (size := 12 * len(codes) * sum(counts)) > _MAX_MORPH_BYTES:
         told = (
-            f"{len(codes)} of {sum(counts)} points are {size / 1e9:.2g} GB, allowed 1; take fewer"
+            f"{len(codes)} of {sum(counts)} points are {size / 1e9:.2g} GB, more than 1. Take fewer"
         )
         problems.append(Problem(str(path), "frames", told))
     if problems:

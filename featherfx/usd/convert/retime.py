@@ -105,7 +105,7 @@ def map_speed(speed: float, range_: tuple[float, float]) -> TimeMap:
     """
     first, last = range_
     if not 0.0 < speed < np.inf:
-        raise _argument_error("speed", f"is {speed:g}, allowed above 0")
+        raise _argument_error("speed", f"is {speed:g}. Give a value above 0")
     frames = (last - first) / speed
     if not 1.0 <= frames <= _MAX_FRAMES:
         allowed = f"allowed {(last - first) / _MAX_FRAMES:g} to {last - first:g}"
@@ -125,7 +125,7 @@ def map_loop(frames: int, range_: tuple[float, float]) -> TimeMap:
     start = last - frames
     fade = min(start - first, frames)
     if not (frames >= 1 and fade >= 1):
-        message = f"is {frames}, allowed 1 to {int(last - first) - 1}, fewer than the cache has"
+        message = f"is {frames}. Give 1 to {int(last - first) - 1}, fewer than the cache has"
         raise _argument_error("loop", message)
 
     def parts(frame: float) -> tuple[BlendedTime, ...]:
@@ -166,7 +166,7 @@ def retime(
     stage, written = begin_export(path, output, overwrite)
     range_ = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if not (stage.HasAuthoredTimeCodeRange() and range_[0] < range_[1]):
-        raise InputError(Problem(str(path), "", "has no frames to retime"))
+        raise InputError(Problem(str(path), "", "has no frames to retime. Give a baked cache"))
     if speed is not None:
         times = map_speed(speed, range_)
     elif keys is not None:
@@ -392,8 +392,8 @@ def _check_roots(
             if worst > _ROOT_TOLERANCE:
                 message = (
                     f"a root in {prim.path} is {100.0 * worst:.2g} % of its feather's length away"
-                    f" at frame {code + frames:g} from where it is at {code:g}; allowed"
-                    f" {100.0 * _ROOT_TOLERANCE:g} %: give the period of the motion"
+                    f" at frame {code + frames:g} from where it is at {code:g}, more"
+                    f" than {100.0 * _ROOT_TOLERANCE:g} %. Give the period of the motion"
                 )
                 raise InputError(Problem(source, "loop", message))
 

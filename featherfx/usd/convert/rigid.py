@@ -96,13 +96,15 @@ def export_rigid(
     cache cannot be read or has no meshes that move, or the output not be written.
     """
     if not 0.0 < tolerance < np.inf:
-        raise InputError(Problem("rigid", "", f"is {tolerance:g}, allowed above 0 mm"))
+        raise InputError(Problem("rigid", "", f"is {tolerance:g}. Give a value above 0 mm"))
     stage, written = begin_export(path, output, overwrite)
     layer = copy_layer(flatten_stage(stage))
     root = stage.GetDefaultPrim().GetPath()
     parts = {name: list(_find_prims(layer, root.AppendChild(name))) for name, _ in SCOPES.values()}
     if not any(_time_codes(layer, each) for each in parts[FEATHERS_SCOPE]):
-        raise InputError(Problem(str(path), "", "has no meshes of feathers that move"))
+        raise InputError(
+            Problem(str(path), "", "has no meshes of feathers that move. Give a baked cache")
+        )
     allowed = 1e-3 * tolerance / UsdGeom.GetStageMetersPerUnit(stage)
     meshes = counted("checking", parts[FEATHERS_SCOPE], len(parts[FEATHERS_SCOPE]))
     found = dict(each for mesh in meshes for each in _find_rigid(layer, mesh, allowed))

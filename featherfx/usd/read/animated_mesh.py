@@ -226,7 +226,7 @@ def open_mesh(scene: SourceScene, path: str, rest: float | None, place: Place) -
     prim = find_prim(scene, path, place, "mesh")
     if not prim.IsA(UsdGeom.Mesh):
         meshes = [str(p.GetPath()) for p in Usd.PrimRange(prim) if p.IsA(UsdGeom.Mesh)][:3]
-        hint = f"; below it is {', '.join(meshes)}" if meshes else ""
+        hint = f". Below it is {', '.join(meshes)}" if meshes else ""
         hint = hint or describe_prims(scene, ("mesh",), path)
         place.refuse(f"{path} is a {prim.GetTypeName() or 'prim without type'}, no Mesh{hint}")
     with errors_at(place):
@@ -257,7 +257,7 @@ def _topology_faults(mesh: Any) -> Iterator[tuple[str, str]]:
     values = {name: _changing(attribute) for name, attribute in attributes.items()}
     for name, (_, changed) in values.items():
         if changed is not None:
-            yield name, f"changes at time code {changed:g}; topology has to stay the same"
+            yield name, f"changes at time code {changed:g}. Topology has to stay the same"
     counts, indices = values["faceVertexCounts"][0], values["faceVertexIndices"][0]
     if counts is None or indices is None:
         yield "faceVertexCounts" if counts is None else "faceVertexIndices", "has no value"
@@ -273,7 +273,7 @@ def _topology_faults(mesh: Any) -> Iterator[tuple[str, str]]:
         yield "faceVertexIndices", f"has {len(indices)}, the counts add up to {counts.sum()}"
     elif len(indices) and (indices.min() < 0 or indices.max() >= size):
         bad = int(indices[(indices < 0) | (indices >= size)][0])
-        yield "faceVertexIndices", f"{bad} is out of range, allowed 0 to {size - 1}"
+        yield "faceVertexIndices", f"{bad} is out of range. Give 0 to {size - 1}"
     holes = values["holeIndices"][0]
     if holes is not None and len(holes) and (holes.min() < 0 or holes.max() >= len(counts)):
         bad = int(holes[(holes < 0) | (holes >= len(counts))][0])

@@ -393,7 +393,7 @@ def _describe_missing_mesh(stage: Any) -> str:
     told = "holds no visible mesh"
     if any(prim.HasAttribute("primvars:P_barbl") for prim in stage.Traverse()):
         told += (
-            "; its condensed feathers are without the shapes of `bake --as condensed`, so they can"
+            ". Its condensed feathers are without the shapes of `bake --as condensed`, so they can"
             " only be read as a groom"
         )
     return told

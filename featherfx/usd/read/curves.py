@@ -72,7 +72,7 @@ def read_prim_curves(prim: Any, code: Any, place: Place) -> PrimCurves:
     kind, wrap = read_text(curves.GetTypeAttr()), read_text(curves.GetWrapAttr())
     for name, value, allowed in (("type", kind, _TYPES), ("wrap", wrap, _WRAPS)):
         if value == "periodic":
-            place.child(name).fail("is periodic; a shaft has two ends")
+            place.child(name).fail("is periodic. Give an open curve, since a rachis has two ends")
         elif value not in allowed:
             place.child(name).fail(f"'{value}' is not one of {', '.join(allowed)}")
     basis = read_text(curves.GetBasisAttr()) if kind == "cubic" else ""

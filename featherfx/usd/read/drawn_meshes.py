@@ -144,7 +144,7 @@ class Instances:
         indices = read_sized_array(attribute, EARLIEST_TIME, INTEGER_ARRAY).astype(np.int64)
         wrong = indices[(indices < 0) | (indices >= len(roots))]
         if len(wrong):
-            raise fault(attribute, f"{wrong[0]} is out of range, allowed 0 to {len(roots) - 1}")
+            raise fault(attribute, f"{wrong[0]} is out of range. Give 0 to {len(roots) - 1}")
         self.prims = [roots[index] for index in indices]
         self._labels = {}
         for name in ("featherId", "featherKind", "region"):

@@ -163,7 +163,7 @@ def expand(
     allowed = {"rows": (rows, 3, MOST_ROWS), "columns": (columns, 1, MOST_COLUMNS)}
     allowed["barbs"] = (barbs, 1, MOST_BARBS)
     problems = [
-        Problem("expand", name, f"{value}; allowed: {low} to {high}")
+        Problem("expand", name, f"{value} is not allowed. Give {low} to {high}")
         for name, (value, low, high) in allowed.items()
         if value is not None and not low <= value <= high
     ]

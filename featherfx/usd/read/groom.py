@@ -131,7 +131,7 @@ def _read_curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Cu
     values, count = PrimvarReader(prim, entry["names"], code, curves.starts, at), len(curves.points)
     left, right = values.barbs("left_barbs", count), values.barbs("right_barbs", count)
     if (left is None) != (right is None):
-        at.fail("has barbs on one side only; a condensed feather has P_barbl and P_barbr")
+        at.fail("has barbs on one side only. Give P_barbl and P_barbr")
     for number in range(len(curves)):
         own = CurveElement(values, number, len(curves))
         if left is None or right is None:
@@ -215,7 +215,7 @@ def _instances(
     if len(numbers) == 0 or len(matrices) != len(numbers):
         at.refuse(f"has {len(numbers)} protoIndices and {len(matrices)} instance transforms")
     if not np.isfinite(matrices).all():
-        at.refuse("holds instances whose places are not finite")
+        at.refuse("holds instances whose positions are not finite. Remove them")
     templates = all_of(*(partial(_template, scene, path, entry, at, place) for path in targets))
     to_stage = scene.matrix(prim, transform_time(prim, code))
     ids = read_array(instancer.GetIdsAttr(), code, INTEGER_ARRAY)

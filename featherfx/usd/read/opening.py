@@ -56,12 +56,12 @@ def open_stage(path: str | Path) -> Any:
     if not path.is_file():
         raise InputError(Problem(str(path), "", irregular(path) or "file does not exist"))
     if not os.access(path, os.R_OK):
-        raise InputError(Problem(str(path), "", "no permission to read it"))
+        raise InputError(Problem(str(path), "", "may not be read. Check its permissions"))
     if Sdf.FileFormat.FindByExtension(str(path)) is None:
         told, more = "no USD file", ""
         if path.suffix == ".toml":
             told = "a TOML file: a groom, shot or preset"
-            more = "; `featherfx groom` and `featherfx bake` write one"
+            more = ". `featherfx groom` and `featherfx bake` write one"
         raise InputError(Problem(str(path), "", f"is {told}, expects .usd, .usda or .usdc{more}"))
     refuse_unfit_usd()
     opened = str(path)
@@ -126,4 +126,4 @@ def _out_of_range(file: str, name: str, value: Any) -> Iterator[Problem]:
     low, high = _METADATA_RANGES[name]
     if not isinstance(value, int | float) or not low <= value <= high:
         told = f"{value:g}" if isinstance(value, int | float) else describe_value(value)
-        yield Problem(file, name, f"is {told}, allowed {low:g} to {high:g}")
+        yield Problem(file, name, f"is {told}. Give {low:g} to {high:g}")

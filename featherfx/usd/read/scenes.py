@@ -198,7 +198,7 @@ def _open_uniform_wind(scene: SourceScene, prim: Any, name: str, at: Place) -> U
             each.GetName() for each in authored if _is_vector(read_value(each, EARLIEST_TIME))
         ]
         known = ", ".join(vectors) or "none"
-        at.refuse(f"no attribute '{name}' on {prim.GetPath()}; attributes of one vector: {known}")
+        at.refuse(f"no attribute '{name}' on {prim.GetPath()}. Attributes of one vector: {known}")
     attribute = prim.GetAttribute(name)
     for code in [EARLIEST_TIME, *map(Usd.TimeCode, read_times(attribute))]:
         if not _is_vector(read_value(attribute, code)):
@@ -217,7 +217,7 @@ def _is_vector(value: Any) -> bool:
 
 def _open_sampled_wind(scene: SourceScene, prim: Any, at: Place) -> SampledWind:
     if not prim.IsA(UsdGeom.PointBased):
-        at.refuse(f"{prim.GetPath()} holds no points; give attribute for one vector")
+        at.refuse(f"{prim.GetPath()} holds no points. Give attribute for one vector")
     base = UsdGeom.PointBased(prim)
     times = {*read_times(base.GetPointsAttr()), *read_times(base.GetVelocitiesAttr())}
     for code in [*map(Usd.TimeCode, sorted(times))] or [DEFAULT_TIME]:

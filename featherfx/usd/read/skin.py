@@ -125,7 +125,7 @@ class StageSkin:
         try:
             from PIL import Image
         except ImportError:
-            place.refuse('needs Pillow; pip install "featherfx[preview]"')
+            place.refuse('needs Pillow. Run pip install "featherfx[preview]"')
         try:
             with Image.open(path) as image:
                 return np.asarray(image.convert(mode), dtype=np.float64) / 255.0
@@ -301,7 +301,7 @@ def _find_joint(name: str, paths: list[str], place: Place) -> int:
         return found[0]
     if found:
         several = ", ".join(paths[k] for k in found)
-        place.refuse(f"'{name}' may be {several}; give the whole path")
+        place.refuse(f"'{name}' may be {several}. Give the whole path")
     ends = Counter(path.rsplit("/", 1)[-1] for path in paths)
     # as they may be written: the last part alone, where that says which
     known = {

@@ -83,7 +83,7 @@ class Skinning:
                 return self._bound(np.asarray(points))
             transforms = Vt.Matrix4dArray.FromNumpy(bind_to_pose(self._skeleton, pose.joints))
             if not self._skinning.ComputeSkinnedPoints(transforms, points, EARLIEST_TIME):
-                raise fault(self._mesh.GetPrim(), f"USD cannot skin it; {_MISFIT}")
+                raise fault(self._mesh.GetPrim(), f"USD cannot skin it, {_MISFIT}")
         return np.asarray(points)
 
     def bind_points(self) -> Floats:
@@ -198,7 +198,7 @@ def _blend_shapes(query: Any, mesh: Any) -> tuple[list[Indices], list[Floats]]:
         if len(moved) not in (0, size):  # none: a shape that moves nothing
             raise fault(prim, f"has {len(moved)} offsets for {size} points")
         if len(chosen) and not 0 <= chosen.min() <= chosen.max() < count:
-            raise fault(prim, f"pointIndices are out of range, allowed 0 to {count - 1}")
+            raise fault(prim, f"pointIndices are out of range. Give 0 to {count - 1}")
     return places, offsets
 
 
@@ -263,5 +263,5 @@ def _find_skeleton(scene: SourceScene, mesh: Any, place: Place) -> Skinning | No
         transforms = skeleton.ComputeSkinningTransforms(EARLIEST_TIME)
         points = skinning.earliest()
         if transforms is None or not query.ComputeSkinnedPoints(transforms, points, EARLIEST_TIME):
-            place.refuse(f"{path}: USD cannot skin it; {_MISFIT}")
+            place.refuse(f"{path}: USD cannot skin it, {_MISFIT}")
     return skinning

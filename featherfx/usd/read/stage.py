@@ -247,16 +247,16 @@ def describe_prims(scene: SourceScene, kinds: Sequence[str], path: str) -> str:
 
     Of many the nearest to a path are listed. Empty where no kind is given.
     """
-    return "".join(f"; {_listed(kind, scene.paths[kind], path)}" for kind in kinds)
+    return "".join(f". {_listed(kind, scene.paths[kind], path)}" for kind in kinds)
 
 
 def _listed(kind: str, paths: list[str], path: str) -> str:
     if len(paths) < 2:
-        return f"the stage has one {kind}: {paths[0]}" if paths else f"the stage has no {kind}"
+        return f"The stage has one {kind}: {paths[0]}" if paths else f"The stage has no {kind}"
     if len(paths) <= _MAX_LISTED:
-        return f"the stage has {len(paths)} of kind {kind}: {', '.join(paths)}"
+        return f"The stage has {len(paths)} of kind {kind}: {', '.join(paths)}"
     near = closest(path, paths, _LISTED_NEAREST) or paths[:_LISTED_NEAREST]
-    return f"the stage has {len(paths)} of kind {kind}, the nearest {', '.join(near)}"
+    return f"The stage has {len(paths)} of kind {kind}, the nearest {', '.join(near)}"
 
 
 def find_prim(scene: SourceScene, path: str, place: Place, *kinds: str) -> Any:
@@ -301,7 +301,7 @@ def _absent(scene: SourceScene, path: Any) -> str:
     if above:
         names = [child.GetName() for child in above.GetAllChildren()]
         known = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
-        return f"no prim {path} in {scene.path}; below {parent} there is {known or 'nothing'}"
+        return f"no prim {path} in {scene.path}. Below {parent} there is {known or 'nothing'}"
     return f"no prim {path} in {scene.path}"
 
 

@@ -248,7 +248,7 @@ class CacheWriter:
         """
         frames = self._frames
         if frames is None or self._next == self._samples or frame.number != self._code:
-            raise ValueError(f"frame {frame.number:g} is out of turn; the cache holds {frames}")
+            raise ValueError(f"frame {frame.number:g} is out of turn. The cache holds {frames}")
         if len(frame.poses) != self._given:
             raise ValueError(f"{len(frame.poses)} feathers given, not {self._given}")
         bad = self._chunk.add(float(frame.number), frame)
@@ -301,7 +301,7 @@ class CacheWriter:
             if standing(file) != found:
                 leave = self._parts.close if self._parts.records else self._parts.discard
                 leave()
-                message = "another bake has just written it; choose another name, or --overwrite"
+                message = "another bake has just written it. Choose another name, or --overwrite"
                 raise OutputError(Problem(str(file), "", message))
 
     def _settings_of_stage(self, chunk: int | None) -> dict[str, str]:
@@ -355,7 +355,7 @@ def check_arguments(
     seen: set[str] = set()
     for entry in feathers:
         if entry.id in seen:
-            wrong.append(("feathers", f"id '{entry.id}' is used twice; ids are unique"))
+            wrong.append(("feathers", f"id '{entry.id}' is used twice. Give unique ids"))
         seen.add(entry.id)
         expected, shape = (each.nodes.shape for each in (entry.feather.rest, entry.rest_points))
         if shape != expected:

@@ -231,7 +231,7 @@ def output_errors() -> Iterator[None]:
     try:
         yield
     except FileExistsError as error:
-        message = f"{error.strerror}, and is left as it is; choose another name, or --overwrite"
+        message = f"{error.strerror}, and is left as it is. Choose another name, or --overwrite"
         raise OutputError(Problem(str(error.filename), "", message)) from error
     except OSError as error:
         raise _write_error(Path(error.filename), error.strerror or str(error)) from error
@@ -255,7 +255,7 @@ def _store(layer: Any, path: Path) -> bool:
 
 
 def _write_error(target: Path, reason: str) -> OutputError:
-    message = f"not written ({reason}); free space and permissions of the folder may tell why"
+    message = f"not written ({reason}). Free space and permissions of the folder may tell why"
     return OutputError(Problem(str(target), "", message))
 
 

@@ -121,5 +121,5 @@ def check_ranges(options: StageOptions, source: str) -> None:
         if value is None or least is None or least <= value <= (value if most is None else most):
             continue
         allowed = f"at least {least}" if most is None else f"{least} to {most}"
-        problems.append(Problem(source, each.name, f"{value}; allowed: {allowed}"))
+        problems.append(Problem(source, each.name, f"{value} is not allowed. Give {allowed}"))
     require(*problems)

@@ -59,7 +59,9 @@ def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat"
     path = Path(path)
     source = str(path)
     if not path.name or CONTROL.search(path.name):
-        raise OutputError(Problem(source, "", "is no name of a file"))
+        raise OutputError(
+            Problem(source, "", "is no name of a file. Give one with a suffix such as .usdc")
+        )
     problems = []
     if path.suffix not in USD_SUFFIXES:
         problems.append(
@@ -70,7 +72,7 @@ def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat"
     try:
         os.path.abspath(path).encode()
     except UnicodeEncodeError:
-        message = "has letters that this locale does not know; set LC_ALL=C.UTF-8 or PYTHONUTF8=1"
+        message = "has letters that this locale does not know. Set LC_ALL=C.UTF-8 or PYTHONUTF8=1"
         raise OutputError(*problems, Problem(ascii(source), "", message)) from None
     problems += find_file_problems(output_files(path, layout), overwrite)
     if problems:
@@ -84,15 +86,15 @@ def find_file_problems(files: Sequence[Path], overwrite: bool) -> list[Problem]:
     for file in files:
         # os.path.* answer False where a Path method would raise (a parent that is a file).
         if os.path.isdir(file):
-            problems.append(Problem(str(file), "", "is a folder; give the name of a file"))
+            problems.append(Problem(str(file), "", "is a folder. Give the name of a file"))
         elif os.path.exists(file) and not os.path.isfile(file):
-            message = "is no regular file, but a device, pipe or socket; give another name"
+            message = "is no regular file, but a device, pipe or socket. Give another name"
             problems.append(Problem(str(file), "", message))
         elif "\\" in file.name:
             # USD takes it for a slash
-            problems.append(Problem(str(file), "", "has a backslash in its name; leave it out"))
+            problems.append(Problem(str(file), "", "has a backslash in its name. Leave it out"))
         elif os.path.lexists(file) and not overwrite:
-            message = "exists already; choose another name or --overwrite"
+            message = "exists already. Choose another name or --overwrite"
             problems.append(Problem(str(file), "", message))
     return problems + _folder_problems(files[-1])
 
@@ -107,7 +109,7 @@ def refuse_inputs(outputs: Sequence[Path], inputs: Iterable[Path]) -> None:
         return
     files = [file for path in dict.fromkeys(inputs) for file in _files_of(path) if file.is_file()]
     problems = [
-        Problem(str(path), "", "is an input of this work; choose another name")
+        Problem(str(path), "", "is an input of this work. Choose another name")
         for path in existing
         if any(os.path.samefile(path, file) for file in files)
     ]
@@ -133,7 +135,15 @@ def _folder_problems(path: Path) -> list[Problem]:
     folder = path.parent
     if not os.path.isdir(folder):
         exists = os.path.lexists(folder)
-        return [Problem(str(folder), "", "is not a folder" if exists else "folder does not exist")]
+        return [
+            Problem(
+                str(folder),
+                "",
+                "is not a folder. Name another"
+                if exists
+                else "folder does not exist. Make it first",
+            )
+        ]
     try:
         # Only an attempt tells: permission bits say nothing about mounts, quotas or root.
         with tempfile.TemporaryFile(dir=folder):

@@ -50,7 +50,7 @@ Save = Callable[[Path], object]
 
 def chunk_error(path: Path) -> OutputError:
     """Return the error for a chunk that is missing or damaged."""
-    return OutputError(Problem(str(path), "", "is not the chunk that was written; bake again"))
+    return OutputError(Problem(str(path), "", "is not the chunk that was written. Bake again"))
 
 
 @dataclass(frozen=True)
@@ -260,16 +260,16 @@ def _refuse_foreign(folder: Path, bake: Path) -> None:
     """Raise OutputError where the folder of the chunks is not featherfx's own."""
     for place in (folder, bake):
         if place.is_symlink():
-            message = "is a link, which is not followed; remove it or choose another name"
+            message = "is a link, which is not followed. Remove it or choose another name"
             raise OutputError(Problem(str(place), "", message))
         if place.exists() and not place.is_dir():
-            message = "is where the chunks go, but no folder; remove it or choose another name"
+            message = "is where the chunks go, but no folder. Remove it or choose another name"
             raise OutputError(Problem(str(place), "", message))
     with _output_errors(folder):
         found = sorted(each.name for each in folder.iterdir()) if folder.exists() else []
     others = [name for name in found if name not in (_LOCK, bake.name)]
     if others and not bake.exists() and not _list_bakes(folder):
-        message = f"is where the chunks go, but holds others' files ({others[0]}); choose another"
+        message = f"is where the chunks go, but holds others' files ({others[0]}). Choose another"
         raise OutputError(Problem(str(folder), "", f"{message} name or move them away"))
 
 
@@ -351,7 +351,7 @@ def refuse_unfinished(path: Path) -> None:
     kept = sum(count_unfinished_samples(parts_folder(path, layout)) for layout in ("flat", "clips"))
     if kept and not path.exists() and not _is_being_written(path):
         message = (
-            f"holds {kept} sample{'s' * (kept > 1)} of a bake that did not come to its end; "
+            f"holds {kept} sample{'s' * (kept > 1)} of a bake that did not come to its end. "
             "--resume goes on after them, --overwrite removes them and bakes anew"
         )
         raise OutputError(Problem(str(path), "", message))
@@ -428,7 +428,7 @@ def _output_errors(folder: Path) -> Iterator[None]:
     try:
         yield
     except FileExistsError as error:
-        message = f"{error.strerror}; remove it or choose another name"
+        message = f"{error.strerror}. Remove it or choose another name"
         raise OutputError(Problem(str(error.filename), "", message)) from error
     except OSError as error:
         message = f"cannot write to this folder: {error.strerror or error}"

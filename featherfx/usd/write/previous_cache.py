@@ -133,11 +133,11 @@ def _is_whole(path: Path, settings: Mapping[str, str]) -> bool:
 
 def _settings_error(path: Path, what: str, told: Mapping[str, str]) -> OutputError:
     """Return the error for an output of other settings. told: the differences by key."""
-    advice = "choose another name, or --overwrite to bake it anew"
+    advice = "Choose another name, or --overwrite to bake it anew"
     if not told:
-        message = f"{what}, and does not tell with which settings; {advice}"
+        message = f"{what}, and does not tell with which settings. {advice}"
         return OutputError(Problem(str(path), "", message))
-    problems = [Problem(str(path), "", f"{what} with other settings; {advice}")]
+    problems = [Problem(str(path), "", f"{what} with other settings. {advice}")]
     problems += [Problem(str(path), key, told[key]) for key in list(told)[:_MAX_DIFFERENCES]]
     if len(told) > _MAX_DIFFERENCES:
         more = len(told) - _MAX_DIFFERENCES
@@ -188,7 +188,7 @@ class PreviousCache:
             if given is None and name in RATES:
                 given = np.zeros_like(numbers)  # what keeps one pose has none
             if given is None or given.shape != numbers.shape:
-                message = f"is damaged: {name} of '{feather}'; --overwrite bakes all anew"
+                message = f"is damaged: {name} of '{feather}'. --overwrite bakes all anew"
                 raise OutputError(Problem(str(self._path), "", message))
             numbers[...] = given
 

@@ -147,10 +147,10 @@ def refuse_textures(files: Sequence[Path], overwrite: bool) -> None:
     """Raise OutputError where images cannot be written, or were painted over."""
     problems = []
     if importlib.util.find_spec("PIL") is None:
-        told = 'Pillow is not installed; pip install "featherfx[preview]"'
+        told = 'Pillow is not installed. Run pip install "featherfx[preview]"'
         problems.append(Problem("bake", "textures", told))
     elif not overwrite:
-        told = "is not as featherfx wrote it; move it elsewhere, or --overwrite"
+        told = "is not as featherfx wrote it. Move it elsewhere, or --overwrite"
         problems = [Problem(str(f), "", told) for f in files if f.exists() and not _is_unchanged(f)]
     if problems:
         raise OutputError(*problems)

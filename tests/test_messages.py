@@ -1,0 +1,150 @@
+"""Messages are sentences that say what is wrong and what to do: all of them, read from the sources.
+
+A message prints as `source: key: message.`; source and key may be its subject. Problem and warning
+end it with a period.
+"""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from featherfx.errors import InputError, Problem, as_sentence
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "featherfx"
+# calls that take a message, and the number of its argument
+MESSAGES = {
+    "Problem": 2,
+    "UsageError": 0,
+    "BadParameter": 0,
+    "ClickException": 0,
+    "warn": 0,
+    "SimulationError": 2,
+    "fail": 0,
+    "refuse": 0,
+    "unknown": 0,
+    "add": 2,
+}
+# what a message may ask for or offer, besides a sentence that begins with an imperative
+ADVICE = re.compile(
+    r"\b(not one of|none of|expects?|needs?|takes?|must|goes? with|go with|belongs? to"
+    r"|belong together|is for|are for|for --|exclude each other|more than|less than|below|within"
+    r"|did you mean|has to|have to|at least|at most|may|instead|such as|docs/)\b"
+    r"|--\w|\bpip install\b"
+    r"|\{\}"  # the text of a variable may hold it
+)
+IMPERATIVE = re.compile(
+    r"(^|[.:,;] |\bor |\band )(Give|Use|Choose|Name|Leave|Set|Move|Remove|Put|Run|Open|Bake|Make"
+    r"|Draw|Bring|Merge|Keep|Place|Ask|Lower|Raise|Look|Add|Take|Check|Install|Write)\b",
+    re.I,
+)
+# messages that offer nothing to do, by file; the numbers may only shrink
+WITHOUT_ADVICE = {
+    "cli/lab/report.py": 2,
+    "groom/anatomy/landmarks.py": 1,
+    "groom/anatomy/wing.py": 1,
+    "groom/keys/values.py": 1,
+    "groom/read/drafts.py": 1,
+    "groom/read/drawn.py": 1,
+    "groom/read/space.py": 1,
+    "groom/read/table.py": 1,
+    "groom/regions/regions.py": 1,
+    "lab/fibres/rupture.py": 1,
+    "lab/fibres/tissue.py": 1,
+    "lab/ribbons/motion.py": 1,
+    "lab/rods/oracles.py": 1,
+    "lab/studies/unit_cell.py": 1,
+    "lab/vane/calibrate.py": 2,
+    "lab/vane/curves.py": 2,
+    "lab/vane/hysteresis.py": 1,
+    "shot/read/read.py": 1,
+    "shot/read/scenes.py": 1,
+    "shot/simulate.py": 1,
+    "usd/read/animated_mesh.py": 1,
+    "usd/read/curves.py": 1,
+    "usd/read/skin.py": 1,
+    "usd/write/cache_writer.py": 1,
+    "view/tuned.py": 1,
+}
+
+
+def texts(node: ast.expr | None, known: dict[str, list[str]]) -> list[str]:
+    """Return the texts that an expression may give, with {} for what varies."""
+    if isinstance(node, ast.Constant):
+        return [node.value] if isinstance(node.value, str) else []
+    if isinstance(node, ast.JoinedStr):
+        found = [""]
+        for part in node.values:
+            value = part.value if isinstance(part, ast.FormattedValue) else part
+            own = texts(value, known) or ["{}"]
+            found = [before + each for before in found for each in own][:8]
+        return found
+    if isinstance(node, ast.IfExp):
+        return texts(node.body, known) + texts(node.orelse, known)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        left, right = (texts(each, known) or ["{}"] for each in (node.left, node.right))
+        return [a + b for a in left for b in right][:8]
+    if isinstance(node, ast.Name):
+        return known.get(node.id, [])
+    return []
+
+
+def messages(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Yield line and text of every message of a module."""
+    for function in ast.walk(tree):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        known: dict[str, list[str]] = {}
+        for node in ast.walk(function):
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+                known.setdefault(node.targets[0].id, []).extend(texts(node.value, known))
+        for node in ast.walk(function):
+            if not isinstance(node, ast.Call):
+                continue
+            name = getattr(node.func, "id", getattr(node.func, "attr", ""))
+            place = MESSAGES.get(name)
+            if place is not None and len(node.args) > place and (name != "add" or place == 2):
+                for text in texts(node.args[place], known):
+                    if " " in text:
+                        yield node.lineno, text
+
+
+def every_message() -> list[tuple[str, int, str]]:
+    found = set()
+    for file in sorted(PACKAGE.rglob("*.py")):
+        for line, text in messages(ast.parse(file.read_text())):
+            found.add((file.relative_to(PACKAGE).as_posix(), line, text))
+    return sorted(found)
+
+
+def test_sources_hold_messages():
+    assert len(every_message()) > 300
+
+
+def test_advice_is_a_sentence_of_its_own():
+    wrong = [each for each in every_message() if re.search(r"; |\ballowed:|, allowed ", each[2])]
+    assert wrong == []
+
+
+def test_messages_say_what_to_do():
+    counts: dict[str, int] = {}
+    for file, _, text in every_message():
+        if not (ADVICE.search(text) or IMPERATIVE.search(text)):
+            counts[file] = counts.get(file, 0) + 1
+    assert counts == WITHOUT_ADVICE
+
+
+@pytest.mark.parametrize("end", ["", "."])
+def test_a_problem_prints_as_a_sentence(end):
+    problem = Problem("shot.toml", "wind.gust", f"-3 is negative. Give 0 to 1{end}")
+    assert str(problem) == "shot.toml: wind.gust: -3 is negative. Give 0 to 1."
+    assert str(InputError(problem)) == str(problem)
+    assert as_sentence("did you mean 'a'?") == "did you mean 'a'?"
+
+
+if __name__ == "__main__":
+    for file, line, text in every_message():
+        print(f"{file}:{line}: {as_sentence(text)}")
