@@ -147,9 +147,9 @@ def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneRe
 
 
 def _located(folder: Path, name: str) -> Path:
-    """As featherfx.usd.read.opening has it; USD is imported for what is not in the folder alone."""
+    """Find a file as USD does; USD is imported only for what is not in the folder."""
     path = folder / name
     if path.exists():
         return path
-    found: Path = import_module("featherfx.usd.read.opening").located(folder, name)
+    found: Path = import_module("featherfx.usd.read.opening").locate_file(folder, name)
     return found

@@ -26,7 +26,7 @@ class Problem:
 
     def __str__(self) -> str:
         line = ": ".join(part for part in (self.source, self.key, self.message) if part)
-        return as_sentence(CONTROL.sub(lambda found: repr(found[0])[1:-1], line))
+        return CONTROL.sub(lambda found: repr(found[0])[1:-1], line)
 
 
 def as_sentence(text: str) -> str:

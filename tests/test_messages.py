@@ -1,6 +1,6 @@
 """Messages are sentences that say what is wrong and what to do: all of them, read from the sources.
 
-A message prints as `source: key: message.`; source and key may be its subject. Problem and warning
+A message prints as `source: key: message.`; source and key may be its subject. Commands
 end it with a period.
 """
 
@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from featherfx.errors import InputError, Problem, as_sentence
+from featherfx.errors import Problem, as_sentence
+from featherfx.groom.read.places import located
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "featherfx"
@@ -138,10 +139,11 @@ def test_messages_say_what_to_do():
 
 
 @pytest.mark.parametrize("end", ["", "."])
-def test_a_problem_prints_as_a_sentence(end):
-    problem = Problem("shot.toml", "wind.gust", f"-3 is negative. Give 0 to 1{end}")
-    assert str(problem) == "shot.toml: wind.gust: -3 is negative. Give 0 to 1."
-    assert str(InputError(problem)) == str(problem)
+def test_a_command_prints_a_problem_as_sentences(tmp_path, end):
+    shot = tmp_path / "shot.toml"
+    shot.write_text("name = 'a'\n[wind]\ngust = -3\n")
+    problem = Problem(str(shot), "wind.gust", f"-3 is negative. Give 0 to 1{end}")
+    assert located(problem) == f"{shot}:3: wind.gust: -3 is negative. Give 0 to 1."
     assert as_sentence("did you mean 'a'?") == "did you mean 'a'?"
 
 

@@ -85,7 +85,10 @@ class BoundSkin:
         feather = self.ids[part.members[bad[0]]]
         more = f" (and {len(bad) - 1} more roots)" if len(bad) > 1 else ""
         fault = "has no area" if np.isfinite(corners[bad[0]]).all() else "is not finite"
-        message = f"face {face} {fault} at time code {code:g}. '{feather}' sits on it{more}. Keep its area"
+        message = (
+            f"face {face} {fault} at time code {code:g}. '{feather}' sits on it{more}. "
+            "Keep its area"
+        )
         raise InputError(Problem(part.surface.path, "points", message))
 
 

@@ -38,7 +38,7 @@ def test_a_preset_is_called_one(command, family, tmp_path):
     path = ROOT / PRESETS[family]
     file = path if path.is_file() else sorted(path.glob("*.toml"))[0]
     wanted = "groom" if command in OF_GROOMS else "shot"
-    assert told(command, file, tmp_path) == f"is a {family} preset, expects a {wanted}"
+    assert told(command, file, tmp_path) == f"is a {family} preset, expects a {wanted}."
 
 
 @pytest.mark.parametrize("command", OF_SHOTS)
@@ -48,7 +48,7 @@ def test_what_is_no_shot(command, tmp_path):
 
 
 def test_what_is_no_groom(tmp_path):
-    assert told("groom", ROOT / SHOT, tmp_path) == "is a shot, expects a groom"
+    assert told("groom", ROOT / SHOT, tmp_path) == "is a shot, expects a groom."
 
 
 @pytest.mark.parametrize("command", OF_STAGES)
@@ -56,7 +56,7 @@ def test_what_is_no_groom(tmp_path):
 def test_toml_is_no_stage(command, file, tmp_path):
     expected = (
         "is a TOML file: a groom, shot or preset, expects .usd, .usda or .usdc. `featherfx groom`"
-        " and `featherfx bake` write one"
+        " and `featherfx bake` write one."
     )
     assert told(command, ROOT / file, tmp_path) == expected
 

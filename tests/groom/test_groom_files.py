@@ -246,7 +246,7 @@ def test_all_problems_at_once(tmp_path: Path) -> None:
         "groom.toml: row[0].count: 0 is out of range. Give 1 to 100000",
         "groom.toml: row[0].first.direction: has 2 items. Give 3",
         'groom.toml: overrides."x*".length: 99 is out of range. Give 0.001 to 5 m',
-        "groom.toml: feather[0].up: is parallel to direction",
+        "groom.toml: feather[0].up: is parallel to direction. Give another vector",
         'groom.toml: overrides."zz": matches no feather id, ids are like b, b, c',
         "groom.toml: feather[3].id: 'b' is taken already, by feather[2]",
         "groom.toml: feather[2].joint: no joint 'hip', there are none",
@@ -337,7 +337,9 @@ def test_table_with_a_header_alone_has_no_feathers(tmp_path: Path) -> None:
 def test_missing_file_is_one_problem(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         read_groom(tmp_path / "nowhere.toml")
-    assert [each.message for each in caught.value.problems] == ["there is no such file"]
+    assert [each.message for each in caught.value.problems] == [
+        "there is no such file. Check the path"
+    ]
     assert [each.message for each in check_file(tmp_path)] == ["is a folder, expects a TOML file"]
 
 
@@ -384,8 +386,8 @@ def test_table_faults_name_row_and_column(tmp_path: Path) -> None:
         "a.csv: row 2.scale: 0 is out of range. Give 0.01 to 100",
         "b.csv: row 1.y: 'x' is not a number",
         "c.csv: row 1.up_x: up is zero or parallel to direction",
-        "d.csv: z: there is no such column",
-        "e.csv: there is no such file",
+        "d.csv: z: there is no such column. Add it to the table",
+        "e.csv: there is no such file. Check the path",
     ):
         assert expected in problems
     assert any(each.startswith("d.csv: colour: unknown column") for each in problems)

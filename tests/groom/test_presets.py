@@ -226,16 +226,16 @@ VANE_FAULTS = [
     ),
     (
         "vane_material.ribbon = true\nleading.splits.count = 1",
-        "leading.splits: not for vane_material.ribbon = true",
+        "leading.splits: is not for vane_material.ribbon = true",
     ),
-    ("vane_material = { ribbon = true, bending_across = 0 }", "allowed: above 0 N m"),
+    ("vane_material = { ribbon = true, bending_across = 0 }", "Give a value above 0 N m"),
     (
         "vane_material = { ribbon = true, poissons_ratio = 0.6 }",
         "0.6 is out of range. Give 0 to 0.5",
     ),
     (
         "vane_material = { ribbon = true, across_barbs_profile.rachis = [[0, 2]] }",
-        "vane_material.across_barbs_profile: not for vane_material.ribbon = true",
+        "vane_material.across_barbs_profile: is not for vane_material.ribbon = true",
     ),
     (
         "vane_material.along_barbs_profile.barb = [[0.5, 1], [0.5, 2]]",
@@ -248,7 +248,7 @@ VANE_FAULTS = [
     ),
     ("vane_material.thickness_profile.rachis = [[0]]", "rachis[0]: has 1 items. Give 2"),
     ("leading.hooked.barb = [[0.5, 1.2]]", "1.2 is out of range. Give 0 to 1"),
-    ("rachis.diameter_tip = 0.02", "allowed up to diameter_base = 0.007 m"),
+    ("rachis.diameter_tip = 0.02", "Give up to diameter_base = 0.007 m"),
 ]
 
 

@@ -97,7 +97,7 @@ def test_the_list_tells_where_plugins_go_and_which_are_there(tmp_path, monkeypat
     assert refused.exit_code == 1
     assert (
         refused.stderr
-        == "featherfx: plugins: maya: no folder of Maya was found. Name one with --into\n"
+        == "featherfx: plugins: maya: no folder of Maya was found. Name one with --into.\n"
     )
     assert invoke("plugins", "install", "houdini").exit_code == 0
     known = {each["host"]: each for each in json.loads(invoke("plugins", "list", "--json").stdout)}
@@ -109,7 +109,7 @@ def test_nothing_is_half_installed(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     refused = invoke("plugins", "install", "maya", "--into", tmp_path / "file")
     assert refused.exit_code == 1
-    told = f"{tmp_path / 'file'}: cannot be written (File exists). Nothing was installed"
+    told = f"{tmp_path / 'file'}: cannot be written (File exists). Nothing was installed."
     assert refused.stderr == f"featherfx: {told}\n"
     # what others have stays
     (tmp_path / "others/featherfx_maya").mkdir(parents=True)

@@ -119,8 +119,8 @@ stiffness = 100
         "groom.toml: feather[0].kind: no feather preset 'tail_fether', did you mean "
         "'tail_feather'?",
         "shot.toml: quality: no quality preset 'drft', did you mean 'draft'?",
-        "shot.toml: motion.keyframes[0].rotation: the quaternion is zero",
-        "shot.toml: motion.keyframes[1]: holds neither position nor rotation",
+        "shot.toml: motion.keyframes[0].rotation: the quaternion is zero. Give one with a length",
+        "shot.toml: motion.keyframes[1]: holds neither position nor rotation. Give one of them",
         "shot.toml: grip[0].end: 1 is not later than start = 1 s",
         "shot.toml: frames: the last frame 1 comes before the first 5",
     ]
@@ -149,7 +149,7 @@ stiffness = 100
 def test_missing_groom_is_named(tmp_path: Path) -> None:
     path = write(tmp_path)
     (tmp_path / "groom.toml").unlink()
-    assert found(path) == ["groom.toml: there is no such file"]
+    assert found(path) == ["groom.toml: there is no such file. Check the path"]
 
 
 def test_check_file_tells_shots_grooms_and_presets_apart(tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ DEFECTS = {
         f"{STILL}.faceVertexIndices",
         "at rest: 1 faces face away from their normals, the first is 1",
     ),
-    "subset out of range": (subset([0, 48]), f"{STILL}.rachis.indices", "allowed 0 to 47"),
+    "subset out of range": (subset([0, 48]), f"{STILL}.rachis.indices", "Give 0 to 47"),
     "subset overlap": (
         subset([0, *range(8, 16), *range(24, 32), *range(40, 48)]),
         f"{STILL}.subsetFamily:materialBind",

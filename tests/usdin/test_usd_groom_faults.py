@@ -81,7 +81,7 @@ def test_places_and_lengths_that_cannot_be(tmp_path):
         found,
         {
             "/lost/a": "transforms are not finite by default",
-            "/far": "places are not finite",
+            "/far": "positions are not finite",
             "/other.protoIndices": "name prototype 1 of 1",
             "/before.protoIndices": "name prototype -1 of 1",
         },
@@ -140,7 +140,7 @@ def test_a_file_without_permission(tmp_path, monkeypatch):
     Usd.Stage.CreateNew(str(tmp_path / "bird.usda")).Save()
     monkeypatch.setattr("os.access", lambda path, mode: False)
     (line,) = problems_of(tmp_path)
-    assert "no permission" in line
+    assert "may not be read" in line
 
 
 def test_units_that_are_not_authored_warn(tmp_path):

@@ -173,13 +173,13 @@ def test_a_wrong_path_of_a_skin_lists_the_meshes(tmp_path):
     skin = 'usd = "skin.usda"\nprim = "{}"'
     for path in ("/bird/body", "/rig/bones", "/rig/bad path"):
         told = refused(write_shot(tmp_path, skin.format(path)))
-        assert "the stage has one mesh: /rig/geo/body" in told
+        assert "The stage has one mesh: /rig/geo/body" in told
         assert len(told.splitlines()) == 1
     for number in range(40):
         add_mesh(stage, f"/rig/props/prop_{number:02d}", points, counts, quads)
     stage.Save()
     told = refused(write_shot(tmp_path, skin.format("/rig/geo/bodi")))
-    assert "the stage has 41 of kind mesh, the nearest /rig/geo/body" in told
+    assert "The stage has 41 of kind mesh, the nearest /rig/geo/body" in told
     assert "prop_30" not in told
 
 
@@ -191,7 +191,7 @@ def test_wrong_paths_of_colliders_and_cameras_list_what_is_there(tmp_path):
     collider = '[[collider]]\nusd = "set.usda"\nprims = ["{}"]\n'
     for name in ("/ground", "rock_*"):
         told = refused(write_shot(tmp_path, None, more=collider.format(name)))
-        assert "the stage has one mesh: /set/ground" in told
+        assert "The stage has one mesh: /set/ground" in told
     groom = tmp_path / "drawn.toml"
     groom.write_text('name = "drawn"\n[[usd]]\nfile = "set.usda"\nkind = "covert"\n')
     with pytest.raises(InputError, match=r"The stage has no curves\. The stage has no instancer"):
@@ -202,4 +202,4 @@ def test_wrong_paths_of_colliders_and_cameras_list_what_is_there(tmp_path):
 def test_what_is_no_regular_file_is_not_opened(tmp_path, path):
     os.mkfifo(tmp_path / "pipe.usda")
     code, _, told = inspected(tmp_path / path)
-    assert (code, told) == (1, f"featherfx: {tmp_path / path}: is not a regular file\n")
+    assert (code, told) == (1, f"featherfx: {tmp_path / path}: is not a regular file.\n")

@@ -313,7 +313,7 @@ def test_a_face_that_collapses_under_a_root(tmp_path):
     stage.Save()
     skin = featherfx.read_shot(write_shot(tmp_path, SKIN)).skin
     skin.frames(0.5)
-    with pytest.raises(InputError, match=r"/bird/skin.*no area at time code 25; 'covert_01'"):
+    with pytest.raises(InputError, match=r"/bird/skin.*no area at time code 25. 'covert_01'"):
         skin.frames(1.0)
 
 

@@ -225,7 +225,7 @@ def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
             if after[0] <= before[0]:
                 message = f"{after[0]:g} is not above the point before it ({before[0]:g})"
                 key = f"guides[{index}].course[{point}][0]"
-                faults.append((key, f"{message}; points ascend"))
+                faults.append((key, f"{message}. Points ascend"))
     if faults:
         return faults
     for index in barbs_cross(vane, 1.0 - kind.calamus):
@@ -241,7 +241,7 @@ def _hooked_faults(vane: VaneShape) -> list[tuple[str, str]]:
     return [
         (
             f"hooked.{name}[{index}][0]",
-            f"{place[0]:g} is not above the point before it ({before[0]:g}); points ascend",
+            f"{place[0]:g} is not above the point before it ({before[0]:g}). Points ascend",
         )
         for name, curve in (("rachis", vane.hooked.rachis), ("barb", vane.hooked.barb))
         for index, (before, place) in enumerate(pairwise(curve), start=1)

@@ -6,7 +6,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-from featherfx.errors import Problem
+from featherfx.errors import Problem, as_sentence
 from featherfx.limits import irregular
 
 _KEY = re.compile(r"(?P<table>\w+)(?:\[(?P<number>\d+)\])?(?:\.(?P<leaf>\w+))?")
@@ -21,13 +21,13 @@ def located(problem: Problem) -> str:
     """
     match, path = _KEY.match(problem.key), Path(problem.source)
     if match is None or path.suffix != ".toml" or irregular(path):
-        return str(problem)
+        return as_sentence(str(problem))
     try:
         if path.stat().st_size > _MOST_BYTES:
-            return str(problem)
+            return as_sentence(str(problem))
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, ValueError):
-        return str(problem)
+        return as_sentence(str(problem))
     table, number, leaf = match["table"], match["number"], match["leaf"]
     line = found = _entry(lines, table, number)
     name = None
@@ -37,9 +37,9 @@ def located(problem: Problem) -> str:
     elif not number:
         line = _assigned(lines, 0, table)
     if line is None:
-        return str(problem)
+        return as_sentence(str(problem))
     key = f"{problem.key} ('{name}')" if name else problem.key
-    return str(replace(problem, source=f"{problem.source}:{line + 1}", key=key))
+    return as_sentence(str(replace(problem, source=f"{problem.source}:{line + 1}", key=key)))
 
 
 def _entry(lines: list[str], table: str, number: str | None) -> int | None:
