@@ -91,7 +91,7 @@ def test_places_and_lengths_that_cannot_be(tmp_path):
     stage.Save()
     found = problems_of(tmp_path)
     assert any("/giant.points: are 20 m long. Give 0.0001 to 10 m" in line for line in found)
-    assert any("/speck.points: 2e-05 m long" in line for line in found)
+    assert any("/speck.points: are 2e-05 m long" in line for line in found)
 
 
 def test_a_kind_that_many_curves_lack_is_one_problem(tmp_path):

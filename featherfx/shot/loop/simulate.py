@@ -323,7 +323,7 @@ class Simulation:
         run = self._run
         own = [group.state.points.nodes.shape for group in run.groups]
         if own != [state.points.nodes.shape for state in start.states]:
-            message = "is of other feathers, or of another quality"
+            message = "is of other feathers or another quality. Use a checkpoint of this shot"
             raise InputError(Problem(str(run.shot.source), "start", message))
         self._index, self._after = start.index, None
         for group, state, first in zip(run.groups, start.states, start.starts, strict=True):
