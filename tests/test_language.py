@@ -43,24 +43,15 @@ AMBIGUOUS_CONSTANTS = """
 MISLEADING_MODULES = ["featherfx/usd/write/parts.py"]
 RIDDLES_ALLOWED = {
     "algebra": 5,
-    "baking": 43,
-    "cli": 8,
-    "errors": 1,
-    "farm": 12,
     "feather": 33,
     "files": 11,
     "groom": 78,
     "jit": 44,
     "lab": 51,
     "mechanics": 19,
-    "phases": 2,
-    "plugins": 5,
-    "render": 23,
     "shot": 197,
     "solver": 110,
-    "trace": 5,
     "usd": 119,
-    "view": 13,
 }
 
 

@@ -361,7 +361,7 @@ def run_plate(test: PlateTest) -> PlateRun:
     problems = out_of_range(test, "plate")
     if not problems and test.coupling**2 >= test.along * test.across:
         most = np.sqrt(test.along * test.across)
-        message = f"{test.coupling:g}; allowed: less than {most:g} either way"
+        message = f"{test.coupling:g} is not allowed. Give less than {most:g} either way"
         problems.append(Problem("plate", "coupling", message))
     require(*problems)
     moduli = _turned(test)

@@ -364,7 +364,7 @@ def _warn_of_coarse(rod: Rod, load: float) -> None:
     if within < element:
         warnings.warn(
             f"rod: its loads of {load:g} N bend it within {within:.3g} m, less than an element of"
-            f" {element:.3g} m; it may rest folded: {enough_segments(rod, load)} segments resolve"
+            f" {element:.3g} m. It may rest folded: {enough_segments(rod, load)} segments resolve"
             " that",
             InputWarning,
             stacklevel=3,
@@ -378,7 +378,7 @@ def natural_frequencies(rod: Rod, count: int) -> Array:
     twice. Raises InputError for wrong values; count is 1 to 3 times the segments.
     """
     most = Range(1, 3 * rod.segments)
-    problem = Problem(_NAME, "count", f"{count}; allowed: {most}")
+    problem = Problem(_NAME, "count", f"{count} is not allowed. Give {most}")
     require(*rod_problems(rod), *([] if most.holds(count) else [problem]))
     return frequencies(rod_model(rod), 0, count)
 

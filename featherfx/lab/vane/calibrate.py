@@ -97,7 +97,7 @@ def _point(
             problems.append(Problem(source, place, f"{text} is not finite"))
             continue
         if key == "strain" and not -0.5 < value <= 2.0:
-            message = f"{value:g} is not allowed, must be above -0.5 to 2; is this in percent?"
+            message = f"{value:g} is not allowed, must be above -0.5 to 2. Is this in percent?"
             problems.append(Problem(source, place, message))
         values.append(value)
     return tuple(values) if len(values) == len(CURVE_COLUMNS) else None
