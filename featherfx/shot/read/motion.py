@@ -14,7 +14,7 @@ from featherfx.groom.keys.preset import Clock
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.types import Groom
-from featherfx.shot.motion.fit import fitted
+from featherfx.packages import load_name
 from featherfx.shot.types import Motion
 
 # acts within acts
@@ -49,7 +49,9 @@ def read_motion(
     elif kind == "keys":
         _check_keyframes(values["keyframes"], groom, place.child("keyframes"))
     problems.hand_on()
-    return Motion(kind, values, clock if groom is None else fitted(clock, groom))
+    if groom is not None and clock.fit != "none":
+        clock = load_name("motion.fit:fitted")(clock, groom)
+    return Motion(kind, values, clock)
 
 
 def _parts(
