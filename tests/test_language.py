@@ -49,7 +49,7 @@ RIDDLES_ALLOWED = {
     "jit": 44,
     "lab": 51,
     "mechanics": 19,
-    "shot": 197,
+    "shot": 30,
     "solver": 110,
     "usd": 119,
 }

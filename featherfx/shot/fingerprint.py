@@ -1,4 +1,4 @@
-"""What a bake depends on, as short texts by key: equal texts, equal cache.
+"""Settings that a bake depends on, as short texts by key: equal texts, equal cache.
 
 Values that fit on a line are kept as they are, so that a difference can be told; others as the
 start of their SHA-256. Arrays count by their bytes, files that a shot names by their content, and

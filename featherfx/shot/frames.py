@@ -1,4 +1,4 @@
-"""What comes out of a shot, frame by frame."""
+"""Frames of a shot, and poses of feathers."""
 
 from __future__ import annotations
 
@@ -61,15 +61,15 @@ class Frame:
 
 
 class StackingOrder(NamedTuple):
-    """Who lies over whom. feathers: (F,) numbers in the groom, ascending, of those of a stack
-    (layers/types.py)."""
+    """Stacking order of feathers. feathers: (F,) numbers in the groom, ascending, of those of a
+    stack (layers/types.py)."""
 
     feathers: Indices
     stack: Any
 
 
 def place(points: RowPoints, position: Array, rotation: Array) -> RowPoints:
-    """What is given in the feather frame, in the world frame.
+    """Place what is given in the feather frame in the world frame.
 
     position: (3,) m and rotation: (3, 3) of the root.
     """
@@ -88,8 +88,8 @@ def not_finite(poses: Sequence[FeatherPose]) -> int | None:
 
 
 def _finite(part: Array) -> bool:
-    """Whether all numbers are; they have no finite sum where one is not. By np.sum, as a product
-    of long arrays wakes the threads of BLAS, which wait busily for each other."""
+    """Return whether all numbers are; they have no finite sum where one is not. By np.sum, as a
+    product of long arrays wakes the threads of BLAS, which wait busily for each other."""
     return isfinite(np.sum(part)) or bool(np.isfinite(part).all())
 
 

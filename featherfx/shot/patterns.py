@@ -1,4 +1,4 @@
-"""Which feathers an entry of a shot is about, by patterns of ids, regions and kinds."""
+"""Patterns of ids, regions and kinds, by which an entry of a shot selects feathers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from featherfx.shot.types import Contact, Shot, SomeFeathers
 
 
 def fits(entry: SomeFeathers, placement: Placement) -> bool:
-    """Whether an entry is about a feather."""
+    """Return whether an entry is about a feather."""
     return (
         fnmatchcase(placement.id, entry.feathers)
         and fnmatchcase(placement.region, entry.region)
@@ -19,7 +19,7 @@ def fits(entry: SomeFeathers, placement: Placement) -> bool:
 
 
 def last_fitting(entries: Sequence[SomeFeathers], placements: Sequence[Placement]) -> list[int]:
-    """Of every feather the number of the last entry that is about it; -1 for none."""
+    """Find the number of the last entry that is about each feather; -1 for none."""
     found = [-1] * len(placements)
     for number, entry in enumerate(entries):
         for f, placement in enumerate(placements):
@@ -29,7 +29,7 @@ def last_fitting(entries: Sequence[SomeFeathers], placements: Sequence[Placement
 
 
 def may_touch(shot: Shot, contact: Contact) -> list[bool]:
-    """Of every feather whether it touches others: not those that leave their roots."""
+    """Return of every feather whether it touches others: not those that leave their roots."""
     placements = shot.groom.feathers
     detachments = last_fitting(shot.detachments, placements)
     return [
@@ -38,7 +38,7 @@ def may_touch(shot: Shot, contact: Contact) -> list[bool]:
 
 
 def touches(contact: Contact, placement: Placement) -> bool:
-    """Whether a feather touches others and colliders."""
+    """Return whether a feather touches others and colliders."""
     return any(fnmatchcase(placement.region, each) for each in contact.regions) and any(
         fnmatchcase(placement.kind.name, each) for each in contact.kinds
     )

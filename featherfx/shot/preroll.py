@@ -67,14 +67,14 @@ class RunUpRoots(NamedTuple):
     run_up: RunUp
 
     def frames(self, time: float) -> RootFrames:
-        """Where the roots are at a time, s since the first frame."""
+        """Return where the roots are at a time, s since the first frame."""
         positions, rotations = self.motion.frames(self.run_up.own(time))
         return RootFrames(positions + self.run_up.shift(time), rotations)
 
 
 def run_up_of(motion: Roots, duration: float, tolerance: float) -> RunUp | None:
-    """How a motion is brought up within a duration (s) before the first frame; None where no root
-    moves there by more than a small part of a tolerance (m)."""
+    """Find how a motion is brought up within a duration (s) before the first frame; None where no
+    root moves there by more than a small part of a tolerance (m)."""
     back, middle, last = (
         motion.frames(-fraction * duration) for fraction in (_BACK, 0.5 * _BACK, 0.0)
     )

@@ -28,7 +28,7 @@ class Roots(Protocol):
     """Whatever moves the roots of F feathers."""
 
     def frames(self, time: float) -> RootFrames:
-        """Where the roots are at a time, s since the first frame."""
+        """Return where the roots are at a time, s since the first frame."""
 
 
 @runtime_checkable
@@ -36,7 +36,7 @@ class RootsWithCuts(Roots, Protocol):
     """Roots that are somewhere else in no time where the animation is cut (cuts.py)."""
 
     def after(self, time: float) -> RootFrames:
-        """Where the roots are from a time on; frames tells where they were until then."""
+        """Return where the roots are from a time on; frames tells where they were until then."""
 
 
 def arrived(motion: Roots, time: float) -> RootFrames:

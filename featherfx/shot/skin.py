@@ -20,7 +20,7 @@ _MOST_NAMED = 10
 
 @dataclass(frozen=True)
 class SkinRoot:
-    """Where one root sits, for the output: prim path, face, points (3,) and their weights (3,)."""
+    """Place of one root, for the output: prim path, face, points (3,) and their weights (3,)."""
 
     path: str
     face: int
@@ -94,7 +94,7 @@ class BoundSkin:
 
 @dataclass(frozen=True)
 class SkinSurfaces:
-    """What the roots of a groom ride on, before they are bound.
+    """Surfaces that the roots of a groom ride on, before they are bound.
 
     surfaces: a feather's is the one that it names, else the first. start: time code at 0 s.
     tolerance: m; roots that are farther give a warning, which names source and key. radius: m, of

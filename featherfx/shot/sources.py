@@ -1,4 +1,4 @@
-"""What a shot takes from scenes of other programs, as the frame loop sees it.
+"""Surfaces, wind and cameras from scenes of other programs, as the frame loop sees them.
 
 The reader of scenes stands downstream of the shot; it comes in as SceneReaders, and what it reads
 answers to the protocols here.
@@ -21,11 +21,11 @@ from featherfx.shot.preroll import NO_RUN_UP, STILL, RunUp
 
 
 class OfScene(Protocol):
-    """What stands in a scene."""
+    """Something that stands in a scene."""
 
     @property
     def time_codes_per_second(self) -> float:
-        """Of the scene."""
+        """Time codes per second of the scene."""
 
     @property
     def origin(self) -> tuple[str, tuple[Path, ...]]:
@@ -64,7 +64,7 @@ class MovingSurface(OfScene, Protocol):
         """(V, 3) m, all points at a time code."""
 
     def is_mirrored(self, code: float) -> bool:
-        """Whether it is mirrored at a time code against rest."""
+        """Return whether it is mirrored at a time code against rest."""
 
     def smoothed(self, knots: Knots) -> MovingSurface:
         """The same, moving smoothly between the poses that it has at knots (time codes)."""
@@ -85,7 +85,7 @@ class WindSource(OfScene, Protocol):
 
 @dataclass(frozen=True)
 class SceneReaders(GroomReaders):
-    """How scenes are read. Each raises InputError, of what stands at the place.
+    """Readers of scenes. Each raises InputError, of what stands at the place.
 
     feathers, skin: see GroomReaders. meshes: (file, prim paths or names with the key that names
     each, collection, rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd],

@@ -64,7 +64,7 @@ class SomeFeathers:
 
 @dataclass(frozen=True, kw_only=True)
 class Detail(SomeFeathers):
-    """How finely some feathers are simulated, whatever their length."""
+    """Level of detail of some feathers, whatever their length."""
 
     level: Annotated[
         str,
@@ -89,7 +89,7 @@ class Detail(SomeFeathers):
 
 @dataclass(frozen=True, kw_only=True)
 class Shelter(SomeFeathers):
-    """How much of the air's motion against the roots the plumage keeps off some feathers."""
+    """Part of the air's motion against the roots that the plumage keeps off some feathers."""
 
     share: Annotated[
         float,
@@ -104,7 +104,7 @@ _WETNESS = ArrayOf(Number(-1e5, 1e5), 2, 2)
 
 @dataclass(frozen=True, kw_only=True)
 class Wet(SomeFeathers):
-    """How wet some feathers are over time, and what that does to them."""
+    """Wetness of some feathers over time, and its effects."""
 
     keys: Annotated[
         tuple[tuple[float, float], ...],
@@ -172,7 +172,7 @@ class Detachment(SomeFeathers):
 
 
 class Dial(NamedTuple):
-    """What a channel's value may be, in its unit, and the value that changes nothing."""
+    """Range of a channel's value, in its unit, and the value that changes nothing."""
 
     least: float
     most: float
@@ -227,7 +227,7 @@ class Force:
 
 @dataclass(frozen=True, kw_only=True)
 class Channel(SomeFeathers):
-    """What some feathers are made to do over time (featherfx/shot/direction).
+    """Direction of some feathers over time (featherfx/shot/direction).
 
     factors: by feather id, of its map; None: without one.
     """
@@ -300,7 +300,7 @@ class Target(SomeFeathers):
 
 @dataclass(frozen=True)
 class LevelOfDetail:
-    """How levels of detail follow from what is seen (featherfx/shot/detail/levels.py).
+    """Levels of detail by size in the image (featherfx/shot/detail/levels.py).
 
     camera: None: all feathers are seen at pixels_per_metre.
     """
@@ -338,7 +338,7 @@ class LevelOfDetail:
 
 @dataclass(frozen=True)
 class Contact:
-    """How feathers touch each other."""
+    """Contact of feathers with each other, the skin and colliders."""
 
     thickness: Annotated[
         float | None,
@@ -383,7 +383,7 @@ MOST_AHEAD = 12
 
 @dataclass(frozen=True)
 class Layers:
-    """How feathers as they are shown lie over each other (featherfx/shot/layers).
+    """Layers of feathers as they are shown (featherfx/shot/layers).
 
     contact: thickness, which feathers are laid, and whether the skin counts.
     """
@@ -412,7 +412,8 @@ class Motion:
 
     @property
     def of_limbs(self) -> bool:
-        """Whether it may stand beside a skin, which moves the body: of it the limbs count."""
+        """Return whether it may stand beside a skin, which moves the body: of it the limbs
+        count."""
         return self.kind in ("fold", "flap", "act")
 
 
@@ -499,18 +500,18 @@ class Shot:
 
     @property
     def has_moving_roots(self) -> bool:
-        """Whether anything moves roots."""
+        """Return whether anything moves roots."""
         return self.skin is not None or self.motion.kind != "hold" or bool(self.channels)
 
     @property
     def has_slipping_hooks(self) -> bool:
-        """Whether hooks of any feather may slip."""
+        """Return whether hooks of any feather may slip."""
         kinds = (feather.kind for feather in self.groom.feathers)
         return any(kind.vane_material.hooks != "closed" or kind.is_split for kind in kinds)
 
     @property
     def has_sheltered_feathers(self) -> bool:
-        """Whether some feathers lie so that less of the wind reaches them."""
+        """Return whether some feathers lie so that less of the wind reaches them."""
         return self.exposure is not None and bool((self.exposure != 1.0).any())
 
     def uneased(self) -> Shot:

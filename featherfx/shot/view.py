@@ -1,4 +1,4 @@
-"""How large feathers are in the picture of a camera."""
+"""Sizes of feathers in the image of a camera."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Camera(OfScene, Protocol):
     """A camera of a scene."""
 
     def view(self, code: float) -> View:
-        """Where it is and what it sees at a time code."""
+        """Return where it is and what it sees at a time code."""
 
 
 @dataclass(frozen=True)

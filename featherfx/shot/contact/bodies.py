@@ -57,7 +57,8 @@ class Bodies:
             body.warn(k, number)
 
     def approach(self, states: Sequence[State], start: float, end: float, margin: float) -> bool:
-        """Whether a body that moves between start and end (s) comes near any feather at rest.
+        """Return whether a body that moves between start and end (s) comes near any feather at
+        rest.
 
         margin: m, what counts as near. Told by boxes: never missed, at times said in vain. A skin
         counts by the roots on it.

@@ -155,7 +155,7 @@ class ShotContact:
 
     @property
     def limits(self) -> dict[str, int]:
-        """What keeps steps from being shorter, by keys of the shot."""
+        """Return the limits of the number of steps, by keys of the shot."""
         if self.contact.steps:
             return {"[contact] steps": self.contact.steps}
         known = {
@@ -222,8 +222,8 @@ class ShotContact:
             self.solver.add_pairs(pairs)
 
     def stirred(self, states: Sequence[State], start: float, end: float) -> bool:
-        """Whether a moving body comes near any feather from start to end (s), or an obstacle's root
-        moves."""
+        """Return whether a moving body comes near any feather from start to end (s), or an
+        obstacle's root moves."""
         margin = self.solver.settings.margin
         return not self._obstacles.still(start, end) or self.bodies.approach(
             states, start, end, margin
@@ -292,7 +292,7 @@ class ShotContact:
         }
 
     def memory(self) -> dict[str, Any]:
-        """What is kept between frames, for checkpoints."""
+        """Return the arrays that are kept between frames, for checkpoints."""
         known = {
             "pace": np.array(self._pace),
             "met": self.solver.candidates.pairs[self._at_rest :],

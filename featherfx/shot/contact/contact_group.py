@@ -90,8 +90,8 @@ class ContactGroup:
         return Advanced(resting=number)
 
     def _repeats(self, paths: Sequence[RootPath], loads: Sequence[Loads], end: float) -> bool:
-        """Whether all feathers do what they did a cycle before, and colliders and obstacles, which
-        are then where they were, do as well."""
+        """Return whether all feathers do what they did a cycle before, and colliders and obstacles,
+        which are then where they were, do as well."""
         cycles = [group.cycle for group in self.groups]
         if not repeats_together(cycles, paths, loads):
             return False
@@ -119,7 +119,7 @@ class ContactGroup:
         self._kept.append(self.contact.memory())
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """What is kept between frames, for checkpoints."""
+        """Return the arrays that are kept between frames, for checkpoints."""
         found = dict(self.contact.memory())
         for k, kept in enumerate(self._kept):
             found |= {f"{k}:{name}": value for name, value in kept.items()}
@@ -136,7 +136,7 @@ class ContactGroup:
         self._kept = deque(kept[k] for k in sorted(kept))
 
     def _paths(self, start: float, end: float) -> list[RootPath]:
-        """Of the roots from start to end (s); those asked for last are kept."""
+        """Return the paths of the roots from start to end (s); the last ones are kept."""
         if self._led[0] != (start, end):
             members = np.concatenate([group.members for group in self.groups])
             whole, low, paths = root_path(self._run.motion, members, start, end), 0, []

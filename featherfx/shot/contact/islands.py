@@ -1,4 +1,4 @@
-"""Which feathers of a shot may ever touch: islands, each simulated as if the others were not there.
+"""Contact groups: feathers that may ever touch, simulated as if the others were not there.
 
 Feathers are of one island where their boxes meet at rest, each a quarter of its length larger, or
 where, at any frame, the balls about their roots meet in which they stay however they bend. What

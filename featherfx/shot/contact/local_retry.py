@@ -44,7 +44,7 @@ LARGE = 0.5
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What acts from one time to another (s), on all batches."""
+    """Loads, root paths and bodies from one time to another (s), of all batches."""
 
     loads: LoadsOf
     paths: PathsOf
@@ -53,8 +53,8 @@ class Surroundings:
 
 @dataclass
 class Stepped:
-    """What a span came to: states and reports of all batches; contact: of the tries that were
-    taken, with the span (s) of each; tries: that were not."""
+    """Outcome of a span: states and reports of all batches; contact: of the tries that were taken,
+    with the span (s) of each; tries: number of those that were not."""
 
     states: list[State]
     reports: list[StepReport]

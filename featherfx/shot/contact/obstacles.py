@@ -106,7 +106,7 @@ class Obstacles:
         return [no_loads(len(each.members)) for each in self.batches]
 
     def paths(self) -> list[RootPath]:
-        """Of roots that stay where they are, of each batch."""
+        """Return the paths of roots that stay where they are, of each batch."""
         return [hold_roots(state) for state in self.states]
 
     def may_touch(self, pairs: Indices, feather: Indices) -> Flags:
@@ -118,7 +118,7 @@ class Obstacles:
         return ~led.all(axis=1) & ~(led.any(axis=1) & np.isin(code, self._follows))
 
     def go(self, states: Sequence[State], start: float, end: float) -> list[Array]:
-        """Where the nodes of each batch go from start to end (s), (F, n, 1 + 2 m, 3) m; their
+        """Find where the nodes of each batch go from start to end (s), (F, n, 1 + 2 m, 3) m; their
         states have the velocities. states: of the batches that are solved, at the start.
 
         The first time they begin where they would be at the start.
@@ -145,7 +145,7 @@ class Obstacles:
     def led(
         self, grids: Grids, states: Sequence[State], ends: Sequence[Array] = ()
     ) -> LedMotion | None:
-        """What is not solved of all bodies: obstacles go where `go` says, or nowhere. None where
+        """Lead the bodies that are not solved: obstacles go where `go` says, or nowhere. None where
         there are none. states: of all batches."""
         if not self.batches:
             return None
@@ -159,7 +159,7 @@ class Obstacles:
         return LedMotion(~fixed, start, end, fixed)
 
     def solved(self, states: Sequence[State], really: bool = True) -> list[State]:
-        """Of all batches those that are solved, or the others."""
+        """Select the batches that are solved, or the others."""
         count = len(states) - len(self.batches)
         return list(states[:count] if really else states[count:])
 
@@ -177,20 +177,21 @@ class Obstacles:
         ]
 
     def still(self, start: float, end: float) -> bool:
-        """Whether the roots of all obstacles are at end (s) where they were at start."""
+        """Return whether the roots of all obstacles are at end (s) where they were at start."""
         frames = arrived(self._motion, start), self._motion.frames(end)
         return all(
             np.array_equal(a[self._members], b[self._members]) for a, b in zip(*frames, strict=True)
         )
 
     def way(self, start: float, end: float) -> Array:
-        """How far roots and directions of all are at end (s) from where they were at start."""
+        """Return how far roots and directions of all are at end (s) from where they were at
+        start."""
         frames, own = (self._motion.frames(start), self._motion.frames(end)), self._members
         ways = [(b[own] - a[own]).ravel() for a, b in zip(*frames, strict=True)]
         return np.concatenate(ways)
 
     def memory(self) -> dict[str, Any]:
-        """What is kept between frames, for checkpoints."""
+        """Return the arrays that are kept between frames, for checkpoints."""
         found = {f"obstacles{k}": each.points.nodes.copy() for k, each in enumerate(self.states)}
         return found | {"placed": np.array(self._placed)}
 

@@ -1,4 +1,4 @@
-"""Which feathers of a groom may touch, and which of two lies over the other.
+"""Contact pairs of a groom: feathers that may touch, and which of two lies over the other.
 
 At rest the groom's layers tell the order: where one feather's nodes lie over another's vane, their
 sides are counted, and the clear majority holds for the shot. Where a layout laid both feathers, its
@@ -211,8 +211,8 @@ def _depths(order: Indices, agree: Indices, votes: _Votes) -> Array:
 
 
 class _Votes(NamedTuple):
-    """Of N pairs: sum of the sides of the guest's nodes over the host, their number, and m, how far
-    the farthest are above and below it."""
+    """Sides of N pairs: sum of the sides of the guest's nodes over the host, their number, and m,
+    how far the farthest are above and below it."""
 
     side: Array
     number: Array

@@ -139,7 +139,7 @@ def settled_together(
 
 
 class _Left:
-    """How long settling still takes, by how long the first step of each stage took."""
+    """Estimate of the time that settling still takes, by that of the first step of each stage."""
 
     def __init__(self) -> None:
         self._begin, self._first = perf_counter(), 0.0

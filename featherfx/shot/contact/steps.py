@@ -1,4 +1,4 @@
-"""How long the common steps of feathers that touch are, within a frame.
+"""Lengths of the common steps of feathers that touch, within a frame.
 
 Where a step leaves a feather unsolved, or contacts far off, an island around these is stepped again
 in shorter steps (mend.py). Below the shortest that is allowed, the contacts of the feathers that
@@ -65,7 +65,7 @@ class Span:
         return max(1, round(self.length / self.shortest)) if self.own else 1
 
     def can_be_cut(self) -> bool:
-        """Whether two steps that are long enough fit into it."""
+        """Return whether two steps that are long enough fit into it."""
         return round(self.length / (SMALLEST * self.shortest)) > 1
 
     def parts(self, count: int) -> list[Span]:
@@ -77,7 +77,7 @@ class Span:
 
 @dataclass(frozen=True)
 class StepRules:
-    """What does not change over a shot.
+    """Rules of the steps of a shot.
 
     steps: common steps of a frame, 0: as many as are needed. substeps: most regular steps of a
     feather in a frame. thickness: m, the least of any vane.
@@ -92,7 +92,7 @@ class StepRules:
     names: list[str]
 
     def wrong(self, contact: ContactReport) -> bool:
-        """Whether contacts are off by more than they should be."""
+        """Return whether contacts are off by more than they should be."""
         return contact.residual > WRONG * self.thickness
 
     def off(self, reports: Sequence[StepReport], contact: ContactReport, span: Span) -> Flags:
@@ -102,7 +102,8 @@ class StepRules:
         return np.asarray((contact.off > self._most_off(span)) | (status != 0.0))
 
     def is_long(self, span: Span) -> bool:
-        """Whether a span is longer than a regular step: cut for contacts that are a little off."""
+        """Return whether a span is longer than a regular step: cut for contacts that are a little
+        off."""
         return span.length > 1.001 * span.shortest
 
     def _most_off(self, span: Span) -> float:
@@ -122,9 +123,9 @@ class StepRules:
 
 
 class Pace(NamedTuple):
-    """What common steps leave to those of the next frame. proposal: s, the next length; 0: none.
-    bound: s, most that it may be. easy: 1/s, iterations of all feathers in steps of which nothing
-    was done again; 0: none yet."""
+    """State of common steps between two frames. proposal: s, the next length; 0: none. bound: s,
+    most that it may be. easy: 1/s, iterations of all feathers in steps of which nothing was done
+    again; 0: none yet."""
 
     proposal: float = 0.0
     bound: float = inf
@@ -148,11 +149,11 @@ class FrameSteps:
 
     @property
     def pace(self) -> Pace:
-        """What is left to the next frame."""
+        """Return the state for the next frame."""
         return Pace(self.proposal, self._bound, self._easy)
 
     def left(self) -> bool:
-        """Whether the end is not reached; chooses the next step."""
+        """Return whether the end is not reached; chooses the next step."""
         left, h = self.end - self.time, self.proposal
         if left <= self._done:
             return False

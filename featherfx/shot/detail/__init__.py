@@ -1,1 +1,1 @@
-"""How finely each feather is computed, and what need not be computed at all."""
+"""Levels of detail, and motion that need not be computed."""

@@ -46,7 +46,7 @@ class _Sample(NamedTuple):
 
 
 class Cycle:
-    """What a group of feathers did for one cycle; `repeating` before a sample, `keep` after it.
+    """Motion of a batch over one cycle; `repeating` before a sample, `keep` after it.
 
     period: samples. tolerance: m. It holds as many states as a cycle has samples.
     """
@@ -125,7 +125,7 @@ class Cycle:
         return np.asarray(near.all(axis=1))
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """What is kept between frames, for checkpoints."""
+        """Return the arrays that are kept between frames, for checkpoints."""
         found: dict[str, NDArray[Any]] = {"playing": self._playing, "met": np.array(self.met)}
         found["played"] = np.array(self.played)
         if self._kept:
@@ -152,7 +152,7 @@ class Cycle:
 def repeats_together(
     cycles: Sequence[Cycle | None], paths: Sequence[RootPath], loads: Sequence[Loads]
 ) -> bool:
-    """Whether all feathers of some batches replay the sample that paths lead to."""
+    """Return whether all feathers of some batches replay the sample that paths lead to."""
     flags = [
         None if cycle is None else cycle.repeating(path, acting)
         for cycle, path, acting in zip(cycles, paths, loads, strict=True)

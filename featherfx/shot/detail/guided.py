@@ -49,7 +49,7 @@ class Turns(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """What F feathers are made of.
+    """Pieces of F feathers: chords of their rachises and segments of their barbs.
 
     origins: (F, 3) m, first rachis points in the root frames. steps: (F, n - 1, 3, 3) from row
     frame to row frame. chords: (F, n - 1, 3) and segments: (F, 2, n, m, 3) m, in row frames.
@@ -76,7 +76,7 @@ class Shapes:
         self.size = feathers[0].rows, feathers[0].columns
 
     def turns(self, points: RowPoints) -> Turns:
-        """How F feathers, seen from their root frames, are deformed."""
+        """Find how F feathers, seen from their root frames, are deformed."""
         now = _pieces(self._unmirrored(points))
         bends = rotation_vectors(np.ascontiguousarray(_transposed(self._rest.steps) @ now.steps))
         along = np.concatenate([bends, _turn_between(self._rest.chords, now.chords)], axis=2)
@@ -202,7 +202,7 @@ def _row_frames(directors: Array) -> Array:
 
 
 def _pieces(points: RowPoints) -> Pieces:
-    """What F feathers, seen from their root frames, are made of."""
+    """Take F feathers, seen from their root frames, apart."""
     frames, every = _row_frames(points.directors), points.nodes
     back = _transposed(frames[:, :-1])
     chords = (back @ np.diff(every[:, :, 0], axis=1)[..., None])[..., 0]

@@ -100,8 +100,8 @@ def _weights(shot: Shot, channel: Channel) -> Array:
 
 
 def acting(shot: Shot) -> list[list[Any]]:
-    """Of every feather of a shot what acts on it: name, times, values and weight of each channel.
-    A fan and a fold depend on all of their feathers."""
+    """List the channels that act on every feather of a shot: name, times, values and weight. A fan
+    and a fold depend on all of their feathers."""
     found = courses(shot, tuple(CHANNELS))
     together = [
         [

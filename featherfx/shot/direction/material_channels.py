@@ -34,7 +34,7 @@ _WIND_STEP = 1.0 / 8.0
 
 
 class WindLoads(ShotLoad):
-    """How much of the wind the feathers of a shot feel, by its channels of wind."""
+    """Parts of the wind that the feathers of a shot feel, by its channels of wind."""
 
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)

@@ -1,4 +1,4 @@
-"""How much of what channels ask of follicles the order of feathers leaves them.
+"""Fractions of the angles of channels that the stacking order of feathers leaves them.
 
 Who lies over whom is told by the rest pose. Raised by r and turned by t about its shaft (rad), a
 point at x along and y across its feather goes up by u = r x + t y. Where an upper and a lower
@@ -58,7 +58,7 @@ Posed = Callable[[float, Array], RootFrames]
 
 
 class Asked(NamedTuple):
-    """What channels ask for at K times (s). angles: (K, F, 2) rad, raised and turned, below 0 the
+    """Angles of channels at K times (s). angles: (K, F, 2) rad, raised and turned, below 0 the
     other way."""
 
     times: list[float]

@@ -75,7 +75,7 @@ class Directed:
     share: Array
 
     def frames(self, time: float) -> RootFrames:
-        """Where the roots are at a time, s since the first frame."""
+        """Return where the roots are at a time, s since the first frame."""
         return self.posed(time, self.share)
 
     def posed(self, time: float, share: Array) -> RootFrames:
@@ -112,7 +112,7 @@ def direct_roots(shot: Shot, motion: Roots) -> Roots:
 
 
 def _asked(shot: Shot, motion: Directed) -> Asked:
-    """What channels ask for at those of their keys at which no angle of theirs is smaller than at
+    """Return the angles of channels at those of their keys at which no angle is smaller than at
     another one."""
     found = [each.course for each in motion.pulls if each.course.channel.name in ORDERED]
     last = (shot.last_frame - shot.first_frame) / shot.frames_per_second
@@ -135,7 +135,7 @@ def shares_of(motion: Roots, count: int) -> Array:
 
 
 def depend_on_channels(shot: Shot, motion: Roots) -> list[Any]:
-    """What acts on every feather of a shot, and its part of what channels ask of its root."""
+    """List the channels of every feather of a shot, and its fraction of their angles."""
     fractions = shares_of(motion, len(shot.groom.feathers)).tolist()
     every = zip(acting(shot), fractions, strict=True)
     return [[acts, own] if acts or own != 1.0 else None for acts, own in every]

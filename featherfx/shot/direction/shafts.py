@@ -24,8 +24,8 @@ LENGTHS, AWAY = (0.5, 2.0), 0.25
 
 
 def why_no_shaft(line: Array, length: float) -> str:
-    """What keeps a curve (k, 3) m, in a root's frame, from being a shaft of a length (m); empty
-    where nothing does."""
+    """Explain why a curve (k, 3) m, in a root's frame, is no rachis of a length (m); empty where it
+    is one."""
     own = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
     away = [float(np.linalg.norm(line[k])) for k in (0, -1)]
     least, most = LENGTHS

@@ -41,7 +41,7 @@ def refuse_other_shapes(
 
 
 def _fault(shot: Shot, target: Target, f: int, drawn: Feather, motion: Roots) -> str:
-    """What keeps the file of a target from telling a feather's shape; empty where nothing does."""
+    """Explain why the file of a target gives no shape of a feather; empty where it does."""
     name, meshes, lines = shot.groom.feathers[f].id, target.points or {}, target.lines or {}
     if target.points is None and target.lines is None:
         return ""

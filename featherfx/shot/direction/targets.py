@@ -48,7 +48,7 @@ FREE = 0.5
 
 @dataclass(frozen=True)
 class Pull:
-    """What one target does to a batch of feathers.
+    """Springs of one target on a batch of feathers.
 
     target: of the shot. hold: over time. members: (K,) places in the batch. local: (K, n, 1 + 2 m,
     3) m, nodes of the shape in root frames. mass: (K, n, 1 + 2 m) kg, m_i. length: (K,) m.
@@ -86,9 +86,9 @@ class Pulls(GroupLoad):
         return loads
 
     def deviations(self, nodes: Array, time: float) -> list[tuple[Target, Indices, Array]]:
-        """Of each target that is held in full at a time (s): it, the shot's numbers of its
-        feathers, and (K,) how far these are off it, of their lengths. nodes: (F, n, 1 + 2 m, 3) m.
-        """
+        """List the targets that are held in full at a time (s): target, the shot's numbers of its
+        feathers, and (K,) how far these are off it, of their lengths. nodes: (F, n, 1 + 2 m, 3)
+        m."""
         told = []
         for pull in self._found:
             if pull.hold.value(time) < 1.0:
@@ -174,7 +174,7 @@ class TargetLoads(ShotLoad):
 
 
 def depend_on_targets(shot: Shot, _motion: Roots) -> list[Any]:
-    """Of every feather of a shot, what brings it to a shape: keys, frame, tolerance and points."""
+    """List the targets of every feather of a shot: keys, frame, tolerance and points."""
     found: list[Any] = []
     for placement in shot.groom.feathers:
         own = [
@@ -203,7 +203,7 @@ def _first_square(model: Model, k: int, known: dict[bytes, float]) -> float:
 
 
 class TargetStage(Stage):
-    """How near feathers come to the shapes that they are held in.
+    """Deviations of feathers from the shapes that they are held in.
 
     worst: by target's number, the greatest deviation beyond `within` (of the length), the feather
     and the frame.

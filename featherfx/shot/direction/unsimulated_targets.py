@@ -1,4 +1,4 @@
-"""What is asked of feathers that are not simulated: guided and rigid ones feel no forces."""
+"""Targets and channels of feathers that are not simulated: guided and rigid ones feel no forces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What happens to the hooks of a shot's vanes: strokes that close gaps, and an account of both."""
+"""Hooks of a shot's vanes: strokes that close gaps, healing, and an account of both."""
 
 from __future__ import annotations
 

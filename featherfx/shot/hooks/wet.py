@@ -28,7 +28,7 @@ from featherfx.shot.types import Shot, Wet
 
 
 def wetness(rule: Wet, time: float) -> float:
-    """Of a rule at a time (s since the first frame), 0 to 1."""
+    """Return the wetness of a rule at a time (s since the first frame), 0 to 1."""
     return float(np.interp(time, *np.transpose(rule.keys)))
 
 
@@ -104,7 +104,7 @@ class ClumpStage(Stage):
 
 
 def clumping(shot: Shot, rule: int, time: float) -> tuple[float, int]:
-    """How far barbs come together, and in how many clumps; rule: number, or -1."""
+    """Return how far barbs come together, and in how many clumps; rule: number, or -1."""
     if rule < 0:
         return 0.0, 1
     wet = shot.wets[rule]

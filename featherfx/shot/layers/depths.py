@@ -1,4 +1,4 @@
-"""How deep feathers are in each other in what is written, and how far from where they were
+"""Depths of feathers in each other in what is written, and distances from where they were
 simulated."""
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Lifted:
         self._most[higher], self._frame[higher] = most[higher], frame
 
     def report(self, names: Sequence[str]) -> dict[str, Any]:
-        """How many feathers were lifted by LIFTED or more, how many as far as any may be, and
+        """Count the feathers that were lifted by LIFTED or more and as far as any may be, and name
         those that were lifted most. names: ids."""
         order = np.argsort(-self._most, kind="stable")[:MOST_NAMED]
         return {

@@ -1,4 +1,4 @@
-"""Where vanes lie over each other, and over the skin, and what they lack of being clear.
+"""Laps of vanes over each other and over the skin, and the gaps that they lack.
 
 A point x of one feather and the point y beneath or above it on a triangle of the other, with the
 triangle's dorsal normal N, lack  t - s N . (x - y),  s = 1 if x is of the upper feather, else -1,
@@ -38,8 +38,8 @@ YIELD = 0.05
 
 
 def most_laps(rows, nodes):
-    """Of a pair of vanes with so many nodes in each row: from the nodes, the edges of three ways
-    and the rims of both, and what leads from the base of either."""
+    """Bound the laps of a pair of vanes with so many nodes in each row: from the nodes, the edges
+    of three ways and the rims of both, and what leads from the base of either."""
     return 2 * (4 * rows * nodes + (2 * (rows - 1) + nodes) * (RIM_PARTS - 1))
 
 
@@ -51,8 +51,9 @@ def _deepest(vanes, one, other):
 
 @kernel
 def _has_left(vanes, upper, lower, laps, start, count):
-    """Whether laps from start to count are of a pair that a limb has brought so far through each
-    other that its order says nothing any more: it has left where it lay, and comes by again."""
+    """Return whether laps from start to count are of a pair that a limb has brought so far through
+    each other that its order says nothing any more: it has left where it lay, and comes by
+    again."""
     if vanes.limb[upper] == vanes.limb[lower]:
         return False
     depth = 0.0
@@ -63,7 +64,8 @@ def _has_left(vanes, upper, lower, laps, start, count):
 
 @kernel
 def _boxes_meet(pose, guest, host, low, high):
-    """Whether a guest's own box meets a host's, which is from low to high across its vane."""
+    """Return whether a guest's own box meets a host's, which is from low to high across its
+    vane."""
     frame, box, other, own = pose.frames[host], pose.own[host], pose.frames[guest], pose.own[guest]
     middle = sub(other[0], frame[0])
     for k in range(3):
@@ -238,7 +240,7 @@ def _edges_of(vanes, pose, bodies, margin, laps, count, seen):
 
 @kernel
 def _leads_away(vanes, pose, bodies, edge, place, margin):
-    """Whether an edge stays farther than a margin from where a triangle's plane goes on."""
+    """Return whether an edge stays farther than a margin from where a triangle's plane goes on."""
     (guest, host, above), (node, after) = bodies, edge
     columns, points = vanes.exists.shape[3], pose.points[guest]
     a, b, c = corners_of(pose.points[host], place)
@@ -278,7 +280,7 @@ def _at_outline(vanes, pose, bodies, edge, margin, laps, count, seen):
 
 @kernel
 def _may_lap(vanes, pose, upper, lower, margin):
-    """Whether the own boxes of two feathers meet, each in the other's frame."""
+    """Return whether the own boxes of two feathers meet, each in the other's frame."""
     if boxes_apart(pose.bounds[upper], pose.bounds[lower], margin):
         return False
     deepest = 2.0 * _deepest(vanes, upper, lower)
@@ -298,9 +300,9 @@ def _margin(vanes, upper, lower, follow):
 
 @kernel
 def meeting_pairs(vanes, stack, pose, follow, meets, height):
-    """Which pairs may come to lap where feathers are lifted otherwise than in a pose by no more
-    than YIELD over the length of the upper one, meets (K,); and how many feathers, at most, lie
-    on each other under each, height (F,). follow: as of find_laps."""
+    """Find the pairs that may come to lap where feathers are lifted otherwise than in a pose by no
+    more than YIELD over the length of the upper one, meets (K,); and how many feathers, at most,
+    lie on each other under each, height (F,). follow: as of find_laps."""
     for k in range(stack.order.shape[0]):
         f, highest = stack.order[k], 0
         size = pose.own[f, 3] - pose.own[f, 0]
@@ -359,9 +361,9 @@ def ground_lacks(vanes, pose, ground, skin, f, asked):
 
 @kernel
 def _over(x, seen, skin, ground, triangle, near):
-    """How far a point is over the triangle of a skin that it has come to, not beside it as what
-    has left the skin is: 1 where it is beside it by no more than near (m), 0 from twice that on.
-    seen: its height over the triangle's plane, and the normal."""
+    """Measure how far a point is over the triangle of a skin that it has come to, not beside it as
+    what has left the skin is: 1 where it is beside it by no more than near (m), 0 from twice that
+    on. seen: its height over the triangle's plane, and the normal."""
     (height, normal), corners = seen, ground.triangles[triangle]
     a, b, c = skin[corners[0]], skin[corners[1]], skin[corners[2]]
     weight = closest_weights(x, (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]))

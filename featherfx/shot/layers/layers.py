@@ -79,7 +79,8 @@ _NO_ROWS = RowPoints(np.zeros((0, 1, 3)), np.zeros((0, 2, 3)))
 
 
 def shot_stack(shot: Shot, drawn: Sequence[Feather]) -> tuple[Stack, Vanes, RowPoints]:
-    """Which feathers of a shot lie over which, with their vanes and their places at rest."""
+    """Find the stacking order of the feathers of a shot, with their vanes and their places at
+    rest."""
     assert shot.layers is not None
     placements = shot.groom.feathers
     thickness = np.array([each.kind.vane_material.thickness for each in placements])
@@ -305,15 +306,15 @@ class Layers:
 
     @property
     def laid(self) -> StackingOrder:
-        """Who lies over whom."""
+        """Stacking order of the feathers."""
         return StackingOrder(self.needed, self.stack)
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """What is kept after a sample that is laid for good, for checkpoints."""
+        """Return the arrays that are kept between frames, for checkpoints."""
         return self._memory | {"eased": self._eased.lift.copy()}
 
     def _kept(self) -> dict[str, NDArray[Any]]:
-        """What is kept of a sample that is laid as it has to be."""
+        """Copy what later samples need of one that is laid as it has to be."""
         kept = {name: getattr(self.lifts, name).copy() for name in _KEPT}
         return kept | dict(zip(_STOOD, self._stood, strict=True))
 

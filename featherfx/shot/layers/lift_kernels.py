@@ -1,4 +1,4 @@
-"""How far each node is lifted so that every feather is clear of those beneath it.
+"""Lifts of nodes, by which every feather is clear of those beneath it.
 
 Feathers are taken from the lowest up: what is beneath is where it stays, so each is laid once and
 for all, in a few turns of searching and lifting. A feather's lift is the least field that is
@@ -30,7 +30,8 @@ TOUCH = 0.1
 
 @kernel
 def _raise(wanted, vanes, f, node, asked, slope):
-    """What is wanted at a node of a feather. asked: by a point, m, and which share it has in that.
+    """Raise the wanted lift at a node of a feather. asked: by a point, m, and which share it has in
+    that.
 
     Towards a share of none it falls to what the others' lifts give it anyway, so that nothing jumps
     where points pass from one triangle to the next.
@@ -251,9 +252,9 @@ def _raise_lift(vanes, place, manner, scratch, count, begun):
 
 @kernel
 def _want(vanes, place, manner, scratch, count, begun):
-    """What lift is wanted of one feather by its laps, of which there are so many. place: lifts, and
-    the feather. begun: whether its lift is of this sample, and does not fall: what is lifted off
-    something is beside it at times, and would come and go."""
+    """Find the lift that is wanted of one feather by its laps, of which there are so many. place:
+    lifts, and the feather. begun: whether its lift is of this sample, and does not fall: what is
+    lifted off something is beside it at times, and would come and go."""
     (lifts, f), wanted = place, scratch.wanted
     before, lift = lifts.before[f], lifts.lift[f]
     for i in range(wanted.shape[0]):
@@ -277,8 +278,8 @@ def _want(vanes, place, manner, scratch, count, begun):
 
 @kernel
 def _pair_depths(vanes, laps, count, lifts):
-    """How deep the pairs of so many laps are, over the thickness, below 0 how far apart, and which
-    are no farther apart than they are to be, but for TOUCH."""
+    """Find how deep the pairs of so many laps are, over the thickness, below 0 how far apart, and
+    which are no farther apart than they are to be, but for TOUCH."""
     lift = lifts.lift
     for k in range(count):
         lap = laps[k]

@@ -1,4 +1,4 @@
-"""Which feathers lie over which, by the groom's layers or its rest pose."""
+"""Stacking order of feathers, by the groom's layers or its rest pose."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def _by_votes(pairs: Indices, votes: Indices, order: Indices) -> Stack:
 
 
 def scratch_of(vanes: Vanes, pairs: int) -> Scratch:
-    """What a search of so many pairs writes to, and what lifts one feather."""
+    """Allocate what a search of so many pairs writes to, and what lifts one feather."""
     shape = vanes.present.shape[1:]
     # the system gives memory for as much of it as is written to
     laps = np.empty(pairs * most_laps(*shape) + 1, dtype=LAP)

@@ -1,4 +1,4 @@
-"""What is known of layered plumage; as the kernels take it.
+"""Data of layered plumage, as the kernels take them.
 
 Nodes of a vane are counted as on a strip: rows from the base, columns from the trailing barb's end
 (0) over the shaft (m) to the leading barb's end (2 m).
@@ -59,9 +59,8 @@ class Vanes(NamedTuple):
 
 
 class Stack(NamedTuple):
-    """Who lies over whom. order: (F,) feathers, those beneath first. pairs: (K, 2) upper and lower,
-    in the order of the upper; first: (F + 1,) those of order[k] are first[k] to first[k + 1] - 1.
-    """
+    """Stacking order. order: (F,) feathers, those beneath first. pairs: (K, 2) upper and lower, in
+    the order of the upper; first: (F + 1,) those of order[k] are first[k] to first[k + 1] - 1."""
 
     order: Indices
     pairs: Indices
@@ -80,8 +79,8 @@ class Ground(NamedTuple):
 
 
 class Lifts(NamedTuple):
-    """How far nodes are lifted. lift: (F, n, 2 m + 1) m, now; before: at the sample before. same:
-    (F,) whether a feather would be where it was then, lifted alike; moved: whether it is shown
+    """Lifts of nodes. lift: (F, n, 2 m + 1) m, now; before: at the sample before. same: (F,)
+    whether a feather would be where it was then, lifted alike; moved: whether it is shown
     elsewhere; settled: whether its lift is what it was then, strays: whether it is far from that.
     meets: (K,) whether a pair is near enough to be looked at, depths: how deep it is, in
     thicknesses, below 0 how far apart, touching: whether it touches."""
@@ -98,8 +97,8 @@ class Lifts(NamedTuple):
 
 
 class Manner(NamedTuple):
-    """How a sample is laid. kept: share of a lift that it keeps at least, of the sample before.
-    turns: searches of a feather at most. follow: gap up to which nodes are followed, in
+    """Rules by which a sample is laid. kept: share of a lift that it keeps at least, of the sample
+    before. turns: searches of a feather at most. follow: gap up to which nodes are followed, in
     thicknesses. off: change of a lift, over half a thickness, from which on a feather is searched
     again; seen: the same, for what is written. slope: what a lift may rise along shaft or barb."""
 
@@ -112,7 +111,7 @@ class Manner(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What one thread writes to. laps: (L,). wanted, asked, least, most: (n, 2 m + 1) m. seen:
+    """Scratch memory of one thread. laps: (L,). wanted, asked, least, most: (n, 2 m + 1) m. seen:
     (n, 2 m + 1, 5)."""
 
     laps: Laps

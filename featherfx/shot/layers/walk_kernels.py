@@ -1,4 +1,4 @@
-"""Where points are over a vane: its triangles, and the way over them from one to the next."""
+"""Walks over a vane: its triangles, and the way over them from one to the next."""
 
 from featherfx.algebra.vec3_kernels import cross, dot, normal_of, sub
 from featherfx.jit.compiled import kernel

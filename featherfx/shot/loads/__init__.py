@@ -1,1 +1,1 @@
-"""What acts on feathers during a frame: gravity, wind, grips, forces."""
+"""Loads on feathers during a frame: gravity, wind, grips, forces."""

@@ -1,4 +1,4 @@
-"""What pulls single feathers: dead forces at a point, along the rachis or along a barb, and grips.
+"""Loads on single feathers: dead forces at a point, along the rachis or along a barb, and grips.
 
 A force is spread over the nodes around its place with linear hats along the rachis (by
 arc length) and along the barbs, a line's with the integrals of those hats. So the total does not
@@ -113,7 +113,8 @@ def gripped(
 
 
 def grip_fraction(grip: Grip, time: float) -> float:
-    """How much of a grip's displacement is done at a time (s); no velocity at start and end."""
+    """Return how much of a grip's displacement is done at a time (s); no velocity at start and
+    end."""
     if grip.end <= grip.start:
         return 1.0 if time >= grip.end else 0.0
     return smooth_step((time - grip.start) / (grip.end - grip.start))

@@ -1,4 +1,4 @@
-"""What acts on a batch of feathers during a frame: gravity, wind, grips and dead forces."""
+"""Loads on a batch of feathers during a frame: gravity, wind, grips and dead forces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much of the wind reaches feathers that lie on each other and on a skin.
+"""Shelter from the wind of feathers that lie on each other and on a skin.
 
 The air presses on a stack of vanes once, not on each of them: where n vanes lie on each other each
 bears 1 / n of what it would bear alone. Over a skin the body bears it, and a rest is left for the
@@ -89,7 +89,7 @@ def _lying(placements: Sequence[Placement], skin: BoundSkin) -> Array:
 
 
 def _shape(kind: FeatherKind) -> tuple[object, ...]:
-    """What a kind's outline in lengths of its own follows from."""
+    """Return what a kind's outline in lengths of its own follows from."""
     return kind.rachis, kind.calamus, kind.leading.outline, kind.trailing.outline
 
 

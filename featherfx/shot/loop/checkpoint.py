@@ -19,7 +19,7 @@ from featherfx.solver.state import State
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where a simulation stands after a sample.
+    """State of a simulation after a sample.
 
     index: number of the sample, 0 at the first frame, counted in frames times subframes.
     states: one per group of feathers. starts: per group (F, n, 1 + 2 m, 3) m, nodes at the

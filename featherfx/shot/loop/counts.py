@@ -1,4 +1,4 @@
-"""What a simulation did, counted for reports."""
+"""Counts of a simulation, for reports."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ _MOST_NAMED = 10
 
 
 class Bounds(NamedTuple):
-    """What steps are held to. tolerance: m, local error of one. limits: values of the keys by which
-    none may be shorter."""
+    """Bounds of steps. tolerance: m, local error of one. limits: values of the keys by which none
+    may be shorter."""
 
     tolerance: float
     limits: Mapping[str, int]
 
 
 class TooLong(NamedTuple):
-    """What a feather did in the frame in which its steps were longest for what they should keep to.
+    """Frame of a feather in which its steps were longest for what they should keep to.
 
     error, tolerance: m, the largest local error, and what it should be. forced, passed, slipped:
     steps as in StepReport.
@@ -56,14 +56,14 @@ class TooLong(NamedTuple):
 
 
 class Unsolved(NamedTuple):
-    """Where a feather's steps ended farthest from their solutions. distance: m."""
+    """Frame in which a feather's steps ended farthest from their solutions. distance: m."""
 
     frame: float
     distance: float
 
 
 class Advanced(NamedTuple):
-    """What a sample took of batches that are stepped together.
+    """Skipped feathers at a sample, of batches that are stepped together.
 
     resting: feathers that nothing stirs. repeated: those that were replayed.
     """

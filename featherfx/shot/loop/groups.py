@@ -83,12 +83,12 @@ class FeatherGroup:
 
     @property
     def is_flying(self) -> bool:
-        """Whether the feathers have left their roots."""
+        """Return whether the feathers have left their roots."""
         return not self.solver.model.held.any()
 
     @property
     def changes_model(self) -> bool:
-        """Whether its model is another one at times."""
+        """Return whether its model is another one at times."""
         return any(load.changes_model for load in self.acting)
 
     def renew(self, start: float, end: float) -> bool:

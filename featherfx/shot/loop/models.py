@@ -71,7 +71,7 @@ def model_of(
 
 
 def _constant(placement: Placement, unit: FeatherKind | None) -> list[Any]:
-    """What the constants of a feather, or of one of unit size, depend on."""
+    """List what the constants of a feather, or of one of unit size, depend on."""
     if unit is not None:
         return [unit.uncoloured, placement.mirrored]
     kind, prototype = placement.kind, placement.prototype
@@ -88,7 +88,7 @@ def _of_unit_size(placement: Placement, resolution: Resolution) -> FeatherKind |
 
 
 def has_open_hooks(kind: FeatherKind, resolution: Resolution) -> bool:
-    """Whether hooks of a feather may slip; those of vanes with less detail hold."""
+    """Return whether hooks of a feather may slip; those of vanes with less detail hold."""
     return resolution.level == "full" and may_slip(kind)
 
 

@@ -213,7 +213,7 @@ class ShotLoad:
         self.run = run
 
     def key(self, feather: int) -> Hashable:
-        """What feathers of one batch have in common, by number in the shot."""
+        """Return what feathers of one batch have in common, by number in the shot."""
         return None
 
     def on(self, group: FeatherGroup) -> GroupLoad | None:

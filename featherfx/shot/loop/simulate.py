@@ -302,7 +302,8 @@ class Simulation:
         return replace(standing, stages=standing.stages | {layers.name: layers.checkpoint()})
 
     def counted(self) -> Counts:
-        """What was counted since the last call, or the first frame; the report begins anew."""
+        """Return what was counted since the last call, or the first frame; the report begins
+        anew."""
         counts, self._counts = self._counts, Counts()
         return counts
 

@@ -60,7 +60,7 @@ def _last_force(loads: Loads) -> Array:
 
 
 def _same_air(loads: Loads, before: Loads) -> bool:
-    """Whether gravity and wind are steady and those of the frame before."""
+    """Return whether gravity and wind are steady and those of the frame before."""
     same = all(
         np.array_equal(getattr(loads, name), getattr(before, name))
         for name in ("gravity", "air", "wind_amplitude")

@@ -1,1 +1,1 @@
-"""Where the roots of all feathers are at any time."""
+"""Motion of the roots of all feathers."""

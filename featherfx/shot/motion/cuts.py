@@ -114,7 +114,7 @@ class CutRoots:
         return np.asarray(np.sqrt(np.maximum((way**2).sum(axis=1), (tip**2).sum(axis=1))))
 
     def frames(self, time: float) -> RootFrames:
-        """Where the roots are at a time, s since the first frame; at a cut, before it."""
+        """Return where the roots are at a time, s since the first frame; at a cut, before it."""
         return self._kept(time, False)
 
     def after(self, time: float) -> RootFrames:
@@ -208,7 +208,7 @@ class CutSurface:
             say_cut(what, 1, float(self.moved(k)[0]), number)
 
     def is_cut(self, time: float) -> bool:
-        """Whether it is cut at a time."""
+        """Return whether it is cut at a time."""
         k = round(time / self.frame)
         return abs(time / self.frame - k) < _NEAR and bool(self.finder.cut(k)[0])
 

@@ -1,4 +1,4 @@
-"""How fast and how far a groom goes in a motion that was set on a pigeon.
+"""Fit of a motion that was set on a pigeon to another groom: how fast and how far it goes.
 
 Wings beat as often as Pennycuick's formula tells (1996, Journal of Experimental Biology 199:
 1613-1618), of body mass m, span b and area S of the wings, with gravity and air the same:
@@ -52,14 +52,14 @@ def fitted(clock: Clock, groom: Groom) -> Clock:
 
 
 def size_of(build: Build) -> float:
-    """How many times as long as a pigeon a body is."""
+    """Return how many times as long as a pigeon a body is."""
     if build.volume > 0.0:
         return float(np.cbrt(build.volume / PIGEON.volume))
     return build.span / PIGEON.span if build.span > 0.0 else 1.0
 
 
 def beat_of(build: Build) -> float:
-    """How many times as often as a pigeon's wings beat."""
+    """Return how many times as often as a pigeon's wings beat."""
     size = size_of(build)
     if build.span == 0.0:
         return size**-0.5
@@ -68,7 +68,7 @@ def beat_of(build: Build) -> float:
 
 
 def build_of(groom: Groom) -> Build:
-    """Of a groom's skin, and of its wings, opened."""
+    """Measure a groom's skin, and its wings, opened."""
     volume = 0.0 if groom.skin is None else _volume(groom.skin)
     wings = _opened(groom)
     if wings is None:

@@ -84,7 +84,8 @@ class Skeleton:
         return rotations, shifts
 
     def poses(self, rotations: Array, shifts: Array) -> JointPoses:
-        """Of joints that are carried so; see carriers. rotations: (J, 3, 3). shifts: (J, 3)."""
+        """Return the poses of joints that are carried so; see carriers. rotations: (J, 3, 3).
+        shifts: (J, 3)."""
         own, away = rotations.copy(), shifts.copy()
         for joints, parents in self.levels:
             back = rotations[parents].swapaxes(1, 2)
@@ -111,7 +112,7 @@ def skeleton_of(groom: Groom) -> Skeleton:
 
 @dataclass(frozen=True)
 class Bows:
-    """How B of the feathers bend with their wings.
+    """Bows of B of the feathers, which bend with their wings.
 
     members: (B,). joints: (B,) whose fold counts, carriers: (B,) that carry the bow. screws: (B, 6)
     of the whole bow at rest. hinges: (J, 3) 1/rad, of all joints, by which a turn since rest is
@@ -170,7 +171,7 @@ def _bows(groom: Groom, index: dict[str, int]) -> Bows | None:
 
 @dataclass(frozen=True)
 class Tilts:
-    """How T of the feathers, on the upper arms of wings, tilt with forearms that leave the plane.
+    """Tilts of T of the feathers, on the upper arms of wings, with forearms that leave the plane.
 
     In that plane they turn with the forearm, as all feathers do. Out of it each turns by its share
     alone: with the whole tilt, roots that stay in the upper arm's plane, side by side, would swap

@@ -41,7 +41,7 @@ class LimbRoots:
     rest: RootFrames
 
     def frames(self, time: float) -> RootFrames:
-        """Where the roots are at a time, s since the first frame."""
+        """Return where the roots are at a time, s since the first frame."""
         positions, rotations = self.skin.frames(time)
         moved = self.joints.frames(time)
         bearer, own = self.bearers, self.members
@@ -113,7 +113,8 @@ class _Bones:
     start: float
 
     def poses(self, time: float) -> JointPoses:
-        """Of the groom's joints; those of no wing stay. time: s since the first frame."""
+        """Return the poses of the groom's joints; those of no wing stay. time: s since the first
+        frame."""
         code = self.start + time * self.surface.time_codes_per_second
         corners = self.surface.corners(code, self.triangles)
         places, turns = follow(self.binding, corners, self.surface.is_mirrored(code))
@@ -133,7 +134,7 @@ class _WingRoots:
     members: Indices
 
     def frames(self, time: float) -> RootFrames:
-        """Where the roots are at a time, s since the first frame."""
+        """Return where the roots are at a time, s since the first frame."""
         positions, rotations = self.skin.frames(time)
         moved, own = self.wings.frames(time), self.members
         positions[own], rotations[own] = moved.positions[own], moved.rotations[own]

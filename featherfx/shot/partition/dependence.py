@@ -1,4 +1,4 @@
-"""What the motion of each feather depends on, as one short text: equal texts, equal motion.
+"""Inputs that the motion of each feather depends on, as one short text: equal texts, equal motion.
 
 A feather that is simulated depends on its shape and materials, on its root, on what pulls or
 shelters it, on its levels of detail, and on what all have in common: wind, motion, quality, frame
@@ -39,8 +39,8 @@ _NOT_MOVING = {"id", "region", "layer", "stack", "rank", "grown", "skin", "skin_
 
 
 def motion_dependences(shot: Shot) -> list[str]:
-    """Of every feather of a shot that is placed on its skin, in the groom's order: what its motion
-    depends on before it is laid over others. Raises InputError for shapes that cannot be built,
+    """Name what the motion of every feather of a shot that is placed on its skin depends on, in the
+    groom's order, before it is laid over others. Raises InputError for shapes that cannot be built,
     and for levels that cannot be."""
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     motion = root_motion(shot)
@@ -96,7 +96,7 @@ def _common(shot: Shot) -> list[Any]:
 
 
 def _each(shot: Shot, plan: LevelPlan, motion: Roots) -> list[list[Any]]:
-    """What counts for each feather by itself."""
+    """List what counts for each feather by itself."""
     placements = shot.groom.feathers
     shelter = exposures(shot).tolist()
     roots = _roots(shot.skin, len(placements))
@@ -140,15 +140,15 @@ def _shape_and_root(placement: Placement) -> list[Any]:
 
 
 def _guarded(shot: Shot, plan: LevelPlan) -> list[bool]:
-    """Whether a feather is computed with the terms of a compression guard, its own or another's of
-    its batch."""
+    """Return whether a feather is computed with the terms of a compression guard, its own or
+    another's of its batch."""
     guards = [is_guarded(p.kind, touching=False) for p in shot.groom.feathers]
     with_guard = {own for own, guard in zip(plan.resolutions, guards, strict=True) if guard}
     return [own in with_guard for own in plan.resolutions]
 
 
 def _roots(skin: BoundSkin | None, count: int) -> list[Any]:
-    """Where each root sits on its skin, and by which triangles it turns."""
+    """List where each root sits on its skin, and by which triangles it turns."""
     found: list[Any] = [None] * count
     for part in () if skin is None else skin.parts:
         binding = part.binding
