@@ -16,6 +16,7 @@ from featherfx.groom.keys.problems import nearest
 from featherfx.render.geometry import vertex_normals
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import CachedFeather
+from featherfx.usd.space import StageSpace
 
 
 @dataclass(frozen=True)
@@ -61,14 +62,6 @@ class DrawnScene:
         return replace(rest, points=authored @ self.to_world)
 
 
-def world_of(cache: Cache) -> Array:
-    """(3, 3) stage to world, metres and z up, row vectors."""
-    turn = np.eye(3)
-    if cache.up_axis == "Y":
-        turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-    return cache.meters_per_unit * turn
-
-
 def chosen_feathers(
     cache: Cache, source: str, feathers: Sequence[str], regions: Sequence[str]
 ) -> Indices:
@@ -96,7 +89,7 @@ def load_scene(cache: Cache, chosen: Indices | None = None) -> DrawnScene:
     """The scene of a cache, or of some of its feathers."""
     chosen = np.arange(len(cache.feathers)) if chosen is None else chosen
     feathers = tuple(cache.feathers[k] for k in chosen)
-    to_world = world_of(cache)
+    to_world = StageSpace(cache.meters_per_unit, cache.up_axis).to_world
     counts = [len(points) for points in cache.points_of(chosen.tolist())]
     starts = np.cumsum([0, *counts])
     triangles = np.concatenate(

@@ -1,4 +1,4 @@
-"""The stage's units and up axis: world frame (metres, z up) to stage coordinates."""
+"""Units, up axis and origin of a stage: from the world, metres and z up, and back."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class StageSpace:
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @staticmethod
-    def of(options: StageOptions) -> StageSpace:
-        """As options say: metres and "Z" where they leave it open."""
+    def from_options(options: StageOptions) -> StageSpace:
+        """Return the space of options; default: metres and "Z"."""
         unit, axis = options.meters_per_unit, options.up_axis
         return StageSpace(1.0 if unit is None else unit, "Z" if axis is None else axis)
 
@@ -37,19 +37,27 @@ class StageSpace:
         """Return whether the root prim stands away from the world's origin."""
         return self.origin != (0.0, 0.0, 0.0)
 
+    @property
+    def to_world(self) -> Array:
+        """Return (3, 3) from the stage to the world, metres and z up, for row vectors."""
+        turn = np.eye(3)
+        if self.up_axis == "Y":
+            turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+        return self.meters_per_unit * turn
+
     def directions(self, vectors: Array) -> Array:
-        """(..., 3) directions, turned but not scaled."""
+        """Return (..., 3) directions, rotated but not scaled."""
         if self.up_axis == "Z":
             return vectors
         # A quarter turn about x: a proper rotation, so that windings keep their sense.
         return np.stack([vectors[..., 0], vectors[..., 2], -vectors[..., 1]], axis=-1)
 
     def positions(self, points: Array) -> Array:
-        """(..., 3) m (or m/s), turned and scaled to stage units."""
+        """Return (..., 3) m (or m/s), rotated and scaled to stage units."""
         return self.directions(points) / self.meters_per_unit
 
     def lengths(self, values: Array) -> Array:
-        """Lengths in m, in stage units."""
+        """Return lengths in m, in stage units."""
         return values / self.meters_per_unit
 
 

@@ -24,6 +24,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.files.atomic_write import into, standing, write_all
 from featherfx.phases import counted
 from featherfx.usd.read.cache import Cache
+from featherfx.usd.space import StageSpace
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import find_file_problems
 
@@ -116,8 +117,8 @@ def _scene(cache: Cache, code: float | None, as_gltf: bool) -> Any:
 
 def gltf_matrix(cache: Cache) -> Any:
     """Return the (3, 3) matrix from the stage to glTF: metres, y up."""
-    turn = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) if cache.up_axis == "Z" else np.eye(3)
-    return turn * cache.meters_per_unit
+    y_up = StageSpace(1.0, "Y").to_world if cache.up_axis == "Z" else np.eye(3)
+    return y_up * cache.meters_per_unit
 
 
 def _rotation(matrix: Any) -> Any:

@@ -74,7 +74,7 @@ def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
 def _find_skinning(mesh: Any) -> Skinning | None:
     """Return the skinning of a mesh; None where no skeleton moves it."""
     stage = mesh.GetPrim().GetStage()
-    scene = SourceScene(Path(stage.GetRootLayer().realPath), stage, np.eye(4))
+    scene = SourceScene(Path(stage.GetRootLayer().realPath), stage)
     return find_skinning(scene, mesh, Place("", "", Problems()))
 
 

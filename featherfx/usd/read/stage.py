@@ -30,6 +30,7 @@ from featherfx.usd.read.values import (
     read_times,
     read_value,
 )
+from featherfx.usd.space import StageSpace
 
 # what grooms and shots name in a stage
 PRIM_KINDS = {
@@ -41,23 +42,21 @@ PRIM_KINDS = {
     "points": UsdGeom.PointBased,
 }
 
-_MAX_LISTED, _LISTED_NEAREST = (
-    8,
-    3,
-)  # paths that are listed: all where there are so few, else the nearest
+# paths that are listed: all where there are so few, else the nearest
+_MAX_LISTED, _LISTED_NEAREST = 8, 3
 
 
 @dataclass(frozen=True)
 class SourceScene:
-    """An open stage. path: its file.
-
-    to_world: (3, 3), stage to world (metres, z up), row vectors. time_codes_per_second: of the
-    stage.
-    """
+    """An open stage. path: its file."""
 
     path: Path
     stage: Any
-    to_world: Array
+
+    @cached_property
+    def to_world(self) -> Array:
+        """Return (3, 3) from the stage to the world, metres and z up, for row vectors."""
+        return StageSpace(*self.space).to_world
 
     @property
     def time_codes_per_second(self) -> float:
@@ -65,7 +64,7 @@ class SourceScene:
 
     @property
     def meters_per_unit(self) -> float:
-        return float(np.linalg.norm(self.to_world[0]))
+        return self.space[0]
 
     @property
     def space(self) -> tuple[float, str]:
@@ -230,11 +229,7 @@ def open_scene(path: Path, place: Place) -> SourceScene:
         warnings.warn(
             f"{path}: metersPerUnit is not authored, which means centimetres", InputWarning, 2
         )
-    scale, axis = read_stage_space(stage)
-    turn = np.eye(3)
-    if axis == "Y":
-        turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-    return SourceScene(path, stage, scale * turn)
+    return SourceScene(path, stage)
 
 
 def prim_kind(prim: Any) -> str:

@@ -119,7 +119,7 @@ class CacheWriter:
         refuse_unfit_usd()
         self._path = check_output(path, options.overwrite or options.resume, options.layout)
         check_arguments(self._path, feathers, frames, frames_per_second, options)
-        self._frames, space = frames, replace(StageSpace.of(options), origin=place.origin)
+        self._frames, space = frames, replace(StageSpace.from_options(options), origin=place.origin)
         self._subframes, pixels = options.subframes, options.textures
         self._atlas = usd.textures.Atlas(len(feathers), pixels) if pixels else None
         self._feathers = self._atlas.given_to(feathers) if self._atlas else tuple(feathers)

@@ -60,7 +60,9 @@ def write_instances(
     before = {file: standing(file) for file in output_files(target, layout)}
     info = StageInfo(
         prim_name(target.stem),
-        replace(StageSpace.of(options), origin=choose_origin([p.position for p in placements])),
+        replace(
+            StageSpace.from_options(options), origin=choose_origin([p.position for p in placements])
+        ),
         None,
         24.0,
         {**metadata, "layout": layout},
