@@ -11,7 +11,7 @@ those of the stage, since Alembic cannot store them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -183,7 +183,11 @@ def export_alembic(
     """
     abc, output = _library(), Path(output)
     cache = Cache(path)
-    content = _AlembicContent(cache, _named_curves(cache), _codes(cache, frames))
+    curves, feathers = list(_find_curves(open_stage(path))), cache.feathers
+    # names of objects, which no two have
+    names = unique_prim_names([*(each.name for each in feathers), *(each.name for each in curves)])
+    named = dict(zip(names[len(feathers) :], curves, strict=True))
+    content = _AlembicContent(cache, named, _codes(cache, frames))
     before, problems = {output: standing(output)}, find_file_problems([output], overwrite)
     if problems:
         raise OutputError(*problems)
@@ -227,23 +231,23 @@ def _codes(cache: Cache, frames: tuple[float, float] | None) -> list[float | Non
     return list(codes)
 
 
-def _named_curves(cache: Cache) -> dict[str, GroomCurves]:
-    """The curves of a cache by the names of their objects, which no feather has."""
-    curves, feathers = list(_find_curves(open_stage(cache.path))), cache.feathers
-    names = unique_prim_names([*(each.name for each in feathers), *(each.name for each in curves)])
-    return dict(zip(names[len(feathers) :], curves, strict=True))
-
-
 def _write(abc: Any, content: _AlembicContent, path: Path) -> None:
     """The archive is complete once the last object of it is gone, which is when this returns."""
     cache, curves, codes = content
     archive = abc.Abc.OArchive(str(path))
-    sampling = archive.addTimeSampling(_sampling(abc, codes, cache.frames_per_second))
+    # evenly spaced times in seconds; a time code is code / rate
+    rate, first = cache.frames_per_second, codes[0] or 0.0
+    step = (codes[1] or 0.0) - first if len(codes) > 1 else 1.0
+    times = abc.AbcCoreAbstract.TimeSampling(step / rate, first / rate)
+    sampling = archive.addTimeSampling(times)
     schemas = []
     for feather in cache.feathers:
         mesh = abc.AbcGeom.OPolyMesh(archive.getTop(), feather.name, sampling)
         schemas.append(schema := mesh.getSchema())
-        _author_ids(abc, schema, feather)
+        properties = schema.getUserProperties()
+        labels = {"featherId": feather.id, "featherKind": feather.kind, "region": feather.region}
+        for name, value in labels.items():
+            abc.Abc.OStringProperty(properties, name).setValue(value)
         for subset, faces in feather.subsets.items():
             sample = abc.AbcGeom.OFaceSetSchemaSample(_ints(faces))
             schema.createFaceSet(subset).getSchema().set(sample)
@@ -257,13 +261,6 @@ def _write(abc: Any, content: _AlembicContent, path: Path) -> None:
             schema.set(_mesh_sample(abc, feather, cache.pose(index, code)))
         for each, schema in lines:
             schema.set(_curves_sample(abc, each, code))
-
-
-def _sampling(abc: Any, codes: Sequence[float | None], rate: float) -> Any:
-    """Evenly spaced times in seconds; a time code is code / rate."""
-    first = codes[0] or 0.0
-    step = (codes[1] or 0.0) - first if len(codes) > 1 else 1.0
-    return abc.AbcCoreAbstract.TimeSampling(step / rate, first / rate)
 
 
 def _mesh_sample(abc: Any, feather: CachedFeather, pose: CachedPose) -> Any:
@@ -281,14 +278,6 @@ def _mesh_sample(abc: Any, feather: CachedFeather, pose: CachedPose) -> Any:
     if pose.velocities is not None:
         sample.setVelocities(_vectors(pose.velocities))
     return sample
-
-
-def _author_ids(abc: Any, schema: Any, feather: CachedFeather) -> None:
-    """featherId, featherKind and region, as user properties."""
-    properties = schema.getUserProperties()
-    labels = {"featherId": feather.id, "featherKind": feather.kind, "region": feather.region}
-    for name, value in labels.items():
-        abc.Abc.OStringProperty(properties, name).setValue(value)
 
 
 def _verify(abc: Any, content: _AlembicContent, path: Path) -> None:

@@ -60,7 +60,7 @@ def thin_feathers(feathers: Sequence[CachedFeather], starts: Indices, most: int)
 
     starts: (N + 1,) first point of each feather, and all.
     """
-    kept = _join_feathers([_keep_all(each) for each in feathers], starts, "")
+    kept = _join_feathers([_compact(each.triangles) for each in feathers], starts, "")
     if len(kept.points) > most:
         parts = [_keep_vanes(each) for each in feathers]
         kept = _join_feathers(parts, starts, "without the tubes of shafts")
@@ -105,10 +105,6 @@ def _compact(triangles: Indices) -> tuple[Indices, Indices]:
     """Return the points that triangles use, and the triangles by these."""
     points, places = np.unique(triangles, return_inverse=True)
     return points, places.reshape(-1, 3)
-
-
-def _keep_all(feather: CachedFeather) -> tuple[Indices, Indices]:
-    return _compact(feather.triangles)
 
 
 def _keep_vanes(feather: CachedFeather) -> tuple[Indices, Indices]:
@@ -220,7 +216,11 @@ def export_levels(
     vane = f"{MATERIALS_SCOPE}/vane"
     if source.GetPrimAtPath(source.GetDefaultPrim().GetPath().AppendPath(vane)):
         for mesh in meshes:
-            _bind(mesh, group.GetParent().GetPath().AppendPath(vane))
+            # bound by name, as the material of the cache is not in this file yet
+            UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim())
+            name = UsdShade.Tokens.materialBinding
+            binding = mesh.GetPrim().CreateRelationship(name, False)
+            binding.AddTarget(group.GetParent().GetPath().AppendPath(vane))
     place = UsdGeom.Xformable(source.GetDefaultPrim()).ComputeLocalToWorldTransform(EARLIEST_TIME)
     extent = _author_samples(meshes, found, cache, codes, np.array(place.ExtractTranslation()))
     _add_variants(group)
@@ -304,13 +304,6 @@ def _mesh(stage: Any, group: Any, level: _CacheLevel, cache: Cache, starts: Indi
                 mesh.GetPrim(), usual, **{primvar: kind(np.concatenate(whole)[level.points])}
             )
     return mesh
-
-
-def _bind(mesh: Any, material: Any) -> None:
-    """Bind a mesh to a material of the cache, which is not in this file yet."""
-    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim())
-    binding = mesh.GetPrim().CreateRelationship(UsdShade.Tokens.materialBinding, False)
-    binding.AddTarget(material)
 
 
 def _author_samples(

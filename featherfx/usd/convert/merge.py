@@ -96,7 +96,12 @@ def join_shares(path: str | Path, shares: Sequence[Path], overwrite: bool = Fals
         )
     if problems:
         raise OutputError(*problems)
-    layers = [_open_share(share) for share in shares]
+    layers = []
+    for share in shares:
+        try:
+            layers.append(Sdf.Layer.OpenAsAnonymous(str(share)))
+        except Tf.ErrorException as error:
+            raise OutputError(Problem(str(share), "", "USD cannot open it. Bake it again")) from error
     root = _root_layer(layers, shares, metadata[0])
     publish([(root, path)], before)
     stage = Usd.Stage.Open(str(path))
@@ -116,13 +121,6 @@ def _settings_differences(share: Path, settings: Any, first: Any) -> list[Proble
         for key in {**first, **settings}
         if key != _DIFFERING and settings.get(key) != first.get(key)
     ]
-
-
-def _open_share(share: Path) -> Any:
-    try:
-        return Sdf.Layer.OpenAsAnonymous(str(share))
-    except Tf.ErrorException as error:
-        raise OutputError(Problem(str(share), "", "USD cannot open it. Bake it again")) from error
 
 
 def _root_layer(layers: Sequence[Any], shares: Sequence[Path], metadata: Any) -> Any:

@@ -99,10 +99,10 @@ def _numbered(output: Path, code: float | None) -> Path:
 
 def _scene(cache: Cache, code: float | None, as_gltf: bool) -> Any:
     matrix = gltf_matrix(cache) if as_gltf else np.eye(3)
-    scene = trimesh.Scene()
+    rotation, scene = matrix / np.cbrt(np.linalg.det(matrix)), trimesh.Scene()
     for index, feather in enumerate(cache.feathers):
         pose = cache.pose(index, code)
-        normals = None if pose.normals is None else pose.normals @ _rotation(matrix).T
+        normals = None if pose.normals is None else pose.normals @ rotation.T
         # unprocessed: merging points would give another mesh in every frame
         mesh = trimesh.Trimesh(
             pose.points @ matrix.T, feather.triangles, vertex_normals=normals, process=False
@@ -119,10 +119,6 @@ def gltf_matrix(cache: Cache) -> Any:
     """Return the (3, 3) matrix from the stage to glTF: metres, y up."""
     y_up = StageSpace(1.0, "Y").to_world if cache.up_axis == "Z" else np.eye(3)
     return y_up * cache.meters_per_unit
-
-
-def _rotation(matrix: Any) -> Any:
-    return matrix / np.cbrt(np.linalg.det(matrix))
 
 
 # of the points of all frames; players hold them in memory

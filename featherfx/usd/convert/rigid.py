@@ -127,15 +127,12 @@ def _find_prims(layer: Any, scope: Any) -> Iterator[_FeatherPrim]:
         element = "faces" if "faceVertexCounts" in prim.properties else "curves"
         tables = [prim.properties.get(f"{RANGES_PREFIX}:{name}") for name in ("points", element)]
         if None in tables:
-            counts = [len(prim.properties[name].default) for name in ("points", _counts_name(prim))]
+            names = ("points", *(name for name in _OF_FACES if name in prim.properties))
+            counts = [len(prim.properties[name].default) for name in names]
             own = [np.array([[0, count]]) for count in counts]
         else:
             own = [np.asarray(table.default, dtype=np.int64) for table in tables]
         yield _FeatherPrim(prim, ids, *own)
-
-
-def _counts_name(spec: Any) -> str:
-    return next(name for name in _OF_FACES if name in spec.properties)
 
 
 def _time_codes(layer: Any, prim: _FeatherPrim) -> list[float]:

@@ -164,7 +164,13 @@ class Cache:
         found = [(own, feather) for each in _read_meshes(self._stage) for own, feather in each]
         found = found or list(_read_condensed(self._stage))
         if not found:
-            raise InputError(Problem(str(path), "", _describe_missing_mesh(self._stage)))
+            told = "holds no visible mesh"
+            if any(prim.HasAttribute("primvars:P_barbl") for prim in self._stage.Traverse()):
+                told += (
+                    ". Its condensed feathers are without the shapes of `bake --as condensed`, so"
+                    " they can only be read as a groom"
+                )
+            raise InputError(Problem(str(path), "", told))
         self._own = [own for own, _ in found]
         self._last_runs: tuple[list[int], list[list[int]]] = [], []
         names = unique_prim_names([feather.name for _, feather in found])
@@ -386,17 +392,6 @@ def _read_meshes(stage: Any) -> Iterator[list[tuple[_ValueRanges, CachedFeather]
             )
             for member, feather in known[path]
         ]
-
-
-def _describe_missing_mesh(stage: Any) -> str:
-    """Return the message for a stage without a mesh."""
-    told = "holds no visible mesh"
-    if any(prim.HasAttribute("primvars:P_barbl") for prim in stage.Traverse()):
-        told += (
-            ". Its condensed feathers are without the shapes of `bake --as condensed`, so they can"
-            " only be read as a groom"
-        )
-    return told
 
 
 def _read_condensed(stage: Any) -> Iterator[tuple[_ValueRanges, CachedFeather]]:

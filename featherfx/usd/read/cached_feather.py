@@ -237,7 +237,8 @@ def _read_whole_mesh(mesh: Any) -> CachedFeather:
         return read_text(primvars.GetPrimvar(name).GetAttr()) or fallback
 
     def own(name: str, kind: ArrayKind, count: int) -> Any:
-        return _read_sized(primvars.GetPrimvar(name).GetAttr(), EARLIEST_TIME, kind, count)
+        found = read_array(primvars.GetPrimvar(name).GetAttr(), EARLIEST_TIME, kind)
+        return found if found is None or len(found) == count else None
 
     side = own("side", INTEGER_ARRAY, len(counts))
     authored = read_text(primvars.GetPrimvar("featherId").GetAttr())
@@ -298,9 +299,3 @@ def _vertex_colours(primvar: Any, counts: Any, indices: Any, total: int) -> Floa
 
 def range_slice(own: tuple[int, int] | None) -> slice:
     return slice(None) if own is None else slice(own[0], own[0] + own[1])
-
-
-def _read_sized(attribute: Any, code: Any, kind: ArrayKind, count: int) -> Any:
-    """Return an array (count, ...); None if there is none, or of another size."""
-    value = read_array(attribute, code, kind)
-    return value if value is None or len(value) == count else None

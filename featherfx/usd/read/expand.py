@@ -288,7 +288,7 @@ class _CondensedPrim:
         members = read_members(prim) or [_single_member(prim)]
         if len(members) != len(counts):
             raise self._fault("curveVertexCounts", f"tell of {len(counts)}, {len(members)} named")
-        shapes = self._shapes(len(counts))
+        shapes = parse_texts(prim, SHAPE_PRIMVAR, decode_shape, len(counts))
         self.kinds = self._coloured([kind for kind, _ in shapes])
         self._looks = [kind.drawn_look for kind, _ in shapes]
         self._counts = [kind.barb_count for kind, _ in shapes]
@@ -337,7 +337,11 @@ class _CondensedPrim:
         self.feathers = list(self._told(members))
         self.point_count = sum(len(each.row) for each in self._surfaces)
         self.barb_count = sum(map(len, self._barb_sides))
-        self._row, self._node, self._offset = self._joined(drawn)
+        starts = np.cumsum([0, *(each.rows for each in drawn[:-1])])
+        row = [each.row + start for each, start in zip(self._surfaces, starts, strict=True)]
+        self._row = np.concatenate(row)
+        self._node = np.concatenate([each.node for each in self._surfaces])
+        self._offset = np.concatenate([each.offset for each in self._surfaces])
 
     def _written_grids(self, counts: Indices) -> Indices:
         """Return (M, 2) rows and columns of the coded grid of each feather."""
@@ -371,10 +375,6 @@ class _CondensedPrim:
             lengths = scales[own] * [grown[k].own.station[-1] for k in own]
             thin = choose_rows_and_nodes(rows, columns, (some, self._columns))
             yield _ThinnedFeathers(np.array(own), rest, lengths, thin)
-
-    def _shapes(self, count: int) -> list[tuple[FeatherKind, bool]]:
-        """Return kind and side of each feather."""
-        return parse_texts(self.prim, SHAPE_PRIMVAR, decode_shape, count)
 
     def _coloured(self, kinds: list[FeatherKind]) -> list[FeatherKind]:
         """Return kinds of each feather with its colours, where they are stored."""
@@ -466,7 +466,7 @@ class _CondensedPrim:
         sizes = self._grids_written[:, 0] * (1 + 2 * self._grids_written[:, 1]) * 3
         detail = self._shaped(DETAIL_ATTRIBUTE, code, INTEGER_ARRAY, (int(sizes.sum()),))
         found: list[RowPoints] = [kept] * len(sizes)
-        each, rows = np.split(detail, np.cumsum(sizes)[:-1]), self._rows()
+        each, rows = np.split(detail, np.cumsum(sizes)[:-1]), _row_slices(self._starts)
         for own in self._thinned:
             some = stacked([RowPoints(*(part[rows[k]] for part in kept)) for k in own.members])
             shape = len(own.members), 3, *own.rest.nodes.shape[1:3]
@@ -483,10 +483,6 @@ class _CondensedPrim:
         flags = self._shaped("primvars:leadingIsRight", DEFAULT_TIME, INTEGER_ARRAY, (len(counts),))
         return np.repeat(flags.astype(np.bool_), counts)
 
-    def _rows(self) -> list[slice]:
-        """Return the rows of each feather among those of the curves."""
-        return _row_slices(self._starts)
-
     def _flat(self, nodes: Array, directors: Array) -> Array:
         """Return all nodes and directors as the maps take them, feather after feather."""
         starts = np.concatenate([[0], np.cumsum(self._grids_written[:, 0])])
@@ -501,12 +497,6 @@ class _CondensedPrim:
             directors.append(flat[middle:end].reshape(rows, 2, 3))
             start = end
         return np.concatenate(nodes), np.concatenate(directors)
-
-    def _joined(self, drawn: Sequence[Feather]) -> tuple[Indices, Indices, Array]:
-        starts = np.cumsum([0, *(each.rows for each in drawn)])
-        row = [each.row + start for each, start in zip(self._surfaces, starts, strict=False)]
-        node, offset = ([getattr(s, name) for s in self._surfaces] for name in ("node", "offset"))
-        return np.concatenate(row), np.concatenate(node), np.concatenate(offset)
 
     def _told(self, members: Sequence[FeatherMember]) -> Iterator[ExpandedFeather]:
         points = barbs = 0

@@ -148,7 +148,11 @@ def _authored(stage: Any, name: str) -> float | None:
 
 
 def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
-    skeleton = _skeleton_of(scene, prim) if kind == "mesh" else None
+    skeleton = None
+    if kind == "mesh":
+        found = compute(prim, UsdSkel.BindingAPI(prim).GetInheritedSkeleton)
+        if found and not compute(prim, is_unmoved, scene, prim):
+            skeleton = found.GetPrim()
     is_mesh, is_skeleton, is_instancer = (
         kind == each for each in ("mesh", "skeleton", "instancer")
     )
@@ -182,14 +186,6 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
         prototypes=tuple(map(str, prototypes)),
         in_instance=bool(prim.IsInstanceProxy()),
     )
-
-
-def _skeleton_of(scene: SourceScene, prim: Any) -> Any:
-    """Return the skeleton that moves a mesh, or None."""
-    found = compute(prim, UsdSkel.BindingAPI(prim).GetInheritedSkeleton)
-    if not found or compute(prim, is_unmoved, scene, prim):
-        return None
-    return found.GetPrim()
 
 
 def _places(prim: Any) -> Any:

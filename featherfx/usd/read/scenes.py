@@ -164,7 +164,11 @@ class SampledWind(ScenePrim):
     def velocity(self, points: Array, code: float) -> Array:
         """Return (N, 3) m/s at points (N, 3) m, at a time code."""
         if self._last is None or self._last[0] != code:
-            self._last = (code, *self._field(code))
+            time = Usd.TimeCode(code)
+            matrix = self._scene.matrix(self._prim, time)
+            places, velocities = _field_values(self._base, time)
+            tree = search_tree(transform_points(places, matrix))
+            self._last = code, tree, velocities @ matrix[:3, :3]
         _, tree, velocities = self._last
         distance, near = tree.query(points, k=min(_MAX_NEIGHBOURS, len(velocities)))
         distance, near = distance.reshape(len(points), -1), near.reshape(len(points), -1)
@@ -172,12 +176,6 @@ class SampledWind(ScenePrim):
         weights = 1.0 / np.maximum(distance, floor) ** 2
         weights = weights / weights.sum(axis=1, keepdims=True)
         return np.asarray(np.einsum("nk,nkc->nc", weights, velocities[near]))
-
-    def _field(self, code: float) -> tuple[Any, Array]:
-        time = Usd.TimeCode(code)
-        matrix = self._scene.matrix(self._prim, time)
-        points, velocities = _field_values(self._base, time)
-        return search_tree(transform_points(points, matrix)), velocities @ matrix[:3, :3]
 
 
 def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | SampledWind:

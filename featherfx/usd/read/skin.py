@@ -191,18 +191,14 @@ def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array
     scene = open_scene(locate_file(folder, entry["usd"]), place.child("usd"))
     root = find_prim(scene, entry["prim"], place.child("prim"), "curves", "skeleton")
     with errors_at(place):
-        return _read_lines(scene, root, entry, place)
-
-
-def _read_lines(scene: SourceScene, root: Any, entry: dict[str, Any], place: Place) -> list[Array]:
-    if not root.IsA(UsdSkel.Skeleton):
-        if entry["joints"]:
-            place.child("joints").refuse(f"{entry['prim']} in {scene.path} is no Skeleton")
-        return _read_curve_prims(scene, (entry["prim"],), place.child("prim"))
-    if len(entry["joints"]) < 2:
-        known = ", ".join(read_texts(UsdSkel.Skeleton(root).GetJointsAttr()))
-        place.child("joints").refuse(f"expects two or more of {entry['prim']}, known: {known}")
-    return [joint_line(scene, root, entry["joints"], place, entry["tail"])]
+        if not root.IsA(UsdSkel.Skeleton):
+            if entry["joints"]:
+                place.child("joints").refuse(f"{entry['prim']} in {scene.path} is no Skeleton")
+            return _read_curve_prims(scene, (entry["prim"],), place.child("prim"))
+        if len(entry["joints"]) < 2:
+            known = ", ".join(read_texts(UsdSkel.Skeleton(root).GetJointsAttr()))
+            place.child("joints").refuse(f"expects two or more of {entry['prim']}, known: {known}")
+        return [joint_line(scene, root, entry["joints"], place, entry["tail"])]
 
 
 def _read_curve_prims(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Array]:
@@ -213,21 +209,17 @@ def _read_curve_prims(scene: SourceScene, prims: tuple[str, ...], place: Place) 
         for prim in prims_below(find_prim(scene, path, place, "curves")):
             if prim.IsA(UsdGeom.BasisCurves):
                 with problems.collecting(), errors_at(place):
-                    found += _read_polylines(scene, prim, place)
+                    code = rest_time(UsdGeom.BasisCurves(prim).GetPointsAttr())
+                    at = Place(str(scene.path), str(prim.GetPath()), place.problems)
+                    curves = read_prim_curves(prim, code, at)
+                    matrix = scene.matrix(prim, transform_time(prim, code))
+                    lines = (curves.line(number) for number in range(len(curves)))
+                    found += [transform_points(line, matrix) for line in lines]
     problems.hand_on()
     if not found:
         there = describe_prims(scene, ("curves",), prims[0])
         place.refuse(f"no curves at {', '.join(prims)} or below in {scene.path}{there}")
     return found
-
-
-def _read_polylines(scene: SourceScene, prim: Any, place: Place) -> list[Array]:
-    """(k, 3) m of each curve of a prim."""
-    code = rest_time(UsdGeom.BasisCurves(prim).GetPointsAttr())
-    at = Place(str(scene.path), str(prim.GetPath()), place.problems)
-    curves = read_prim_curves(prim, code, at)
-    matrix = scene.matrix(prim, transform_time(prim, code))
-    return [transform_points(curves.line(number), matrix) for number in range(len(curves))]
 
 
 def joint_line(

@@ -48,7 +48,9 @@ MATRIX_ARRAY = ArrayKind("f", (4, 4), "an array of 4 x 4 matrices")
 
 def fault(thing: Any, message: str) -> InputError:
     """Return the error of an attribute, relationship or prim."""
-    return InputError(Problem(_describe_file(thing), _describe_path(thing), message))
+    return InputError(
+        Problem(str(thing.GetStage().GetRootLayer().identifier), _describe_path(thing), message)
+    )
 
 
 def _describe_path(thing: Any) -> str:
@@ -57,11 +59,6 @@ def _describe_path(thing: Any) -> str:
         return str(thing.GetPath())
     except USD_ERRORS:
         return "a path that is no text"
-
-
-def _describe_file(thing: Any) -> str:
-    """Return the file that an object's stage was opened from."""
-    return str(thing.GetStage().GetRootLayer().identifier)
 
 
 def describe_error(error: BaseException) -> str:

@@ -338,7 +338,12 @@ def assemble_cache(
     clips, chunks = None, []
     records = parts.records if parts else []
     static = np.array([group.is_static for group in prims.groups], dtype=np.bool_)
-    moving = _find_moving(records, static)
+    # groups with more than one pose over all chunks have samples
+    moving = np.zeros(len(static), dtype=np.bool_)
+    for record in records:
+        moving |= np.array([flag == "0" for flag in record.constant])
+        moving |= np.array(record.first) != np.array(records[0].first)
+    moving &= ~static
     corners: list[Floats] = []
     with Sdf.ChangeBlock():
         for index, group in enumerate(prims.groups):
@@ -358,15 +363,6 @@ def assemble_cache(
     publish(finish_layers(layers, info, path, (low, high), clips), before, pictures)
     if chunks:
         layers.animation.Clear()  # before the chunks are closed
-
-
-def _find_moving(records: Sequence[ChunkRecord], static: Flags) -> Flags:
-    """Return (G,) whether groups have samples: those with more than one pose over all chunks."""
-    result = np.zeros(len(static), dtype=np.bool_)
-    for record in records:
-        result |= np.array([flag == "0" for flag in record.constant])
-        result |= np.array(record.first) != np.array(records[0].first)
-    return result & ~static
 
 
 def _author_still_poses(layer: Any, prims: AnimatedPrims, still: Any, parts: Parts) -> None:

@@ -80,15 +80,12 @@ def define_representations(stage: Any, info: StageInfo, with_barbs: bool) -> Non
             for scope, purpose in purposes.items():
                 prim = stage.GetPrimAtPath(info.root_path.AppendChild(scope))
                 if prim:
-                    _set_visibility(UsdGeom.Imageable(prim), purpose)
+                    image = UsdGeom.Imageable(prim)
+                    if purpose is None:
+                        image.CreateVisibilityAttr(UsdGeom.Tokens.invisible)
+                    else:
+                        image.CreatePurposeAttr(purpose)
     variants.SetVariantSelection(_DEFAULT_REPRESENTATION)
-
-
-def _set_visibility(scope: Any, purpose: str | None) -> None:
-    if purpose is None:
-        scope.CreateVisibilityAttr(UsdGeom.Tokens.invisible)
-    else:
-        scope.CreatePurposeAttr(purpose)
 
 
 def define_prims(

@@ -227,13 +227,12 @@ class Parts:
             if not file.is_file() or compute_checksum(file) != (record.bytes, record.crc32):
                 break
             found.append(record)
-        while found and not self._has_state(len(found) - 1, found[-1]):
+        while found:
+            state = self.state(len(found) - 1)
+            if state.is_file() and compute_checksum(state) == found[-1].state:
+                break
             found.pop()
         return found
-
-    def _has_state(self, index: int, record: ChunkRecord) -> bool:
-        file = self.state(index)
-        return file.is_file() and compute_checksum(file) == record.state
 
     def _remove_strays(self) -> None:
         """Remove files without a record: temporary files, later chunks, old states."""

@@ -196,7 +196,10 @@ class PosedFeather:
         for (name, values), drawn in zip(rates.items(), changes, strict=False):
             second = values if name == ACCELERATIONS else None
             self._surface.carry_rates(points, given.velocities, second)
-            finite &= self._rates(out, name, drawn)
+            drawn = self.thin.select(drawn) if self.thin else drawn
+            rates_out = out[MESH_PRIM, name], out[RACHIS_PRIM, name]
+            surface = self._surface.drawn
+            finite &= bool(surface_kernels.write_values(drawn, surface, self.to_stage, *rates_out))
         return finite & self._barbs(out, points, rates, given) if self.has_barbs else finite
 
     def _barbs(
@@ -302,14 +305,6 @@ class PosedFeather:
             held[: len(cells)] *= hooked.ravel()[cells]
         if slip is not None:
             slipped[: len(cells)] = np.linalg.norm(slip.reshape(-1, 2)[cells], axis=1)
-
-    def _rates(self, out: Written, name: str, values: RowPoints) -> bool:
-        drawn, shaft = self._surface.drawn, out[RACHIS_PRIM, name]
-        values = self.thin.select(values) if self.thin else values
-        written = surface_kernels.write_values(
-            values, drawn, self.to_stage, out[MESH_PRIM, name], shaft
-        )
-        return bool(written)
 
     def _write(self, world: Array, out: Floats) -> bool:
         return bool(surface_kernels.write_points(world, self.to_stage, out))

@@ -9,6 +9,7 @@ import json
 import math
 from bisect import bisect_right
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -46,7 +47,9 @@ def is_finished(
     if path.exists():
         earlier = read_settings(path)
         if earlier == settings:
-            return _is_whole(path, settings)
+            layout = read_metadata(path).get("layout", "flat")
+            sound = all(file.is_file() for file in output_files(path, layout))
+            return sound and (layout != "clips" or Parts.are_whole(clips_folder(path), settings))
         if not overwrite:
             told = describe_changes(earlier, read_inputs(path), settings, inputs)
             raise _settings_error(path, "exists already", told if earlier else {})
@@ -124,13 +127,6 @@ def read_metadata(path: Path) -> dict[str, Any]:
     return dict(found) if isinstance(found, dict) else {}
 
 
-def _is_whole(path: Path, settings: Mapping[str, str]) -> bool:
-    folder = clips_folder(path)
-    layout = read_metadata(path).get("layout", "flat")
-    sound = all(file.is_file() for file in output_files(path, layout))
-    return sound and (layout != "clips" or Parts.are_whole(folder, settings))
-
-
 def _settings_error(path: Path, what: str, told: Mapping[str, str]) -> OutputError:
     """Return the error for an output of other settings. told: the differences by key."""
     advice = "Choose another name, or --overwrite to bake it anew"
@@ -170,7 +166,6 @@ class PreviousCache:
         chunk = found.get("chunk")
         self.chunk = chunk if isinstance(chunk, int) else 0
         self._layers: dict[Path, Any] = {}
-        self._sampled: tuple[list[float], list[Path]] | None = None
         self._prims: dict[str, dict[str, _PrimRanges]] = {}
         # arrays at the last time code that was asked for, which feathers may share
         self._code, self._values = math.nan, dict[Any, Any]()
@@ -182,7 +177,8 @@ class PreviousCache:
         """
         if not self._prims:
             self._prims = _find_ranges(self._constant)
-        prims, sampled = self._prims.get(feather, {}), self._layer_at(code)
+        prims, (starts, files) = self._prims.get(feather, {}), self._sampled
+        sampled = self._layer(files[max(bisect_right(starts, code) - 1, 0)])
         for (part, name), numbers in out.items():
             given = self._value(prims[part], name, sampled, code) if part in prims else None
             if given is None and name in RATES:
@@ -219,13 +215,8 @@ class PreviousCache:
         files = output_files(self._path, self._layout)
         return self._layer(files[-1 if self._layout == "flat" else -2])
 
-    def _layer_at(self, code: float) -> Any:
-        if self._sampled is None:
-            self._sampled = self._files()
-        starts, files = self._sampled
-        return self._layer(files[max(bisect_right(starts, code) - 1, 0)])
-
-    def _files(self) -> tuple[list[float], list[Path]]:
+    @cached_property
+    def _sampled(self) -> tuple[list[float], list[Path]]:
         """Return the files that hold samples, and the first time code of each."""
         if self._layout == "clips":
             found = list_chunk_files(clips_folder(self._path), self.settings)
