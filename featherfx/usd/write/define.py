@@ -160,7 +160,7 @@ def _copy_feather(
         replace_primvars(layer, target[MESH_PRIM], **skin_primvars([entry]))
     if entry.held is not None and not entry.hooked and MESH_PRIM in target:
         replace_primvars(layer, target[MESH_PRIM], hooked=arrays.floats(entry.held))
-    for part, name in ((MESH_PRIM, "points"), (RACHIS_PRIM, "shaft")):
+    for part, name in ((MESH_PRIM, "points"), (RACHIS_PRIM, "rachis")):
         if entry.colours is not None and part in target:
             shades = np.atleast_2d(getattr(entry.colours, name))
             replace_primvars(layer, target[part], displayColor=arrays.vec3f(shades))

@@ -300,7 +300,7 @@ def define_rachises(
         author_primvars(prim, group.interpolation, **skin_primvars(entries))
     if entries[0].chart is not None:
         author_primvars(prim, group.interpolation, chart=chart_primvar(entries))
-    shades = join_shades(entries, "shaft", [1] * len(entries))
+    shades = join_shades(entries, "rachis", [1] * len(entries))
     _author_look(prim, "rachis", materials, shades, "" if shades is None else group.interpolation)
 
 
