@@ -244,10 +244,7 @@ def _write(abc: Any, content: _AlembicContent, path: Path) -> None:
     for feather in cache.feathers:
         mesh = abc.AbcGeom.OPolyMesh(archive.getTop(), feather.name, sampling)
         schemas.append(schema := mesh.getSchema())
-        properties = schema.getUserProperties()
-        labels = {"featherId": feather.id, "featherKind": feather.kind, "region": feather.region}
-        for name, value in labels.items():
-            abc.Abc.OStringProperty(properties, name).setValue(value)
+        _author_ids(abc, schema, feather)
         for subset, faces in feather.subsets.items():
             sample = abc.AbcGeom.OFaceSetSchemaSample(_ints(faces))
             schema.createFaceSet(subset).getSchema().set(sample)
@@ -278,6 +275,14 @@ def _mesh_sample(abc: Any, feather: CachedFeather, pose: CachedPose) -> Any:
     if pose.velocities is not None:
         sample.setVelocities(_vectors(pose.velocities))
     return sample
+
+
+def _author_ids(abc: Any, schema: Any, feather: CachedFeather) -> None:
+    """Author featherId, featherKind and region as user properties."""
+    properties = schema.getUserProperties()
+    labels = {"featherId": feather.id, "featherKind": feather.kind, "region": feather.region}
+    for name, value in labels.items():
+        abc.Abc.OStringProperty(properties, name).setValue(value)
 
 
 def _verify(abc: Any, content: _AlembicContent, path: Path) -> None:
