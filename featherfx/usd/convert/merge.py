@@ -101,7 +101,9 @@ def join_shares(path: str | Path, shares: Sequence[Path], overwrite: bool = Fals
         try:
             layers.append(Sdf.Layer.OpenAsAnonymous(str(share)))
         except Tf.ErrorException as error:
-            raise OutputError(Problem(str(share), "", "USD cannot open it. Bake it again")) from error
+            raise OutputError(
+                Problem(str(share), "", "USD cannot open it. Bake it again")
+            ) from error
     root = _root_layer(layers, shares, metadata[0])
     publish([(root, path)], before)
     stage = Usd.Stage.Open(str(path))
