@@ -9,8 +9,8 @@ the frame of its row, a barb's node x stands off the rachis r by what it does at
 0 marks the rest pose, k and l rows and nodes that are kept, w and v cubic Hermite weights over the
 numbers of rows and nodes; F are frames of rows, Q tells how those between kept ones have turned. So
 rest pose, rigid motions and what is kept are exact. What is missed of the others is rounded, in the
-frame of the row, to steps of STEP times the feather's length: no node is off by more than half the
-diagonal of such a step, 0.065 % of the length, and most numbers are 0.
+frame of the row, to steps of _DETAIL_STEP times the feather's length: no node is off by more than
+half the diagonal of such a step, 0.065 % of the length, and most numbers are 0.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from featherfx.feather.density import hermite_weights
 from featherfx.feather.types import Array, Indices, RowPoints, stacked
 
-_DIFFERENCE_TIME = 7.5e-4
-_MAX_LEVEL = 2**30
+_DETAIL_STEP = 7.5e-4
+_MAX_DETAIL = 2**30
 # feathers at once, whose arrays a processor keeps at hand
 _AT_ONCE = 128
 
@@ -87,10 +87,10 @@ def detail_of(
         all_of = stacked(points[some])
         nodes, frames = _led(thin.select(all_of), stacked(rest[some]), thin)
         steps = (all_of.nodes - nodes) @ frames
-        steps /= (_DIFFERENCE_TIME * lengths[some])[:, None, None, None]
+        steps /= (_DETAIL_STEP * lengths[some])[:, None, None, None]
         # what is not finite is refused by its points
         steps = np.clip(
-            np.nan_to_num(np.rint(steps, out=steps), copy=False), -_MAX_LEVEL, _MAX_LEVEL
+            np.nan_to_num(np.rint(steps, out=steps), copy=False), -_MAX_DETAIL, _MAX_DETAIL
         )
         found[some] = steps.transpose(0, 3, 1, 2)
     return found
@@ -101,7 +101,7 @@ def restored(
 ) -> RowPoints:
     """All nodes and directors of F feathers again, from what is kept of them; as of detail_of."""
     nodes, frames = _led(kept, rest, thin)
-    missed = detail * (_DIFFERENCE_TIME * lengths)[:, None, None, None]
+    missed = detail * (_DETAIL_STEP * lengths)[:, None, None, None]
     nodes += np.einsum("frij,fjrn->frni", frames, missed)
     return RowPoints(nodes, np.stack([frames[..., 1], frames[..., 2]], axis=-2))
 

@@ -15,7 +15,7 @@ from featherfx.errors import SimulationError
 from featherfx.files.background import limit_threads
 from featherfx.limits import MOST_JOBS
 from featherfx.mechanics.model import Loads, Model, expand_wind, no_loads
-from featherfx.solver.settle_kernels import SettleResult, make_mixing, settle_feathers
+from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.state import RootPath as RootPath
 from featherfx.solver.state import State as State
 from featherfx.solver.state import StepReport as StepReport
@@ -24,9 +24,8 @@ from featherfx.solver.state import hold_roots as hold_roots
 from featherfx.solver.status import CONVERGED, reason_of
 from featherfx.solver.step.energy_kernels import elastic_energy
 from featherfx.solver.step.frame_kernels import advance_feather, advance_feathers
-from featherfx.solver.step.retry_kernels import StepSettings
 from featherfx.solver.step.start_kernels import start_acceleration
-from featherfx.solver.work import SolverScratch, make_scratch
+from featherfx.solver.step.step_control_kernels import StepSettings
 
 _Part = TypeVar("_Part")
 
@@ -187,6 +186,8 @@ class Solver:
         _REST_TOLERANCE_RATIO; NO_REST: it flutters in the wind, and the pose is one on its way) and
         the Newton iterations.
         """
+        from featherfx.solver.settle_kernels import SettleResult, make_mixing, settle_feathers
+
         near = min(self.settings.newton, _REST_TOLERANCE_RATIO * self.settings.tolerance)
         new, loads = state.copy(), expand_wind(loads, self.model.feathers)
         compile_steps(self.model)

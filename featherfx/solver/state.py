@@ -14,9 +14,9 @@ from featherfx.algebra.rotation_kernels import conjugate, multiply, normalised
 from featherfx.algebra.types import Array, Flags
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps, Model
+from featherfx.solver.scratch import make_gaps, make_points, make_pose, make_scratch, make_strains
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rest_pose
 from featherfx.solver.step.strain_kernels import Strains
-from featherfx.solver.work import make_gaps, make_points, make_pose, make_scratch, make_strains
 
 
 class State(NamedTuple):

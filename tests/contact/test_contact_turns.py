@@ -7,14 +7,14 @@ import pytest
 from trial_batches import at_origin, preset_batch
 
 from featherfx.mechanics.model import Contacts, no_loads
+from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver, hold_roots
-from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.closing_kernels import (
+from featherfx.solver.step.active_contact_kernels import (
     add_contacts_to_matrix,
     linearise_contacts,
     switch_contacts,
 )
-from featherfx.solver.work import make_scratch
+from featherfx.solver.step.banded_kernels import factorise, solve_factored
 
 
 def planes(rng, nodes, points, heights, forces):

@@ -28,8 +28,8 @@ from featherfx.mechanics.row_kernels import (
 from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
 from featherfx.mechanics.vane_twist_kernels import cell_twist, twist_slopes
+from featherfx.solver.scratch import make_scratch
 from featherfx.solver.step.integrator_kernels import IntegratorFactors
-from featherfx.solver.work import make_scratch
 
 SEEDS = range(5)
 

@@ -15,9 +15,9 @@ from featherfx.lab.feathers.feather import feather_kind
 from featherfx.mechanics.batch import MIN_HOOKED, make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.vane_hook_kernels import all_hold
+from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
-from featherfx.solver.work import make_scratch
 
 WHOLE = feather_kind("swan_primary")
 

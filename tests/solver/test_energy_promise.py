@@ -13,6 +13,7 @@ from featherfx.feather.types import RowPoints, both
 from featherfx.lab.bench.cases import crumple
 from featherfx.lab.rods.rod import total_energy
 from featherfx.mechanics.model import expand_wind, no_loads
+from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import hold_roots, rest_state
 from featherfx.solver.step.energy_kernels import (
@@ -22,7 +23,6 @@ from featherfx.solver.step.energy_kernels import (
     solved_energy,
     stored_sums,
 )
-from featherfx.solver.work import make_scratch
 
 STILL = (0.0, 0.0, 0.0)
 

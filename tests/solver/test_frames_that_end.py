@@ -8,7 +8,7 @@ from featherfx.solver.solver import (
     Settings,
     step_settings,
 )
-from featherfx.solver.step.retry_kernels import (
+from featherfx.solver.step.step_control_kernels import (
     EXTRAPOLATE,
     FOLLOW_ROOT,
     IMPLICIT_EULER,

@@ -10,6 +10,7 @@ import pytest
 from trial_batches import at_origin, preset_batch
 
 from featherfx.mechanics.model import expand_wind, no_loads
+from featherfx.solver.scratch import make_scratch
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED
 from featherfx.solver.step.energy_kernels import EnergyBound
 from featherfx.solver.step.integrator_kernels import IntegratorFactors
@@ -25,7 +26,7 @@ from featherfx.solver.step.newton_kernels import (
     accept_nearly_solved,
 )
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.step.retry_kernels import (
+from featherfx.solver.step.step_control_kernels import (
     MIN_ATTEMPTS_LEFT,
     MIN_STEP_RATIO,
     TAKEN,
@@ -37,7 +38,6 @@ from featherfx.solver.step.retry_kernels import (
     min_step_length,
     next_step,
 )
-from featherfx.solver.work import make_scratch
 
 nearer, stiffer = _nearer.py_func, _stiffer.py_func
 

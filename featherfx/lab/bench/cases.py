@@ -27,7 +27,7 @@ from featherfx.solver.solver import MAX_FRAME_ITERATIONS, RootPath, Settings, ho
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rebuild_centres
-from featherfx.solver.work import Pose, make_scratch
+from featherfx.solver.scratch import Pose, make_scratch
 
 # share of cases with narrow vanes, and of vanes that are missing
 _SLIVERS, _MISSING = 0.15, 0.12

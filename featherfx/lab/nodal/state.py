@@ -13,7 +13,7 @@ from featherfx.feather.types import RowPoints, both, turned
 from featherfx.lab.nodal.model import NodalModel
 from featherfx.mechanics.batch import row_frames
 from featherfx.mechanics.model import Model
-from featherfx.solver.work import LinearSystem, make_points, make_system
+from featherfx.solver.scratch import LinearSystem, make_points, make_system
 
 
 class NodalState(NamedTuple):
@@ -74,7 +74,7 @@ class StencilSums(NamedTuple):
 
 
 class NodalSurroundings(NamedTuple):
-    """As Surroundings of solver/work.py; reference: (S,)."""
+    """As StepEnvironment of solver/scratch.py; reference: (S,)."""
 
     target: RowPoints
     past: RowPoints

@@ -32,7 +32,7 @@ from featherfx.solver.step.integrator_kernels import (
 )
 from featherfx.solver.step.newton_kernels import UNKNOWN_CONVERGENCE
 from featherfx.solver.step.pose_kernels import root_at, rotate_by
-from featherfx.solver.step.retry_kernels import (
+from featherfx.solver.step.step_control_kernels import (
     EXTRAPOLATE,
     FOLLOW_ROOT,
     IMPLICIT_EULER,
@@ -48,7 +48,7 @@ from featherfx.solver.step.retry_kernels import (
 )
 from featherfx.solver.step.strain_kernels import difference_weights, set_reference
 
-# beside the ways of solver/step/retry_kernels.py: start at the last pose
+# beside the ways of solver/step/step_control_kernels.py: start at the last pose
 _STAY = -1
 
 

@@ -36,7 +36,7 @@ from featherfx.solver.step.modes import first_frequency, frequencies
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.vane.line_kernels import FORCES_ONLY
-from featherfx.solver.work import SolverScratch, make_scratch
+from featherfx.solver.scratch import SolverScratch, make_scratch
 
 Vector = tuple[float, float, float]
 

@@ -78,9 +78,9 @@ class Counts:
 
     reports: one per batch and frame. too_long: by feather, its worst frame. limits: what bounds the
     steps of these, by keys. unsolved: by feather, its worst frame, where a step is farther from its
-    solution than its error may be, as where a frame had to end (retry_kernels). slept, repeated:
-    feather frames that were not stepped; rigid, guided: those of feathers that follow their roots
-    or guides only.
+    solution than its error may be, as where a frame had to end (step_control_kernels). slept,
+    repeated: feather frames that were not stepped; rigid, guided: those of feathers that follow
+    their roots or guides only.
     """
 
     reports: list[StepReport] = field(default_factory=list)

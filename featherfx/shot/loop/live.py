@@ -17,7 +17,7 @@ from featherfx.shot.loop.simulate import Simulation
 from featherfx.shot.types import Grip, Wind
 from featherfx.solver.state import State, rest_state, set_pose
 from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.work import make_gaps
+from featherfx.solver.scratch import make_gaps
 
 
 class Energy(NamedTuple):

@@ -25,6 +25,7 @@ from featherfx.solver.contact.sweep_kernels import (
     Sweep,
     solve_rounds,
 )
+from featherfx.solver.scratch import make_matrices, make_scratch
 from featherfx.solver.solver import (
     COARSE_ERROR_RATIO,
     HARD_STEP_WORK,
@@ -32,8 +33,7 @@ from featherfx.solver.solver import (
     Solver,
 )
 from featherfx.solver.state import RootPath, State, StepReport, carry_to, make_report
-from featherfx.solver.step.retry_kernels import StepSettings
-from featherfx.solver.work import make_matrices, make_scratch
+from featherfx.solver.step.step_control_kernels import StepSettings
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

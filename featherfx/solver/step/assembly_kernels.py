@@ -24,7 +24,7 @@ from featherfx.mechanics.turn_guard_kernels import (
     add_turn_guard_stiffness,
     add_turn_guard_stress,
 )
-from featherfx.solver.step.closing_kernels import followed_contacts
+from featherfx.solver.step.active_contact_kernels import followed_contacts
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes
 from featherfx.solver.vane.assembly_kernels import add_rows, subtract_barb_forces
 from featherfx.solver.vane.force_kernels import add_vane_forces
@@ -166,7 +166,7 @@ def assemble(model, loads, f, fraction, factors, wanted, shift, work):
     wanted: WHOLE_STIFFNESS, with the geometric stiffness of compression: then the Hessian may be
     indefinite, but Newton converges where a vane wrinkles; STABILISING, without; FORCES_ONLY: right
     alone, the band stays as it is. shift: inertia that is added to the Hessian alone, as a part of
-    the integrator's. Contacts that are followed (closing_kernels) are not in it.
+    the integrator's. Contacts that are followed (active_contact_kernels) are not in it.
     """
     pose, system, strains = work.now, work.system, work.around.reference
     rows, row_size = pose.rotation.shape[0], system.band.shape[1] // 3

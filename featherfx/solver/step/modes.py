@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model, no_loads
+from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import lowest_quotient, panel_shape
@@ -14,7 +15,6 @@ from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.vane.line_kernels import STABILISING_STIFFNESS
-from featherfx.solver.work import SolverScratch, make_scratch
 
 Array = NDArray[np.float64]
 

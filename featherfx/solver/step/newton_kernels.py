@@ -15,10 +15,10 @@ A new matrix costs four times what a gradient and a solution do. So it is kept, 
 the steps since have shown (banded_kernels), for as long as each full step is less than
 _MAX_REUSE_CONTRACTION of the one before; after a step that had to be cut, or with a matrix that was
 not the whole one, the next is new. Contacts that open or close on the way ask for no other matrix
-(closing_kernels). The next steps of the frame begin with it as well while their inertia is within
-_MAX_INERTIA_RATIO of its own, and so do the next solves of a feather among others that touch: there
-it is kept without contacts, which are put in anew before it is factored. It is kept in coordinates
-that turn with the rows, in which what moves or turns rigidly has the matrix of before.
+(active_contact_kernels). The next steps of the frame begin with it as well while their inertia is
+within _MAX_INERTIA_RATIO of its own, and so do the next solves of a feather among others that
+touch: there it is kept without contacts, which are put in anew before it is factored. It is kept in
+coordinates that turn with the rows, in which what moves or turns rigidly has the matrix of before.
 
 It stops where the distance to the minimum is below the tolerance. With moves d_1, d_2, ... of full
 steps that shrink by t = d_k / d_(k-1), that distance is at most d_k t / (1 - t) if they go on to
@@ -37,6 +37,13 @@ from featherfx.algebra.array_kernels import copy_values
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.row_kernels import copy_points
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
+from featherfx.solver.step.active_contact_kernels import (
+    add_contacts_to_matrix,
+    followed_contacts,
+    linearise_contacts,
+    switch_contacts,
+    turn_contact_axes,
+)
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import (
     MAX_SECANT_PAIRS,
@@ -45,13 +52,6 @@ from featherfx.solver.step.banded_kernels import (
     factorise,
     solve_corrected,
     store_step,
-)
-from featherfx.solver.step.closing_kernels import (
-    add_contacts_to_matrix,
-    followed_contacts,
-    linearise_contacts,
-    switch_contacts,
-    turn_contact_axes,
 )
 from featherfx.solver.step.energy_kernels import step_energy
 from featherfx.solver.step.pose_kernels import (

@@ -18,7 +18,7 @@ from featherfx.solver.step.newton_kernels import (
     minimise,
 )
 from featherfx.solver.step.pose_kernels import load_pose, root_at
-from featherfx.solver.step.retry_kernels import min_step_length
+from featherfx.solver.step.step_control_kernels import min_step_length
 from featherfx.solver.step.strain_kernels import copy_strains, strains_of
 
 # Newton iterations that a first acceleration gets: the second one only corrects for the curved

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps, Model
+from featherfx.solver.step.active_contact_kernels import MAX_FOLLOWED_CONTACTS
 from featherfx.solver.step.banded_kernels import MAX_SECANT_PAIRS, panel_shape
-from featherfx.solver.step.closing_kernels import MAX_FOLLOWED_CONTACTS
 from featherfx.solver.step.strain_kernels import Strains
 from featherfx.solver.vane.line_kernels import HINGE_SIZE, LANES, STRIP_SIZE
 
@@ -127,7 +127,7 @@ class RachisScratch(NamedTuple):
 
 
 class ActiveContacts(NamedTuple):
-    """Contacts that open or close within a Newton step (closing_kernels).
+    """Contacts that open or close within a Newton step (active_contact_kernels).
 
     Of a feather's contacts: on, whether they are in the matrix, and push, N, which they press with
     where they are. band (N, B + 1), right (N,): matrix, not factored, and right-hand side with what
