@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -33,29 +33,6 @@ from featherfx.mechanics.vane_rest import (
     hinges_at_rest,
     twists_at_rest,
 )
-
-
-class _Constants(NamedTuple):
-    """The arrays of Model for one feather, without the leading axis F."""
-
-    length: Array
-    rachis_rest: Array
-    rachis_stiffness: Array
-    clamp: Array
-    joints: Array
-    segment: Array
-    barb_stiffness: Array
-    cell_rest: Array
-    cell_stiffness: Array
-    hinge_rest: Array
-    hinge_stiffness: Array
-    twist_rest: Array
-    twist_stiffness: Array
-    mass: Array
-    rotary_inertia: Array
-    rachis_area: Array
-    cell_guard: Array
-
 
 # G of the compression guard over b A k (vane_guard_kernels)
 _GUARD_SCALE = 1.0 / 2592.0
@@ -115,14 +92,14 @@ def make_model(
     vane = kinds[0].vane_material
     elastic = any(has_elastic_clamp(kind) for kind in kinds)
     guarded = any(is_guarded(kind, touching) for kind in kinds)
-    known: dict[tuple[int, FeatherKind], _Constants] = {}
+    known: dict[tuple[int, FeatherKind], dict[str, Array]] = {}
     parts = []
     for feather, kind in zip(feathers, kinds, strict=True):
         key = (id(feather), kind)
         if key not in known:
             known[key] = _constants(feather, kind, coefficients, elastic, touching)
         parts.append(known[key])
-    stacked = {name: np.stack([getattr(p, name) for p in parts]) for name in _Constants._fields}
+    stacked: dict[str, Any] = {name: np.stack([p[name] for p in parts]) for name in parts[0]}
     if not any(kind.vane_material.ribbon for kind in kinds):
         stacked["rachis_rest"] = stacked["rachis_rest"][:, :, :6].copy()
     if not guarded:
@@ -201,7 +178,8 @@ def _guard(feather: Feather, kind: FeatherKind, touching: bool) -> Array:
 
 def _constants(
     feather: Feather, kind: FeatherKind, coefficients: int, elastic: bool, touching: bool
-) -> _Constants:
+) -> dict[str, Array]:
+    """Arrays of Model for one feather by name, without the leading axis F."""
     frames = row_frames(feather.rest.directors)
     centre = feather.rest.nodes[:, 0]
     length = np.linalg.norm(np.diff(centre, axis=0), axis=1)
@@ -215,7 +193,7 @@ def _constants(
     bending = across * thick**3
     hinge_rest, hinge_stiffness = hinges_at_rest(feather, bending, vane.bending_across)
     twist_rest, twist_stiffness = twists_at_rest(feather, cell_area)
-    return _Constants(
+    return dict(
         length=length,
         rachis_rest=np.concatenate(
             [_rachis_rest(centre, frames, length), _ribbon(feather, kind, length)], axis=1
