@@ -23,11 +23,11 @@ from featherfx.groom.types import BarbGuide, FeatherKind, Hooked, RachisShape, S
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.preen import close_gaps
+from featherfx.solver.scratch import Pose, make_scratch
 from featherfx.solver.solver import MAX_FRAME_ITERATIONS, RootPath, Settings, hold_roots
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rebuild_centres
-from featherfx.solver.scratch import Pose, make_scratch
 
 # share of cases with narrow vanes, and of vanes that are missing
 _SLIVERS, _MISSING = 0.15, 0.12

@@ -27,6 +27,7 @@ from featherfx.algebra.types import Array
 from featherfx.errors import InputWarning, Problem, require
 from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, part, value
 from featherfx.mechanics.model import Loads, Model, no_hooks, no_loads
+from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
@@ -36,7 +37,6 @@ from featherfx.solver.step.modes import first_frequency, frequencies
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.vane.line_kernels import FORCES_ONLY
-from featherfx.solver.scratch import SolverScratch, make_scratch
 
 Vector = tuple[float, float, float]
 

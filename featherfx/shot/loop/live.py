@@ -15,9 +15,9 @@ from featherfx.shot.loads.forces import grip_node
 from featherfx.shot.loop.groups import FeatherGroup, grips_of
 from featherfx.shot.loop.simulate import Simulation
 from featherfx.shot.types import Grip, Wind
+from featherfx.solver.scratch import make_gaps
 from featherfx.solver.state import State, rest_state, set_pose
 from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.scratch import make_gaps
 
 
 class Energy(NamedTuple):
