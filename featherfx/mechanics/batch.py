@@ -104,14 +104,17 @@ def make_model(
         stacked["rachis_rest"] = stacked["rachis_rest"][:, :, :6].copy()
     if not guarded:
         stacked["cell_guard"] = np.zeros((len(parts), 0, 0, 0, 0, 0))
-    slips = any(may_slip(kind) for kind in kinds)
+    hooks = no_hooks(len(parts), feathers[0].rows)
+    if any(may_slip(kind) for kind in kinds):
+        each = [_hooks(feather, kind) for feather, kind in zip(feathers, kinds, strict=True)]
+        hooks = VaneHooks(*(np.stack(arrays) for arrays in zip(*each, strict=True)))
     factors = partial(barb_bending, vane)
     shapes = curvature_shapes(coefficients, columns, vane.barb_taper, factors)
     return Model(
         held=np.ones(len(parts), dtype=np.bool_),
         shapes=clamped_shapes(shapes) if elastic else shapes,
         retardation=np.zeros((len(parts), 2)),
-        hooks=_stacked_hooks(feathers, kinds) if slips else no_hooks(len(parts), feathers[0].rows),
+        hooks=hooks,
         **stacked,
     )
 
@@ -234,11 +237,6 @@ def _thickness(feather: Feather, kind: FeatherKind) -> Array:
     """(n-1, m, 1) m, of the vane in the middle of each cell."""
     vane = kind.vane_material
     return vane.thickness * in_cells(vane.thickness_profile, kind, feather)
-
-
-def _stacked_hooks(feathers: Sequence[Feather], kinds: Sequence[FeatherKind]) -> VaneHooks:
-    each = [_hooks(feather, kind) for feather, kind in zip(feathers, kinds, strict=True)]
-    return VaneHooks(*(np.stack(arrays) for arrays in zip(*each, strict=True)))
 
 
 def _hooks(feather: Feather, kind: FeatherKind) -> VaneHooks:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.types import Flags
 from featherfx.mechanics.model import Gaps, Model
 from featherfx.solver.state import State
 from featherfx.solver.step.gap_kernels import HEALED_LENGTH, LOOSE_FRACTION, PREENING_WORK
@@ -42,7 +42,8 @@ def close_gaps(
     strain, stiffness = state.strains.cell[feather, 0], model.cell_stiffness[feather]
     slipped = (gaps.hooked < 1.0) | (gaps.level > 1.0) | gaps.slip.any(axis=-1)
     chosen = touched & slipped & (stiffness[..., 0] > 0.0) & (hooks.limit[feather, ..., 0] > 0.0)
-    chosen &= _apart(strain) <= reach * model.cell_rest[feather, ..., 2] + 1e-12
+    square = np.maximum(1.0 + 2.0 * strain[..., 0] - strain[..., 1] ** 2, _FLAT)
+    chosen &= np.sqrt(square) - 1.0 <= reach * model.cell_rest[feather, ..., 2] + 1e-12
     if not chosen.any():
         return None
     new = Gaps(*(array.copy() for array in gaps))
@@ -60,19 +61,8 @@ def close_gaps(
     work = 0.5 * np.sum(k * ((x - slip) ** 2 - (x - before) ** 2))
     new.hooked[chosen], new.level[chosen], new.slip[chosen] = hooked, level, slip
     new.spent[PREENING_WORK] += work
-    new.length[HEALED_LENGTH] += _half_cells(model, feather)[chosen] @ (
-        hooked - gaps.hooked[chosen]
-    )
-    return new
-
-
-def _apart(strain: Array) -> Array:
-    """J - 1 of strains (..., 2)."""
-    square = 1.0 + 2.0 * strain[..., 0] - strain[..., 1] ** 2
-    return np.asarray(np.sqrt(np.maximum(square, _FLAT)) - 1.0)
-
-
-def _half_cells(model: Model, feather: int) -> Array:
-    """(2, n-1, m, 2) m, length of a gap that each triangle stands for."""
+    # m, length of a gap that each triangle stands for
     own = np.stack([model.segment[feather, :, :-1], model.segment[feather, :, 1:]], axis=-1)
-    return np.broadcast_to(0.5 * own[:, :, None], model.hooks.growth[feather].shape)
+    half = np.broadcast_to(0.5 * own[:, :, None], hooks.growth[feather].shape)
+    new.length[HEALED_LENGTH] += half[chosen] @ (hooked - gaps.hooked[chosen])
+    return new

@@ -46,7 +46,7 @@ class State(NamedTuple):
     gaps: Gaps
 
     def copy(self) -> State:
-        return State(*(_copied(each) for each in self))
+        return State.from_arrays({name: array.copy() for name, array in self.arrays().items()})
 
     def rates(self) -> tuple[Array, ...]:
         """Arrays that are zero where nothing moves."""
@@ -87,12 +87,6 @@ class State(NamedTuple):
                 fields[name] = arrays[name]
         fields |= {k: kind(**fields[k]) for k, kind in _STRUCTURES.items()}
         return State(**fields)
-
-
-def _copied(field: Any) -> Any:
-    if isinstance(field, np.ndarray):
-        return field.copy()
-    return type(field)(*(array.copy() for array in field))
 
 
 # fields of a state that hold several arrays, and the ways to all arrays
