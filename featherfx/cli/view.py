@@ -24,7 +24,7 @@ from featherfx.cli.program import Command, tell
 from featherfx.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from featherfx.view.serve import Server
+    from featherfx.view.page import Server
 
 
 _QUALITY = "draft"
@@ -92,8 +92,7 @@ def view(
             caches = [stack.enter_context(_cache_of(file, quality or _QUALITY))]
             caches += [against] if against else []
             # reads USD and draws, which takes its time to load
-            from featherfx.view.page import fitting_second, write_page
-            from featherfx.view.serve import Server
+            from featherfx.view.page import Server, fitting_second, write_page
 
             if html is not None:
                 shown = write_page(caches, html, budget, overwrite)

@@ -21,9 +21,19 @@ from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 from featherfx.errors import InputError, Problem, SimulationError
-from featherfx.farm.engine import BEGUN, DONE, FAILED, LOST, PROGRESS, QUIET, OrderNews
 from featherfx.farm.origin import forked
-from featherfx.farm.work import PLAN, Order, work
+from featherfx.farm.work import (
+    BEGUN,
+    DONE,
+    FAILED,
+    LOST,
+    PLAN,
+    PROGRESS,
+    QUIET,
+    Order,
+    OrderNews,
+    work,
+)
 from featherfx.files.background import allow_threads, count_cores
 
 if TYPE_CHECKING:

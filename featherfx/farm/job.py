@@ -17,11 +17,23 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, Problem, SimulationError
-from featherfx.farm import timing_history
-from featherfx.farm.engine import DONE, FAILED, LOST, PROGRESS, QUIET, Engine, OrderNews
 from featherfx.farm.places import Shares
-from featherfx.farm.work import BAKE, MERGE, PLAN, Order, OrderResult
+from featherfx.farm.work import (
+    BAKE,
+    DONE,
+    FAILED,
+    LOST,
+    MERGE,
+    PLAN,
+    PROGRESS,
+    QUIET,
+    Engine,
+    Order,
+    OrderNews,
+    OrderResult,
+)
 from featherfx.files.content import program_digest
+from featherfx.files.disk_cache import keep, kept_before
 from featherfx.files.lock import Lock
 from featherfx.usd.types import BUSY_MESSAGE, OutputError
 from featherfx.usd.write.parts import lock_file
@@ -30,6 +42,7 @@ from featherfx.usd.write.parts import lock_file
 _TRIES = 3
 # shares for each worker, so that those that are done early take over from others
 _SHARES_EACH = 2
+_SHARE_TIMES = "share-times"  # key of the disk cache
 
 _LOG = logging.getLogger("featherfx.farm")
 
@@ -207,7 +220,7 @@ class Job:
             return []
         if count == 1:
             each.release()  # its bake takes it itself
-        each.left, each.past = count, timing_history.seconds_of(each.shot, each.plan["sizes"])
+        each.left, each.past = count, read_share_times(each.shot, each.plan["sizes"])
         return [
             self._order(each, BAKE, count, share=share, chunk=chunk)
             for share in range(1, count + 1)
@@ -280,7 +293,7 @@ class Job:
             each.left -= 1
             self._baked_at = time.perf_counter()
             if each.left == 0:
-                _note(each)
+                _note_times(each)
             if each.left == 0 and order.shares > 1:
                 self._merge(each)
             elif each.left == 0:
@@ -362,12 +375,21 @@ class Job:
         return {**plan, "output": str(each.output), **parts}
 
 
-def _note(each: _ShotState) -> None:
-    """Remember for later jobs what shares took, where each was baked whole by one worker."""
+def _note_times(each: _ShotState) -> None:
+    """Keep the times of shares for later jobs, where each was baked whole by one worker."""
     whole = all(
         not share["samples_taken_over"] and not share["workers_lost"] for share in each.baked
     )
     if whole and each.plan["samples"]:
         shares = sorted(each.baked, key=lambda share: int(share["share"]))
         took = [share["processor_seconds"] / each.plan["samples"] for share in shares]
-        timing_history.note(each.shot, each.plan["sizes"], took)
+        keep(_SHARE_TIMES, [str(each.shot), list(each.plan["sizes"])], {"seconds": took})
+
+
+def read_share_times(shot: Path, sizes: Sequence[int]) -> list[float]:
+    """Read the CPU time, s a sample, of each share of a shot in an earlier job of this machine.
+
+    sizes: feathers of each share. Empty where the shot was not baked in such shares.
+    """
+    found = kept_before(_SHARE_TIMES, [str(shot), list(sizes)])
+    return [] if found is None else found["seconds"].tolist()

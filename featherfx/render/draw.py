@@ -13,7 +13,6 @@ import numpy as np
 from featherfx.errors import InputError, Problem, require
 from featherfx.files.atomic_write import standing
 from featherfx.phases import ReportDone, phase
-from featherfx.render.annotate import add_key, beside, contact_sheet, label
 from featherfx.render.camera import (
     Eye,
     axes_of,
@@ -27,10 +26,10 @@ from featherfx.render.camera import (
     whole,
 )
 from featherfx.render.colour import Bar, Legend
-from featherfx.render.files import Picture, save
-from featherfx.render.options import SHEET_FRAMES, PictureOptions, check_pixels
+from featherfx.render.image_files import Picture, add_key, beside, contact_sheet, label, save
+from featherfx.render.picture import SHEET_FRAMES, PictureOptions, check_pixels
 from featherfx.render.subject import Subject, open_subject
-from featherfx.render.trace import ROWS_AT_ONCE, Tracer
+from featherfx.render.tracer import ROWS_AT_ONCE, Tracer
 from featherfx.usd.read.scenes import find_camera
 from featherfx.usd.write.output import find_file_problems
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
+from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING
+from featherfx.usd.read.cached_feather import CachedFeather
 
 # barbs where there are none: no place is between them
 _WHOLE = np.array([0.5, 0.0, 0.0, 1.0, 0.0], dtype=np.float32)
@@ -86,3 +89,114 @@ def vertex_normals(points: Array, triangles: Indices) -> Array:
         axis=1,
     )
     return np.asarray(unit(summed))
+
+
+class DrawnGrid(NamedTuple):
+    """A vane's vertices from the shaft outwards. rows: (R, C). edges: (R - 1, C), upper edges of
+    the strips between them; None where these are the rows. heights: (R,). places: (C,), on the
+    barb."""
+
+    rows: Indices
+    edges: Indices | None
+    heights: Array
+    places: Array
+
+
+@dataclass(frozen=True)
+class Topology:
+    """Vertices of a mesh as rows of barbs and rings of the rachis.
+
+    vanes: of each side. shaft: (R, M) vertices around the shaft and heights (R,); None where it has
+    none.
+    """
+
+    vanes: tuple[DrawnGrid, ...]
+    shaft: tuple[Indices, Array] | None
+
+
+def topology_of(feather: CachedFeather) -> Topology | None:
+    """None where the mesh is no feather with rows of barbs, such as one of another program."""
+    if feather.st is None:
+        return None
+    vanes = []
+    for side in (LEADING, TRAILING):
+        if (feather.side == side).any():
+            triangles = feather.triangles[feather.side == side]
+            grid = _vane_grid(feather.st, triangles) or _parting_grid(feather.st, triangles)
+            if grid is None:
+                return None
+            vanes.append(grid)
+    shaft = None
+    if (feather.side == RACHIS_PART).any():
+        shaft = _shaft_rings(feather.st, feather.triangles[feather.side == RACHIS_PART])
+        if shaft is None:
+            return None
+    return Topology(tuple(vanes), shaft) if vanes and shaft else None
+
+
+def _vane_grid(st: Floats, triangles: Indices) -> DrawnGrid | None:
+    """None where rows are no barbs of one number of vertices, one for each place."""
+    rows = _rows(st, np.unique(triangles))
+    grid = _ordered(st, rows)
+    if grid is None:
+        return None
+    widest = int(np.argmax([len(row) for row in rows]))
+    places = np.abs(st[grid[widest], 0] - 0.5).astype(float)
+    places = (places - places[0]) / max(places[-1] - places[0], 1e-12)
+    heights = st[grid[:, 0], 1].astype(float)
+    return DrawnGrid(grid, None, heights, places) if (np.diff(places) > 0).all() else None
+
+
+def _parting_grid(st: Floats, triangles: Indices) -> DrawnGrid | None:
+    """As _vane_grid, of a vane that may part: each strip has edges of its own."""
+    heights = st[triangles, 1]
+    low, high = heights.min(axis=1), heights.max(axis=1)
+    lower, upper = [], []
+    for height in np.unique(low):
+        strip = low == height
+        vertices = np.unique(triangles[strip])
+        own = st[vertices, 1]
+        if len(np.unique(high[strip])) != 1 or len(np.unique(own)) != 2:
+            return None
+        lower.append(vertices[own == height])
+        upper.append(vertices[own != height])
+    rows = _ordered(st, [*lower, upper[-1]])
+    edges = _ordered(st, upper)
+    if rows is None or edges is None or rows.shape[1] != edges.shape[1]:
+        return None
+    whole = _vane_grid(st, rows)
+    return None if whole is None else whole._replace(edges=edges)
+
+
+def _ordered(st: Floats, rows: Sequence[Indices]) -> Indices | None:
+    """(R, C) vertices of rows from the shaft outwards, or None."""
+    count = max((len(row) for row in rows), default=0)
+    if count < 2 or len(rows) < 2:
+        return None
+    ordered = []
+    for row in rows:
+        if len(row) == 1:
+            # base or tip, where barbs have no length
+            row = np.repeat(row, count)
+        if len(row) != count:
+            return None
+        ordered.append(row[np.argsort(np.abs(st[row, 0] - 0.5), kind="stable")])
+    return np.array(ordered)
+
+
+def _shaft_rings(st: Floats, triangles: Indices) -> tuple[Indices, Array] | None:
+    rows = _rows(st, np.unique(triangles))
+    sizes = [len(row) for row in rows]
+    count = max(set(sizes), key=sizes.count)
+    # a cap's middle stands behind the ring that it closes
+    rings = [row[:count] for row in rows if len(row) in (count, count + 1)]
+    if count < 3 or len(rings) != len(rows) or len(rings) < 2:
+        return None
+    grid = np.array(rings)
+    return grid, st[grid[:, 0], 1].astype(float)
+
+
+def _rows(st: Floats, vertices: Indices) -> list[Indices]:
+    """Vertices of one height each, from the base on, in their own order."""
+    _, inverse = np.unique(st[vertices, 1], return_inverse=True)
+    return [vertices[inverse == k] for k in range(int(inverse.max()) + 1)]

@@ -30,12 +30,10 @@ from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.feather.density import hermite_weights
 from featherfx.groom.looks import BarbLook
-from featherfx.render.barb_looks import BarbStrips, dressed, soaked
-from featherfx.render.coat import drawn_towards, mixed
-from featherfx.render.geometry import Geometry, geometry_of
-from featherfx.render.grids import DrawnGrid, Topology
+from featherfx.render.barb_kernels import colour_vanes
+from featherfx.render.geometry import DrawnGrid, Geometry, Topology, geometry_of
 from featherfx.render.light_kernels import SHAFT, VANE
-from featherfx.render.pattern_kernels import colour_vanes
+from featherfx.render.looks import BarbStrips, drawn_towards, dressed, mixed, soaked
 
 # by eye: how round barbs are shaded where each is as wide as so many pixels; barbs' distances over
 # which ends are free where they hook, parts of a barb that this may be, and where they do not

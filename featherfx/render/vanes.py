@@ -14,10 +14,17 @@ from featherfx.algebra.vectors import unit
 from featherfx.feather.types import RACHIS_PART
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import BarbLook
-from featherfx.render.coat import coat_fractions, coat_normals
-from featherfx.render.geometry import Geometry, geometry_of, joined, vertex_normals
-from featherfx.render.grids import DrawnGrid, Topology, topology_of
+from featherfx.render.geometry import (
+    DrawnGrid,
+    Geometry,
+    Topology,
+    geometry_of,
+    joined,
+    topology_of,
+    vertex_normals,
+)
 from featherfx.render.light_kernels import SKIN
+from featherfx.render.looks import coat_fractions, coat_normals
 from featherfx.render.strips import (
     PosedVane,
     StripGroup,

@@ -26,17 +26,19 @@ from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library
 from featherfx.groom.presets.presets import toml_of
 from featherfx.groom.types import FeatherKind, VaneShape
-from featherfx.trace.shaft import ShaftLine, drawn_shaft, shaft_of
-from featherfx.trace.silhouette import AlignedPicture, Photo, laid_out, read_photo, silhouette
-from featherfx.trace.vanes import (
+from featherfx.trace.feather_lines import (
     LEFT,
     RIGHT,
+    ShaftLine,
     barb_angles,
     calamus_of,
+    drawn_shaft,
+    shaft_of,
     simplified,
     straightened,
     widths,
 )
+from featherfx.trace.silhouette import AlignedPicture, Photo, laid_out, read_photo, silhouette
 
 Guides = list[tuple[float, float, float]]
 

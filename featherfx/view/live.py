@@ -32,9 +32,8 @@ from featherfx.shot.frames import Frame, place
 from featherfx.shot.loop.live import LiveSimulation
 from featherfx.shot.types import Grip, Shot
 from featherfx.usd.write.cache_writer import CacheWriter
-from featherfx.view.page import page
+from featherfx.view.page import BYTES, HTML, JSON, Server, page
 from featherfx.view.played import STRAIN, Played
-from featherfx.view.serve import BYTES, HTML, JSON, Server
 from featherfx.view.tuned import Tuned
 
 _MOST_FEATHERS = 200

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
@@ -33,11 +34,69 @@ from featherfx.render.colour import (
     value_limits,
 )
 from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_scene
+from featherfx.render.subject import scenery_of_shot
 from featherfx.usd.check.measures import CrossedPoints
 from featherfx.usd.convert.levels import ThinnedMesh, make_levels, thin_feathers
 from featherfx.usd.read.cache import Cache
-from featherfx.view.body import SceneryMeshes
-from featherfx.view.packing import Bytes, packed_colours, packed_points
+
+Bytes = NDArray[np.uint8]
+
+_PLACES = 65535
+
+
+def packed_points(points: Array) -> bytes:
+    """Points (V, 3): corner and size of their box (6 float32), then places in it (3 uint16)."""
+    # column by column, which numpy does much faster
+    low, high = (np.array([end(each) for each in points.T]) for end in (np.min, np.max))
+    size = np.maximum(high - low, 1e-9)
+    places = (points - low) * (_PLACES / size) + 0.5
+    return np.concatenate([low, size]).astype("<f4").tobytes() + places.astype("<u2").tobytes()
+
+
+def packed_colours(colours: Array) -> bytes:
+    """Colours, or other values, from 0 to 1, a byte each."""
+    rounded: Bytes = np.round(255.0 * np.clip(colours, 0.0, 1.0)).astype(np.uint8)
+    return rounded.tobytes()
+
+
+class SceneryMeshes:
+    """The meshes that a cache at a path names, as pictures have them; a warning tells what is not
+    there. points: of all of them, 0 where there are none."""
+
+    def __init__(self, cache: Cache, path: Path) -> None:
+        # what the camera is to see of it comes first
+        self._meshes = sorted(scenery_of_shot(cache, path), key=lambda each: not each.framed)
+        self._counts = [int(each.scene.starts[-1]) for each in self._meshes]
+
+    @property
+    def points(self) -> int:
+        return sum(self._counts)
+
+    def header(self) -> dict[str, Any] | None:
+        """Describe the meshes for the viewer; None where there are none. framed: number of points,
+        the first, that the camera is to see."""
+        if not self._meshes:
+            return None
+        pairs = zip(self._meshes, self._counts, strict=True)
+        return {
+            "points": self.points,
+            "triangles": sum(len(each.scene.triangles) for each in self._meshes),
+            "levels": [],
+            "framed": sum(count for each, count in pairs if each.framed),
+        }
+
+    def constant(self) -> bytes:
+        """Corners (3 uint32 a triangle) and a colour a point (3 bytes)."""
+        starts = np.cumsum([0, *self._counts])
+        pairs = zip(self._meshes, starts[:-1], strict=True)
+        corners = np.concatenate([each.scene.triangles + start for each, start in pairs])
+        colours = np.concatenate([each.colours() for each in self._meshes])
+        return corners.astype("<u4").tobytes() + packed_colours(colours)
+
+    def frame(self, code: float | None) -> bytes:
+        """Its points at a time code of the cache; None: at rest."""
+        return packed_points(np.concatenate([each.points(code) for each in self._meshes]))
+
 
 # what, at which level, in which frame
 _FRAME = re.compile(r"([a-z]+)(\d?)-(\d{1,7})")

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, SimulationError
-from featherfx.farm.engine import BEGUN, DONE, FAILED, PROGRESS, QUIET, OrderNews
-from featherfx.farm.work import Order, work
+from featherfx.farm.work import BEGUN, DONE, FAILED, PROGRESS, QUIET, Order, OrderNews, work
 from featherfx.groom.presets.folders import SHIPPED
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"

@@ -14,7 +14,6 @@ from farm.farm_cases import SerialEngine, options_of, shot_file
 import featherfx
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm import job as job_module
-from featherfx.farm import timing_history
 from featherfx.farm.job import Job
 from featherfx.farm.places import _PATHS_VARIABLE, Shares, mapped, outputs_of
 from featherfx.farm.work import BAKE, MERGE, PLAN
@@ -105,10 +104,10 @@ def test_what_took_longest_before_is_given_out_first(tmp_path, monkeypatch):
         return [order.share for order, _ in engine.given if order.what == BAKE]
 
     assert order_of(Timed()) == [1, 2, 3]
-    assert timing_history.seconds_of(shot, [7, 7, 6]) == [1.0, 3.0, 2.0]
+    assert job_module.read_share_times(shot, [7, 7, 6]) == [1.0, 3.0, 2.0]
     assert order_of(Timed(), overwrite=True) == [2, 3, 1]
     # of other shares nothing is known
-    assert timing_history.seconds_of(shot, [10, 10]) == []
+    assert job_module.read_share_times(shot, [10, 10]) == []
     assert order_of(Timed(), shares=2, overwrite=True) == [1, 2]
 
 
@@ -212,7 +211,7 @@ def test_outputs_of_shots_of_one_file_name_take_the_shots_names(tmp_path):
     assert [each.name for each in found] == ["wing_0.usdc", "wing_1.usdc"]
     with pytest.raises(InputError, match=r"would be wing_0\.usdc, as .*1/shot\.toml is"):
         outputs_of([first, first], tmp_path)
-    with pytest.raises(InputError, match="2 shots go to a folder"):
+    with pytest.raises(InputError, match="Name a folder for 2 shots"):
         outputs_of([first, second], tmp_path / "x.usdc")
 
 
@@ -271,7 +270,7 @@ def test_the_command_bakes_a_folder_of_shots(tmp_path, monkeypatch, single):
     [
         (["a.toml", "b.toml"], "are for --engine dask"),
         (["a.toml", "--workers", "2"], "are for --engine dask"),
-        (["a.toml", "--engine", "dask", "--plan", "2"], "leave out --engine dask"),
+        (["a.toml", "--engine", "dask", "--plan", "2"], "Leave out --engine dask"),
     ],
 )
 def test_options_that_do_not_go_together_are_wrong_usage(given, told):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.vectors import unit
-from featherfx.render.coat import _PLACES, coat_fractions, coat_normals, mixed
 from featherfx.render.geometry import geometry_of, joined
 from featherfx.render.light_kernels import VANE
+from featherfx.render.looks import _PLACES, coat_fractions, coat_normals, mixed
 
 pytest.importorskip("embreex", reason="no wheel for this platform")
 
@@ -58,7 +58,7 @@ def test_feathers_that_are_large_in_the_picture_keep_their_shape():
 @pytest.mark.parametrize(("pixels", "seen"), [(2.0, False), (30.0, True)])
 def test_a_vane_close_above_another_casts_no_shadow_finer_than_pixels(pixels, seen):
     from featherfx.render.camera import framing
-    from featherfx.render.trace import Tracer
+    from featherfx.render.tracer import Tracer
 
     size = (160, 120)
     pixel = 0.1 / size[1]

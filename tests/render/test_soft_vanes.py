@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from featherfx.render.barb_kernels import half_width, is_gap
+from featherfx.render.barb_kernels import colour_vanes, half_width, is_gap
 from featherfx.render.light_kernels import displayed, of_film
-from featherfx.render.pattern_kernels import colour_vanes
 from featherfx.render.smooth_kernels import NUMBERS, REACH, finish, gather_light
-from featherfx.render.studio import light_of
+from featherfx.render.tracer import light_of
 
 
 def open_share(place, free):

@@ -27,8 +27,7 @@ from test_view_live import served
 from test_view_page import BROWSER_OPTIONS, scripted
 
 from featherfx.view.live import Live, LiveServer, LiveSource, presets_of
-from featherfx.view.page import fitting_second
-from featherfx.view.serve import Server
+from featherfx.view.page import Server, fitting_second
 
 SECONDS = 10.0
 TICKS = os.sysconf("SC_CLK_TCK")

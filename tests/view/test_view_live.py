@@ -24,7 +24,7 @@ from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
 from featherfx.shot.loop.live import LiveSimulation
 from featherfx.view.live import Live, LiveServer, LiveSource, presets_of
-from featherfx.view.serve import _HOST
+from featherfx.view.page import _HOST
 from featherfx.view.tuned import Tuned
 
 SHOT = ROOT / "samples/feather_pull/shot.toml"

@@ -19,9 +19,8 @@ from pxr import Sdf, Usd, UsdGeom
 from featherfx.errors import InputError
 from featherfx.render.scene import load_points, load_scene
 from featherfx.usd.read.cache import Cache
-from featherfx.view.page import fitting, header_of, write_page
+from featherfx.view.page import _HOST, Server, fitting, header_of, write_page
 from featherfx.view.played import Played
-from featherfx.view.serve import _HOST, Server
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
 EVERYTHING = 1 << 40
