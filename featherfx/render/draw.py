@@ -27,7 +27,7 @@ from featherfx.render.camera import (
 )
 from featherfx.render.colour import Bar, Legend
 from featherfx.render.image_files import Picture, add_key, beside, contact_sheet, label, save
-from featherfx.render.picture import SHEET_FRAMES, PictureOptions, check_pixels
+from featherfx.render.options import SHEET_FRAMES, PictureOptions, check_pixels
 from featherfx.render.subject import Subject, open_subject
 from featherfx.render.tracer import ROWS_AT_ONCE, Tracer
 from featherfx.usd.read.scenes import find_camera

@@ -16,7 +16,7 @@ from featherfx.render.colour import COLLIDER, SHAFT, SKIN, Bar, Legend, look_col
 from featherfx.render.geometry import Geometry, apart, geometry_of, joined, vertex_normals
 from featherfx.render.light_kernels import EYE
 from featherfx.render.light_kernels import SKIN as SKIN_MATERIAL
-from featherfx.render.picture import PictureOptions
+from featherfx.render.options import PictureOptions
 from featherfx.render.scene import (
     DrawnScene,
     chosen_feathers,
