@@ -53,7 +53,7 @@ def test_an_interrupt_after_the_last_rename_says_that_the_cache_is_complete(monk
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(baking, "_report", interrupted)
+    monkeypatch.setattr(baking, "store_report", interrupted)
     output, report = tmp_path / "p.usdc", tmp_path / "p.json"
     result = invoke("bake", PULL, "-o", output, "--frames", "1-2", "--report", report)
     assert result.exit_code == 1

@@ -55,7 +55,7 @@ def test_feathers_that_meet_later_do_not_pass_and_a_checkpoint_knows_who_has_met
         frames.append(frame)
         if frame.number == 16:
             checkpoint = simulation.checkpoint()
-            assert len(checkpoint.contact["0.met"]) == 2
+            assert len(checkpoint.stages["contact"]["0.met"]) == 2
             checkpoint.save(tmp_path / "state.npz")
     contact = simulation.report["contact"]
     assert contact["most_contacts"] > 0

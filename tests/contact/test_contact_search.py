@@ -195,7 +195,7 @@ def test_where_vanes_cross_no_depth_has_to_be_taken_back():
 
 
 def test_threads_change_no_contact(monkeypatch):
-    monkeypatch.setattr("featherfx.solver.contact.search.LEAST_POINTS", 500)
+    monkeypatch.setattr("featherfx.solver.contact.search._MIN_POINTS", 500)
     scene = Scene(1)
 
     with ThreadPoolExecutor(3) as pool:

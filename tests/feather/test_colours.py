@@ -48,7 +48,7 @@ def test_bars_run_straight_across_a_feather_of_oblique_barbs():
     kind = replace(
         flat,
         trailing=replace(KIND.trailing, guides=tuple(guides)),
-        colour=Colour(base=WHITE, patterns=(bar(number=5, size=0.5),)),
+        colour=Colour(base=WHITE, patterns=(bar(count=5, size=0.5),)),
     )
     feather = build_feather(kind, 201, 16)
     light = colour_feather(kind, feather, None, "one").points[:, 0]
@@ -86,12 +86,12 @@ def test_a_gradient_rises_and_later_marks_cover_earlier_ones():
 
 
 def test_mirrored_feathers_have_the_same_colours():
-    marks = bar(number=4), Pattern(kind="spots", colour=(0.5, 0.2, 0.1), size=0.02)
+    marks = bar(count=4), Pattern(kind="spots", colour=(0.5, 0.2, 0.1), size=0.02)
     assert shades(*marks)[2] == pytest.approx(shades(*marks, mirrored=True)[2], abs=1e-9)
 
 
 def test_barbs_have_the_colours_of_the_vane_below_them():
-    kind = replace(KIND, colour=Colour(base=WHITE, patterns=(bar(number=2, soft=1.0),)))
+    kind = replace(KIND, colour=Colour(base=WHITE, patterns=(bar(count=2, soft=1.0),)))
     feather = build_feather(kind, 81, 16)
     barbs = barb_curves(kind, (81, 16), 60, False)
     found = colour_feather(kind, feather, barbs, "one")
@@ -116,11 +116,11 @@ def test_brightness_goes_by_the_id_alone():
 
 
 def test_halfway_kinds_have_halfway_colours():
-    first = replace(KIND, colour=Colour(base=WHITE, patterns=(bar(number=4, size=0.2),)))
-    second = replace(KIND, colour=Colour(base=(0.0, 0.5, 1.0), patterns=(bar(number=4, size=0.6),)))
+    first = replace(KIND, colour=Colour(base=WHITE, patterns=(bar(count=4, size=0.2),)))
+    second = replace(KIND, colour=Colour(base=(0.0, 0.5, 1.0), patterns=(bar(count=4, size=0.6),)))
     middle = blended(first, second, 0.25).colour
     assert middle.base == pytest.approx((0.75, 0.875, 1.0))
-    assert middle.patterns == (bar(number=4, size=pytest.approx(0.3)),)
+    assert middle.patterns == (bar(count=4, size=pytest.approx(0.3)),)
     # what only one has, and marks of other sorts, come from the nearer
     plain = blended(first, KIND, 0.25)
     assert plain.colour.base == WHITE
