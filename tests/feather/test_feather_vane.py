@@ -188,7 +188,7 @@ def test_a_barb_that_turns_back_across_the_rachis_is_named():
     [
         (((0.0, 0.1),), "at least two points"),
         (((0.0, 0.1), (0.0, 0.1), (1.0, 0.0)), "repeats the point"),
-        (((0.0, 0.1), (1.0, -0.1)), "allowed: y >= 0"),
+        (((0.0, 0.1), (1.0, -0.1)), "Give y >= 0"),
         (((0.0, 0.1), (1.0, float("nan"))), "not finite"),
         (((0.0, 0.0), (0.8, 0.2), (0.8, 0.05), (0.2, 0.2), (1.0, 0.0)), "crosses itself"),
     ],

@@ -91,7 +91,7 @@ def test_splits_start_open_and_their_barbs_meet_where_they_were_joined():
 
 
 def test_drawn_splits_are_the_same_for_a_pattern_and_differ_between_patterns():
-    kind = split(number=5, where=(0.2, 0.8))
+    kind = split(count=5, where=(0.2, 0.8))
     patterns = [adjusted(kind, Change(patterns=(0, k))).trailing.splits for k in (0, 1, 1)]
     drawn = [splits_of(each, TRAILING) for each in patterns]
     assert drawn[1] == drawn[2] != drawn[0]
@@ -99,12 +99,12 @@ def test_drawn_splits_are_the_same_for_a_pattern_and_differ_between_patterns():
         assert len(each) == 5
         assert all(0.2 < one.position < 0.8 for one in each)
         assert np.diff([one.position for one in each]).min() > 0.3 * 0.6 / 5
-    even = splits_of(split(number=3, irregularity=0.0, where=(0.2, 0.8)).trailing.splits, TRAILING)
+    even = splits_of(split(count=3, irregularity=0.0, where=(0.2, 0.8)).trailing.splits, TRAILING)
     assert [one.position for one in even] == pytest.approx([0.3, 0.5, 0.7])
 
 
 @pytest.mark.parametrize("rows", [11, 21, 61])
 def test_many_splits_on_any_grid_do_not_fold_the_vane(rows):
-    feather = build_feather(split(number=12, width=0.008, irregularity=1.0), rows, 4)
+    feather = build_feather(split(count=12, width=0.008, irregularity=1.0), rows, 4)
     strips = feather.split[TRAILING].any(axis=(1, 2)).sum()
     assert strips == 12 if rows == 61 else strips > 4
