@@ -124,7 +124,7 @@ def test_an_unknown_diagnostic_is_refused(tmp_path):
     ("change", "message"),
     [
         (lambda a: a.Set([float("nan")] * len(a.Get(2)), 2), "not finite"),
-        (lambda a: a.Set([0.0], 2), "interpolation uniform asks for"),
+        (lambda a: a.Set([0.0], 2), "Interpolation uniform asks for"),
         (lambda a: a.ClearAtTime(2), "not at the times of the"),
     ],
 )

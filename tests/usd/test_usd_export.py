@@ -41,7 +41,7 @@ def test_a_cache_that_ends_before_it_begins_is_refused(tmp_path, caches):
     stage.Save()
     result = invoke("export", path, "-o", tmp_path / "out.ply")
     assert result.exit_code == 1
-    told = "endTimeCode: is -5, no whole frame lies between it and startTimeCode, 1"
+    told = "endTimeCode: is -5, no whole frame lies between it and startTimeCode, 1."
     assert result.stderr.splitlines()[-1].endswith(told)
 
 
@@ -233,7 +233,7 @@ def test_what_cannot_be_exported_is_told(tmp_path, caches, wing):
     mesh.CreateFaceVertexCountsAttr([3])
     mesh.CreateFaceVertexIndicesAttr([0, 1, 2])
     stage.Save()
-    with pytest.raises(InputError, match="is not laid out on a barb grid"):
+    with pytest.raises(InputError, match="has no barb grid"):
         pipeline.export(tmp_path / "plain.usda", tmp_path / "out.usda", condensed=True)
     assert [file.name for file in tmp_path.iterdir()] == ["plain.usda"]
     result = invoke("export", wing, "-o", "a.glb", "--condensed")

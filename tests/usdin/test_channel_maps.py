@@ -102,5 +102,5 @@ def test_a_map_without_a_skin_is_one_message(tmp_path):
     shot = write_shot(tmp_path, SKIN)
     text = shot.read_text().replace("[skin]", "[wind]").partition("[wind]")[0]
     shot.write_text(text + CHANNEL.format("paint"))
-    with pytest.raises(InputError, match=r"channel\[0\]\.map: .* no \[skin\]"):
+    with pytest.raises(InputError, match=r"channel\[0\]\.map: .* Add \[skin\]"):
         featherfx.read_shot(shot)

@@ -95,7 +95,7 @@ def test_motion_goes_on_beyond_the_samples_or_comes_to_rest_where_it_is_held(tmp
         tmp_path / "held",
         creature.sampled,
         count=3,
-        skin='beyond = "hold"',
+        skin='extrapolation = "hold"',
         frames=(creature.FIRST, creature.LAST + 5),
     )
     skin = featherfx.read_shot(path).skin

@@ -191,7 +191,7 @@ def test_kinds_that_are_wrong(folder):
     assert "region[0].kind[1].share" in found
     sound = of_kinds(", where = [{ x = [1, 0] }]").replace("body_contour", "bdoy")
     found = problems(folder, sound)
-    assert "the lower bound comes first" in found
+    assert "Give the lower bound first" in found
     assert "bdoy" in found
     nothing = region().replace("'body_contour'", "[{ name = 'covert', share = 0 }]")
     assert "no share above 0" in problems(folder, nothing)

@@ -52,7 +52,7 @@ def test_the_first_frame_has_the_motions_velocity(tmp_path, preroll):
 
 def test_a_skin_that_is_held_starts_and_stops_without_a_kick(tmp_path):
     frames = (FIRST - 4, creature.LAST + 4)
-    _, velocities, _ = flight(tmp_path, skin='beyond = "hold"', frames=frames)
+    _, velocities, _ = flight(tmp_path, skin='extrapolation = "hold"', frames=frames)
     speeds = np.linalg.norm(velocities, axis=2)
     assert speeds[0].max() < 1e-9
     assert speeds[: 2 * SUBFRAMES, 0].max() < 1e-6

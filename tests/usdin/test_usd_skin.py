@@ -329,7 +329,7 @@ def test_shots_with_wrong_skins_say_all(tmp_path):
     with pytest.raises(InputError, match=r"/bird is a Xform, no Mesh\. Below it is /bird/skin"):
         featherfx.read_shot(write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/bird"'))
     with pytest.raises(
-        InputError, match=r"skin\.prim: no prim /bird/skn .* below /bird there is skin"
+        InputError, match=r"skin\.prim: no prim /bird/skn .* Below /bird there is skin"
     ):
         featherfx.read_shot(write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/bird/skn"'))
     with pytest.raises(InputError, match=r"skin.prim: missing"):

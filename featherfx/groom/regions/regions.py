@@ -198,7 +198,7 @@ def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, a
             region.place.child(key).fail(f"asks for {count} feathers of the {most} that may be")
     at.child("max_feathers").fail(
         f"the regions ask for {sum(counts)} feathers, more than {most}."
-        " Lower a density or raise most"
+        " Lower a density or raise max_feathers"
     )
 
 
