@@ -45,7 +45,6 @@ RIDDLES_ALLOWED = {
     "algebra": 5,
     "feather": 33,
     "files": 11,
-    "groom": 78,
     "jit": 44,
     "lab": 51,
     "mechanics": 19,

@@ -17,7 +17,7 @@ from featherfx.api import Folders, shot_as_written
 from featherfx.baking.task import default_output
 from featherfx.errors import InputError, Problem, require
 from featherfx.files.atomic_write import write_text
-from featherfx.groom.presets.folders import SHIPPED, own_folders
+from featherfx.groom.presets.folders import SHIPPED_PRESETS, own_folders
 from featherfx.limits import TASK_HOURS
 from featherfx.shot.loop.placement import place_feathers
 from featherfx.shot.partition.partition import most_shares, share_count
@@ -132,7 +132,7 @@ def work_items(commands: Sequence[Sequence[str]], join: Sequence[str]) -> dict[s
 
 def _searched(folders: Sequence[str]) -> list[str]:
     """Options by which a worker finds presets in these folders and the shipped ones only."""
-    return [part for folder in (*folders, SHIPPED) for part in ("--presets", folder)]
+    return [part for folder in (*folders, SHIPPED_PRESETS) for part in ("--presets", folder)]
 
 
 def _search_path() -> list[Path]:

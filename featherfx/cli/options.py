@@ -11,7 +11,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import click
 
-from featherfx.groom.presets.folders import SHIPPED
+from featherfx.groom.presets.folders import SHIPPED_PRESETS
 from featherfx.limits import MOST_JOBS, MOST_SHARES, MOST_SIDE
 
 _MOST_DIGITS = 8  # of a frame, a share or a side: with sign, more than any may have
@@ -221,7 +221,7 @@ class PresetFolder(click.Path):
         super().__init__(path_type=Path, file_okay=False, exists=True)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if value == SHIPPED:
+        if value == SHIPPED_PRESETS:
             return value
         folder = Path(str(super().convert(value, param, ctx)))
         # click takes a pipe or device for a folder
@@ -238,7 +238,8 @@ def presets_option(command: Decorated) -> Decorated:
         multiple=True,
         metavar="FOLDER",
         help="Search this folder for presets before those of FEATHERFX_PRESETS, your own and the"
-        f" shipped ones. '{SHIPPED}' stands for the shipped ones. Repeatable; the first wins.",
+        f" shipped ones. '{SHIPPED_PRESETS}' stands for the shipped ones. Repeatable; the first"
+        " wins.",
     )(command)
 
 

@@ -103,9 +103,9 @@ def schema(kind: str, family: str) -> None:
 
     if family and kind != "preset":
         raise click.UsageError("--family goes with preset")
-    if family and family not in schemas.FAMILIES:
+    if family and family not in schemas.PRESET_FAMILIES:
         raise click.BadParameter(
-            f"'{family}' is none of {', '.join(schemas.FAMILIES)}", param_hint="--family"
+            f"'{family}' is none of {', '.join(schemas.PRESET_FAMILIES)}", param_hint="--family"
         )
     click.echo(json.dumps(schemas.schema(kind, family), indent=2))
 

@@ -19,7 +19,7 @@ from featherfx.farm.cluster import opened
 from featherfx.farm.job import Job
 from featherfx.farm.places import outputs_of
 from featherfx.files.atomic_write import standing
-from featherfx.groom.presets.folders import SHIPPED, own_folders
+from featherfx.groom.presets.folders import SHIPPED_PRESETS, own_folders
 from featherfx.usd.types import OutputError
 
 
@@ -64,7 +64,7 @@ def bake_many(
     paths = [Path(os.path.abspath(each)) for each in shots]
     where = Path(os.path.abspath(output))
     outputs = outputs_of(paths, where)
-    folders = [*(str(each) for each in own_folders(chosen.preset_folders)), SHIPPED]
+    folders = [*(str(each) for each in own_folders(chosen.preset_folders)), SHIPPED_PRESETS]
     given = asdict(replace(chosen, preset_folders=folders, report=None))
     with opened(scheduler, workers) as engine, _made(None if outputs == [where] else where):
         starting = time.perf_counter() - begin

@@ -26,7 +26,7 @@ from featherfx.algebra.types import Array
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, BarbCurves, Feather, barb_slice
 from featherfx.files.content import stable_number
-from featherfx.groom.looks import SIZES, Colour, Pattern
+from featherfx.groom.looks import DEFAULT_PATTERN_SIZES, Colour, Pattern
 from featherfx.groom.types import FeatherKind
 
 # linear, of keratin without colours
@@ -179,7 +179,7 @@ def _cover(pattern: Pattern, calamus: float, places: Array) -> Array:
     spacing = (end - start) / pattern.count
     nearest = np.clip(np.round((along - start) / spacing - 0.5), 0, pattern.count - 1)
     middle = start + (nearest + 0.5) * spacing
-    size = SIZES.get(pattern.kind, 0.0) if pattern.size is None else pattern.size
+    size = DEFAULT_PATTERN_SIZES.get(pattern.kind, 0.0) if pattern.size is None else pattern.size
     match pattern.kind:
         case "gradient":
             return faded((along - start) / (end - start))

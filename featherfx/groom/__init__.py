@@ -1,1 +1,1 @@
-"""What an artist says: which feathers, where, and what they are."""
+"""Descriptions of feathers by an artist: their kinds, their places and their looks."""

@@ -1,4 +1,4 @@
-"""How a feather looks, as an artist writes it down: colours, patterns, and barbs that are drawn."""
+"""Looks of feathers: colours, patterns, and barbs that are drawn."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _FILM = Number(0, 3e-6, "m")
 _COLOUR = ArrayOf(Number(0, 1), 3, 3)
 Shade = tuple[float, float, float]
 # of patterns that name none; chosen by eye
-SIZES = {"bars": 0.4, "spots": 0.02, "eye": 0.08, "fringe": 0.01, "streak": 0.01}
-_DEFAULTS = ", ".join(f"{size:g} of {kind}" for kind, size in SIZES.items())
+DEFAULT_PATTERN_SIZES = {"bars": 0.4, "spots": 0.02, "eye": 0.08, "fringe": 0.01, "streak": 0.01}
+_DEFAULTS = ", ".join(f"{size:g} of {kind}" for kind, size in DEFAULT_PATTERN_SIZES.items())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +51,7 @@ class Pattern:
 
 @dataclass(frozen=True, kw_only=True)
 class Colour:
-    """How a feather is coloured; colours are sRGB. base: None: as a preview draws keratin."""
+    """Colours of a feather, in sRGB. base: None draws it as plain keratin."""
 
     base: Annotated[
         Shade | None, _COLOUR, "Of the vanes; without it the feather has no colour of its own."
@@ -73,18 +73,18 @@ class Colour:
 
     @property
     def is_plain(self) -> bool:
-        """Whether there is nothing to write of it."""
+        """True if there is nothing to write."""
         return self.base is None and not self.has_film
 
     @property
     def has_film(self) -> bool:
-        """Whether there is a film anywhere."""
+        """True if there is a film anywhere."""
         return self.film > 0.0 or any(each.film for each in self.patterns)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BarbLook:
-    """How barbs that are drawn differ from smooth ones (featherfx/feather/barb_looks.py)."""
+    """Deviation of drawn barbs from smooth ones (featherfx/feather/barb_looks.py)."""
 
     clump: Annotated[
         float, _PLACE, "How far the ends of barbs come together in clumps, a share of the distance."
@@ -117,13 +117,13 @@ class BarbLook:
 
     @property
     def moves_barbs(self) -> bool:
-        """Whether barbs are drawn elsewhere than the vane has them."""
+        """True if barbs are drawn away from the vane's own."""
         return max(self.clump, self.frizz, self.jitter) > 0.0
 
 
 @lru_cache(maxsize=4096)
 def look_text(look: BarbLook) -> str:
-    """What of a look is not as usual, for caches; empty where all is."""
+    """Write the values of a look that are no defaults, for caches; empty if there are none."""
     return _text(look, BarbLook())
 
 
@@ -135,7 +135,7 @@ def look_of(text: str) -> BarbLook:
 
 @lru_cache(maxsize=4096)
 def colour_text(colour: Colour) -> str:
-    """What of a colour is not as usual, for caches; empty where all is."""
+    """Write the values of a colour that are no defaults, for caches; empty if there are none."""
     return _text(colour, Colour())
 
 

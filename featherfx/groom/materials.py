@@ -1,4 +1,4 @@
-"""What vanes and shafts are made of. Units are SI."""
+"""Materials of vanes and rachises, in SI units."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from typing import Annotated
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text
 
 Curve = tuple[tuple[float, float], ...]
-LEAST_FACTOR, MOST_FACTOR = 1e-3, 1e3
-FACTORS = ArrayOf(ArrayOf(Number(0, MOST_FACTOR), 2, 2), 0, 50)
-FACTORS_MEAN = "[share, factor], straight between points and constant beyond; empty: 1."
+MIN_PROFILE_FACTOR, MAX_PROFILE_FACTOR = 1e-3, 1e3
+PROFILE_POINTS = ArrayOf(ArrayOf(Number(0, MAX_PROFILE_FACTOR), 2, 2), 0, 50)
+PROFILE_MEANING = "[share, factor], straight between points and constant beyond; empty: 1."
 
 
 @dataclass(frozen=True)
 class Profile:
     """Factors of a figure of the vane: a curve along the shaft times one along the barbs."""
 
-    rachis: Annotated[Curve, FACTORS, f"Along the vane's length: {FACTORS_MEAN}"] = ()
+    rachis: Annotated[Curve, PROFILE_POINTS, f"Along the vane's length: {PROFILE_MEANING}"] = ()
     barb: Annotated[
-        Curve, FACTORS, f"Along each barb, from its root (0) to its end (1): {FACTORS_MEAN}"
+        Curve,
+        PROFILE_POINTS,
+        f"Along each barb, from its root (0) to its end (1): {PROFILE_MEANING}",
     ] = ()
 
 
@@ -144,7 +146,7 @@ class RachisMaterial:
     youngs_modulus: Annotated[float, Number(1e3, 1e12, "Pa"), "Young's modulus of the cortex."]
     shear_modulus: Annotated[float, Number(1e3, 1e12, "Pa"), "Shear modulus of the cortex."]
     modulus_profile: Annotated[
-        Curve, FACTORS, f"Factors of both moduli along the shaft's length: {FACTORS_MEAN}"
+        Curve, PROFILE_POINTS, f"Factors of both moduli along the shaft's length: {PROFILE_MEANING}"
     ] = ()
     cortex_fraction: Annotated[
         float, Number(0.01, 1), "Share of the radius that is cortex; 1 is solid."

@@ -1,4 +1,4 @@
-"""Where the splits of a vane are: those that are given, and those that are drawn at random.
+"""Places of the splits of a vane: given ones, and those that are drawn at random.
 
 Drawn ones share out the stretch `where` among themselves; each lies in the middle of its part, or
 aside of it by up to JITTER of the part times the irregularity. Those nearer than BESIDE of the part
@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.groom.types import LEAST_DEPTH, FeatherKind, Splits, VaneShape
+from featherfx.groom.types import MIN_SPLIT_DEPTH, FeatherKind, Splits, VaneShape
 
-JITTER = 0.3
-BESIDE = 0.5
+_JITTER = 0.3
+_CLEARANCE_RATIO = 0.5
 # share of the distance between two splits that both together may gape by
-MOST_GAPING = 0.8
+_MAX_GAPING = 0.8
 
 
 class Split(NamedTuple):
@@ -42,14 +42,14 @@ def _drawn(splits: Splits, side: int) -> list[Split]:
     first, last = splits.where
     aside, deeper, wider = splits.irregularity * rng.uniform(-1.0, 1.0, (3, splits.count))
     part = (last - first) / splits.count
-    positions = first + part * (np.arange(splits.count) + 0.5 + JITTER * aside)
+    positions = first + part * (np.arange(splits.count) + 0.5 + _JITTER * aside)
     depths = np.clip(splits.depth * (1.0 + 0.5 * deeper), 0.0, 1.0)
     widths = splits.width * (1.0 + 0.5 * wider)
     columns = positions.tolist(), depths.tolist(), widths.tolist()
     return [
         split
         for split in map(Split, *columns)
-        if all(abs(split.position - place) >= BESIDE * part for place, _ in splits.places)
+        if all(abs(split.position - place) >= _CLEARANCE_RATIO * part for place, _ in splits.places)
     ]
 
 
@@ -71,9 +71,9 @@ def split_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
         if not first < position < last
     ]
     faults += [
-        (f"splits.places[{index}][1]", f"{depth:g} is out of range. Give {LEAST_DEPTH:g} to 1")
+        (f"splits.places[{index}][1]", f"{depth:g} is out of range. Give {MIN_SPLIT_DEPTH:g} to 1")
         for index, (_, depth) in enumerate(splits.places)
-        if depth < LEAST_DEPTH
+        if depth < MIN_SPLIT_DEPTH
     ]
     start, end = splits.where
     if end <= start:
@@ -92,7 +92,7 @@ def _crossings(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
     faults = []
     given = sorted((position, index) for index, (position, _) in enumerate(splits.places))
     for (before, _), (position, index) in pairwise(given):
-        if splits.width > MOST_GAPING * across * (position - before) or position == before:
+        if splits.width > _MAX_GAPING * across * (position - before) or position == before:
             message = (
                 f"{position:g} crosses the split at {before:g}: both gape by {splits.width:g} of "
                 f"the feather's length, and lie {across * (position - before):.3g} apart"
@@ -100,11 +100,11 @@ def _crossings(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
             faults.append((f"splits.places[{index}][0]", message))
     if splits.count:
         part = (splits.where[1] - splits.where[0]) / splits.count
-        apart = 1.0 - 2.0 * JITTER * splits.irregularity if splits.count > 1 else 1.0
-        least = across * part * (min(apart, BESIDE) if splits.places else apart)
+        apart = 1.0 - 2.0 * _JITTER * splits.irregularity if splits.count > 1 else 1.0
+        least = across * part * (min(apart, _CLEARANCE_RATIO) if splits.places else apart)
         widest = splits.width * (1.0 + 0.5 * splits.irregularity)
         alone = splits.count == 1 and not splits.places
-        if not alone and widest > MOST_GAPING * least:
+        if not alone and widest > _MAX_GAPING * least:
             message = (
                 f"{splits.count} splits cross one another or those given: they gape by up to "
                 f"{widest:.3g} of the feather's length, and lie {least:.3g} apart at least"

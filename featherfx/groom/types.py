@@ -1,4 +1,4 @@
-"""What a feather is and where feathers grow: the data that an artist writes down.
+"""Feathers and their places, as an artist writes them down.
 
 Units are SI (metres, kilograms, seconds, pascals) and angles are in degrees, as in the files.
 The feather frame: x leaves the follicle along the rachis, y points to the leading vane, z is
@@ -18,10 +18,16 @@ from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import POINT
 from featherfx.groom.keys.values import ArrayOf, Default, Key, Number, Table, Text, keys_of
 from featherfx.groom.looks import BarbLook, Colour
-from featherfx.groom.materials import FACTORS, FACTORS_MEAN, Curve, RachisMaterial, VaneMaterial
+from featherfx.groom.materials import (
+    PROFILE_MEANING,
+    PROFILE_POINTS,
+    Curve,
+    RachisMaterial,
+    VaneMaterial,
+)
 
 # least share of the barbs that a split is deep
-LEAST_DEPTH = 0.01
+MIN_SPLIT_DEPTH = 0.01
 
 _TURNING = Number(-360, 360, "deg")
 _HALF_TURNING = Number(-180, 180, "deg")
@@ -52,12 +58,14 @@ class RachisShape:
         "its length, camber, sweep, twist] in ascending shares, smooth between.",
     ] = ()
     diameter_profile: Annotated[
-        Curve, FACTORS, f"Factors of the diameter along the shaft's length: {FACTORS_MEAN}"
+        Curve,
+        PROFILE_POINTS,
+        f"Factors of the diameter along the shaft's length: {PROFILE_MEANING}",
     ] = ()
 
 
 # of [rachis]: its fields, and a line that stands for some of them
-SHAFT = keys_of(RachisShape) | {
+RACHIS_KEYS = keys_of(RachisShape) | {
     "line": Key(
         ArrayOf(ArrayOf(Number(-1e4, 1e4), 2, 3), 0, 200),
         "Centre line of the shaft in place of `camber`, `sweep` and `course`: a smooth curve "
@@ -90,11 +98,11 @@ class BarbGuide:
 
 
 # of a guide: its fields, and a line that stands for some of them
-GUIDE = keys_of(BarbGuide)
-GUIDE |= {
+GUIDE_KEYS = keys_of(BarbGuide)
+GUIDE_KEYS |= {
     "angle": replace(
-        GUIDE["angle"],
-        meaning=GUIDE["angle"].meaning + " Given wherever there is no `line`.",
+        GUIDE_KEYS["angle"],
+        meaning=GUIDE_KEYS["angle"].meaning + " Given wherever there is no `line`.",
         default=None,
     ),
     "line": Key(
@@ -148,7 +156,7 @@ class Splits:
     count: Annotated[int, Number(0, 50, whole=True), "Splits that are drawn at random."] = 0
     depth: Annotated[
         float,
-        Number(LEAST_DEPTH, 1),
+        Number(MIN_SPLIT_DEPTH, 1),
         "Share of the barbs that those split, from the vane's edge on.",
     ] = 0.6
     where: Annotated[
@@ -193,7 +201,7 @@ class VaneShape:
     ]
     guides: Annotated[
         tuple[BarbGuide, ...],
-        ArrayOf(Table(GUIDE, "table of a guide"), 0, 100),
+        ArrayOf(Table(GUIDE_KEYS, "table of a guide"), 0, 100),
         "Barb guides in ascending position; barbs in between are interpolated.",
     ] = ()
     rounded_base: Annotated[
@@ -215,7 +223,7 @@ class VaneShape:
 
     @property
     def is_split(self) -> bool:
-        """Whether it has splits from the start."""
+        """True if it has splits from the start."""
         return bool(self.splits.places or self.splits.count)
 
 
@@ -245,7 +253,7 @@ class FeatherKind:
     rachis_material: Annotated[
         RachisMaterial, Preset("material/rachis", keys_of(RachisMaterial)), "Material of the shaft."
     ]
-    rachis: Annotated[RachisShape, Table(SHAFT), "Shape of the shaft at rest."]
+    rachis: Annotated[RachisShape, Table(RACHIS_KEYS), "Shape of the shaft at rest."]
     leading: Annotated[VaneShape, "The leading vane."]
     trailing: Annotated[VaneShape, "The trailing vane."]
     colour: Annotated[Colour, "How it is coloured.", Default({})] = Colour()
@@ -262,17 +270,17 @@ class FeatherKind:
 
     @property
     def is_split(self) -> bool:
-        """Whether one of its vanes has splits from the start."""
+        """True if one of its vanes has splits from the start."""
         return self.leading.is_split or self.trailing.is_split
 
     @property
     def may_part(self) -> bool:
-        """Whether its vanes ever have gaps that are open."""
+        """True if its vanes ever have open gaps."""
         return self.vane_material.hooks == "open" or self.is_split
 
     @property
     def drawn_look(self) -> BarbLook:
-        """Of its barbs in pictures; vanes that may part are drawn smooth."""
+        """The look of its barbs in images; vanes that may part are drawn smooth."""
         return BarbLook() if self.may_part else self.barbs
 
     @property
@@ -307,7 +315,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Turning:
-    """How a follicle turns between two joints, while the feather's joint carries its anchor.
+    """Turn of a follicle between two joints, while the feather's joint carries its anchor.
 
     joints: names. fraction: 0 turns with the first, 1 with the second. anchor: (3,) m, in the
     groom's frame at rest; the root turns about it. bow: (6,) screw (rad, m) in the groom's frame
@@ -362,7 +370,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Layout:
-    """How feathers are laid over each other at rest."""
+    """Layering of feathers at rest."""
 
     clearance: Annotated[
         float, Number(0, 0.1, "m"), "Gap between feathers, and over the skin, that is aimed at."
@@ -394,7 +402,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class Groom:
-    """Which feathers, where. Frame: z up, metres.
+    """Feathers and their places. Frame: z up, metres.
 
     layout: None where feathers stay as they were placed. skin: corners (T, 3, 3) m of the meshes
     that regions grow on, None where there are none. inputs: what its files say, by key (told.py).

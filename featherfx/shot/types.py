@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from featherfx.algebra.types import Array
-from featherfx.groom.keys.preset import FAMILIES, STEADY, Clock, Quality, Wind
+from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.limits import MOST_CLUMPS
@@ -408,7 +408,7 @@ class Motion:
 
     kind: str
     values: dict[str, Any]
-    clock: Clock = STEADY
+    clock: Clock = UNSCALED_CLOCK
 
     @property
     def of_limbs(self) -> bool:
@@ -439,16 +439,19 @@ class Shot:
     frames_per_second: Annotated[float, Number(1, 1000, "1/s"), "Frames per second.", Default(24.0)]
     motion: Annotated[
         Motion,
-        FAMILIES["motion"],
+        PRESET_FAMILIES["motion"],
         "Motion of the roots: a preset, or a table with or without base.",
         Default("hold"),
     ]
     wind: Annotated[
-        Wind, FAMILIES["wind"], "Wind: a preset, or a table with or without base.", Default("calm")
+        Wind,
+        PRESET_FAMILIES["wind"],
+        "Wind: a preset, or a table with or without base.",
+        Default("calm"),
     ]
     quality: Annotated[
         Quality,
-        FAMILIES["quality"],
+        PRESET_FAMILIES["quality"],
         "Resolution: a preset, or a table with or without base.",
         Default("preview"),
     ]

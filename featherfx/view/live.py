@@ -22,7 +22,7 @@ from featherfx.api import read_quality, read_shot
 from featherfx.baking.entries import entries_of
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.files.disk_cache import nothing_kept
-from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.read.toml_file import load_toml
@@ -164,7 +164,7 @@ class Live:
         if direction is None:
             self._wind = None
             return
-        problems, keys = Problems(), FAMILIES["wind"].keys
+        problems, keys = Problems(), PRESET_FAMILIES["wind"].keys
         wind = [
             keys[key].type.check(value, Place("tune", key, problems), False)
             for key, value in (("direction", direction), ("speed", speed))

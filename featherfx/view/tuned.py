@@ -16,7 +16,7 @@ from featherfx.errors import InputError, Problem, require
 from featherfx.files.atomic_write import into_text, standing, write_all
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import Direction
-from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import ArrayOf, Flag, Key, Number, Table, Text, ValueType
 from featherfx.groom.presets.library import plain
@@ -134,7 +134,7 @@ class Tuned:
 
 
 def _table(family: str, values: dict[str, Any]) -> Table:
-    return FAMILIES[family].finished(values.get("kind", ""))
+    return PRESET_FAMILIES[family].finished(values.get("kind", ""))
 
 
 def _sliders(kind: ValueType, value: Any, at: str, key: Key) -> Iterator[Slider]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from featherfx.errors import InputError, SimulationError
 from featherfx.farm.work import BEGUN, DONE, FAILED, PROGRESS, QUIET, Order, OrderNews, work
-from featherfx.groom.presets.folders import SHIPPED
+from featherfx.groom.presets.folders import SHIPPED_PRESETS
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 
@@ -75,4 +75,4 @@ def options_of(**changed: Any) -> dict[str, Any]:
 
     from featherfx.baking.options import BakeOptions
 
-    return asdict(BakeOptions(preset_folders=(SHIPPED,), **changed))
+    return asdict(BakeOptions(preset_folders=(SHIPPED_PRESETS,), **changed))

@@ -19,7 +19,7 @@ from featherfx.errors import InputError
 from featherfx.groom.anatomy import drape
 from featherfx.groom.anatomy.drape import Body
 from featherfx.groom.anatomy.wing import wing_type
-from featherfx.groom.keys.anatomy import PARTS
+from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.presets.presets import list_presets
@@ -57,7 +57,7 @@ def wings_as_typed(monkeypatch):
 
 def test_a_skin_and_landmarks_are_a_whole_bird(bird):
     count = Counter(feather.region for feather in bird.feathers)
-    assert set(PARTS) <= set(count)
+    assert set(TRACTS) <= set(count)
     assert (count["primaries"], count["secondaries"], count["tail"]) == (20, 20, 12)
     assert bird.layout is not None
     lines = [line for line in TEXT.splitlines() if line and line[0] not in "#["]
@@ -67,7 +67,7 @@ def test_a_skin_and_landmarks_are_a_whole_bird(bird):
 def test_parts_are_where_their_names_say(bird):
     middle = {
         part: np.mean([f.position for f in bird.feathers if f.region == part], axis=0)
-        for part in PARTS
+        for part in TRACTS
     }
     order = [middle[part][0] for part in ("face", "nape", "mantle", "back", "rump")]
     assert order == sorted(order, reverse=True)
@@ -124,7 +124,7 @@ def test_breast_feathers_stand_under_the_front_of_a_folded_wing(bird):
     fronts = [f.position for f in bird.feathers if "wing_lesser_covert_2" in f.id]
     assert len(fronts) > 20
     centres = bird.skin.mean(axis=1)
-    coat = np.array([f.position for f in bird.feathers if f.region in PARTS or "breast" in f.id])
+    coat = np.array([f.position for f in bird.feathers if f.region in TRACTS or "breast" in f.id])
     for front in fronts:
         skin = centres[np.argmin(np.linalg.norm(centres - front, axis=1))]
         # one before it on the skin, whose vane of 25 mm reaches beneath
@@ -147,7 +147,7 @@ def test_feathers_of_the_breast_reach_over_the_front_of_folded_wings_alone(bird,
         own = fronts[ways.argmin(axis=0)]
         assert ((own - tips)[near, 0] > 0.0).mean() > 0.5  # behind the front
         assert (roots[:, 2] > fronts[:, 2].max()).sum() <= 2  # scapulars lie over its top
-    thin = ", ".join(f"tracts.{part}.relative_density = 0" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0" for part in TRACTS)
     kind = f'type = {{ base = "pigeon", {thin} }}\n'
     for opens, has in (("", True), ("opens = true", False)):
         found = read_groom(changed(tmp_path, "^type.*", kind + opens)).feathers
@@ -158,7 +158,7 @@ def test_feathers_stand_below_the_lower_edge_of_a_folded_wing_and_scapulars_on_t
     centres = bird.skin.mean(axis=1)
     normals = np.cross(bird.skin[:, 1] - bird.skin[:, 0], bird.skin[:, 2] - bird.skin[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    coat = np.array([f.position for f in bird.feathers if f.region in PARTS])
+    coat = np.array([f.position for f in bird.feathers if f.region in TRACTS])
     for edge in (f for f in bird.feathers if f.id.endswith("wing_secondary_01")):
         for part in (0.2, 0.4, 0.6):
             place = edge.position + part * edge.kind.length * edge.rotation[:, 0]
@@ -170,7 +170,7 @@ def test_feathers_stand_below_the_lower_edge_of_a_folded_wing_and_scapulars_on_t
 
 
 def test_colours_pass_into_each_other_where_parts_do(bird):
-    colours = {f.id: f.kind.colour.base for f in bird.feathers if f.region in PARTS}
+    colours = {f.id: f.kind.colour.base for f in bird.feathers if f.region in TRACTS}
     whole = {part: Counter(c for id, c in colours.items() if id.startswith(f"{part}_"))
              for part in ("nape", "crown")}  # fmt: skip
     (nape, _), (crown, _) = (whole[part].most_common(1)[0] for part in ("nape", "crown"))
@@ -199,7 +199,7 @@ def tip(feather):
 
 def test_spread_wings_stand_at_their_landmarks(tmp_path):
     """Moved off the body as folded ones are, they left a gap to it."""
-    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in TRACTS)
     kind = f'type = {{ base = "pigeon", {thin} }}\nfold = 0'
     groom = read_groom(changed(tmp_path, r"^type.*", kind))
     at = {joint.name: joint.position for joint in groom.joints}
@@ -209,7 +209,7 @@ def test_spread_wings_stand_at_their_landmarks(tmp_path):
 
 @pytest.mark.usefixtures("wings_as_typed")
 def test_sizes_follow_the_body(bird, tmp_path):
-    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in TRACTS)
     kind = f'type = {{ base = "pigeon", {thin} }}\nscale = 2.0'
     double = read_groom(changed(tmp_path, r"^type.*", kind))
     sizes = [
@@ -224,7 +224,7 @@ def test_sizes_follow_the_body(bird, tmp_path):
 
 @pytest.mark.usefixtures("wings_as_typed")
 def test_a_train_of_many_feathers_is_not_deeper_than_its_root_is_wide(tmp_path):
-    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in TRACTS)
     kind = f'type = {{ base = "pigeon", tail.count = 150, tail.coverts = [], {thin} }}'
     groom = read_groom(changed(tmp_path, r"^type.*", kind))
     roots = np.array([f.position for f in groom.feathers if f.id.startswith("tail_")])
@@ -236,7 +236,7 @@ def test_a_train_of_many_feathers_is_not_deeper_than_its_root_is_wide(tmp_path):
 @pytest.mark.parametrize(("kind", "count", "most"), [("ostrich", 50, 25), ("peacock", 200, 0)])
 def test_few_feathers_of_large_shut_tails_pass_through_each_other(tmp_path, kind, count, most):
     """Laid flat, without an arch, it is 513 and 270 pairs; of a train as one fan 60."""
-    bare = ", ".join(f"tracts.{part}.relative_density = 0" for part in PARTS)
+    bare = ", ".join(f"tracts.{part}.relative_density = 0" for part in TRACTS)
     groom = read_groom(changed(tmp_path, r"^type.*", f'type = {{ base = "{kind}", {bare} }}'))
     tail = [f for f in groom.feathers if f.id.startswith("tail_")]
     assert len(tail) == count
@@ -281,7 +281,7 @@ def test_a_body_with_y_up_in_centimetres_gets_the_same_bird(tmp_path, space):
         flags=re.M,
     )
     assert marked.count("vertex") == 10
-    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in TRACTS)
     kind = f'type = {{ base = "pigeon", {thin} }}'
     marked = re.sub(r"^bare.*\n", "", re.sub("^type.*", kind, marked, flags=re.M), flags=re.M)
     own, other = tmp_path / "own", tmp_path / "other"
@@ -313,7 +313,7 @@ def nearest(points, place):
 
 @pytest.mark.usefixtures("wings_as_typed")
 def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
-    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in TRACTS)
     kind = f'type = {{ base = "owl", disc.radius = 0.014, disc.length = 0.005, {thin} }}'
     path = changed(tmp_path, "^type.*", kind)
     before = {feather.region for feather in read_groom(path).feathers}
@@ -331,13 +331,13 @@ def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
             far = np.linalg.norm(away[side])
             assert far < np.linalg.norm(away["left" if side == "right" else "right"])
             assert far < 0.02 if part == "disc" else 0.01 < far < 0.03
-        elif feather.region in PARTS:
+        elif feather.region in TRACTS:
             assert min(np.linalg.norm(each) for each in away.values()) > 0.012
 
 
 @pytest.mark.usefixtures("wings_as_typed")
 def test_a_cheek_is_below_and_behind_the_eyes_and_feathers_begin_where_the_bill_ends(tmp_path):
-    thin = ", ".join(f"tracts.{part}.relative_density = 3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 3" for part in TRACTS)
     own = 'tracts.cheek = { kind = "contour", length = 0.006 }'
     kind = f'type = {{ base = "pigeon", {own}, {thin}, bill = BILL }}'
     eyes = "right_eye = [0.128, -0.018, 0.289]\nleft_eye = [0.128, 0.018, 0.289]\n"
@@ -361,7 +361,7 @@ def test_a_cheek_is_below_and_behind_the_eyes_and_feathers_begin_where_the_bill_
 @pytest.mark.usefixtures("wings_as_typed")
 def test_sides_of_a_breast_are_as_the_breast_unless_the_type_says_otherwise(tmp_path):
     """Where wings stand off it, longer and closer ones fill what is between."""
-    thin = ", ".join(f"tracts.{part}.relative_density = 3" for part in PARTS)
+    thin = ", ".join(f"tracts.{part}.relative_density = 3" for part in TRACTS)
 
     def lengths(own):
         kind = f'type = {{ base = "pigeon", {thin}, tracts.breast.length_variation = 0{own} }}'
@@ -477,7 +477,7 @@ def test_a_crest_grows_from_the_skin_not_within_the_skull(tmp_path):
 def test_a_mantle_begins_where_the_neck_of_its_type_ends(tmp_path):
     """The ostrich's reached up the back of its neck."""
     thin = ", ".join(
-        f"tracts.{part}.relative_density = 0" for part in PARTS if part not in ("nape", "mantle")
+        f"tracts.{part}.relative_density = 0" for part in TRACTS if part not in ("nape", "mantle")
     )
     highest = []
     for neck in (0.5, 0.75, 1.0):

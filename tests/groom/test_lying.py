@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.rotation import frames_from
-from featherfx.groom.regions.drape import Bends, bends_of_skin, laid_along
+from featherfx.groom.regions.drape import SkinBends, bends_of_skin, laid_along
 from featherfx.groom.skin.points import SkinSurface
 
 RADIUS, LENGTH = 0.02, 0.016
@@ -82,7 +82,7 @@ def test_a_feather_stands_at_its_tilt_to_the_skin_all_along(tube):
     points, length = roots(tube), np.full(24, LENGTH)
     along = directions(points, 90.0)
     bends = bends_of_skin(points, along, length)
-    bends = Bends(np.zeros(24), bends.across)  # a straight shaft around a tube
+    bends = SkinBends(np.zeros(24), bends.across)  # a straight shaft around a tube
     laid = laid_along(points, frames_from(along, points.normal), length, np.full(24, 5.0), bends)
     high = heights(points, laid, LOCAL) / LENGTH
     wanted = LOCAL[:, 0] * np.sin(np.radians(5.0))

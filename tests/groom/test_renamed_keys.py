@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.renamed import REMOVED, RENAMED
 from featherfx.groom.keys.values import ArrayOf, Either, Named, Partial, Table, Tables
@@ -37,7 +37,7 @@ def tables_with(kind, name, path=""):
         yield from tables_with(preset.extended, name, path) if "motions" not in path else ()
 
 
-KINDS = [SHOT_FILE, GROOM_FILE, *(each.extended for each in FAMILIES.values())]
+KINDS = [SHOT_FILE, GROOM_FILE, *(each.extended for each in PRESET_FAMILIES.values())]
 
 
 @pytest.mark.parametrize(("table", "old", "new"), RENAMED)

@@ -15,7 +15,7 @@ from featherfx.api import read_groom, scene_readers
 from featherfx.baking.pipeline import bake, check
 from featherfx.errors import InputWarning
 from featherfx.feather.layout.layout import laid_out, measure_layout
-from featherfx.groom.keys.anatomy import PARTS
+from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
 from featherfx.groom.skin.faults import signed_volume, skin_faults
@@ -88,7 +88,7 @@ def test_coverts_below_the_owls_tail_are_rooted_outside_its_body(maker, tmp_path
     """Those that stand within the end of its rump pass through the skin there."""
     maker.make(tmp_path / "body.usdc", "owl")
     build = maker.BUILDS["owl"]
-    bare = ", ".join(f"tracts.{part}.relative_density = 0" for part in PARTS)
+    bare = ", ".join(f"tracts.{part}.relative_density = 0" for part in TRACTS)
     places = maker.landmarks(build).items()
     (tmp_path / "groom.toml").write_text(
         'name = "owl"\n[skin]\nusd = "body.usdc"\nprim = "/pigeon/body"\n[bird]\nfold = 0\n'

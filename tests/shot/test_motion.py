@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from featherfx.errors import InputError
-from featherfx.groom.keys.preset import STEADY, Clock
+from featherfx.groom.keys.preset import UNSCALED_CLOCK, Clock
 from featherfx.groom.types import Groom, Joint, Placement
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
@@ -63,7 +63,7 @@ def wing_groom():
     return Groom("wings", Path("groom.toml"), tuple(feathers), wing_joints())
 
 
-def motion_of(kind, values, groom=None, clock=STEADY):
+def motion_of(kind, values, groom=None, clock=UNSCALED_CLOCK):
     shot = Shot(
         name="shot",
         source=Path("shot.toml"),

@@ -18,7 +18,7 @@ from places import ROOT
 
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import (
     ArrayOf,
@@ -229,7 +229,7 @@ def test_schema_and_reader_judge_changed_files_alike(name: str, text: str, tmp_p
 def value_types() -> dict[str, list[ValueType]]:
     """Every type of value that a file may hold, each once, by its class."""
     found: dict[str, ValueType] = {}
-    left: list[ValueType] = [SHOT_FILE, GROOM_FILE, *FAMILIES.values()]
+    left: list[ValueType] = [SHOT_FILE, GROOM_FILE, *PRESET_FAMILIES.values()]
     while left:
         each = left.pop()
         if repr(each) in found:
@@ -288,7 +288,7 @@ def near(kind: ValueType) -> st.SearchStrategy[Any]:
     return VALUES
 
 
-DEFINED = {"$defs": {each.name: each.definition() for each in FAMILIES.values()}}
+DEFINED = {"$defs": {each.name: each.definition() for each in PRESET_FAMILIES.values()}}
 
 
 @pytest.mark.parametrize("kinds", value_types().values(), ids=value_types())

@@ -19,15 +19,21 @@ from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of
 from featherfx.groom.anatomy.drape import Beneath, Body, beneath, lie_on
-from featherfx.groom.anatomy.fans import THIN, closed_fan
+from featherfx.groom.anatomy.fans import TAIL_THINNING, closed_fan
 from featherfx.groom.anatomy.landmarks import Points, axes_of, check_on_skin, distance
 from featherfx.groom.anatomy.remiges import shut
 from featherfx.groom.anatomy.wing import wing_type
 from featherfx.groom.frames import along_polyline
-from featherfx.groom.keys.anatomy import PARTS, WingType
-from featherfx.groom.keys.limbs import CREST, TAIL, WING
+from featherfx.groom.keys.anatomy import TRACTS, WingType
+from featherfx.groom.keys.limbs import CREST_KEYS, TAIL_KEYS, WING_KEYS
 from featherfx.groom.keys.problems import INVALID, Place
-from featherfx.groom.keys.regions import FLOW, LAYOUT, REGION, SPREAD, WHERE
+from featherfx.groom.keys.regions import (
+    FLOW_KEYS,
+    LAYOUT_KEYS,
+    REGION_KEYS,
+    SPREAD_KEYS,
+    WHERE_KEYS,
+)
 from featherfx.groom.keys.values import Key
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.readers import SkinsReader
@@ -121,7 +127,7 @@ def hatch(
             low = np.concatenate([_lower(each.front, axes[:, 2]) for each in found])
             sites["wrist"] = low + ahead * axes[:, 0]
     bare = tuple({**rule, "invert": not rule["invert"]} for rule in entry["bare"])
-    above = (_filled(WHERE, facing=tuple(axes[:, 2]), angle=_SIDEWAYS, soft_angle=10.0),)
+    above = (_filled(WHERE_KEYS, facing=tuple(axes[:, 2]), angle=_SIDEWAYS, soft_angle=10.0),)
     disc = _disc(kind["disc"], points, scale)
     parts["region"] += [
         (at.child("type.disc"), {**each, "where": each["where"] + bare}) for each in disc.regions
@@ -129,13 +135,13 @@ def hatch(
     breast = kind["tracts"]["breast"]
     steeper = breast | {"tilt": breast["tilt"] + _SIDE_TILT}
     parts_of = kind["tracts"] | {"breast_side": kind["tracts"]["breast_side"] or steeper}
-    for name in (*PARTS, "cheek", "wrist", "breast_side"):
+    for name in (*TRACTS, "cheek", "wrist", "breast_side"):
         if len(sites.get(name, ())) and parts_of[name]["relative_density"] > 0.0:
             region = _region(name, parts_of[name], sites, points, scale)
             region["where"] += bare + disc.outside + (above if name == "scapular" else ())
             parts["region"].append((at.child(f"type.tracts.{name}"), region))
     if parts["layout"] is None:
-        parts["layout"] = _filled(LAYOUT, **_LAYOUT)
+        parts["layout"] = _filled(LAYOUT_KEYS, **_LAYOUT)
     return {
         pattern: {"colour": {key: value for key, value in each.items() if value is not None}}
         for pattern, each in kind["colours"].items()
@@ -166,7 +172,7 @@ def _skin(
 
 
 def _with_tail(skin: Body, tail: dict[str, Any]) -> Body:
-    """What folded wings lie on."""
+    """Add the closed tail to the body that folded wings lie on."""
     return replace(skin, corners=np.concatenate([skin.corners, closed_fan(tail)]))
 
 
@@ -176,7 +182,7 @@ def _wing(
     joints = points.get(f"{side}_wing", (None, None, None))
     posed = joints[0] is not None
     return _filled(
-        WING,
+        WING_KEYS,
         id=f"{side}_wing",
         type=kind,
         shoulder=tuple(points[f"{side}_shoulder"]),
@@ -233,11 +239,13 @@ def _tail(
     turned = from_rotation_vector(-np.radians(kind["droop"]) * axes[:, 1]) @ axes
     own = {name: kind[name] for name in ("kind", "count", "width", "angles", "arch", "coverts")}
     # rows of a train lie on each other along their whole length, others end where the tail does
-    rows = 1.0 + THIN * sum(row["side"] == "above" and row["length"] > 1 for row in kind["coverts"])
+    rows = 1.0 + TAIL_THINNING * sum(
+        row["side"] == "above" and row["length"] > 1 for row in kind["coverts"]
+    )
     pairs = max(kind["count"] // 2, 1) * rows
     lift = min(_TAIL_LIFT * max(kind["lengths"]), _TAIL_DEEP * kind["root_width"] / pairs)
     return _filled(
-        TAIL,
+        TAIL_KEYS,
         id="tail",
         position=tuple(points["tail"]),
         direction=tuple(-turned[:, 0]),
@@ -271,7 +279,7 @@ def _crest(
         path = path + np.array(ways)[:, None] * outwards
     own = {name: kind[name] for name in ("kind", "count", "width", "angles")}
     return _filled(
-        CREST,
+        CREST_KEYS,
         id="crest",
         path=_tuples(path),
         direction=tuple(-axes[:, 0]),
@@ -356,8 +364,8 @@ def _region(
     if name == "thigh":  # down the leg
         flow = {"direction": tuple((sites["foot"] - sites["thigh"]).mean(axis=0))}
     where = (
-        _filled(WHERE, nearest=near, soft=_BORDERS.get(name, _BORDER) * length),
-        _filled(WHERE, free_radius=_ROOM.get(name, 0.3) * length, soft=0.2 * length),
+        _filled(WHERE_KEYS, nearest=near, soft=_BORDERS.get(name, _BORDER) * length),
+        _filled(WHERE_KEYS, free_radius=_ROOM.get(name, 0.3) * length, soft=0.2 * length),
     )
     own = {key: kind[key] for key in ("kind", "relative_density", "width", "tilt", "curl")}
     return _coat(name, where, flow, length, kind["length_variation"], **own)
@@ -374,18 +382,18 @@ def _coat(
 ) -> dict[str, Any]:
     """A region of the coat. length: m. uneven: as of a part of the body."""
     return _filled(
-        REGION,
+        REGION_KEYS,
         id=name,
         length=length,
         density=relative_density / length**2,
         where=where,
-        flow=_filled(FLOW, **flow),
+        flow=_filled(FLOW_KEYS, **flow),
         layer=_LAYERS[name],
         follow=1.0,
         max_length_per_free_radius=1.0,
         variants=4,
         variation=_filled(
-            SPREAD, length=uneven, turn=50.0 * uneven, roll=50.0 * uneven, curl=50.0 * uneven
+            SPREAD_KEYS, length=uneven, turn=50.0 * uneven, roll=50.0 * uneven, curl=50.0 * uneven
         ),
         **own,
     )
@@ -408,13 +416,13 @@ def _disc(kind: dict[str, Any], points: Points, scale: float) -> _Disc:
 
     def ball(eye: tuple[float, ...], size: float, invert: bool = False) -> dict[str, Any]:
         return _filled(
-            WHERE, sphere={"centre": eye, "radius": size}, soft=0.15 * radius, invert=invert
+            WHERE_KEYS, sphere={"centre": eye, "radius": size}, soft=0.15 * radius, invert=invert
         )
 
     bill = ball(tuple(points["beak"]), _RIMLESS * radius, invert=True)
     regions = []
     for side, own, other in zip(sides, eyes, eyes[::-1], strict=True):
-        near = _filled(WHERE, nearest={"to": (own,), "than": (other,)})
+        near = _filled(WHERE_KEYS, nearest={"to": (own,), "than": (other,)})
         within = ball(own, radius)
         edge = (ball(own, radius + 0.5 * rim), ball(own, radius - 0.25 * rim, invert=True), bill)
         for part, where, prefix in (("disc", (within,), ""), ("rim", edge, "rim_")):

@@ -43,7 +43,7 @@ class Bow:
         return screws_of(*self.motions(ways, roots))
 
     def motions(self, ways: Array, roots: Array) -> tuple[Array, Array]:
-        """How the cylinder carries feathers from the plane: turns (N, 3, 3) and shifts (N, 3) m.
+        """Return turns (N, 3, 3) and shifts (N, 3) m from the plane to the cylinder.
 
         ways: (N,) m across. roots: (N, 3) m, of the flight feathers that they belong to.
         """

@@ -1,4 +1,4 @@
-"""How a folded wing lies on a body: as near as it may all over, its upper edge on the back.
+"""Fit of a folded wing to a body: close to it all over, with its upper edge on the back.
 
 The wing stays what it is in its plane. Where the plane stands, how it leans and how far it bends is
 found by least squares over points of its flight feathers (Nelder and Mead 1965).
@@ -36,7 +36,7 @@ _MOVED = 0.3  # weight of ways from the landmark, against gaps
 
 @dataclass(frozen=True)
 class Body:
-    """What a wing lies on. corners: (T, 3, 3) m, triangles that look outwards. axes: (3, 3)
+    """Body that a wing lies on. corners: (T, 3, 3) m, triangles that look outwards. axes: (3, 3)
     forward, left and up. middle: (3,) m, a point of the plane of symmetry."""
 
     corners: Array
@@ -128,7 +128,7 @@ class Beneath(NamedTuple):
 
 
 def beneath(kind: WingType, shoulder: Array, scale: float, body: Body, left: bool) -> Beneath:
-    """What of a body a folded wing hides, by places of it."""
+    """Find the part of a body that a folded wing hides, by places of it."""
     lengths = scale * np.array([kind.humerus, kind.forearm, kind.hand])
     bones = folded(kind, shoulder, lengths, body.axes, left, 1.0)
     points = _shafts(kind, scale, lying(kind, bones, scale))

@@ -59,13 +59,13 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
 
 
 _SIDES = ((1.0, "right"), (-1.0, "left"))
-THIN = 0.6  # lift of coverts beside that of tail feathers; by eye
+TAIL_THINNING = 0.6  # lift of coverts beside that of tail feathers; by eye
 _CLEAR = 0.01  # of the tail's length, from a covert's tip to what it lies on; by eye
 _CLOSE = 1.5  # of that, at their roots below a tail, so that these stay out of the rump
 
 
 class _Plane(NamedTuple):
-    """What feathers lie on. height: m, over the root of the tail. slope: m per m, behind it."""
+    """Plane below feathers. height: m, over the root of the tail. slope: m per m, behind it."""
 
     height: float = 0.0
     slope: float = 0.0
@@ -113,7 +113,7 @@ class _TailRow:
 def _tail_coverts(entry: dict[str, Any]) -> list[_TailRow]:
     """Rows from the tail outwards: each lies on the plane of the one before it. Below the feathers
     of a row fill what is between both, so that none stands open at its side."""
-    longest, lift = max(entry["lengths"]), THIN * entry["lift"]
+    longest, lift = max(entry["lengths"]), TAIL_THINNING * entry["lift"]
     pairs = entry["count"] // 2 - 0.5
     rows = []
     for side in ("above", "below"):

@@ -14,7 +14,7 @@ from featherfx.groom.anatomy.bow import Bow, bow_of
 from featherfx.groom.anatomy.pose import WingBones, spread_plan
 from featherfx.groom.keys.anatomy import CovertRow, WingType
 
-ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
+REMEX_ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
 # of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
 _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
 _SHUT_ROLL = 1.4  # deg, that vanes of a shut wing are lifted farther, so that fewer cross
@@ -46,7 +46,7 @@ class Remiges:
 
 def remiges_of(kind: WingType, bones: WingBones, scale: float) -> Remiges:
     """Those of a wing of bones. scale: of their lengths."""
-    counts = [getattr(kind, name).count for name in ROWS]
+    counts = [getattr(kind, name).count for name in REMEX_ROWS]
     shoulder, elbow, wrist, tip = bones.points
     half = 0.5 / max(counts[1], 1)
     spots = (
@@ -63,9 +63,9 @@ def remiges_of(kind: WingType, bones: WingBones, scale: float) -> Remiges:
     fractions = (ends[:, 1] - ends[:, 0]) / ((closed - spread) or 1.0)
     lengths = [
         spread_evenly(getattr(kind, name).lengths, count)
-        for name, count in zip(ROWS, counts, strict=True)
+        for name, count in zip(REMEX_ROWS, counts, strict=True)
     ]
-    rows = [name for name, count in zip(ROWS, counts, strict=True) for _ in range(count)]
+    rows = [name for name, count in zip(REMEX_ROWS, counts, strict=True) for _ in range(count)]
     numbers = [
         *range(counts[0], 0, -1),
         *range(counts[1], 0, -1),
@@ -129,7 +129,7 @@ def frames_at(bones: WingBones, angles: Array) -> Array:
 
 def curvature_of(kind: WingType, scale: float) -> float:
     """1/m, of all shafts of a wing."""
-    longest = max(max(getattr(kind, name).lengths) for name in ROWS)
+    longest = max(max(getattr(kind, name).lengths) for name in REMEX_ROWS)
     return math.radians(kind.camber) / (scale * longest)
 
 

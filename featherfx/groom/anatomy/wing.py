@@ -22,7 +22,7 @@ from featherfx.errors import all_of
 from featherfx.groom.anatomy.bow import Bow, wrapped
 from featherfx.groom.anatomy.pose import WingBones, as_placed, folded
 from featherfx.groom.anatomy.remiges import (
-    ROWS,
+    REMEX_ROWS,
     Remiges,
     along,
     bow_folded,
@@ -72,7 +72,7 @@ class _Wing:
 
     @property
     def type_place(self) -> Place:
-        """Where its type is written; that of a bird's wing is part of the bird's."""
+        """Place of its type; a bird's wing has it in the type of the bird."""
         of_bird = isinstance(self.entry["type"], WingType)
         return self.place.child("type.wing" if of_bird else "type")
 
@@ -112,7 +112,7 @@ def wing_type(given: Any, place: Place, library: Library) -> WingType:
     if isinstance(given, WingType):
         return given
     values = plain(library.merged("wing", sourced(given, place.source), place))
-    values |= {name: FlightRow(**values[name]) for name in (*ROWS, "alula")}
+    values |= {name: FlightRow(**values[name]) for name in (*REMEX_ROWS, "alula")}
     values["coverts"] = tuple(CovertRow(**each) for each in values["coverts"])
     return WingType(**values)
 
@@ -143,12 +143,12 @@ def _bones(entry: dict[str, Any], place: Place, kind: WingType, axes: Array) -> 
 
 def _check(wing: _Wing, remiges: Remiges, axes: Array) -> None:
     """Raises InputError unless feathers fit their bones and point backwards."""
-    problems, rows = Problems(), [getattr(wing.kind, name) for name in ROWS]
+    problems, rows = Problems(), [getattr(wing.kind, name) for name in REMEX_ROWS]
     rows += [wing.kind.alula] if wing.kind.alula.count else []
     rows += [row for row in wing.kind.coverts if row.side == "above" or wing.entry["below"]]
     kinds = all_of(*(partial(wing.store.kind, _choice(wing, row.kind)) for row in rows))
     place, type_place = (replace(p, problems=problems) for p in (wing.place, wing.type_place))
-    for number, (name, row, kind) in enumerate(zip(ROWS, rows, kinds, strict=False)):
+    for number, (name, row, kind) in enumerate(zip(REMEX_ROWS, rows, kinds, strict=False)):
         own = remiges.bone == number
         if own.sum() < 2:
             continue
@@ -198,7 +198,7 @@ class _Row:
 
 
 def _flight(wing: _Wing, remiges: Remiges) -> Iterator[Draft]:
-    for number, name in enumerate(ROWS):
+    for number, name in enumerate(REMEX_ROWS):
         row, own = getattr(wing.kind, name), np.flatnonzero(remiges.bone == number)
         part = _Row(
             kind=row.kind,
@@ -242,7 +242,7 @@ def _coverts(wing: _Wing, remiges: Remiges, number: int) -> Iterator[Draft]:
 
 
 def _stacked(wing: _Wing, side: str, count: int, hand: bool = False) -> tuple[int, float]:
-    """How many of the first rows of coverts are on a side (of the hand), and their height, m."""
+    """Return how many of the first covert rows are on a side (of the hand), and their height, m."""
     rows = wing.kind.coverts[:count]
     gaps = [each.gap for each in rows if each.side == side and (not hand or each.hand > 0.0)]
     return len(gaps), wing.scale * sum(gaps)

@@ -21,17 +21,17 @@ from featherfx.groom.looks import Colour
 
 _LENGTH = Number(1e-3, 5, "m")
 _SPREAD_FOLDED = ArrayOf(Number(-180, 180, "deg"), 2, 2)
-MOST_IN_A_ROW = 200
+MAX_ROW_FEATHERS = 200
 
 
 @dataclass(frozen=True)
 class FlightRow:
     """Flight feathers side by side."""
 
-    count: Annotated[int, Number(0, MOST_IN_A_ROW, whole=True), "How many feathers."]
+    count: Annotated[int, Number(0, MAX_ROW_FEATHERS, whole=True), "How many feathers."]
     lengths: Annotated[
         tuple[float, ...],
-        ArrayOf(_LENGTH, 1, MOST_IN_A_ROW),
+        ArrayOf(_LENGTH, 1, MAX_ROW_FEATHERS),
         "Lengths from the innermost to the outermost, spread evenly over the row.",
     ]
     kind: Annotated[str, Text(), "Feather preset."]
@@ -142,7 +142,7 @@ class WingType:
 
 
 # parts of a body that carry feathers, from the beak to the tail
-PARTS = (
+TRACTS = (
     *("face", "crown", "throat", "nape", "foreneck", "breast", "mantle", "scapular"),
     *("back", "flank", "belly", "thigh", "rump", "vent"),
 )
@@ -223,10 +223,10 @@ TAIL_COVERTS = ArrayOf(Table(keys_of(TailCovertRow), "table of a row of tail cov
 class TailOfBird:
     """The tail of a bird; the same keys of [[tail]]."""
 
-    count: Annotated[int, Number(0, MOST_IN_A_ROW, whole=True), "Feathers, in pairs; 0: none."]
+    count: Annotated[int, Number(0, MAX_ROW_FEATHERS, whole=True), "Feathers, in pairs; 0: none."]
     lengths: Annotated[
         tuple[float, ...],
-        ArrayOf(_LENGTH, 1, MOST_IN_A_ROW),
+        ArrayOf(_LENGTH, 1, MAX_ROW_FEATHERS),
         "Lengths from the central to the outermost, spread evenly.",
     ]
     root_width: Annotated[float, Number(0, 1, "m"), "From the outermost root to the other."]
@@ -256,10 +256,10 @@ class TailOfBird:
 class CrestOfBird:
     """The crest of a bird, from the middle of forehead and crown to the nape."""
 
-    count: Annotated[int, Number(0, MOST_IN_A_ROW, whole=True), "Feathers; 0: none."] = 0
+    count: Annotated[int, Number(0, MAX_ROW_FEATHERS, whole=True), "Feathers; 0: none."] = 0
     lengths: Annotated[
         tuple[float, ...],
-        ArrayOf(_LENGTH, 1, MOST_IN_A_ROW),
+        ArrayOf(_LENGTH, 1, MAX_ROW_FEATHERS),
         "Lengths from front to back, spread evenly.",
         Default((0.03,)),
     ] = (0.03,)
@@ -310,7 +310,7 @@ BIRD_TYPE = {
     ),
     "tracts": Key(
         Table(
-            {name: Key(_PART, f"The {name}.") for name in PARTS}
+            {name: Key(_PART, f"The {name}.") for name in TRACTS}
             | {"cheek": _CHEEK, "wrist": _WRIST, "breast_side": _BREAST_SIDE}
         ),
         "Its coat.",

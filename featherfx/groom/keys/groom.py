@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.places import POINT, SPACE, Direction
-from featherfx.groom.keys.preset import DIALS, FEATHER, LAYER, names_or_list
+from featherfx.groom.keys.places import POINT, SPACE_KEYS, Direction
+from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, LAYER_KEY, names_or_list
 from featherfx.groom.keys.values import (
     ArrayOf,
     Flag,
@@ -22,7 +22,7 @@ from featherfx.groom.types import Joint
 from featherfx.limits import MOST_FEATHERS
 
 # what a primvar is called where [[usd]] does not say otherwise
-DEFAULT_NAMES = {
+DEFAULT_PRIMVARS = {
     "id": "featherId",
     "kind": "featherKind",
     "region": "region",
@@ -35,14 +35,14 @@ DEFAULT_NAMES = {
     "right_barbs": "P_barbr",
 }
 
-LABEL = Text(empty=True)
+LABEL_TEXT = Text(empty=True)
 SIZE_FACTOR = Number(0.01, 100)
 _DIRECTION = Key(Direction(), "Direction of the shaft as it leaves the follicle.", None)
 _UP = Key(Direction(), "Dorsal side; need not be square to the direction.", None)
 
 _BELONGS = {
-    "region": Key(LABEL, "Free label, written to USD.", ""),
-    "joint": Key(LABEL, "Joint that carries the root; empty: the groom itself.", ""),
+    "region": Key(LABEL_TEXT, "Free label, written to USD.", ""),
+    "joint": Key(LABEL_TEXT, "Joint that carries the root; empty: the groom itself.", ""),
     "side": Key(
         Text(("left", "right")),
         "Wing that the feather belongs to. With x forward, y to the left and z up, a right feather "
@@ -66,16 +66,16 @@ FEATHER_FACTORS = {
         "Turning of the root about the shaft; positive lifts the leading vane.",
         0.0,
     ),
-    **DIALS,
+    **DIAL_KEYS,
 }
-_SOME_FEATHER_KEYS = Partial(Table(FEATHER))
+_SOME_FEATHER_KEYS = Partial(Table(FEATHER_KEYS))
 _KIND = Key(Text(), "Name of a feather preset.")
 
-JOINT = keys_of(Joint) | {"mirror": MIRROR_KEY}
+JOINT_KEYS = keys_of(Joint) | {"mirror": MIRROR_KEY}
 
-CHANGE = FEATHER | FEATHER_FACTORS
+_CHANGE_KEYS = FEATHER_KEYS | FEATHER_FACTORS
 
-FEATHER_ENTRY = {
+FEATHER_ENTRY_KEYS = {
     "id": Key(Text(), "Name, unique in the groom."),
     "kind": _KIND,
     "position": Key(POINT, "Place of the follicle."),
@@ -95,13 +95,13 @@ FEATHER_ENTRY = {
     ),
 }
 
-ROOT = {
+ROOT_KEYS = {
     "position": Key(POINT, "Place of the follicle."),
     "direction": Key(Direction(), "Direction of the shaft."),
     "up": Key(Direction(), "Dorsal side."),
 }
 
-CURVE = {
+_CURVE_KEYS = {
     "usd": Key(Text(), "USD file, as seen from the groom's folder."),
     "prim": Key(Text(), "Path of the BasisCurves, which hold one curve, or of a Skeleton."),
     "joints": Key(
@@ -118,7 +118,7 @@ CURVE = {
     ),
 }
 
-ROW = {
+ROW_KEYS = {
     "id": Key(Text(), "Start of the ids; a number follows (primary_01, primary_02, ...)."),
     "kind": Key(
         names_or_list(Text(), 10_000),
@@ -128,8 +128,8 @@ ROW = {
         Flag(), "Pass smoothly from one kind of the list to the next instead of changing.", False
     ),
     "count": Key(Number(1, 100_000, whole=True), "Number of feathers."),
-    "first": Key(Table(ROOT, "table of a root"), "Root of the first feather."),
-    "last": Key(Table(ROOT, "table of a root"), "Root of the last feather."),
+    "first": Key(Table(ROOT_KEYS, "table of a root"), "Root of the first feather."),
+    "last": Key(Table(ROOT_KEYS, "table of a root"), "Root of the last feather."),
     "path": Key(
         ArrayOf(POINT, 2, 10_000),
         "Polyline that the roots stand on, at equal distances, instead of the straight line from "
@@ -137,7 +137,7 @@ ROW = {
         None,
     ),
     "curve": Key(
-        Table(CURVE),
+        Table(_CURVE_KEYS),
         "A curve of a USD file that the roots stand on, at equal distances, as a bone or the edge "
         "of a wing, instead of `path`.",
         None,
@@ -151,7 +151,7 @@ ROW = {
     "scale": Key(ArrayOf(SIZE_FACTOR, 2, 2), "Factors of the size, first and last.", (1.0, 1.0)),
     "width": FEATHER_FACTORS["width"],
     "roll": FEATHER_FACTORS["roll"],
-    **DIALS,
+    **DIAL_KEYS,
     "lift": Key(
         Number(-0.1, 0.1, "m"),
         "Lift of each root over the one before it, so that neighbours lie like shingles.",
@@ -162,13 +162,13 @@ ROW = {
         "Distance of the last two roots over that of the first two; between, it changes evenly.",
         1.0,
     ),
-    "layer": LAYER,
+    "layer": LAYER_KEY,
     **_BELONGS,
     "mirror": MIRROR_KEY,
     "overrides": Key(_SOME_FEATHER_KEYS, "Any key of a feather preset, for this row.", {}),
 }
 
-TABLE = {
+TABLE_KEYS = {
     "file": Key(
         Text(),
         "CSV or NPZ file beside the groom. Columns: id, kind, x, y, z, direction_x, "
@@ -183,9 +183,9 @@ TABLE = {
     "mirror": MIRROR_KEY,
 }
 
-USD_NAMES = {name: Key(Text(), "Primvar that holds it.", None) for name in DEFAULT_NAMES}
+USD_NAME_KEYS = {name: Key(Text(), "Primvar that holds it.", None) for name in DEFAULT_PRIMVARS}
 
-USD = {
+USD_KEYS = {
     "file": Key(Text(), "USD file beside the groom: curves, condensed feathers, instancers."),
     "prims": Key(
         ArrayOf(Text(), 0, 10_000),
@@ -207,15 +207,15 @@ USD = {
         None,
     ),
     "names": Key(
-        Partial(Table(USD_NAMES)),
-        "Primvars by what they hold; default: " + ", ".join(DEFAULT_NAMES.values()) + ".",
+        Partial(Table(USD_NAME_KEYS)),
+        "Primvars by what they hold; default: " + ", ".join(DEFAULT_PRIMVARS.values()) + ".",
         {},
     ),
     **FEATHER_FACTORS,
     **_BELONGS,
 }
 
-VARIATION = {
+VARIATION_KEYS = {
     "seed": Key(Number(0, 2**31 - 1, whole=True), "Seed; each feather draws by seed and id.", 1),
     "length": Key(Number(0, 0.3), "Standard deviation of the size, relative.", 0.0),
     "width": Key(Number(0, 0.3), "Standard deviation of the vanes' widths, relative.", 0.0),
@@ -245,35 +245,39 @@ VARIATION = {
 # modules of the keys that only grooms with these tables load
 _LIMBS, _REGIONS = "featherfx.groom.keys.limbs", "featherfx.groom.keys.regions"
 
-GROOM = {
+GROOM_KEYS = {
     "name": Key(Text(), "Name of the groom."),
-    "space": Key(Table(SPACE), "Axes and unit that the groom is written in.", None),
-    "joint": tables(JOINT, "Joints of the skeleton."),
-    "feather": tables(FEATHER_ENTRY, "Feathers placed one by one.", most=MOST_FEATHERS),
-    "row": tables(ROW, "Rows of feathers."),
-    "bird": Key(Table(LazyKeys(_LIMBS, "BIRD")), "A whole bird, from landmarks of its body.", None),
-    "wing": tables(LazyKeys(_LIMBS, "WING"), "Whole wings.", most=1000),
-    "tail": tables(LazyKeys(_LIMBS, "TAIL"), "Tails that fan.", most=1000),
-    "crest": tables(LazyKeys(_LIMBS, "CREST"), "Crests that rise.", most=1000),
-    "table": tables(TABLE, "Feathers from files, one table or several.", most=1000, single=True),
-    "usd": tables(
-        USD, "Feathers drawn in USD scenes, one table or several.", most=1000, single=True
+    "space": Key(Table(SPACE_KEYS), "Axes and unit that the groom is written in.", None),
+    "joint": tables(JOINT_KEYS, "Joints of the skeleton."),
+    "feather": tables(FEATHER_ENTRY_KEYS, "Feathers placed one by one.", most=MOST_FEATHERS),
+    "row": tables(ROW_KEYS, "Rows of feathers."),
+    "bird": Key(
+        Table(LazyKeys(_LIMBS, "BIRD_KEYS")), "A whole bird, from landmarks of its body.", None
     ),
-    "skin": Key(Table(LazyKeys(_REGIONS, "SKIN")), "Mesh that regions grow on.", None),
-    "region": tables(LazyKeys(_REGIONS, "REGION"), "Regions of the skin with their feathers."),
+    "wing": tables(LazyKeys(_LIMBS, "WING_KEYS"), "Whole wings.", most=1000),
+    "tail": tables(LazyKeys(_LIMBS, "TAIL_KEYS"), "Tails that fan.", most=1000),
+    "crest": tables(LazyKeys(_LIMBS, "CREST_KEYS"), "Crests that rise.", most=1000),
+    "table": tables(
+        TABLE_KEYS, "Feathers from files, one table or several.", most=1000, single=True
+    ),
+    "usd": tables(
+        USD_KEYS, "Feathers drawn in USD scenes, one table or several.", most=1000, single=True
+    ),
+    "skin": Key(Table(LazyKeys(_REGIONS, "SKIN_KEYS")), "Mesh that regions grow on.", None),
+    "region": tables(LazyKeys(_REGIONS, "REGION_KEYS"), "Regions of the skin with their feathers."),
     "layout": Key(
-        Table(LazyKeys(_REGIONS, "LAYOUT")),
+        Table(LazyKeys(_REGIONS, "LAYOUT_KEYS")),
         "Lay the feathers over each other like shingles; without it they stay as placed.",
         None,
     ),
     "overrides": Key(
-        Named(Partial(Table(CHANGE))),
+        Named(Partial(Table(_CHANGE_KEYS))),
         'By feather id, with * and ? as wild cards: "primary_*" = { rachis.camber = 5 }. Any key '
         "of a feather preset, and scale, width, stiffness, weight (these multiply) and roll "
         "(adds). Applied in order.",
         {},
     ),
-    "variation": Key(Table(VARIATION), "Seeded variation of all feathers.", None),
+    "variation": Key(Table(VARIATION_KEYS), "Seeded variation of all feathers.", None),
 }
 
-GROOM_FILE = Table(GROOM, "groom")
+GROOM_FILE = Table(GROOM_KEYS, "groom")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.anatomy import MOST_IN_A_ROW, TAIL_COVERTS
-from featherfx.groom.keys.groom import FEATHER_FACTORS, LABEL, MIRROR_KEY, SIZE_FACTOR
+from featherfx.groom.keys.anatomy import MAX_ROW_FEATHERS, TAIL_COVERTS
+from featherfx.groom.keys.groom import FEATHER_FACTORS, LABEL_TEXT, MIRROR_KEY, SIZE_FACTOR
 from featherfx.groom.keys.places import POINT, Direction
-from featherfx.groom.keys.preset import FAMILIES, LAYER
-from featherfx.groom.keys.regions import WHERE
+from featherfx.groom.keys.preset import LAYER_KEY, PRESET_FAMILIES
+from featherfx.groom.keys.regions import WHERE_KEYS
 from featherfx.groom.keys.values import ArrayOf, Flag, Key, Number, Table, Text
 
 _SKELETON = Key(
@@ -16,9 +16,9 @@ _SKELETON = Key(
     "",
 )
 
-WING = {
+WING_KEYS = {
     "id": Key(Text(), "Start of the ids of its feathers and joints."),
-    "type": Key(FAMILIES["wing"], "Wing preset, or a table that starts from one."),
+    "type": Key(PRESET_FAMILIES["wing"], "Wing preset, or a table that starts from one."),
     "shoulder": Key(POINT, "Joint of the wing with the body."),
     "elbow": Key(POINT, "Joint of upper arm and forearm; default: as the type has it.", None),
     "wrist": Key(POINT, "Joint of forearm and hand.", None),
@@ -32,24 +32,24 @@ WING = {
     "forward": Key(Direction(), "Where the body looks.", (1.0, 0.0, 0.0)),
     "up": Key(Direction(), "The body's upper side.", (0.0, 0.0, 1.0)),
     "scale": Key(SIZE_FACTOR, "Factor of all lengths of the type.", 1.0),
-    "layer": LAYER,
-    "joint": Key(LABEL, "Joint that carries the shoulder; empty: the groom itself.", ""),
+    "layer": LAYER_KEY,
+    "joint": Key(LABEL_TEXT, "Joint that carries the shoulder; empty: the groom itself.", ""),
     "side": Key(Text(("left", "right")), "Side of the bird.", "right"),
     "below": Key(Flag(), "Coverts below the wing, too; one that stays folded does without.", True),
     "skeleton": _SKELETON,
     "mirror": MIRROR_KEY,
 }
 
-_FAN_LENGTHS = ArrayOf(Number(1e-3, 5, "m"), 1, MOST_IN_A_ROW)
+_FAN_LENGTHS = ArrayOf(Number(1e-3, 5, "m"), 1, MAX_ROW_FEATHERS)
 _FAN_ANGLES = ArrayOf(Number(-360, 360, "deg"), 2, 2)
 
-TAIL = {
+TAIL_KEYS = {
     "id": Key(Text(), "Start of the ids of its feathers and joints."),
     "position": Key(POINT, "Middle of the roots."),
     "direction": Key(Direction(), "Where the tail points.", (-1.0, 0.0, 0.0)),
     "up": Key(Direction(), "Its upper side.", (0.0, 0.0, 1.0)),
     "kind": Key(Text(), "Feather preset.", "tail_feather"),
-    "count": Key(Number(2, MOST_IN_A_ROW, whole=True), "Feathers of both sides.", 12),
+    "count": Key(Number(2, MAX_ROW_FEATHERS, whole=True), "Feathers of both sides.", 12),
     "lengths": Key(_FAN_LENGTHS, "Lengths from the central to the outermost, spread evenly."),
     "width": FEATHER_FACTORS["width"],
     "root_width": Key(Number(0, 1, "m"), "From the outermost root to the other."),
@@ -65,18 +65,18 @@ TAIL = {
     "coverts": Key(
         TAIL_COVERTS, "Rows of coverts; on either side each lies over the one before it.", ()
     ),
-    "layer": LAYER,
-    "region": Key(LABEL, "Free label, written to USD.", "tail"),
-    "joint": Key(LABEL, "Joint that carries the tail; empty: the groom itself.", ""),
+    "layer": LAYER_KEY,
+    "region": Key(LABEL_TEXT, "Free label, written to USD.", "tail"),
+    "joint": Key(LABEL_TEXT, "Joint that carries the tail; empty: the groom itself.", ""),
 }
 
-CREST = {
+CREST_KEYS = {
     "id": Key(Text(), "Start of the ids of its feathers and joints."),
     "path": Key(ArrayOf(POINT, 2, 1000), "Polyline of the roots, from front to back."),
     "direction": Key(Direction(), "Where flat feathers point.", (-1.0, 0.0, 0.0)),
     "up": Key(Direction(), "Upper side of the head.", (0.0, 0.0, 1.0)),
     "kind": Key(Text(), "Feather preset.", "body_contour"),
-    "count": Key(Number(1, MOST_IN_A_ROW, whole=True), "Number of feathers."),
+    "count": Key(Number(1, MAX_ROW_FEATHERS, whole=True), "Number of feathers."),
     "lengths": Key(_FAN_LENGTHS, "Lengths from front to back, spread evenly."),
     "width": FEATHER_FACTORS["width"],
     "angles": Key(
@@ -87,9 +87,9 @@ CREST = {
     "raise": Key(Number(0, 1), "Flat (0) to raised (1).", 0.0),
     "aside": Key(Number(0, 90, "deg"), "By how much feathers point left and right.", 4.0),
     "roll": Key(Number(-90, 90, "deg"), "Lean of the vanes to either side.", 0.0),
-    "layer": LAYER,
-    "region": Key(LABEL, "Free label, written to USD.", "crest"),
-    "joint": Key(LABEL, "Joint that carries the crest; empty: the groom itself.", ""),
+    "layer": LAYER_KEY,
+    "region": Key(LABEL_TEXT, "Free label, written to USD.", "crest"),
+    "joint": Key(LABEL_TEXT, "Joint that carries the crest; empty: the groom itself.", ""),
 }
 
 _WING_LANDMARKS = Key(
@@ -99,7 +99,7 @@ _WING_LANDMARKS = Key(
     None,
 )
 
-LANDMARKS = {
+LANDMARK_KEYS = {
     "beak": Key(POINT, "Tip of the beak."),
     "crown": Key(POINT, "Top of the head."),
     "nape": Key(POINT, "Back of the head, where the neck begins."),
@@ -116,9 +116,9 @@ LANDMARKS = {
     "left_heel": Key(POINT, "The same of the left leg.", None),
 }
 
-BIRD = {
-    "type": Key(FAMILIES["bird"], "Bird preset, or a table that starts from one."),
-    "landmarks": Key(Table(LANDMARKS, "table of landmarks"), "Places of the body."),
+BIRD_KEYS = {
+    "type": Key(PRESET_FAMILIES["bird"], "Bird preset, or a table that starts from one."),
+    "landmarks": Key(Table(LANDMARK_KEYS, "table of landmarks"), "Places of the body."),
     "up": Key(
         Direction(),
         "The body's upper side; default: that of the groom's frame, whatever its space.",
@@ -138,8 +138,10 @@ BIRD = {
         False,
     ),
     "bare": Key(
-        ArrayOf(Table(WHERE), 0, 100), "Rules as of a region: where the body has no feathers.", ()
+        ArrayOf(Table(WHERE_KEYS), 0, 100),
+        "Rules as of a region: where the body has no feathers.",
+        (),
     ),
-    "joint": Key(LABEL, "Joint that carries wings and tail; empty: the groom itself.", ""),
+    "joint": Key(LABEL_TEXT, "Joint that carries wings and tail; empty: the groom itself.", ""),
     "skeleton": _SKELETON,
 }

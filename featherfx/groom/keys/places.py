@@ -53,9 +53,9 @@ class Length(Number):
     """A length along the skin's space, as opposed to the size of a feather, which is in metres."""
 
 
-RADIUS = Length(0, 1e4, "m")
+RADIUS_LENGTH = Length(0, 1e4, "m")
 
-LANDMARK = {
+_LANDMARK_KEYS = {
     "vertex": Key(Number(0, 2**31 - 1, whole=True), "Point of the skin by its number.", None),
     "joint": Key(
         Text(), "Joint of the skin's skeleton, by path or last name, in the bind pose.", None
@@ -84,7 +84,9 @@ class Point:
         return _POINT.schema(partial)
 
 
-_POINT = Either({list: ArrayOf(_COORDINATE, 3, 3), dict: Table(LANDMARK, "table of a landmark")})
+_POINT = Either(
+    {list: ArrayOf(_COORDINATE, 3, 3), dict: Table(_LANDMARK_KEYS, "table of a landmark")}
+)
 
 
 @dataclass(frozen=True)
@@ -106,11 +108,11 @@ class Sphere:
 
 POINT = Point()
 SPHERE_TABLE = Table(
-    {"centre": Key(POINT, "Centre."), "radius": Key(RADIUS, "Radius.")}, "table of a sphere"
+    {"centre": Key(POINT, "Centre."), "radius": Key(RADIUS_LENGTH, "Radius.")}, "table of a sphere"
 )
 _SPHERE = Either({list: ArrayOf(_COORDINATE, 4, 4), dict: SPHERE_TABLE})
 
-SPACE = {
+SPACE_KEYS = {
     "of": Key(
         Text(("groom", "stage", "skin", "body")),
         "What the groom's points, directions, boxes, spheres, ranges and planes of mirrors are in. "

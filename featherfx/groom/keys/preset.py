@@ -1,4 +1,4 @@
-"""What presets hold, by family: feathers and their materials, and what a shot's presets say."""
+"""Keys of presets by family: feathers, materials, qualities, winds and motions."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from featherfx.groom.types import FeatherKind
 
 _LENGTH = Number(0, 100, "m")
 # percent
-DEFAULT_ERROR = 0.5
+_DEFAULT_ERROR = 0.5
 
 
 @dataclass(frozen=True)
 class Quality:
-    """How finely a feather is resolved.
+    """Resolution and accuracy of feathers.
 
     rows, columns: of the meshes and, without error, of what is simulated.
     """
@@ -132,12 +132,12 @@ class Quality:
     def promised(self) -> float | None:
         """The error, share of a feather's length, that is promised; None: none is."""
         if self.error is None:
-            return None if self.tolerance else DEFAULT_ERROR / 100.0
+            return None if self.tolerance else _DEFAULT_ERROR / 100.0
         return self.error / 100.0
 
     @property
     def pushing(self) -> Quality:
-        """What holds where feathers push each other."""
+        """The quality of feathers that push each other."""
         if self.contact_tolerance is None:
             return self
         return replace(self, error=None, tolerance=self.tolerance or self.contact_tolerance)
@@ -199,10 +199,10 @@ class Clock:
     ] = ((0.0, 1.0),)
 
 
-STEADY = Clock()
+UNSCALED_CLOCK = Clock()
 
 _DIAL = Number(1e-3, 1e3)
-DIALS = {
+DIAL_KEYS = {
     "stiffness": Key(
         _DIAL,
         "Factor of all stiffnesses together: shaft, barbs, vane and its bending. Frequencies go as "
@@ -212,13 +212,13 @@ DIALS = {
     "weight": Key(_DIAL, "Factor of all masses together: shaft and vane.", 1.0),
 }
 
-LAYER = Key(
+LAYER_KEY = Key(
     Number(-1000, 1000, whole=True), "Feathers of a higher layer lie over those of a lower.", 0
 )
 
-FEATHER = keys_of(FeatherKind) | DIALS
+FEATHER_KEYS = keys_of(FeatherKind) | DIAL_KEYS
 
-KEYFRAME = {
+KEYFRAME_KEYS = {
     "time": Key(Number(-1e4, 1e5, "s"), "Time since the first frame."),
     "joint": Key(Text(empty=True), "Joint that is moved; empty: the whole groom.", ""),
     "position": Key(vector(-1e4, 1e4, "m"), "Displacement from the place at rest.", None),
@@ -230,7 +230,7 @@ KEYFRAME = {
     ),
 }
 
-FOLD = {
+FOLD_KEYS = {
     "time": Key(Number(-1e4, 1e5, "s"), "Time since the first frame."),
     "fold": Key(Number(0, 1), "0 spread, 1 folded."),
 }
@@ -241,7 +241,7 @@ def _angle(meaning: str, default: Any = REQUIRED) -> Key:
 
 
 # within less than a period roots are faster at first than later, and feathers are thrown
-RAMP_PERIODS = Key(
+_RAMP_PERIODS = Key(
     Number(0.01, 1000), "Periods within which it rises from rest to its amplitude.", 1.0
 )
 
@@ -249,13 +249,13 @@ _MOTION: dict[str, Key] = {}
 _KINDS: dict[str, dict[str, Key]] = {}
 _PRESET = Preset("motion", _MOTION, _KINDS)  # its keys follow: a motion may be made of motions
 
-MOTIONS: dict[str, dict[str, Key]] = {
+MOTION_KEYS: dict[str, dict[str, Key]] = {
     "hold": {},
     "shake": {
         "amplitude": Key(Number(0, 100, "m"), "Amplitude of the shake."),
         "frequency": Key(Number(0.001, 1000, "Hz"), "Shakes per second."),
         "direction": Key(Direction(), "Direction of the shake."),
-        "ramp_periods": RAMP_PERIODS,
+        "ramp_periods": _RAMP_PERIODS,
     },
     "flap": {
         "period": Key(Number(0.001, 1000, "s"), "Duration of a wing beat."),
@@ -273,7 +273,7 @@ MOTIONS: dict[str, dict[str, Key]] = {
     },
     "fold": {
         "folds": Key(
-            ArrayOf(Table(FOLD, "table of a fold"), 1, 100_000),
+            ArrayOf(Table(FOLD_KEYS, "table of a fold"), 1, 100_000),
             "Folds in the order of their times; between two, and at rest in each, smoothly.",
         ),
         "joints": Key(
@@ -282,7 +282,7 @@ MOTIONS: dict[str, dict[str, Key]] = {
     },
     "keys": {
         "keyframes": Key(
-            ArrayOf(Table(KEYFRAME, "table of a keyframe"), 1, 100_000),
+            ArrayOf(Table(KEYFRAME_KEYS, "table of a keyframe"), 1, 100_000),
             "Keyframes, interpolated smoothly.",
         )
     },
@@ -296,7 +296,7 @@ MOTIONS: dict[str, dict[str, Key]] = {
         "angle": Key(Number(0, 180, "deg"), "Amplitude."),
         "frequency": Key(Number(0.001, 1000, "Hz"), "Swings per second."),
         "phase": Key(Number(-1, 1), "Share of a swing by which it comes later.", 0.0),
-        "ramp_periods": RAMP_PERIODS,
+        "ramp_periods": _RAMP_PERIODS,
     },
     "act": {
         "motions": Key(
@@ -307,14 +307,18 @@ MOTIONS: dict[str, dict[str, Key]] = {
     },
 }
 
-KIND = Key(Text(tuple(MOTIONS)), "Kind of motion; it decides which of the keys below apply.")
-_KINDS |= {kind: {"kind": KIND} | keys | keys_of(Clock) for kind, keys in MOTIONS.items()}
+MOTION_KIND_KEY = Key(
+    Text(tuple(MOTION_KEYS)), "Kind of motion; it decides which of the keys below apply."
+)
+_KINDS |= {
+    kind: {"kind": MOTION_KIND_KEY} | keys | keys_of(Clock) for kind, keys in MOTION_KEYS.items()
+}
 _MOTION |= {name: key for keys in _KINDS.values() for name, key in keys.items()}
 
-FAMILIES = {
+PRESET_FAMILIES = {
     each.family: each
     for each in (
-        Preset("feather", FEATHER),
+        Preset("feather", FEATHER_KEYS),
         Preset("material/vane", keys_of(VaneMaterial)),
         Preset("material/rachis", keys_of(RachisMaterial)),
         Preset("quality", keys_of(Quality)),

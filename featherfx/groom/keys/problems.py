@@ -1,4 +1,4 @@
-"""What is wrong with an input: where it stands, and one list for all of it."""
+"""Problems of an input: their places, and one list for all of them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Problems:
         return len(self._found)
 
     def listed(self) -> list[Problem]:
-        """What was collected, of every file the first ones; the others are counted."""
+        """Return the first problems of every file; the others are counted."""
         counts: Counter[str] = Counter()
         listed = []
         for problem in self._found:
@@ -73,7 +73,7 @@ class Problems:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a value stands: a file, a dotted key, and the list that takes its problems."""
+    """Place of a value: a file, a dotted key, and the list that takes its problems."""
 
     source: str
     key: str

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.places import POINT, RADIUS, Direction, Sphere
-from featherfx.groom.keys.preset import DIALS, FEATHER, LAYER, names_or_list
+from featherfx.groom.keys.places import POINT, RADIUS_LENGTH, Direction, Sphere
+from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, LAYER_KEY, names_or_list
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,
@@ -17,13 +17,13 @@ from featherfx.groom.keys.values import (
 )
 from featherfx.groom.types import Layout
 
-MOST_SCATTERED = 200_000
+_MAX_SCATTERED = 200_000
 
-LAYOUT = keys_of(Layout)
+LAYOUT_KEYS = keys_of(Layout)
 
 _RANGE = ArrayOf(Number(-1e4, 1e4, "m"), 2, 2)
 
-SKIN = {
+SKIN_KEYS = {
     "usd": Key(Text(), "USD file that holds the skin, as seen from the groom's folder."),
     "prim": Key(
         Text(),
@@ -39,7 +39,7 @@ SKIN = {
     "max_feathers": Key(
         Number(1, 1_000_000, whole=True),
         "Most feathers that all regions may make; a density that asks for more is refused.",
-        MOST_SCATTERED,
+        _MAX_SCATTERED,
     ),
     "colours": Key(
         Text(),
@@ -50,12 +50,12 @@ SKIN = {
     ),
 }
 
-NEAREST = {
+NEAREST_KEYS = {
     "to": Key(ArrayOf(POINT, 1, 1000), "Points."),
     "than": Key(ArrayOf(POINT, 1, 10_000), "The others."),
 }
 
-WHERE = {
+WHERE_KEYS = {
     "primvar": Key(Text(), "Scalar primvar of the skin, 0 to 1.", None),
     "subset": Key(Text(), "GeomSubset of the skin: 1 on its faces, 0 elsewhere.", None),
     "image": Key(
@@ -73,18 +73,18 @@ WHERE = {
     "y": Key(_RANGE, "1 between two values of y.", None),
     "z": Key(_RANGE, "1 between two values of z.", None),
     "nearest": Key(
-        Table(NEAREST), "1 where one of some points is nearer than all of some others.", None
+        Table(NEAREST_KEYS), "1 where one of some points is nearer than all of some others.", None
     ),
     "facing": Key(Direction(), "1 where the skin faces a direction, to within `angle`.", None),
     "free_radius": Key(
-        RADIUS,
+        RADIUS_LENGTH,
         "1 where a ball of this radius can touch the skin from outside: not in creases, and not "
         "where parts of the body face each other.",
         None,
     ),
     "angle": Key(Number(0, 180, "deg"), "Of `facing`.", 90.0),
     "soft": Key(
-        RADIUS,
+        RADIUS_LENGTH,
         "Width over which box, sphere, ranges, nearest and free_radius fade out, inside and out.",
         0.0,
     ),
@@ -92,7 +92,7 @@ WHERE = {
     "invert": Key(Flag(), "1 becomes 0 and 0 becomes 1.", False),
 }
 
-FLOW = {
+FLOW_KEYS = {
     "direction": Key(Direction(), "Combed along one direction, laid onto the skin.", None),
     "away": Key(POINT, "Combed away from a point.", None),
     "towards": Key(POINT, "Combed towards a point.", None),
@@ -107,7 +107,7 @@ FLOW = {
     ),
 }
 
-SPREAD = {
+SPREAD_KEYS = {
     "length": Key(Number(0, 0.3), "Standard deviation of the length, relative.", 0.0),
     "width": Key(Number(0, 0.3), "Standard deviation of the vanes' widths, relative.", 0.0),
     "curl": Key(Number(0, 60, "deg"), "Standard deviation of the curl.", 0.0),
@@ -116,29 +116,29 @@ SPREAD = {
     "roll": Key(Number(0, 60, "deg"), "Standard deviation of the roll.", 0.0),
 }
 
-REGION_KIND = {
+REGION_KIND_KEYS = {
     "name": Key(Text(), "Name of a feather preset."),
     "share": Key(Number(0, 1e6), "How much of it there is, against the other kinds.", 1.0),
     "where": Key(
-        ArrayOf(Table(WHERE), 0, 100),
+        ArrayOf(Table(WHERE_KEYS), 0, 100),
         "Rules as of a region; the share is multiplied by their product, so maps choose kinds. "
         "Where no kind has a share, the first is taken.",
         (),
     ),
 }
 
-_NO_SPREAD = {name: key.default for name, key in SPREAD.items()}
+_NO_SPREAD = {name: key.default for name, key in SPREAD_KEYS.items()}
 
-REGION = {
+REGION_KEYS = {
     "id": Key(Text(), "Start of the ids, and the region's label; a stable number follows."),
     "kind": Key(
-        names_or_list(Either({dict: Table(REGION_KIND), str: Text()}), 100),
+        names_or_list(Either({dict: Table(REGION_KIND_KEYS), str: Text()}), 100),
         "Name of a feather preset, or an array of names and tables: kinds that mix, each feather's "
         "drawn by their shares.",
     ),
     "prim": Key(Text(), "Path of the mesh; default: that of [skin].", None),
     "where": Key(
-        ArrayOf(Table(WHERE), 0, 100),
+        ArrayOf(Table(WHERE_KEYS), 0, 100),
         "How much of the region there is at a place, 0 to 1: the product of all rules; without any "
         "the whole skin.",
         (),
@@ -146,7 +146,7 @@ REGION = {
     "density": Key(Number(0, 1e9, "1/m^2"), "Feathers per area where the region is whole.", None),
     "count": Key(Number(0, 1_000_000, whole=True), "Feathers in all, instead of density.", None),
     "seed": Key(Number(0, 2**31 - 1, whole=True), "Seed of places and variation.", 1),
-    "flow": Key(Table(FLOW), "Direction of the shafts along the skin."),
+    "flow": Key(Table(FLOW_KEYS), "Direction of the shafts along the skin."),
     "length": Key(Number(1e-4, 10, "m"), "Length of the feathers; default: the kind's.", None),
     "max_length_per_free_radius": Key(
         Number(0.01, 100),
@@ -167,14 +167,14 @@ REGION = {
         "Turning of the root about the shaft; positive lifts the leading vane.",
         0.0,
     ),
-    **DIALS,
+    **DIAL_KEYS,
     "blend": Key(
         Flag(),
         "Length, width, curl, tilt and flow pass into those of regions of the same skin where "
         "they overlap, in proportion to how much of each there is.",
         True,
     ),
-    "layer": LAYER,
+    "layer": LAYER_KEY,
     "joint": Key(Text(empty=True), "Joint that carries the roots; empty: the groom itself.", ""),
     "side": Key(
         Text(("auto", "left", "right")),
@@ -182,12 +182,14 @@ REGION = {
         "of the groom, or `left` of [space]).",
         "auto",
     ),
-    "variation": Key(Table(SPREAD), "Seeded variation.", _NO_SPREAD),
+    "variation": Key(Table(SPREAD_KEYS), "Seeded variation.", _NO_SPREAD),
     "variants": Key(
         Number(0, 10_000, whole=True),
         "Different shapes that width and curl vary over, so that feathers repeat and can be "
         "instanced; 0: every feather its own.",
         16,
     ),
-    "overrides": Key(Partial(Table(FEATHER)), "Any key of a feather preset, for this region.", {}),
+    "overrides": Key(
+        Partial(Table(FEATHER_KEYS)), "Any key of a feather preset, for this region.", {}
+    ),
 }

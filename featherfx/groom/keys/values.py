@@ -1,4 +1,4 @@
-"""What a file may hold, as data: each key with its type, unit, range, default and meaning.
+"""Declarations of keys: type, unit, range, default and meaning.
 
 The same declarations check what users write, fill defaults in, and generate docs/reference.md and
 the JSON Schemas. Keys that become fields of a dataclass are declared there (see `keys_of`).
@@ -29,7 +29,7 @@ JsonSchema = dict[str, Any]
 
 
 def one_of_types(*schemas: JsonSchema) -> JsonSchema:
-    """What fits one of several schemas, each for another type of value.
+    """Return a schema of what fits one of several schemas, each for another type of value.
 
     In one, not as anyOf: keywords apply to values of their own type only, and what does not fit is
     told by its own message.
@@ -39,7 +39,7 @@ def one_of_types(*schemas: JsonSchema) -> JsonSchema:
 
 
 class ValueType(Protocol):
-    """How one value is checked and described.
+    """Check and description of one value.
 
     partial: whether keys of a table may be left out, as in what extends a preset.
     """
@@ -242,7 +242,7 @@ class LazyKeys(Mapping[str, Key]):
 
 @dataclass(frozen=True)
 class Default:
-    """What a key that is left out stands for, where the field holds another kind of object."""
+    """Default of a key whose field holds another kind of object."""
 
     value: Any
 
@@ -418,7 +418,7 @@ class Partial:
 
 
 def the_one(names: Sequence[str], table: dict[str, Any], place: Place) -> str:
-    """Which of some keys a checked table holds. Raises InputError unless it is one."""
+    """Return the only one of some keys in a checked table. Raises InputError unless it is one."""
     given = [name for name in names if table[name] is not None]
     if len(given) != 1:
         place.refuse(f"holds {' and '.join(given) or 'none'}, expects one of {', '.join(names)}")

@@ -1,4 +1,4 @@
-"""Where presets are found; importable without numpy."""
+"""Folders of presets; importable without numpy."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 
 from featherfx.files.shipped import shipped
 
-ENVIRONMENT_VARIABLE = "FEATHERFX_PRESETS"
+_PRESETS_VARIABLE = "FEATHERFX_PRESETS"
 # stands for the folder of shipped presets among folders that are given
-SHIPPED = "shipped"
+SHIPPED_PRESETS = "shipped"
 
 
 def shipped_folder() -> Path:
@@ -24,8 +24,8 @@ def search_path(folders: Iterable[str | Path] = ()) -> tuple[Path, ...]:
     folders: SHIPPED among them is the folder of shipped presets; what comes after it matters no
     more.
     """
-    listed = [shipped_folder() if folder == SHIPPED else Path(folder) for folder in folders]
-    variable = os.environ.get(ENVIRONMENT_VARIABLE, "")
+    listed = [shipped_folder() if folder == SHIPPED_PRESETS else Path(folder) for folder in folders]
+    variable = os.environ.get(_PRESETS_VARIABLE, "")
     listed += [Path(part) for part in variable.split(os.pathsep) if part]
     home = os.environ.get("XDG_CONFIG_HOME") or str(Path("~/.config").expanduser())
     return (*listed, Path(home) / "featherfx" / "presets", shipped_folder())

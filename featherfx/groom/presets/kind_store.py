@@ -15,7 +15,7 @@ from featherfx.groom.types import FeatherKind
 
 @dataclass(frozen=True)
 class KindChoice:
-    """What a feather is made of before scaling.
+    """Presets and overrides that make a feather's kind, before scaling.
 
     names: one feather preset, or two that are blended. blend: 0 the first, 1 the second.
     changes: numbers of changes registered with the store, applied in order.

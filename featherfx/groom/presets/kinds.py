@@ -13,8 +13,8 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import expected
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.materials import (
-    LEAST_FACTOR,
-    MOST_FACTOR,
+    MAX_PROFILE_FACTOR,
+    MIN_PROFILE_FACTOR,
     Curve,
     Profile,
     RachisMaterial,
@@ -48,7 +48,7 @@ def _source(tree: Tree, *path: str) -> str:
 
 
 def _at(tree: Tree, place: Place, *path: str) -> Place:
-    """Where the value at a path stands, or would."""
+    """Return the place of the value at a path, written or not."""
     source = _source(tree, *path)
     source = place.source if source in ("", "default") else source
     return Place(source, place.child(".".join(path)).key, place.problems)
@@ -175,8 +175,8 @@ def _check_profiles(kind: FeatherKind, tree: Tree, place: Place) -> None:
             if not before < share <= 1.0:
                 told = "Give 0 to 1, each above the one before it"
                 at.item(index).item(0).fail(f"{share:g} is out of order or range. {told}")
-            if factor < LEAST_FACTOR:
-                told = f"Give {LEAST_FACTOR:g} to {MOST_FACTOR:g}"
+            if factor < MIN_PROFILE_FACTOR:
+                told = f"Give {MIN_PROFILE_FACTOR:g} to {MAX_PROFILE_FACTOR:g}"
                 at.item(index).item(1).fail(f"{factor:g} is out of range. {told}")
 
 
@@ -268,7 +268,7 @@ def _outline_faults(vane: VaneShape) -> list[tuple[str, str]]:
 
 
 class Change(NamedTuple):
-    """What a feather changes of its kind.
+    """Changes of a kind for one feather.
 
     scale: factor of the size; materials follow the kind's `scaling`. width: factor of the vanes'
     widths. camber, sweep: deg, added to the shaft's. course: in place of its own, where not None.

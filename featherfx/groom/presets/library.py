@@ -1,4 +1,4 @@
-"""How presets, their `base` and overrides merge, each value with its source."""
+"""Merging of presets, their `base` and overrides, each value with its source."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from featherfx.errors import InputError
 from featherfx.groom.keys.family import Preset
-from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import REQUIRED, Key, Table, expected
 from featherfx.groom.presets.folders import search_path, shipped_folder
@@ -71,7 +71,7 @@ class Library:
         self._shipped = shipped_folder()
 
     def label(self, path: Path) -> str:
-        """How a preset file is called in messages: shipped ones without the installation."""
+        """Return the name of a preset file in messages, for shipped ones without its folder."""
         if path.is_relative_to(self._shipped):
             return (Path("presets") / path.relative_to(self._shipped)).as_posix()
         return str(path)
@@ -155,7 +155,7 @@ class Library:
             chain and chain[-1][0] == path.stem
         )
         self.said |= {f"{name}.{key}": text for key, text in told(raw, path.parent).items()}
-        checked = FAMILIES[family].extended.check(raw, Place(source, "", problems), True)
+        checked = PRESET_FAMILIES[family].extended.check(raw, Place(source, "", problems), True)
         tree, base = Tree(), raw.get("base")
         if isinstance(checked, dict) and not len(problems):
             tree = sourced(checked, source)
@@ -170,7 +170,7 @@ class Library:
     def finish(self, family: str, tree: Tree, place: Place) -> Tree:
         """The tree with materials resolved and defaults filled in. Raises InputError."""
         kind = tree.get("kind")
-        table = FAMILIES[family].finished(kind.value if isinstance(kind, Sourced) else "")
+        table = PRESET_FAMILIES[family].finished(kind.value if isinstance(kind, Sourced) else "")
         return self._finish(table, tree, place)
 
     def _finish(self, table: Table, tree: Tree, place: Place) -> Tree:

@@ -15,7 +15,7 @@ from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.flat_vane import crossing_segments
 from featherfx.groom.read.min_bend_radius import tightest
 from featherfx.groom.read.rachis_curve import (
-    MOST_DEVIATION,
+    MAX_LINE_DEVIATION,
     FittedCurve,
     fit_arc,
     fit_course,
@@ -42,7 +42,7 @@ def follow_rachis_line(kind: FeatherKind, line: Line, place: Place) -> FeatherKi
         return kind
     arc, most = fit_arc(points, _DORSAL), tightest(kind)
     fit = fit_course(arc, points, _DORSAL, most)
-    if fit.deviation > MOST_DEVIATION:
+    if fit.deviation > MAX_LINE_DEVIATION:
         place.fail(_too_sharp(arc, points, most, fit))
         return kind
     shape = replace(kind.rachis, camber=fit.camber, sweep=fit.sweep, course=fit.course)
@@ -57,7 +57,7 @@ def follow_barb_line(own: dict[str, Any], line: Line, at: Place) -> BarbGuide:
     angle = float(np.degrees(np.arctan2(fit.direction[1], fit.direction[0])))
     if not BARB_ANGLE.low <= angle <= BARB_ANGLE.high:
         at.fail(f"leaves the shaft at {angle:.0f} deg. Give {BARB_ANGLE.allowed()}")
-    if fit.deviation > MOST_DEVIATION:
+    if fit.deviation > MAX_LINE_DEVIATION:
         off = f"the barb would be off by {fit.deviation:.1%} of its length, more than 1 %"
         at.fail(f"turns more often or more sharply than a course of 200 points: {off}")
     course = tuple((share, sweep, 0.0) for share, _, sweep, _ in fit.course)
@@ -70,7 +70,7 @@ def _fitted_barb(line: Line) -> FittedCurve:
 
 
 def _sound(line: Line, place: Place) -> bool:
-    """Whether a curve goes through the points; told where none does."""
+    """Return True if a curve goes through the points; add a problem otherwise."""
     if len(line) < 2:
         place.fail(f"has {len(line)} point. Give 2 to 200 (or none)")
         return False
@@ -102,11 +102,11 @@ def _curve(line: Line) -> Array:
 
 
 def _too_sharp(arc: FittedCurve, points: Array, most: Array, fit: FittedCurve) -> str:
-    """What keeps a line from being followed."""
+    """Say why the rachis cannot follow a line."""
     told = f"the shaft would be off by {fit.deviation:.1%} of its length, more than 1 %"
     free = fit_course(arc, points, _DORSAL, np.full(len(most), np.inf))
     over = turning_within(free, len(most)) / most
-    if free.deviation > MOST_DEVIATION or over.max() <= 1.0:
+    if free.deviation > MAX_LINE_DEVIATION or over.max() <= 1.0:
         return f"turns more often or more sharply than a course of 200 points: {told}"
     where = int(np.argmax(over))
     return (

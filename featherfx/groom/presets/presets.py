@@ -11,7 +11,7 @@ from typing import Any
 
 from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.family import Preset
-from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.keys.values import Table
 from featherfx.groom.presets.kinds import kind_of
@@ -36,7 +36,7 @@ def list_presets(preset_folders: Iterable[str | Path] = ()) -> tuple[PresetFile,
     """All presets that can be named, by family and name, with the files that win."""
     library = Library(preset_folders, Problems())
     found = []
-    for family in FAMILIES:
+    for family in PRESET_FAMILIES:
         for name in sorted(library.names(family)):
             located = library.find(family, name)
             if located is not None:
@@ -56,14 +56,16 @@ def _summary(path: Path) -> str:
 def _named(name: str, library: Library) -> tuple[str, str]:
     """Family and name of "swan_vane" or "material/vane/swan_vane"; raises InputError."""
     family, _, short = name.rpartition("/")
-    families = [family] if family in FAMILIES else list(FAMILIES) if not family else []
+    families = (
+        [family] if family in PRESET_FAMILIES else list(PRESET_FAMILIES) if not family else []
+    )
     hits = [each for each in families if library.find(each, short)]
     if len(hits) == 1:
         return hits[0], short
     if hits:
         fault = f"stands for several presets: {', '.join(f'{each}/{short}' for each in hits)}"
     elif not families:
-        fault = f"there is no family '{family}', {nearest(family, FAMILIES)}"
+        fault = f"there is no family '{family}', {nearest(family, PRESET_FAMILIES)}"
     else:
         known = {each for one in families for each in library.names(one)}
         fault = f"there is no such preset, {nearest(short, known)}"
@@ -93,7 +95,7 @@ def show(name: str, preset_folders: Iterable[str | Path] = ()) -> str:
     """
     family, tree = load_preset(name, preset_folders)
     kind = tree["kind"].value if "kind" in tree else ""
-    lines = list(_lines(FAMILIES[family].finished(kind), tree, ""))
+    lines = list(_lines(PRESET_FAMILIES[family].finished(kind), tree, ""))
     width = min(48, max(len(text) for text, _ in lines))
     shown = [f"{text.ljust(width)}  # {note}" for text, note in lines]
     return "\n".join([f"# {family} preset {name.rpartition('/')[2]}", *shown])

@@ -1,4 +1,4 @@
-"""What becomes of a feather's materials when its size, stiffness or weight is changed.
+"""Materials of a feather whose size, stiffness or weight is changed.
 
 A feather s times as long keeps its shape: diameters, thickness and distance of barbs grow with s,
 and what its materials are given by per area or per metre of vane follows, with moduli m times as

@@ -161,7 +161,7 @@ def mirror_of(entry: dict[str, Any], space: Space) -> Mirror | None:
 
 
 def belonging(entry: dict[str, Any]) -> dict[str, Any]:
-    """What a draft takes from its table as it stands there."""
+    """Return the fields that a draft takes unchanged from its table."""
     taken = ("region", "joint", "width", "roll", "stiffness", "weight")
     as_they_are = {name: entry[name] for name in taken}
     return as_they_are | {"left": entry["side"] == "left"}
@@ -281,7 +281,7 @@ def row(
     return with_mirror_images(drafts, place, mirror_of(entry, space))
 
 
-LIMIT = 3.0  # standard deviations; keeps lengths positive
+_MAX_DEVIATIONS = 3.0  # standard deviations; keeps lengths positive
 
 
 def draws(seed: int, ids: Iterable[str]) -> Array:
@@ -292,10 +292,10 @@ def draws(seed: int, ids: Iterable[str]) -> Array:
     words = np.frombuffer(digests, dtype="<u8").reshape(-1, 8) >> np.uint64(11)
     uniform = (words.astype(np.float64) + 0.5) / 2.0**53
     radius = np.sqrt(-2.0 * np.log(uniform[:, :4]))
-    return np.clip(radius * np.cos(2.0 * np.pi * uniform[:, 4:]), -LIMIT, LIMIT)
+    return np.clip(radius * np.cos(2.0 * np.pi * uniform[:, 4:]), -_MAX_DEVIATIONS, _MAX_DEVIATIONS)
 
 
 def variant_number(name: str, variants: int) -> int:
-    """Which of the variants a feather is, by its id."""
+    """Choose one of the variants by the id of a feather."""
     digest = hashlib.blake2b(name.encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") % variants

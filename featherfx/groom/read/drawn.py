@@ -14,8 +14,8 @@ import numpy as np
 from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.algebra.types import Array
 from featherfx.errors import InputWarning, all_of
-from featherfx.groom.keys.groom import DEFAULT_NAMES
-from featherfx.groom.keys.preset import FEATHER
+from featherfx.groom.keys.groom import DEFAULT_PRIMVARS
+from featherfx.groom.keys.preset import FEATHER_KEYS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Table
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
@@ -25,7 +25,7 @@ from featherfx.groom.read.condensed import DrawnVanes, vanes_of
 from featherfx.groom.read.drafts import Draft, DrawnShape, belonging
 from featherfx.groom.read.min_bend_radius import tightest
 from featherfx.groom.read.rachis_curve import (
-    MOST_DEVIATION,
+    MAX_LINE_DEVIATION,
     curved_up,
     fit_arc,
     fit_course,
@@ -64,13 +64,13 @@ def _warn_of_bends(path: Path, drafts: list[Draft]) -> None:
         for draft in drafts
         if draft.shape is not None and draft.shape.bent
     ]
-    far = sorted((each for each in far if each[0] > MOST_DEVIATION), reverse=True)
+    far = sorted((each for each in far if each[0] > MAX_LINE_DEVIATION), reverse=True)
     if far:
         named = ", ".join(f"'{name}' {off:.1%}" for off, name in far[:_MOST_NAMED])
         more = f" and {len(far) - _MOST_NAMED} more" if len(far) > _MOST_NAMED else ""
         warnings.warn(
             f"{path}: these curves turn more often or more sharply than shaft and vanes can. What"
-            f" is taken for them is off by more than {MOST_DEVIATION:.0%} of their length: "
+            f" is taken for them is off by more than {MAX_LINE_DEVIATION:.0%} of their length: "
             f"{named}{more}",
             InputWarning,
             stacklevel=2,
@@ -103,7 +103,7 @@ def _draft(
     if fit is not None and not _SHORTEST <= fit.length <= _LONGEST:
         message = f"are {fit.length:.3g} m long. Give {_SHORTEST:g} to {_LONGEST:g} m. Do unit and "
         at.child("points").refuse(message + "transforms of the stage hold?")
-    if fit is not None and bent and fit.deviation > MOST_DEVIATION * fit.length:
+    if fit is not None and bent and fit.deviation > MAX_LINE_DEVIATION * fit.length:
         fit = fit_course(fit, points, up, tightest(store.kind(choice)))
     return Draft(
         id=name,
@@ -143,13 +143,15 @@ def _choice(kind: str, vanes: DrawnVanes | None, at: Place, store: KindStore) ->
     if vanes is None:
         return KindChoice((kind,), 0.0, (), at)
     found = Problems()
-    checked = Table(FEATHER).check(vanes.change, replace(at.child("barbs"), problems=found), True)
+    checked = Table(FEATHER_KEYS).check(
+        vanes.change, replace(at.child("barbs"), problems=found), True
+    )
     found.hand_on()
     return KindChoice((kind,), 0.0, (store.change(sourced(checked, at.source), at),), at)
 
 
 def _named(entry: dict[str, Any], what: str) -> str:
-    return "primvars:" + str(entry["names"].get(what) or DEFAULT_NAMES[what])
+    return "primvars:" + str(entry["names"].get(what) or DEFAULT_PRIMVARS[what])
 
 
 def _up(feather: DrawnFeather, entry: dict[str, Any], points: Array) -> Array | None:

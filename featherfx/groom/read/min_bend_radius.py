@@ -1,4 +1,4 @@
-"""How tightly a shaft may turn within the vane's plane before its barbs fold over each other.
+"""Smallest radius of a rachis in the vane's plane at which barbs do not fold over each other.
 
 A barb b of length L at the angle a to the shaft turns with it; the strip of vane between it and the
 next one has the area (L sin a / 2 - k L^2 / 3) ds where the shaft turns by k ds to the barb's side,

@@ -1,4 +1,4 @@
-"""Where the key of a problem stands in its TOML file: the line, and the id of its entry."""
+"""Lines of problems in TOML files, and the ids of their entries."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _assigned(lines: list[str], start: int, key: str) -> int | None:
 
 
 def _name(lines: list[str], start: int) -> str:
-    """What an entry is called by; empty where it does not say."""
+    """Return the name of an entry; empty if it has none."""
     for key in ("id", "name"):
         line = _assigned(lines, start, key)
         if line is not None and (match := re.match(r"[^=]*=\s*\"([^\"]*)\"", lines[line])):

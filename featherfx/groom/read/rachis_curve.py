@@ -24,7 +24,7 @@ from featherfx.groom.types import RachisShape
 
 _STEPS = 8  # points per cubic segment
 _LEAST_BEND = 1.0  # deg; a curve of less is straight
-MOST_DEVIATION = 0.01  # share of the length; a curve that an arc misses by more has a course
+MAX_LINE_DEVIATION = 0.01  # share of the length; a curve that an arc misses by more has a course
 _NEAR = 0.005  # share of the length that a course is made to keep to
 _PIECES = (8, 16, 32, 64, 128, 192)  # of a course, which has 200 points at most
 _SAMPLES = 768  # of the headings that a course is fitted to
@@ -34,7 +34,7 @@ _BASES = {
     "bspline": (np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]), 6.0, 1),
     "catmullRom": (np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]), 2.0, 1),
 }
-BASES = tuple(_BASES)
+CURVE_BASES = tuple(_BASES)
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def fit_course(arc: FittedCurve, points: Array, up: Array, tightest: Array) -> F
     start, sizes, headings = _carried(points, up)
     best, ends = arc, np.cumsum(sizes) / arc.length
     for pieces in _PIECES:
-        if best.deviation <= (_NEAR if best.course else MOST_DEVIATION) * arc.length:
+        if best.deviation <= (_NEAR if best.course else MAX_LINE_DEVIATION) * arc.length:
             break
         turnings = _broken_line(pieces) @ headings[_sampled(ends)]
         found = _with_course(arc, start, up, turnings)

@@ -153,7 +153,7 @@ def groom_of(
 
 
 def _may_be(parts: dict[str, Any], place: Place) -> bool:
-    """Whether so many feathers as the rows ask for may be; False after adding a problem."""
+    """Return True if the rows ask for no more feathers than allowed; add a problem otherwise."""
     count = sum(entry["count"] * (2 if entry["mirror"] else 1) for _, entry in parts["row"])
     if count > MOST_FEATHERS:
         place.child("row").fail(f"asks for {count} feathers in all. Give at most {MOST_FEATHERS}")
@@ -328,7 +328,7 @@ def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> Array:
 
 
 def _patterns(name: str, kind: FeatherKind) -> tuple[int, int]:
-    """Which splits the leading and the trailing vane of a feather draw, by its id."""
+    """Choose the splits of the leading and the trailing vane by the id of a feather."""
     leading, trailing = (
         variant_number(f"{name}/splits", each.splits.variants) if each.splits.count else 0
         for each in (kind.leading, kind.trailing)

@@ -66,7 +66,7 @@ def cache_skins(read: SkinsReader) -> SkinsReader:
 
 @dataclass(frozen=True)
 class GroomReaders:
-    """How a groom reads scenes; each raises InputError, of what stands at the place.
+    """Readers of scenes for a groom; each raises InputError with the place of its table.
 
     file: where a file is that is named by someone in a folder.
     """

@@ -68,7 +68,7 @@ class Space:
         return Mirror(normal, float(normal @ self.origin))
 
 
-GROOM_SPACE = Space(np.eye(3), 1.0, np.zeros(3), np.array([0.0, 1.0, 0.0]), False)
+_GROOM_SPACE = Space(np.eye(3), 1.0, np.zeros(3), np.array([0.0, 1.0, 0.0]), False)
 
 
 def in_groom(parts: dict[str, Any], place: Place, read: SkinsReader | None) -> Space:
@@ -81,7 +81,7 @@ def in_groom(parts: dict[str, Any], place: Place, read: SkinsReader | None) -> S
     with place.problems.collecting():
         space = _space(parts["space"], skins, place.child("space"))
     # of a skin that cannot be read one problem is enough
-    placing = _Placing(space or GROOM_SPACE, skins if space else None)
+    placing = _Placing(space or _GROOM_SPACE, skins if space else None)
     for name, key in GROOM_FILE.keys.items():
         parts[name] = placing.value(key.type, parts[name], place.child(name))
     return placing.space
@@ -112,7 +112,7 @@ class _Skins:
 def _space(checked: Any, skins: _Skins, place: Place) -> Space | None:
     """None where the table is wrong. Raises InputError where it cannot be placed."""
     if checked is None:
-        return GROOM_SPACE
+        return _GROOM_SPACE
     if checked is INVALID:
         return None
     of, left = checked["of"], checked["left"]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.algebra.types import Array
 from featherfx.errors import CONTROL
-from featherfx.groom.keys.groom import TABLE
+from featherfx.groom.keys.groom import TABLE_KEYS
 from featherfx.groom.keys.problems import MAX_REPORTED, Place, Problems
 from featherfx.groom.keys.values import Number, shown
 from featherfx.groom.presets.kind_store import KindChoice
@@ -28,15 +28,15 @@ from featherfx.groom.read.drafts import Draft, mirror_of, with_mirror_images
 from featherfx.groom.read.space import Space
 from featherfx.limits import MOST_ARRAY_BYTES, MOST_CHARACTERS, MOST_FEATHERS, irregular
 
-VECTORS = {
+_VECTORS = {
     "position": ("x", "y", "z"),
     "direction": ("direction_x", "direction_y", "direction_z"),
     "up": ("up_x", "up_y", "up_z"),
 }
-FACTORS = ("scale", "width", "roll", "stiffness", "weight")
-TEXTS = ("kind", "region", "joint", "side")
-NUMBERS = tuple(name for names in VECTORS.values() for name in names)
-COLUMNS = ("id", *TEXTS, *NUMBERS, *FACTORS)
+_FACTORS = ("scale", "width", "roll", "stiffness", "weight")
+_TEXTS = ("kind", "region", "joint", "side")
+_NUMBERS = tuple(name for names in _VECTORS.values() for name in names)
+TABLE_COLUMNS = ("id", *_TEXTS, *_NUMBERS, *_FACTORS)
 # what damaged files raise
 _UNREADABLE = (
     *(OSError, EOFError, ValueError, TypeError, RuntimeError, SyntaxError, LookupError),
@@ -90,29 +90,29 @@ def _load_npz(path: Path, problems: Problems) -> Columns | None:
     with zipfile.ZipFile(path) as archive:
         for entry in archive.infolist():
             name = entry.filename.removesuffix(".npy")
-            if name not in COLUMNS and name not in VECTORS:
+            if name not in TABLE_COLUMNS and name not in _VECTORS:
                 columns[name] = np.zeros(0)  # is told as unknown, and not read
                 continue
             values = _npz_array(archive, entry)
-            if name in VECTORS and values.ndim == 2 and values.shape[1] == 3:
-                columns.update(zip(VECTORS[name], values.T, strict=True))
-            elif values.ndim == 1 and name not in VECTORS:
+            if name in _VECTORS and values.ndim == 2 and values.shape[1] == 3:
+                columns.update(zip(_VECTORS[name], values.T, strict=True))
+            elif values.ndim == 1 and name not in _VECTORS:
                 columns[name] = values
             else:
-                expects = "(n, 3)" if name in VECTORS else "(n,)"
+                expects = "(n, 3)" if name in _VECTORS else "(n,)"
                 problems.add(path, name, f"has shape {values.shape}, expects {expects}")
-    lengths = {name: len(values) for name, values in columns.items() if name in COLUMNS}
+    lengths = {name: len(values) for name, values in columns.items() if name in TABLE_COLUMNS}
     if len(set(lengths.values())) > 1:
         problems.add(path, "", f"columns differ in length: {lengths}")
         return None
     for name, values in columns.items():
-        wanted = "fiu" if name in NUMBERS + FACTORS else "U"
-        if name in COLUMNS and values.dtype.kind not in wanted:
+        wanted = "fiu" if name in _NUMBERS + _FACTORS else "U"
+        if name in TABLE_COLUMNS and values.dtype.kind not in wanted:
             kind = "numbers" if wanted == "fiu" else "texts"
             problems.add(path, name, f"holds {values.dtype} values, expects {kind}")
             return None
     return {
-        name: values.astype(float) if name in NUMBERS + FACTORS else values
+        name: values.astype(float) if name in _NUMBERS + _FACTORS else values
         for name, values in columns.items()
     }
 
@@ -158,7 +158,7 @@ def _load_csv(path: Path, rows: list[list[str]], problems: Problems) -> Columns 
     cells = list(zip(*rows[1:], strict=True)) or [()] * len(header)
     columns: Columns = {}
     for name, values in zip(header, cells, strict=True):
-        if name in NUMBERS + FACTORS:
+        if name in _NUMBERS + _FACTORS:
             columns[name] = _numbers(path, name, values, problems)
         else:
             # as objects: one long text would make all of them long
@@ -185,9 +185,9 @@ def _is_number(cell: str) -> bool:
 
 def _check_columns(path: Path, columns: Columns, entry: dict[str, Any], place: Place) -> None:
     for name in columns:
-        if name not in COLUMNS:
-            Place(str(path), name, place.problems).unknown("unknown column", name, COLUMNS)
-    for name in ("id", *NUMBERS):
+        if name not in TABLE_COLUMNS:
+            Place(str(path), name, place.problems).unknown("unknown column", name, TABLE_COLUMNS)
+    for name in ("id", *_NUMBERS):
         if name not in columns:
             place.problems.add(path, name, "there is no such column. Add it to the table")
     if "kind" not in columns and entry["kind"] is None:
@@ -207,7 +207,7 @@ def _report(
 def _check_numbers(path: Path, name: str, values: NDArray[Any], problems: Problems) -> None:
     bad = ~np.isfinite(values)
     _report(path, name, bad, lambda row: f"{values[row]} is not a finite number", problems)
-    limits = TABLE[name].type if name in FACTORS else Number(-1e6, 1e6)
+    limits = TABLE_KEYS[name].type if name in _FACTORS else Number(-1e6, 1e6)
     assert isinstance(limits, Number)
     outside = ~bad & ((values < limits.low) | (values > limits.high))
     tail = f"is out of range. Give {limits.allowed()}"
@@ -224,11 +224,11 @@ def _check_texts(path: Path, name: str, texts: list[str], problems: Problems) ->
 
 
 def _check_rows(path: Path, columns: Columns, problems: Problems) -> None:
-    numbers = {name: columns[name] for name in NUMBERS + FACTORS if name in columns}
+    numbers = {name: columns[name] for name in _NUMBERS + _FACTORS if name in columns}
     for name, values in numbers.items():
         _check_numbers(path, name, values, problems)
     _report(path, "id", columns["id"] == "", lambda row: "the text is empty", problems)
-    for name in ("id", *TEXTS):
+    for name in ("id", *_TEXTS):
         if name in columns:
             _check_texts(path, name, columns[name].tolist(), problems)
     if "side" in columns:
@@ -244,20 +244,20 @@ def _check_rows(path: Path, columns: Columns, problems: Problems) -> None:
 
 
 def _vectors(columns: Columns, name: str) -> Array:
-    return np.column_stack([columns[each] for each in VECTORS[name]])
+    return np.column_stack([columns[each] for each in _VECTORS[name]])
 
 
 def _drafts(
     path: Path, columns: Columns, entry: dict[str, Any], problems: Problems, space: Space
 ) -> list[Draft]:
-    position, direction, up = (_vectors(columns, name) for name in VECTORS)
+    position, direction, up = (_vectors(columns, name) for name in _VECTORS)
     position = space.points(position)
     rotation = frames_from(space.directions(direction), space.directions(up))
     count = len(position)
     # columns that are missing stand in the groom, the same for all
     values = {
         name: columns[name].tolist() if name in columns else [entry[name]] * count
-        for name in (*TEXTS, *FACTORS)
+        for name in (*_TEXTS, *_FACTORS)
     }
     choices: dict[str, KindChoice] = {}
     drafts = []
@@ -276,7 +276,7 @@ def _drafts(
                 joint=values["joint"][number],
                 left=values["side"][number] == "left",
                 place=place,
-                **{name: values[name][number] for name in FACTORS},
+                **{name: values[name][number] for name in _FACTORS},
             )
         )
     return drafts

@@ -44,7 +44,7 @@ def load_toml(path: Path, label: str = "") -> dict[str, Any]:
 
 
 class _Unfit(ValueError):
-    """What a file is, or has too much of."""
+    """File that is not TOML, or exceeds a limit."""
 
 
 def _tables(path: Path) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def _tables(path: Path) -> dict[str, Any]:
 
 
 def _is_deep(tables: dict[str, Any]) -> bool:
-    """Whether tables and arrays are nested beyond what is allowed."""
+    """Return True if tables and arrays are nested deeper than allowed."""
     level: list[Any] = [tables]
     for _ in range(MOST_NESTING + 1):
         inner = [each.values() if isinstance(each, dict) else each for each in level]

@@ -1,4 +1,4 @@
-"""What files say, value by value, so that a difference can be told in words.
+"""Values of files, by key, to describe differences in words.
 
 rows.right_primary.width = "1.5"      the key of a [[row]] whose id is right_primary
 skin.usd (file) = "sha256 ..."        the content of a file that a value names
@@ -18,7 +18,7 @@ from featherfx.files.content import digest
 _LONGEST, _MOST = 72, 20_000
 # the part of a key that is a preset, or a row, region and the like, by its id
 _THING = re.compile(r"(presets\.[^.]+|(?:shot\.)?(?!overrides\.)\w+s\.[^.]+)\.")
-UNTOLD = "sha256"
+DIGEST_KEY = "sha256"
 
 
 def told(tables: Mapping[str, Any], folder: Path) -> dict[str, str]:
@@ -31,14 +31,14 @@ def told(tables: Mapping[str, Any], folder: Path) -> dict[str, str]:
         found[key] = _text(value)
         # a groom's own values are told one by one
         if isinstance(value, str) and value[-5:] != ".toml" and (file := _named(value, folder)):
-            found[f"{key} (file)"] = f"{UNTOLD} {digest(file)}"
+            found[f"{key} (file)"] = f"{DIGEST_KEY} {digest(file)}"
         if len(found) > _MOST:
-            return {"values": f"{UNTOLD} {digest(json.dumps(tables, default=str))}"}
+            return {"values": f"{DIGEST_KEY} {digest(json.dumps(tables, default=str))}"}
     return found
 
 
 def changes(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
-    """What differs, by key, in words: `1.5 -> 1.6`; of a row, a preset and the like that is on one
+    """Describe differences by key: `1.5 -> 1.6`; of a row, a preset and the like that is on one
     side alone, that it is."""
     there, found = (_things(before), _things(now)), {}
     for key in {**now, **before}:
@@ -62,7 +62,7 @@ def _things(values: Mapping[str, str]) -> set[str]:
 
 
 def _change(before: str | None, now: str | None) -> str:
-    if any(each is not None and each.startswith(UNTOLD) for each in (before, now)):
+    if any(each is not None and each.startswith(DIGEST_KEY) for each in (before, now)):
         if before is None or now is None:
             return "was not there" if before is None else "is not there any more"
         return "is another now"
@@ -84,7 +84,7 @@ def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
 
 def _text(value: Any) -> str:
     text = json.dumps(value, default=str)
-    return text if len(text) <= _LONGEST else f"{UNTOLD} {digest(text)}"
+    return text if len(text) <= _LONGEST else f"{DIGEST_KEY} {digest(text)}"
 
 
 def _named(value: str, folder: Path) -> Path | None:

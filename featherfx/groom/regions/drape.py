@@ -1,4 +1,4 @@
-"""How feathers lie on a skin: how far it falls off beneath them, and turns that lay them along it.
+"""Feathers on a curved skin: how far it falls off beneath them, and turns that lay them along it.
 
 A feather bends about two axes at most, a skin also twists beneath it: feathers that stand by the
 skin at their roots alone are askew on a neck, by 14 deg one way or the other in a tenth of the
@@ -21,7 +21,7 @@ from featherfx.groom.skin.points import SkinSurface, SurfacePoints
 _MOST_TURNING = 45.0  # deg
 # in feather lengths, of a contour feather's middle barbs: where one begins on the shaft, its way
 # forward and to the side
-BARB_ROOT, _BARB = 0.3, (0.3, 0.25)
+BARB_SAMPLE_ROW, _BARB = 0.3, (0.3, 0.25)
 # places along the shaft and to its sides, in feather lengths
 _PLACES = np.array(
     [(0.3, 0.0), (0.6, 0.0), (0.9, 0.0), (0.5, 0.2), (0.5, -0.2), (0.8, 0.2), (0.8, -0.2)]
@@ -31,15 +31,15 @@ _MOST_LAID = np.radians(20.0)
 _ROUNDS = 3
 
 
-class Bends(NamedTuple):
-    """How feathers bend, (N,) deg. along: of the shaft to the tip. across: of their barbs."""
+class SkinBends(NamedTuple):
+    """Bends of feathers on a skin, (N,) deg. along: rachis to the tip. across: barbs."""
 
     along: Array
     across: Array
 
 
-def bends_of_skin(points: SurfacePoints, direction: Array, length: Array) -> Bends:
-    """How a skin falls off beneath feathers, from root to tip and from shaft to edge.
+def bends_of_skin(points: SurfacePoints, direction: Array, length: Array) -> SkinBends:
+    """Measure how a skin falls off beneath feathers, from root to tip and from rachis to edge.
 
     At least 0. Where the skin ends before the tip does, what the first half shows counts.
     direction: (N, 3) unit. length: (N,) m.
@@ -47,13 +47,13 @@ def bends_of_skin(points: SurfacePoints, direction: Array, length: Array) -> Ben
     surface = points.surface
     half = _fall(surface, points.position, points.normal, 0.5 * length[:, None] * direction)
     whole = _fall(surface, points.position, points.normal, length[:, None] * direction)
-    start = points.position + BARB_ROOT * length[:, None] * direction
+    start = points.position + BARB_SAMPLE_ROW * length[:, None] * direction
     normal = surface.normals_near(start)
     forward, side = _BARB
     aside = side * np.cross(points.normal, direction)
     ways = [length[:, None] * (forward * direction + sign * aside) for sign in (1.0, -1.0)]
     across = 0.5 * sum(_fall(surface, start, normal, way) for way in ways)
-    return Bends(np.minimum(whole, 2.0 * half), np.asarray(across))
+    return SkinBends(np.minimum(whole, 2.0 * half), np.asarray(across))
 
 
 def _fall(surface: SkinSurface, start: Array, normal: Array, way: Array) -> Array:
@@ -64,7 +64,7 @@ def _fall(surface: SkinSurface, start: Array, normal: Array, way: Array) -> Arra
 
 
 def laid_along(
-    points: SurfacePoints, rotations: Array, length: Array, tilt: Array, bends: Bends
+    points: SurfacePoints, rotations: Array, length: Array, tilt: Array, bends: SkinBends
 ) -> Array:
     """Frames (N, 3, 3) of feathers, raised and rolled to lie at a tilt (N,) deg to the skin all
     along. length: (N,) m."""
@@ -87,7 +87,7 @@ def laid_along(
     return rotations
 
 
-def _shape(bends: Bends) -> Array:
+def _shape(bends: SkinBends) -> Array:
     """(N, K, 3) places of feathers whose shafts and barbs are arcs, in lengths, in their frames."""
     x, y = _PLACES.T
     along = np.radians(bends.along)[:, None]

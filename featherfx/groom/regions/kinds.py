@@ -11,7 +11,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
-from featherfx.groom.regions.drape import BARB_ROOT, bends_of_skin
+from featherfx.groom.regions.drape import BARB_SAMPLE_ROW, bends_of_skin
 from featherfx.groom.regions.rules import GroomSkin, Rule, presence
 from featherfx.groom.regions.scatter import hashed, uniform
 from featherfx.groom.skin.points import SurfacePoints
@@ -41,7 +41,7 @@ class RegionKinds:
     @property
     def barb_cambers(self) -> Array:
         """(K,) deg, of the barbs that end where vanes are widest, means of both vanes."""
-        return np.array([np.mean(_cambers_at(BARB_ROOT, kind)) for kind in self.kinds])
+        return np.array([np.mean(_cambers_at(BARB_SAMPLE_ROW, kind)) for kind in self.kinds])
 
     def weights(self, points: SurfacePoints) -> Array:
         """(N, K) probabilities of the kinds at places; the first kind where there is none."""
@@ -105,8 +105,8 @@ def _scaled(rule: Rule, factor: float) -> Rule:
     return lambda points: factor * rule(points)
 
 
-LIMIT = 3.0  # standard deviations
-STREAMS = {"length": 10, "width": 12, "curl": 14, "tilt": 16, "turn": 18, "roll": 20}
+MAX_DEVIATIONS = 3.0  # standard deviations
+RANDOM_STREAMS = {"length": 10, "width": 12, "curl": 14, "tilt": 16, "turn": 18, "roll": 20}
 _VARIANT_STREAM = 22
 # steps in which a blend between regions passes, so that shapes repeat there, too
 _WIDTH_STEP = 0.1
@@ -116,10 +116,12 @@ _HOLLOW_STEP = 5.0  # deg
 
 def normal_draws(entry: dict[str, Any], name: str, numbers: Indices) -> Array:
     """(N,) normal draws of one quantity (Box and Muller 1958), by its deviation, limited."""
-    stream, seed = STREAMS[name], entry["seed"]
+    stream, seed = RANDOM_STREAMS[name], entry["seed"]
     radius = np.sqrt(-2.0 * np.log(uniform(seed, stream, numbers)))
     wave = np.cos(2.0 * np.pi * uniform(seed, stream + 1, numbers))
-    return np.asarray(entry["variation"][name] * np.clip(radius * wave, -LIMIT, LIMIT))
+    return np.asarray(
+        entry["variation"][name] * np.clip(radius * wave, -MAX_DEVIATIONS, MAX_DEVIATIONS)
+    )
 
 
 def shapes(

@@ -22,8 +22,14 @@ from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.read.drafts import Draft
 from featherfx.groom.read.readers import GroomReaders, SkinsReader
 from featherfx.groom.read.space import Space
-from featherfx.groom.regions.drape import Bends, laid_along
-from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, region_kinds, shapes
+from featherfx.groom.regions.drape import SkinBends, laid_along
+from featherfx.groom.regions.kinds import (
+    RANDOM_STREAMS,
+    RegionKinds,
+    normal_draws,
+    region_kinds,
+    shapes,
+)
 from featherfx.groom.regions.rules import (
     GroomSkin,
     Presence,
@@ -222,14 +228,14 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     blend = _blended(region, [r for r in regions if r.surface is region.surface], points, own)
     mixtures = blend.pop("mixtures")
     blend["length"] = _fitted(blend["length"], points, entry["max_length_per_free_radius"])
-    draws = {name: normal_draws(entry, name, found.number) for name in STREAMS}
+    draws = {name: normal_draws(entry, name, found.number) for name in RANDOM_STREAMS}
     direction = _directions(region, blend["flow"], points, draws["turn"])
     cambers = region.kinds.cambers[own], region.kinds.barb_cambers[own]
     width, curl, hollow = shapes(entry, blend, direction, points, found.number, cambers)
     tilt = blend["tilt"] + draws["tilt"]
     rotations = _tilted(direction, points.normal, tilt)
     if entry["follow"]:
-        bends = Bends(cambers[0] + curl, cambers[1] + hollow)
+        bends = SkinBends(cambers[0] + curl, cambers[1] + hollow)
         rotations = laid_along(points, rotations, blend["length"], tilt, bends)
     scales = blend["length"] * (1.0 + draws["length"]) / region.kinds.lengths[own]
     left = np.full(len(points), entry["side"] == "left")

@@ -1,4 +1,4 @@
-"""How much of a region there is at a place, and where its feathers point: rules on a skin."""
+"""Rules on a skin: presence of a region at a place, and directions of its feathers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Rule = Callable[[SurfacePoints], Array]
 
 @dataclass(frozen=True)
 class Presence:
-    """How much of a region there is at points, within 0 and 1: the product of rules.
+    """Presence of a region at points, within 0 and 1: the product of rules.
 
     inputs: all that these depend on, besides the points and their surface.
     """
@@ -83,7 +83,7 @@ def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule
 def painted(
     name: str, value: str, surface: SkinSurface, folder: Path, at: Place
 ) -> tuple[Rule, Any]:
-    """What a map on a skin says, and its values. Raises InputError.
+    """Return the rule of a map on a skin, and its values. Raises InputError.
 
     name: primvar, subset or image; value: its name, or the picture's file as seen from the folder.
     """

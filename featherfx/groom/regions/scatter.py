@@ -161,7 +161,7 @@ class _Pool:
         return int((self._appears <= density * self._present).sum())
 
     def exhausted(self, density: float, count: int) -> bool:
-        """Whether the presence is so small everywhere that reading on is in vain."""
+        """Return True if the presence is too small everywhere to go on."""
         return len(self._number) == 0 and density * self._area > 1000.0 * (count + 100)
 
     def first(self, count: int) -> Scattered:

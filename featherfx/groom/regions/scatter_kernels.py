@@ -32,7 +32,7 @@ def insert(candidate, positions, cell, heads, links):
 
 @kernel
 def has_room(candidate, positions, normals, cell, heads, links):
-    """Whether no accepted candidate on the same side of the skin lies within one cell's size."""
+    """Return True if no accepted candidate on this side of the skin lies within one cell's size."""
     place, normal = positions[candidate], normals[candidate]
     cx, cy, cz = place[0] // cell, place[1] // cell, place[2] // cell
     for i in range(cx - 1, cx + 2):

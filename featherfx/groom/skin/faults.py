@@ -1,4 +1,4 @@
-"""What may be wrong with a mesh that feathers are to grow on."""
+"""Faults of meshes that feathers grow on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the roots on a skin turn as it deforms: one smooth field of rotations over the surface.
+"""Rotations of roots on a deforming skin: one smooth field over the surface.
 
 Two sides and the normal of a triangle against those at rest are its deformation gradient. A root
 takes a weighted mean of the gradients around it and turns by the rotation of its polar

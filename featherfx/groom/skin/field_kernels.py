@@ -1,4 +1,4 @@
-"""How roots turn with the triangles around them (field.py)."""
+"""Kernels of the rotations of roots with the triangles around them (field.py)."""
 
 from math import sqrt
 
@@ -6,7 +6,7 @@ from featherfx.jit.compiled import kernel
 
 # of Newton's iteration for the rotation of a matrix: steps at most, change at which it has ended,
 # and least determinant over the cube of the matrix's size, below which it is not tried
-STEPS, ENDED, LEAST = 40, 1e-15, 1e-9
+_MAX_POLAR_STEPS, _POLAR_TOLERANCE, _MIN_DETERMINANT_RATIO = 40, 1e-15, 1e-9
 
 
 @kernel
@@ -54,7 +54,7 @@ def rotations(matrices, scratch, out):
             size += now[j] * now[j]
         size = sqrt(size)
         found = False
-        for _ in range(STEPS):
+        for _ in range(_MAX_POLAR_STEPS):
             # cofactors, which over the determinant are the inverse's transpose
             inverse[0] = now[4] * now[8] - now[5] * now[7]
             inverse[1] = now[5] * now[6] - now[3] * now[8]
@@ -66,7 +66,7 @@ def rotations(matrices, scratch, out):
             inverse[7] = now[2] * now[3] - now[0] * now[5]
             inverse[8] = now[0] * now[4] - now[1] * now[3]
             det = now[0] * inverse[0] + now[1] * inverse[1] + now[2] * inverse[2]
-            if not det > LEAST * size * size * size:
+            if not det > _MIN_DETERMINANT_RATIO * size * size * size:
                 break
             own, other = 0.0, 0.0
             for j in range(9):
@@ -81,7 +81,7 @@ def rotations(matrices, scratch, out):
                 now[j] = after
             size = sqrt(3.0)
             # it converges quadratically, so that what is left is the square of the last change
-            if change <= ENDED:
+            if change <= _POLAR_TOLERANCE:
                 found = True
                 break
         if not found:
@@ -92,8 +92,9 @@ def rotations(matrices, scratch, out):
 
 @kernel
 def has_flat(corners, thinnest):
-    """Whether any of triangles (U, 3, 3) is not finite, or has a height of no more than about
-    thinnest of its longest side."""
+    """Return True if any of triangles (U, 3, 3) is flat or not finite.
+
+    thinnest: least height of a triangle over its longest side."""
     for u in range(corners.shape[0]):
         a, b, c = corners[u, 0], corners[u, 1], corners[u, 2]
         x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]

@@ -78,7 +78,7 @@ def is_flat(points: Array, triangles: Indices) -> Flags:
 
 
 def may_be_flat(corners: Array) -> bool:
-    """Whether any of triangles (U, 3, 3) is flat, or not finite, or nearly so: what `is_flat` is to
+    """Return True if any of triangles (U, 3, 3) is nearly flat or not finite: what `is_flat` is to
     be asked about."""
     # what is only checked does without compiled code
     from featherfx.groom.skin.field_kernels import has_flat

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.groom import GROOM, USD
+from featherfx.groom.keys.groom import GROOM_KEYS, USD_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,
@@ -54,7 +54,7 @@ _INTERPOLATION = Key(
     "smooth",
 )
 
-GROOM_USD = {"usd": _FILE} | {name: key for name, key in USD.items() if name != "file"}
+GROOM_USD = {"usd": _FILE} | {name: key for name, key in USD_KEYS.items() if name != "file"}
 
 SKIN = {
     "usd": _FILE,
@@ -138,7 +138,7 @@ SHOT = {
         "Groom file, TOML or USD, as seen from the shot file's folder, or a table that says what "
         "to read of a USD file.",
     ),
-    "overrides": GROOM["overrides"],
+    "overrides": GROOM_KEYS["overrides"],
     "skin": Key(Table(SKIN), "Animated skin that moves the roots.", None),
     "frames": Key(
         ArrayOf(Number(-1_000_000, 1_000_000, whole=True), 2, 2),

@@ -25,7 +25,7 @@ from featherfx.groom.keys.anatomy import (
 from featherfx.groom.keys.values import REQUIRED, Key, Table, Tables, keys_of
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.materials import Profile
-from featherfx.groom.types import GUIDE, SHAFT, Hooked, Splits, VaneShape
+from featherfx.groom.types import GUIDE_KEYS, RACHIS_KEYS, Hooked, Splits, VaneShape
 from featherfx.shot.read import keys as shot_keys
 
 _HEAD = """# Reference: every key of shots, grooms and presets
@@ -76,52 +76,56 @@ _SHOT = (
     *_headed(shot_keys.SHOT),
 )
 _GROOM = (
-    ("## Groom file", groom_keys.GROOM),
-    ("### [[joint]]", groom_keys.JOINT),
-    ("### [[feather]]", groom_keys.FEATHER_ENTRY),
-    ("### [[row]]", groom_keys.ROW),
-    ("### first and last of a [[row]]", groom_keys.ROOT),
-    ("### [bird]", limb_keys.BIRD),
-    ("### [bird.landmarks]", limb_keys.LANDMARKS),
-    ("### [[wing]]", limb_keys.WING),
-    ("### [[tail]]", limb_keys.TAIL),
-    ("### [[crest]]", limb_keys.CREST),
-    ("### [[table]]", groom_keys.TABLE),
-    ("### [[usd]]", groom_keys.USD),
-    ("### names of [[usd]]", groom_keys.USD_NAMES),
-    ("### [skin] of a groom", region_keys.SKIN),
-    ("### [[region]]", region_keys.REGION),
-    ("### kind of a [[region]]", region_keys.REGION_KIND),
-    ("### where of a [[region]]", region_keys.WHERE),
-    ("### nearest of a where", region_keys.NEAREST),
-    ("### flow of a [[region]]", region_keys.FLOW),
-    ("### variation of a [[region]]", region_keys.SPREAD),
-    ("### [layout]", region_keys.LAYOUT),
-    ("### [variation]", groom_keys.VARIATION),
+    ("## Groom file", groom_keys.GROOM_KEYS),
+    ("### [[joint]]", groom_keys.JOINT_KEYS),
+    ("### [[feather]]", groom_keys.FEATHER_ENTRY_KEYS),
+    ("### [[row]]", groom_keys.ROW_KEYS),
+    ("### first and last of a [[row]]", groom_keys.ROOT_KEYS),
+    ("### [bird]", limb_keys.BIRD_KEYS),
+    ("### [bird.landmarks]", limb_keys.LANDMARK_KEYS),
+    ("### [[wing]]", limb_keys.WING_KEYS),
+    ("### [[tail]]", limb_keys.TAIL_KEYS),
+    ("### [[crest]]", limb_keys.CREST_KEYS),
+    ("### [[table]]", groom_keys.TABLE_KEYS),
+    ("### [[usd]]", groom_keys.USD_KEYS),
+    ("### names of [[usd]]", groom_keys.USD_NAME_KEYS),
+    ("### [skin] of a groom", region_keys.SKIN_KEYS),
+    ("### [[region]]", region_keys.REGION_KEYS),
+    ("### kind of a [[region]]", region_keys.REGION_KIND_KEYS),
+    ("### where of a [[region]]", region_keys.WHERE_KEYS),
+    ("### nearest of a where", region_keys.NEAREST_KEYS),
+    ("### flow of a [[region]]", region_keys.FLOW_KEYS),
+    ("### variation of a [[region]]", region_keys.SPREAD_KEYS),
+    ("### [layout]", region_keys.LAYOUT_KEYS),
+    ("### [variation]", groom_keys.VARIATION_KEYS),
 )
 _FAMILIES = (
-    ("### feather preset", preset_keys.FEATHER),
-    ("### [rachis] of a feather preset", SHAFT),
+    ("### feather preset", preset_keys.FEATHER_KEYS),
+    ("### [rachis] of a feather preset", RACHIS_KEYS),
     ("### [leading] and [trailing] of a feather preset", keys_of(VaneShape)),
-    ("### guides of a vane", GUIDE),
+    ("### guides of a vane", GUIDE_KEYS),
     ("### [hooked] of a vane", keys_of(Hooked)),
     ("### [splits] of a vane", keys_of(Splits)),
     ("### [colour] of a feather preset", keys_of(Colour)),
     ("### patterns of a colour", keys_of(Pattern)),
     ("### [barbs] of a feather preset", keys_of(BarbLook)),
     *(
-        (f"### {family} preset", preset_keys.FAMILIES[family].keys)
+        (f"### {family} preset", preset_keys.PRESET_FAMILIES[family].keys)
         for family in ("material/vane", "material/rachis", "quality", "wind")
     ),
     ("### profiles of a vane's material", keys_of(Profile)),
-    ("### motion preset", {"kind": preset_keys.KIND} | keys_of(preset_keys.Clock)),
-    *((f"### motion of kind {kind}", keys) for kind, keys in preset_keys.MOTIONS.items() if keys),
-    ("### folds of a motion", preset_keys.FOLD),
-    ("### keyframes of a motion", preset_keys.KEYFRAME),
-    ("### wing preset", preset_keys.FAMILIES["wing"].keys),
+    ("### motion preset", {"kind": preset_keys.MOTION_KIND_KEY} | keys_of(preset_keys.Clock)),
+    *(
+        (f"### motion of kind {kind}", keys)
+        for kind, keys in preset_keys.MOTION_KEYS.items()
+        if keys
+    ),
+    ("### folds of a motion", preset_keys.FOLD_KEYS),
+    ("### keyframes of a motion", preset_keys.KEYFRAME_KEYS),
+    ("### wing preset", preset_keys.PRESET_FAMILIES["wing"].keys),
     ("### flight feathers of a wing", keys_of(FlightRow)),
     ("### coverts of a wing", keys_of(CovertRow)),
-    ("### bird preset", preset_keys.FAMILIES["bird"].keys),
+    ("### bird preset", preset_keys.PRESET_FAMILIES["bird"].keys),
     ("### [tail] of a bird", keys_of(TailOfBird)),
     ("### coverts of a tail", keys_of(TailCovertRow)),
     ("### [crest] of a bird", keys_of(CrestOfBird)),

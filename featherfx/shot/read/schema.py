@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.values import JsonSchema
 from featherfx.shot.read.keys import SHOT_FILE
 
@@ -27,7 +27,7 @@ def schema(kind: str, family: str = "") -> JsonSchema:
     if kind == "preset":
         files = [
             {"type": "object", "allOf": [each.reference(), each.complete()]}
-            for each in FAMILIES.values()
+            for each in PRESET_FAMILIES.values()
             if family in ("", each.family)
         ]
         body = {"anyOf": files} if len(files) > 1 else files[0]
@@ -42,7 +42,7 @@ def _definitions(body: JsonSchema) -> dict[str, JsonSchema]:
     text = json.dumps(body)
     while missing := [
         each
-        for each in FAMILIES.values()
+        for each in PRESET_FAMILIES.values()
         if each.name not in found and json.dumps(each.reference()) in text
     ]:
         found |= {each.name: each.definition() for each in missing}

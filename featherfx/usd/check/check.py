@@ -16,7 +16,7 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdUtils
 
 from featherfx.errors import InputError, InputWarning, Problem
-from featherfx.groom.keys.groom import USD
+from featherfx.groom.keys.groom import USD_KEYS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Table
 from featherfx.groom.read.read import SCENE_SUFFIXES
@@ -187,7 +187,7 @@ def _feathers(scene: SourceScene, path: Path, place: Place) -> None:
     prims = list(prims_below(scene.stage.GetPseudoRoot()))
     if not any(prim.IsA(kind) for prim in prims for kind in kinds):
         return
-    entry = Table(USD).check({"file": path.name}, place, False)
+    entry = Table(USD_KEYS).check({"file": path.name}, place, False)
     _, found = read_feathers(entry, path.parent, place)
     ids = Counter(feather.id for feather in found if feather.id)
     for name, count in ids.items():

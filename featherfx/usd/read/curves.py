@@ -13,9 +13,9 @@ import numpy as np
 from pxr import Gf, UsdGeom
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.groom.keys.groom import DEFAULT_NAMES
+from featherfx.groom.keys.groom import DEFAULT_PRIMVARS
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.read.rachis_curve import BASES, spline_points
+from featherfx.groom.read.rachis_curve import CURVE_BASES, spline_points
 from featherfx.usd.read.values import (
     EARLIEST_TIME,
     INTEGER_ARRAY,
@@ -86,8 +86,8 @@ def _check_sizes(points: Array, counts: Indices, basis: str, pinned: bool, place
         place.child("curveVertexCounts").fail(f"add up to {counts.sum()}, there are {len(points)}")
     if not np.isfinite(points).all():
         place.child("points").fail("hold values that are not finite")
-    if basis and basis not in BASES:
-        place.child("basis").fail(f"'{basis}' is not one of {', '.join(BASES)}")
+    if basis and basis not in CURVE_BASES:
+        place.child("basis").fail(f"'{basis}' is not one of {', '.join(CURVE_BASES)}")
     least = 4 if basis and not (pinned and basis != "bezier") else 2
     short = np.flatnonzero(counts < least)
     if len(short):
@@ -111,7 +111,7 @@ class PrimvarReader:
     def __init__(
         self, prim: Any, names: Mapping[str, str | None], code: Any, starts: Any, place: Place
     ) -> None:
-        self._names = DEFAULT_NAMES | {key: name for key, name in names.items() if name}
+        self._names = DEFAULT_PRIMVARS | {key: name for key, name in names.items() if name}
         self._primvars, self._code = UsdGeom.PrimvarsAPI(prim), code
         self._starts, self._place = starts, place
         self._read: dict[str, Any] = {}

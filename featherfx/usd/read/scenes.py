@@ -11,7 +11,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from featherfx.algebra.types import Array
-from featherfx.groom.keys.groom import DEFAULT_NAMES
+from featherfx.groom.keys.groom import DEFAULT_PRIMVARS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.search import search_tree
 from featherfx.shot.view import View
@@ -130,7 +130,7 @@ def read_poses(path: Path, code: float | None, place: Place) -> tuple[PointsById
 def _has_curves_alone(scene: SourceScene) -> bool:
     """Return whether only curves are drawn; those of condensed feathers have barbs."""
     curves = [each for each in scene.stage.Traverse() if each.IsA(UsdGeom.BasisCurves)]
-    barbs = f"primvars:{DEFAULT_NAMES['left_barbs']}"
+    barbs = f"primvars:{DEFAULT_PRIMVARS['left_barbs']}"
     plain = bool(curves) and not any(each.HasAttribute(barbs) for each in curves)
     return plain and next(drawn_meshes(scene.stage), None) is None
 

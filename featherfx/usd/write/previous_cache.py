@@ -17,7 +17,7 @@ import numpy as np
 from pxr import Sdf, Vt
 
 from featherfx.errors import Problem
-from featherfx.groom.read.value_diff import UNTOLD, changes
+from featherfx.groom.read.value_diff import DIGEST_KEY, changes
 from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import MESH_PRIM, PER_FACE_PRIMVARS, RANGES_PREFIX, RATES, OutputError
 from featherfx.usd.write.layers import SCOPES
@@ -75,7 +75,7 @@ def describe_changes(
     found = changes(earlier_inputs, inputs) if earlier_inputs else {}
     for key, change in changes(earlier, settings).items():
         texts = earlier.get(key, ""), settings.get(key, "")
-        long = key == "program" or any(text.startswith(UNTOLD) for text in texts)
+        long = key == "program" or any(text.startswith(DIGEST_KEY) for text in texts)
         if not long:
             found.setdefault(key, change)
         elif key == "program" or not found:
