@@ -18,9 +18,10 @@ class Package(NamedTuple):
 
     tables: attributes of a shot, of which one that is set asks for the package; none: every shot
     has it. stages: parts of the frame loop, and loads: what acts on feathers (shot/loop/run.py).
-    roots: what changes the motion of roots, (shot, Roots) -> Roots. dependences: what the motion of
-    each feather depends on, (shot, Roots) -> values, None for none; spreads: the same of what it
-    shares with others, (shot, LevelPlan, texts) -> texts (shot/partition/dependence.py).
+    levels: what changes levels of detail (shot/detail/levels.py). roots: what changes the motion of
+    roots, (shot, Roots) -> Roots. dependences: what the motion of each feather depends on, (shot,
+    Roots) -> values, None for none; spreads: the same of what it shares with others, (shot,
+    ShotOptions, texts) -> texts (shot/partition/dependence.py).
     """
 
     name: str
@@ -28,6 +29,7 @@ class Package(NamedTuple):
     tables: tuple[str, ...] = ()
     stages: tuple[str, ...] = ()
     loads: tuple[str, ...] = ()
+    levels: tuple[str, ...] = ()
     roots: tuple[str, ...] = ()
     dependences: tuple[str, ...] = ()
     spreads: tuple[str, ...] = ()
@@ -56,6 +58,7 @@ PACKAGES = (
         "Levels of detail by table, length or camera; guided and rigid feathers.",
         tables=("details", "level_of_detail", "quality.guided_below", "quality.rigid_below"),
         stages=("detail.followers:FollowerStage",),
+        levels=("detail.levels:refine_levels",),
         spreads=("detail.guides:add_guides",),
     ),
     Package(

@@ -21,7 +21,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,17 +32,11 @@ from featherfx.feather.density import max_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.resolution import rachis_deflection
 from featherfx.phases import phase
-from featherfx.shot.detail.detail import (
-    CARRIED,
-    CHOSEN_BY_SOLVER,
-    Detailer,
-    Resolution,
-    load_estimate,
-)
-from featherfx.shot.detail.promise import quality_of
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.load_estimate import estimate_loads
+from featherfx.shot.options.options import FeatherOptions, resolve_options, simulation_quality
 from featherfx.shot.partition.partition import part_of
 from featherfx.shot.types import Quality, Shot
 
@@ -57,6 +51,8 @@ _LEAST_TOLERANCE = 1e-9
 # a share of the length that is no difference
 _ROUNDING = 1e-9
 _TOTAL = "all"
+# options of a feather that the report has
+_TOLD = ("level", "rows", "columns", "coefficients", "tolerance")
 # what is farther off in the first frame, on a grid that is finer twice over, than the series tells
 _AT_FIRST = "rest"
 # what is made finer for each part of the error
@@ -97,7 +93,7 @@ class ShotError:
     feather: str
     parts: dict[str, ErrorPart]
     feathers: tuple[str, ...]
-    resolutions: tuple[Resolution, ...]
+    resolutions: tuple[dict[str, Any], ...]
     frames: int
     contact: bool
     seconds: float
@@ -117,7 +113,7 @@ def shot_error(shot: Shot, feathers: int = _LOOKED_AT, jobs: int = 1) -> ShotErr
             " out of the error"
         )
         warnings.warn(text, InputWarning, stacklevel=2)
-    shot = replace(shot, quality=quality_of(shot), contact=None, layers=None)
+    shot = replace(shot, quality=simulation_quality(shot), contact=None, layers=None)
     chosen = chosen_feathers(shot, feathers)
     alone = part_of(shot, chosen)
     part = replace(alone, contact=contact)
@@ -125,7 +121,7 @@ def shot_error(shot: Shot, feathers: int = _LOOKED_AT, jobs: int = 1) -> ShotErr
         simulation = simulate(shot, jobs, wanted=chosen.tolist())
         shown = _Run(simulation.feathers, _by_feather(simulation))
         done(1)
-        grids = own_grids(shot, simulation.resolutions, chosen)
+        grids = own_grids(shot, simulation.options, chosen)
         # what follows or is rigid is compared with itself simulated
         plain = _simulated(part, grids, frozenset(), jobs)
         bare = _simulated(alone, grids, frozenset(), jobs) if touching else plain
@@ -155,7 +151,9 @@ def shot_error(shot: Shot, feathers: int = _LOOKED_AT, jobs: int = 1) -> ShotErr
         feather=ids[int(np.argmax(total / lengths))],
         parts=parts,
         feathers=ids,
-        resolutions=tuple(simulation.resolutions),
+        resolutions=tuple(
+            {name: getattr(each, name) for name in _TOLD} for each in simulation.options
+        ),
         frames=shot.last_frame - shot.first_frame + 1,
         contact=touching,
         seconds=time.perf_counter() - begin,
@@ -183,9 +181,7 @@ def chosen_feathers(shot: Shot, count: int) -> Indices:
     """Numbers, ascending, of feathers that are pulled, bend most, bend most for their length, or
     are longest; of each in turn."""
     placements = shot.groom.feathers
-    asked = replace(shot, quality=replace(shot.quality, coefficients=CHOSEN_BY_SOLVER))
-    loads = load_estimate(asked, root_motion(shot))
-    assert loads is not None
+    loads = estimate_loads(shot, root_motion(shot))
     lengths = np.array([each.kind.length for each in placements])
     sag = np.array(
         [
@@ -201,12 +197,14 @@ def chosen_feathers(shot: Shot, count: int) -> Indices:
     return np.sort(np.array(list(dict.fromkeys(ranked))[:count], dtype=np.int64))
 
 
-def own_grids(shot: Shot, resolutions: Sequence[Resolution], chosen: Indices) -> list[Resolution]:
-    """Return the resolution of every chosen feather, for followers as if they were simulated."""
-    detailer = Detailer(shot, drawn_feathers(shot), root_motion(shot))
+def own_grids(
+    shot: Shot, options: Sequence[FeatherOptions], chosen: Indices
+) -> list[FeatherOptions]:
+    """Return the options of every chosen feather, for followers as if they were simulated."""
+    full = resolve_options(shot, drawn_feathers(shot), root_motion(shot)).full
     return [
-        detailer.resolution(int(f), "full") if each.level in CARRIED else each
-        for f, each in zip(chosen, resolutions, strict=True)
+        each if each.is_simulated else full[f]
+        for f, each in zip(chosen.tolist(), options, strict=True)
     ]
 
 
@@ -222,7 +220,9 @@ def _by_feather(simulation: Simulation) -> list[list[RowPoints]]:
     return [list(each) for each in zip(*frames, strict=True)]
 
 
-def _simulated(part: Shot, grids: Sequence[Resolution], finer: frozenset[str], jobs: int) -> _Run:
+def _simulated(
+    part: Shot, grids: Sequence[FeatherOptions], finer: frozenset[str], jobs: int
+) -> _Run:
     """The feathers of a part of a shot in full on their own grids, finer in what is named."""
     feathers: dict[int, Feather] = {}
     points: dict[int, list[RowPoints]] = {}
@@ -242,7 +242,7 @@ def _simulated(part: Shot, grids: Sequence[Resolution], finer: frozenset[str], j
     return _Run([feathers[f] for f in order], [points[f] for f in order])
 
 
-def _ways_at_first(alone: Shot, grids: Sequence[Resolution], jobs: int) -> Array:
+def _ways_at_first(alone: Shot, grids: Sequence[FeatherOptions], jobs: int) -> Array:
     """(F,) m, largest distance of the nodes of feathers in the first frame from where they are on
     four times the rows and columns; both come to rest in it, however they got there in the shot."""
     first = replace(alone, last_frame=alone.first_frame, preroll=0)
@@ -258,7 +258,7 @@ def _ways_at_first(alone: Shot, grids: Sequence[Resolution], jobs: int) -> Array
     return _ways(fine, _simulated(first, grids, frozenset(), jobs))
 
 
-def finer_quality(quality: Quality, grid: Resolution, finer: frozenset[str]) -> Quality:
+def finer_quality(quality: Quality, grid: FeatherOptions, finer: frozenset[str]) -> Quality:
     """The quality that simulates every feather in full on a grid, finer in rows, columns,
     coefficients or time."""
     rows, columns, count = grid.rows, grid.columns, grid.coefficients

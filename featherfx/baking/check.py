@@ -14,11 +14,11 @@ from featherfx.feather.build import distinct_shapes
 from featherfx.feather.shapes import build_feathers
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MOST_TRIED, irregular
-from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.direction.unsimulated_targets import FELT, warn_of_unfelt
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.options import resolve_options
 from featherfx.shot.read.read import check_file
 from featherfx.shot.types import Shot
 
@@ -81,6 +81,6 @@ def _try_motion(shot: Shot) -> None:
     motion = root_motion(shot)
     if shot.targets or any(channel.name in FELT for channel in shot.channels):
         drawn = drawn_feathers(shot)
-        resolutions = level_plan(shot, drawn, motion).resolutions
-        refuse_other_shapes(shot, drawn, resolutions, motion)
-        warn_of_unfelt(shot, resolutions)
+        options = resolve_options(shot, drawn, motion).feathers
+        refuse_other_shapes(shot, drawn, options, motion)
+        warn_of_unfelt(shot, options)

@@ -23,9 +23,9 @@ from featherfx.feather.layout.layout import cover, measure_layout
 from featherfx.feather.shapes import build_feathers
 from featherfx.groom.types import Groom
 from featherfx.phases import account
-from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.options import resolve_options
 from featherfx.shot.types import LEVELS, Quality, Shot
 from featherfx.usd.space import StageSpace
 from featherfx.usd.write.cache_writer import chunk_bytes
@@ -134,8 +134,8 @@ def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None) -> dict[
     these. Memory is that of the process so far and of what the bake adds; an estimate.
     """
     drawn = drawn_feathers(shot)
-    resolutions = level_plan(shot, drawn, root_motion(shot)).resolutions
-    levels = Counter(each.level for each in resolutions)
+    options = resolve_options(shot, drawn, root_motion(shot)).feathers
+    levels = Counter(each.level for each in options)
     frames = shot.last_frame - shot.first_frame + 1
     total = len(shot.groom.feathers)
     learnt = expected(shot, jobs, budget)

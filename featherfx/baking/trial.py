@@ -33,11 +33,10 @@ from featherfx.baking.task import BakeTask
 from featherfx.errors import InputWarning
 from featherfx.files.memory import give_back_memory
 from featherfx.phases import Account, phase
-from featherfx.shot.detail.detail import Resolution
-from featherfx.shot.detail.levels import LevelPlan, level_plan
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.options import FeatherOptions, ShotOptions, resolve_options
 from featherfx.shot.partition.partition import part_of
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.types import Detail, Shot
@@ -324,18 +323,18 @@ def _course(shot: Shot, jobs: int, most: float) -> TrialCourse:
 def _pinned(shot: Shot) -> Shot:
     """A few feathers that are simulated, at their levels: evenly among all, or of those that push
     others the longest, whose steps all go along with."""
-    plan, feathers = _plan(shot), shot.groom.feathers
+    options, feathers = _options(shot), shot.groom.feathers
     push = np.flatnonzero(_pushing(shot))
     if len(push):
         lengths = np.array([feathers[f].kind.length for f in push])
         chosen = np.sort(push[np.argsort(-lengths, kind="stable")[:_COURSE]])
     else:
-        numbers = plan.leading if len(plan.leading) else np.arange(len(feathers))
+        numbers = options.leading if len(options.leading) else np.arange(len(feathers))
         places = np.linspace(0, len(numbers) - 1, min(_COURSE, len(numbers)))
         chosen = numbers[places.astype(np.int64)]
     part = part_of(shot, chosen)
     pinned = tuple(
-        Detail(feathers=each.id, level=plan.resolutions[f].level)
+        Detail(feathers=each.id, level=options.feathers[f].level)
         for f, each in zip(chosen, part.groom.feathers, strict=True)
     )
     return replace(part, details=part.details + pinned, level_of_detail=None)
@@ -379,17 +378,17 @@ def _neighbours(shot: Shot, numbers: Indices, count: int) -> Indices:
     return np.sort(np.concatenate(found))
 
 
-def _plan(shot: Shot) -> LevelPlan:
-    return level_plan(shot, drawn_feathers(shot), root_motion(shot))
+def _options(shot: Shot) -> ShotOptions:
+    return resolve_options(shot, drawn_feathers(shot), root_motion(shot))
 
 
 def work_of(shot: Shot) -> float:
     """Unknowns of a frame."""
-    return 1.0 + sum(map(unknowns, _plan(shot).resolutions))
+    return 1.0 + sum(map(unknowns, _options(shot).feathers))
 
 
-def unknowns(resolution: Resolution) -> int:
+def unknowns(options: FeatherOptions) -> int:
     """Six a row, and two directions of coefficients for the two barbs of a row."""
-    if not resolution.is_simulated:
+    if not options.is_simulated:
         return 0
-    return resolution.rows * (6 + 4 * resolution.coefficients)
+    return options.rows * (6 + 4 * options.coefficients)

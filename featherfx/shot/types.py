@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
+import numpy as np
+
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
@@ -520,6 +522,15 @@ class Shot:
     def uneased(self) -> Shot:
         """The shot as it is laid without what comes after a frame."""
         return replace(self, layers=self.layers and replace(self.layers, ease=0.0))
+
+    def skin_corners(self) -> Array | None:
+        """(T, 3, 3) m, at rest: what regions grow on, or else what roots are bound to."""
+        if self.groom.skin is not None:
+            return np.asarray(self.groom.skin)
+        if self.skin is None:
+            return None
+        surfaces = {id(part.surface): part.surface for part in self.skin.parts}
+        return np.concatenate([each.rest[each.triangles] for each in surfaces.values()])
 
     def time_of(self, frame: float | None) -> float:
         """s since the first frame; None: the first."""

@@ -202,7 +202,7 @@ def test_feathers_of_different_grids_touch_each_other():
     shot = half_wing(bird())
     details = (Detail(feathers="*_02", level="coarse"), Detail(feathers="*_04", level="rachis"))
     simulation, frames = baked(replace(shot, details=details), 6)
-    assert {r.level for r in simulation.resolutions} == {"full", "coarse", "rachis"}
+    assert {r.level for r in simulation.options} == {"full", "coarse", "rachis"}
     contact = simulation.report["contact"]
     assert contact["most_contacts"] >= 3
     assert contact["worst_depth"] < THICKNESS

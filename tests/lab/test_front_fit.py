@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from featherfx.lab.bench.front import missed
-from featherfx.shot.detail.promise import Grid, Missed, MissedBySteps, Work
+from featherfx.shot.options.error_model import GridError, GridErrors, StepCost, StepError
 
-KNOWN = Grid(Missed(0.6, 2.0, 0.6, 0.05), Missed(0.1, 2.0, 0.8), Missed(0.004, 3.0, 0.2))
-STEPS, WORK, WRUNG = MissedBySteps(0.7, 0.7, 1.5), Work(8.0, 0.2, 0.3, 0.28), Missed(0.5, 1.3, 0.0)
+KNOWN = GridErrors(
+    GridError(0.6, 2.0, 0.6, 0.05), GridError(0.1, 2.0, 0.8), GridError(0.004, 3.0, 0.2)
+)
+STEPS, WORK, WRUNG = (
+    StepError(0.7, 0.7, 1.5),
+    StepCost(8.0, 0.2, 0.3, 0.28),
+    GridError(0.5, 1.3, 0.0),
+)
 SETTINGS = tuple(product((6, 8, 11, 15, 21, 29), (2, 3, 4, 6), (1, 2), (6e-3, 1e-3, 2e-4, 5e-5)))
 
 
@@ -47,7 +53,7 @@ def test_known_powers_are_found_again():
     assert found["steps"]["air"] == pytest.approx(1.5, abs=0.2)
     assert found["wrung"] == pytest.approx(WRUNG._asdict())
     assert found["work"] == pytest.approx(WORK._asdict())
-    grid, steps = Grid(*(Missed(**each) for each in found["after"].values())), STEPS
+    grid, steps = GridErrors(*(GridError(**each) for each in found["after"].values())), STEPS
     kept = [
         r["error"]
         <= 1.02

@@ -30,7 +30,7 @@ def true_error(shot, feathers):
     given = simulate(shot, 2, wanted=chosen.tolist())
     frames = list(given)
     worst = 0.0
-    for k, grid in enumerate(own_grids(shot, given.resolutions, chosen)):
+    for k, grid in enumerate(own_grids(shot, given.options, chosen)):
         quality = replace(
             shot.quality,
             rows=4 * (grid.rows - 1) + 1,

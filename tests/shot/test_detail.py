@@ -8,18 +8,15 @@ import numpy as np
 import pytest
 from places import SAMPLES
 
-from featherfx.shot.detail.detail import deflections, load_estimate, simulated_settings
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.options import resolve_options
 from featherfx.shot.read.read import read_shot
 
 
 def chosen(shot) -> list[int]:
-    loads = load_estimate(shot, root_motion(shot))
-    feathers = simulate(shot).feathers
-    bent = None if loads is None else deflections(shot, feathers, loads)
-    found = simulated_settings(shot, feathers, loads, bent)
-    return [each.coefficients for each in found]
+    options = resolve_options(shot, simulate(shot).feathers, root_motion(shot))
+    return [each.coefficients for each in options.full]
 
 
 def with_coefficients(shot, count):

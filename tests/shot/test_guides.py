@@ -37,7 +37,7 @@ def test_a_follower_of_a_like_guide_with_like_motion_is_that_guide() -> None:
     shot = row_of(3)
     simulation = simulate(guided(shot, every=3))
     frames, full = list(simulation), list(simulate(shot))
-    levels = [each.level for each in simulation.resolutions]
+    levels = [each.level for each in simulation.options]
     assert levels == ["guided", "full", "guided"]
     assert simulation.report["skipped"]["guided feather frames"] == 2 * len(frames)
     bent = np.abs(full[-1].points[0] - full[0].points[0] - np.ptp(full[-1].points[0])).max()
@@ -192,20 +192,20 @@ def test_what_cannot_be_guided_is_told() -> None:
         )
     )
     list(simulation)
-    assert [each.level for each in simulation.resolutions] == ["guided", "full", "guided"]
+    assert [each.level for each in simulation.options] == ["guided", "full", "guided"]
 
 
 def test_spacing_and_lengths_choose_guides() -> None:
     shot = row_of(21, 0, spread=0.01)
     simulation = simulate(guided(shot, every=1, spacing=0.03))
     list(simulation)
-    places = [k for k, each in enumerate(simulation.resolutions) if each.level == "full"]
+    places = [k for k, each in enumerate(simulation.options) if each.level == "full"]
     assert 3 <= len(places) <= 7
     assert max(min(abs(k - g) for g in places) for k in range(21)) <= 3
     by_length = replace(shot, quality=replace(shot.quality, guided_below=2.0, guided_every=7))
     simulation = simulate(by_length)
     list(simulation)
-    assert sum(each.level == "full" for each in simulation.resolutions) == 3
+    assert sum(each.level == "full" for each in simulation.options) == 3
 
 
 @pytest.mark.parametrize("wanted", [[0, 3, 5], [1], [2, 4, 6, 7]])
@@ -218,7 +218,7 @@ def test_some_feathers_alone_are_those_of_the_whole(wanted: list[int]) -> None:
             assert len(found) == len(wanted)
             for f, values in zip(wanted, found, strict=True):
                 np.testing.assert_array_equal(values, getattr(one, name)[f])
-    assert len(part.feathers) == len(part.resolutions) == len(wanted)
+    assert len(part.feathers) == len(part.options) == len(wanted)
     # guides that nobody wanted follows are not simulated
     simulated = sum(len(group.members) for group in part._run.groups)
     assert simulated <= sum(len(group.members) for group in whole._run.groups) == 2

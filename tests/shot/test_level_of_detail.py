@@ -10,9 +10,7 @@ import pytest
 from places import SAMPLES
 
 from featherfx.errors import InputError
-from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.types import LevelOfDetail, Motion, Shot
 from featherfx.shot.view import TimedCamera, View, relative_sizes
@@ -82,9 +80,7 @@ def railed(shot: Shot, distance: tuple[float, ...], **values: object) -> Shot:
 
 
 def levels(shot: Shot) -> list[str]:
-    simulation = simulate(shot)
-    plan = level_plan(shot, simulation.feathers, root_motion(shot))
-    return [each.level for each in plan.resolutions]
+    return [each.level for each in simulate(shot).options]
 
 
 def test_without_changes_the_result_is_the_same_bytes() -> None:
@@ -149,7 +145,7 @@ def test_guided_and_rigid_by_size_stay_near_the_full_result() -> None:
         seen = replace(shot, level_of_detail=rules(pixels_per_metre=100.0, **{below: 120.0}))
         simulation = simulate(seen)
         frames = list(simulation)
-        assert level in {each.level for each in simulation.resolutions}
+        assert level in {each.level for each in simulation.options}
         for frame, other in zip(frames, full, strict=True):
             for one, two in zip(frame.points, other.points, strict=True):
                 assert np.abs(one - two).max() < 0.03

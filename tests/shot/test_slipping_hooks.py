@@ -87,7 +87,7 @@ def test_no_camera_changes_the_level_of_a_vane_that_slips() -> None:
     values |= {"pixels_per_metre": 1.0, "rachis_below": 10.0, "image_height": 1e3}
     rules = LevelOfDetail(camera=None, outside="rigid", margin=0.1, motion=0.0, **values)
     seen = {
-        hooks: simulate(replace(pulled(hooks), grips=(), level_of_detail=rules)).resolutions[0]
+        hooks: simulate(replace(pulled(hooks), grips=(), level_of_detail=rules)).options[0]
         for hooks in ("closed", "slip")
     }
     assert [each.level for each in seen.values()] == ["rachis", "full"]

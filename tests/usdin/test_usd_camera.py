@@ -115,4 +115,4 @@ def test_feathers_out_of_the_picture_are_rigid(tmp_path):
     )
     simulation = simulate(replace(shot, groom=aside))
     list(simulation)
-    assert {each.level for each in simulation.resolutions} == {"rigid"}
+    assert {each.level for each in simulation.options} == {"rigid"}

@@ -35,9 +35,8 @@ from featherfx.lab.bench.shake import (
     trajectory_error,
 )
 from featherfx.mechanics.resolution import barb_load, rachis_deflection
-from featherfx.shot.detail.detail import settings_for
-from featherfx.shot.detail.promise import Bends
-from featherfx.shot.loop.run import NEWTON_FRACTION
+from featherfx.shot.options.error_model import Deflection
+from featherfx.shot.options.options import NEWTON_RATIO, choose_grid, given_by_quality
 from featherfx.shot.types import Quality
 
 _UNKNOWNS, _HALF_BANDWIDTH = 2583, 131
@@ -247,20 +246,20 @@ def quality_shake(kind: FeatherKind, quality: Quality) -> Shake:
     """The shake as a bake of that quality simulates it."""
     feather = build_feather(kind, quality.rows, quality.columns)
     pressure = kind.vane_material.surface_density * ACCELERATION
-    bent = Bends(
-        shaft=rachis_deflection(feather, kind, ACCELERATION, 0.0),
+    bent = Deflection(
+        rachis=rachis_deflection(feather, kind, ACCELERATION, 0.0),
         barb=barb_load(feather, kind, pressure),
         air=0.0,
     )
-    rows, columns, coefficients, tolerance = settings_for(quality, feather, kind, bent, pressure)
+    own = choose_grid(given_by_quality(quality), quality, feather, kind, bent, pressure)
     return Shake(
-        rows=rows,
-        columns=columns,
-        coefficients=coefficients,
+        rows=own.rows,
+        columns=own.columns,
+        coefficients=own.coefficients,
         step=0.0,
-        tolerance=tolerance,
+        tolerance=own.tolerance,
         radius=quality.spectral_radius,
-        newton=NEWTON_FRACTION * tolerance,
+        newton=NEWTON_RATIO * own.tolerance,
         max_substeps=quality.max_substeps,
     )
 

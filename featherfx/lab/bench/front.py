@@ -2,12 +2,12 @@
 
 On every scene settings that vary all of them are compared with one that is finer in all. What they
 miss is fitted with powers of the numbers, of the tolerance of steps, and of the deflections that
-loads were estimated to cause; featherfx/shot/detail/promise chooses what is simulated of a feather
-from these.
+loads were estimated to cause; featherfx/shot/options/error_model chooses what is simulated of a
+feather from these.
 
 And whether shots keep the error that is promised, measured against fine references.
 
-Powers through what the scenes of the front have missed (featherfx/shot/detail/promise.py).
+Powers through what the scenes of the front have missed (featherfx/shot/options/error_model.py).
 """
 
 from __future__ import annotations
@@ -29,11 +29,19 @@ from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.lab.bench.scenes import REFERENCE_ROWS, scene
 from featherfx.lab.bench.shake import Shake, barb_curvature, swan_primary
 from featherfx.lab.bench.skips import share_of
-from featherfx.shot.detail.detail import deflections, load_estimate
-from featherfx.shot.detail.estimate import barb_bends
-from featherfx.shot.detail.promise import CALM_AIR, Bends, Front, Grid, Missed, MissedBySteps, Work
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.error_estimate import barb_bends
+from featherfx.shot.options.error_model import (
+    CALM_AIR,
+    Deflection,
+    ErrorModel,
+    GridError,
+    GridErrors,
+    StepCost,
+    StepError,
+)
+from featherfx.shot.options.load_estimate import estimate_deflections, estimate_loads
 from featherfx.shot.types import Quality, Shot
 
 # (columns, coefficients)
@@ -93,7 +101,7 @@ def run(shot: Shot) -> FrontRun:
         for f, (feather, now) in sorted(simulation.simulated().items()):
             feathers[f] = feather
             points.setdefault(f, []).append(RowPoints(now.nodes.copy(), now.directors.copy()))
-    seconds, resolutions = process_time() - begin, simulation.resolutions
+    seconds, resolutions = process_time() - begin, simulation.options
     lengths = [placement.kind.length for placement in shot.groom.feathers]
     tolerances = [r.tolerance / length for r, length in zip(resolutions, lengths, strict=True)]
     return FrontRun(feathers, points, seconds, simulation.report, tolerances)
@@ -127,15 +135,13 @@ def errors(one: FrontRun, reference: FrontRun) -> list[float]:
     ]
 
 
-def estimated_deflections(shot: Shot) -> list[Bends]:
+def estimated_deflections(shot: Shot) -> list[Deflection]:
     """Per feather, how far loads are estimated to bend shaft and barbs, of the feather's length."""
-    shot = replace(shot, quality=shot.quality.with_error(1.0))
-    loads = load_estimate(shot, root_motion(shot))
-    assert loads is not None
-    found = deflections(shot, build_feathers(shot.groom.feathers, 21, 6), loads)
+    loads = estimate_loads(shot, root_motion(shot))
+    found = estimate_deflections(shot, build_feathers(shot.groom.feathers, 21, 6), loads)
     lengths = [p.kind.length for p in shot.groom.feathers]
     return [
-        each._replace(shaft=each.shaft / size, barb=each.barb / size)
+        each._replace(rachis=each.rachis / size, barb=each.barb / size)
         for each, size in zip(found, lengths, strict=True)
     ]
 
@@ -314,7 +320,7 @@ class _Measured(NamedTuple):
     weight: Array
     feather: Array
 
-    def missed(self, grid: Grid, steps: MissedBySteps) -> Array:
+    def missed(self, grid: GridErrors, steps: StepError) -> Array:
         """(R,) what powers say that the settings miss."""
         space = (
             grid.rows.by(self.rows - 1.0, self.barb)
@@ -334,11 +340,11 @@ def missed(rows: Sequence[Row], times: Mapping[tuple[int, int, int], float]) -> 
     grid, steps = _fitted(before, _LEAST)
     held, _ = _fitted(after, _LEAST_BENT)
     off = np.quantile(np.log(after.error / after.missed(held, steps)), _HELD)
-    held = Grid(*(each._replace(factor=each.factor * float(np.exp(off))) for each in held))
+    held = GridErrors(*(each._replace(factor=each.factor * float(np.exp(off))) for each in held))
     tolerances = _TRUSTED * float(before.tolerance.min()), float(before.tolerance.max())
     blown = before.air >= CALM_AIR
     calm = float(before.shaft[blown].min()), float(before.barb[blown].min())
-    found = Front(grid, held, _wrung(wrung), steps, _work(times), tolerances, calm)
+    found = ErrorModel(grid, held, _wrung(wrung), steps, _work(times), tolerances, calm)
     return {
         "before": {name: each._asdict() for name, each in found.before._asdict().items()},
         "after": {name: each._asdict() for name, each in found.after._asdict().items()},
@@ -360,14 +366,14 @@ def _measured(rows: Sequence[Row], when: str) -> _Measured:
     return _Measured._make([*values, count[number] ** -0.5, number])
 
 
-def _fitted(measured: _Measured, least: float) -> tuple[Grid, MissedBySteps]:
+def _fitted(measured: _Measured, least: float) -> tuple[GridErrors, StepError]:
     """The powers that are nearest to what was measured, rather above than below. least: of rows."""
     coefficients = _coefficients(measured)
 
-    def powers(parameters: Array) -> tuple[Grid, MissedBySteps]:
+    def powers(parameters: Array) -> tuple[GridErrors, StepError]:
         a, rows, b, columns, c, *steps = map(float, parameters)
-        lines = Missed(np.exp(a), _LINES, rows, least), Missed(np.exp(b), _LINES, columns)
-        return Grid(*lines, coefficients), MissedBySteps(np.exp(c), *steps)
+        lines = GridError(np.exp(a), _LINES, rows, least), GridError(np.exp(b), _LINES, columns)
+        return GridErrors(*lines, coefficients), StepError(np.exp(c), *steps)
 
     def off(parameters: Array) -> Array:
         over = np.log(measured.missed(*powers(parameters)) / measured.error)
@@ -378,7 +384,7 @@ def _fitted(measured: _Measured, least: float) -> tuple[Grid, MissedBySteps]:
     return powers(found)
 
 
-def _coefficients(measured: _Measured) -> Missed:
+def _coefficients(measured: _Measured) -> GridError:
     """By the most that a second coefficient takes away of any feather, not less in _HELD."""
     fine = (measured.rows >= _SHOWN_ROWS) & (measured.tolerance <= _SHOWN_TOLERANCE)
     kept = measured._replace(**{k: v[fine] for k, v in measured._asdict().items()})
@@ -394,19 +400,19 @@ def _coefficients(measured: _Measured) -> Missed:
     bend, gain = np.log([barbs[f] for f in most]), np.log(list(most.values()))
     slope = float(np.clip(np.polyfit(bend, gain, 1)[0], 0.0, 1.0))
     factor = float(np.exp(np.quantile(gain - slope * bend, _HELD)))
-    return Missed(factor / (1.0 - 2.0**-_ORDER), _ORDER, slope)
+    return GridError(factor / (1.0 - 2.0**-_ORDER), _ORDER, slope)
 
 
-def _wrung(rows: Sequence[Row]) -> Missed:
+def _wrung(rows: Sequence[Row]) -> GridError:
     """Fit the error of rows for the middle feather, whatever the other settings and loads."""
     number = np.log([r["rows"] for r in rows])
     slope, level = np.polyfit(number, np.log([r["error"] for r in rows]), 1)
-    return Missed(float(np.exp(level)), -float(slope), 0.0)
+    return GridError(float(np.exp(level)), -float(slope), 0.0)
 
 
-def _work(times: Mapping[tuple[int, int, int], float]) -> Work:
+def _work(times: Mapping[tuple[int, int, int], float]) -> StepCost:
     """Through the times of iterations by rows, columns and coefficients, all in proportion."""
     time = np.array(list(times.values()))
     terms = np.array([(1.0, n, n * m, n * c) for n, m, c in times]) / time[:, None]
     each, row, column, coefficient = np.linalg.lstsq(terms, np.ones(len(time)), rcond=None)[0]
-    return Work(float(each / row), float(column / row), float(coefficient / row), _STEPS_POWER)
+    return StepCost(float(each / row), float(column / row), float(coefficient / row), _STEPS_POWER)

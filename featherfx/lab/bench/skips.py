@@ -12,9 +12,9 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.lab.bench.report import ResultTable, Row
-from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.frames import Frame
 from featherfx.shot.loop.simulate import Simulation, simulate
+from featherfx.shot.options.options import CHOSEN
 from featherfx.shot.partition.partition import part_of, share_numbers
 from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
 
@@ -152,11 +152,11 @@ SKIPS = (
     ),
     Skip(
         "coefficients chosen, not 4",
-        _quality(coefficients=CHOSEN_BY_SOLVER),
+        _quality(coefficients=CHOSEN),
         _quality(coefficients=_MOST_COEFFICIENTS),
         _always,
     ),
-    Skip("rows chosen, not all", _quality(simulated_rows=CHOSEN_BY_SOLVER), _all_rows, _always),
+    Skip("rows chosen, not all", _quality(simulated_rows=CHOSEN), _all_rows, _always),
     Skip("detail coarse", _level("coarse"), _FULL, _untouched),
     Skip("detail rachis", _level("rachis"), _FULL, _untouched),
     Skip("detail guided", _level("guided"), _FULL, _guidable),
@@ -216,7 +216,7 @@ def _measured(shot: Shot, skip: Skip, known: dict[tuple[int, Change], _Baked]) -
         without = known[key] if key in known else _run(skip.off(shot))
         known[key] = without
     with_skip = _run(skip.on(shot))
-    grids = sorted({(r.rows, r.columns, r.coefficients) for r in with_skip.simulation.resolutions})
+    grids = sorted({(r.rows, r.columns, r.coefficients) for r in with_skip.simulation.options})
     worst, mean = _errors(shot, without.points, with_skip.points)
     return {
         "shot": name,

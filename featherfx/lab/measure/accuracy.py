@@ -85,7 +85,7 @@ def shot_figures(path: Path) -> dict[str, object]:
     _run(path, 1)  # compiles
     digest, worst, seconds, simulation = _run(path, 1)
     other, _, seconds_of_two, _ = _run(path, 2)
-    shot, coefficients = simulation.shot, [each.coefficients for each in simulation.resolutions]
+    shot, coefficients = simulation.shot, [each.coefficients for each in simulation.options]
     kind, feather = shot.groom.feathers[0].kind, simulation.feathers[0]
     return {
         "shot": shot.name,

@@ -27,10 +27,9 @@ from featherfx.shot.contact.obstacles import Obstacles
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
 from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
 from featherfx.shot.contact.steps import FrameSteps, Pace, StepRules
-from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.frames import place
-from featherfx.shot.loop.run import NEWTON_FRACTION
 from featherfx.shot.loop.sleep import skip_frame
+from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
 from featherfx.solver.contact.surfaces import grids_of, surfaces_of
@@ -45,8 +44,6 @@ Flags = NDArray[np.bool_]
 LoadsOf = Callable[[float, float], Sequence[Loads]]
 PathsOf = Callable[[float, float], Sequence[RootPath]]
 
-# what a gap may be off, over the quality's tolerance; least and most, over the thickness
-OFF, LEAST_OFF, MOST_OFF = 0.05, 0.1, 0.4
 # smallest followed gap, in thicknesses
 MARGIN = 6.0
 # pairs named in a report
@@ -86,13 +83,15 @@ class Tally:
 class ShotContact:
     """Advances all batches of a shot together.
 
-    solvers: of the batches. members: per batch, places in the groom. feathers: as simulated, batch
-    after batch. obstacles: what else they meet, bodies behind all others.
+    options: of all feathers. solvers: of the batches. members: per batch, places in the groom.
+    feathers: as simulated, batch after batch. obstacles: what else they meet, bodies behind all
+    others.
     """
 
     def __init__(
         self,
         shot: Shot,
+        options: ShotOptions,
         solvers: Sequence[Solver],
         members: Sequence[NDArray[np.int64]],
         feathers: Sequence[Feather],
@@ -105,6 +104,7 @@ class ShotContact:
         feathers = [*feathers, *(one for each in obstacles.batches for one in each.feathers)]
         self._order = order = np.concatenate(members)
         placements = [shot.groom.feathers[k] for k in order]
+        own = [options.feathers[k] for k in order]
         self.names = [placement.id for placement in placements]
         thickness = np.array([p.kind.vane_material.thickness for p in placements])
         if self.contact.thickness is not None:
@@ -121,8 +121,8 @@ class ShotContact:
         settings = ContactSettings(
             friction=self.contact.friction,
             margin=MARGIN * float(thickness.max()),
-            tolerance=self._tolerance(),
-            newton=NEWTON_FRACTION * common_tolerance(shot),
+            tolerance=min(each.contact_tolerance or 0.0 for each in own),
+            newton=own[0].unpressed_newton_tolerance or 0.0,
         )
         self.solver = ContactSolver(solvers, candidates, halves, settings)
         led = np.arange(len(order)) >= len(order) - obstacles.count
@@ -138,15 +138,14 @@ class ShotContact:
         up = np.where(self._raised[:, None] > 0.0, rest.dorsal, 0.0)
         over = FeathersOver(np.where(led, -1, order), grids.together(nodes), rest.lengths, up)
         self.bodies = Bodies(shot, over)
-        self._rules = self._step_rules()
+        self._rules = self._step_rules(own[0].max_substeps)
         self._pace = Pace()
         self._unresolved: list[dict[str, Any]] = []
 
-    def _step_rules(self) -> StepRules:
-        quality = self.shot.quality
+    def _step_rules(self, substeps: int) -> StepRules:
         return StepRules(
             steps=self.contact.steps,
-            substeps=min(quality.max_substeps, self.contact.max_steps),
+            substeps=substeps,
             thickness=self._thickness,
             rounds=self.solver.settings.rounds,
             iterations=MAX_INTERVAL_WORK,
@@ -158,16 +157,9 @@ class ShotContact:
         """Return the limits of the number of steps, by keys of the shot."""
         if self.contact.steps:
             return {"[contact] steps": self.contact.steps}
-        known = {
-            "[contact] max_steps": self.contact.max_steps,
-            "max_substeps": self.shot.quality.max_substeps,
-        }
-        return {key: most for key, most in known.items() if most == self._rules.substeps}
-
-    def _tolerance(self) -> float:
-        """m, what a gap may be off."""
-        least, most = LEAST_OFF * self._thickness, MOST_OFF * self._thickness
-        return float(np.clip(OFF * common_tolerance(self.shot), least, most))
+        substeps = self._rules.substeps
+        is_own = substeps == self.contact.max_steps
+        return {"[contact] max_steps" if is_own else "max_substeps": substeps}
 
     def advance(
         self,

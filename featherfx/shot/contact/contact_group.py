@@ -35,6 +35,7 @@ class ContactGroup:
         self._led: tuple[tuple[float, float], list[RootPath]] = (np.nan, np.nan), []
         self.contact = ShotContact(
             run.shot,
+            run.options,
             [group.solver for group in groups],
             [group.members for group in groups],
             [feather for group in groups for feather in group.feathers],
@@ -44,7 +45,7 @@ class ContactGroup:
     @property
     def bounds(self) -> Bounds:
         """Tolerance and limits of their steps."""
-        tolerances = [group.solver.settings.tolerance for group in self.groups]
+        tolerances = [group.options.tolerance for group in self.groups]
         return Bounds(min(tolerances), self.contact.limits)
 
     def settle(self) -> None:
@@ -153,7 +154,7 @@ class ContactGroup:
         for group, path, acting in zip(self.groups, paths, loads, strict=True):
             quiet = is_undisturbed(group.state, path, acting, group.loads)
             if quiet.any():  # seldom where roots move, and what follows looks at all nodes
-                quiet &= is_at_rest(group.state, group.solver.settings.tolerance, duration)
+                quiet &= is_at_rest(group.state, group.options.tolerance, duration)
             flags.append(quiet & self._run.shot.sleep)
         return np.concatenate(flags)
 
@@ -179,7 +180,7 @@ class ContactStage(Stage):
 
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
-        run.islands = pushing_islands(run.shot, run.drawn, root_motion(run.shot), run.plan)
+        run.islands = pushing_islands(run.shot, run.drawn, root_motion(run.shot), run.options)
         pushed = np.isin(run.islands, run.islands[run.solved]) & (run.islands != ALONE)
         run.solved = np.union1d(run.solved, np.flatnonzero(pushed))
         self.contact_groups: list[ContactGroup] = []
@@ -193,7 +194,7 @@ class ContactStage(Stage):
         warn_of_sunk(run.shot, run.motion)
         for number, some in own.items():
             members = np.flatnonzero(run.islands == number)
-            obstacles = obstacles_of(run.shot, run.plan, members, some, run.motion)
+            obstacles = obstacles_of(run.shot, run.options, members, some, run.motion)
             self.contact_groups.append(ContactGroup(run, some, obstacles))
         run.step_groups += self.contact_groups
 

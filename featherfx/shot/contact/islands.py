@@ -21,10 +21,10 @@ from featherfx.files.content import digest
 from featherfx.mechanics.batch import may_slip
 from featherfx.shot.contact.pairs import REACH
 from featherfx.shot.detail.guides import guide_weights
-from featherfx.shot.detail.levels import LevelPlan
 from featherfx.shot.frames import place
 from featherfx.shot.loop.groups import ALONE
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.roots import Roots
 from featherfx.shot.types import Shot
@@ -35,29 +35,29 @@ SMALL, MOST_OF_SMALL = 8, 16
 
 
 def pushing_islands(
-    shot: Shot, drawn: Sequence[Feather], motion: Roots, plan: LevelPlan
+    shot: Shot, drawn: Sequence[Feather], motion: Roots, options: ShotOptions
 ) -> Indices:
     """(F,) number of every feather's island in a shot with contact, from 0, in the order of their
     first feathers; ALONE for feathers that its contact leaves out, which join no islands either.
 
-    drawn: all feathers of the shot on one grid. motion: of their roots. plan: of their levels.
+    drawn: all feathers of the shot on one grid. motion: of their roots. options: of all feathers.
     """
     assert shot.contact is not None
     found = np.full(len(drawn), ALONE)
     some = np.flatnonzero(may_touch(shot, shot.contact))
     if len(some):
-        found[some] = _few(_led_together(shot, plan, some, _near(shot, drawn, motion, some)))
+        found[some] = _few(_led_together(shot, options, some, _near(shot, drawn, motion, some)))
     return found
 
 
-def _led_together(shot: Shot, plan: LevelPlan, some: Indices, island: Indices) -> Indices:
+def _led_together(shot: Shot, options: ShotOptions, some: Indices, island: Indices) -> Indices:
     """The islands (S,) of some feathers, those made one of which one follows guides in the other:
     it pushes feathers of both."""
     assert shot.contact is not None
-    guided = plan.at_level("guided")
+    guided = options.at_level("guided")
     if not shot.contact.obstacles or not len(guided) or island.max() == 0:
         return island
-    guides, weights = guide_weights(shot, guided, plan.leading)
+    guides, weights = guide_weights(shot, guided, options.leading)
     pairs, own = weights.tocoo(), np.full(len(shot.groom.feathers), ALONE)
     own[some] = island
     ends = own[guided[pairs.row]], own[guides[pairs.col]]
@@ -118,10 +118,10 @@ def _few(island: Indices) -> Indices:
     return np.unique(number[island], return_inverse=True)[1]
 
 
-def add_islands(shot: Shot, plan: LevelPlan, own: Sequence[str]) -> list[str]:
+def add_islands(shot: Shot, options: ShotOptions, own: Sequence[str]) -> list[str]:
     """Texts of what feathers depend on, with those of all feathers of their islands."""
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-    islands = pushing_islands(shot, drawn, root_motion(shot), plan)
+    islands = pushing_islands(shot, drawn, root_motion(shot), options)
     slips = any(may_slip(each.kind) for each in shot.groom.feathers)
     placements, result = shot.groom.feathers, list(own)
     for number in np.unique(islands[islands != ALONE]).tolist():

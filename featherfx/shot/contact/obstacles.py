@@ -18,18 +18,17 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather, RowMap, RowPoints, stacked
 from featherfx.mechanics.model import Loads, no_loads
-from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.followers import turned_by
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
-from featherfx.shot.detail.levels import LevelPlan
 from featherfx.shot.loop.groups import FeatherGroup
 from featherfx.shot.loop.models import maps_between, model_of
+from featherfx.shot.options.options import FeatherOptions, ShotOptions
 from featherfx.shot.roots import RootFrames, Roots, arrived
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import LedMotion
 from featherfx.solver.contact.surfaces import Grids
-from featherfx.solver.solver import RootPath, Settings, Solver, hold_roots
+from featherfx.solver.solver import RootPath, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
 
 
@@ -208,13 +207,13 @@ def _placed(local: RowPoints, roots: RootFrames) -> Array:
 
 def obstacles_of(
     shot: Shot,
-    plan: LevelPlan,
+    options: ShotOptions,
     members: Indices,
     groups: Sequence[FeatherGroup],
     motion: Roots,
 ) -> Obstacles:
     """The obstacles among the feathers of an island, by their numbers in the groom. groups: what is
-    solved of it. plan: of all feathers of the shot.
+    solved of it. options: of all feathers of the shot.
 
     Those that follow a guide that touches nothing are none.
     """
@@ -222,19 +221,19 @@ def obstacles_of(
     if shot.contact is None or not shot.contact.obstacles:
         return Obstacles([], nothing, None, motion, count)
     solved = np.unique(np.concatenate([group.members for group in groups]))
-    every, guided = plan.at_level("guided"), nothing
-    guides, weights = guide_weights(shot, every, plan.leading) if len(every) else (nothing, None)
+    every, guided = options.at_level("guided"), nothing
+    guides, weights = guide_weights(shot, every, options.leading) if len(every) else (nothing, None)
     if weights is not None:
         lost = weights[:, ~np.isin(guides, solved)].sum(axis=1) > 0.0
         own = np.isin(every, members) & ~lost
         guided, weights = every[own], weights[own]
         used = np.unique(weights.indices)
         guides, weights = guides[used], weights[:, used]
-    rigid = np.intersect1d(plan.at_level("rigid"), members)
+    rigid = np.intersect1d(options.at_level("rigid"), members)
     chosen = (("guided", guided), ("rigid", rigid))
     # what steps are held to follows from those that are solved
-    settings = groups[0].solver.settings
-    some = [_batch(shot, level, own, settings) for level, own in chosen if len(own)]
+    steps = groups[0].options
+    some = [_batch(shot, options, level, own, steps) for level, own in chosen if len(own)]
     if weights is None or not len(guided):
         return Obstacles(some, nothing, None, motion, count)
     pairs = weights.tocoo()
@@ -244,19 +243,17 @@ def obstacles_of(
     return Obstacles(some, follows, lead, motion, count)
 
 
-def _batch(shot: Shot, level: str, members: Indices, settings: Settings) -> Batch:
+def _batch(
+    shot: Shot, options: ShotOptions, level: str, members: Indices, steps: FeatherOptions
+) -> Batch:
     """Feathers at a level, on the grid of the meshes: on half of it a bent vane is a millimetre
     elsewhere. Their model tells contact where vanes are and how stiff; nothing is solved with it.
     """
-    placements, grid = [shot.groom.feathers[f] for f in members.tolist()], _grid_of(shot)
-    feathers = build_feathers(placements, *grid)
-    resolution = Resolution(level, *grid, 0, 1.0)
-    model = model_of(placements, feathers, resolution, True)
-    return Batch(level, members, feathers, Solver(model, settings))
-
-
-def _grid_of(shot: Shot) -> tuple[int, int]:
-    return shot.quality.rows, shot.quality.own_columns
+    placements = [shot.groom.feathers[f] for f in members.tolist()]
+    own = options.feathers[int(members[0])]
+    feathers = build_feathers(placements, own.rows, own.columns)
+    model = model_of(placements, feathers, own, True)
+    return Batch(level, members, feathers, Solver(model, steps))
 
 
 def _guides_of(

@@ -179,7 +179,7 @@ class CycleStage(Stage):
         period = self.run.shot.cycle * self.run.subframes
         for group in self.run.groups:
             if not (group.changes_model or group.solver.model.hooked):
-                tolerance, count = group.solver.settings.tolerance, len(group.members)
+                tolerance, count = group.options.tolerance, len(group.members)
                 group.cycle = Cycle(period, tolerance, count)
 
     def finish(self, index: int) -> None:

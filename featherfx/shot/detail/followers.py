@@ -43,14 +43,14 @@ class FollowerStage(Stage):
         super().__init__(run)
         shot, drawn, placements = run.shot, run.drawn, run.shot.groom.feathers
         posed = run.posed
-        rigid = np.intersect1d(run.plan.at_level("rigid"), posed)
+        rigid = np.intersect1d(run.options.at_level("rigid"), posed)
         self._rigid = {f: drawn[f] for f in rigid.tolist()}
-        guided = run.plan.at_level("guided")
+        guided = run.options.at_level("guided")
         self._guided = guided[np.isin(guided, posed)]
         run.rigid, run.guided = len(rigid), len(self._guided)
         if not len(self._guided):
             return
-        guides, weights = guide_weights(shot, guided, run.plan.leading)
+        guides, weights = guide_weights(shot, guided, run.options.leading)
         weights = weights[np.isin(guided, posed)]
         used = np.unique(weights.indices)
         self._guides, weights = guides[used], weights[:, used]

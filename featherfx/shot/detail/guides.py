@@ -33,6 +33,7 @@ from featherfx.files.content import digest
 from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.skin.skin import closest
+from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.types import Shot
 
 # a follower has up to that many guides
@@ -104,7 +105,7 @@ def guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> tuple[I
     """
     roots = _roots(shot, range(len(shot.groom.feathers)))
     regions = [placement.region for placement in shot.groom.feathers]
-    inputs = [roots, regions, followers, simulated, skin_corners(shot)]
+    inputs = [roots, regions, followers, simulated, shot.skin_corners()]
     found = kept("guide-weights", inputs, lambda: _guide_weights(shot, followers, simulated))
     parts = found["value"], found["column"], found["start"]
     return found["guides"], scipy.sparse.csr_array(
@@ -139,7 +140,7 @@ def _weights(shot: Shot, followers: Indices, guides: Indices) -> tuple[Indices, 
     reach = _DETOUR * float(straight.max()) + _SAME_PLACE
     sources = len(own) + np.arange(len(guides))
     guide, follower, way = root_distances(
-        np.concatenate([own, other]), sources, skin_corners(shot), reach
+        np.concatenate([own, other]), sources, shot.skin_corners(), reach
     )
     kept = follower < len(own)
     guide, follower, way = guide[kept], follower[kept], way[kept]
@@ -189,16 +190,6 @@ def _spread(roots: Array, rule: GuideRule) -> list[int]:
 def _roots(shot: Shot, members: Sequence[int] | Indices) -> Array:
     positions = [shot.groom.feathers[f].position for f in members]
     return np.array(positions, dtype=np.float64).reshape(-1, 3)
-
-
-def skin_corners(shot: Shot) -> Array | None:
-    """(T, 3, 3) m, at rest: what regions grow on, or else what roots are bound to."""
-    if shot.groom.skin is not None:
-        return np.asarray(shot.groom.skin)
-    if shot.skin is None:
-        return None
-    surfaces = {id(part.surface): part.surface for part in shot.skin.parts}
-    return np.concatenate([each.rest[each.triangles] for each in surfaces.values()])
 
 
 def root_distances(
@@ -260,12 +251,12 @@ def _graph(roots: Array, corners: Array) -> tuple[Any, int]:
     return graph.tocsr(), first
 
 
-def add_guides(shot: Shot, plan: Any, own: Sequence[str]) -> list[str]:
+def add_guides(shot: Shot, options: ShotOptions, own: Sequence[str]) -> list[str]:
     """Texts of what feathers depend on; of those that follow guides with those of the guides."""
-    result, guided = list(own), plan.at_level("guided")
+    result, guided = list(own), options.at_level("guided")
     if not len(guided):
         return result
-    guides, weights = guide_weights(shot, guided, plan.leading)
+    guides, weights = guide_weights(shot, guided, options.leading)
     for row, f in enumerate(guided.tolist()):
         some = slice(weights.indptr[row], weights.indptr[row + 1])
         followed = guides[weights.indices[some]].tolist()

@@ -1,4 +1,4 @@
-"""The level of detail of every feather of a shot, chosen before the first frame.
+"""Levels of detail by the size of feathers in the image, and the guides of guided feathers.
 
 A feather's size in the image, in pixels, times 1 + motion a / g, a the acceleration of its root
 and of its tip were it rigid, chooses the level by its largest value over the shot's frames. The
@@ -8,15 +8,12 @@ quality's lengths may ask for a coarser one; [[detail]] and what pulls a feather
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.feather.types import Feather
+from featherfx.algebra.types import Array
 from featherfx.limits import refuse_beyond_memory
-from featherfx.shot.detail.detail import Detailer, Resolution
-from featherfx.shot.detail.guides import with_guides
+from featherfx.shot.detail.guides import GuideRule, with_guides
 from featherfx.shot.roots import RootFrames, Roots, sampled_rates
 from featherfx.shot.types import LEVELS, LevelOfDetail, Shot
 from featherfx.shot.view import relative_sizes
@@ -28,53 +25,39 @@ _GRAVITY = 9.81
 _BYTES_PER_FEATHER_FRAME = 300
 
 
-@dataclass(frozen=True)
-class LevelPlan:
-    """How each feather of a shot is simulated.
+def refine_levels(
+    shot: Shot,
+    motion: Roots,
+    levels: Sequence[tuple[str, str]],
+    entries: Sequence[int],
+    pinned: Sequence[bool],
+) -> list[tuple[str, str]]:
+    """Return levels of all feathers with their sources, coarser where a feather is seen small, and
+    full where it guides others.
 
-    resolutions: of every feather. free: (F,) which leave their roots. air: (F,) the air's share of
-    what bends their rachises.
+    entries: of each the [[detail]] that fits, -1 for none. pinned: which no camera changes. Raises
+    InputError for regions whose guided feathers have no guide.
     """
-
-    resolutions: tuple[Resolution, ...]
-    free: Flags
-    air: Array
-
-    @property
-    def simulated(self) -> Flags:
-        """(F,) which feathers are solved."""
-        return np.array([each.is_simulated for each in self.resolutions], dtype=np.bool_)
-
-    @property
-    def leading(self) -> Indices:
-        """Numbers of the feathers that may guide others: solved, and never free."""
-        return np.flatnonzero(self.simulated & ~self.free)
-
-    def at_level(self, level: str) -> Indices:
-        """Return the numbers of the feathers at a level."""
-        return np.flatnonzero([each.level == level for each in self.resolutions])
+    found = list(levels)
+    if (rules := shot.level_of_detail) is not None:
+        for f, (level, source) in enumerate(_levels_by_size(shot, rules, motion)):
+            if not pinned[f] and _NUMBER[level] > _NUMBER[found[f][0]]:
+                found[f] = level, source
+    details, every = shot.details, shot.quality.guided_every
+    guide_rules = [
+        GuideRule(details[k].every, details[k].spacing) if k >= 0 else GuideRule(every, None)
+        for k in entries
+    ]
+    own = [level for level, _ in found]
+    for f, level in enumerate(with_guides(shot, own, guide_rules)):
+        if level != own[f]:
+            found[f] = level, f"guide of region {shot.groom.feathers[f].region!r}"
+    return found
 
 
-def level_plan(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> LevelPlan:
-    """Choose the levels of all feathers; feathers: as the meshes have them.
-
-    Raises InputError for feathers that are not simulated but pulled, or that lack guides.
-    """
-    detailer = Detailer(shot, feathers, motion)
-    levels = list(detailer.levels)
-    if shot.level_of_detail is not None:
-        seen = _levels_by_size(shot, shot.level_of_detail, motion)
-        levels = [
-            own if pinned else max(own, by_size, key=_NUMBER.__getitem__)
-            for own, by_size, pinned in zip(levels, seen, detailer.pinned, strict=True)
-        ]
-    levels = with_guides(shot, levels, detailer.rules)
-    resolutions = tuple(detailer.resolution(f, level) for f, level in enumerate(levels))
-    return LevelPlan(resolutions, detailer.free, detailer.air)
-
-
-def _levels_by_size(shot: Shot, rules: LevelOfDetail, motion: Roots) -> list[str]:
-    """Levels of all feathers by their largest size in the image, weighted by their motion."""
+def _levels_by_size(shot: Shot, rules: LevelOfDetail, motion: Roots) -> list[tuple[str, str]]:
+    """Return the levels of all feathers by their largest size in the image, weighted by their
+    motion, and the keys that these follow from."""
     frames, count = shot.last_frame - shot.first_frame + 1, len(shot.groom.feathers)
     what = f"levels of {count} feathers in {frames} frames"
     needed = _BYTES_PER_FEATHER_FRAME * frames * count
@@ -90,13 +73,13 @@ def _levels_by_size(shot: Shot, rules: LevelOfDetail, motion: Roots) -> list[str
     return [_level_of_size(rules, size) for size in sizes.max(axis=0).tolist()]
 
 
-def _level_of_size(rules: LevelOfDetail, size: float) -> str:
+def _level_of_size(rules: LevelOfDetail, size: float) -> tuple[str, str]:
     if size == 0.0:
-        return rules.outside
+        return rules.outside, "[level_of_detail] outside"
     for level in ("rigid", "guided", "rachis", "coarse"):
         if size < getattr(rules, f"{level}_below"):
-            return level
-    return "full"
+            return level, f"[level_of_detail] {level}_below"
+    return "full", "[level_of_detail]"
 
 
 def _pixels(rules: LevelOfDetail, time: float, roots: Array, lengths: Array) -> Array:

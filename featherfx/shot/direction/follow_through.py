@@ -33,7 +33,7 @@ class FollowThrough(Stage):
         super().__init__(run)
         shot, drawn, shown = run.shot, run.drawn, run.posed
         warn_of_shares(shot, run.directed)
-        warn_of_unfelt(shot, run.plan.resolutions)
+        warn_of_unfelt(shot, run.options.feathers)
         self._found = courses(shot, NAMES)
         acted_on = np.zeros(len(drawn), dtype=np.bool_)
         for each in self._found:

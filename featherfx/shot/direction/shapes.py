@@ -10,8 +10,8 @@ from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require
 from featherfx.feather.density import density_map
 from featherfx.feather.types import Feather, RowPoints
-from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.direction.shafts import along_line, why_no_shaft
+from featherfx.shot.options.options import FeatherOptions
 from featherfx.shot.patterns import fits
 from featherfx.shot.roots import Roots
 from featherfx.shot.types import Shot, Target
@@ -20,15 +20,15 @@ from featherfx.shot.types import Shot, Target
 def refuse_other_shapes(
     shot: Shot,
     drawn: Sequence[Feather],
-    resolutions: Sequence[Resolution],
+    options: Sequence[FeatherOptions],
     motion: Roots,
 ) -> None:
     """Raise InputError with a problem of every target whose file lacks feathers that are simulated,
     or has other shapes than theirs.
 
-    drawn: all feathers of the shot on the meshes' grid. resolutions: of each.
+    drawn: all feathers of the shot on the meshes' grid. options: of each.
     """
-    felt = [f for f, each in enumerate(resolutions) if each.is_simulated]
+    felt = [f for f, each in enumerate(options) if each.is_simulated]
     problems = []
     for number, target in enumerate(shot.targets):
         own = [f for f in felt if fits(target, shot.groom.feathers[f])]

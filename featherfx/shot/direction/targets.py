@@ -211,9 +211,9 @@ class TargetStage(Stage):
 
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
-        refuse_other_shapes(run.shot, run.drawn, run.plan.resolutions, run.motion)
+        refuse_other_shapes(run.shot, run.drawn, run.options.feathers, run.motion)
         if not run.shot.channels:
-            warn_of_unfelt(run.shot, run.plan.resolutions)
+            warn_of_unfelt(run.shot, run.options.feathers)
         self._shot = run.shot
         self._worst: dict[int, tuple[float, str, float]] = {}
 

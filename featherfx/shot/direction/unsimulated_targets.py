@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from featherfx.errors import InputWarning
-from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.direction.channels import courses
+from featherfx.shot.options.options import FeatherOptions
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import CHANNELS, Shot
 
@@ -17,12 +17,12 @@ from featherfx.shot.types import CHANNELS, Shot
 FELT = ("stiffness", "damping", "wind", "gravity", "follow")
 
 
-def warn_of_unfelt(shot: Shot, resolutions: Sequence[Resolution]) -> None:
+def warn_of_unfelt(shot: Shot, options: Sequence[FeatherOptions]) -> None:
     """Say which targets some of their feathers do not feel, and which channels none of theirs does.
 
-    resolutions: of each feather.
+    options: of each feather.
     """
-    felt = np.array([each.is_simulated for each in resolutions], dtype=np.bool_)
+    felt = np.array([each.is_simulated for each in options], dtype=np.bool_)
     for number, target in enumerate(shot.targets):
         own = np.array([fits(target, each) for each in shot.groom.feathers], dtype=np.bool_)
         if deaf := int((own & ~felt).sum()):

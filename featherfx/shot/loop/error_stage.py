@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from featherfx.shot.detail.estimate import Estimate
 from featherfx.shot.loop.run import Stage
+from featherfx.shot.options.error_estimate import ErrorEstimate
 
 
 class ErrorStage(Stage):
@@ -13,7 +13,7 @@ class ErrorStage(Stage):
 
     def prepare(self) -> None:
         """Keep rest shapes and lengths of the feathers of each batch."""
-        self._estimate = Estimate(self.run.shot, self.run.groups, self.run.plan.air)
+        self._estimate = ErrorEstimate(self.run.options, self.run.groups)
 
     def note(self, index: int) -> None:
         """Take the poses of a frame, and the steps on the way to it, into account."""

@@ -45,8 +45,8 @@ class FreeGroup:
     @property
     def bounds(self) -> Bounds:
         """Tolerance and limits of its steps."""
-        settings = self._group.solver.settings
-        return Bounds(settings.tolerance, {"max_substeps": settings.max_substeps})
+        options = self._group.options
+        return Bounds(options.tolerance, {"max_substeps": options.max_substeps})
 
     def settle(self) -> None:
         """Bring the feathers to rest where the shot begins."""
@@ -84,7 +84,7 @@ class FreeGroup:
         quiet = is_undisturbed(group.state, path, loads, group.loads)
         if not quiet.any():  # seldom otherwise in gusts, and what follows looks at all nodes
             return quiet
-        tolerance = group.solver.settings.tolerance
+        tolerance = group.options.tolerance
         return np.asarray(quiet & is_at_rest(group.state, tolerance, duration))
 
 

@@ -13,8 +13,8 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.density import PointCarrier
 from featherfx.feather.types import Feather, RowMap
 from featherfx.mechanics.model import Loads, Model
-from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.frames import FeatherPose
+from featherfx.shot.options.options import FeatherOptions
 from featherfx.shot.types import Force, Grip
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import State
@@ -45,14 +45,14 @@ class GroupLoad:
 class FeatherGroup:
     """Feathers that share a grid: their places in the groom, solver, state and loads.
 
-    resolution: what is simulated. island: contact group, or ALONE. feathers: as simulated. maps:
+    options: how they are simulated. island: contact group, or ALONE. feathers: as simulated. maps:
     to the meshes' grid, where that is another one. own: model without what loads change. start:
     nodes at the first frame. acting: loads beside grips and forces. cycle: of a shot that repeats.
     loads: of the step before. stirred: (F,) feathers that something else than a step has changed
     since the sample before. report: of the last step, None where none was taken.
     """
 
-    resolution: Resolution
+    options: FeatherOptions
     island: int
     members: Indices
     feathers: list[Feather]
@@ -73,7 +73,7 @@ class FeatherGroup:
     @property
     def level(self) -> str:
         """Level of detail."""
-        return self.resolution.level
+        return self.options.level
 
     @cached_property
     def carrier(self) -> PointCarrier | None:

@@ -18,7 +18,7 @@ from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Placement, Splits
 from featherfx.mechanics.batch import make_model, may_slip, resized
 from featherfx.mechanics.model import Model
-from featherfx.shot.detail.detail import Resolution
+from featherfx.shot.options.options import FeatherOptions
 from featherfx.solver.solver import compile_steps
 from featherfx.solver.step.modes import with_damping
 
@@ -29,7 +29,7 @@ _PART = 128
 def model_of(
     placements: Sequence[Placement],
     feathers: Sequence[Feather],
-    resolution: Resolution,
+    options: FeatherOptions,
     touching: bool,
 ) -> Model:
     """Constant arrays of a batch: made once for feathers of one shape, or of one shape and size
@@ -38,7 +38,7 @@ def model_of(
     touching: whether loose barbs do not pass through each other. Of what is not solved, nothing is
     damped.
     """
-    units = [_of_unit_size(each, resolution) for each in placements]
+    units = [_of_unit_size(each, options) for each in placements]
     shapes: list[tuple[Any, ...]] = [
         (id(unit), p.mirrored) if unit else (id(p.prototype or p.kind), p.kind, p.size, p.mirrored)
         for p, unit in zip(placements, units, strict=True)
@@ -48,22 +48,22 @@ def model_of(
         first.setdefault(shape, k)
     number = {shape: n for n, shape in enumerate(first)}
     own = [(placements[k], units[k], feathers[k]) for k in first.values()]
-    grid = resolution.rows, resolution.columns
+    grid = options.rows, options.columns
 
     def compute() -> dict[str, Any]:
         some = [
             build_feather(unit, *grid, placement.mirrored) if unit else feather
             for placement, unit, feather in own
         ]
-        kinds = [_as_simulated(unit or placement.kind, resolution) for placement, unit, _ in own]
-        model = make_model(some, kinds, resolution.coefficients, touching)
-        if not resolution.is_simulated:
+        kinds = [_as_simulated(unit or placement.kind, options) for placement, unit, _ in own]
+        model = make_model(some, kinds, options.coefficients, touching)
+        if not options.is_simulated:
             return model.arrays()
         compile_steps(model)  # while this process finds frequencies
         return with_damping(model, kinds).arrays()
 
     inputs = [_constant(placement, unit) for placement, unit, _ in own]
-    how = resolution.level, *grid, resolution.coefficients, touching
+    how = options.level, *grid, options.coefficients, touching
     found = Model.from_arrays(kept("models", [inputs, *how], compute))
     model = found.some([number[shape] for shape in shapes])
     sizes = [1.0 if unit is None else p.size for p, unit in zip(placements, units, strict=True)]
@@ -79,21 +79,21 @@ def _constant(placement: Placement, unit: FeatherKind | None) -> list[Any]:
     return [kind.uncoloured, shape, placement.size, placement.mirrored]
 
 
-def _of_unit_size(placement: Placement, resolution: Resolution) -> FeatherKind | None:
+def _of_unit_size(placement: Placement, options: FeatherOptions) -> FeatherKind | None:
     """The kind that a feather is `size` times as large as, if all of its constants follow."""
     unit = placement.prototype
-    if unit is None or unit.scaling != "similar" or has_open_hooks(unit, resolution):
+    if unit is None or unit.scaling != "similar" or has_open_hooks(unit, options):
         return None
     return unit if adjusted(unit, Change(scale=placement.size)) == placement.kind else None
 
 
-def has_open_hooks(kind: FeatherKind, resolution: Resolution) -> bool:
+def has_open_hooks(kind: FeatherKind, options: FeatherOptions) -> bool:
     """Return whether hooks of a feather may slip; those of vanes with less detail hold."""
-    return resolution.level == "full" and may_slip(kind)
+    return options.level == "full" and may_slip(kind)
 
 
-def _as_simulated(kind: FeatherKind, resolution: Resolution) -> FeatherKind:
-    if has_open_hooks(kind, resolution) or not may_slip(kind):
+def _as_simulated(kind: FeatherKind, options: FeatherOptions) -> FeatherKind:
+    if has_open_hooks(kind, options) or not may_slip(kind):
         return kind
     return replace(
         kind,

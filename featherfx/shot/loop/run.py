@@ -17,9 +17,6 @@ from featherfx.mechanics.batch import barb_course, has_elastic_clamp
 from featherfx.mechanics.model import Loads
 from featherfx.packages import brought
 from featherfx.phases import counted
-from featherfx.shot.detail.detail import Resolution
-from featherfx.shot.detail.levels import LevelPlan, level_plan
-from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.frames import FeatherPose, sample_number
 from featherfx.shot.loads.forces import force_weights
 from featherfx.shot.loads.loads import frame_loads
@@ -28,20 +25,19 @@ from featherfx.shot.loop.groups import ALONE, FeatherGroup, GroupLoad, grips_of
 from featherfx.shot.loop.models import has_open_hooks, maps_between, model_of
 from featherfx.shot.loop.replay import Replay
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.options import (
+    FeatherOptions,
+    ShotOptions,
+    common_tolerance,
+    resolve_options,
+)
 from featherfx.shot.preroll import RunUpRoots, run_up_of
 from featherfx.shot.roots import Roots
 from featherfx.shot.types import Shot
-from featherfx.solver.solver import Settings, Solver
+from featherfx.solver.solver import Solver
 from featherfx.solver.state import rest_state
 
 Arrays = dict[str, NDArray[Any]]
-
-# Newton stops at this fraction of the step's tolerance from the step's solution: what is left adds
-# as much to the step's error, and less costs more (docs/log.md)
-NEWTON_FRACTION = 0.1
-# the same where forces of contact follow from the poses, so that feathers in balance come to rest;
-# and m, a small part of what any gap may be off, below which that says nothing
-CONTACT_NEWTON_FRACTION, CONTACT_NEWTON = 1e-3, 2e-7
 
 
 class StepGroup(Protocol):
@@ -94,9 +90,9 @@ class ShotRun:
         self.step_groups: list[StepGroup] = []
 
     @cached_property
-    def plan(self) -> LevelPlan:
-        """Levels of detail and resolutions of all feathers."""
-        return level_plan(self.shot, self.drawn, self.motion)
+    def options(self) -> ShotOptions:
+        """How all feathers are simulated."""
+        return resolve_options(self.shot, self.drawn, self.motion)
 
     def pose_also(self, feathers: Indices) -> None:
         """Pose some feathers, by number, whether they are wanted or not."""
@@ -227,15 +223,15 @@ def make_groups(run: ShotRun) -> list[FeatherGroup]:
     alike: dict[tuple[Any, ...], list[int]] = {}
     loads = [make(run) for make in brought(run.shot, "loads")]
     for f in run.solved.tolist():
-        kind, resolution = run.shot.groom.feathers[f].kind, run.plan.resolutions[f]
-        if resolution.is_simulated:
-            island, hooked = int(run.islands[f]), has_open_hooks(kind, resolution)
+        kind, options = run.shot.groom.feathers[f].kind, run.options.feathers[f]
+        if options.is_simulated:
+            island, hooked = int(run.islands[f]), has_open_hooks(kind, options)
             own = barb_course(kind), has_elastic_clamp(kind), hooked
-            key = island, resolution, *own, *(load.key(f) for load in loads)
+            key = island, options, *own, *(load.key(f) for load in loads)
             alike.setdefault(key, []).append(f)
     found = []
-    for (island, resolution, *_), members in counted("building", alike.items(), len(alike)):
-        group = _make_group(run, np.array(members), island, resolution)
+    for (island, options, *_), members in counted("building", alike.items(), len(alike)):
+        group = _make_group(run, np.array(members), island, options)
         own_loads = [load.on(group) for load in loads]
         group.acting = [each for each in own_loads if each is not None]
         found.append(group)
@@ -243,30 +239,21 @@ def make_groups(run: ShotRun) -> list[FeatherGroup]:
 
 
 def _make_group(
-    run: ShotRun, members: Indices, island: int, resolution: Resolution
+    run: ShotRun, members: Indices, island: int, options: FeatherOptions
 ) -> FeatherGroup:
     shot, time = run.shot, run.time(run.first)
     placements = [shot.groom.feathers[f] for f in members]
-    grid, drawn = (resolution.rows, resolution.columns), [run.drawn[f] for f in members]
+    grid, drawn = (options.rows, options.columns), [run.drawn[f] for f in members]
     as_drawn = grid == (drawn[0].rows, drawn[0].columns)
     feathers = drawn if as_drawn else build_feathers(placements, *grid)
-    model = model_of(placements, feathers, resolution, island != ALONE)
+    model = model_of(placements, feathers, options, island != ALONE)
     positions, rotations = run.motion.frames(time)
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
     names = [each.id for each in placements]
     place = {name: k for k, name in enumerate(names)}
-    newton = NEWTON_FRACTION * resolution.tolerance
-    if island != ALONE:
-        newton = min(newton, max(CONTACT_NEWTON_FRACTION * resolution.tolerance, CONTACT_NEWTON))
-    settings = Settings(
-        tolerance=resolution.tolerance,
-        newton=newton,
-        max_substeps=shot.quality.max_substeps,
-        spectral_radius=shot.quality.spectral_radius,
-    )
     return FeatherGroup(
-        resolution=resolution,
+        options=options,
         island=island,
         members=members,
         feathers=feathers,
@@ -278,7 +265,7 @@ def _make_group(
             for each in shot.forces
             if each.feather in place
         ],
-        solver=Solver(model, settings, run.jobs),
+        solver=Solver(model, options, run.jobs),
         own=model,
         state=state,
         start=state.points.nodes.copy(),

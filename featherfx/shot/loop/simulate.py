@@ -15,7 +15,6 @@ from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.packages import brought
 from featherfx.phases import counted
-from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.frames import FeatherPose, Frame, not_finite
 from featherfx.shot.loop.checkpoint import Checkpoint, SimulatedSample
 from featherfx.shot.loop.counts import Counts
@@ -24,6 +23,7 @@ from featherfx.shot.loop.groups import poses_of
 from featherfx.shot.loop.replay import Replay
 from featherfx.shot.loop.run import LayerStage, ShotRun, Stage, make_groups
 from featherfx.shot.loop.settled import moving_with_roots
+from featherfx.shot.options.options import FeatherOptions
 from featherfx.shot.roots import RootFrames, root_rates
 from featherfx.shot.types import Shot
 
@@ -34,7 +34,7 @@ class Simulation:
     """Goes once through the frames of a shot; `report` is complete after the last one.
 
     feathers: one per placement that is wanted, in groom order, on the grid of the quality, whatever
-    is simulated; resolutions: what is. Between two frames, `checkpoint` is all that a
+    is simulated; options: how they are. Between two frames, `checkpoint` is all that a
     later simulation of the same shot needs to go on from there. report: newton_iterations and
     substeps per feather and frame (mean, max), rejected_substeps; substeps_over_tolerance (accepted
     with a local error above the tolerance), substeps_with_barbs_passing and
@@ -64,7 +64,7 @@ class Simulation:
         self._free = free_groups(run)
         run.step_groups += self._free
         self.feathers: tuple[Feather, ...] = tuple(run.drawn[f] for f in run.wanted)
-        self.resolutions: list[Resolution] = [run.plan.resolutions[f] for f in run.wanted]
+        self.options: list[FeatherOptions] = [run.options.feathers[f] for f in run.wanted]
         self._counts, self._index = Counts(), run.first - 1
         # simulated and not yet laid for good; the checkpoint after the frame that was yielded last;
         # figures at the last frame that is wanted

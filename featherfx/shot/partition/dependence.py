@@ -19,10 +19,10 @@ from featherfx.files.content import digest, digests, members
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import is_guarded
 from featherfx.packages import brought, load_name
-from featherfx.shot.detail.levels import LevelPlan, level_plan
 from featherfx.shot.frames import StackingOrder
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.options import ShotOptions, resolve_options
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.roots import Roots
 from featherfx.shot.skin import BoundSkin
@@ -44,16 +44,16 @@ def motion_dependences(shot: Shot) -> list[str]:
     and for levels that cannot be."""
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     motion = root_motion(shot)
-    plan = level_plan(shot, drawn, motion)
+    options = resolve_options(shot, drawn, motion)
     common = digest(_common(shot))
-    each = _each(shot, plan, motion)
+    each = _each(shot, options, motion)
     for more in brought(shot, "dependences"):
         values = zip(each, more(shot, motion), strict=True)
         each = [own if value is None else [*own, value] for own, value in values]
     texts = digests([common, *own] for own in each)
     # what pushes a feather, and then what it follows
     for spread in reversed(brought(shot, "spreads")):
-        texts = spread(shot, plan, texts)
+        texts = spread(shot, options, texts)
     return texts
 
 
@@ -95,12 +95,12 @@ def _common(shot: Shot) -> list[Any]:
     return [*found, shot.groom.joints, surfaces]
 
 
-def _each(shot: Shot, plan: LevelPlan, motion: Roots) -> list[list[Any]]:
+def _each(shot: Shot, options: ShotOptions, motion: Roots) -> list[list[Any]]:
     """List what counts for each feather by itself."""
     placements = shot.groom.feathers
     shelter = exposures(shot).tolist()
     roots = _roots(shot.skin, len(placements))
-    guarded = _guarded(shot, plan)
+    guarded = _guarded(shot, options)
     rules = [
         [each[number] if number >= 0 else None for number in last_fitting(each, placements)]
         for each in (shot.wets, shot.detachments)
@@ -116,7 +116,7 @@ def _each(shot: Shot, plan: LevelPlan, motion: Roots) -> list[list[Any]]:
             roots[f],
             pulls.get(placement.id, []),
             shelter[f],
-            plan.resolutions[f],
+            options.feathers[f].values(),
             guarded[f],
             [each[f] for each in rules],
         ]
@@ -139,12 +139,12 @@ def _shape_and_root(placement: Placement) -> list[Any]:
     return [own, *(value for name, value in members(placement) if name not in left_out)]
 
 
-def _guarded(shot: Shot, plan: LevelPlan) -> list[bool]:
+def _guarded(shot: Shot, options: ShotOptions) -> list[bool]:
     """Return whether a feather is computed with the terms of a compression guard, its own or
     another's of its batch."""
     guards = [is_guarded(p.kind, touching=False) for p in shot.groom.feathers]
-    with_guard = {own for own, guard in zip(plan.resolutions, guards, strict=True) if guard}
-    return [own in with_guard for own in plan.resolutions]
+    with_guard = {own for own, guard in zip(options.feathers, guards, strict=True) if guard}
+    return [own in with_guard for own in options.feathers]
 
 
 def _roots(skin: BoundSkin | None, count: int) -> list[Any]:

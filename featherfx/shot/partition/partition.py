@@ -131,11 +131,11 @@ def shot_islands(shot: Shot) -> Indices:
     push nothing."""
     # compiled code, which shares without contact do without
     from featherfx.shot.contact.islands import pushing_islands
-    from featherfx.shot.detail.levels import level_plan
     from featherfx.shot.motion.motion import root_motion
+    from featherfx.shot.options.options import resolve_options
 
     drawn, motion = _drawn(shot), root_motion(shot)
-    return pushing_islands(shot, drawn, motion, level_plan(shot, drawn, motion))
+    return pushing_islands(shot, drawn, motion, resolve_options(shot, drawn, motion))
 
 
 def _drawn(shot: Shot) -> list[Feather]:
@@ -147,16 +147,16 @@ def _drawn(shot: Shot) -> list[Feather]:
 def _shares(shot: Shot, count: int) -> Indices:
     """(F,) share of every feather, from 0."""
     # compiled code, which what is not shared out by guides does without
-    from featherfx.shot.detail.levels import level_plan
     from featherfx.shot.motion.motion import root_motion
+    from featherfx.shot.options.options import resolve_options
 
     placements = shot.groom.feathers
-    plan = level_plan(shot, _drawn(shot), root_motion(shot))
-    guided = plan.at_level("guided")
+    options = resolve_options(shot, _drawn(shot), root_motion(shot))
+    guided = options.at_level("guided")
     share = np.arange(len(placements)) % count
     if not len(guided):
         return share
-    guides, weights = guide_weights(shot, guided, plan.leading)
+    guides, weights = guide_weights(shot, guided, options.leading)
     together = np.union1d(guided, guides)
     roots = np.array([placements[f].position for f in together])
     work = np.where(np.isin(together, guided), FOLLOWING, 1.0)

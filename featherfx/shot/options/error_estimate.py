@@ -9,21 +9,20 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.feather.types import RowPoints, stacked
-from featherfx.shot.detail.promise import front, quality_of
 from featherfx.shot.loop.groups import FeatherGroup
-from featherfx.shot.types import Shot
+from featherfx.shot.options.error_model import error_model
+from featherfx.shot.options.options import ShotOptions
 from featherfx.solver.solver import StepReport
 
 
-class Estimate:
-    """Kept up frame by frame, of the feathers that are simulated in full.
+class ErrorEstimate:
+    """Error of the feathers that are simulated in full, kept up frame by frame.
 
-    air: (F,) of all feathers, its share of what bends the shaft. Nothing is kept of frames that
-    another simulation computed.
+    options: of all feathers. Nothing is kept of frames that another simulation computed.
     """
 
-    def __init__(self, shot: Shot, groups: Sequence[FeatherGroup], air: Array) -> None:
-        self._promised = promised(shot)
+    def __init__(self, options: ShotOptions, groups: Sequence[FeatherGroup]) -> None:
+        self._options = options
         self._groups = {id(group): group for group in groups if group.level == "full"}
         self._rest = {
             k: _ends(stacked([f.rest for f in g.feathers])) for k, g in self._groups.items()
@@ -31,7 +30,7 @@ class Estimate:
         self._lengths = {
             k: np.array([f.station[-1] for f in g.feathers]) for k, g in self._groups.items()
         }
-        self._air = {k: air[g.members] for k, g in self._groups.items()}
+        self._air = {k: options.air[g.members] for k, g in self._groups.items()}
         # of the length: largest deflection of barbs, and largest error of a step
         self._worst = {k: np.zeros((len(g.members), 2)) for k, g in self._groups.items()}
 
@@ -50,38 +49,29 @@ class Estimate:
         np.maximum(worst, found / self._lengths[id(group)], out=worst)
 
     def report(self) -> dict[str, Any]:
-        """Of a bake's report, percent of the length: the error that was promised, or why none is,
-        and the largest that is estimated. Empty where nothing is simulated in full."""
+        """Return the part of a bake's report, percent of the length: the error that was promised,
+        or why none is, and the largest that is estimated. Empty where nothing is simulated in full.
+        """
         if not self._groups:
             return {}
+        error, found = self._options.promised_error, dict[str, Any]()
+        if error is None:
+            found = {"error_promised": None, "error_not_promised": self._options.why_not_promised}
+        else:
+            found = {"error_promised": 100.0 * error}
         worst = max(float(each.max()) for each in self.errors())
-        return self._promised | {"error_estimated": 100.0 * worst}
+        return found | {"error_estimated": 100.0 * worst}
 
     def errors(self) -> list[Array]:
         """Per batch (F,), of the length."""
-        known, found = front(), []
+        known, found = error_model(), []
         for k, group in self._groups.items():
             barb, step = self._worst[k].T
-            own = group.resolution
+            own = group.options
             grid = own.rows, own.columns, max(own.coefficients, 1)
             steps = known.steps.by(step, self._air[k])
             found.append(np.hypot(known.after.by(grid, barb), steps))
         return found
-
-
-def promised(shot: Shot) -> dict[str, Any]:
-    """Of a bake's report: error_promised, percent of the length; None beside error_not_promised,
-    why."""
-    error = quality_of(shot).promised
-    if error is None and shot.quality.promised is None:
-        return _none_promised("the quality has a tolerance and no error")
-    if error is None or shot.contact is not None:
-        return _none_promised("feathers push each other ([contact] forces)")
-    return {"error_promised": 100.0 * error}
-
-
-def _none_promised(why: str) -> dict[str, Any]:
-    return {"error_promised": None, "error_not_promised": why}
 
 
 def barb_bends(rest: RowPoints, now: RowPoints) -> Array:

@@ -1,0 +1,1 @@
+"""How every feather of a shot is simulated, resolved before the first frame."""

@@ -1,0 +1,420 @@
+"""How every feather of a shot is simulated: resolved once, before the first frame.
+
+Shot, quality, level of detail and the error that is asked for give one FeatherOptions for each
+feather. All that is simulated later takes grids and tolerances from there.
+
+The meshes always have the quality's rows and columns; a feather that is simulated on another grid
+is carried over to them (featherfx/feather/density.py). Levels of detail:
+
+    full      the rows and columns that the quality or its error asks for
+    coarse    half of both, one coefficient
+    rachis    half the rows, one column of rigid barbs
+    guided    nothing is solved: follows simulated feathers of its region
+    rigid     nothing is solved: the rest shape follows the root
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.errors import Problem, require
+from featherfx.feather.types import Feather
+from featherfx.groom.types import FeatherKind
+from featherfx.mechanics.batch import may_slip
+from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for, rows_for
+from featherfx.packages import brought
+from featherfx.shot.options.error_model import (
+    Deflection,
+    choose_for_error,
+    error_model,
+    rounded_down,
+    rounded_up,
+    stepped_down,
+)
+from featherfx.shot.options.load_estimate import (
+    estimate_deflections,
+    estimate_loads,
+    vane_pressure,
+)
+from featherfx.shot.patterns import last_fitting, may_touch
+from featherfx.shot.roots import Roots
+from featherfx.shot.types import Quality, Shot
+from featherfx.solver.solver import Settings
+
+# the options that a shot decides, in the order in which they are told
+_NAMES = (
+    "level", "rows", "columns", "coefficients", "tolerance", "newton", "max_substeps",
+    "spectral_radius", "contact_tolerance", "unpressed_newton_tolerance",
+)  # fmt: skip
+# value of a quality's key by which the number is chosen here
+CHOSEN = -1
+# fewest rows and columns of feathers with less than full detail
+_MIN_ROWS, _MIN_COLUMNS = 6, 2
+# Newton stops at this fraction of the step's tolerance from the step's solution: what is left adds
+# as much to the step's error, and less costs more (docs/log.md)
+NEWTON_RATIO = 0.1
+# the same where forces of contact follow from the poses, so that feathers in balance come to rest;
+# and m, a small part of what any gap may be off, below which that says nothing
+_CONTACT_NEWTON_RATIO, _MIN_CONTACT_NEWTON = 1e-3, 2e-7
+# what a gap may be off, over the tolerance of steps; least and most, over the vane's thickness
+_GAP_RATIO, _MIN_GAP_RATIO, _MAX_GAP_RATIO = 0.05, 0.1, 0.4
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeatherOptions(Settings):
+    """How one feather is simulated, beside the steps of Settings.
+
+    level: of detail. rows: of nodes along the rachis, columns: of nodes along each barb,
+    coefficients: of curvature per barb and direction. Of guided and rigid feathers, rows and
+    columns are those of the obstacle that others meet. contact_tolerance: m, what a gap of this
+    feather may be off; contact keeps to the smallest of those that may touch. Feathers that differ
+    in that alone are stepped in one batch. unpressed_newton_tolerance: m, of a feather that nothing
+    presses, where that may be more. Both are None where it pushes nothing. sources: of each option
+    the key, preset, table or rule that it comes from.
+    """
+
+    level: str
+    rows: int
+    columns: int
+    coefficients: int
+    contact_tolerance: float | None = field(default=None, compare=False)
+    unpressed_newton_tolerance: float | None = None
+    sources: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether anything is solved of the feather."""
+        return self.level not in ("guided", "rigid")
+
+    def values(self) -> dict[str, Any]:
+        """Return every option that a shot decides by its name."""
+        return {name: getattr(self, name) for name in _NAMES}
+
+    def by(self, source: str, **values: Any) -> FeatherOptions:
+        """Return the options with other values, all of them from a source."""
+        return replace(self, **values, sources={**self.sources, **dict.fromkeys(values, source)})
+
+    def at_level(self, level: str, quality: Quality) -> FeatherOptions:
+        """Return the options of full detail at another level."""
+        if level == "full":
+            return self
+        if level in ("guided", "rigid"):
+            grid = {"rows": quality.rows, "columns": quality.own_columns, "coefficients": 0}
+            return self.by(f"level {level}: the grid of the meshes", level=level, **grid)
+        rows = min(self.rows, max(_MIN_ROWS, (self.rows + 1) // 2))
+        columns = min(self.columns, max(_MIN_COLUMNS, (self.columns + 1) // 2))
+        grid = {"rows": rows, "columns": columns, "coefficients": min(self.coefficients, 1)}
+        if level == "rachis":
+            grid |= {"columns": 1, "coefficients": 0}
+        return self.by(f"level {level}: half of full detail at most", level=level, **grid)
+
+
+@dataclass(frozen=True)
+class ShotOptions:
+    """The options of all feathers of a shot.
+
+    feathers: of each. full: of each as it would be in full detail. free: (F,) which leave their
+    roots. air: (F,) the air's fraction of what bends their rachises, 0 where nothing is chosen by
+    that. promised_error: over a feather's length, None: none is promised, and why_not_promised.
+    """
+
+    feathers: tuple[FeatherOptions, ...]
+    full: tuple[FeatherOptions, ...]
+    free: Flags
+    air: Array
+    promised_error: float | None
+    why_not_promised: str
+
+    @property
+    def simulated(self) -> Flags:
+        """(F,) which feathers are solved."""
+        return np.array([each.is_simulated for each in self.feathers], dtype=np.bool_)
+
+    @property
+    def leading(self) -> Indices:
+        """Numbers of the feathers that may guide others: solved, and never free."""
+        return np.flatnonzero(self.simulated & ~self.free)
+
+    def at_level(self, level: str) -> Indices:
+        """Return the numbers of the feathers at a level."""
+        return np.flatnonzero([each.level == level for each in self.feathers])
+
+
+def resolve_options(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> ShotOptions:
+    """Resolve how every feather of a shot is simulated. feathers: as the meshes have them.
+
+    Raises InputError for feathers that are not simulated but pulled, or that lack guides.
+    """
+    quality, placements = simulation_quality(shot), shot.groom.feathers
+    source_of = _QualitySources(shot)
+    free = np.array(last_fitting(shot.detachments, placements), dtype=np.int64) >= 0
+    air, full = np.zeros(len(feathers)), [given_by_quality(quality, source_of)] * len(feathers)
+    if quality.promised is not None or CHOSEN in (quality.coefficients, quality.simulated_rows):
+        loads = estimate_loads(shot, motion)
+        deflections = estimate_deflections(shot, feathers, loads)
+        air = np.array([each.air for each in deflections])
+        pulled = _pulled(shot)
+        for f, (feather, placement) in enumerate(zip(feathers, placements, strict=True)):
+            kind, pressure = placement.kind, vane_pressure(placement.kind, loads, f)
+            own = choose_grid(full[f], quality, feather, kind, deflections[f], pressure, source_of)
+            if may_slip(kind):
+                own = own.by(f"hooks that slip ({source_of('columns')})", columns=quality.columns)
+            if quality.coefficients == CHOSEN and not kind.vane_material.ribbon:
+                # the vane's shear bends barbs as well, and what pulls or bears them bends them more
+                least = 2 if placement.id in pulled or free[f] else 1
+                if own.coefficients < least:
+                    why = "grip, force or free flight" if least > 1 else "shear of the vane"
+                    own = own.by(why, coefficients=least)
+            full[f] = own
+    full = [_of_kind(own, shot, p.kind, source_of) for own, p in zip(full, placements, strict=True)]
+    pushing = np.zeros(len(feathers), dtype=np.bool_)
+    if shot.contact is not None:
+        pushing = np.array(may_touch(shot, shot.contact), dtype=np.bool_)
+    common = common_tolerance(shot) if pushing.any() else 0.0
+    for f, placement in enumerate(placements):
+        if pushing[f]:
+            full[f] = _in_contact(full[f], shot, placement.kind, common)
+        else:
+            newton = NEWTON_RATIO * full[f].tolerance
+            full[f] = full[f].by(f"{NEWTON_RATIO:g} of tolerance", newton=newton)
+    levels = _choose_levels(shot, motion, free, source_of)
+    resolved = tuple(
+        each.at_level(level, quality).by(source, level=level)
+        for each, (level, source) in zip(full, levels, strict=True)
+    )
+    return ShotOptions(resolved, tuple(full), free, air, *_promise(shot))
+
+
+def common_tolerance(shot: Shot) -> float:
+    """Return the tolerance (m) of what concerns all feathers of a shot: contact, and whether roots
+    begin at rest. Without one, what half the error asked for leaves a feather of median length."""
+    quality = shot.quality.pushing
+    if quality.tolerance is not None:
+        return quality.tolerance
+    error = quality.promised
+    assert error is not None
+    length = float(np.median([each.kind.length for each in shot.groom.feathers] or [1.0]))
+    known = error_model()
+    tolerance = known.steps.tolerance_for(0.5 * error, 0.0)
+    return length * float(np.clip(tolerance, *known.tolerances))
+
+
+class _QualitySources:
+    """Where the values of a shot's quality come from, by key."""
+
+    def __init__(self, shot: Shot) -> None:
+        self._quality, self._known = shot.quality, dict[str, str]()
+        own = ("shot.quality.", "presets.quality/")
+        self._inputs = {key: text for key, text in shot.inputs.items() if key.startswith(own)}
+
+    def __call__(self, key: str) -> str:
+        """Return the key of the shot, the preset, or "default"."""
+        if key not in self._known:
+            self._known[key] = self._find(key)
+        return self._known[key]
+
+    def _find(self, key: str) -> str:
+        value, name = getattr(self._quality, key), self._quality.name
+        said = [each for each, text in self._inputs.items() if text == json.dumps(value)]
+        presets = [each.partition("/")[2] for each in said if each.endswith(f".{key}")]
+        if f"shot.quality.{key}" in said:
+            return f"quality.{key}"
+        if presets:
+            return f"quality preset {presets[0].removesuffix(f'.{key}')}"
+        # a preset that has come in place of the shot's is not among what its files say
+        is_read = any(each.startswith(f"presets.quality/{name}.") for each in self._inputs)
+        is_default = value == getattr(Quality(name=""), key)
+        return "default" if is_read or is_default else f"quality preset {name}"
+
+
+def simulation_quality(shot: Shot) -> Quality:
+    """Return the quality by which feathers are simulated: where they push each other, its numbers
+    for that."""
+    return shot.quality if shot.contact is None else shot.quality.pushing
+
+
+def _pulled(shot: Shot) -> set[str]:
+    """Return the ids of the feathers that a grip or a force acts on."""
+    return {grip.feather for grip in shot.grips} | {force.feather for force in shot.forces}
+
+
+def given_by_quality(quality: Quality, source_of: Any = str) -> FeatherOptions:
+    """Return the options that the numbers of a quality give. source_of: of its keys."""
+    few_rows, few_columns = quality.simulated_rows > 0, quality.simulated_columns > 0
+    keys = {
+        "rows": "simulated_rows" if few_rows else "rows",
+        "columns": "simulated_columns" if few_columns else "columns",
+        "coefficients": "coefficients",
+        "tolerance": "tolerance",
+        "max_substeps": "max_substeps",
+        "spectral_radius": "spectral_radius",
+    }
+    if quality.tolerance is not None and quality.tolerance == quality.contact_tolerance:
+        keys["tolerance"] = "contact_tolerance"
+    return FeatherOptions(
+        level="full",
+        rows=min(quality.simulated_rows, quality.rows) if few_rows else quality.rows,
+        columns=quality.own_columns,
+        coefficients=quality.coefficients,
+        # where an error is promised, choose_grid gives it
+        tolerance=quality.tolerance or 0.0,
+        max_substeps=quality.max_substeps,
+        spectral_radius=quality.spectral_radius,
+        sources={name: source_of(key) for name, key in keys.items()},
+    )
+
+
+def choose_grid(
+    given: FeatherOptions,
+    quality: Quality,
+    feather: Feather,
+    kind: FeatherKind,
+    deflection: Deflection,
+    pressure: float,
+    source_of: Any = str,
+) -> FeatherOptions:
+    """Choose the grid and tolerance of a feather where a quality leaves them open.
+
+    Where it promises an error, the cheapest that keeps to that. Else, where a number is -1, the
+    fewest rows and coefficients whose error stays below GRID_SCALE tolerances. given: by the
+    numbers of the quality. feather: as the meshes have it. deflection: m. pressure: Pa, on its
+    vane.
+    """
+    error, tolerance, own = quality.promised, quality.tolerance, given
+    if error is not None:
+        rachis, barb = (rounded_up(each / kind.length) for each in deflection[:2])
+        shape = Deflection(rachis, barb, rounded_down(deflection.air), deflection.wrung)
+        rows, columns, coefficients, fraction = choose_for_error(error, shape)
+        why = f"error of {100.0 * error:g} % ({source_of('error')})"
+        own = own.by(why, rows=rows, columns=columns, coefficients=coefficients)
+        if not tolerance:
+            own = own.by(why, tolerance=stepped_down(fraction * kind.length))
+        if quality.simulated_columns:
+            own = own.by(given.sources["columns"], columns=quality.own_columns)
+    else:
+        assert tolerance is not None
+        most = GRID_SCALE * tolerance
+        if quality.simulated_rows == CHOSEN:
+            rows = rows_for(deflection.rachis, most, quality.rows)
+            own = own.by("deflection and tolerance", rows=rows)
+        if quality.coefficients == CHOSEN:
+            count = coefficients_for(feather, kind, _doubled(pressure), most)
+            own = own.by("deflection and tolerance", coefficients=count)
+    if quality.simulated_rows > 0:
+        own = own.by(given.sources["rows"], rows=given.rows)
+    if quality.coefficients != CHOSEN:
+        own = own.by(given.sources["coefficients"], coefficients=quality.coefficients)
+    return own
+
+
+def _doubled(pressure: float) -> float:
+    """Return the next power of two: loads within a factor of two are treated alike."""
+    return float(2.0 ** np.ceil(np.log2(max(pressure, 1e-9))))
+
+
+def _of_kind(
+    own: FeatherOptions, shot: Shot, kind: FeatherKind, source_of: _QualitySources
+) -> FeatherOptions:
+    """Return the options with what follows from the kind: the tolerance is at most a part of the
+    length, but where feathers push each other and take common steps; splits are drawn where they
+    are simulated."""
+    if shot.quality.tolerance is not None and shot.contact is None:
+        most = stepped_down(shot.quality.relative_tolerance * kind.length)
+        if most < own.tolerance:
+            why = f"relative_tolerance ({source_of('relative_tolerance')})"
+            own = own.by(why, tolerance=most)
+    if may_slip(kind):
+        own = own.by(f"hooks that slip ({source_of('rows')})", rows=shot.quality.rows)
+    return own
+
+
+def _in_contact(
+    own: FeatherOptions, shot: Shot, kind: FeatherKind, common: float
+) -> FeatherOptions:
+    """Return the options of a feather that pushes others. common: m, tolerance of all of these."""
+    assert shot.contact is not None
+    newton = max(_CONTACT_NEWTON_RATIO * own.tolerance, _MIN_CONTACT_NEWTON)
+    newton = min(NEWTON_RATIO * own.tolerance, newton)
+    thickness = shot.contact.thickness or kind.vane_material.thickness
+    least, most = _MIN_GAP_RATIO * thickness, _MAX_GAP_RATIO * thickness
+    gap = float(np.clip(_GAP_RATIO * common, least, most))
+    own = own.by("tolerance, in contact", newton=newton)
+    own = own.by("tolerance and thickness of the vane", contact_tolerance=gap)
+    own = own.by("tolerance", unpressed_newton_tolerance=NEWTON_RATIO * common)
+    if shot.contact.max_steps <= own.max_substeps:
+        own = own.by("[contact] max_steps", max_substeps=shot.contact.max_steps)
+    return own
+
+
+def _promise(shot: Shot) -> tuple[float | None, str]:
+    """Return the error that is promised over a feather's length, or why none is."""
+    error = simulation_quality(shot).promised
+    if error is None and shot.quality.promised is None:
+        return None, "the quality has a tolerance and no error"
+    if error is None or shot.contact is not None:
+        return None, "feathers push each other ([contact] forces)"
+    return error, ""
+
+
+def _choose_levels(
+    shot: Shot, motion: Roots, free: Flags, source_of: _QualitySources
+) -> list[tuple[str, str]]:
+    """Choose the level of every feather, and tell its source.
+
+    By the last [[detail]] that fits the feather, else by its length; where the shot asks for that,
+    by its size in the image. free: (F,) which leave their roots.
+    """
+    placements, entries = shot.groom.feathers, last_fitting(shot.details, shot.groom.feathers)
+    pulled, factor = _pulled(shot), length_factor(shot)
+    levels = [
+        (shot.details[entry].level, f"[[detail]] {entry + 1}")
+        if entry >= 0
+        else _level_of_length(shot, placement.kind.length / factor, source_of)
+        for placement, entry in zip(placements, entries, strict=True)
+    ]
+    problems = [
+        Problem(str(shot.source), "detail", f"feather '{placement.id}' is {level}, but {why}")
+        for placement, (level, _), is_free in zip(placements, levels, free, strict=True)
+        for why in (
+            *(["a grip or a force pulls it"] if placement.id in pulled else []),
+            *(["it leaves its root"] if is_free else []),
+        )
+        if level in ("guided", "rigid")
+    ]
+    require(*problems)
+    # no camera changes these, as the level of a vane whose slip a new one would lose
+    pinned = [
+        entry >= 0 or p.id in pulled or may_slip(p.kind) or bool(is_free)
+        for p, entry, is_free in zip(placements, entries, free, strict=True)
+    ]
+    for refine in brought(shot, "levels"):
+        levels = refine(shot, motion, levels, entries, pinned)
+    return levels
+
+
+def _level_of_length(shot: Shot, length: float, source_of: _QualitySources) -> tuple[str, str]:
+    """Return the level that a quality gives feathers of a length (m), and its source."""
+    for level in ("rigid", "guided", "rachis", "coarse"):
+        if length < getattr(shot.quality, key := f"{level}_below"):
+            return level, f"{key} ({source_of(key)})"
+    return "full", "default"
+
+
+def length_factor(shot: Shot) -> float:
+    """Return the factor of the quality's lengths on the shot's body."""
+    if not shot.quality.body_size or not shot.groom.feathers:
+        return 1.0
+    corners = shot.skin_corners()
+    places = [each.position for each in shot.groom.feathers]
+    points = np.reshape(places if corners is None else corners, (-1, 3))
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if corners is None:
+        # a feather on its own has no box
+        size = max(size, *(each.kind.length for each in shot.groom.feathers))
+    return size / shot.quality.body_size
