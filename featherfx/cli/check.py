@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     featherfx check presets/feather/*.toml wing.usdc
     featherfx check --crossings pigeon.usdc --frames 1-24
     featherfx check --holes top wing.usdc
+    featherfx check --explain samples/swan_wing/shot.toml
     """,
 )
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=readable_path())
@@ -54,8 +55,12 @@ if TYPE_CHECKING:
 @click.option(
     "--moves", is_flag=True, help="Tell how far points move from frame to frame of one cache."
 )
+@click.option(
+    "--explain", is_flag=True, help="Tell how the feathers of one shot are simulated, and why."
+)
+@click.option("--feather", metavar="ID", help="With --explain, this feather alone.")
 @click.option("--frames", type=FRAMES, help="Frames to look at.  [default: all]")
-@json_option("What is measured as one JSON object.")
+@json_option("What is measured or explained as one JSON object.")
 @jobs_option()
 @progress_option
 @click.pass_context
@@ -64,6 +69,8 @@ def check(
     files: tuple[Path, ...],
     preset_folders: tuple[Path, ...],
     style: str,
+    explain: bool,
+    feather: str | None,
     **options: Any,
 ) -> None:
     """Check grooms, presets and shots (TOML) and USD files.
@@ -80,13 +87,25 @@ def check(
     between it and the belly, is told apart: 0.4 of its rim is skin without feathers, or a fifth is
     feathers of thighs and a fifth others.
 
+    With --explain, prints how each feather of a shot is simulated, and the key, preset, table or
+    rule that each option comes from; feathers that are alike share a line.
+
     With --moves, prints for each whole frame but the first the largest move of a point since the
     one before, as a share of its feather's length.
     """
     asked = {name: options.pop(name) for name in _TOLD}
-    wanted = [name for name, value in asked.items() if value]
+    wanted = [name for name, value in asked.items() if value] + ["explain"] * explain
+    if feather and not explain:
+        raise click.UsageError("--feather needs --explain")
     if len(wanted) > 1 or (wanted and len(files) != 1):
         raise click.UsageError(f"--{wanted[0]} takes one file, and nothing else to measure")
+    if explain:
+        if options["frames"] or options["jobs"]:
+            raise click.UsageError("--frames and --jobs do not go with --explain")
+        told = pipeline.explain_options(files[0], preset_folders, feather)
+        whole = json.dumps({"feathers": told}, indent=2)
+        click.echo(whole if options["as_json"] else "\n".join(pipeline.explained_lines(told)))
+        return
     if wanted:
         _measure(wanted[0], files[0], style, asked["holes"], **options)
         return

@@ -49,9 +49,11 @@ from featherfx.solver.solver import Settings
 
 # the options that a shot decides, in the order in which they are told
 _NAMES = (
-    "level", "rows", "columns", "coefficients", "tolerance", "newton", "max_substeps",
+    "level", "rows", "columns", "coefficients", "tolerance", "newton_tolerance", "max_substeps",
     "spectral_radius", "contact_tolerance", "unpressed_newton_tolerance",
 )  # fmt: skip
+# the solver's name of an option
+_FIELDS = {"newton_tolerance": "newton"}
 # value of a quality's key by which the number is chosen here
 CHOSEN = -1
 # fewest rows and columns of feathers with less than full detail
@@ -94,11 +96,13 @@ class FeatherOptions(Settings):
 
     def values(self) -> dict[str, Any]:
         """Return every option that a shot decides by its name."""
-        return {name: getattr(self, name) for name in _NAMES}
+        return {name: getattr(self, _FIELDS.get(name, name)) for name in _NAMES}
 
     def by(self, source: str, **values: Any) -> FeatherOptions:
         """Return the options with other values, all of them from a source."""
-        return replace(self, **values, sources={**self.sources, **dict.fromkeys(values, source)})
+        sources = {**self.sources, **dict.fromkeys(values, source)}
+        fields = {_FIELDS.get(name, name): value for name, value in values.items()}
+        return replace(self, **fields, sources=sources)
 
     def at_level(self, level: str, quality: Quality) -> FeatherOptions:
         """Return the options of full detail at another level."""
@@ -182,7 +186,7 @@ def resolve_options(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> S
             full[f] = _in_contact(full[f], shot, placement.kind, common)
         else:
             newton = NEWTON_RATIO * full[f].tolerance
-            full[f] = full[f].by(f"{NEWTON_RATIO:g} of tolerance", newton=newton)
+            full[f] = full[f].by(f"{NEWTON_RATIO:g} of tolerance", newton_tolerance=newton)
     levels = _choose_levels(shot, motion, free, source_of)
     resolved = tuple(
         each.at_level(level, quality).by(source, level=level)
@@ -221,7 +225,9 @@ class _QualitySources:
 
     def _find(self, key: str) -> str:
         value, name = getattr(self._quality, key), self._quality.name
-        said = [each for each, text in self._inputs.items() if text == json.dumps(value)]
+        # integers of a file may be numbers here
+        texts = json.dumps(value), f"{value:g}" if isinstance(value, float) else ""
+        said = [each for each, text in self._inputs.items() if text in texts]
         presets = [each.partition("/")[2] for each in said if each.endswith(f".{key}")]
         if f"shot.quality.{key}" in said:
             return f"quality.{key}"
@@ -344,7 +350,7 @@ def _in_contact(
     thickness = shot.contact.thickness or kind.vane_material.thickness
     least, most = _MIN_GAP_RATIO * thickness, _MAX_GAP_RATIO * thickness
     gap = float(np.clip(_GAP_RATIO * common, least, most))
-    own = own.by("tolerance, in contact", newton=newton)
+    own = own.by("tolerance, in contact", newton_tolerance=newton)
     own = own.by("tolerance and thickness of the vane", contact_tolerance=gap)
     own = own.by("tolerance", unpressed_newton_tolerance=NEWTON_RATIO * common)
     if shot.contact.max_steps <= own.max_substeps:
