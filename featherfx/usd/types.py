@@ -19,13 +19,13 @@ ENERGY_DENSITY = "primvars:energyDensity"
 # of vanes whose hooks may slip, per face
 HOOKED_PRIMVAR, SLIP_PRIMVAR = "primvars:hooked", "primvars:slip"
 HOOK_PRIMVARS = (HOOKED_PRIMVAR, SLIP_PRIMVAR)
-# of wet feathers, per face, or per shaft of condensed ones: how far the ends of drawn barbs come
+# of wet feathers, per face, or per rachis of condensed ones: how far the ends of drawn barbs come
 # together, 0 to 1, and in how many clumps a vane
 WET_PRIMVARS = ("primvars:wetClump", "primvars:wetClumps")
 DIAGNOSTICS = {"strain": (STRAIN_ACROSS, STRAIN_SHEAR), "energy": (ENERGY_DENSITY,)}
 
-# of condensed feathers, on the points of shafts: their barbs' nodes, left and right (P_BARB), and
-# the rotation that turns x, y and z to along the shaft, its d2 and dorsal
+# of condensed feathers, on the points of rachises: their barbs' nodes, left and right (P_BARB), and
+# the rotation that turns x, y and z to along the rachis, its d2 and dorsal
 BARB_NODE_PRIMVARS = ("primvars:P_barbl", "primvars:P_barbr")
 ORIENT_PRIMVAR = "primvars:barborient"
 # what half of the rows and nodes leave out of all (featherfx/feather/detail.py), and the grid of a
@@ -41,7 +41,7 @@ LOOK_PRIMVAR = "barbLook"
 BARB_COUNT_PRIMVAR = "barbCount"
 
 # The prims of a feather, or of several that share them, and what is written of these: what is a
-# rate, and what has a value for each face or shaft. All else has one for each point.
+# rate, and what has a value for each face or rachis. All else has one for each point.
 MESH_PRIM, RACHIS_PRIM, BARB_PRIM = "mesh", "rachis", "barbs"
 RATES = ("velocities", ACCELERATIONS)
 # velocities in half precision, which USD's own attribute has no place for

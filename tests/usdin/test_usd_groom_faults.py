@@ -40,7 +40,7 @@ def test_all_problems_name_their_prims(tmp_path):
         found,
         {
             "/sizes": "has 3 values for 2 elements",
-            "/point": "curve 0 has 1 points, a shaft has 2 at least",
+            "/point": "curve 0 has 1 points, a rachis has 2 at least",
             "/infinite": "not finite",
             "/ring": "periodic",
         },

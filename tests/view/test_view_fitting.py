@@ -14,7 +14,7 @@ def test_what_does_not_fit_is_left_out_and_told(cache):
     assert whole.told() == []
     some = fitting(cache, 5 * whole.frame_bytes - 1)
     assert some.points < whole.points
-    assert "without the tubes of shafts" in some.told()[0]
+    assert "without the tubes of rachises" in some.told()[0]
     least = fitting(cache, 900)
     assert len(least.codes) < 5
     assert least.codes[0] == 1.0

@@ -123,8 +123,8 @@ def _meshes(
         for index, points in zip(scene.chosen, scene.points(code), strict=True):
             feather = scene.cache.feathers[index]
             own = scene is scenes[0] and feather.is_feather
-            shaft = np.asarray((feather.side == RACHIS_PART) & own)
-            yield points, feather.triangles, shaft, index if own else BODY
+            rachis = np.asarray((feather.side == RACHIS_PART) & own)
+            yield points, feather.triangles, rachis, index if own else BODY
 
 
 def _frame_report(found: Intersections, names: Sequence[str], code: float | None) -> dict[str, Any]:

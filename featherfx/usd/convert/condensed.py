@@ -52,9 +52,9 @@ class _BarbGrid:
     def values(self, points: Array | Floats) -> tuple[Floats, Floats, Floats]:
         """Return rachis (n, 3), left and right barbs (n, m, 3) of surface points (V, 3)."""
         counts = np.diff(self.first, append=len(self.tube))
-        shaft = np.add.reduceat(points[self.tube], self.first, axis=0, dtype=float)
-        shaft /= counts[:, None]
-        left, right = np.concatenate([points, shaft.astype(np.float32)])[self.nodes]
+        rachis = np.add.reduceat(points[self.tube], self.first, axis=0, dtype=float)
+        rachis /= counts[:, None]
+        left, right = np.concatenate([points, rachis.astype(np.float32)])[self.nodes]
         return left[:, 0], left[:, 1:], right[:, 1:]
 
 
@@ -124,9 +124,9 @@ def _find_grid(path: str | Path, feather: CachedFeather, pose: Any) -> _BarbGrid
     row_of_vane = np.searchsorted(stations, feather.st[vane, 1])
     if not np.isin(feather.st[vane, 1], stations).all():
         raise InputError(problem)
-    # what no triangle uses, as in the calamus, is the row's shaft point
-    shaft = len(pose.points) + np.arange(len(stations))
-    nodes = np.tile(shaft[:, None], (2, 1, columns + 1))
+    # what no triangle uses, as in the calamus, is the row's rachis point
+    rachis = len(pose.points) + np.arange(len(stations))
+    nodes = np.tile(rachis[:, None], (2, 1, columns + 1))
     for side, sign in ((LEADING, 1), (TRAILING, -1)):
         # of lips at one place the barb's own, which come first, count
         own = np.flatnonzero(node * sign > 0)[::-1]
@@ -139,8 +139,8 @@ def _find_grid(path: str | Path, feather: CachedFeather, pose: Any) -> _BarbGrid
 def _leading_is_right(grid: _BarbGrid, feather: CachedFeather, pose: Any) -> bool:
     """Return whether the leading side of a grid is the right one, seen from dorsal."""
     points = pose.points.astype(float)
-    shaft, leading, trailing = grid.values(pose.points)
-    tangent, apart = np.gradient(shaft, axis=0), leading[:, -1] - trailing[:, -1]
+    rachis, leading, trailing = grid.values(pose.points)
+    tangent, apart = np.gradient(rachis, axis=0), leading[:, -1] - trailing[:, -1]
     corners = points[feather.triangles[feather.side != 2]]
     dorsal = face_products(corners).sum(axis=0)
     return float((np.cross(dorsal, tangent) * apart).sum()) < 0.0
@@ -156,11 +156,11 @@ def _define(stage: Any, path: Any, feather: CachedFeather, grid: _BarbGrid) -> A
         kind = Sdf.ValueTypeNames.Point3fArray
         primvars.CreatePrimvar(name, kind, UsdGeom.Tokens.vertex, columns)
     if feather.colour is not None:
-        shaft, *sides = grid.values(feather.colour)
+        rachis, *sides = grid.values(feather.colour)
         shades = dict(
             zip(BARB_COLOUR_PRIMVARS, (side.reshape(-1, 3) for side in sides), strict=True)
         )
-        shades["displayColor"] = shaft.mean(axis=0, keepdims=True)
+        shades["displayColor"] = rachis.mean(axis=0, keepdims=True)
         author_primvars(
             curve.GetPrim(), **{name: arrays.vec3f(each) for name, each in shades.items()}
         )
@@ -174,10 +174,10 @@ def _author_pose(curve: Any, grid: _BarbGrid, points: Array, code: float | None)
 
     Samples go through the layer, which is faster than attributes.
     """
-    shaft, left, right = grid.values(points)
+    rachis, left, right = grid.values(points)
     values = {
-        "points": shaft,
-        "extent": np.array([shaft.min(axis=0), shaft.max(axis=0)]),
+        "points": rachis,
+        "extent": np.array([rachis.min(axis=0), rachis.max(axis=0)]),
         "primvars:P_barbl": left.reshape(-1, 3),
         "primvars:P_barbr": right.reshape(-1, 3),
     }

@@ -63,11 +63,11 @@ def thin_feathers(feathers: Sequence[CachedFeather], starts: Indices, most: int)
     kept = _join_feathers([_compact(each.triangles) for each in feathers], starts, "")
     if len(kept.points) > most:
         parts = [_keep_vanes(each) for each in feathers]
-        kept = _join_feathers(parts, starts, "without the tubes of shafts")
+        kept = _join_feathers(parts, starts, "without the tubes of rachises")
     for rows in _THINNED_ROWS:
         if len(kept.points) <= most:
             break
-        told = f"vanes with at most {rows} rows and one barb segment a side, without shafts"
+        told = f"vanes with at most {rows} rows and one barb segment a side, without rachises"
         kept = _join_feathers([_keep_rows(each, rows) for each in feathers], starts, told)
     return kept
 

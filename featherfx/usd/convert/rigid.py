@@ -5,7 +5,7 @@ the points x(t) of each feather's mesh the rotation and place are found that fit
 least squares (Kabsch, Acta Crystallographica A 32, 1976); p is the mean of all frames, each turned
 back onto the first. Where R(t) p + c(t) is within the tolerance of x(t) at every sample and point,
 the feather has p as its points and R and c as its transform, and leaves the prims that it shares.
-Shaft and barbs go along, in their shape of the first sample, which is at most twice as far off.
+Rachis and barbs go along, in their shape of the first sample, which is at most twice as far off.
 """
 
 from __future__ import annotations

@@ -91,7 +91,7 @@ def _check_sizes(points: Array, counts: Indices, basis: str, pinned: bool, place
     least = 4 if basis and not (pinned and basis != "bezier") else 2
     short = np.flatnonzero(counts < least)
     if len(short):
-        few = f"curve {short[0]} has {counts[short[0]]} points, a shaft has {least} at least"
+        few = f"curve {short[0]} has {counts[short[0]]} points, a rachis has {least} at least"
         more = f" (and {len(short) - 1} more curves)" if len(short) > 1 else ""
         place.child("curveVertexCounts").fail(few + more)
     elif basis == "bezier" and ((counts - 4) % 3).any():

@@ -205,14 +205,14 @@ class Expansion:
 
     def _counted(self) -> Iterator[ExpandedFeather]:
         points = barbs = 0
-        for shafts in self._prims:
-            for each in shafts.feathers:
+        for rachises in self._prims:
+            for each in rachises.feathers:
                 yield replace(
                     each,
                     points=slice(points + each.points.start, points + each.points.stop),
                     barbs=slice(barbs + each.barbs.start, barbs + each.barbs.stop),
                 )
-            points, barbs = points + shafts.point_count, barbs + shafts.barb_count
+            points, barbs = points + rachises.point_count, barbs + rachises.barb_count
 
     @cached_property
     def triangles(self) -> Indices:
@@ -445,19 +445,19 @@ class _CondensedPrim:
 
     def _pose(self, code: Any) -> RowPoints:
         """Return nodes, leading first, and directors of all rows, feather after feather."""
-        shaft = self._array("points", code, VECTOR_ARRAY).astype(float)
-        if len(shaft) != self._starts[-1]:
+        rachis = self._array("points", code, VECTOR_ARRAY).astype(float)
+        if len(rachis) != self._starts[-1]:
             raise self._fault(
-                "points", f"are {len(shaft)}, not {self._starts[-1]}, {describe_time(code)}"
+                "points", f"are {len(rachis)}, not {self._starts[-1]}, {describe_time(code)}"
             )
-        shape = (len(shaft), self._columns, 3)
+        shape = (len(rachis), self._columns, 3)
         left, right = (self._shaped(name, code, VECTOR_ARRAY, shape) for name in BARB_NODE_PRIMVARS)
         swapped = self._leading_is_right[:, None, None]
         leading, trailing = np.where(swapped, right, left), np.where(swapped, left, right)
-        turns = self._shaped(ORIENT_PRIMVAR, code, _ROTATIONS, (len(shaft), 4)).astype(float)
+        turns = self._shaped(ORIENT_PRIMVAR, code, _ROTATIONS, (len(rachis), 4)).astype(float)
         turns = np.roll(turns, 1, axis=1)
         frames = quats_to_frames(turns / np.linalg.norm(turns, axis=1, keepdims=True))
-        nodes = np.concatenate([shaft[:, None], leading, trailing], axis=1)
+        nodes = np.concatenate([rachis[:, None], leading, trailing], axis=1)
         kept = RowPoints(nodes, np.stack([frames[..., 1], frames[..., 2]], axis=1))
         return self._whole(kept, code) if self._has_detail else kept
 

@@ -254,7 +254,7 @@ def _instanced(
         yield _drawn_feather(curve, relative @ matrix, label + several, name + several, own)
     if curves:
         return
-    # a template without a curve: its kind at its own size, shaft along x, dorsal along z
+    # a template without a curve: its kind at its own size, rachis along x, dorsal along z
     size = float(abs(np.linalg.det(matrix[:3, :3]))) ** (1.0 / 3.0) / unit
     skin_uv = _pair(own.vector("skin_uv", 2))
     yield DrawnFeather(

@@ -75,9 +75,9 @@ class WriteOptions(StageOptions):
     )
     form: str = option(
         MESH_FORM,
-        "Form of a feather in the file. mesh: mesh and shaft; condensed: a curve that carries half"
+        "Form of a feather in the file. mesh: mesh and rachis; condensed: a curve that carries half"
         " of its rows and barb nodes, as Houdini's condensed feathers, and in small numbers the"
-        " rest; curves: shaft and --barbs; both: mesh, and a curve that carries all.",
+        " rest; curves: rachis and --barbs; both: mesh, and a curve that carries all.",
         allowed=FORMS,
         flag="--as",
     )

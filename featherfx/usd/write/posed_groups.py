@@ -102,8 +102,8 @@ class _JoinedBlock:
         self.counts = {key: sum(each.count(key) for each in feathers) for key in keys}
         self._stage, self._origin = feathers[0].to_stage, feathers[0].to_origin
         self._form = feathers[0].form
-        shafts = [len(each.widths) for each in feathers]
-        self._left_leads = np.repeat([each.left_leads for each in feathers], shafts)
+        rachises = [len(each.widths) for each in feathers]
+        self._left_leads = np.repeat([each.left_leads for each in feathers], rachises)
         rows = np.cumsum([0, *(grid[0] for grid in self.grids)])
         starts = np.cumsum([0, *(len(each.row) for each in surfaces)])
         count = int(starts[-1])
@@ -148,9 +148,9 @@ class _JoinedBlock:
         if (MESH_PRIM, ACCELERATIONS) in values:
             rates[ACCELERATIONS] = [pose.accelerations for pose in given]
         for name, each in rates.items():
-            mesh, shaft = (values[part, name] for part in (MESH_PRIM, RACHIS_PRIM))
+            mesh, rachis = (values[part, name] for part in (MESH_PRIM, RACHIS_PRIM))
             finite &= surface_kernels.write_values(
-                self._joined(each), self._drawn, self._stage, mesh, shaft
+                self._joined(each), self._drawn, self._stage, mesh, rachis
             )
         return bool(finite)
 

@@ -64,7 +64,7 @@ _PRIMVARS = {
     # the dorsal side at the root, at rest, as grooms have it; object space
     "up": (_TYPES.Vector3fArray, _CONSTANT, 1),
     "st": (_TYPES.TexCoord2fArray, UsdGeom.Tokens.vertex, 1),
-    # places in the pictures of all feathers, and of shafts u, v, du, dv of the feather's own chart
+    # places in the images, and of rachises u, v, du, dv of the feather's own chart
     "atlas": (_TYPES.TexCoord2fArray, UsdGeom.Tokens.vertex, 1),
     "chart": (_TYPES.Float4Array, _CONSTANT, 1),
     # nm
@@ -374,7 +374,7 @@ def define_materials(stage: Any, scope: Any, look: MaterialInputs) -> dict[str, 
     made = {}
     for name in MATERIAL_COLOURS:
         material = UsdShade.Material.Define(stage, scope.AppendChild(name))
-        # shafts are outside of the charts
+        # rachises are outside of the charts
         own = look if name == "vane" else look._replace(texture="", film=False)
         nodes = MaterialNodes(stage, material.GetPath())
         material.CreateSurfaceOutput().ConnectToSource(_preview_surface(nodes, name, own))

@@ -55,12 +55,12 @@ class ToStage(NamedTuple):
 
 
 class WrittenSurface(NamedTuple):
-    """points, normals: (V, 3). directions: (T, 3) unit, of barbs. shaft: (n, 3) points."""
+    """points, normals: (V, 3). directions: (T, 3) unit, of barbs. rachis: (n, 3) points."""
 
     points: Floats
     normals: Floats
     directions: Floats
-    shaft: Floats
+    rachis: Floats
 
 
 @kernel
@@ -151,17 +151,17 @@ def extent(points, padding, out):
 
 
 @kernel
-def write_values(values, surface, stage, out, shaft):
-    """Points or rates of a mesh, to out (V, 3), and of its shaft (n, 3); True if all are finite."""
+def write_values(values, surface, stage, out, rachis):
+    """Write points or rates of a mesh, to out (V, 3), and of its rachis (n, 3); True if finite."""
     combine(values, surface)
     is_finite = write_points(surface.world, stage, out)
-    return write_points(values.nodes[:, 0], stage, shaft) and is_finite
+    return write_points(values.nodes[:, 0], stage, rachis) and is_finite
 
 
 @kernel
 def pose_surface(values, surface, stage, out):
-    """A pose of mesh and shaft, to out (WrittenSurface); True if the points are finite."""
-    finite = write_values(values, surface, stage, out.points, out.shaft)
+    """A pose of mesh and rachis, to out (WrittenSurface); True if the points are finite."""
+    finite = write_values(values, surface, stage, out.points, out.rachis)
     vertex_normals(surface, stage, out.normals)
     edge_directions(surface, stage, out.directions)
     return finite
