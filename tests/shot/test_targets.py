@@ -212,7 +212,7 @@ def test_curves_of_a_file_are_read(files):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda line: line[::-1], "it ends there: is it reversed"),
+        (lambda line: line[::-1], "It ends there: is it reversed"),
         (lambda line: line + 9.0, r"begins .* m from its root, more than"),
         (lambda line: line[0] + 3.0 * (line - line[0]), r"is .* m long, its shaft .* m. Draw it"),
     ],
@@ -265,7 +265,7 @@ def test_another_topology_is_refused(files):
     ("old", "new", "told"),
     [
         ("simulated_columns = 4", "rows = 15, columns = 4", r"'.*' in shape\.usdc has \d+ points"),
-        ('"shape.usdc"', '"drawn.usda"', r"drawn\.usda has no feather 'right_.*'; \d+ more of its"),
+        ('"shape.usdc"', '"drawn.usda"', r"drawn\.usda has no feather 'right_.*'\. \d+ more of its"),
     ],
 )
 def test_check_says_what_a_bake_does_of_shapes_of_other_feathers(files, old, new, told):
@@ -308,7 +308,7 @@ def test_check_says_what_a_bake_does_of_channels_that_nothing_feels(files):
         ('keys = [[1, 1]]\nshape = "no.usd"', r"target\[0\].shape: .*no.usd: file does not exist"),
         ('keys = [[1, 1]]\nshape = "groom.toml"', "a TOML file"),
         ('keys = [[1, 1]]\nfeathers = "nobody"', "no feather of the groom fits 'nobody'"),
-        ("keys = [[1, 1]]\ntolerance = 0", "allowed 0.01 to 100"),
+        ("keys = [[1, 1]]\ntolerance = 0", "Give 0.01 to 100"),
     ],
 )
 def test_wrong_targets_are_refused(files, text, told):

@@ -62,7 +62,7 @@ def test_files_hold_what_was_changed_and_nothing_else(tmp_path):
     assert [*tuned.files()] == ["feather/swan_primary.toml"]
     (path,) = tuned.write(tmp_path, overwrite=False)
     before, after = (plain(load_preset("swan_primary", each)[1]) for each in ([], [tmp_path]))
-    assert after["rachis_material"].pop("young") == 3e9
+    assert after["rachis_material"].pop("youngs_modulus") == 3e9
     del before["rachis_material"]["youngs_modulus"]
     angles = [each["angle"] for each in after["leading"].pop("guides")]
     assert angles == [45.0, 20.0, 27.0, 22.0]
@@ -344,7 +344,7 @@ def test_a_slider_of_the_page_changes_the_feather(live, tmp_path):
     [
         (["no_such"], "there is no such preset"),
         (["quality/draft"], "is a quality preset. Give one of feather"),
-        (["bird/pigeon"], "a bird needs a body, so give a shot"),
+        (["bird/pigeon"], "A bird needs a body, so give a shot"),
         (["missing.toml"], "there is no such file"),
         ([str(SHOT), "--feather", "x*"], "0 feathers are not allowed. Give 1 to 200"),
     ],

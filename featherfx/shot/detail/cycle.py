@@ -219,8 +219,8 @@ def _warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> No
         # what only sleeps needs no word
         if changes.any():
             message = (
-                f"cycle: no feather is replayed: within {done} frames none has become periodic;"
-                f" over the last {frames} they changed by {1e3 * changes.min():.2g} to"
+                f"cycle: no feather is replayed: within {done} frames none has become periodic."
+                f" Over the last {frames} they changed by {1e3 * changes.min():.2g} to"
                 f" {1e3 * changes.max():.2g} mm, more than {1e3 * known[0].tolerance:.2g} (the"
                 " tolerance of the quality), all of those that may touch together"
             )
