@@ -165,7 +165,7 @@ def test_a_declaration_is_option_range_and_default():
     assert "s, longest step.  [required]" in " ".join(text.split()).replace(". [", ".  [")
     assert "[default: 1e-05]" in text
     assert run("strip", "--scene", "iso", "--dt", "1").stderr == (
-        "featherfx: strip: dt: 1 is not allowed. Give a value above 0 to 0.1 s\n"
+        "featherfx: strip: dt: 1 is not allowed. Give above 0 to 0.1 s.\n"
     )
 
 

@@ -265,7 +265,11 @@ def test_another_topology_is_refused(files):
     ("old", "new", "told"),
     [
         ("simulated_columns = 4", "rows = 15, columns = 4", r"'.*' in shape\.usdc has \d+ points"),
-        ('"shape.usdc"', '"drawn.usda"', r"drawn\.usda has no feather 'right_.*'\. \d+ more of its"),
+        (
+            '"shape.usdc"',
+            '"drawn.usda"',
+            r"drawn\.usda has no feather 'right_.*'\. \d+ more of its",
+        ),
     ],
 )
 def test_check_says_what_a_bake_does_of_shapes_of_other_feathers(files, old, new, told):
