@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,6 @@ from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.shapes import build_feathers
-from featherfx.feather.types import Feather
-from featherfx.groom.types import Groom
 from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.space import choose_origin
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter
@@ -69,7 +66,9 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     instanced = repeat if options.instances is None else options.instances
     refuse_too_large(groom, grid, options, str(groom_path), instanced)
     if instanced:
-        shapes = _prototypes(groom, first, options.grid(grid))
+        # at the size of each prototype
+        placements = [replace(groom.feathers[k], size=1.0) for k in first]
+        shapes = build_feathers(placements, *options.grid(grid))
         write_instances(path, groom.feathers, shapes, chosen, options, metadata)
         return len(chosen)
     names = unique_prim_names([each.id for each in groom.feathers])
@@ -82,12 +81,6 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     with CacheWriter(path, entries, None, options=stage, place=place, metadata=metadata):
         pass
     return len(entries)
-
-
-def _prototypes(groom: Groom, first: Sequence[int], grid: tuple[int, int]) -> list[Feather]:
-    """Rest geometry of every shape, at the size of its prototype."""
-    placements = [replace(groom.feathers[k], size=1.0) for k in first]
-    return build_feathers(placements, *grid)
 
 
 def export(

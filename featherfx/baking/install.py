@@ -137,7 +137,9 @@ def _put(host: Host, folder: Path, target: Path, finder: Path | None) -> None:
         try:
             os.rename(made, target)
             if finder is not None:
-                write_text(finder, _pointer(host, target))
+                text = (_SHIPPED / host.name / host.finder).read_text(encoding="utf-8")
+                text = text.replace("@VERSION@", __version__)
+                write_text(finder, text.replace("@FOLDER@", target.as_posix()))
         except BaseException:  # what was is put back
             shutil.rmtree(target, ignore_errors=True)
             if before.exists():
@@ -172,12 +174,6 @@ def _made(host: Host, folder: Path, target: Path) -> Path:
     command = [sys.executable, "-m", "featherfx"]
     (folder / _COMMAND).write_text(json.dumps(command) + "\n", encoding="utf-8")
     return folder
-
-
-def _pointer(host: Host, target: Path) -> str:
-    """The file by which the host finds the plugin."""
-    text = (_SHIPPED / host.name / host.finder).read_text(encoding="utf-8")
-    return text.replace("@VERSION@", __version__).replace("@FOLDER@", target.as_posix())
 
 
 def _version(folder: Path) -> str | None:

@@ -185,6 +185,10 @@ def job_template(
     have featherfx already.
     """
     task_shares, seconds = tasks
+    processors = {
+        "name": "amount.worker.vcpu",
+        "min": int(dict(pairwise(options)).get("--jobs", 1)),
+    }
     define: dict[str, Any] = {"name": "Share", "type": "INT", "range": "1-{{Param.Shares}}"}
     chunked: dict[str, Any] = {}
     if task_shares:
@@ -214,7 +218,9 @@ def job_template(
             {
                 "name": "bake",
                 "parameterSpace": {"taskParameterDefinitions": [define]},
-                "hostRequirements": _required(options),
+                "hostRequirements": {
+                    "amounts": [{"name": "amount.worker.vcpu", "min": processors}]
+                },
                 "script": {"actions": {"onRun": _action(bake, seconds)}},
             },
             {
@@ -242,12 +248,6 @@ def _searching(folders: Sequence[str]) -> list[dict[str, Any]]:
     if not folders:
         return []
     return [{"name": "search", "variables": {_SEARCH: os.pathsep.join(folders)}}]
-
-
-def _required(options: Sequence[str]) -> dict[str, Any]:
-    """Return host requirements of a bake with these options: processors."""
-    count = int(dict(pairwise(options)).get("--jobs", 1))
-    return {"amounts": [{"name": "amount.worker.vcpu", "min": count}]}
 
 
 def _action(command: Sequence[str], seconds: int) -> dict[str, Any]:

@@ -154,6 +154,8 @@ def options_of(options: type, *names: str) -> Callable[[Decorated], Decorated]:
 
 def _option(declared: Field[Any], hint: Any) -> Callable[[Decorated], Decorated]:
     told, default = declared.metadata, declared.default
+    if default is not None and "allowed" in told and default != ():
+        default = str(default)  # one of the texts that may be chosen
     flag = told.get("flag", "--" + declared.name.replace("_", "-"))
     if hint is bool:
         return click.option(flag, declared.name, is_flag=True, help=told["text"])
@@ -164,16 +166,11 @@ def _option(declared: Field[Any], hint: Any) -> Callable[[Decorated], Decorated]
         declared.name,
         type=_click_type(told, hint),
         multiple=told.get("several", False),
-        default="" if default == () and "several" not in told else _as_choice(told, default),
+        default="" if default == () and "several" not in told else default,
         show_default=default not in (None, ()),
         metavar=told.get("metavar"),
         help=told["text"],
     )
-
-
-def _as_choice(told: Mapping[str, Any], default: Any) -> Any:
-    """A default as one of the texts that may be chosen."""
-    return default if default is None or "allowed" not in told else str(default)
 
 
 def _click_type(told: Mapping[str, Any], hint: Any) -> click.ParamType | None:

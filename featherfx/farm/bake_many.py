@@ -68,7 +68,7 @@ def bake_many(
     given = asdict(replace(chosen, preset_folders=folders, report=None))
     with opened(scheduler, workers) as engine, _made(None if outputs == [where] else where):
         starting = time.perf_counter() - begin
-        job = Job(paths, outputs, given, engine, shares, on_frame or _unheard)
+        job = Job(paths, outputs, given, engine, shares, on_frame or (lambda done, total: None))
         told, count = job.run(), engine.workers
         parts = {"starting": starting, **job.seconds()}
     seconds = time.perf_counter() - begin
@@ -96,7 +96,3 @@ def _made(folder: Path | None) -> Iterator[None]:
     finally:
         with suppress(OSError):
             folder.rmdir()
-
-
-def _unheard(done: float, total: float) -> None:
-    pass
