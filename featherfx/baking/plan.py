@@ -185,10 +185,7 @@ def job_template(
     have featherfx already.
     """
     task_shares, seconds = tasks
-    processors = {
-        "name": "amount.worker.vcpu",
-        "min": int(dict(pairwise(options)).get("--jobs", 1)),
-    }
+    processors = int(dict(pairwise(options)).get("--jobs", 1))
     define: dict[str, Any] = {"name": "Share", "type": "INT", "range": "1-{{Param.Shares}}"}
     chunked: dict[str, Any] = {}
     if task_shares:

@@ -164,7 +164,7 @@ class Cache:
         found = [(own, feather) for each in _read_meshes(self._stage) for own, feather in each]
         found = found or list(_read_condensed(self._stage))
         if not found:
-            told = "holds no visible mesh"
+            told = "holds no visible mesh. Give a baked cache or a groom"
             if any(prim.HasAttribute("primvars:P_barbl") for prim in self._stage.Traverse()):
                 told += (
                     ". Its condensed feathers are without the shapes of `bake --as condensed`, so"
