@@ -25,8 +25,27 @@ read_groom("samples/pigeon/groom.toml")
 # rooms whose tests call kernels that no other does: compiled by one process, not by several at once
 ALONE = frozenset({"mechanics", "nodal", "render", "solver"})
 
+# tests that run each night: the lab and its reference model, images, browsers, foreign and damaged
+# files, clusters
+NIGHTLY = frozenset({"lab", "nodal", "render"}) | frozenset(
+    f"{each}.py"
+    for each in (
+        *("view/test_view_page", "view/test_view_live"),
+        *("usdin/test_usd_broken_files", "usdin/test_usd_odd_values"),
+        *("usdin/test_usd_groom_faults", "farm/test_cluster"),
+        *("plugins/test_houdini_nodes", "contact/test_contact_stress"),
+    )
+)
+
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("FEATHERFX_COMPILERS", "1")
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        folder, file = item.path.parts[-2:]
+        if folder in NIGHTLY or f"{folder}/{file}" in NIGHTLY:
+            item.add_marker(pytest.mark.nightly)
 
 
 def pytest_xdist_setupnodes(config, specs):
