@@ -35,7 +35,7 @@ from math import inf, sqrt
 from typing import NamedTuple
 
 from featherfx.algebra.vec3_kernels import dot, scale, sub
-from featherfx.jit.compiled import kernel
+from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.ribbon_kernels import curl_total
@@ -126,7 +126,7 @@ def _cell_energy(model, f, cell, before, gaps, damping, held):
     return hooks_energy(model, f, cell, before, gaps, damping)
 
 
-@kernel
+@shared_kernel(float)
 def elastic_energy(model, f, strains, reference, gaps, strain_rate):
     """Elastic energy, with the dissipation of the step and what slips in it, of Strains (J).
 

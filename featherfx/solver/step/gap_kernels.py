@@ -19,7 +19,7 @@ has not gone round. Such a step is repeated shorter where it can be.
 from math import inf, sqrt
 
 from featherfx.algebra.vec3_kernels import add, dot, length, normal_of, scale, sub
-from featherfx.jit.compiled import kernel
+from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_guard_kernels import area_ratio
 from featherfx.mechanics.vane_hook_kernels import (
@@ -45,7 +45,7 @@ SLIP_WORK, OPENING_WORK, RELEASED_ENERGY, PREENING_WORK, DAMPED_ENERGY = 0, 1, 2
 OPENED_LENGTH, HEALED_LENGTH = 0, 1
 
 
-@kernel
+@shared_kernel(float)
 def slip_gaps(model, f, cell, before, after):
     """Gaps after the slip of a step, and the level that it brings; returns the largest slip of the
     step, a strain.
@@ -265,7 +265,7 @@ def _open_row(model, f, side, i, cell, before, after):
                 after.length[OPENED_LENGTH] += half_cell(model, f, side, i, half)
 
 
-@kernel
+@shared_kernel(float)
 def weaken_gaps(model, f, cell, before, after):
     """Weaken and open the gaps of feather f where a step ends; returns what they release, J.
 

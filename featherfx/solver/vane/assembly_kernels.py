@@ -10,7 +10,7 @@ contiguous numbers, axis by axis and node by node, S of them an axis: the m + 1 
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import increase, lane, load, put, spread, totals
 from featherfx.algebra.vec3_kernels import add, combined, cross, scale
-from featherfx.jit.compiled import kernel, loop_kernel
+from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.vane.line_kernels import (
@@ -254,7 +254,7 @@ def subtract_barb_forces(model, f, damping, pose, reference, force, axes, right)
                 right[first + c] -= damped_stress(stiffness[c], strain[c], before[c], damping)
 
 
-@kernel
+@shared_kernel(None)
 def add_rows(model, f, damping, signed, work):
     """Stiffness of feather f's vane and barbs to the band: row by row and side by side.
 

@@ -5,7 +5,7 @@ for every pair of its nodes, the block k g_p g_q^T. Blocks are kept row by row a
 few kinds of pairs in line_kernels are all that triangles, hinges and twist couple.
 """
 
-from featherfx.jit.compiled import kernel, loop_kernel
+from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
 from featherfx.mechanics.vane_guard_kernels import is_pressed
 from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, row_of_gaps, twist_hold
 from featherfx.solver.vane.cell_kernels import Strip, fill_strip
@@ -80,7 +80,7 @@ def _fill_folds(model, place, damping, state, vane, cells):
     fill_hinges(i, side, hinges, damping, vane, cells)
 
 
-@kernel
+@shared_kernel(None)
 def add_vane_forces(model, f, damping, wanted, pose, around, vane, force):
     """Membrane, hinges and twist of feather f: forces added to force (n, 1 + 2 m, 3), stiffness to
     vane.blocks.
