@@ -1,4 +1,4 @@
-"""How the feathers of a shot are simulated, and where each option comes from."""
+"""Options of the feathers of a shot, with the source of each, for people and programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which feathers are guides, and whom each of the others follows with which weight.
+"""Guides of guided feathers, and the weights with which each feather follows them.
 
 Guides are chosen within a region by farthest points: the first is the feather nearest to the
 middle of the roots, each next one the farthest from those before, until every n-th feather is a
@@ -51,7 +51,7 @@ _SOURCES_AT_ONCE = 256
 
 
 class GuideRule(NamedTuple):
-    """How many guides: every n-th feather (0: none chosen), or none farther than spacing (m)."""
+    """Number of guides: every n-th feather (0: none chosen), or none farther than spacing (m)."""
 
     every: int
     spacing: float | None
@@ -91,7 +91,7 @@ def with_guides(shot: Shot, levels: Sequence[str], rules: Sequence[GuideRule]) -
 
 
 def uses_guides(shot: Shot) -> bool:
-    """Whether a shot asks for guided feathers."""
+    """Return whether a shot asks for guided feathers."""
     rules = shot.level_of_detail
     seen = rules is not None and (rules.guided_below > 0.0 or rules.outside == "guided")
     by_length = shot.quality.guided_below > 0.0

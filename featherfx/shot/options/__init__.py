@@ -1,1 +1,1 @@
-"""How every feather of a shot is simulated, resolved before the first frame."""
+"""Options of every feather of a shot, resolved before the first frame."""

@@ -54,9 +54,11 @@ COEFFICIENTS = (1, 2, 3)
 
 
 class Deflection(NamedTuple):
-    """How far loads bend a feather's rachis and would bend its barbs in proportion, and the air's
-    fraction of what bends the rachis, 0 to 1. wrung: whether a grip or a force pulls within the
-    plane of the vane, which may buckle then."""
+    """Deflection of a rachis by its loads, and of the barbs if they bent in proportion.
+
+    air: the air's fraction of what bends the rachis, 0 to 1. wrung: whether a grip or a force pulls
+    within the plane of the vane, which may buckle then.
+    """
 
     rachis: float
     barb: float
@@ -133,7 +135,7 @@ class StepCost(NamedTuple):
 
 
 class ErrorModel(NamedTuple):
-    """What was measured on the scenes (lab/bench/front_fit.py).
+    """Errors that were measured on the scenes (lab/bench/front_fit.py).
 
     before: by how far loads are estimated to bend feathers; after: by how far they did. wrung: of
     rows, of vanes that are pulled within their plane. work: time of an iteration. tolerances: the
@@ -150,7 +152,7 @@ class ErrorModel(NamedTuple):
     calm: tuple[float, float]
 
     def calms(self, deflection: Deflection) -> bool:
-        """Whether a feather is calm."""
+        """Return whether a feather is calm."""
         less = deflection.rachis < self.calm[0] and deflection.barb < self.calm[1]
         return less and deflection.air >= CALM_AIR and not deflection.wrung
 

@@ -1,4 +1,4 @@
-"""How every feather of a shot is simulated: resolved once, before the first frame.
+"""Options of every feather of a shot: resolved once, before the first frame.
 
 Shot, quality, level of detail and the error that is asked for give one FeatherOptions for each
 feather. All that is simulated later takes grids and tolerances from there.
@@ -70,7 +70,7 @@ _GAP_RATIO, _MIN_GAP_RATIO, _MAX_GAP_RATIO = 0.05, 0.1, 0.4
 
 @dataclass(frozen=True, kw_only=True)
 class FeatherOptions(Settings):
-    """How one feather is simulated, beside the steps of Settings.
+    """Options of one feather, beside those of its steps in Settings.
 
     level: of detail. rows: of nodes along the rachis, columns: of nodes along each barb,
     coefficients: of curvature per barb and direction. Of guided and rigid feathers, rows and
@@ -91,7 +91,7 @@ class FeatherOptions(Settings):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether anything is solved of the feather."""
+        """Return whether anything is solved of the feather."""
         return self.level not in ("guided", "rigid")
 
     def values(self) -> dict[str, Any]:
@@ -210,7 +210,7 @@ def common_tolerance(shot: Shot) -> float:
 
 
 class _QualitySources:
-    """Where the values of a shot's quality come from, by key."""
+    """Sources of the values of a shot's quality, by key."""
 
     def __init__(self, shot: Shot) -> None:
         self._quality, self._known = shot.quality, dict[str, str]()

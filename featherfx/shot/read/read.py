@@ -75,7 +75,7 @@ def read_shot(
 def check_file(
     path: str | Path, preset_folders: Iterable[str | Path] = (), readers: SceneReaders | None = None
 ) -> list[Problem]:
-    """What is wrong with a shot, groom or preset file; empty when nothing is."""
+    """List what is wrong with a shot, groom or preset file; empty when nothing is."""
     problems = Problems()
     path = Path(path)
     library = Library(preset_folders, problems)
@@ -343,7 +343,7 @@ def _check_forces(entries: Entries) -> None:
 
 
 def _names(groom: Groom | None) -> dict[str, set[str]]:
-    """What patterns of ids, regions and kinds may stand for."""
+    """Return the names that patterns of ids, regions and kinds may stand for."""
     feathers = groom.feathers if groom is not None else ()
     return {
         "feathers": {feather.id for feather in feathers},

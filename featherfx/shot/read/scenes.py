@@ -157,7 +157,7 @@ def read_colliders(
 def read_level_of_detail(
     checked: dict[str, Any], place: Place, given: SceneReaders | None
 ) -> LevelOfDetail | None:
-    """How levels follow what is seen; None where they do not. Raises InputError."""
+    """Read how levels follow what is seen; None where they do not. Raises InputError."""
     at, values = place.child("level_of_detail"), checked["level_of_detail"]
     if values is None or not values["enabled"]:
         return None
@@ -246,7 +246,7 @@ def _warn_of_range(
 
 
 def _missing(source: MovingSurface | WindSource, checked: dict[str, Any], start: float) -> str:
-    """Which samples a shot needs that a scene does not have; empty where it has all."""
+    """Tell which samples a shot needs that a scene does not have; empty where it has all."""
     first, last = checked["frames"]
     rate, codes = checked["frames_per_second"], source.time_codes_per_second
     end = start + (last - first) / rate * codes
