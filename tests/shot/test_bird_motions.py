@@ -115,7 +115,7 @@ def test_an_act_that_is_part_of_itself_is_refused(tmp_path):
     (tmp_path / "presets" / "motion" / "ring.toml").write_text('kind = "act"\nmotions = ["ring"]\n')
     (tmp_path / "groom.toml").write_text(BIRD)
     (tmp_path / "shot.toml").write_text(SHOT + 'base = "ring"')
-    with pytest.raises(InputError, match="is one a part of itself"):
+    with pytest.raises(InputError, match="Is one a part of itself"):
         read_shot(tmp_path / "shot.toml", [tmp_path / "presets"])
 
 

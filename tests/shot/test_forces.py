@@ -146,7 +146,7 @@ def test_wrong_forces_are_all_told(tmp_path: Path) -> None:
 def test_a_barb_that_does_not_grow_is_told(tmp_path: Path) -> None:
     text = '[[force]]\nfeather = "feather"\nforce = [0, 0, 1]\nrow = 0.01\ncolumn = 1.0\n'
     shot = shot_with(text, tmp_path)
-    with pytest.raises(InputError, match=r"no leading barb grows at row = 0.01 .*allowed: 0\.\d+"):
+    with pytest.raises(InputError, match=r"no leading barb grows at row = 0.01 .*Give 0\.\d+"):
         list(simulate(shot))
 
 
