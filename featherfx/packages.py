@@ -122,7 +122,7 @@ PACKAGES = (
 )
 
 # what moves the roots of a shot, by the kind of its motion: (motion, shot, skeleton) -> poses
-MOTIONS = {
+MOTION_SOURCES = {
     "hold": "motion.joints:held",
     "shake": "motion.joints:shaken",
     "swing": "motion.joints:swung",
@@ -140,12 +140,12 @@ def load_name(name: str) -> Any:
 
 
 def is_asked(package: Package, shot: Any) -> bool:
-    """Whether a shot asks for a package."""
+    """Return whether a shot asks for a package."""
     return not package.tables or any(attrgetter(table)(shot) for table in package.tables)
 
 
 def brought(shot: Any, what: str) -> list[Any]:
-    """What the packages that a shot asks for bring, in their order; what: a field of Package."""
+    """List what the packages of a shot bring, in their order; what: a field of Package."""
     return [
         load_name(name)
         for package in PACKAGES

@@ -134,6 +134,30 @@ def test_no_files_import_each_other(tmp_path, monkeypatch):
         TopologicalSorter(imported_files([one, other])).prepare()
 
 
+def folder_arrows(package):
+    """(folder, folder) of a package where one imports the other; modules beside folders are "."."""
+    found = set()
+    for file in sorted(package.rglob("*.py")):
+        own = file.relative_to(package).parts
+        for module, _ in imports_of(file):
+            names = module.split(".")
+            if names[:2] == ["featherfx", package.name] and len(names) > 2:
+                is_folder = (package / names[2]).is_dir()
+                found.add((own[0] if len(own) > 1 else ".", names[2] if is_folder else "."))
+    return {(one, other) for one, other in found if one != other}
+
+
+def test_no_two_folders_of_a_shot_import_each_other(tmp_path):
+    arrows = folder_arrows(PACKAGE / "shot")
+    assert [each for each in sorted(arrows) if each[::-1] in arrows] == []
+    package = tmp_path / "shot"
+    for folder in ("one", "other"):
+        (package / folder).mkdir(parents=True)
+    (package / "one" / "it.py").write_text("from featherfx.shot.other.that import name\n")
+    (package / "other" / "that.py").write_text("import featherfx.shot.types\n")
+    assert folder_arrows(package) == {("one", "other"), ("other", ".")}
+
+
 @pytest.mark.parametrize("library", HOME_OF)
 def test_libraries_stay_in_their_package(library):
     strays = [

@@ -21,7 +21,7 @@ from test_contact_shots import (
 
 from featherfx.errors import InputWarning, SimulationError
 from featherfx.shot.contact import settle
-from featherfx.shot.contact.steps import FrameSteps, Pace, Span, StepRules
+from featherfx.shot.contact.steps import FrameSteps, StepPacing, StepRules, StepSpan
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.sources import TimedSurface
@@ -240,7 +240,7 @@ def test_a_common_step_is_one_that_most_feathers_take_at_once(least, most):
     of them, be halved for that, and double again."""
     rules = StepRules(0, 8, THICKNESS, 8, 1000, [str(f) for f in range(10)])
     frame = 1.0 / 24
-    steps = FrameSteps(rules, 0.0, frame, Pace(0.25 * frame))
+    steps = FrameSteps(rules, 0.0, frame, StepPacing(0.25 * frame))
     assert steps.left()
     length = steps.span.length
     state = SimpleNamespace(proposal=np.append(length * np.linspace(least, most, 9), 0.0))
@@ -263,7 +263,7 @@ def test_steps_are_bounded_by_one_that_was_dear_to_do_again(again, halved):
     none = ContactReport(0, 1, 10, 0.0, 0.0, 0.0, np.zeros(10), np.zeros(10))
     report = make_report(10)
     report.steps[:] = 1.0
-    pace, lengths = Pace(1.0 / 8), []
+    pace, lengths = StepPacing(1.0 / 8), []
     # one easy step, one that is done again, and easy ones after
     for k in range(12):
         steps = FrameSteps(rules, 0.0, 1.0, pace)
@@ -289,7 +289,7 @@ def test_what_a_step_cannot_be_cut_for_is_searched_for_to_the_end():
     rules = StepRules(0, 8, THICKNESS, 8, 1000, ["one", "two"])
     shortest = 1.0 / 24 / 8
     for parts, most in ((8.0, 0.5), (1.0, 2.0), (0.5, 2.0), (0.125, np.inf), (0.0625, np.inf)):
-        span = Span(0.0, parts * shortest, shortest, True)
+        span = StepSpan(0.0, parts * shortest, shortest, True)
         lost = rules.lost(span) / THICKNESS
         assert lost == np.inf if most == np.inf else most <= lost < np.inf
         # and it is off by so much that the step is cut, or nothing would be done for it

@@ -29,9 +29,9 @@ from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.lab.bench.scenes import REFERENCE_ROWS, scene
 from featherfx.lab.bench.shake import Shake, barb_curvature, swan_primary
 from featherfx.lab.bench.skips import share_of
+from featherfx.shot.loop.error_estimate import barb_bends
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.error_estimate import barb_bends
 from featherfx.shot.options.error_model import (
     CALM_AIR,
     Deflection,

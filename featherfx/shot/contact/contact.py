@@ -22,11 +22,11 @@ from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.contact.lift_then_settle import raised_points
-from featherfx.shot.contact.local_retry import Stepper, Surroundings
+from featherfx.shot.contact.local_retry import SpanInputs, Stepper
 from featherfx.shot.contact.obstacles import Obstacles
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
 from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
-from featherfx.shot.contact.steps import FrameSteps, Pace, StepRules
+from featherfx.shot.contact.steps import FrameSteps, StepPacing, StepRules
 from featherfx.shot.frames import place
 from featherfx.shot.loop.sleep import skip_frame
 from featherfx.shot.options.options import ShotOptions
@@ -139,7 +139,7 @@ class ShotContact:
         over = FeathersOver(np.where(led, -1, order), grids.together(nodes), rest.lengths, up)
         self.bodies = Bodies(shot, over)
         self._rules = self._step_rules(own[0].max_substeps)
-        self._pace = Pace()
+        self._pace = StepPacing()
         self._unresolved: list[dict[str, Any]] = []
 
     def _step_rules(self, substeps: int) -> StepRules:
@@ -177,7 +177,7 @@ class ShotContact:
         """
         steps = FrameSteps(self._rules, start, end, self._pace)
         obstacles, grids = self._obstacles, self.solver.grids
-        around = Surroundings(
+        around = SpanInputs(
             lambda begin, stop: [*loads_of(begin, stop), *obstacles.loads()],
             lambda begin, stop: [*paths_of(begin, stop), *obstacles.paths()],
             self.bodies,
@@ -303,7 +303,7 @@ class ShotContact:
         """Go on as after an earlier step of this run, whose `memory` it was; pairs that have met
         since stay known."""
         self.solver.memory = ContactMemory(*(memory[name] for name in ContactMemory._fields))
-        self._pace = Pace(*memory["pace"].tolist())
+        self._pace = StepPacing(*memory["pace"].tolist())
         self._obstacles.restore(memory)
 
 

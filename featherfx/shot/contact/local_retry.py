@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies
-from featherfx.shot.contact.steps import Span, StepRules
+from featherfx.shot.contact.steps import StepRules, StepSpan
 from featherfx.solver.contact.interval import (
     MAX_CONTACT_ITERATIONS,
     ContactReport,
@@ -43,7 +43,7 @@ LARGE = 0.5
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class SpanInputs:
     """Loads, root paths and bodies from one time to another (s), of all batches."""
 
     loads: LoadsOf
@@ -72,7 +72,7 @@ class Stepper:
         self,
         solver: ContactSolver,
         rules: StepRules,
-        around: Surroundings,
+        around: SpanInputs,
         spend: Callable[[Sequence[StepReport], float], None],
         tired: Callable[[], Flags],
     ) -> None:
@@ -82,7 +82,7 @@ class Stepper:
     def step(
         self,
         states: Sequence[State],
-        span: Span,
+        span: StepSpan,
         resting: Flags,
         led: LedMotion | None = None,
         yielding: Flags | None = None,
@@ -135,7 +135,7 @@ class Stepper:
         self,
         states: Sequence[State],
         whole: Stepped,
-        span: Span,
+        span: StepSpan,
         resting: Flags,
         island: Flags,
         led: LedMotion,

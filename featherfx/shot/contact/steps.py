@@ -45,7 +45,7 @@ MORE_ITERATIONS, MOST_WORK = 8, 4
 
 
 @dataclass(frozen=True)
-class Span:
+class StepSpan:
     """From start to end, s. shortest: s, regular step of the frame. own: whether feathers may
     divide it into steps of their own."""
 
@@ -68,7 +68,7 @@ class Span:
         """Return whether two steps that are long enough fit into it."""
         return round(self.length / (SMALLEST * self.shortest)) > 1
 
-    def parts(self, count: int) -> list[Span]:
+    def parts(self, count: int) -> list[StepSpan]:
         """The span in so many parts, or fewer where they would be too short."""
         count = min(count, round(self.length / (SMALLEST * self.shortest)))
         times = np.linspace(self.start, self.end, count + 1).tolist()
@@ -95,24 +95,24 @@ class StepRules:
         """Return whether contacts are off by more than they should be."""
         return contact.residual > WRONG * self.thickness
 
-    def off(self, reports: Sequence[StepReport], contact: ContactReport, span: Span) -> Flags:
+    def off(self, reports: Sequence[StepReport], contact: ContactReport, span: StepSpan) -> Flags:
         """(B,) bodies that are to be stepped over a span again, in shorter steps: not solved, or
         with contacts that are off by more than a step of its length may have."""
         status = np.concatenate([report.status for report in reports])
         return np.asarray((contact.off > self._most_off(span)) | (status != 0.0))
 
-    def is_long(self, span: Span) -> bool:
+    def is_long(self, span: StepSpan) -> bool:
         """Return whether a span is longer than a regular step: cut for contacts that are a little
         off."""
         return span.length > 1.001 * span.shortest
 
-    def _most_off(self, span: Span) -> float:
+    def _most_off(self, span: StepSpan) -> float:
         """m, misfit of contacts beyond which a step over a span is cut."""
         if self.is_long(span):
             return WRONG * self.thickness
         return BAD * self.thickness if span.length > 2.0 * SMALLEST * span.shortest else np.inf
 
-    def lost(self, span: Span) -> float:
+    def lost(self, span: StepSpan) -> float:
         """m, misfit of contacts with which a feather waits for shorter steps than a span."""
         return max(LOST * WRONG * self.thickness, self._most_off(span))
 
@@ -122,7 +122,7 @@ class StepRules:
         raise_if_failed(status, np.full(len(status), time), self.names)
 
 
-class Pace(NamedTuple):
+class StepPacing(NamedTuple):
     """State of common steps between two frames. proposal: s, the next length; 0: none. bound: s,
     most that it may be. easy: 1/s, iterations of all feathers in steps of which nothing was done
     again; 0: none yet."""
@@ -138,7 +138,7 @@ class FrameSteps:
     time: s, where the feathers are. span: the step to try.
     """
 
-    def __init__(self, rules: StepRules, start: float, end: float, pace: Pace) -> None:
+    def __init__(self, rules: StepRules, start: float, end: float, pace: StepPacing) -> None:
         self.rules, self.time, self.end = rules, start, end
         duration = end - start
         self.shortest = duration / (rules.steps or rules.substeps)
@@ -148,9 +148,9 @@ class FrameSteps:
         self._spent, self._work = np.zeros(len(rules.names)), 0.0
 
     @property
-    def pace(self) -> Pace:
+    def pace(self) -> StepPacing:
         """Return the state for the next frame."""
-        return Pace(self.proposal, self._bound, self._easy)
+        return StepPacing(self.proposal, self._bound, self._easy)
 
     def left(self) -> bool:
         """Return whether the end is not reached; chooses the next step."""
@@ -160,7 +160,7 @@ class FrameSteps:
         # even steps: feathers keep their matrices from one to the next
         count = max(1, ceil(0.999 * left / h))
         stop = self.end if count == 1 else self.time + left / count
-        self.span = Span(self.time, stop, self.shortest, not self.rules.steps)
+        self.span = StepSpan(self.time, stop, self.shortest, not self.rules.steps)
         return True
 
     def accepted(

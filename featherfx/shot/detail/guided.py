@@ -48,8 +48,8 @@ class Turns(NamedTuple):
     barbs: Array
 
 
-class Pieces(NamedTuple):
-    """Pieces of F feathers: chords of their rachises and segments of their barbs.
+class FeatherPieces(NamedTuple):
+    """FeatherPieces of F feathers: chords of their rachises and segments of their barbs.
 
     origins: (F, 3) m, first rachis points in the root frames. steps: (F, n - 1, 3, 3) from row
     frame to row frame. chords: (F, n - 1, 3) and segments: (F, 2, n, m, 3) m, in row frames.
@@ -201,7 +201,7 @@ def _row_frames(directors: Array) -> Array:
     return np.stack([np.cross(second, third), second, third], axis=-1)
 
 
-def _pieces(points: RowPoints) -> Pieces:
+def _pieces(points: RowPoints) -> FeatherPieces:
     """Take F feathers, seen from their root frames, apart."""
     frames, every = _row_frames(points.directors), points.nodes
     back = _transposed(frames[:, :-1])
@@ -212,7 +212,7 @@ def _pieces(points: RowPoints) -> Pieces:
         nodes = np.concatenate([every[:, :, :1], barb], axis=2)
         sides.append(np.diff(nodes, axis=2) @ frames)
     pieces = every[:, 0, 0], back @ frames[:, 1:], chords, np.stack(sides, axis=1)
-    return Pieces(*map(np.ascontiguousarray, pieces))
+    return FeatherPieces(*map(np.ascontiguousarray, pieces))
 
 
 def _transposed(frames: Array) -> Array:

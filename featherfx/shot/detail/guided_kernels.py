@@ -48,7 +48,7 @@ def mirror(nodes, directors):
 def chains(turns, rest, mirrored, scratch, points):
     """Nodes and directors of all feathers, in their root frames.
 
-    turns: Turns, and rest: Pieces at rest, of F feathers. mirrored: (F,). scratch: (3, 3, 3).
+    turns: Turns, rest: FeatherPieces, of F feathers at rest. mirrored: (F,). scratch: (3, 3, 3).
     Written: points (RowPoints).
     """
     rows, columns = turns.barbs.shape[2], turns.barbs.shape[3]

@@ -34,7 +34,7 @@ from featherfx.feather.types import Feather, stacked
 from featherfx.files.content import members
 from featherfx.files.disk_cache import kept
 from featherfx.shot.frames import place
-from featherfx.shot.layers.layers import Layers, shot_stack
+from featherfx.shot.layers.layers import LayeredPlumage, shot_stack
 from featherfx.shot.layers.stack import laps_at_rest
 from featherfx.shot.layers.types import Stack
 from featherfx.shot.motion.limbs import limbs_of
@@ -57,7 +57,7 @@ _NOT_POSED = {
 Posed = Callable[[float, Array], RootFrames]
 
 
-class Asked(NamedTuple):
+class ChannelAngles(NamedTuple):
     """Angles of channels at K times (s). angles: (K, F, 2) rad, raised and turned, below 0 the
     other way."""
 
@@ -74,7 +74,7 @@ class _Limits(NamedTuple):
     room: Array
 
 
-def shares(shot: Shot, asked: Asked, posed: Posed) -> Array:
+def shares(shot: Shot, asked: ChannelAngles, posed: Posed) -> Array:
     """(F,) share of what is asked of it that each feather of a layered shot gets."""
     inputs = [each for each in members(shot) if each[0] not in _NOT_POSED]
 
@@ -156,7 +156,7 @@ def _with_limb(
 ) -> Array:
     """Shares (F,) with that of a limb: its feathers (F,), times (s), and poses."""
     own, times, posed = limb
-    layers = Layers(shot, drawn, np.flatnonzero(own), 1)
+    layers = LayeredPlumage(shot, drawn, np.flatnonzero(own), 1)
     concerned = own[layers.needed[layers.stack.pairs]].all(axis=1)
 
     def deep(time: float, part: float) -> Flags:

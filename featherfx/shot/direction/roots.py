@@ -33,7 +33,7 @@ from featherfx.feather.layout.overlap import strips_of
 from featherfx.groom.types import Placement
 from featherfx.shot.contact.skin_binding import SkinBeneath, surfaces_under
 from featherfx.shot.direction.channels import Course, acting, courses
-from featherfx.shot.direction.order import Asked, shares
+from featherfx.shot.direction.order import ChannelAngles, shares
 from featherfx.shot.motion.limbs import limbs_of
 from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
@@ -111,7 +111,7 @@ def direct_roots(shot: Shot, motion: Roots) -> Roots:
     return replace(whole, share=shares(shot, _asked(shot, whole), whole.posed))
 
 
-def _asked(shot: Shot, motion: Directed) -> Asked:
+def _asked(shot: Shot, motion: Directed) -> ChannelAngles:
     """Return the angles of channels at those of their keys at which no angle is smaller than at
     another one."""
     found = [each.course for each in motion.pulls if each.course.channel.name in ORDERED]
@@ -126,7 +126,7 @@ def _asked(shot: Shot, motion: Directed) -> Asked:
     worst = [float(times[k]) for k in sorted(chosen)]
     turns = [motion.turns(time) for time in worst]
     angles = [np.stack([-axes[:, 1], axes[:, 0]], axis=1) for axes in turns]
-    return Asked(worst, np.array(angles).reshape(len(worst), len(motion.share), 2))
+    return ChannelAngles(worst, np.array(angles).reshape(len(worst), len(motion.share), 2))
 
 
 def shares_of(motion: Roots, count: int) -> Array:

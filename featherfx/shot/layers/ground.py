@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from featherfx.shot.contact.skin_binding import NEAR, SkinBeneath, surfaces_under
-from featherfx.shot.layers.types import Array, Ground, Indices, Vanes
+from featherfx.shot.layers.types import Array, Indices, SkinBelow, Vanes
 from featherfx.shot.skin import BoundSkin
 from featherfx.shot.sources import TimedSurface
 
@@ -16,7 +16,7 @@ class GroundBeneath(NamedTuple):
     """The surfaces of a skin, and what nodes keep of them."""
 
     skins: list[SkinBeneath]
-    ground: Ground
+    ground: SkinBelow
 
     def points(self, time: float) -> Array:
         """(V, 3) m, of all surfaces, at a time in s since the first frame."""
@@ -47,7 +47,7 @@ def ground_beneath(
         beside.append(np.where(beneath.mesh.beside < 0, -1, beneath.mesh.beside + faces))
         faces, points = faces + len(beneath.mesh.triangles), points + len(surface.surface.rest)
     joined = np.concatenate(triangles), np.concatenate(beside)
-    return GroundBeneath(skins, Ground(triangle, clear, *joined))
+    return GroundBeneath(skins, SkinBelow(triangle, clear, *joined))
 
 
 def _between(surface: TimedSurface, vanes: Vanes, rest: Array, height: Array) -> Array:

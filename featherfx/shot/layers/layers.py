@@ -50,8 +50,8 @@ from featherfx.shot.layers.stack import (
 from featherfx.shot.layers.types import (
     Array,
     Indices,
+    LayingRules,
     Lifts,
-    Manner,
     Scratch,
     Stack,
     Vanes,
@@ -62,7 +62,7 @@ from featherfx.shot.types import Shot
 
 # s, in which a lift that is no longer asked for falls to 1 / e
 FALL = 0.1
-MANNER = Manner(kept=0.0, turns=8, follow=4.0, off=2.0, seen=0.1, slope=0.3)
+MANNER = LayingRules(kept=0.0, turns=8, follow=4.0, off=2.0, seen=0.1, slope=0.3)
 # 1/s, lengths of its feather by which what is lifted less than that in the time of an ease rises or
 # falls; what is lifted more takes that time (docs/contact.md has figures)
 SPEED = 0.5
@@ -104,7 +104,7 @@ def _touching(shot: Shot) -> NDArray[np.bool_]:
     return np.array(may_touch(shot, shot.layers.contact))
 
 
-class Asked(NamedTuple):
+class PendingSample(NamedTuple):
     """A sample that is laid as it has to be: points of the feathers before they are lifted; their
     velocities, and accelerations where they are wanted, in single precision, as they are written,
     which many samples are held in; gaps; (V, 3) m, the skin; s since the sample before, 0 at the
@@ -118,7 +118,7 @@ class Asked(NamedTuple):
     kept: dict[str, NDArray[Any]]
 
 
-class Layers:
+class LayeredPlumage:
     """The plumage of a shot in layers.
 
     drawn: all feathers on the meshes' grid. wanted: numbers of those that are shown; needed: with
@@ -138,7 +138,7 @@ class Layers:
         self.lifts, self._eased = _no_lifts(shape, pairs), _no_lifts(shape, pairs)
         self._start, self._pose = pose_like(rest, shape), pose_like(rest, shape)
         assert shot.layers is not None
-        self._samples_ahead, self._waiting = shot.layers.samples_ahead, deque[Asked]()
+        self._samples_ahead, self._waiting = shot.layers.samples_ahead, deque[PendingSample]()
         skin = shot.skin if shot.layers.contact.skin else None
         self._skin = ground_beneath(skin, self.needed, self.vanes, _nodes(rest.nodes))
         self._skin.ground.triangle[~_touching(shot)[self.needed]] = -1
@@ -169,7 +169,7 @@ class Layers:
         poses.clear()
         del second
         self._lay_as_asked(points, skin, duration)
-        self._waiting.append(Asked(points, rates, gaps, skin, duration, self._kept()))
+        self._waiting.append(PendingSample(points, rates, gaps, skin, duration, self._kept()))
 
     def depths_of(self, points: RowPoints, skin: Array) -> Array:
         """(K,) thicknesses, how deep pairs of the stack that touch are where the needed feathers

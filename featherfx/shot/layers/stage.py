@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.types import Array
 from featherfx.shot.frames import FeatherPose, StackingOrder
 from featherfx.shot.layers.crossed import warn_of_crossed
-from featherfx.shot.layers.layers import Layers
+from featherfx.shot.layers.layers import LayeredPlumage
 from featherfx.shot.loop.run import Arrays, LayerStage, ShotRun
 
 
@@ -21,7 +21,7 @@ class ShotLayers(LayerStage):
 
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
-        self._layers = Layers(run.shot, run.drawn, run.wanted, run.jobs)
+        self._layers = LayeredPlumage(run.shot, run.drawn, run.wanted, run.jobs)
         self._wanted = run.wanted
         run.pose_also(self._layers.needed)
         assert run.shot.layers is not None

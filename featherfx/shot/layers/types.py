@@ -67,7 +67,7 @@ class Stack(NamedTuple):
     first: Indices
 
 
-class Ground(NamedTuple):
+class SkinBelow(NamedTuple):
     """Nodes over a skin. triangle: (F, n, 2 m + 1) the nearest at rest, -1 for a node that is not
     over it. clear: m, height to keep. triangles: (T, 3); beside: (T, 3) those across the edges
     opposite each corner, -1 for none."""
@@ -96,7 +96,7 @@ class Lifts(NamedTuple):
     touching: Bytes
 
 
-class Manner(NamedTuple):
+class LayingRules(NamedTuple):
     """Rules by which a sample is laid. kept: share of a lift that it keeps at least, of the sample
     before. turns: searches of a feather at most. follow: gap up to which nodes are followed, in
     thicknesses. off: change of a lift, over half a thickness, from which on a feather is searched

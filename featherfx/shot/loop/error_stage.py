@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from featherfx.shot.loop.error_estimate import ErrorEstimate
 from featherfx.shot.loop.run import Stage
-from featherfx.shot.options.error_estimate import ErrorEstimate
 
 
 class ErrorStage(Stage):

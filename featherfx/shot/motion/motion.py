@@ -9,7 +9,7 @@ from featherfx.algebra.rotation import frames_to_quats, rotation_vectors, vector
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots
 from featherfx.groom.keys.preset import UNSCALED_CLOCK, Clock
-from featherfx.packages import MOTIONS, brought, load_name
+from featherfx.packages import MOTION_SOURCES, brought, load_name
 from featherfx.shot.motion.joints import (
     JointPoses,
     PosesOverTime,
@@ -49,7 +49,7 @@ def _undirected_motion(shot: Shot) -> Roots:
 
 def joint_poses(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     """Poses of the joints of a shot's groom under a motion, in the time of its clock."""
-    poses: PosesOverTime = load_name(MOTIONS[motion.kind])(motion, shot, skeleton)
+    poses: PosesOverTime = load_name(MOTION_SOURCES[motion.kind])(motion, shot, skeleton)
     return poses if motion.clock == UNSCALED_CLOCK else _clocked_poses(poses, motion.clock)
 
 

@@ -71,7 +71,7 @@ def dependences(
         return list(texts)
     if laid is None:
         drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-        laid = load_name("layers.layers:Layers")(shot, drawn, np.arange(len(drawn)), 1).laid
+        laid = load_name("layers.layers:LayeredPlumage")(shot, drawn, np.arange(len(drawn)), 1).laid
     return _with_those_beneath(shot, laid, texts)
 
 
