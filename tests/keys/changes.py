@@ -10,8 +10,8 @@ import featherfx
 from featherfx.errors import InputError, SimulationError
 from featherfx.groom.keys.family import PartPreset, Preset
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.places import LANDMARK, SPHERE_TABLE, Point, Sphere
-from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.places import _POINT, SPHERE_TABLE, Point, Sphere
+from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.values import (
     REQUIRED,
     ArrayOf,
@@ -33,7 +33,7 @@ _NOTES = re.compile(r"    customLayerData = \{.*?\n    \}\n", re.DOTALL)
 def declared_keys():
     """Path of every declared key, of grooms, shots and presets, by its name and meaning."""
     kinds = [(GROOM_FILE, "groom"), (SHOT_FILE, "shot")]
-    kinds += [(each, each.family.replace("/", "_")) for each in FAMILIES.values()]
+    kinds += [(each, each.family.replace("/", "_")) for each in PRESET_FAMILIES.values()]
     found, seen = {}, set()
     while kinds:
         kind, path = kinds.pop(0)
@@ -57,7 +57,7 @@ def _tables(kind):
         preset = getattr(kind, "preset", kind)
         yield from preset.kinds.values() or [preset.keys]
     elif isinstance(kind, Point):
-        yield LANDMARK
+        yield _POINT.options[dict].keys
     elif isinstance(kind, Sphere):
         yield SPHERE_TABLE.keys
 

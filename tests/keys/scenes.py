@@ -546,7 +546,7 @@ SCENES = {
         groom(feather=PAIR),
         shot(
             motion="hold",
-            grip=[PULL],
+            grip=[PULL | {"end": 0.06}],
             force=[
                 {
                     "feather": "feather",
@@ -737,6 +737,12 @@ SCENES = {
             ".colours": ["displayColor"],
             ".max_feathers": [2],
         },
+        (
+            *("skin.usd", ".max_feathers", "kind.0.where", ".primvar", ".subset", ".image", ".box"),
+            *(".sphere", ".y", ".z", ".nearest", ".facing", ".free_radius", ".angle"),
+            *(".soft_angle", ".density", ".away", ".towards", ".curves", ".blend", ".layer"),
+            *(".max_length_per_free_radius", "region.0.joint", "region.0.variants"),
+        ),
     ),
     "layout": Scene(
         {
@@ -747,6 +753,7 @@ SCENES = {
         },
         shot(**GROWN),
         ("groom.layout",),
+        leaves=(".most_tilt_placed", ".max_tilt_placed"),
     ),
     "levels": Scene(
         groom(),
@@ -889,8 +896,21 @@ SCENES = {
     ),
 }
 
-# keys that other tests show: beginnings of paths, and where
+# keys that other tests show: parts of paths, and where
 ELSEWHERE = {
+    "skin.usd": "tests/usdin/test_usd_skin.py",
+    "max_feathers": "tests/usdin/test_plumage_regions.py",
+    ".where.": "tests/usdin/test_plumage_regions.py",
+    "kind.where": "tests/usdin/test_plumage_regions.py",
+    ".flow.": "tests/usdin/test_plumage_regions.py",
+    "region.density": "tests/usdin/test_plumage_regions.py",
+    "region.blend": "tests/usdin/test_plumage_regions.py",
+    "region.layer": "tests/feather/test_layout.py",
+    "row.layer": "tests/feather/test_layout.py",
+    "region.joint": "tests/usdin/test_plumage_regions.py",
+    "region.variants": "tests/usdin/test_plumage_regions.py",
+    "layout.m": "tests/feather/test_layout.py",
+    "max_length_per_free_radius": "tests/usdin/test_plumage_regions.py",
     "bird.": "tests/groom/test_birds.py",
     "body_clearance": "tests/groom/test_lying.py",
     "coverts.loose": "tests/groom/test_wings.py",
