@@ -1,1 +1,4 @@
-"""Rotations and vectors, for arrays and for kernels."""
+"""Vectors, rotations, sparse matrices and images of numbers, for arrays and for kernels.
+
+Change here: a formula that no package owns.
+"""

@@ -29,7 +29,7 @@ _NEAR = 1e-9
 
 
 class Stencil(NamedTuple):
-    """What the motion at a time is made of.
+    """Samples and weights of the motion at a time.
 
     times: (n,) of knots. weights: (2, n) of the polynomials about the knot before and the one
     after, which stand at numbers middles (2,) among them. fraction: of the latter. onwards: (n,)
@@ -125,7 +125,7 @@ class Knots:
     last: int | None = None
 
     def stencil(self, time: float) -> Stencil:
-        """What the motion at a time is made of."""
+        """Samples and weights of the motion at a time."""
         place = (time - self.start) / self.step
         if abs(place - round(place)) < _NEAR:
             place = float(round(place))

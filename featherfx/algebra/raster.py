@@ -1,4 +1,4 @@
-"""Which nodes of a lattice lie in which triangles of a plane."""
+"""Nodes of a lattice in the triangles of a plane."""
 
 from __future__ import annotations
 

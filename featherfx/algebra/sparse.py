@@ -54,6 +54,6 @@ def rows_of(weights: Array, columns: Indices) -> Rows:
 
 
 def from_scipy(matrix: Any) -> Rows:
-    """Of scipy's matrix."""
+    """Make the rows of scipy's matrix."""
     csr = matrix.tocsr()
     return Rows(csr.data, csr.indices.astype(np.int64), csr.indptr.astype(np.int64))

@@ -1,1 +1,4 @@
-"""Whole tasks from file to file: what the commands do, for programs that import featherfx."""
+"""Whole tasks from file to file: bake, check, export, statistics, partitions.
+
+Change here: an option of a bake, a report, a plan.
+"""

@@ -1,1 +1,4 @@
-"""The commands; each imports what it needs when it runs."""
+"""The commands; each imports what it needs when it runs.
+
+Change here: a command, an option, a progress line.
+"""

@@ -1,1 +1,4 @@
-"""Many shots, or the shares of one, on several processes or machines as one job."""
+"""Many shots, or partitions of one, on several processes or machines as one job.
+
+Change here: `bake --engine dask`, the order of a job's work.
+"""

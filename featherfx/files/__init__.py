@@ -1,1 +1,4 @@
-"""Files that are complete or not there, and work beside them."""
+"""Files that are complete or not there, caches on disk, locks.
+
+Change here: how something is written, locked or cached.
+"""

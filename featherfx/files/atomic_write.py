@@ -103,12 +103,12 @@ def write_text(path: Path, text: str) -> None:
 
 
 def into_text(text: str) -> Store:
-    """What stores a text, in UTF-8."""
+    """Return a function that stores a text, in UTF-8."""
     return into(lambda file: file.write(text.encode()))
 
 
 def into(write: Callable[[BinaryIO], object]) -> Store:
-    """What writes to an open file, as what stores a file of a name."""
+    """Turn a writer to an open file into one that stores a file of a name."""
 
     def store(path: Path) -> None:
         with path.open("wb") as file:
@@ -118,7 +118,7 @@ def into(write: Callable[[BinaryIO], object]) -> Store:
 
 
 def standing(path: Path) -> Standing:
-    """What stands at a path now, links not followed."""
+    """Identify the file at a path, links not followed."""
     try:
         found = path.lstat()
     except (FileNotFoundError, NotADirectoryError):

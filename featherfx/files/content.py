@@ -22,7 +22,7 @@ _CODE = ("algebra", "groom", "feather", "mechanics", "solver", "shot", "usd")
 
 
 def digest(*values: Any) -> str:
-    """Of numbers, texts, arrays, records, and lists and tables of these.
+    """Return a digest of numbers, texts, arrays, records, and lists and tables of these.
 
     Records count by their fields, but those whose name begins with "_"; arrays by their bytes;
     paths by the content of their file. What has an `origin` (a mesh or wind of a scene) counts by
@@ -32,7 +32,7 @@ def digest(*values: Any) -> str:
 
 
 def digests(values: Iterable[Any]) -> list[str]:
-    """Of each value; records that many of them share are looked at once."""
+    """Return a digest of each value; records that many of them share are digested once."""
     walk = _Walk()
     return [_digest(walk.of(value)) for value in values]
 
@@ -45,7 +45,7 @@ def stable_number(name: str) -> int:
 
 @cache
 def program_digest() -> str:
-    """Of the program's own code, and of numpy, which it computes with."""
+    """Return a digest of the program's own code, and of numpy, which it computes with."""
     package = Path(__file__).resolve().parent.parent
     found = hashlib.sha256(np.__version__.encode())
     for folder in _CODE:

@@ -81,7 +81,7 @@ def kept_before(what: str, inputs: Sequence[Any]) -> Arrays | None:
 
 
 def is_kept(what: str, inputs: Sequence[Any]) -> bool:
-    """Whether there is such an entry; it then counts as used lately."""
+    """Return whether there is such an entry; it then counts as used lately."""
     file = _file_of(what, inputs)
     if file is None or not file.is_file():
         return False
@@ -102,7 +102,7 @@ def _arrays(values: Mapping[str, Any]) -> Arrays:
 
 
 def _file_of(what: str, inputs: Sequence[Any]) -> Path | None:
-    """Where an entry stands; None where nothing is kept."""
+    """Return the path of an entry; None where nothing is cached."""
     folder = wanted_folder() / _FOLDER
     try:
         if not _keeps.get() or room() <= 0.0 or doubt(folder):

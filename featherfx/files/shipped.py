@@ -1,4 +1,4 @@
-"""What is shipped beside the code: presets and samples."""
+"""Files that are shipped beside the code: presets and samples."""
 
 from __future__ import annotations
 

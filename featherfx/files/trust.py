@@ -1,4 +1,4 @@
-"""Which folders may be loaded from: whoever can write machine code there runs it as this user.
+"""Folders that may be loaded from: whoever can write machine code there runs it as this user.
 
 A folder is trusted if it and all folders above it, links followed and not, belong to this user or
 to root, and nobody else can write there. A folder such as /tmp, where each may remove only what is
@@ -47,7 +47,7 @@ def _others_can_write(found: os.stat_result) -> bool:
 
 
 def _is_own_group(group: int) -> bool:
-    """Whether a group is root's, or one that its only member is named after."""
+    """Return whether a group is root's, or one that its only member is named after."""
     import grp
     import pwd
 

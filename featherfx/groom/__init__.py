@@ -1,1 +1,4 @@
-"""Descriptions of feathers by an artist: their kinds, their places and their looks."""
+"""Groom descriptions: which feathers, where, and of which kind.
+
+Change here: what an artist can describe.
+"""

@@ -1,1 +1,4 @@
-"""Kinematics and energies of a pose, one energy a file."""
+"""Kinematics and energies of a pose, one energy a file.
+
+Change here: a material, an energy, the law of a load.
+"""

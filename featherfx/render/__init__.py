@@ -1,1 +1,4 @@
-"""Pictures of caches without a screen."""
+"""Images of caches without a screen.
+
+Change here: `featherfx preview`.
+"""

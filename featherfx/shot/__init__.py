@@ -1,1 +1,4 @@
-"""Shots: what happens to a groom over time, frame by frame."""
+"""Shots: the motion of a groom over time, frame by frame.
+
+Change here: the order of stages within a frame.
+"""

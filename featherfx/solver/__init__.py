@@ -1,1 +1,4 @@
-"""One step of one feather, and what feathers that touch share."""
+"""One implicit step of one feather, and contact between feathers.
+
+Change here: time integration, Newton, error control.
+"""

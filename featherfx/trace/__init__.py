@@ -1,1 +1,4 @@
-"""Feather presets from pictures of feathers."""
+"""Feather presets from photographs: silhouette, rachis, barbs.
+
+Change here: `featherfx trace`.
+"""

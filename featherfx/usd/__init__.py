@@ -1,7 +1,6 @@
 """USD: caches that are written, and caches, grooms and scenes that are read.
 
-A bake loads the writer of meshes and curves only. The table lists the modules that an option or an
-input asks for besides; each is imported when it is first used as `usd.NAME`.
+Change here: what is in a USD file.
 """
 
 from __future__ import annotations

@@ -1,1 +1,4 @@
-"""A page that plays a cache in a browser: from a local server, or as one file."""
+"""Pages in a browser that play caches, simulate shots and tune presets.
+
+Change here: `featherfx view`, `featherfx tune`.
+"""

@@ -238,12 +238,15 @@ def test_wrong_usage_exits_with_two(arguments):
 
 
 def test_measure_house_counts_each_line_once(tmp_path):
-    (tmp_path / "one").mkdir()
-    (tmp_path / "one/__init__.py").write_text('"""Things."""\n')
-    (tmp_path / "one/a.py").write_text('"""Two\n\nlines."""\n\n# why\nx = 1\n')
-    lines = run("measure", "house", str(tmp_path)).stdout.splitlines()
-    assert "| all | 2 | 7 | 4 | 1 | 1 |  |" in lines
-    assert "| one | 2 | 7 | 4 | 1 | 1 | Things. |" in lines
+    (tmp_path / "one/two").mkdir(parents=True)
+    (tmp_path / "one/two/__init__.py").touch()
+    (tmp_path / "one/__init__.py").write_text('"""Things.\n\nChange here: a thing.\n"""\n')
+    (tmp_path / "one/two/a.py").write_text("# why\nx = 1\n")
+    assert run("measure", "house", str(tmp_path)).stdout.splitlines()[2:] == [
+        "| one | 3 | 6 | Things. | a thing. |",
+        "| one/two | 2 | 2 |  |  |",
+        "| all | 3 | 6 |  |  |",
+    ]
 
 
 def test_measure_scaling_keeps_the_droop_of_similar_feathers_in_proportion():

@@ -95,7 +95,7 @@ def strip_models(length, width, rows, columns, vane, pinned, **options):
     kind = strip_kind(length, vane)
     feather = strip_feather(length, width, rows, columns)
     model = make_model([feather], [kind], 0)
-    nodal = nodal_model(model, [feather], [kind], shaft=False, pinned=pinned, **options)
+    nodal = nodal_model(model, [feather], [kind], has_rachis=False, pinned=pinned, **options)
     return model, nodal
 
 

@@ -56,7 +56,7 @@ def lifted(rows: int, columns: int, shares: tuple[float, ...]) -> np.ndarray:
     model = make_model([feather], [kind], 0)
     pinned = np.zeros((rows + 1, 1 + 2 * columns), dtype=np.bool_)
     pinned[:2] = True
-    nodal = nodal_model(model, [feather], [kind], bending="plate", shaft=False, pinned=pinned)
+    nodal = nodal_model(model, [feather], [kind], bending="plate", has_rachis=False, pinned=pinned)
     state, solver = at_rest(model, nodal), NodalSolver(model, nodal, Settings(newton=1e-6))
     for share in shares:
         loads = end_row_loads(no_loads(1), model, (0.0, 0.0, 1.0), share * FULL)

@@ -1,1 +1,4 @@
-"""The commands of the virtual lab."""
+"""The commands of the virtual lab.
+
+Change here: an option of an experiment.
+"""

@@ -48,7 +48,7 @@ def _table(titles: str, rows: Iterable[Iterable[object]]) -> None:
 @measure.command("house", cls=Command)
 @click.argument("folder", type=readable_path(), required=False)
 def measure_house(folder: Path | None) -> None:
-    """Lines of each package, what they are, and what the package holds.
+    """Files and lines of each package, what it holds, and what to change there.
 
     FOLDER: another package than featherfx.
     """

@@ -1,1 +1,4 @@
-"""Plumage at rest: feathers over each other like shingles."""
+"""Plumage at rest: feathers over each other like shingles.
+
+Change here: `[layout]` of a groom.
+"""

@@ -1,1 +1,4 @@
-"""Grooms that know birds: wings, tails, crests and whole plumages from a few landmarks."""
+"""Wings, tails, crests and whole birds from a few landmarks.
+
+Change here: a species, how a wing folds.
+"""

@@ -1,1 +1,4 @@
-"""Presets found, merged and turned into kinds of feathers."""
+"""Presets: search, merging, and kinds of feathers made from them.
+
+Change here: how presets are found and combined.
+"""

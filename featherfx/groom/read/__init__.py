@@ -1,1 +1,4 @@
-"""Groom files in, with every problem found at once."""
+"""Readers of groom files, which report every problem at once.
+
+Change here: a form in which feathers are given.
+"""

@@ -1,1 +1,4 @@
-"""Plumage that grows in regions of a skin."""
+"""Plumage that grows in regions of a skin.
+
+Change here: density, direction and blending of regions.
+"""

@@ -1,1 +1,4 @@
-"""The mesh that feathers grow on."""
+"""The mesh that feathers grow on.
+
+Change here: what is asked of a skin.
+"""

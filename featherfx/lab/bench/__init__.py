@@ -1,1 +1,4 @@
-"""Run time against error, and stability under absurd input: what `featherfx bench` runs."""
+"""Run time against error, and stability under absurd input.
+
+Change here: a table of `featherfx bench`.
+"""

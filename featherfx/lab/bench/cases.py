@@ -37,7 +37,7 @@ _BARB_OVER_PLATE = 4.8
 
 @dataclass(frozen=True)
 class Drawn:
-    """A random feather. ratio: barb over across modulus, 1 to 1e8; rachis: factor on the shaft's
+    """A random feather. ratio: barb over across modulus, 1 to 1e8; rachis: factor on the rachis's
     stiffness, 1e-4 to 1e4; sliver: whether its vanes are narrow."""
 
     feather: Feather

@@ -136,7 +136,7 @@ def errors(one: FrontRun, reference: FrontRun) -> list[float]:
 
 
 def estimated_deflections(shot: Shot) -> list[Deflection]:
-    """Per feather, how far loads are estimated to bend shaft and barbs, of the feather's length."""
+    """Estimate per feather how far loads bend rachis and barbs, in feather lengths."""
     loads = estimate_loads(shot, root_motion(shot))
     found = estimate_deflections(shot, build_feathers(shot.groom.feathers, 21, 6), loads)
     lengths = [p.kind.length for p in shot.groom.feathers]
@@ -284,7 +284,7 @@ _HELD = 0.9
 LEAST_ERROR = 1e-5
 # of the finest tolerance that was measured, to what the power of steps is trusted
 _TRUSTED = 0.1
-# of rows and columns: the polylines of shafts and barbs are of second order
+# of rows and columns: the polylines of rachises and barbs are of second order
 _LINES = 2.0
 # bounds of (log factor, exponent) of rows and columns, and of (log factor, exponent, air) of steps:
 # what bends more does not err less, nor more than in proportion

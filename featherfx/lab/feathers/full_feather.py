@@ -7,7 +7,7 @@ that is exactly flat never wrinkles, so small random forces along z (1e-4 N, fix
 nodes off the plane during the pull; they are taken away before the last rest, and what did not
 buckle falls back.
 
-The table does not tell the shaft's width: here 4 mm at the base, 1 mm at the tip, and the height is
+The table does not tell the rachis's width: here 4 mm at the base, 1 mm at the tip. The height is
 five times the width, so that at the base the bending stiffness within the plane is that of the
 table's rectangular band of 12 mm: an ellipse of height h bends as a band of 3 pi / 16 h.
 
@@ -254,7 +254,7 @@ def _loads(
 ) -> Loads:
     rest = feather.rest.nodes
     start, aside = rest[node], done * pull.distance * FEATHER_LENGTH
-    # what a cantilever that is bent by aside at its end falls short by: the shaft is not stretched
+    # what a cantilever that is bent by aside at its end falls short by: the rachis is not stretched
     target = start - np.array([0.6 * aside**2 / start[0], aside, 0.0])
     force = np.zeros((1, *rest.shape))
     count = 2 * feather.columns

@@ -225,7 +225,7 @@ def _nodal_body(test: StripTest) -> _StripBody:
         bending="plate" if iso else "barbs",
         stretch=test.stretch,
         section="vane" if iso else "carried",
-        shaft=not iso,
+        has_rachis=not iso,
         pinned=pinned,
     )
     state = nodal_rest_state(model, nodal, np.zeros((1, 3)), np.eye(3)[None])
@@ -262,8 +262,8 @@ def _check(test: StripTest) -> None:
     require(*problems)
 
 
-# m; a shaft of nearly no stiffness and mass, because a section of no size has no torsion constant
-NO_SHAFT = 1e-9
+# m; a rachis of nearly no stiffness and mass, because a section of no size has no torsion constant
+_RACHIS_SIZE = 1e-9
 
 
 def strip_kind(length: float, vane: VaneMaterial) -> FeatherKind:
@@ -274,7 +274,7 @@ def strip_kind(length: float, vane: VaneMaterial) -> FeatherKind:
         length=length,
         calamus=0.0,
         barb_spacing=length,
-        rachis=RachisShape(NO_SHAFT, NO_SHAFT),
+        rachis=RachisShape(_RACHIS_SIZE, _RACHIS_SIZE),
         leading=nothing,
         trailing=nothing,
         vane_material=vane,
@@ -304,8 +304,8 @@ def strip_feather(length: float, width: float, rows: int, columns: int) -> Feath
     return Feather(
         rest=RowPoints(nodes, np.tile(np.eye(3)[1:], (rows, 1, 1))),
         station=station,
-        width=np.full(rows, NO_SHAFT),
-        height=np.full(rows, NO_SHAFT),
+        width=np.full(rows, _RACHIS_SIZE),
+        height=np.full(rows, _RACHIS_SIZE),
         barb_length=barb_length,
         barb_span=np.stack([tributary, tributary]),
         cell=cell,
@@ -413,7 +413,7 @@ def _bent(test: PlateTest, moduli: Array, load: float) -> Array:
     model = make_model([feather], [kind], 0)
     pinned = np.zeros((test.rows + 1, 1 + 2 * test.columns), dtype=np.bool_)
     pinned[:2] = True
-    nodal = nodal_model(model, [feather], [kind], bending="plate", shaft=False, pinned=pinned)
+    nodal = nodal_model(model, [feather], [kind], bending="plate", has_rachis=False, pinned=pinned)
     y, x, xy = 1, 0, 2
     order = np.ix_((y, x, xy), (y, x, xy))
     weight = moduli[order] * np.outer((1.0, 1.0, 2.0), (1.0, 1.0, 2.0))

@@ -194,7 +194,7 @@ def nodal_assemble(model, nodal, loads, f, fraction, factors, signed, work):
     add_directors(
         model.rotary_inertia[f], factors.inertia, loads.couple[f], nodal.frame_slot[f], work
     )
-    if nodal.shaft:
+    if nodal.has_rachis:
         damping = model.retardation[f, 0] * factors.strain_rate
         add_rachis(model, nodal, f, damping, signed, work)
     damping = model.retardation[f, 1] * factors.strain_rate

@@ -152,7 +152,7 @@ def nodal_strains(model, nodal, f, pose, frame):
     points, strains = pose.points.nodes, pose.strains
     rows, columns = points.shape[0], model.joints.shape[3]
     at_stretch, at_turns, at_cells, at_hinges = sections(rows, columns)
-    for i in range(rows - 1 if nodal.shaft else 0):
+    for i in range(rows - 1 if nodal.has_rachis else 0):
         rachis_strain(
             pose.rotation[i],
             pose.rotation[i + 1],
@@ -234,7 +234,7 @@ def nodal_elastic_energy(model, nodal, f, strains, reference, multiplier, strain
     vane = model.retardation[f, 1] * strain_rate
     at, at_turns, at_cells, at_hinges = sections(rows, columns)
     total = 0.0
-    for i in range(rows - 1 if nodal.shaft else 0):
+    for i in range(rows - 1 if nodal.has_rachis else 0):
         for k in range(6):
             total += quadratic(
                 strains[6 * i + k],

@@ -123,7 +123,7 @@ def plate_tables(points: Array, area: Array, active: Flags, moduli: Array) -> Ar
         response,
     )
     flat = response.reshape(-1, 3, 3)
-    # a triangle's own axes lead away from the shaft and, in the second of a cell, to the base
+    # a triangle's own axes lead away from the rachis and, in the second of a cell, to the base
     twist = np.ones(area.shape)
     twist[1] *= -1.0
     twist[..., 1] *= -1.0
@@ -170,7 +170,7 @@ class NodalModel(NamedTuple):
     segment up to node j + 1, and stretch_stiffness: (F, 2, n, m) N m. bend_rest: (F, 2, n, m, 2)
     rad, (s, b) at joint j (0: the clamp), and bend_stiffness: N m. hinge_active, hinge_rest:
     (F, 3, 2, n, m) bool and rad. plate: (F, 2, n-1, m, 2, 3, 3) sqrt(N m), the tables of
-    vane_plate. shaft: whether there is a rachis. inextensible: whether stretch is a constraint.
+    vane_plate. has_rachis: false for loose barbs. inextensible: whether stretch is a constraint.
     carried: whether the sections of barbs are carried along them, else they follow the vane.
     """
 
@@ -188,7 +188,7 @@ class NodalModel(NamedTuple):
     hinge_active: Flags
     hinge_rest: Array
     plate: Array
-    shaft: bool
+    has_rachis: bool
     inextensible: bool
     carried: bool
 
@@ -201,7 +201,7 @@ def nodal_model(
     bending: Bending = "barbs",
     stretch: Stretch = "stiff",
     section: Section = "vane",
-    shaft: bool = True,
+    has_rachis: bool = True,
     pinned: Flags | None = None,
 ) -> NodalModel:
     """Constant arrays of the nodal kinematics for a batch made by make_model.
@@ -210,25 +210,25 @@ def nodal_model(
     every barb a rod, and hinges at the barb edges, the energies of the barb-curvature kinematics;
     "hinges": hinges at all edges whose modulus depends on their angle to the barbs; "plate": an
     orthotropic plate of barb_bending_normal along the barbs and bending_across across them and in
-    twist, over both vanes as one where there is no shaft. Barbs bend within the vane in all three.
+    twist, over both vanes as one where there is no rachis. Barbs bend within the vane in all three.
     stretch: "stiff": with the modulus `along`; "inextensible": the limit, by multipliers.
     section: what a barb's bending out of the vane and within it refers to: "vane": the vane's
     normal at the node, as barbules hold it; "carried": a section carried along the barb without
-    twist from its clamp, as in the barb-curvature kinematics; it wants a shaft.
-    shaft: whether there is a rachis; without one its points are plain nodes. pinned:
+    twist from its clamp, as in the barb-curvature kinematics; it wants a rachis.
+    has_rachis: whether there is a rachis; without one its points are plain nodes. pinned:
     (n, 1 + 2 m) nodes that follow the root rigidly besides the held root itself; a rachis node
     that does, does so with its frame.
 
     InputError for an unknown bending, stretch or section or a pinned of another shape.
     """
-    _check(model, bending, stretch, section, shaft, pinned)
+    _check(model, bending, stretch, section, has_rachis, pinned)
     carried = section == "carried"
     known: dict[tuple[int, FeatherKind, bool], dict] = {}
     parts = []
     for f, (feather, kind) in enumerate(zip(feathers, kinds, strict=True)):
         key = (id(feather), kind, bool(model.held[f]))
         if key not in known:
-            known[key] = _one(model, f, feather, kind, bending, carried, shaft, pinned)
+            known[key] = _one(model, f, feather, kind, bending, carried, has_rachis, pinned)
         parts.append(known[key])
     band = max(int(part.pop("band")) for part in known.values())
     arrays = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
@@ -237,7 +237,7 @@ def nodal_model(
     return NodalModel(
         **arrays,
         band=band,
-        shaft=shaft,
+        has_rachis=has_rachis,
         inextensible=stretch == "inextensible",
         carried=carried,
     )
@@ -248,7 +248,7 @@ def _check(
     bending: str,
     stretch: str,
     section: str,
-    shaft: bool,
+    has_rachis: bool,
     pinned: Flags | None,
 ) -> None:
     problems = []
@@ -259,8 +259,8 @@ def _check(
     ):
         if value not in allowed:
             problems.append(Problem("", key, f"'{value}' is not one of {', '.join(allowed)}"))
-    if section == "carried" and not shaft:
-        problems.append(Problem("", "section", "'carried' begins at a clamp. Give a shaft"))
+    if section == "carried" and not has_rachis:
+        problems.append(Problem("", "section", "'carried' begins at a clamp. Give a rachis"))
     shape = model.mass.shape[1:]
     if pinned is not None and pinned.shape != shape:
         problems.append(Problem("", "pinned", f"shape {pinned.shape} is not allowed. Give {shape}"))
@@ -280,7 +280,7 @@ def _one(
     kind: FeatherKind,
     bending: Bending,
     carried: bool,
-    shaft: bool,
+    has_rachis: bool,
     pinned: Flags | None,
 ) -> dict:
     """The arrays of NodalModel for one feather."""
@@ -294,17 +294,19 @@ def _one(
     nodes = np.ascontiguousarray(feather.rest.nodes)
     rotation = frames_to_quats(row_frames(feather.rest.directors))
     active = hinge_places(feather.cell)
-    plate = _bending_tables(feather, kind, bending, area, held, active, shaft)
+    plate = _bending_tables(feather, kind, bending, area, held, active, has_rachis)
     used = np.any(plate != 0.0, axis=-2)
     active = _used_hinges(active, used)
-    bend_stiffness = _bend_stiffness(feather, kind, bending, shaft)
+    bend_stiffness = _bend_stiffness(feather, kind, bending, has_rachis)
     bend_rest = np.zeros(bend_stiffness.size)
     barb_turns(
         rotation, nodes, model.clamp[f], bend_stiffness, carried, np.zeros((3, 3)), bend_rest
     )
     hinge_rest = np.zeros(active.size)
     hinge_turns(nodes, active, hinge_rest)
-    slot, frame_slot, size = _slots(present, feather.columns, shaft, bool(model.held[f]), pinned)
+    slot, frame_slot, size = _slots(
+        present, feather.columns, has_rachis, bool(model.held[f]), pinned
+    )
     inverse, stretch_stiffness = _stretch(feather, kind, area)
     return {
         "slot": slot,
@@ -327,7 +329,7 @@ def _one(
 def _slots(
     present: Flags,
     columns: int,
-    shaft: bool,
+    has_rachis: bool,
     held: bool,
     pinned: Flags | None,
 ) -> tuple[Indices, Indices, int]:
@@ -345,7 +347,7 @@ def _slots(
             if not fixed[i, p]:
                 slot[i, p] = count
                 count += 3
-            if p == 0 and shaft and not fixed[i, 0]:
+            if p == 0 and has_rachis and not fixed[i, 0]:
                 frame_slot[i] = count
                 count += 3
         for side, nodes in ((0, leading), (1, trailing)):
@@ -371,13 +373,15 @@ def _taper(fraction: Array, kind: FeatherKind) -> Array:
     return np.maximum((1.0 - fraction) ** kind.vane_material.barb_taper, MIN_BARB_STIFFNESS)
 
 
-def _bend_stiffness(feather: Feather, kind: FeatherKind, bending: Bending, shaft: bool) -> Array:
+def _bend_stiffness(
+    feather: Feather, kind: FeatherKind, bending: Bending, has_rachis: bool
+) -> Array:
     """(2, n, m, 2) N m, out of the vane and within it; joint 0 is the clamp."""
     vane, columns = kind.vane_material, feather.columns
     segment = feather.barb_length / columns
     bundle = np.divide(feather.barb_span, segment, out=np.zeros_like(segment), where=segment > 0)
     joints = _taper(np.arange(columns) / columns, kind)
-    joints[0] = 2.0 * _taper(np.array(0.25 / columns), kind) if shaft else 0.0
+    joints[0] = 2.0 * _taper(np.array(0.25 / columns), kind) if has_rachis else 0.0
     moduli = np.array([vane.barb_bending_normal, vane.barb_bending_in_plane])
     stiffness = bundle[:, :, None, None] * joints[:, None] * moduli
     # the elastic clamp is in series with the half segment next to the rachis
@@ -398,7 +402,7 @@ def _bending_tables(
     area: Array,
     held: Array,
     active: Flags,
-    shaft: bool,
+    has_rachis: bool,
 ) -> Array:
     vane, columns = kind.vane_material, feather.columns
     nodes, across = barb_nodes(feather.rest.nodes), vane.bending_across
@@ -407,7 +411,7 @@ def _bending_tables(
     if bending == "hinges":
         along = vane.barb_bending_normal * _taper((np.arange(columns) + 0.5) / columns, kind)
         return oriented_hinges(nodes, area, active, along, across)
-    if shaft:
+    if has_rachis:
         active = active.copy()
         active[2, :, :, 0] = False
     moduli = np.diag([vane.barb_bending_normal, vane.bending_across, 2.0 * vane.bending_across])

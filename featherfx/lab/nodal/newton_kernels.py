@@ -2,7 +2,7 @@
 
 Two methods. The improved one takes full Newton steps, because a line search on an energy with
 stiff barbs accepts only steps that hardly stretch them. Points do not move along straight lines:
-shaft and barbs are rebuilt from the root outwards with the directions of the increment but the
+rachis and barbs are rebuilt from the root outwards with the directions of the increment but the
 stretch of its linear part, so that turning stretches nothing and the iterations hardly depend on
 the stiffness. What keeps it safe is that a step in time that does not converge is repeated in
 halves. The textbook one is projected Newton: Hessian with
@@ -71,7 +71,7 @@ def gather(present, nodes):
 
 
 @kernel
-def _shaft(length, slot, frame_slot, factor, work):
+def _rebuild_rachis(length, slot, frame_slot, factor, work):
     """Rachis points rebuilt from the first one, so that stretch and shear change linearly."""
     now, trial, step = work.now, work.trial, work.system.right
     beam, stretch = work.element.beam, work.element.stress
@@ -128,7 +128,7 @@ def _barb(first, slot, now, step, factor, trial):
 def move_by(model, nodal, f, factor, straight, work):
     """Pose work.now plus factor times the increment work.system.right, to work.trial.
 
-    straight: points move along straight lines. Otherwise, where there is a shaft, shaft and barbs
+    straight: points move along straight lines. Otherwise, where there is a rachis, rachis and barbs
     are rebuilt so that their stretch changes by exactly its linear increment.
     """
     now, trial, step, slot = work.now, work.trial, work.system.right, nodal.slot[f]
@@ -145,8 +145,8 @@ def move_by(model, nodal, f, factor, straight, work):
             for k in range(3):
                 move = factor * step[at + k] if at >= 0 else 0.0
                 after[i, p, k] = before[i, p, k] + move
-    if nodal.shaft and not straight:
-        _shaft(model.length[f], slot, frame_slot, factor, work)
+    if nodal.has_rachis and not straight:
+        _rebuild_rachis(model.length[f], slot, frame_slot, factor, work)
         columns = model.joints.shape[3]
         for i in range(slot.shape[0]):
             for side in range(2):

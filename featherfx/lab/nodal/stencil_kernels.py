@@ -1,4 +1,4 @@
-"""Stencils of points, shaft and barbs in the nodal kinematics, added to the band.
+"""Stencils of points, rachis and barbs in the nodal kinematics, added to the band.
 
 Every stencil gives the gradients of its strains (lines), the stiffnesses that weigh their outer
 products and the stresses that weigh their sum; they go straight to the band, block by block.
@@ -125,7 +125,7 @@ def add_nodes(slot, work):
 
 @kernel
 def add_directors(rotary_inertia, inertia, couple, frame_slot, work):
-    """Rotary inertia of the shaft, and dead loads. inertia: 1/s^2. couple: as of Loads."""
+    """Rotary inertia of the rachis, and dead loads. inertia: 1/s^2. couple: as of Loads."""
     directors, target = work.now.points.directors, work.around.target.directors
     band, right = work.system.band, work.system.right
     for i in range(frame_slot.shape[0]):
@@ -138,7 +138,7 @@ def add_directors(rotary_inertia, inertia, couple, frame_slot, work):
 
 @kernel
 def add_rachis(model, nodal, f, damping, signed, work):
-    """Stretch, shear, twist and bending of the shaft."""
+    """Stretch, shear, twist and bending of the rachis."""
     pose, before, reference, slot = work.now, work.before, work.around.reference, nodal.slot[f]
     element, system = work.element, work.system
     beam, matrix, slots = element.beam, element.matrix, element.slots

@@ -199,7 +199,7 @@ def _tilted(fraction: float) -> Array:
 
 
 def _rest(model: Model, root: Array, loads: Sequence[Loads], move: float) -> Array:
-    """(n, 3) m, the shaft at rest under the last of some loads, each from the rest of the one
+    """(n, 3) m, the rachis at rest under the last of some loads, each from the rest of the one
     before. root: (3, 3) of the clamp, at the origin. move: m, that ends Newton."""
     state = rest_state(model, np.zeros((1, 3)), root[None])
     solver = Solver(model, Settings(newton=move))
@@ -209,8 +209,8 @@ def _rest(model: Model, root: Array, loads: Sequence[Loads], move: float) -> Arr
     return np.array(state.centre[0])
 
 
-# m, and moduli and density, of a shaft that is as good as none
-_NO_SHAFT, _NOTHING = 1e-5, 1.0
+# m, and moduli and density, of a rachis that is as good as none
+_RACHIS_SIZE, _NOTHING = 1e-5, 1.0
 
 
 def feather_of(ribbon: Ribbon, thickness: float) -> FeatherKind:
@@ -244,7 +244,9 @@ def feather_of(ribbon: Ribbon, thickness: float) -> FeatherKind:
             cortex_density=_NOTHING,
         ),
         rachis=RachisShape(
-            _NO_SHAFT, _NO_SHAFT, camber=np.degrees(float(ribbon.rest_curvature) * ribbon.length)
+            _RACHIS_SIZE,
+            _RACHIS_SIZE,
+            camber=np.degrees(float(ribbon.rest_curvature) * ribbon.length),
         ),
         leading=vane,
         trailing=vane,
@@ -252,7 +254,7 @@ def feather_of(ribbon: Ribbon, thickness: float) -> FeatherKind:
 
 
 def hang_feather(kind: FeatherKind, rows: int) -> Array:
-    """(rows, 3) m, the shaft of a feather clamped level at rest in the frame of the ribbon
+    """(rows, 3) m, the rachis of a feather clamped level at rest in the frame of the ribbon
     experiments.
 
     It leaves its plane as in `hang_rod`, then gravity is straight. Raises InputError,

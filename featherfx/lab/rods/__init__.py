@@ -1,1 +1,1 @@
-"""Rods: the shaft alone, beside solutions by other means."""
+"""Rods: the rachis alone, beside solutions by other means."""

@@ -28,7 +28,7 @@ _WEIGHED = "Harvey et al. 2022 (Nature 603), data of AvInertia"
 
 
 class Weighed(NamedTuple):
-    """A primary: number, calamus and vane (mm, along the shaft), width of the calamus, mean width
+    """A primary: number, calamus and vane (mm, along the rachis), width of the calamus, mean width
     of the proximal and the distal vane (mm), mass (g)."""
 
     number: int
@@ -159,8 +159,8 @@ _DAWSON = published("Dawson 2005 (Ibis 147), abstract: 2.41, s.d. 0.42, of 120 s
 
 def _keratin() -> Comparisons:
     """Compare the keratin of keratin_rachis with measured rachises."""
-    shaft, one = feather_kind("primary").rachis_material, np.ones(1)
-    stretch, bend = (each[0] for each in rachis_stiffness(one, one, shaft))
+    material, one = feather_kind("primary").rachis_material, np.ones(1)
+    stretch, bend = (each[0] for each in rachis_stiffness(one, one, material))
     macleod = "MacLeod 1980 (J. exp. Biol. 87), abstract, distal shafts of contour feathers"
     deng = "Deng et al. 2023 (Applied Physics A 129), section 1"
     swans = "the preset serves all birds: 0.1, between these and the 0.07 to 0.54 of pigeons"
@@ -168,7 +168,7 @@ def _keratin() -> Comparisons:
     for text, ours, low, high, source, note in (
         (
             "Young's modulus of keratin_rachis, GPa",
-            1e-9 * shaft.youngs_modulus,
+            1e-9 * material.youngs_modulus,
             5.9,
             8.4,
             "Schmitz et al. 2015 (J. Morphology 276), abstract, pigeon and three birds of prey",
@@ -176,7 +176,7 @@ def _keratin() -> Comparisons:
         ),
         (
             "the same, beside pulled shafts",
-            1e-9 * shaft.youngs_modulus,
+            1e-9 * material.youngs_modulus,
             1e-3 * min(stiff for stiff, _, _ in _PULLED),
             1e-3 * max(stiff for stiff, _, _ in _PULLED),
             f"{_OWL}, table 1, instantaneous, of five pigeons",
@@ -198,10 +198,10 @@ def _keratin() -> Comparisons:
             macleod,
             "proximal 45 to 181",
         ),
-        ("its loss factor", shaft.loss_factor, 0.03, 0.07, f"{deng}, of swans", swans),
+        ("its loss factor", material.loss_factor, 0.03, 0.07, f"{deng}, of swans", swans),
         (
             "the same",
-            shaft.loss_factor,
+            material.loss_factor,
             2.0 * 0.034,
             2.0 * 0.268,
             f"{deng}, of pigeons, tip to base, twice the damping ratio",
@@ -222,8 +222,8 @@ def _keratin() -> Comparisons:
     return rows
 
 
-# A shaft of a pigeon pulled slowly (Viscoelastic characterization of long-eared owl flight feather
-# shaft, table 1): a spring, MPa, in series with a spring, MPa, beside a damper, MPa s
+# A rachis of a pigeon pulled slowly (Viscoelastic characterization of long-eared owl flight feather
+# rachis, table 1): a spring, MPa, in series with a spring, MPa, beside a damper, MPa s
 _OWL = "Shock and Vibration 2014, 709367"
 _PULLED = (
     (10087.0, 2411.0, 597359.0),
@@ -270,7 +270,7 @@ _STREAM, _INSTANT, _TURN = 1.0, 1e-4, 2.0
 
 
 def _stream() -> Comparisons:
-    """A primary in a stream across its shaft, by the momentum that it takes up at once."""
+    """A primary in a stream across its rachis, by the momentum that it takes up at once."""
     kind = feather_kind("swan_primary")
     model = make_model([build_feather(kind, _ROWS, _COLUMNS)], [kind], _COEFFICIENTS)
     model = model._replace(held=np.zeros(1, dtype=np.bool_))

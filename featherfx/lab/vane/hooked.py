@@ -1,10 +1,10 @@
 """Samples of a hooked vane between two clamps: torn apart, and loaded and unloaded in turns.
 
-A rectangle whose barbs lie along its width, in the barb-curvature kinematics without a shaft: every
-row is a barb that moves by itself, joined to the next by barbules alone. The clamps hold the first
-and the last barb whole. The pull is across the barbs, along them (the gaps are sheared), or at 45
-degrees. Tears are pulled at a steady speed, in which what opening gaps release sets the barbs in
-motion; cycles go from rest to rest.
+A rectangle whose barbs lie along its width, in the barb-curvature kinematics without a rachis.
+Every row is a barb that moves by itself, joined to the next by barbules alone. The clamps hold
+the first and the last barb whole. The pull is across the barbs, along them (the gaps are sheared),
+or at 45 degrees. Tears are pulled at a steady speed, in which what opening gaps release sets the
+barbs in motion; cycles go from rest to rest.
 
 Where a pull crushes a corner of the sample the membrane of the vane has no resistance left, so the
 samples have a compression guard (vane_guard_kernels).
@@ -60,7 +60,7 @@ _MOST_SUBSTEPS = 4096
 # of a reported step of the pull: strength and work are those of the parts. A sample parts within a
 # hundredth of its height, over which its stress grows by 3 %
 _PARTS = 20
-_SHAFT = 1e-4
+_RACHIS_SIZE = 1e-4
 # rows below which strips are of one height
 _FEWEST = 5
 # 2 bear 3 % more along the barbs than 3, more of them 0.2 % less (8 columns, until a gap opens)
@@ -87,7 +87,7 @@ class SampleOf:
         return np.concatenate([[0.0], inner, [self.height]])
 
     def feather(self) -> Feather:
-        """The sample as a feather without a shaft: barbs along +y on the leading side."""
+        """The sample as a feather without a rachis: barbs along +y on the leading side."""
         n, m = self.rows, self.columns
         nodes = np.zeros((n, 1 + 2 * m, 3))
         station = self.stations
@@ -101,8 +101,8 @@ class SampleOf:
         return Feather(
             rest=RowPoints(nodes, directors),
             station=station / self.height,
-            width=np.full(n, _SHAFT),
-            height=np.full(n, _SHAFT),
+            width=np.full(n, _RACHIS_SIZE),
+            height=np.full(n, _RACHIS_SIZE),
             barb_length=length,
             barb_span=span,
             cell=cell,

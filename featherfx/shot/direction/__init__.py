@@ -1,1 +1,4 @@
-"""Physics that takes orders: channels of a shot."""
+"""Art direction: channels, targets and orders of a shot.
+
+Change here: a channel, a target.
+"""

@@ -1,1 +1,4 @@
-"""Hooks that slip, open and heal, and feathers that are wet."""
+"""Hooks that slip, open and heal, and feathers that are wet.
+
+Change here: what opens or closes a vane during a shot.
+"""

@@ -1,1 +1,4 @@
-"""Plumage as it is shown: each feather laid over those beneath it, frame by frame."""
+"""Stacking order of plumage as it is written, frame by frame.
+
+Change here: order, lifts, depths.
+"""

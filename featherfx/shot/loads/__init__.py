@@ -1,1 +1,4 @@
-"""Loads on feathers during a frame: gravity, wind, grips, forces."""
+"""Loads of a frame: gravity, wind, shelter, pins, forces.
+
+Change here: a load of a shot.
+"""

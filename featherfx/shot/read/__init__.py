@@ -1,1 +1,4 @@
-"""Shot files in, with every problem found at once."""
+"""Readers of shot files, which report every problem at once.
+
+Change here: a key of shots.
+"""

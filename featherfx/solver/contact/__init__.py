@@ -1,1 +1,4 @@
-"""One interval of time for feathers that touch."""
+"""One interval of time for feathers that touch.
+
+Change here: contact search, contact forces.
+"""

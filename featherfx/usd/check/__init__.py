@@ -1,1 +1,4 @@
-"""Checks and measurements of USD files."""
+"""Faults of USD files that USD's own validators let pass.
+
+Change here: `featherfx check` of caches.
+"""

@@ -1,1 +1,4 @@
-"""Caches in other forms: Alembic, condensed feathers, plain meshes."""
+"""Caches in other forms: Alembic, glTF, condensed feathers, transforms.
+
+Change here: `featherfx export`, `featherfx retime`.
+"""

@@ -1,1 +1,4 @@
-"""Readers of caches, grooms and scenes in USD."""
+"""Readers of caches, and of scenes of other programs.
+
+Change here: what is read of a scene.
+"""

@@ -1,1 +1,4 @@
-"""Writers of caches and static feathers to USD, complete or not at all."""
+"""Writers of caches and of static feathers.
+
+Change here: prims, primvars, materials.
+"""
