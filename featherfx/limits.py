@@ -16,29 +16,29 @@ from typing import Any
 
 from featherfx.errors import InputError, Problem
 
-MOST_TOML_BYTES = 8_000_000
-MOST_NESTING = 64  # tables and arrays within each other, and parts of a dotted key
-MOST_BASES = 64  # presets that extend each other
-MOST_FEATHERS = 1_000_000
-CROWD_PAIRS, MOST_NEIGHBOURS = 500_000, 200  # of feathers that stand at one place
-MOST_ARRAY_BYTES = 500_000_000  # of one in an NPZ file
-MOST_TRIED = 4000  # shapes that `featherfx check` builds, feathers read of a groom with faults
-MOST_PATTERNS = 10_000  # of [overrides]
-MOST_CHARACTERS = 1000  # of a text: a name, a path, a pattern
-MOST_LISTED = 100  # problems of one file that are told one by one
-MOST_SEARCHES = 100  # names for which the likeliest meant one is looked for
-MOST_COMPARED = 1000  # names that one is compared with
-MOST_JOBS = 1024
-MOST_ROWS, MOST_COLUMNS, MOST_BARBS = 5000, 500, 10_000  # of what is drawn of a feather
-MOST_CLUMPS = 1000  # of the barbs of a vane that is wet
-MOST_SUBFRAMES = 1000
-MOST_FRAMES = 1_000_000  # that are written at a time
-MOST_SHARES = 10_000  # of the feathers of a bake
+MAX_TOML_BYTES = 8_000_000
+MAX_NESTING = 64  # tables and arrays within each other, and parts of a dotted key
+MAX_BASES = 64  # presets that extend each other
+MAX_FEATHERS = 1_000_000
+CROWD_PAIRS, MAX_NEIGHBOURS = 500_000, 200  # of feathers that stand at one place
+MAX_ARRAY_BYTES = 500_000_000  # of one in an NPZ file
+MAX_TRIED = 4000  # shapes that `featherfx check` builds, feathers read of a groom with faults
+MAX_PATTERNS = 10_000  # of [overrides]
+MAX_CHARACTERS = 1000  # of a text: a name, a path, a pattern
+MAX_LISTED = 100  # problems of one file that are told one by one
+MAX_SEARCHES = 100  # names for which the likeliest meant one is looked for
+MAX_COMPARED = 1000  # names that one is compared with
+MAX_JOBS = 1024
+MAX_ROWS, MAX_COLUMNS, MAX_BARBS = 5000, 500, 10_000  # of what is drawn of a feather
+MAX_CLUMPS = 1000  # of the barbs of a vane that is wet
+MAX_SUBFRAMES = 1000
+MAX_FRAMES = 1_000_000  # that are written at a time
+MAX_SHARES = 10_000  # of the feathers of a bake
 TASK_HOURS = 24.0  # after which a scheduler stops a task of a plan, where none are given
-MOST_SHEET = 400  # pictures on a contact sheet
-MOST_SIDE = 8192  # pixels of a side of a picture
-MOST_KEPT_BYTES = 2e9  # of layouts, models and the like in the cache folder (files/disk_cache.py)
-MOST_PIXELS = 100_000_000  # of all pictures that are drawn at a time
+MAX_SHEET = 400  # pictures on a contact sheet
+MAX_SIDE = 8192  # pixels of a side of a picture
+MAX_KEPT_BYTES = 2e9  # of layouts, models and the like in the cache folder (files/disk_cache.py)
+MAX_PIXELS = 100_000_000  # of all pictures that are drawn at a time
 
 MEMORY_VARIABLE = "FEATHERFX_MEMORY"
 

@@ -46,8 +46,8 @@ _LOOKED_AT = 4
 # coefficients, in addition; the tolerance of a step, divided
 _FINER, _MORE_COEFFICIENTS, _TIGHTER, _MORE_SUBSTEPS = 2, 2, 16.0, 4
 # bounds of the quality's keys
-_MOST_ROWS, _MOST_COLUMNS, _MOST_COEFFICIENTS, _MOST_SUBSTEPS = 400, 100, 6, 20_000
-_LEAST_TOLERANCE = 1e-9
+_MAX_ROWS, _MAX_COLUMNS, _MAX_COEFFICIENTS, _MAX_SUBSTEPS = 400, 100, 6, 20_000
+_MIN_TOLERANCE = 1e-9
 # a share of the length that is no difference
 _ROUNDING = 1e-9
 _TOTAL = "all"
@@ -264,14 +264,14 @@ def finer_quality(quality: Quality, grid: FeatherOptions, finer: frozenset[str])
     rows, columns, count = grid.rows, grid.columns, grid.coefficients
     tolerance, substeps = grid.tolerance, quality.max_substeps
     if "rows" in finer:
-        rows = min(_FINER * (rows - 1) + 1, _MOST_ROWS)
+        rows = min(_FINER * (rows - 1) + 1, _MAX_ROWS)
     if "columns" in finer:
-        columns = min(_FINER * columns, _MOST_COLUMNS)
+        columns = min(_FINER * columns, _MAX_COLUMNS)
     if "coefficients" in finer:
-        count = min(count + _MORE_COEFFICIENTS, _MOST_COEFFICIENTS)
+        count = min(count + _MORE_COEFFICIENTS, _MAX_COEFFICIENTS)
     if "time" in finer:
-        tolerance = max(tolerance / _TIGHTER, _LEAST_TOLERANCE)
-        substeps = min(_MORE_SUBSTEPS * substeps, _MOST_SUBSTEPS)
+        tolerance = max(tolerance / _TIGHTER, _MIN_TOLERANCE)
+        substeps = min(_MORE_SUBSTEPS * substeps, _MAX_SUBSTEPS)
     return replace(
         quality,
         rows=rows,

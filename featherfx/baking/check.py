@@ -13,7 +13,7 @@ from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.shapes import build_feathers
 from featherfx.groom.read.toml_file import load_toml
-from featherfx.limits import MOST_TRIED, irregular
+from featherfx.limits import MAX_TRIED, irregular
 from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.direction.unsimulated_targets import FELT, warn_of_unfelt
 from featherfx.shot.loop.run import drawn_feathers
@@ -65,7 +65,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
         return None
     refuse_too_large(groom, grid, DrawnOptions(), str(path))
     first, _ = distinct_shapes(groom.feathers)
-    tried = first[:: 1 + len(first) // MOST_TRIED]
+    tried = first[:: 1 + len(first) // MAX_TRIED]
     some = [groom.feathers[k] for k in tried]
     tasks.append(lambda: build_feathers(some, grid.rows, grid.columns))
     try:

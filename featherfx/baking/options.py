@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from featherfx.limits import MOST_BARBS, MOST_COLUMNS, MOST_JOBS, MOST_ROWS, option
+from featherfx.limits import MAX_BARBS, MAX_COLUMNS, MAX_JOBS, MAX_ROWS, option
 from featherfx.usd.write.options import StageOptions, WriteOptions
 
 if TYPE_CHECKING:
@@ -31,19 +31,19 @@ class DrawnOptions:
         None,
         "Rows of the meshes along the rachis.  [default: as simulated]",
         least=3,
-        most=MOST_ROWS,
+        most=MAX_ROWS,
     )
     render_columns: int | None = option(
         None,
         "Columns of the meshes on each side of the rachis.  [default: as simulated]",
         least=1,
-        most=MOST_COLUMNS,
+        most=MAX_COLUMNS,
     )
     barbs: int | None = option(
         None,
         "Also write N barbs along each vane as curves (variant `barbs` of the root prim).",
         least=1,
-        most=MOST_BARBS,
+        most=MAX_BARBS,
         metavar="N",
     )
 
@@ -79,7 +79,7 @@ class BakeOptions(WriteOptions, DrawnOptions):
         1,
         "Feathers simulated at a time; the result does not depend on it.",
         least=1,
-        most=MOST_JOBS,
+        most=MAX_JOBS,
     )
     quality: str | None = option(None, "Quality preset instead of the shot's.", metavar="NAME")
     error: float | None = option(

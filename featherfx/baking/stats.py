@@ -32,7 +32,7 @@ from featherfx.usd.write.cache_writer import chunk_bytes
 from featherfx.usd.write.options import CHUNK_FRAMES, CONTACT_CHUNK_FRAMES
 from featherfx.usd.write.poses import make_posed_feathers
 
-_MOST_NAMED = 10
+_MAX_NAMED = 10
 
 
 def plumage_stats(
@@ -108,7 +108,7 @@ def _of_groom(groom: Groom, quality: Quality) -> dict[str, Any]:
             "deepest": report.unresolved[0].depth if report.unresolved else 0.0,
             "worst": [
                 {"feather": each.upper, "under": each.lower or "skin", "depth": each.depth}
-                for each in report.unresolved[:_MOST_NAMED]
+                for each in report.unresolved[:_MAX_NAMED]
             ],
         },
     }

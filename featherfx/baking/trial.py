@@ -50,7 +50,7 @@ _COURSE, _OF_COURSE = 32, 0.25
 # neighbours that are tried together
 _TOGETHER = 16
 # share of a bake's processor time that a trial may take where TRIAL_SECONDS are less, up to s of it
-_OF_BAKE, _MOST_SECONDS = 1.0 / 6.0, 60.0
+_OF_BAKE, _MAX_SECONDS = 1.0 / 6.0, 60.0
 # over the feathers of the last trial, those that make a larger one worth its time
 _WORTH = 1.5
 # phases that go with what is solved, and those of the frames
@@ -161,7 +161,7 @@ def _tried(shot: Shot, jobs: int, budget: float | None) -> tuple[list[Trial], Tr
             left = most - (time.process_time() - begin)
             if budget is None:
                 cost = float(sum(_whole(shot, trials, course).values(), np.zeros(2))[1])
-                left = max(left, min(_OF_BAKE * cost, _MOST_SECONDS))
+                left = max(left, min(_OF_BAKE * cost, _MAX_SECONDS))
             count = _larger(trials, left, total)
             if count is None:
                 break

@@ -21,7 +21,7 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command, tell
 from featherfx.cli.progress import Progress
-from featherfx.limits import MOST_JOBS, MOST_SHARES, TASK_HOURS
+from featherfx.limits import MAX_JOBS, MAX_SHARES, TASK_HOURS
 from featherfx.usd.write.options import StageOptions
 
 _STAGE = tuple(each.name for each in fields(StageOptions) if each.name != "overwrite")
@@ -66,14 +66,14 @@ _NOTED = (
 @options_of(BakeOptions, "feathers")
 @click.option(
     "--plan",
-    type=click.IntRange(1, MOST_SHARES),
+    type=click.IntRange(1, MAX_SHARES),
     metavar="N",
     help="Do not bake: write N work items for a farm, with their commands, and a job template of"
     " Open Job Description.",
 )
 @click.option(
     "--task-shares",
-    type=click.IntRange(1, MOST_SHARES),
+    type=click.IntRange(1, MAX_SHARES),
     metavar="M",
     help="With --plan: a task of the job template bakes M shares; the scheduler must know Open Job"
     " Description's task chunking.",
@@ -98,13 +98,13 @@ _NOTED = (
 )
 @click.option(
     "--workers",
-    type=click.IntRange(1, MOST_JOBS),
+    type=click.IntRange(1, MAX_JOBS),
     help="dask: processes to start; with --scheduler, workers to wait for."
     "  [default: all cores; with --scheduler 1]",
 )
 @click.option(
     "--shares",
-    type=click.IntRange(1, MOST_SHARES),
+    type=click.IntRange(1, MAX_SHARES),
     help="dask: shares that each shot is cut into.  [default: about two for each worker]",
 )
 @options_of(BakeOptions, "report")

@@ -187,7 +187,7 @@ def _measure(
         click.echo(json.dumps(whole, indent=2))
 
 
-_MOST_SHOWN = 40  # prims of a kind, joints of a skeleton; --json has all
+_MAX_SHOWN = 40  # prims of a kind, joints of a skeleton; --json has all
 _TITLES = {
     "mesh": ("meshes", "faces"),
     "skeleton": ("skeletons", "joints"),
@@ -238,13 +238,13 @@ def _lines(report: StageReport) -> Iterator[str]:
         if prims:
             yield f"{title}: {len(prims)}"
         before = None
-        for prim in prims[:_MOST_SHOWN]:
+        for prim in prims[:_MAX_SHOWN]:
             yield f"  {prim.path}: {', '.join(_facts(prim, parts))}"
             details = list(_details(prim))
             yield from ["    the same as the one before"] if details == before else details
             before = details or None
-        if len(prims) > _MOST_SHOWN:
-            yield f"  and {len(prims) - _MOST_SHOWN} more (--json has all)"
+        if len(prims) > _MAX_SHOWN:
+            yield f"  and {len(prims) - _MAX_SHOWN} more (--json has all)"
     if not report.prims:
         yield "holds no mesh, skeleton, curves, camera, instancer or points"
 
@@ -296,5 +296,5 @@ def _short(joints: Sequence[str]) -> list[str]:
 
 
 def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MOST_SHOWN} more" if len(names) > _MOST_SHOWN else ""
-    return ", ".join(names[:_MOST_SHOWN]) + more
+    more = f" and {len(names) - _MAX_SHOWN} more" if len(names) > _MAX_SHOWN else ""
+    return ", ".join(names[:_MAX_SHOWN]) + more

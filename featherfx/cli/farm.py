@@ -17,7 +17,7 @@ from featherfx.cli.program import Command, tell
 from featherfx.cli.progress import Progress
 from featherfx.farm import origin
 from featherfx.files.gc_pause import seldom_collected
-from featherfx.limits import MOST_SHARES
+from featherfx.limits import MAX_SHARES
 
 # Options of a bake that a plan sets itself, or that belong to one worker.
 _PER_WORKER = (
@@ -123,7 +123,7 @@ def bake_on_cluster(
 @click.argument("output", type=click.Path(path_type=Path))
 @click.option(
     "--shares",
-    type=click.IntRange(1, MOST_SHARES),
+    type=click.IntRange(1, MAX_SHARES),
     required=True,
     help="Number of shares, as N of I/N.",
 )

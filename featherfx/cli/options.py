@@ -12,9 +12,9 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 import click
 
 from featherfx.groom.presets.folders import SHIPPED_PRESETS
-from featherfx.limits import MOST_JOBS, MOST_SHARES, MOST_SIDE
+from featherfx.limits import MAX_JOBS, MAX_SHARES, MAX_SIDE
 
-_MOST_DIGITS = 8  # of a frame, a share or a side: with sign, more than any may have
+_MAX_DIGITS = 8  # of a frame, a share or a side: with sign, more than any may have
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
@@ -39,7 +39,7 @@ def _frames(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(-?\d+)(?:-(-?\d+))?", text.strip())
     if not match:
         raise ValueError(f"'{text}' is not a range of frames such as 1-24 or 12")
-    if max(map(len, match.groups(""))) > _MOST_DIGITS:
+    if max(map(len, match.groups(""))) > _MAX_DIGITS:
         raise ValueError("frames lie within -1000000 and 1000000")
     first, last = int(match[1]), int(match[2] or match[1])
     if last < first:
@@ -50,9 +50,9 @@ def _frames(text: str) -> tuple[int, int]:
 def _shares(text: str) -> list[tuple[int, int]]:
     """The i-th of n shares; or some of them one after the other."""
     match = re.fullmatch(r"(\d+)(?:-(\d+))?/(\d+)", text.strip())
-    if match and (len(match[3]) > _MOST_DIGITS or int(match[3]) > MOST_SHARES):
-        raise ValueError(f"'{text}' is out of range, at most {MOST_SHARES} shares")
-    if match and max(map(len, match.groups(""))) <= _MOST_DIGITS:
+    if match and (len(match[3]) > _MAX_DIGITS or int(match[3]) > MAX_SHARES):
+        raise ValueError(f"'{text}' is out of range, at most {MAX_SHARES} shares")
+    if match and max(map(len, match.groups(""))) <= _MAX_DIGITS:
         first, last, count = int(match[1]), int(match[2] or match[1]), int(match[3])
         if 1 <= first <= last <= count:
             return [(share, count) for share in range(first, last + 1)]
@@ -63,8 +63,8 @@ def _size(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d+)x(\d+)", text.strip().lower())
     if not match:
         raise ValueError(f"'{text}' is not a size such as 1280x720")
-    if max(map(len, match.groups())) > _MOST_DIGITS:
-        raise ValueError(f"a side has 16 to {MOST_SIDE} pixels")
+    if max(map(len, match.groups())) > _MAX_DIGITS:
+        raise ValueError(f"a side has 16 to {MAX_SIDE} pixels")
     return int(match[1]), int(match[2])
 
 
@@ -134,7 +134,7 @@ def json_option(told: str = "One JSON object.") -> Callable[[Decorated], Decorat
 def jobs_option(meaning: str = "Threads to use.") -> Callable[[Decorated], Decorated]:
     """--jobs of a command; None where it is not given."""
     told = f"{meaning}  [default: all cores]"
-    return click.option("--jobs", type=click.IntRange(1, MOST_JOBS), help=told)
+    return click.option("--jobs", type=click.IntRange(1, MAX_JOBS), help=told)
 
 
 def options_of(options: type, *names: str) -> Callable[[Decorated], Decorated]:
@@ -196,7 +196,7 @@ def _click_type(told: Mapping[str, Any], hint: Any) -> click.ParamType | None:
 
 def default_jobs() -> int:
     """As many jobs as there are cores."""
-    return min(os.cpu_count() or 1, MOST_JOBS)
+    return min(os.cpu_count() or 1, MAX_JOBS)
 
 
 def serving_options(command: Decorated) -> Decorated:

@@ -18,7 +18,7 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
-from featherfx.limits import MOST_SHEET
+from featherfx.limits import MAX_SHEET
 from featherfx.render.options import PictureOptions
 
 
@@ -47,13 +47,13 @@ from featherfx.render.options import PictureOptions
 @click.option("--frames", "span", type=FRAMES, help="First and last frame to draw.")
 @click.option(
     "--sheet",
-    type=click.IntRange(1, MOST_SHEET),
+    type=click.IntRange(1, MAX_SHEET),
     metavar="N",
     help="Contact sheet of N frames spread over the file, or of those of --frame.",
 )
 @click.option(
     "--turntable",
-    type=click.IntRange(1, MOST_SHEET),
+    type=click.IntRange(1, MAX_SHEET),
     metavar="N",
     help="N views around the upright axis.",
 )

@@ -10,9 +10,9 @@ from queue import Queue
 from threading import Thread
 from typing import Any, Self
 
-from featherfx.limits import MOST_JOBS
+from featherfx.limits import MAX_JOBS
 
-_allowed_threads = [MOST_JOBS]
+_allowed_threads = [MAX_JOBS]
 
 
 def allow_threads(threads: int) -> None:

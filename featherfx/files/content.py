@@ -148,11 +148,11 @@ class _Walk:
 # digests of records that hold numbers and texts only, such as kinds of feathers, which are asked
 # for again and again; by identity, while they are there
 _CONSTANT: dict[int, tuple[Any, bytes]] = {}
-_MOST_CONSTANT = 200_000
+_MAX_CONSTANT = 200_000
 
 
 def _remember(record: Any, found: bytes) -> None:
-    if len(_CONSTANT) >= _MOST_CONSTANT:
+    if len(_CONSTANT) >= _MAX_CONSTANT:
         _CONSTANT.clear()
     _CONSTANT[id(record)] = weakref.ref(record), found
 

@@ -5,7 +5,7 @@ Its name holds a digest of all that it was computed from, the program's own code
 damaged counts as missing. Nothing is loaded from a folder that others can write to (trust.py);
 where nothing can be kept, all is computed anew, with the same result. Processes that want the same
 entry at a time wait for the one that computes it. Entries that were used least lately are removed
-where all together take more than MOST_KEPT_BYTES, or $FEATHERFX_CACHE_SIZE (GB).
+where all together take more than MAX_KEPT_BYTES, or $FEATHERFX_CACHE_SIZE (GB).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from featherfx.errors import InputError, Problem
 from featherfx.files.cache_folder import doubt, wanted_folder
 from featherfx.files.content import digest, program_digest
-from featherfx.limits import MOST_KEPT_BYTES
+from featherfx.limits import MAX_KEPT_BYTES
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -120,7 +120,7 @@ def room() -> float:
     """Bytes that all entries together may take. Raises InputError for what is no such number."""
     given = os.environ.get(SIZE_VARIABLE, "")
     if not given:
-        return MOST_KEPT_BYTES
+        return MAX_KEPT_BYTES
     try:
         limit = 1e9 * float(given)
     except ValueError:

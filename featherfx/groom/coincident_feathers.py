@@ -12,7 +12,7 @@ import numpy as np
 
 from featherfx.errors import InputError, Problem
 from featherfx.groom.types import Placement
-from featherfx.limits import CROWD_PAIRS, MOST_NEIGHBOURS
+from featherfx.limits import CROWD_PAIRS, MAX_NEIGHBOURS
 
 # side of the cubes that roots are counted in, over the length of the shortest feathers there are
 # in them: whatever compares feathers compares those of one cube
@@ -32,12 +32,12 @@ def refuse_crowds(placements: Sequence[Placement], source: str, key: str, instea
         np.column_stack([octave, cube]), axis=0, return_inverse=True, return_counts=True
     )
     pairs = int((counts * (counts - 1) // 2).sum())
-    if pairs <= max(CROWD_PAIRS, MOST_NEIGHBOURS * len(placements) // 2):
+    if pairs <= max(CROWD_PAIRS, MAX_NEIGHBOURS * len(placements) // 2):
         return
     some = np.flatnonzero(cubes.ravel() == counts.argmax())
     message = (
         f"{len(placements)} feathers make at least {pairs} pairs that stand within half a length of"
-        f" each other, more than {CROWD_PAIRS}, or {MOST_NEIGHBOURS} neighbours a feather (beside"
+        f" each other, more than {CROWD_PAIRS}, or {MAX_NEIGHBOURS} neighbours a feather (beside"
         f" '{placements[some[0]].id}' stand {len(some) - 1}). Place them apart, {instead}"
     )
     raise InputError(Problem(source, key, message))

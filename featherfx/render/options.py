@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from featherfx.errors import Problem, require
-from featherfx.limits import MOST_PIXELS, MOST_SHEET, MOST_SIDE, option
+from featherfx.limits import MAX_PIXELS, MAX_SHEET, MAX_SIDE, option
 
 _COLOURS = ("shaded", "barb", "region", "strain", "hooked")
 _VIEWS = ("auto", "top", "side", "front")
@@ -97,10 +97,10 @@ def check_pixels(count: int, options: PictureOptions) -> list[Problem]:
     width, height = options.pixels
     sides = 1 if options.against is None else 2
     total = count * sides * width * height
-    if total <= MOST_PIXELS:
+    if total <= MAX_PIXELS:
         return []
     pixels = f"{count * sides} pictures of {total / 1e6:.4g} million pixels in all"
-    most = f"more than {MOST_PIXELS / 1e6:g} million. Draw fewer frames at a time, or smaller"
+    most = f"more than {MAX_PIXELS / 1e6:g} million. Draw fewer frames at a time, or smaller"
     return [Problem("preview", "size", f"{pixels}, {most}")]
 
 
@@ -138,16 +138,16 @@ def check_options(path: Path, output: Path, options: PictureOptions) -> None:
 def _number_problems(options: PictureOptions) -> list[Problem]:
     width, height = options.pixels
     problems = []
-    if not all(16 <= side <= MOST_SIDE for side in (width, height)):
-        message = f"{width} x {height} is not allowed. Give 16 to {MOST_SIDE} pixels a side"
+    if not all(16 <= side <= MAX_SIDE for side in (width, height)):
+        message = f"{width} x {height} is not allowed. Give 16 to {MAX_SIDE} pixels a side"
         problems.append(Problem("preview", "size", message))
     else:
         problems += check_pixels(1 if options.frames is None else len(options.frames), options)
     if not (options.f_stop == 0.0 or 0.1 <= options.f_stop <= 1000.0):
         message = f"{options.f_stop:g} is not allowed. Give 0.1 to 1000, or 0 where all is sharp"
         problems.append(Problem("preview", "f_stop", message))
-    if not 0 <= options.turntable <= MOST_SHEET:
-        message = f"{options.turntable} is not allowed. Give 0 to {MOST_SHEET}"
+    if not 0 <= options.turntable <= MAX_SHEET:
+        message = f"{options.turntable} is not allowed. Give 0 to {MAX_SHEET}"
         problems.append(Problem("preview", "turntable", message))
     return problems
 

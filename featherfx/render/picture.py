@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from featherfx.limits import MOST_JOBS
+from featherfx.limits import MAX_JOBS
 from featherfx.render.options import PictureOptions, check_options
 
 
@@ -26,7 +26,7 @@ def render(
     an unreadable file, an output that exists.
     """
     path, output, chosen = Path(path), Path(output), PictureOptions(**options)
-    threads = jobs or min(os.cpu_count() or 1, MOST_JOBS)
+    threads = jobs or min(os.cpu_count() or 1, MAX_JOBS)
     check_options(path, output, chosen)
     # what it imports is checked
     from featherfx.render.draw import draw

@@ -38,7 +38,7 @@ from featherfx.render.looks import BarbStrips, drawn_towards, dressed, mixed, so
 # by eye: how round barbs are shaded where each is as wide as so many pixels; barbs' distances over
 # which ends are free where they hook, parts of a barb that this may be, and where they do not
 _ROUND, _ROUND_FROM, _ROUND_AT = 0.85, 1.2, 5.0
-_FREE, _LEAST_FREE, _MOST_FREE, _UNHOOKED = 4.5, 0.02, 0.24, 1.2
+_FREE, _MIN_FREE, _MAX_FREE, _UNHOOKED = 4.5, 0.02, 0.24, 1.2
 _TAPER = 1e-3  # part of a strip's length that is its blunt end
 _DRAWS = 61  # of numbers of barbs, by which feathers' ends differ
 
@@ -169,7 +169,7 @@ def _numbered(
     found[..., 0] = offset[:, None, None] + strip + up
     found[..., 1] = np.concatenate([inner, inner, [1.0]])
     found[..., 2] = group.round
-    least = min(max(_FREE * slender / group.real, _LEAST_FREE), _MOST_FREE)
+    least = min(max(_FREE * slender / group.real, _MIN_FREE), _MAX_FREE)
     least = max(least, group.look.loose)
     found[..., 3] = least + (_UNHOOKED - least) * loose
     if film is not None:

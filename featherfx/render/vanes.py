@@ -38,9 +38,9 @@ from featherfx.usd.read.cached_feather import CachedFeather
 _SPACING = 4.5  # pixels from one barb to the next, at least
 _REAL_SPACING = 5e-4  # m, where a mesh does not tell: between contour and flight feathers'
 _STATION = 6.0  # pixels between two points of a barb
-_MOST_BARBS = 1200.0
+_MAX_BARBS = 1200.0
 # of a vane that are told apart: their numbers are kept in single precision
-_MOST_REAL = 1e5
+_MAX_REAL = 1e5
 _STEP = 1.3  # between numbers of barbs, so that feathers of about one size share their weights
 _SLIM, _STOUT = 0.6, 2.5  # pixels: shafts are not drawn below, and have their own colour above
 
@@ -208,7 +208,7 @@ def plumage_of(
     real = np.array(
         [f.barb_count or m / _REAL_SPACING for f, m in zip(feathers, pixels[:, 1], strict=True)]
     )
-    real = np.minimum(real, _MOST_REAL)
+    real = np.minimum(real, _MAX_REAL)
     found: dict[int, Topology] = {}
     plain = []
     for index, feather in enumerate(feathers):
@@ -253,7 +253,7 @@ def _detail(pixels: Array, real: float) -> tuple[int, int]:
     """Barbs of a vane that has so many, and points along one, for a row of `pixels` of
     plumage_of."""
     length, _, barb = pixels
-    barbs = min(length / _SPACING, real, _MOST_BARBS)
+    barbs = min(length / _SPACING, real, _MAX_BARBS)
     steps = max(int(np.log(max(barbs, 1.0)) / np.log(_STEP)), 7)
     stations = np.clip(2 ** np.ceil(np.log2(max(barb, 1.0) / _STATION)), 2, 16)
     return round(_STEP**steps), int(stations) + 1

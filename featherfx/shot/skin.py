@@ -15,7 +15,7 @@ from featherfx.groom.types import FeatherKind, Groom
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.sources import MovingSurface
 
-_MOST_NAMED = 10
+_MAX_NAMED = 10
 
 
 @dataclass(frozen=True)
@@ -152,9 +152,9 @@ class SkinSurfaces:
             return
         far = far[np.argsort(-distance[far], kind="stable")]
         named = ", ".join(
-            f"'{groom.feathers[part.members[k]].id}' {distance[k]:.3g} m" for k in far[:_MOST_NAMED]
+            f"'{groom.feathers[part.members[k]].id}' {distance[k]:.3g} m" for k in far[:_MAX_NAMED]
         )
-        more = f" and {len(far) - _MOST_NAMED} more" if len(far) > _MOST_NAMED else ""
+        more = f" and {len(far) - _MAX_NAMED} more" if len(far) > _MAX_NAMED else ""
         warnings.warn(
             f"{self.source}: {self.key}: roots farther than {self.tolerance:g} m from "
             f"{part.surface.path}: {named}{more}",

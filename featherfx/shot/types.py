@@ -13,7 +13,7 @@ from featherfx.algebra.types import Array
 from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
-from featherfx.limits import MOST_CLUMPS
+from featherfx.limits import MAX_CLUMPS
 from featherfx.shot.preroll import NO_RUN_UP, RunUp
 from featherfx.shot.skin import BoundSkin, SkinSurfaces
 from featherfx.shot.sources import TimedSurface, TimedWind
@@ -136,7 +136,7 @@ class Wet(SomeFeathers):
     ] = 0.8
     clump_count: Annotated[
         int,
-        Number(1, MOST_CLUMPS, whole=True),
+        Number(1, MAX_CLUMPS, whole=True),
         "Number of clumps along each vane; a look control.",
     ] = 24
 
@@ -380,7 +380,7 @@ class Contact:
 
 
 # samples that may wait: each is 13 kB of a feather on 11 rows of 9 nodes
-MOST_AHEAD = 12
+MAX_AHEAD = 12
 
 
 @dataclass(frozen=True)
@@ -400,7 +400,7 @@ class Layers:
 
     def samples_ahead(self, step: float) -> int:
         """Samples, step s apart, that are simulated before one is laid for good."""
-        return min(round(self.ease / step), MOST_AHEAD)
+        return min(round(self.ease / step), MAX_AHEAD)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import SimulationError
 from featherfx.files.background import limit_threads
-from featherfx.limits import MOST_JOBS
+from featherfx.limits import MAX_JOBS
 from featherfx.mechanics.model import Loads, Model, expand_wind, no_loads
 from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.state import RootPath as RootPath
@@ -115,7 +115,7 @@ class Solver:
     def __init__(self, model: Model, settings: Settings, jobs: int = 1) -> None:
         self.model, self.settings = model, settings
         self._local = local()
-        self.jobs = min(jobs, model.feathers, MOST_JOBS)
+        self.jobs = min(jobs, model.feathers, MAX_JOBS)
         self._pool = ThreadPoolExecutor(self.jobs - 1) if self.jobs > 1 else None
 
     def __enter__(self) -> Solver:

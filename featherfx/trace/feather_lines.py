@@ -20,7 +20,7 @@ from featherfx.trace.silhouette import AlignedPicture
 # blur along, a share of the feather's length, and across, of half the width of the calamus
 _ALONG, _SCALES = 0.02, (1.0, 0.7, 0.45, 0.3)
 # of a shaft that shows, how far its ridge is above the middle one of the feather
-_LEAST_CONTRAST = 2.5
+_MIN_CONTRAST = 2.5
 # times as wide as at its base, up to where a feather is calamus
 _STILL_BARE = 1.4
 # waves of the path that are shorter than a share of it are evened out; pixels from it beyond which
@@ -64,7 +64,7 @@ def shaft_of(laid: AlignedPicture, source: str) -> ShaftLine:
     bare, width = _bare(mask)
     found = [_path(each, mask, bare) for each in _ridges(laid.grey[columns], width)]
     contrast, path, shown = max(found, key=lambda each: each[0])
-    if contrast < _LEAST_CONTRAST:
+    if contrast < _MIN_CONTRAST:
         message = "the shaft does not show in the picture. Give its line from base to tip (--shaft)"
         raise InputError(Problem(source, "", message))
     along = columns.astype(np.float64)
@@ -183,8 +183,8 @@ _ALONG_BARBS, _OUT = np.linspace(0.08, 0.92, 6), np.linspace(0.0, 1.0, 4)
 _MARGIN = 6.0
 # how much of a direction texture must have, 0 to 1, for it to count; pixels of the blurs
 # and of a gradient, grey a pixel
-_LEAST_COHERENCE = 0.35
-_FINE_BARBS, _COARSE, _LEAST_TEXTURE = 1.0, 2.0, 1e-3
+_MIN_COHERENCE = 0.35
+_FINE_BARBS, _COARSE, _MIN_TEXTURE = 1.0, 2.0, 1e-3
 # deg that barbs may stand at, and curl by
 _ALLOWED, _CURL = (8.0, 118.0), (-10.0, 30.0)
 
@@ -265,7 +265,7 @@ def barb_angles(
                 for each in (direction.real, direction.imag)
             )
             mean = ((real + 1j * imag) * np.exp(-2j * np.tile(heading, len(ways)))).mean()
-            if abs(mean) > _LEAST_COHERENCE and np.mean(high - low) > _MARGIN:
+            if abs(mean) > _MIN_COHERENCE and np.mean(high - low) > _MARGIN:
                 angles.append((sum(part) / 2.0, np.degrees(side * 0.5 * np.angle(mean)) % 180.0))
         if angles:
             found.append((float(position), *_root_and_curl(angles)))
@@ -306,4 +306,4 @@ def _directions(laid: AlignedPicture) -> NDArray[np.complex128]:
         ndimage.gaussian_filter(each, _COARSE)
         for each in (tensor.real, tensor.imag, np.abs(tensor))
     )
-    return np.asarray((real + 1j * imag) / np.maximum(total, _LEAST_TEXTURE**2))
+    return np.asarray((real + 1j * imag) / np.maximum(total, _MIN_TEXTURE**2))

@@ -19,13 +19,13 @@ from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, Problem
 
 # pixels of a picture, and its longest side while it is looked at
-_MOST_PIXELS = 200_000_000
+_MAX_PIXELS = 200_000_000
 _SIDE = 1600
 # of the picture, what a silhouette covers at least and at most
 _COVERS = (0.002, 0.9)
 _SECOND = 0.2  # of the largest piece, up to which others are dirt; chosen by eye
 # distance in colour that is none, and times the noise of the border that is; chosen by eye
-_LEAST_APART, _NOISE = 0.03, 2.0
+_MIN_APART, _NOISE = 0.03, 2.0
 # pixels that grain is evened out over, and half the width of what that blurs beside an edge
 _GRAIN, _BLUR = 1.0, 2
 # of the border's distances from the ground's fit, times the middle one that still belong to it
@@ -34,7 +34,7 @@ _OUTLYING, _FITS = 3.0, 4
 # after the other, at every fourth pixel; what counts as far from where it is known. Chosen by eye
 _REACHES, _COARSER, _FAR = (0.12, 0.06, 0.03), 4, 0.01
 # times as long as wide
-_LEAST_SLENDER = 1.5
+_MIN_SLENDER = 1.5
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,8 @@ def read_photo(path: Path) -> Photo:
     """Read a picture, at most _SIDE pixels long. Raises InputError."""
     try:
         with Image.open(path) as image:
-            if image.width * image.height > _MOST_PIXELS:
-                told = f"has {image.width} x {image.height} pixels, at most {_MOST_PIXELS} are read"
+            if image.width * image.height > _MAX_PIXELS:
+                told = f"has {image.width} x {image.height} pixels, at most {_MAX_PIXELS} are read"
                 raise InputError(Problem(str(path), "", told))
             shrunk = max(1.0, max(image.size) / _SIDE)
             size = round(image.width / shrunk), round(image.height / shrunk)
@@ -197,7 +197,7 @@ def _even_ground(colours: Array) -> Array:
     known, wanted = terms[border], colours[border]
     off = np.linalg.norm(wanted - np.median(wanted, axis=0), axis=-1)
     for _ in range(_FITS):
-        kept = off <= max(_OUTLYING * float(np.median(off)), _LEAST_APART)
+        kept = off <= max(_OUTLYING * float(np.median(off)), _MIN_APART)
         fit = np.linalg.lstsq(known[kept], wanted[kept], rcond=None)[0]
         off = np.linalg.norm(wanted - known @ fit, axis=-1)
     return np.asarray(terms @ fit)
@@ -206,7 +206,7 @@ def _even_ground(colours: Array) -> Array:
 def _least_apart(apart: Array, noise: Array) -> float:
     """Threshold of distances in colour; a pale calamus may be nearer to the ground than vanes."""
     # what is left of a plain ground is round-off
-    return min(_otsu(apart.round(6)), max(_LEAST_APART, _NOISE * float(np.quantile(noise, 0.995))))
+    return min(_otsu(apart.round(6)), max(_MIN_APART, _NOISE * float(np.quantile(noise, 0.995))))
 
 
 def _otsu(values: Array) -> float:
@@ -232,7 +232,7 @@ def laid_out(photo: Photo, mask: Flags, turned: bool = False) -> AlignedPicture:
     pixels = np.stack([columns, rows], axis=1).astype(np.float64)
     middle = pixels.mean(axis=0)
     _, spread, axes = np.linalg.svd(pixels - middle, full_matrices=False)
-    if spread[0] < _LEAST_SLENDER * spread[1]:
+    if spread[0] < _MIN_SLENDER * spread[1]:
         message = "the silhouette is about as wide as long, expects a feather from base to tip"
         raise InputError(Problem(str(photo.file), "", message))
     along = (pixels - middle) @ axes[0]

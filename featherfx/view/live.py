@@ -36,7 +36,7 @@ from featherfx.view.page import BYTES, HTML, JSON, Server, page
 from featherfx.view.played import STRAIN, Played
 from featherfx.view.tuned import Tuned
 
-_MOST_FEATHERS = 200
+_MAX_FEATHERS = 200
 # s without a page that asks, after which the simulation waits
 _PATIENCE = 2.0
 # frames that a shot goes on after its last one, where nothing in it is read from a file
@@ -223,8 +223,8 @@ class Live:
             quality = replace(quality, simulated_rows=max(quality.simulated_rows, 0))
             shot = replace(shot, quality=quality)
             placements = some_of(shot, source.feathers)
-            if not 0 < len(placements) <= _MOST_FEATHERS:
-                told = f"{len(placements)} feathers are not allowed. Give 1 to {_MOST_FEATHERS}"
+            if not 0 < len(placements) <= _MAX_FEATHERS:
+                told = f"{len(placements)} feathers are not allowed. Give 1 to {_MAX_FEATHERS}"
                 raise InputError(Problem(str(source.shot), "feather", told))
             ids = {each.id for each in placements}
             wanted = [k for k, each in enumerate(shot.groom.feathers) if each.id in ids]

@@ -145,7 +145,7 @@ _HEADERS = {
 }
 HTML, BYTES, JSON = "text/html; charset=utf-8", "application/octet-stream", "application/json"
 # of what a page may say
-_MOST_BYTES = 65_536
+_MAX_BYTES = 65_536
 
 
 class Server(ThreadingHTTPServer):
@@ -211,7 +211,7 @@ class _Handler(BaseHTTPRequestHandler):
         if name is None:
             return
         length = self.headers.get("Content-Length", "")
-        if not length.isdecimal() or int(length) > _MOST_BYTES:
+        if not length.isdecimal() or int(length) > _MAX_BYTES:
             self.close_connection = True
             self._answer(413, "text/plain", b"too long")
             return

@@ -102,7 +102,7 @@ class SceneryMeshes:
 _FRAME = re.compile(r"([a-z]+)(\d?)-(\d{1,7})")
 # greatest strain that a colour tells apart, that of a vane whose barbs are a quarter farther apart;
 # the least that colours range to, above what single precision makes of points that do not move
-_STRAIN, _LEAST_STRAIN = 0.25, 0.005
+_STRAIN, _MIN_STRAIN = 0.25, 0.005
 # degrees, round the upright axis and above the ground, of views that are compared
 _TURNS = (-55.0, -125.0, 55.0, 125.0, -90.0, 0.0, 180.0, 90.0)
 _RISES = (25.0, 50.0, 75.0)
@@ -172,7 +172,7 @@ class Played:
         vanes = ~self._scene.rachis
         found = [self._strain(self._points(k))[vanes] for k in few.tolist()]
         _, most = value_limits(np.concatenate(found), symmetric=True)
-        return float(f"{min(max(most, _LEAST_STRAIN), _STRAIN):.1e}")
+        return float(f"{min(max(most, _MIN_STRAIN), _STRAIN):.1e}")
 
     @cached_property
     def body(self) -> SceneryMeshes | None:

@@ -13,7 +13,7 @@ from places import SAMPLES
 
 from featherfx.errors import InputError, InputWarning
 from featherfx.files.background import allow_threads
-from featherfx.limits import MOST_JOBS
+from featherfx.limits import MAX_JOBS
 from featherfx.phases import Account
 from featherfx.shot.contact.pairs import _through_others
 from featherfx.shot.frames import Frame
@@ -228,7 +228,7 @@ def test_fewer_threads_from_some_frame_on_change_nothing():
             some.append(frame)
             allow_threads(1 + len(some) % 2)
     finally:
-        allow_threads(MOST_JOBS)
+        allow_threads(MAX_JOBS)
     for a, b in zip(whole, some, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
 

@@ -36,7 +36,7 @@ KINDS: dict[str, Run] = {
 # two lines that tell how far it is
 PIECES, OFTEN = 4, 25
 # the worst scenes that are printed, at the end and meanwhile
-MOST_NAMED, FEW_NAMED = 10, 1
+MAX_NAMED, FEW_NAMED = 10, 1
 
 
 def main() -> int:
@@ -58,7 +58,7 @@ def main() -> int:
         interrupted = _gathered(kind, given, whole)
         told.append(_summary(kind, given, whole, time.monotonic() - start))
         if whole.scenes:
-            print(contact.worst(whole.scenes, MOST_NAMED))
+            print(contact.worst(whole.scenes, MAX_NAMED))
         print(_line(kind, whole, f"in {told[-1]['seconds']:.0f} s"), flush=True)
         if interrupted:
             print(f"interrupted: {given.cases - len(whole.through)} cases were not tried")

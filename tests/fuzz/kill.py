@@ -18,7 +18,7 @@ from .cases import Failure, Found, nothing
 
 SHOT = Path(__file__).resolve().parents[2] / "samples/feather_pull/shot.toml"
 LAYOUTS = ("clips", "flat", "payload")
-MOST_KILLS = 3  # of one bake before it is left in peace
+MAX_KILLS = 3  # of one bake before it is left in peace
 SECONDS = 120  # beyond which a bake hangs
 
 
@@ -49,7 +49,7 @@ def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Iterator[F
             layout = LAYOUTS[number % len(LAYOUTS)]
             folder = whole / f"case{number}"
             folder.mkdir()
-            for _ in range(chance.randint(1, MOST_KILLS)):
+            for _ in range(chance.randint(1, MAX_KILLS)):
                 outcomes["killed"] += _killed(folder, layout, chance, seconds[layout])
             end = _end(folder, layout, expected[layout])
             outcomes[end] += 1

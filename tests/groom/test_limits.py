@@ -185,7 +185,7 @@ def test_damaged_archives_are_one_problem_each(tmp_path: Path) -> None:
 
 
 def test_tables_have_a_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("featherfx.groom.read.table.MOST_FEATHERS", 3)
+    monkeypatch.setattr("featherfx.groom.read.table.MAX_FEATHERS", 3)
     row = "f{},0,0,0,1,0,0,0,0,1,\n"
     (tmp_path / "a.csv").write_text(COLUMNS + "".join(row.format(i) for i in range(4)))
     assert found(tmp_path, TABLE.format("a.csv")) == [

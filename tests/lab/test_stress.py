@@ -22,12 +22,12 @@ from featherfx.solver.solver import (
 from featherfx.solver.state import State, hold_roots, make_report
 
 SEEDS = range(1000, 1040)
-MOST_ROWS = 14
+MAX_ROWS = 14
 
 
 @pytest.fixture(scope="module")
 def outcomes():
-    return stress.run_seeds(SEEDS, jobs=2, most_rows=MOST_ROWS)
+    return stress.run_seeds(SEEDS, jobs=2, most_rows=MAX_ROWS)
 
 
 def test_no_promise_is_broken(outcomes):
@@ -35,7 +35,7 @@ def test_no_promise_is_broken(outcomes):
 
 
 def test_most_cases_are_solved(outcomes):
-    """The share that reaches the end of its frames. These are small: up to MOST_ROWS rows. Of those
+    """The share that reaches the end of its frames. These are small: up to MAX_ROWS rows. Of those
     with up to 200 rows a tenth stopped at the limit of work, crumpled ones mostly; what holds for
     all is the test above."""
     assert sum(o.status == 0 for o in outcomes) >= 0.95 * len(outcomes)
@@ -59,7 +59,7 @@ def test_cases_whose_energy_once_grew(seed):
 def test_a_case_whose_steps_once_gained_more_than_any_of_them_might():
     """Each of a frame's 36 steps gave back no more than its accelerations held, but all together
     did."""
-    outcome = stress.run_case(draw_case(991784, MOST_ROWS))
+    outcome = stress.run_case(draw_case(991784, MAX_ROWS))
     assert outcome.violations == []
     assert outcome.forced == 0
     assert outcome.energy_gain > 1e-4
@@ -72,7 +72,7 @@ def test_a_case_that_once_stopped():
 
 
 def test_what_accelerations_hold_explains_the_ripple_of_resolved_motion():
-    case = draw_case(100118, MOST_ROWS)
+    case = draw_case(100118, MAX_ROWS)
     ringing = replace(case.settings, spectral_radius=0.8)
     outcome = stress.run_case(replace(case, settings=ringing))
     assert outcome.forced == 0
@@ -80,7 +80,7 @@ def test_what_accelerations_hold_explains_the_ripple_of_resolved_motion():
 
 
 def test_cases_are_drawn_again_from_their_seed():
-    one, two = draw_case(1003, MOST_ROWS), draw_case(1003, MOST_ROWS)
+    one, two = draw_case(1003, MAX_ROWS), draw_case(1003, MAX_ROWS)
     assert one.numbers == two.numbers
     assert all(
         a.tobytes() == b.tobytes()
@@ -120,7 +120,7 @@ def test_as_many_steps_as_their_errors_ask_for_are_bounded_by_work_alone():
 
 
 def test_a_dear_case_has_fewer_iterations():
-    small, large = draw_case(1003, MOST_ROWS), draw_case(1410283)
+    small, large = draw_case(1003, MAX_ROWS), draw_case(1410283)
     assert small.settings.max_iterations == MAX_FRAME_ITERATIONS
     assert large.model.rows == 174
     work = large.settings.max_iterations * large.model.unknowns
@@ -198,7 +198,7 @@ def test_stopped_cases_are_listed_with_their_causes(outcomes):
 
 @pytest.fixture(scope="module")
 def hooked():
-    return stress.run_seeds(range(3000, 3030), jobs=2, most_rows=MOST_ROWS, hooks=True)
+    return stress.run_seeds(range(3000, 3030), jobs=2, most_rows=MAX_ROWS, hooks=True)
 
 
 def test_hooked_cases_keep_their_promises(hooked):
@@ -209,7 +209,7 @@ def test_hooked_cases_keep_their_promises(hooked):
 
 
 def test_a_case_with_hooks_is_the_same_but_for_them():
-    bare, slips = draw_case(3001, MOST_ROWS), draw_case(3001, MOST_ROWS, hooks=True)
+    bare, slips = draw_case(3001, MAX_ROWS), draw_case(3001, MAX_ROWS, hooks=True)
     assert slips.numbers | bare.numbers == slips.numbers
     assert slips.strokes
     assert not bare.strokes

@@ -36,7 +36,7 @@ from featherfx.lab.bench.stress import (
 )
 
 _TABLES, _PEER_TABLES = 8, 2
-_QUICK_ROWS, _MOST_ROWS = 40, 200
+_QUICK_ROWS, _MAX_ROWS = 40, 200
 
 
 def run_benchmarks(options: BenchOptions) -> None:
@@ -60,7 +60,7 @@ def run_benchmarks(options: BenchOptions) -> None:
             rest_of = options.frames, options.every
             tables.append(kept_table(shots, options.error, progress, *rest_of))
     elif options.stress:
-        rows = _QUICK_ROWS if options.quick else _MOST_ROWS
+        rows = _QUICK_ROWS if options.quick else _MAX_ROWS
         outcome = _stress(options, jobs, rows)
     else:
         extent = experiments.QUICK_EXTENT if options.quick else experiments.FULL_EXTENT

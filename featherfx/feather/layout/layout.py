@@ -43,23 +43,23 @@ from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Groom, Layout, Placement
 from featherfx.phases import ReportDone, phase
 
-_MOST_SWEEPS = 30
+_MAX_SWEEPS = 30
 _SWEEPS_PER_SEARCH = 10  # after which the skin's tangent planes are looked up again
 # shares of the clearance: what may lack, and what moves are multiples of: of all, from where they
 # are placed, and of the few that have not come to rest by that. What a change brings about dies out
 # sooner with a coarse grain; with a fine one more feathers find room in a crowd
 _SLACK, _GRAIN, _FINE_GRAIN = 0.1, 0.5, 0.04
-_LEAST_GRAIN = 1e-7  # m, where no clearance is asked for
+_MIN_GRAIN = 1e-7  # m, where no clearance is asked for
 # shortening: by how much in one round, rounds, and sweeps after each
-_SHORTER, _MOST_ROUNDS, _SWEEPS_PER_ROUND = 0.9, 12, 5
-_MOST_PARTED = 5  # how often meshes that pass through each other are given more clearance
+_SHORTER, _MAX_ROUNDS, _SWEEPS_PER_ROUND = 0.9, 12, 5
+_MAX_PARTED = 5  # how often meshes that pass through each other are given more clearance
 _NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
 _SHORTER_STILL = 0.75  # by how much before it is dropped, down to the least
 _DROPS = 5  # how often feathers give way, the last time all that must, and the others settle
 _DROPS_OF_MESHES = 3
-_MOST_NAMED = 5
+_MAX_NAMED = 5
 # that share a sweep
-_MOST_THREADS = 8
+_MAX_THREADS = 8
 # hundredths of its time at which the parts of a layout end, measured on birds and a swan of 800 to
 # 2,500 feathers: pairs found, settled, shortened, and each time that feathers have given way
 _FOUND, _SETTLED, _SHORTENED, _DROPPED, _PARTED = 15, 25, 44, (56, 60, 64, 68, 71), (85, 92, 100)
@@ -126,8 +126,8 @@ def _doubts(report: LayoutReport) -> list[str]:
     """List what a layout could not do."""
     doubts = []
     if report.dropped:
-        named = ", ".join(report.dropped[:_MOST_NAMED])
-        more = len(report.dropped) - _MOST_NAMED
+        named = ", ".join(report.dropped[:_MAX_NAMED])
+        more = len(report.dropped) - _MAX_NAMED
         doubts.append(
             f"{len(report.dropped)} feathers that did not come clear are left out: {named}"
             + (f" and {more} more" if more > 0 else "")
@@ -279,7 +279,7 @@ class _Solving:
         """
         pairs, order = shingle_pairs(strips)
         self.done(_FOUND)
-        self._settle(pairs, order, _MOST_SWEEPS, _GRAIN)
+        self._settle(pairs, order, _MAX_SWEEPS, _GRAIN)
         self.done(_SETTLED)
         strips = replace(strips, rank=np.argsort(order))
         pairs = self._search(strips)
@@ -296,7 +296,7 @@ class _Solving:
                 self.restless[:] = True
             elif not (some or self.restless.any()):
                 break
-            self._settle(pairs, order, _MOST_SWEEPS, _GRAIN if number == 0 else _FINE_GRAIN)
+            self._settle(pairs, order, _MAX_SWEEPS, _GRAIN if number == 0 else _FINE_GRAIN)
             self.done(_DROPPED[number])
             pairs = self._search(strips)
         for number in range(_DROPS_OF_MESHES):
@@ -323,7 +323,7 @@ class _Solving:
         starts = np.searchsorted(pairs[:, 0], np.arange(len(feathers.size) + 1))
         neighbours = Neighbours(order, starts, pairs)
         limits, travel = self._limits(pairs, grain), self._travel(pairs)
-        planes, threads = np.zeros((0, 1, 4)), min(os.cpu_count() or 1, _MOST_THREADS)
+        planes, threads = np.zeros((0, 1, 4)), min(os.cpu_count() or 1, _MAX_THREADS)
         each = [feathers.with_scratch() for _ in range(threads)]
         still, known = False, np.zeros_like(travel.gone)
         with ThreadPoolExecutor(threads) as pool:
@@ -345,7 +345,7 @@ class _Solving:
         feathers, layout = self.feathers, self.layout
         tilt = np.radians(np.where(feathers.grown, layout.most_tilt, layout.most_tilt_placed))
         lift = np.where(tilt > 0.0, layout.most_lift, 0.0)
-        grain = max(share * layout.clearance, _LEAST_GRAIN)
+        grain = max(share * layout.clearance, _MIN_GRAIN)
         turn = grain / feathers.placed_size
         return Limits(
             clearance=layout.clearance * (1.0 + self._times_crossed(pairs).astype(float)),
@@ -387,7 +387,7 @@ class _Solving:
 
     def _part_meshes(self, pairs: Indices, order: Indices) -> None:
         """Ask for more clearance where meshes pass through each other although samples do not."""
-        for _ in range(_MOST_PARTED):
+        for _ in range(_MAX_PARTED):
             found, sunk = self._through()
             keys = self._keys(found)
             wider = np.isin(self._keys(pairs), keys)
@@ -405,7 +405,7 @@ class _Solving:
         if self.layout.least_size >= 1.0:
             return
         least = self.layout.least_size * size
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(_MAX_ROUNDS):
             gaps, places = self.feathers.gaps(pairs)
             through = np.flatnonzero(gaps < 0.0)
             # how far towards the tip, of the upper and the lower feather

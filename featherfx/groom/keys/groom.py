@@ -19,7 +19,7 @@ from featherfx.groom.keys.values import (
     vector,
 )
 from featherfx.groom.types import Joint
-from featherfx.limits import MOST_FEATHERS
+from featherfx.limits import MAX_FEATHERS
 
 # what a primvar is called where [[usd]] does not say otherwise
 DEFAULT_PRIMVARS = {
@@ -249,7 +249,7 @@ GROOM_KEYS = {
     "name": Key(Text(), "Name of the groom."),
     "space": Key(Table(SPACE_KEYS), "Axes and unit that the groom is written in.", None),
     "joint": tables(JOINT_KEYS, "Joints of the skeleton."),
-    "feather": tables(FEATHER_ENTRY_KEYS, "Feathers placed one by one.", most=MOST_FEATHERS),
+    "feather": tables(FEATHER_ENTRY_KEYS, "Feathers placed one by one.", most=MAX_FEATHERS),
     "row": tables(ROW_KEYS, "Rows of feathers."),
     "bird": Key(
         Table(LazyKeys(_LIMBS, "BIRD_KEYS")), "A whole bird, from landmarks of its body.", None

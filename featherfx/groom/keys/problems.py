@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from featherfx.errors import InputError, Problem
-from featherfx.limits import MOST_COMPARED, MOST_LISTED, MOST_SEARCHES
+from featherfx.limits import MAX_COMPARED, MAX_LISTED, MAX_SEARCHES
 
 # what a check gives for a value that is wrong
 INVALID = object()
@@ -46,12 +46,12 @@ class Problems:
         listed = []
         for problem in self._found:
             counts[problem.source] += 1
-            if counts[problem.source] <= MOST_LISTED:
+            if counts[problem.source] <= MAX_LISTED:
                 listed.append(problem)
         more = [
-            Problem(source, "", f"and {count - MOST_LISTED} more problems")
+            Problem(source, "", f"and {count - MAX_LISTED} more problems")
             for source, count in counts.items()
-            if count > MOST_LISTED
+            if count > MAX_LISTED
         ]
         return listed + more
 
@@ -68,7 +68,7 @@ class Problems:
     def nearest(self, name: str, names: Iterable[str]) -> str:
         """nearest() for the first names that are wrong; empty when so many have been looked for."""
         self._searches += 1
-        return nearest(name, names) if self._searches <= MOST_SEARCHES else ""
+        return nearest(name, names) if self._searches <= MAX_SEARCHES else ""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def closest(name: str, names: Sequence[str], most: int) -> list[str]:
     """Names that are like one, the likest first; none where it is too long to compare."""
     if len(name) > _LONGEST_COMPARED:
         return []
-    compared = [each for each in names[:MOST_COMPARED] if len(each) <= _LONGEST_COMPARED]
+    compared = [each for each in names[:MAX_COMPARED] if len(each) <= _LONGEST_COMPARED]
     return difflib.get_close_matches(name, compared, n=most, cutoff=0.6)
 
 
@@ -122,5 +122,5 @@ def nearest(name: str, names: Iterable[str]) -> str:
         return f"did you mean '{close[0]}'?"
     if not known:
         return "there are none"
-    more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""
-    return "known: " + ", ".join(known[:MOST_LISTED]) + more
+    more = f" and {len(known) - MAX_LISTED} more" if len(known) > MAX_LISTED else ""
+    return "known: " + ", ".join(known[:MAX_LISTED]) + more

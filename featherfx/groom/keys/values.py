@@ -18,8 +18,8 @@ from featherfx.errors import CONTROL
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.keys.renamed import explain_old_key
 from featherfx.limits import (
-    MOST_CHARACTERS,
-    MOST_PATTERNS,
+    MAX_CHARACTERS,
+    MAX_PATTERNS,
 )
 
 REQUIRED = object()
@@ -125,8 +125,8 @@ class Text:
             return place.fail(f"{shown(value)} is not a text in quotes")
         if self.choices and value not in self.choices:
             return place.unknown(f"{shown(value)} is not allowed", value, self.choices)
-        if len(value) > MOST_CHARACTERS:
-            return place.fail(f"has {len(value)} characters. Give at most {MOST_CHARACTERS}")
+        if len(value) > MAX_CHARACTERS:
+            return place.fail(f"has {len(value)} characters. Give at most {MAX_CHARACTERS}")
         if CONTROL.search(value):
             return place.fail(f"{shown(value)} holds a line break or a control character")
         if not value and not self.empty and not self.choices:
@@ -140,7 +140,7 @@ class Text:
         if self.choices:
             return {"type": "string", "enum": list(self.choices)}
         control: JsonSchema = {"type": "string", "pattern": CONTROL.pattern}
-        found: JsonSchema = {"type": "string", "maxLength": MOST_CHARACTERS, "not": control}
+        found: JsonSchema = {"type": "string", "maxLength": MAX_CHARACTERS, "not": control}
         return found if self.empty else {**found, "minLength": 1}
 
 
@@ -385,8 +385,8 @@ class Named:
         if not isinstance(value, dict):
             place.fail(f"{shown(value)} is not a table")
             return {}
-        if len(value) > MOST_PATTERNS:
-            place.fail(f"has {len(value)} keys. Give at most {MOST_PATTERNS}")
+        if len(value) > MAX_PATTERNS:
+            place.fail(f"has {len(value)} keys. Give at most {MAX_PATTERNS}")
             return {}
         result = {
             name: self.item.check(each, place.child(f'"{name}"'), partial)

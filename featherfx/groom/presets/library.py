@@ -15,7 +15,7 @@ from featherfx.groom.keys.values import REQUIRED, Key, Table, expected
 from featherfx.groom.presets.folders import search_path, shipped_folder
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.read.value_diff import told
-from featherfx.limits import MOST_BASES
+from featherfx.limits import MAX_BASES
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,8 @@ class Library:
         if found is None:
             where.refuse(where.meant(f"no {family} preset '{name}'", name, self.names(family)))
         path = found[0]
-        if len(chain) >= MOST_BASES:
-            where.refuse(f"more than {MOST_BASES} presets extend each other. Merge some of them")
+        if len(chain) >= MAX_BASES:
+            where.refuse(f"more than {MAX_BASES} presets extend each other. Merge some of them")
         if any(path == each for _, each in chain):
             names = [each for each, _ in chain]
             loop = [*names[[p for _, p in chain].index(path) :], name]

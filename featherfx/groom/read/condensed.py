@@ -14,8 +14,8 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import unit
 
-_MOST_GUIDES = 12
-_MOST_OUTLINE_POINTS = 60
+_MAX_GUIDES = 12
+_MAX_OUTLINE_POINTS = 60
 _BARE = 0.002  # barbs shorter than this share of the shaft are none
 _AS_DRAWN = {"rounded_base": 0.0, "rounded_tip": 0.0}
 _SHORT = 0.1  # barbs shorter than this share of the longest say nothing about direction
@@ -95,11 +95,11 @@ def _vane(
     angle, curl, camber, ends = _arcs(barbs[rows], frames[rows], sign)
     position = (station[rows] - bare) / vane_length
     outline = np.column_stack([position + ends[:, 0] / vane_length, ends[:, 1] / station[-1]])
-    outline = outline[_spread(len(outline), _MOST_OUTLINE_POINTS)]
+    outline = outline[_spread(len(outline), _MAX_OUTLINE_POINTS)]
     corners = [[0.0, 0.0], *outline.tolist(), [1.0, 0.0]]
     ends_at_tip = bool(np.linalg.norm(outline[-1] - [1.0, 0.0]) < 1e-6)
     telling = np.flatnonzero(length[rows] > _SHORT * length.max())
-    chosen = telling[_spread(len(telling), _MOST_GUIDES)]
+    chosen = telling[_spread(len(telling), _MAX_GUIDES)]
     guides = [
         {
             "position": float(min(max(position[k], 0.0), 1.0)),

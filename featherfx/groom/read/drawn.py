@@ -34,7 +34,7 @@ from featherfx.groom.read.rachis_curve import (
 from featherfx.groom.read.readers import DrawnFeather, SceneReader
 from featherfx.groom.types import FeatherKind
 
-_MOST_NAMED = 10
+_MAX_NAMED = 10
 _SHORTEST, _LONGEST = 1e-4, 10.0  # m; beyond, a stage has another unit than it says
 
 
@@ -66,8 +66,8 @@ def _warn_of_bends(path: Path, drafts: list[Draft]) -> None:
     ]
     far = sorted((each for each in far if each[0] > MAX_LINE_DEVIATION), reverse=True)
     if far:
-        named = ", ".join(f"'{name}' {off:.1%}" for off, name in far[:_MOST_NAMED])
-        more = f" and {len(far) - _MOST_NAMED} more" if len(far) > _MOST_NAMED else ""
+        named = ", ".join(f"'{name}' {off:.1%}" for off, name in far[:_MAX_NAMED])
+        more = f" and {len(far) - _MAX_NAMED} more" if len(far) > _MAX_NAMED else ""
         warnings.warn(
             f"{path}: these curves turn more often or more sharply than shaft and vanes can. What"
             f" is taken for them is off by more than {MAX_LINE_DEVIATION:.0%} of their length: "

@@ -10,7 +10,7 @@ from featherfx.errors import Problem, as_sentence
 from featherfx.limits import irregular
 
 _KEY = re.compile(r"(?P<table>\w+)(?:\[(?P<number>\d+)\])?(?:\.(?P<leaf>\w+))?")
-_MOST_BYTES = 1_000_000  # of a file that is looked through once more for each of its problems
+_MAX_BYTES = 1_000_000  # of a file that is looked through once more for each of its problems
 _HEADER = re.compile(r"\s*\[")
 
 
@@ -23,7 +23,7 @@ def located(problem: Problem) -> str:
     if match is None or path.suffix != ".toml" or irregular(path):
         return as_sentence(str(problem))
     try:
-        if path.stat().st_size > _MOST_BYTES:
+        if path.stat().st_size > _MAX_BYTES:
             return as_sentence(str(problem))
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, ValueError):

@@ -23,7 +23,7 @@ from featherfx.groom.course import shaft, turn
 from featherfx.groom.types import RachisShape
 
 _STEPS = 8  # points per cubic segment
-_LEAST_BEND = 1.0  # deg; a curve of less is straight
+_MIN_BEND = 1.0  # deg; a curve of less is straight
 MAX_LINE_DEVIATION = 0.01  # share of the length; a curve that an arc misses by more has a course
 _NEAR = 0.005  # share of the length that a course is made to keep to
 _PIECES = (8, 16, 32, 64, 128, 192)  # of a course, which has 200 points at most
@@ -89,7 +89,7 @@ def curved_up(points: Array) -> Array | None:
     steps = np.diff(points, axis=0)
     first, last = steps[0], steps[-1]
     cosine = first @ last / (np.linalg.norm(first) * np.linalg.norm(last))
-    if cosine > np.cos(np.radians(_LEAST_BEND)):
+    if cosine > np.cos(np.radians(_MIN_BEND)):
         return None
     chord = points[-1] - points[0]
     norm = np.linalg.norm(chord)
@@ -113,7 +113,7 @@ def fit_arc(points: Array, up: Array) -> FittedCurve:
 
 
 def fit_course(arc: FittedCurve, points: Array, up: Array, tightest: Array) -> FittedCurve:
-    """The arc of a polyline, with a course where the arc is off by more than MOST_DEVIATION.
+    """The arc of a polyline, with a course where the arc is off by more than MAX_DEVIATION.
 
     tightest: (n,) rad per length, the most that the shaft may turn within the vane's plane at even
     shares of its length; no course turns more.

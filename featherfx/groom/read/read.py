@@ -27,7 +27,7 @@ from featherfx.groom.read.space import Space, in_groom
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.read.value_diff import told
 from featherfx.groom.types import FeatherKind, Groom, Joint, Layout, Placement
-from featherfx.limits import MOST_COMPARED, MOST_FEATHERS
+from featherfx.limits import MAX_COMPARED, MAX_FEATHERS
 
 _SHOT_KEYS = {"groom", "frames"}  # that every shot has, and no groom
 _FEATHER_KEYS = {
@@ -124,9 +124,9 @@ def groom_of(
 
         region_drafts, skin = grow_regions(raw, parts, place, store, readers, space)
     written = _drafts(parts, path.parent, store, readers, space) if _may_be(parts, place) else ()
-    drafts = [*islice(written, MOST_FEATHERS + 1), *limb_drafts, *region_drafts]
-    if len(drafts) > MOST_FEATHERS:
-        place.refuse(f"holds more than {MOST_FEATHERS} feathers")
+    drafts = [*islice(written, MAX_FEATHERS + 1), *limb_drafts, *region_drafts]
+    if len(drafts) > MAX_FEATHERS:
+        place.refuse(f"holds more than {MAX_FEATHERS} feathers")
     if not drafts and not len(library.problems):
         place.fail(
             "there are no feathers. Give a [bird], [[feather]], [[row]], [[wing]], [[tail]], "
@@ -155,9 +155,9 @@ def groom_of(
 def _may_be(parts: dict[str, Any], place: Place) -> bool:
     """Return True if the rows ask for no more feathers than allowed; add a problem otherwise."""
     count = sum(entry["count"] * (2 if entry["mirror"] else 1) for _, entry in parts["row"])
-    if count > MOST_FEATHERS:
-        place.child("row").fail(f"asks for {count} feathers in all. Give at most {MOST_FEATHERS}")
-    return count <= MOST_FEATHERS
+    if count > MAX_FEATHERS:
+        place.child("row").fail(f"asks for {count} feathers in all. Give at most {MAX_FEATHERS}")
+    return count <= MAX_FEATHERS
 
 
 def _drafts(
@@ -280,7 +280,7 @@ def _overridden(
 
 
 def _likely_id(pattern: str, drafts: list[Draft], problems: Problems) -> str:
-    ids = [draft.id for draft in drafts[:MOST_COMPARED]]
+    ids = [draft.id for draft in drafts[:MAX_COMPARED]]
     meant = problems.nearest(pattern, ids)
     return meant if meant.startswith("did") else "ids are like " + ", ".join(ids[:3])
 

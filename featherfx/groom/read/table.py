@@ -26,7 +26,7 @@ from featherfx.groom.keys.values import Number, shown
 from featherfx.groom.presets.kind_store import KindChoice
 from featherfx.groom.read.drafts import Draft, mirror_of, with_mirror_images
 from featherfx.groom.read.space import Space
-from featherfx.limits import MOST_ARRAY_BYTES, MOST_CHARACTERS, MOST_FEATHERS, irregular
+from featherfx.limits import MAX_ARRAY_BYTES, MAX_CHARACTERS, MAX_FEATHERS, irregular
 
 _VECTORS = {
     "position": ("x", "y", "z"),
@@ -74,7 +74,7 @@ def _load(path: Path, problems: Problems) -> Columns | None:
         if path.suffix.lower() == ".npz":
             return _load_npz(path, problems)
         with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(islice(filter(None, csv.reader(file)), MOST_FEATHERS + 2))
+            rows = list(islice(filter(None, csv.reader(file)), MAX_FEATHERS + 2))
         return _load_csv(path, rows, problems)
     except FileNotFoundError:
         problems.add(path, "", "there is no such file. Check the path")
@@ -127,16 +127,16 @@ def _npz_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]
         shape, _, kind = read_head(file)
     _check_count(math.prod(shape[:1]))
     size = math.prod(shape) * kind.itemsize
-    if size > MOST_ARRAY_BYTES:
-        sizes = f"{size / 1e6:.6g} MB, more than {MOST_ARRAY_BYTES / 1e6:.6g} MB"
+    if size > MAX_ARRAY_BYTES:
+        sizes = f"{size / 1e6:.6g} MB, more than {MAX_ARRAY_BYTES / 1e6:.6g} MB"
         raise ValueError(f"{entry.filename} would take {sizes}")
     with archive.open(entry) as file:
         return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
 
 
 def _check_count(count: int) -> None:
-    if count > MOST_FEATHERS:
-        raise ValueError(f"holds more than {MOST_FEATHERS} rows")
+    if count > MAX_FEATHERS:
+        raise ValueError(f"holds more than {MAX_FEATHERS} rows")
 
 
 def _load_csv(path: Path, rows: list[list[str]], problems: Problems) -> Columns | None:
@@ -215,8 +215,8 @@ def _check_numbers(path: Path, name: str, values: NDArray[Any], problems: Proble
 
 
 def _check_texts(path: Path, name: str, texts: list[str], problems: Problems) -> None:
-    long = np.array([len(text) > MOST_CHARACTERS for text in texts])
-    tail = f"characters. Give at most {MOST_CHARACTERS}"
+    long = np.array([len(text) > MAX_CHARACTERS for text in texts])
+    tail = f"characters. Give at most {MAX_CHARACTERS}"
     _report(path, name, long, lambda row: f"has {len(texts[row])} {tail}", problems)
     broken = np.array([CONTROL.search(text) is not None for text in texts])
     tail = "holds a line break or a control character"

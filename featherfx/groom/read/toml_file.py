@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, Problem
-from featherfx.limits import MOST_NESTING, MOST_TOML_BYTES, irregular
+from featherfx.limits import MAX_NESTING, MAX_TOML_BYTES, irregular
 
 _POSITION = re.compile(r"^(?P<what>.*) \(at (?P<where>.*)\)$", re.DOTALL)
 # keys such as a.b.c with too many parts: tomllib takes the square of their number
 _PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
-_DEEP_KEY = re.compile(rf"(?m)(?:^[ \t\[]*|[{{,]\s*){_PART}(?:\.[ \t]*{_PART}){{{MOST_NESTING},}}")
-_TOO_DEEP = f"tables and arrays are nested deeper than {MOST_NESTING}"
+_DEEP_KEY = re.compile(rf"(?m)(?:^[ \t\[]*|[{{,]\s*){_PART}(?:\.[ \t]*{_PART}){{{MAX_NESTING},}}")
+_TOO_DEEP = f"tables and arrays are nested deeper than {MAX_NESTING}"
 
 
 def load_toml(path: Path, label: str = "") -> dict[str, Any]:
@@ -50,8 +50,8 @@ class _Unfit(ValueError):
 def _tables(path: Path) -> dict[str, Any]:
     if fault := irregular(path):
         raise _Unfit(f"{fault}, expects a TOML file")
-    if (size := path.stat().st_size) > MOST_TOML_BYTES:
-        sizes = f"has {size / 1e6:.3g} MB, more than {MOST_TOML_BYTES / 1e6:.3g} MB"
+    if (size := path.stat().st_size) > MAX_TOML_BYTES:
+        sizes = f"has {size / 1e6:.3g} MB, more than {MAX_TOML_BYTES / 1e6:.3g} MB"
         raise _Unfit(f"{sizes}. Put thousands of feathers into a [[table]], a CSV or NPZ file")
     text = path.read_text(encoding="utf-8-sig")
     tables = None if _DEEP_KEY.search(text) else tomllib.loads(text)
@@ -63,7 +63,7 @@ def _tables(path: Path) -> dict[str, Any]:
 def _is_deep(tables: dict[str, Any]) -> bool:
     """Return True if tables and arrays are nested deeper than allowed."""
     level: list[Any] = [tables]
-    for _ in range(MOST_NESTING + 1):
+    for _ in range(MAX_NESTING + 1):
         inner = [each.values() if isinstance(each, dict) else each for each in level]
         level = [part for each in inner for part in each if isinstance(part, dict | list)]
         if not level:

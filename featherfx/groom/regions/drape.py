@@ -18,7 +18,7 @@ from featherfx.algebra.vectors import dots, unit
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints
 
 # a skin that falls off further is not followed
-_MOST_TURNING = 45.0  # deg
+_MAX_TURNING = 45.0  # deg
 # in feather lengths, of a contour feather's middle barbs: where one begins on the shaft, its way
 # forward and to the side
 BARB_SAMPLE_ROW, _BARB = 0.3, (0.3, 0.25)
@@ -27,7 +27,7 @@ _PLACES = np.array(
     [(0.3, 0.0), (0.6, 0.0), (0.9, 0.0), (0.5, 0.2), (0.5, -0.2), (0.8, 0.2), (0.8, -0.2)]
 )
 _FAR = 0.1  # of a feather's length, from which on a place counts less
-_MOST_LAID = np.radians(20.0)
+_MAX_LAID = np.radians(20.0)
 _ROUNDS = 3
 
 
@@ -60,7 +60,7 @@ def _fall(surface: SkinSurface, start: Array, normal: Array, way: Array) -> Arra
     """(N,) deg, by which the skin's normal leans towards a way (N, 3) m, at its end."""
     ends = surface.normals_near(start + way)
     ahead = dots(ends, unit(way - dots(way, normal)[:, None] * normal))
-    return np.clip(np.degrees(np.arctan2(ahead, dots(ends, normal))), 0.0, _MOST_TURNING)
+    return np.clip(np.degrees(np.arctan2(ahead, dots(ends, normal))), 0.0, _MAX_TURNING)
 
 
 def laid_along(
@@ -82,8 +82,8 @@ def laid_along(
         pulls = -np.einsum("nk,nki,nk->ni", weights, sides, astray)
         raised, rolled = np.linalg.solve(normal_matrix, pulls[:, :, None])[:, :, 0].T
         turns = np.stack([rolled, -raised, np.zeros(len(raised))], axis=1)
-        size = np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), _MOST_LAID)
-        rotations = rotations @ vectors_to_frames(turns * _MOST_LAID / size)
+        size = np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), _MAX_LAID)
+        rotations = rotations @ vectors_to_frames(turns * _MAX_LAID / size)
     return rotations
 
 

@@ -44,10 +44,10 @@ from featherfx.groom.skin.points import SkinSource, SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree
 from featherfx.phases import phase
 
-_MOST_NAMED = 5
+_MAX_NAMED = 5
 _PLACES = "triangle", "barycentric", "position", "normal"
 _STEPS = 2  # between one region's colour and another's
-_LEAST_FIT = 0.25  # of a feather's length, left where there is no room
+_MIN_FIT = 0.25  # of a feather's length, left where there is no room
 
 
 @dataclass(frozen=True)
@@ -339,10 +339,10 @@ def _above_ground(region: _Region, found: Scattered) -> Scattered:
     if not buried.any():
         return found
     ids = [f"{region.entry['id']}_{number:06d}" for number in found.number[buried]]
-    more = f" and {len(ids) - _MOST_NAMED} more" if len(ids) > _MOST_NAMED else ""
+    more = f" and {len(ids) - _MAX_NAMED} more" if len(ids) > _MAX_NAMED else ""
     warnings.warn(
         f"{region.place.source}: {region.place.key}: {len(ids)} roots lie inside the body and are "
-        f"left out: {', '.join(ids[:_MOST_NAMED])}{more}",
+        f"left out: {', '.join(ids[:_MAX_NAMED])}{more}",
         InputWarning,
         stacklevel=3,
     )
@@ -361,7 +361,7 @@ def _fitted(length: Array, points: SurfacePoints, fit: float | None) -> Array:
     if fit is None:
         return length
     room = points.interpolated(points.surface.room)
-    return np.asarray(np.clip(fit * room, _LEAST_FIT * length, length))
+    return np.asarray(np.clip(fit * room, _MIN_FIT * length, length))
 
 
 def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Array) -> Array:

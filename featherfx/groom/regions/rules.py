@@ -60,7 +60,7 @@ _PLACES = (
 _FLOWS = ("direction", "away", "towards", "primvar", "curves")
 _GUIDES = 8  # guide points that a direction is interpolated from
 # a direction whose part along the skin is a smaller share of it says nothing
-_LEAST_ALONG = 1e-3
+_MIN_ALONG = 1e-3
 
 
 def presence(rules: tuple[dict[str, Any], ...], skin: GroomSkin, place: Place) -> Presence:
@@ -199,7 +199,7 @@ def along_skin(wanted: Array, normal: Array) -> Array:
     flat = wanted - (wanted * normal).sum(axis=1, keepdims=True) * normal
     size = np.linalg.norm(flat, axis=1, keepdims=True)
     whole = np.linalg.norm(wanted, axis=1, keepdims=True)
-    clear = size > _LEAST_ALONG * np.maximum(whole, 1e-300)
+    clear = size > _MIN_ALONG * np.maximum(whole, 1e-300)
     return np.where(clear, flat / np.where(clear, size, 1.0), 0.0)
 
 

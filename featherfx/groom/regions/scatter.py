@@ -31,7 +31,7 @@ _FIRST_DENSITY = 4.0  # points on the whole skin
 _LATTICE = 2**20  # of the skin's size
 _NORMAL_STEPS = 1000.0
 # how much smaller than the largest a density may be and still count
-_LEAST_PRESENCE = 1e-3
+_MIN_PRESENCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class _Pool:
         fresh = _candidates(self._surface, self._seed, self._read, end)
         number, self._read = np.arange(self._read, end), max(end, self._read)
         present = self._presence(fresh)
-        kept = present > _LEAST_PRESENCE
+        kept = present > _MIN_PRESENCE
         fresh, old = fresh.some(kept), self._points
         self._points = SurfacePoints(
             self._surface,

@@ -8,7 +8,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.search import size_classes
 
-_MOST_NAMED = 5
+_MAX_NAMED = 5
 _AT_ONCE = 2_000_000  # pairs of a point and a triangle
 
 
@@ -134,5 +134,5 @@ def _pierced(start: Array, end: Array, corners: Array) -> Flags:
 
 def _faces(faces: Indices) -> str:
     named = np.unique(faces)
-    more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
-    return "faces " + ", ".join(str(each) for each in named[:_MOST_NAMED]) + more
+    more = f" and {len(named) - _MAX_NAMED} more" if len(named) > _MAX_NAMED else ""
+    return "faces " + ", ".join(str(each) for each in named[:_MAX_NAMED]) + more

@@ -26,7 +26,7 @@ from featherfx.groom.skin.search import search_tree
 # in a line
 _STIFFNESS = 1e-3
 # of a weight, by which the centring may change it; at borders some become negative
-_MOST_CHANGE = 3.0
+_MAX_CHANGE = 3.0
 
 
 class _Pairs(NamedTuple):
@@ -225,7 +225,7 @@ def _centred(pairs: _Pairs, offsets: Array, facing: Array, count: int) -> Array:
     change = dots(tilt[root], flat - mean[root])
     starts = np.searchsorted(root, np.arange(count))
     most = np.maximum.reduceat(np.abs(change), starts)
-    return np.asarray(weight * (1.0 + change / np.maximum(1.0, most / _MOST_CHANGE)[root]))
+    return np.asarray(weight * (1.0 + change / np.maximum(1.0, most / _MAX_CHANGE)[root]))
 
 
 def _sums(pairs: _Pairs, values: Array, count: int) -> Array:

@@ -16,7 +16,7 @@ from featherfx.groom.keys.problems import Place
 from featherfx.groom.skin.faults import crossing_triangles, within
 from featherfx.groom.skin.search import search_tree
 
-_MOST_ROUNDS = 60
+_MAX_ROUNDS = 60
 _TOUCHING = 1e-6  # share of the radius by which a point may lie inside
 _ABOVE = 1e-6  # of the skin's size: how far over it a place is looked at
 
@@ -196,7 +196,7 @@ def room_above(points: Array, normals: Array, most: float) -> Array:
     tree = search_tree(points)
     radius = np.where(normals.any(axis=1), most, 0.0)
     active = np.flatnonzero(radius > 0.0)
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         start, normal = points[active], normals[active]
         distance, near = tree.query(start + radius[active, None] * normal, workers=-1)
         inside = (near != active) & (distance < (1.0 - _TOUCHING) * radius[active])

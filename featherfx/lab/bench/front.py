@@ -55,7 +55,7 @@ _STEPS = (
     (6e-5, (11, 15, 21, 29)),
 )
 # rows and columns of a reference
-_MOST_ROWS, _MOST_COLUMNS = 57, 12
+_MAX_ROWS, _MAX_COLUMNS = 57, 12
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Setting:
     radius: float = 0.5
 
 
-_FINEST = Setting(rows=_MOST_ROWS, columns=_MOST_COLUMNS, coefficients=3, tolerance=1e-5)
+_FINEST = Setting(rows=_MAX_ROWS, columns=_MAX_COLUMNS, coefficients=3, tolerance=1e-5)
 
 
 def settings(touching: bool) -> Iterator[Setting]:
@@ -281,7 +281,7 @@ HOW = (
 )
 # of feathers and scenes, in how many what is estimated afterwards is not less than what they miss
 _HELD = 0.9
-LEAST_ERROR = 1e-5
+MIN_ERROR = 1e-5
 # of the finest tolerance that was measured, to what the power of steps is trusted
 _TRUSTED = 0.1
 # of rows and columns: the polylines of rachises and barbs are of second order
@@ -291,7 +291,7 @@ _LINES = 2.0
 _GRID = (-12.0, 5.0), (0.0, 1.0)
 # of rows, how far barbs are estimated to bend, and do, below which what is missed falls no more: in
 # the shake, where barbs bend by 0.001 to 0.009, rows miss as much as where they bend by so much
-_LEAST, _LEAST_BENT = 0.05, 0.015
+_LEAST, _MIN_BENT = 0.05, 0.015
 _FITTED_STEPS = (-6.0, 3.0), (0.3, 1.1), (0.0, 5.0)
 # a feather that errs by more than a power says weighs so much more than one that errs by less, so
 # that the power is one that some nine of ten keep to
@@ -338,7 +338,7 @@ def missed(rows: Sequence[Row], times: Mapping[tuple[int, int, int], float]) -> 
     rows = [r for r in rows if not r["wrung"]]
     before, after = _measured(rows, ""), _measured(rows, " bent")
     grid, steps = _fitted(before, _LEAST)
-    held, _ = _fitted(after, _LEAST_BENT)
+    held, _ = _fitted(after, _MIN_BENT)
     off = np.quantile(np.log(after.error / after.missed(held, steps)), _HELD)
     held = GridErrors(*(each._replace(factor=each.factor * float(np.exp(off))) for each in held))
     tolerances = _TRUSTED * float(before.tolerance.min()), float(before.tolerance.max())
@@ -359,8 +359,8 @@ def missed(rows: Sequence[Row], times: Mapping[tuple[int, int, int], float]) -> 
 def _measured(rows: Sequence[Row], when: str) -> _Measured:
     names = ("rows", "columns", "coefficients", "tolerance", "shaft", f"barb{when}", "air")
     values: list[Array] = [np.array([float(r[name]) for r in rows]) for name in names]
-    values[4:6] = [np.maximum(each, LEAST_ERROR) for each in values[4:6]]
-    values.append(np.maximum([r["error"] for r in rows], LEAST_ERROR))
+    values[4:6] = [np.maximum(each, MIN_ERROR) for each in values[4:6]]
+    values.append(np.maximum([r["error"] for r in rows], MIN_ERROR))
     feathers = [f"{r['scene']}/{r['feather']}" for r in rows]
     _, number, count = np.unique(feathers, return_inverse=True, return_counts=True)
     return _Measured._make([*values, count[number] ** -0.5, number])

@@ -23,7 +23,7 @@ Change = Callable[[Shot], Shot]
 # feathers of a shot that are simulated first, so that kernels are compiled
 _WARMING = 16
 # the most coefficients that the solver chooses by itself
-_MOST_COEFFICIENTS = 4
+_MAX_COEFFICIENTS = 4
 # fewer feathers are no plumage whose feathers could follow each other
 _GUIDABLE = 8
 
@@ -153,7 +153,7 @@ SKIPS = (
     Skip(
         "coefficients chosen, not 4",
         _quality(coefficients=CHOSEN),
-        _quality(coefficients=_MOST_COEFFICIENTS),
+        _quality(coefficients=_MAX_COEFFICIENTS),
         _always,
     ),
     Skip("rows chosen, not all", _quality(simulated_rows=CHOSEN), _all_rows, _always),

@@ -27,7 +27,7 @@ from scipy.stats import t as student
 
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem, require
-from featherfx.limits import MOST_LISTED
+from featherfx.limits import MAX_LISTED
 
 # of fibre directions, and of the stretch that damage is integrated over
 _DIRECTIONS, _STRETCHES = 201, 400
@@ -177,6 +177,6 @@ def read_tissue(path: Path) -> tuple[Array, Array, Array]:
                         f"{text!r} is not allowed. Give {allowed}",
                     )
                 )
-    require(*problems[:MOST_LISTED])
+    require(*problems[:MAX_LISTED])
     along, stress = table[:, 0], table[:, 1]
     return along, stress, table[:, 2] if _ACROSS in given else incompressible(along)

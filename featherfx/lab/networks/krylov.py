@@ -34,7 +34,7 @@ DIRECT = ("direct", "cholmod")
 SYMMETRIC = ("NONE", "P_J", "P_Db", "P_S")
 
 # S has no zeros: beyond this number of unknowns of a direction it does not fit into memory
-_MOST_DENSE = 6000
+_MAX_DENSE = 6000
 # directions that GMRES keeps before it begins anew
 _RESTART = 100
 
@@ -130,8 +130,8 @@ def _check(unknowns: int, method: Method, preconditioner: Preconditioner) -> Non
     if method in ("pcg", "minres") and preconditioner not in SYMMETRIC:
         text = f"{preconditioner} is not allowed with {method}. Give {', '.join(SYMMETRIC)}"
         problems.append(Problem("network", "preconditioner", text))
-    if method not in DIRECT and preconditioner in ("P_S", "P_AS") and unknowns > 2 * _MOST_DENSE:
-        text = f"{preconditioner} takes up to {2 * _MOST_DENSE} unknowns, not {unknowns}"
+    if method not in DIRECT and preconditioner in ("P_S", "P_AS") and unknowns > 2 * _MAX_DENSE:
+        text = f"{preconditioner} takes up to {2 * _MAX_DENSE} unknowns, not {unknowns}"
         problems.append(Problem("network", "preconditioner", text))
     require(*problems)
 

@@ -244,7 +244,7 @@ _START = 1e-3
 # factors of velocity and acceleration in the forces: none
 _STATIC = IntegratorFactors(0.0, 0.0, 0.0)
 _NAME = "rod"
-_LEAST_SEGMENTS = 40
+_MIN_SEGMENTS = 40
 # of the length within which a load bends a rod
 _ELEMENTS_WITHIN = 3
 
@@ -350,7 +350,7 @@ def enough_segments(rod: Rod, load: float) -> int:
     The load bends the rod within sqrt(EI / load) of its clamp. With k elements in that length the
     error is 0.018 / k^2 of the reach, measured at weights of 1e3 to 1e5 EI / length^2.
     """
-    return max(_LEAST_SEGMENTS, math.ceil(_ELEMENTS_WITHIN * rod.length / _bent_within(rod, load)))
+    return max(_MIN_SEGMENTS, math.ceil(_ELEMENTS_WITHIN * rod.length / _bent_within(rod, load)))
 
 
 def _bent_within(rod: Rod, load: float) -> float:

@@ -53,10 +53,10 @@ _RELAXATION = 1e-3
 # work (a tolerance of 1e-6 with radius 0: 2 to 6 %)
 _TOLERANCE, _SETTLED = 1e-9, 3e-10
 _RADIUS = 0.8
-_MOST_ITERATIONS = 20000
+_MAX_ITERATIONS = 20000
 # of a part of the pull: what gives way at once may not slip far in one of them, because a gap does
 # not weaken within a step
-_MOST_SUBSTEPS = 4096
+_MAX_SUBSTEPS = 4096
 # of a reported step of the pull: strength and work are those of the parts. A sample parts within a
 # hundredth of its height, over which its stress grows by 3 %
 _PARTS = 20
@@ -194,8 +194,8 @@ class HookedSample:
             Settings(
                 tolerance=_TOLERANCE,
                 newton=_SETTLED,
-                max_iterations=_MOST_ITERATIONS,
-                max_substeps=_MOST_SUBSTEPS,
+                max_iterations=_MAX_ITERATIONS,
+                max_substeps=_MAX_SUBSTEPS,
                 spectral_radius=_RADIUS,
             ),
         )

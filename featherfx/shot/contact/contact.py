@@ -47,7 +47,7 @@ PathsOf = Callable[[float, float], Sequence[RootPath]]
 # smallest followed gap, in thicknesses
 MARGIN = 6.0
 # pairs named in a report
-MOST_NAMED = 10
+MAX_NAMED = 10
 
 
 @dataclass
@@ -276,9 +276,9 @@ class ShotContact:
             "depth_at_rest": tally.rest_depth,
             "depth_after_settling": tally.settled_depth,
             "crossed_pairs": len(self._crossed),
-            "crossed": self._crossed[:MOST_NAMED],
+            "crossed": self._crossed[:MAX_NAMED],
             "unresolved_pairs": len(self._unresolved),
-            "unresolved": self._unresolved[:MOST_NAMED],
+            "unresolved": self._unresolved[:MAX_NAMED],
             "worst_depth": tally.depth,
             "worst_residual": tally.residual,
         }

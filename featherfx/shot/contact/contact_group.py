@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.types import Flags
 from featherfx.mechanics.model import Loads
-from featherfx.shot.contact.contact import MOST_NAMED, ShotContact
+from featherfx.shot.contact.contact import MAX_NAMED, ShotContact
 from featherfx.shot.contact.islands import pushing_islands
 from featherfx.shot.contact.obstacles import Obstacles, obstacles_of
 from featherfx.shot.contact.root_inside_body import warn_of_sunk
@@ -235,5 +235,5 @@ def _joint_figure(name: str, values: Sequence[Any]) -> Any:
         return min((each for each in values if each > 0.0), default=0.0)
     if name in ("unresolved", "crossed"):
         every = [pair for each in values for pair in each]
-        return sorted(every, key=lambda pair: -float(pair["depth"]))[:MOST_NAMED]
+        return sorted(every, key=lambda pair: -float(pair["depth"]))[:MAX_NAMED]
     return max(values)

@@ -31,7 +31,7 @@ from featherfx.shot.types import Shot
 from featherfx.solver.contact.meeting_kernels import joined, meeting
 
 # feathers of an island that is put together with others, and into how many islands at most
-SMALL, MOST_OF_SMALL = 8, 16
+SMALL, MAX_OF_SMALL = 8, 16
 
 
 def pushing_islands(
@@ -108,7 +108,7 @@ def _few(island: Indices) -> Indices:
     """The islands, small ones put together in their order."""
     sizes = np.bincount(island)
     small = np.flatnonzero(sizes < SMALL)
-    room = max(SMALL, -(-int(sizes[small].sum()) // MOST_OF_SMALL))
+    room = max(SMALL, -(-int(sizes[small].sum()) // MAX_OF_SMALL))
     number, filled = np.arange(len(sizes)), room
     for each in small.tolist():
         if filled + sizes[each] > room:

@@ -43,7 +43,7 @@ DEEP = 0.05
 LEANING = 0.025
 # cosine between the backs of two feathers that grow on both sides of something; rad, most that such
 # are turned up by
-OPPOSED, MOST_RAISED = -0.5, 1.0
+OPPOSED, MAX_RAISED = -0.5, 1.0
 
 
 class FeathersAtRest(NamedTuple):
@@ -194,7 +194,7 @@ def _raised(pairs: Indices, rest: FeathersAtRest) -> Array:
         along = np.linalg.norm(from_root - height[:, None] * normal, axis=1)
         far = along > DEEP * rest.lengths[k]
         angle[k] = np.arctan2(-height[far], along[far]).max(initial=0.0)
-    return np.minimum(angle, MOST_RAISED)
+    return np.minimum(angle, MAX_RAISED)
 
 
 def _depths(order: Indices, agree: Indices, votes: _Votes) -> Array:

@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 _Tried = tuple[list[State], Array, ContactReport]
 
 # lengths of the steps, s, and the most of each
-STEPS, MOST_STEPS = (0.01, 0.1, 1.0), 8
+STEPS, MAX_STEPS = (0.01, 0.1, 1.0), 8
 # steps of the shortest kind in which what was turned up is led down
 LOWERING = 8
 # what one that cannot be solved is cut to, and the shortest tried, s
@@ -58,9 +58,9 @@ LEFT = (
     (2.0, 1.3, 1.0, 0.7, 0.4, 0.2, 0.1, 0.0),
 )
 # Newton iterations of a feather after which settling ends, in balance or not
-MOST_ITERATIONS = 4000
+MAX_ITERATIONS = 4000
 # pairs named in a warning
-MOST_NAMED = 3
+MAX_NAMED = 3
 # what helps where feathers have no room
 HELP = (
     "in the groom, [layout] least_size = 0.6 and drop = 0.001 shorten or leave out feathers of"
@@ -111,13 +111,13 @@ def settled_together(
     left = _Left()
     if raised.any():
         current = steps.lowered(current, raised)
-    with phase("settling", len(STEPS) * MOST_STEPS, at_most=True) as done:
+    with phase("settling", len(STEPS) * MAX_STEPS, at_most=True) as done:
         for stage, longest in enumerate(STEPS):
             h, cut = longest, False
             resting[:] = False
-            for number in range(MOST_STEPS):
-                done(stage * MOST_STEPS + number, left.seconds)
-                if steps.spent.max() > MOST_ITERATIONS:
+            for number in range(MAX_STEPS):
+                done(stage * MAX_STEPS + number, left.seconds)
+                if steps.spent.max() > MAX_ITERATIONS:
                     break
                 new, contact, lengths = steps.take(current, h, resting, cut)
                 cut |= bool((lengths < h).any())
@@ -134,7 +134,7 @@ def settled_together(
                 h = min(longest, float(lengths.max()) / CUT)
     moving = np.flatnonzero(~quiet)
     moving = moving[np.argsort(-moved[moving], kind="stable")]
-    hard = int(np.argmax(steps.spent)) if steps.spent.max(initial=0.0) > MOST_ITERATIONS else None
+    hard = int(np.argmax(steps.spent)) if steps.spent.max(initial=0.0) > MAX_ITERATIONS else None
     return Settled(current, depth, rest_depth or 0.0, moving, hard)
 
 
@@ -307,13 +307,13 @@ def warn_of_unsettled(
     said = f"settle: {who} out of balance, not at rest against the others"
     if found.hard is not None:
         said += (
-            f". Settling ended when '{names[found.hard]}' had taken {MOST_ITERATIONS} Newton"
+            f". Settling ended when '{names[found.hard]}' had taken {MAX_ITERATIONS} Newton"
             " iterations"
         )
     if deep and deep[0]["depth"] > found.rest_depth / 10.0:
         pairs = (
             f"'{pair['feather']}' {1e3 * pair['depth']:.2g} mm in '{pair['other']}'"
-            for pair in deep[:MOST_NAMED]
+            for pair in deep[:MAX_NAMED]
         )
         said += f". They begin in each other, still {', '.join(pairs)}"
     warnings.warn(f"{said}: {HELP}", InputWarning, stacklevel=2)

@@ -18,7 +18,7 @@ from featherfx.solver.contact.wall import outward
 # distance at rest, over a feather's length, from which on a node is not held off the skin
 NEAR = 0.3
 # triangles among which one that faces as asked for is looked for
-MOST_NEAR = 16
+MAX_NEAR = 16
 
 
 class SkinBeneath:
@@ -66,7 +66,7 @@ def _over(rest: Array, given: Indices, points: Array, up: Array) -> dict[str, An
     triangle, height = tree.query(points)[1].astype(np.int64), np.zeros(len(points))
     facing = np.flatnonzero(np.broadcast_to(up.any(axis=1), len(points)))
     if len(facing):
-        near = tree.query(points[facing], k=min(MOST_NEAR, len(triangles)))[1]
+        near = tree.query(points[facing], k=min(MAX_NEAR, len(triangles)))[1]
         near = near.reshape(len(facing), -1).astype(np.int64)
         a, b, c = (rest[triangles[near, k]] for k in range(3))
         fits = np.einsum("pik,pk->pi", np.cross(b - a, c - a), up[facing]) > 0.0

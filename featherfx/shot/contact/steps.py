@@ -39,9 +39,9 @@ FEW_STEPS, SHRINK = 0.6, 0.25
 # nothing is done again take for the same time, beyond which the next may be half as long at most;
 # and how what they may be grows from step to step
 DEAR, GROW = 2.0, 1.1
-# Newton iterations of a feather in a frame, over MOST_ITERATIONS, until its contacts yield:
+# Newton iterations of a feather in a frame, over MAX_ITERATIONS, until its contacts yield:
 # it is solved in rounds; and, over those, until the bake ends
-MORE_ITERATIONS, MOST_WORK = 8, 4
+MORE_ITERATIONS, MAX_WORK = 8, 4
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class StepRules:
 
     steps: common steps of a frame, 0: as many as are needed. substeps: most regular steps of a
     feather in a frame. thickness: m, the least of any vane.
-    rounds: of a step that was easy, at most. iterations: MOST_ITERATIONS. names: ids.
+    rounds: of a step that was easy, at most. iterations: MAX_ITERATIONS. names: ids.
     """
 
     steps: int
@@ -200,7 +200,7 @@ class FrameSteps:
         iterations = np.concatenate([report.iterations for report in reports])
         self._spent += iterations
         self._work += float(iterations.sum())
-        most = MOST_WORK * MORE_ITERATIONS * self.rules.iterations
+        most = MAX_WORK * MORE_ITERATIONS * self.rules.iterations
         status = np.where(self._spent > most, TOO_MUCH_WORK, 0)
         raise_if_failed(status, np.full(len(status), time), self.rules.names, most)
 

@@ -37,7 +37,7 @@ from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.types import Shot
 
 # a follower has up to that many guides
-MOST_GUIDES = 4
+MAX_GUIDES = 4
 # ways along the skin are followed as far as this many times the straight distance
 _DETOUR = 3.0
 # m, distances below count as none
@@ -134,7 +134,7 @@ def _guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> dict[s
 def _weights(shot: Shot, followers: Indices, guides: Indices) -> tuple[Indices, Indices, Array]:
     """Follower, guide and weight of every pair within one region."""
     own, other = _roots(shot, followers), _roots(shot, guides)
-    few = min(MOST_GUIDES + 1, len(guides))
+    few = min(MAX_GUIDES + 1, len(guides))
     straight, near = search_tree(other).query(own, k=few)
     straight, near = straight.reshape(-1, few), near.reshape(-1, few)
     reach = _DETOUR * float(straight.max()) + _SAME_PLACE
@@ -160,10 +160,10 @@ def _franke_little(
     first = np.searchsorted(follower, np.arange(count + 1))
     each = np.diff(first)
     rank = np.arange(len(follower)) - first[follower]
-    last = way[first[:-1] + np.minimum(each - 1, MOST_GUIDES)]
+    last = way[first[:-1] + np.minimum(each - 1, MAX_GUIDES)]
     # with fewer guides than would bound the circle, none is at its rim
-    radius = np.where(each > MOST_GUIDES, last, 2.0 * last)[follower]
-    kept = rank < MOST_GUIDES
+    radius = np.where(each > MAX_GUIDES, last, 2.0 * last)[follower]
+    kept = rank < MAX_GUIDES
     value = np.where(kept, (np.maximum(radius - way, 0.0) / (radius * way)) ** 2, 0.0)
     # guides that are all equally far are at the rim together
     total = np.bincount(follower, value, count)

@@ -40,7 +40,7 @@ PAIRS_AT_ONCE = 200
 # what is kept between surfaces, which are bent between their nodes: over the distance of rows, but
 # at most so many thicknesses. More adds up, over feathers over feathers, until none lies any more:
 # with 0.08 and 6 the pigeon's coat rises by centimetres, and more of it crosses.
-CLEAR, MOST_CLEAR = 0.024, 1.8
+CLEAR, MAX_CLEAR = 0.024, 1.8
 # depth, over a feather's length, that is undone; beyond twice that the order counts for nothing
 DEEPEST = 1.0
 
@@ -210,7 +210,7 @@ def vanes_of(feathers: Sequence[Feather], halves: Array) -> Vanes:
         barb=barb,
         first=np.argmax(present.any(axis=2), axis=1),
         deepest=DEEPEST * row.sum(axis=1),
-        clear=np.minimum(CLEAR * row.mean(axis=1), MOST_CLEAR * 2.0 * halves),
+        clear=np.minimum(CLEAR * row.mean(axis=1), MAX_CLEAR * 2.0 * halves),
         reach=np.full(count, 2.0 * FADE * halves.max(initial=0.0)),
         limb=np.zeros(count, dtype=np.int64),
     )

@@ -13,7 +13,7 @@ from featherfx.solver.solver import StepReport
 from featherfx.solver.state import LONG_STEP_COUNTS
 
 # feathers that a report names one by one
-_MOST_NAMED = 10
+_MAX_NAMED = 10
 
 
 class Bounds(NamedTuple):
@@ -146,13 +146,13 @@ class Counts:
         """Feathers whose steps were longest for what they should keep to, one frame each."""
         by_name = sorted(self.too_long.items())
         worst = sorted(by_name, key=lambda each: each[1].rank(), reverse=True)
-        return [found.told(name) for name, found in worst[:_MOST_NAMED]]
+        return [found.told(name) for name, found in worst[:_MAX_NAMED]]
 
     def _unsolved(self) -> list[dict[str, Any]]:
         """Feathers whose steps ended farthest from their solutions, one frame each."""
         by_name = sorted(self.unsolved.items())
         worst = sorted(by_name, key=lambda each: each[1].distance, reverse=True)
-        return [{"feather": name, **each._asdict()} for name, each in worst[:_MOST_NAMED]]
+        return [{"feather": name, **each._asdict()} for name, each in worst[:_MAX_NAMED]]
 
 
 def _mean_and_max(counts: list[Array]) -> dict[str, float]:

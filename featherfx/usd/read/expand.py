@@ -43,7 +43,7 @@ from featherfx.feather.types import (
 )
 from featherfx.groom.looks import BarbLook, colour_of
 from featherfx.groom.types import FeatherKind
-from featherfx.limits import MOST_BARBS, MOST_CLUMPS, MOST_COLUMNS, MOST_ROWS
+from featherfx.limits import MAX_BARBS, MAX_CLUMPS, MAX_COLUMNS, MAX_ROWS
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.cached_feather import FeatherMember, read_members
 from featherfx.usd.read.opening import open_stage
@@ -160,8 +160,8 @@ def expand(
     None: none. Raises InputError where the file cannot be opened, holds no condensed feathers of
     featherfx, or they are damaged; and for a density out of range.
     """
-    allowed = {"rows": (rows, 3, MOST_ROWS), "columns": (columns, 1, MOST_COLUMNS)}
-    allowed["barbs"] = (barbs, 1, MOST_BARBS)
+    allowed = {"rows": (rows, 3, MAX_ROWS), "columns": (columns, 1, MAX_COLUMNS)}
+    allowed["barbs"] = (barbs, 1, MAX_BARBS)
     problems = [
         Problem("expand", name, f"{value} is not allowed. Give {low} to {high}")
         for name, (value, low, high) in allowed.items()
@@ -352,11 +352,7 @@ class _CondensedPrim:
         grids = self._shaped(DETAIL_GRID_ATTRIBUTE, DEFAULT_TIME, _PAIRS, some.shape).astype(
             np.int64
         )
-        if (
-            (grids < some).any()
-            or (grids > (MOST_ROWS, MOST_COLUMNS)).any()
-            or (some < (3, 1)).any()
-        ):
+        if (grids < some).any() or (grids > (MAX_ROWS, MAX_COLUMNS)).any() or (some < (3, 1)).any():
             raise self._fault(
                 DETAIL_GRID_ATTRIBUTE, "is not of more rows and columns than the curves have"
             )
@@ -433,7 +429,7 @@ class _CondensedPrim:
         )
         for values, name, most in (
             (amount, WET_PRIMVARS[0], 1.0),
-            (clumps, WET_PRIMVARS[1], MOST_CLUMPS),
+            (clumps, WET_PRIMVARS[1], MAX_CLUMPS),
         ):
             if not ((values >= 0.0) & (values <= most)).all():
                 raise self._fault(name, f"holds values beyond 0 to {most:g} {describe_time(code)}")

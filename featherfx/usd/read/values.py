@@ -26,7 +26,7 @@ USD_ERRORS = (Tf.ErrorException, UnicodeDecodeError, RuntimeError, OverflowError
 
 _TEXTS = (Sdf.ValueTypeNames.String, Sdf.ValueTypeNames.Token)
 # characters of what USD says of an error
-_MOST_TOLD = 2000
+_MAX_TOLD = 2000
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def describe_error(error: BaseException) -> str:
     except UnicodeDecodeError:
         return "holds bytes that are no UTF-8 text"
     # of a damaged file it may quote gigabytes
-    return " ".join(told[:_MOST_TOLD].split())
+    return " ".join(told[:_MAX_TOLD].split())
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 from featherfx.errors import Problem, require
-from featherfx.limits import MOST_FRAMES, MOST_SUBFRAMES, option
+from featherfx.limits import MAX_FRAMES, MAX_SUBFRAMES, option
 
 LAYOUTS = ("auto", "flat", "payload", "clips")
 UP_AXES = ("Y", "Z")
@@ -64,9 +64,9 @@ class WriteOptions(StageOptions):
         "Frames written at a time; --resume goes on after the last that is complete."
         f"  [default: {CHUNK_FRAMES}; {CONTACT_CHUNK_FRAMES} where feathers push each other]",
         least=1,
-        most=MOST_FRAMES,
+        most=MAX_FRAMES,
     )
-    subframes: int = option(1, "Samples per frame, for motion blur.", least=1, most=MOST_SUBFRAMES)
+    subframes: int = option(1, "Samples per frame, for motion blur.", least=1, most=MAX_SUBFRAMES)
     group: str | None = option(
         None,
         "Which feathers share one mesh: none, those of a kind, of a region, or all. Those without a"
