@@ -16,20 +16,10 @@ MISLEADING = """
     together told twins whole
 """
 # the lists below may only shrink
-SHARED_CLASSES = """
-    Asked Layers
-"""
-AMBIGUOUS_CONSTANTS = """
-    BAD CLEAR COLLIDER DEEP HALVINGS LEFT LOOKS LOST MAX_NAMED NAMES NEAR NUMBERS PROGRESS
-    REACH SHAFT SKIN STEPS STILL WRONG
-"""
-MISLEADING_MODULES = ["featherfx/usd/write/parts.py"]
-RIDDLES_ALLOWED = {
-    "algebra": 1,
-    "baking": 1,
-    "jit": 8,
-    "shot": 16,
-}
+SHARED_CLASSES = ""
+AMBIGUOUS_CONSTANTS = ""
+MISLEADING_MODULES: list[str] = []
+RIDDLES_ALLOWED: dict[str, int] = {}
 
 
 @cache

@@ -65,7 +65,7 @@ def _make_empty(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def _describe(value: Any) -> Any:
-    """What two tuples of one kind have in common."""
+    """Return the part that two tuples of one kind share."""
     if isinstance(value, np.ndarray):
         return value.dtype, value.ndim
     return type(value), tuple(_describe(each) for each in value)

@@ -41,7 +41,7 @@ from featherfx.usd.write.output import (
     refuse_inputs,
     unique_prim_names,
 )
-from featherfx.usd.write.parts import refuse_unfinished
+from featherfx.usd.write.unfinished_cache import refuse_unfinished
 
 if TYPE_CHECKING:
     from featherfx.shot.frames import StackingOrder

@@ -28,8 +28,8 @@ from featherfx.farm.work import (
     FAILED,
     LOST,
     PLAN,
-    PROGRESS,
     QUIET,
+    SHARE_PROGRESS,
     Order,
     OrderNews,
     work,
@@ -186,7 +186,7 @@ def on_worker(number: int, order: Order, topic: str) -> dict[str, Any]:
         now = time.monotonic()
         if now - last[0] > _OFTEN or done == total:
             last[0] = now
-            tell(PROGRESS, (done, total))
+            tell(SHARE_PROGRESS, (done, total))
 
     def tell(what: str, value: Any = None) -> None:
         # Dask adds a key "worker"

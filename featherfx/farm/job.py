@@ -25,8 +25,8 @@ from featherfx.farm.work import (
     LOST,
     MERGE,
     PLAN,
-    PROGRESS,
     QUIET,
+    SHARE_PROGRESS,
     Engine,
     Order,
     OrderNews,
@@ -36,7 +36,7 @@ from featherfx.files.content import program_digest
 from featherfx.files.disk_cache import keep, kept_before
 from featherfx.files.lock import Lock
 from featherfx.usd.types import BUSY_MESSAGE, OutputError
-from featherfx.usd.write.parts import lock_file
+from featherfx.usd.write.unfinished_cache import lock_file
 
 # how often an order is given to a worker when what it writes is refused
 _TRIES = 3
@@ -246,7 +246,7 @@ class Job:
     def _heard(self, given: _Given, news: OrderNews) -> None:
         if news.place and given.worker != news.place:
             self._taken_up(given, news.place)
-        if news.what == PROGRESS:
+        if news.what == SHARE_PROGRESS:
             given.done = news.value[0] / max(news.value[1], 1)
         elif news.what == DONE:
             del self._out[news.number]

@@ -21,7 +21,7 @@ from featherfx.errors import InputError, Problem, require
 from featherfx.files.atomic_write import write_text
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.usd.write.output import USD_SUFFIXES
-from featherfx.usd.write.parts import remove_cache
+from featherfx.usd.write.unfinished_cache import remove_cache
 
 # of a worker: FROM=TO for paths of the machine that gives the work, with os.pathsep between
 _PATHS_VARIABLE = "FEATHERFX_PATHS"

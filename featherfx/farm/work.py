@@ -168,14 +168,22 @@ def _merge(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
 
 _WORK = {PLAN: _look, BAKE: _bake, MERGE: _merge}
 
-BEGUN, PROGRESS, DONE, FAILED, LOST, QUIET = "begun", "progress", "done", "failed", "lost", "quiet"
+BEGUN, SHARE_PROGRESS, DONE, FAILED, LOST, QUIET = (
+    "begun",
+    "progress",
+    "done",
+    "failed",
+    "lost",
+    "quiet",
+)
 
 
 @dataclass(frozen=True)
 class OrderNews:
     """News about an order.
 
-    what: BEGUN; PROGRESS, with value the samples done and their number; DONE, with an OrderResult;
+    what: BEGUN; SHARE_PROGRESS, with value the samples done and their number; DONE, with an
+    OrderResult;
     FAILED, with an exception; LOST: every worker that took it was lost; QUIET: there was no news
     for a while, with the number of workers. number: of the order. place: address of the worker,
     with the number of its process.

@@ -164,7 +164,7 @@ def warn_once(message: str) -> None:
 
 
 def is_stored(kernel: str) -> bool:
-    """Whether there is code of a kernel (module and name) for any types, or no such kernel."""
+    """Return whether a kernel (module and name) has code for any types, or does not exist."""
     module, _, own = kernel.rpartition(".")
     source = ROOT.parent.joinpath(*module.split(".")).with_suffix(".py")
     if not source.is_file():
@@ -198,7 +198,7 @@ class KernelStore:
                     yield code
 
     def holds(self, text: str) -> bool:
-        """Whether there is code for types."""
+        """Return whether there is code for types."""
         return any(True for _ in self._find_files(text))
 
     def save(self, text: str, code: StoredKernel) -> None:

@@ -156,7 +156,7 @@ def compile_pool() -> CompilePool:
 
 
 def is_worker() -> bool:
-    """Whether this process only compiles for another one, and runs no kernel."""
+    """Return whether this process only compiles for another one, and runs no kernel."""
     return bool(_upstream)
 
 

@@ -82,7 +82,7 @@ class Kernel:
 
     @property
     def is_requested(self) -> bool:
-        """Whether it is loaded or compiled ahead, for whatever types."""
+        """Return whether it is loaded or compiled ahead, for whatever types."""
         return bool(self._by_text) or bool("linked" in vars(self) and self.linked.overloads)
 
     def compile_ahead(self, *arguments: Any) -> None:
@@ -93,7 +93,7 @@ class Kernel:
             self.linked.compile(find_types(arguments))
 
     def is_there(self, text: str) -> bool:
-        """Whether there is machine code for types of arguments, loaded or stored."""
+        """Return whether there is machine code for types of arguments, loaded or stored."""
         return text in self._by_text or self.store.holds(text)
 
     def compile_for(self, text: str, types: tuple[Any, ...]) -> LoadedKernel:

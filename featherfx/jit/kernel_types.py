@@ -1,4 +1,4 @@
-"""How numba types and lowers what kernels take: words, struct pointers, views and atomic counters.
+"""Types of kernel arguments, lowered in numba: words, struct pointers, views, atomic counters.
 
 numba hands a tuple on field by field, and an array as some ten numbers: a model and a state are a
 thousand. A large tuple is a StructPointer here. It is written once to a line of words, where Python
@@ -50,7 +50,7 @@ class StructPointer(types.Type):
         self.like = like
 
     def unify(self, typing_context: Any, other: Any) -> Any:
-        """Where a variable is either, it is the tuple."""
+        """Unify to the tuple where a variable is either."""
         return self.like if other == self.like else None
 
     def can_convert_to(self, typing_context: Any, other: Any) -> Any:

@@ -37,7 +37,7 @@ _memories: list[Any] = []
 
 
 def can_load() -> bool:
-    """Whether object files of this system are loaded here."""
+    """Return whether object files of this system are loaded here."""
     return sys.platform == "linux" and platform.machine() == "x86_64"
 
 

@@ -14,8 +14,8 @@ from featherfx.feather.colours import VANE_COLOUR
 from featherfx.render.scene import DrawnPose, DrawnScene
 
 # linear: of shafts, and of other meshes without a colour of their own
-SHAFT, SKIN = (0.47, 0.36, 0.22), (0.31, 0.25, 0.22)
-COLLIDER = (0.24, 0.26, 0.29)
+PLAIN_RACHIS_COLOUR, SKIN_COLOUR = (0.47, 0.36, 0.22), (0.31, 0.25, 0.22)
+COLLIDER_COLOUR = (0.24, 0.26, 0.29)
 _MUTED = (0.45, 0.45, 0.45)
 # Anchors of perceptually even ramps: viridis, and a blue-white-red diverging one.
 SEQUENTIAL = np.array(

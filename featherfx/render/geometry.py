@@ -22,7 +22,8 @@ _WHOLE = np.array([0.5, 0.0, 0.0, 1.0, 0.0], dtype=np.float32)
 class Geometry:
     """V vertices and T triangles; metres, z up.
 
-    points: (V, 3). triangles: (T, 3). material: (T,) VANE, SHAFT, SKIN or EYE of light_kernels.
+    points: (V, 3). triangles: (T, 3). material: (T,) VANE, RACHIS_MATERIAL, SKIN_MATERIAL or
+    EYE of light_kernels.
     normals, tangents: (V, 3), zero where there is none. colours: (V, 3), as a kernel takes them.
     barbs: (V, 5) of vanes: number of the barb and place on it, how round it is shaded, the part of
     it over which its end is free (barb_kernels.py), and nm of a film that shines by interference.

@@ -51,7 +51,7 @@ Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
 
 # what a triangle is of; rows of _MATERIALS. A floor only takes shadow: its colour is that behind it
-VANE, SHAFT, SKIN, FLOOR, EYE = 0, 1, 2, 3, 4
+VANE, RACHIS_MATERIAL, SKIN_MATERIAL, FLOOR, EYE = 0, 1, 2, 3, 4
 # all by eye
 EXPOSURE = 0.40
 _FINE = 4.0  # pixels: what stands nearer before a vane than these casts no shadow on it
@@ -365,7 +365,7 @@ def _shining(points, index, sun, ray):
     row = _MATERIALS[points.material[index]]
     normal, tangent = scale(1.0, points.normals[index]), scale(1.0, points.tangents[index])
     halfway = _unit(sub(sun, ray), normal)
-    if points.material[index] in (SKIN, EYE):
+    if points.material[index] in (SKIN_MATERIAL, EYE):
         facing = max(dot(normal, halfway), 0.0)
         return row[3] * facing ** row[4], row[5] * facing ** row[6]
     narrow = row[3] * _lobe(tangent, -_BENT, normal, halfway, row[4])

@@ -21,8 +21,8 @@ from math import exp
 from featherfx.jit.compiled import kernel
 from featherfx.render.light_kernels import displayed
 
-NUMBERS = 13
-REACH = 4  # pixels
+MEAN_NUMBERS = 13
+SMOOTHING_REACH = 4  # pixels
 _LEAST = 0.04  # variance of a sample, at least: some may all have found the same by chance
 _V, _O, _VAR, _COVERED = 6, 7, 10, 12
 
@@ -34,7 +34,7 @@ def _brightness(colour):
 
 @kernel
 def gather_light(which, samples, found, pixels):
-    """Fill pixels (P, NUMBERS) with the samples `which` of theirs.
+    """Fill pixels (P, MEAN_NUMBERS) with the samples `which` of theirs.
 
     found: of each sample, light of the sun, of the sky, share of the one (N,), and of the other (N,
     3).
@@ -94,8 +94,10 @@ def _smoothed(pixels, means, row, column, top, light):
     """Fill `light` (3,) with that of a pixel. means: of the rows from `top` on."""
     own, total = means[row - top, column], 0.0
     sun, sky_r, sky_g, sky_b = 0.0, 0.0, 0.0, 0.0
-    for y in range(max(row - REACH, 0), min(row + REACH + 1, pixels.shape[0])):
-        for x in range(max(column - REACH, 0), min(column + REACH + 1, pixels.shape[1])):
+    for y in range(max(row - SMOOTHING_REACH, 0), min(row + SMOOTHING_REACH + 1, pixels.shape[0])):
+        for x in range(
+            max(column - SMOOTHING_REACH, 0), min(column + SMOOTHING_REACH + 1, pixels.shape[1])
+        ):
             pixel, other = pixels[y, x], means[y - top, x]
             if pixel[_COVERED] == 0.0:
                 continue
@@ -118,13 +120,13 @@ def _smoothed(pixels, means, row, column, top, light):
 @kernel
 def finish(pixels, top, behind, means, shown):
     """Fill `shown` (R, columns, 3) of displays, 0 to 1, with the rows of pixels (rows, columns,
-    NUMBERS) from `top` on.
+    MEAN_NUMBERS) from `top` on.
 
-    behind: (R, columns, 3) what is seen where nothing is. means: room for (R + 2 REACH, columns,
-    4).
+    behind: (R, columns, 3) what is seen where nothing is. means: room for
+    (R + 2 SMOOTHING_REACH, columns, 4).
     """
-    first = max(top - REACH, 0)
-    last = min(top + len(shown) + REACH, pixels.shape[0])
+    first = max(top - SMOOTHING_REACH, 0)
+    last = min(top + len(shown) + SMOOTHING_REACH, pixels.shape[0])
     for row in range(first, last):
         for column in range(pixels.shape[1]):
             _means(pixels, row, column, means[row - first, column])

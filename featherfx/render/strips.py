@@ -32,7 +32,7 @@ from featherfx.feather.density import hermite_weights
 from featherfx.groom.looks import BarbLook
 from featherfx.render.barb_kernels import colour_vanes
 from featherfx.render.geometry import DrawnGrid, Geometry, Topology, geometry_of
-from featherfx.render.light_kernels import SHAFT, VANE
+from featherfx.render.light_kernels import RACHIS_MATERIAL, VANE
 from featherfx.render.looks import BarbStrips, drawn_towards, dressed, mixed, soaked
 
 # by eye: how round barbs are shaded where each is as wide as so many pixels; barbs' distances over
@@ -268,7 +268,7 @@ def tubes_of(rings: Array, heights: Array, barbs: int, colours: Array) -> Geomet
     start = np.arange(count)[:, None] * len(places) + np.arange(len(places) - 1)
     triangles = (start.reshape(-1, 1, 1) * around + cell).reshape(-1, 3)
     shape = geometry_of(
-        product(along, circle), triangles, SHAFT,
+        product(along, circle), triangles, RACHIS_MATERIAL,
         np.cross(tangents, product(along, circle_slopes)),
         np.repeat((along @ colours).clip(0.0, 1.0).reshape(-1, 3), around, axis=0),
     )  # fmt: skip

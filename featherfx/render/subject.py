@@ -12,10 +12,17 @@ from scipy.spatial import ConvexHull, QhullError
 
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.render.camera import Eye
-from featherfx.render.colour import COLLIDER, SHAFT, SKIN, Bar, Legend, look_colours, value_colours
+from featherfx.render.colour import (
+    COLLIDER_COLOUR,
+    PLAIN_RACHIS_COLOUR,
+    SKIN_COLOUR,
+    Bar,
+    Legend,
+    look_colours,
+    value_colours,
+)
 from featherfx.render.geometry import Geometry, apart, geometry_of, joined, vertex_normals
-from featherfx.render.light_kernels import EYE
-from featherfx.render.light_kernels import SKIN as SKIN_MATERIAL
+from featherfx.render.light_kernels import EYE, SKIN_MATERIAL
 from featherfx.render.options import PictureOptions
 from featherfx.render.scene import (
     DrawnScene,
@@ -73,7 +80,7 @@ def scenery_of_shot(cache: Cache, path: Path) -> list[Scenery]:
         chosen = [k for k, mesh in zip(chosen, meshes, strict=True) if mesh not in drawn]
         if chosen:
             scene = load_scene(each.cache, np.array(chosen))
-            colour = np.array(SKIN if is_skin else COLLIDER)
+            colour = np.array(SKIN_COLOUR if is_skin else COLLIDER_COLOUR)
             found.append(Scenery(each._replace(chosen=chosen), scene, colour, is_skin))
     return found
 
@@ -101,7 +108,7 @@ def scenery_of_files(
         left = [k for k, each in enumerate(other.feathers) if (other.path, each.path) not in drawn]
         if left:
             scene = load_scene(other, np.array(left))
-            found.append(Scenery(CachedScene(other, left, rate=rate), scene, np.array(SKIN)))
+            found.append(Scenery(CachedScene(other, left, rate=rate), scene, np.array(SKIN_COLOUR)))
     return found
 
 
@@ -169,7 +176,11 @@ class Subject:
         feathers = self.scene.feathers
         own = mode == "shaded"
         self.plumage = plumage_of(
-            feathers, self.scene.starts, pixels, (base, np.array(SHAFT), np.array(SKIN)), own
+            feathers,
+            self.scene.starts,
+            pixels,
+            (base, np.array(PLAIN_RACHIS_COLOUR), np.array(SKIN_COLOUR)),
+            own,
         )
         return legend
 

@@ -27,7 +27,7 @@ from featherfx.render.light_kernels import (
     shade_values,
     surface_points,
 )
-from featherfx.render.smooth_kernels import NUMBERS, REACH, finish, gather_light
+from featherfx.render.smooth_kernels import MEAN_NUMBERS, SMOOTHING_REACH, finish, gather_light
 
 ROWS_AT_ONCE = 16
 _LAYERS = 4  # of vanes that light of the sun may pass; what lies under more is dark
@@ -78,7 +78,7 @@ class Tracer:
         self._surface = HitSurface(*map(np.ascontiguousarray, parts))
         # the first query builds the tree; then several threads may ask
         self._hits(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
-        numbers = 0 if values else NUMBERS
+        numbers = 0 if values else MEAN_NUMBERS
         self._pixels = np.zeros((self.lens.rows, self.lens.columns, numbers), np.float32)
 
     def trace(self, top: int) -> None:
@@ -87,7 +87,7 @@ class Tracer:
             return
         tile, found, which = self._seen(top)
         if len(which):
-            rows = self._pixels[top : top + ROWS_AT_ONCE].reshape(-1, NUMBERS)
+            rows = self._pixels[top : top + ROWS_AT_ONCE].reshape(-1, MEAN_NUMBERS)
             gather_light(which, self._samples, self._light(tile, found, which), rows)
 
     def rows(self, top: int) -> NDArray[np.uint8]:
@@ -100,7 +100,7 @@ class Tracer:
         if self._values:
             self._valued(top, behind, shown)
         else:
-            means = np.zeros((count + 2 * REACH, lens.columns, 4))
+            means = np.zeros((count + 2 * SMOOTHING_REACH, lens.columns, 4))
             finish(self._pixels, top, behind, means, shown)
         return np.round(255 * shown.clip(0, 1)).astype(np.uint8)
 

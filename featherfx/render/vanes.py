@@ -23,7 +23,7 @@ from featherfx.render.geometry import (
     topology_of,
     vertex_normals,
 )
-from featherfx.render.light_kernels import SKIN
+from featherfx.render.light_kernels import SKIN_MATERIAL
 from featherfx.render.looks import coat_fractions, coat_normals
 from featherfx.render.strips import (
     PosedVane,
@@ -117,7 +117,7 @@ class DrawnPlumage:
             mine, triangles = points[start:end], feather.triangles
             colour = self.skin if feather.colour is None else feather.colour
             normals = vertex_normals(mine, triangles)
-            yield geometry_of(mine, triangles, SKIN, normals, colour)
+            yield geometry_of(mine, triangles, SKIN_MATERIAL, normals, colour)
 
     def _grouped(self, points: Array, wet: Array, loose: Array) -> Iterator[Geometry]:
         if not self.groups:

@@ -24,8 +24,8 @@ from featherfx.render.colour import (
     CROSSED,
     DIVERGING,
     HOOKS,
+    PLAIN_RACHIS_COLOUR,
     SEQUENTIAL,
-    SHAFT,
     barb_angle,
     linear,
     look_colours,
@@ -389,7 +389,7 @@ class Played:
     def _pattern(self) -> Array:
         base, _ = look_colours(self._scene, "shaded")
         found = np.repeat(base, np.diff(self._scene.starts), axis=0)
-        found[self._scene.triangles[self._scene.rachis]] = SHAFT
+        found[self._scene.triangles[self._scene.rachis]] = PLAIN_RACHIS_COLOUR
         for k, each in enumerate(self._scene.feathers):
             if each.colour is not None:
                 found[slice(*self._scene.starts[k : k + 2])] = each.colour

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, SimulationError
-from featherfx.farm.work import BEGUN, DONE, FAILED, PROGRESS, QUIET, Order, OrderNews, work
+from featherfx.farm.work import BEGUN, DONE, FAILED, QUIET, SHARE_PROGRESS, Order, OrderNews, work
 from featherfx.groom.presets.folders import SHIPPED_PRESETS
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
@@ -62,7 +62,8 @@ class SerialEngine:
             if error is not None:
                 raise error
             done = work(
-                order, lambda *done: self._news.append(OrderNews(PROGRESS, number, place, done))
+                order,
+                lambda *done: self._news.append(OrderNews(SHARE_PROGRESS, number, place, done)),
             )
             self._news.append(OrderNews(DONE, number, place, done))
         except (InputError, SimulationError) as raised:

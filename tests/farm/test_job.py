@@ -19,7 +19,7 @@ from featherfx.farm.places import _PATHS_VARIABLE, Shares, mapped, outputs_of
 from featherfx.farm.work import BAKE, MERGE, PLAN
 from featherfx.files.lock import Lock
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.parts import lock_file
+from featherfx.usd.write.unfinished_cache import lock_file
 
 OPTIONS = {"frames": (1, 3), "chunk": 1, "layout": "flat"}
 

@@ -7,7 +7,7 @@ import pytest
 
 from featherfx.render.barb_kernels import colour_vanes, half_width, is_gap
 from featherfx.render.light_kernels import displayed, of_film
-from featherfx.render.smooth_kernels import NUMBERS, REACH, finish, gather_light
+from featherfx.render.smooth_kernels import MEAN_NUMBERS, SMOOTHING_REACH, finish, gather_light
 from featherfx.render.tracer import light_of
 
 
@@ -64,16 +64,15 @@ def test_bars_of_a_coarse_vane_have_straight_borders():
 
 
 def pixels_of(share, samples, seed=1):
-    """Pixels (rows, columns, NUMBERS) of a white surface of which each sample has the sun or not,
-    by its share (rows, columns)."""
+    """Pixels (rows, columns, MEAN_NUMBERS) of a white surface. Each sample has the sun or not, by its share (rows, columns)."""
     random = np.random.default_rng(seed)
     sunlight = (random.uniform(size=(share.size, samples)) < share.reshape(-1, 1)).ravel()
     count = share.size * samples
-    pixels = np.zeros((share.size, NUMBERS), np.float32)
+    pixels = np.zeros((share.size, MEAN_NUMBERS), np.float32)
     lit, seen = np.full((count, 3), 0.5), np.ones((count, 3))
     found = lit, np.full((count, 3), 0.1), sunlight.astype(float), seen
     gather_light(np.arange(count), samples, found, pixels)
-    return pixels.reshape(*share.shape, NUMBERS)
+    return pixels.reshape(*share.shape, MEAN_NUMBERS)
 
 
 def finished(pixels):
@@ -82,7 +81,7 @@ def finished(pixels):
     strips = []
     for top in range(0, rows, 16):
         shown = np.zeros((min(16, rows - top), columns, 3))
-        means = np.zeros((len(shown) + 2 * REACH, columns, 4))
+        means = np.zeros((len(shown) + 2 * SMOOTHING_REACH, columns, 4))
         finish(pixels, top, np.ones_like(shown), means, shown)
         strips.append(shown)
     return light_of(np.concatenate(strips))[..., 0]

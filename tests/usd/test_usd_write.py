@@ -23,8 +23,8 @@ from featherfx.usd.write import cache_writer, chunks
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import unique_prim_names
-from featherfx.usd.write.parts import Parts
 from featherfx.usd.write.poses import make_posed_feathers
+from featherfx.usd.write.unfinished_cache import Parts
 
 KINDS = ("usda", "usdc", "usd", "payload", "clips")
 DUMP = """

@@ -80,13 +80,13 @@ def stretch_gradient(start, end, inverse, line):
     store(line[3:], by_end)
 
 
-MIN_COSINE = 1e-6  # of c: a barb folded back on itself would have an infinite slope
+_MIN_COSINE = 1e-6  # of c: a barb folded back on itself would have an infinite slope
 
 
 @kernel
 def turns(first, second, normal):
     """(s, b) between unit directions first and second, each (3,), with unit normal (3,)."""
-    c = max(1.0 + dot(first, second), MIN_COSINE)
+    c = max(1.0 + dot(first, second), _MIN_COSINE)
     out, within = dot(sub(first, second), normal), dot(cross(first, second), normal)
     return sqrt(2.0 / c) * out, 2.0 / c * within
 
@@ -94,7 +94,7 @@ def turns(first, second, normal):
 @kernel
 def turns_gradient(first, second, normal, gradient):
     """Derivatives of (s, b) by the three vectors, written to gradient (2, 3, 3)."""
-    c = max(1.0 + dot(first, second), MIN_COSINE)
+    c = max(1.0 + dot(first, second), _MIN_COSINE)
     root = sqrt(2.0 / c)
     out, within = turns(first, second, normal)
     store(gradient[0, 0], combined(root, normal, -0.5 * out / c, second))
@@ -215,7 +215,7 @@ def begin_barb(row, clamp, frame):
 def _carry(frame):
     """Frame to the next segment: n_j+1 to row 2, t_j+1 to row 0."""
     first, second, normal = frame[0], frame[1], frame[2]
-    lean = dot(normal, second) / max(1.0 + dot(first, second), MIN_COSINE)
+    lean = dot(normal, second) / max(1.0 + dot(first, second), _MIN_COSINE)
     accumulate(normal, -lean, add(first, second))
     store(first, second)
 
@@ -271,7 +271,7 @@ def carried_gradient(joint, before, start, end, frame, gradient, lines):
             lines[d, a] = about * twist[a]
         _add_direction(joint, first, before, by_first, lines[d])
         _add_direction(joint + 1, second, length, by_second, lines[d])
-    by_direction = scale(-1.0 / max(1.0 + dot(first, second), MIN_COSINE), cross(first, second))
+    by_direction = scale(-1.0 / max(1.0 + dot(first, second), _MIN_COSINE), cross(first, second))
     for half in range(2):
         slope = gradient[0, half]
         store(slope, by_direction)

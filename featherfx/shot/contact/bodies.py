@@ -18,7 +18,7 @@ from featherfx.solver.state import State
 Array = NDArray[np.float64]
 
 # times within a frame at which bodies are looked at, to tell whether they come near
-LOOKS = 5
+_LOOKS = 5
 # depth, over the longest feather's length, from which a node finds its way out of a body
 DEPTH = 0.02
 
@@ -68,7 +68,7 @@ class Bodies:
         nodes = [state.points.nodes for state in states]
         low = np.concatenate([each.min(axis=(1, 2)) for each in nodes]) - margin
         high = np.concatenate([each.max(axis=(1, 2)) for each in nodes]) + margin
-        times = np.linspace(start, end, LOOKS)
+        times = np.linspace(start, end, _LOOKS)
         for body in self._bodies:
             poses = np.stack([body.points(time) for time in times])
             if np.ptp(poses, axis=0).max(initial=0.0) == 0.0:

@@ -19,7 +19,7 @@ from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.files.content import digest
 from featherfx.mechanics.batch import may_slip
-from featherfx.shot.contact.pairs import REACH
+from featherfx.shot.contact.pairs import PAIR_REACH_RATIO
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.frames import place
 from featherfx.shot.loop.groups import ALONE
@@ -78,7 +78,7 @@ def _near(shot: Shot, drawn: Sequence[Feather], motion: Roots, some: Indices) ->
         for feather, own in chosen
     ]
     roots = np.array([own.position for _, own in chosen])
-    margin = REACH * np.array([feather.station[-1] for feather, _ in chosen])[:, None]
+    margin = PAIR_REACH_RATIO * np.array([feather.station[-1] for feather, _ in chosen])[:, None]
     low = np.stack([each.min(axis=0) for each in nodes]) - margin
     high = np.stack([each.max(axis=0) for each in nodes]) + margin
     island = joined(np.arange(len(nodes)), low, high)

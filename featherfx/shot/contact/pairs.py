@@ -31,13 +31,13 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 # feathers are paired at rest where their boxes meet when each is larger by this, over its length
-REACH = 0.25
+PAIR_REACH_RATIO = 0.25
 # nodes within this, over the length, count for the order at rest
-NEAR = 0.1
+_NEAR = 0.1
 # part of the nodes by which one side must lead
-CLEAR = 0.2
+_CLEAR = 0.2
 # depth at rest, over the shorter feather's length, that an order may ask to be undone
-DEEP = 0.05
+_DEEP = 0.05
 # the same where the larger half of two that cut through each other is all that tells: some row
 # of feathers came apart at 0.020 (docs/log.md), one at 0.029 found no balance
 LEANING = 0.025
@@ -82,7 +82,7 @@ def layered_pairs(rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids) ->
 def _near_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
     """(N, 2) guest and host of feathers that may meet, each pair in both roles."""
     nodes = [each.reshape(-1, 3) for each in rest]
-    reach = REACH * lengths[:, None]
+    reach = PAIR_REACH_RATIO * lengths[:, None]
     low = np.stack([points.min(axis=0) for points in nodes]) - reach
     high = np.stack([points.max(axis=0) for points in nodes]) + reach
     pairs = meeting(low, high)
@@ -147,20 +147,20 @@ def _order_at_rest(
     # the guest is over its host where the host is under the guest, seen from equal normals
     both = votes.side[:half] - agree * votes.side[half:]
     total = votes.number[:half] + votes.number[half:]
-    clear = np.abs(both) > CLEAR * np.maximum(total, 1.0)
+    clear = np.abs(both) > _CLEAR * np.maximum(total, 1.0)
     seen = np.where(clear, np.sign(both), 0.0).astype(np.int64)
     laid = (ranks[guest] >= 0) & (ranks[host] >= 0) & (total > 0.0)
     upward = _agree(normals, rest.dorsal)[host] * np.sign(ranks[guest] - ranks[host])
     order = np.where(laid, upward, seen)
     for other in (seen, np.zeros_like(seen)):
-        order = np.where(_depths(order, agree, votes) > DEEP * shorter[:half], other, order)
+        order = np.where(_depths(order, agree, votes) > _DEEP * shorter[:half], other, order)
     cut = np.minimum(votes.above[:half], votes.below[:half]) > 0.0
     lean = np.where(cut & (order == 0), np.sign(both), 0.0).astype(np.int64)
     lean = np.where(_depths(lean, agree, votes) > LEANING * shorter[:half], 0, lean)
     order = _through_others(pairs[:half], order, agree, lean)
     beneath = -_agree(normals, rest.dorsal)[host]
     apart = _back_to_back(pairs[:half], rest) & (total > 0.0)
-    passed = apart & (_depths(beneath, agree, votes) > DEEP * shorter[:half])
+    passed = apart & (_depths(beneath, agree, votes) > _DEEP * shorter[:half])
     order = np.where(apart, beneath, order)
     raised = _raised(pairs[:half][passed], rest)
     through = np.minimum(votes.above, votes.below)
@@ -175,7 +175,7 @@ def _back_to_back(pairs: Indices, rest: FeathersAtRest) -> NDArray[np.bool_]:
     guest, host = pairs.T
     way = roots[guest] - roots[host]
     away = np.einsum("pk,pk->p", dorsal[guest], dorsal[host]) < OPPOSED
-    slack = DEEP * rest.lengths[pairs].min(axis=1)
+    slack = _DEEP * rest.lengths[pairs].min(axis=1)
     beneath = np.einsum("pk,pk->p", dorsal[host], way) <= slack
     return np.asarray(away & beneath & (np.einsum("pk,pk->p", dorsal[guest], way) >= -slack))
 
@@ -192,7 +192,7 @@ def _raised(pairs: Indices, rest: FeathersAtRest) -> Array:
         from_root = (rest.nodes[k] - rest.nodes[k][0, 0]).reshape(-1, 3)
         height = from_root @ normal
         along = np.linalg.norm(from_root - height[:, None] * normal, axis=1)
-        far = along > DEEP * rest.lengths[k]
+        far = along > _DEEP * rest.lengths[k]
         angle[k] = np.arctan2(-height[far], along[far]).max(initial=0.0)
     return np.minimum(angle, MAX_RAISED)
 
@@ -228,7 +228,7 @@ def _votes(pairs: Indices, rest: Array, surfaces: VaneSurfaces, shorter: Array) 
     for octave in np.unique(octaves):
         some = np.flatnonzero(octaves == octave)
         free = Candidates(pairs[some], np.zeros(len(some), dtype=np.int64))
-        margin = float(NEAR * 2.0 ** (octave + 1.0))
+        margin = float(_NEAR * 2.0 ** (octave + 1.0))
         margins = np.full(len(rest), margin)
         search = SearchSettings(surfaces, bodies, memory, margins, margin, 0.0, WALL_FIT)
         found = Searcher(free, surfaces).find(search).contacts

@@ -20,9 +20,9 @@ from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
 
 # depth of a root in the body, over its feather's length, from which on it is told
-DEEP = 0.02
+_DEEP = 0.02
 # frames that are looked at, at most
-LOOKS = 24
+_LOOKS = 24
 
 
 def warn_of_sunk(shot: Shot, motion: Roots) -> None:
@@ -42,10 +42,10 @@ def warn_of_sunk(shot: Shot, motion: Roots) -> None:
     )
     usual = np.maximum(0.0, -body.gaps(rest.positions[some]))
     last = shot.last_frame - shot.first_frame
-    frames = np.unique(np.linspace(0, last, LOOKS).round().astype(int)).tolist()
+    frames = np.unique(np.linspace(0, last, _LOOKS).round().astype(int)).tolist()
     roots = (motion.frames(k / shot.frames_per_second) for k in frames)
     deep = np.stack([-body.gaps(_at_rest(now, rest, some, coat)) - usual for now in roots])
-    found = (deep > DEEP * lengths).any(axis=0)
+    found = (deep > _DEEP * lengths).any(axis=0)
     if not found.any():
         return
     frame, worst = np.unravel_index(np.where(found, deep, 0.0).argmax(), deep.shape)

@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 _Tried = tuple[list[State], Array, ContactReport]
 
 # lengths of the steps, s, and the most of each
-STEPS, MAX_STEPS = (0.01, 0.1, 1.0), 8
+_STEPS, MAX_STEPS = (0.01, 0.1, 1.0), 8
 # steps of the shortest kind in which what was turned up is led down
 LOWERING = 8
 # what one that cannot be solved is cut to, and the shortest tried, s
@@ -52,7 +52,7 @@ PATIENT = 4
 BAD, SHORTEST_OFF, FEW = 2.0, 5e-4, 0.05
 # over the time of a stage's first step, what settling takes after each of its steps: between what
 # samples/flapping_bird and pigeon/contact.toml and the creature of docs/production_shot.md took
-LEFT = (
+_LEFT = (
     (4.5, 4.3, 3.9, 3.6, 3.2, 2.9, 2.5, 2.2),
     (3.5, 2.8, 2.4, 2.2, 2.1, 2.1, 2.1, 2.1),
     (2.0, 1.3, 1.0, 0.7, 0.4, 0.2, 0.1, 0.0),
@@ -60,7 +60,7 @@ LEFT = (
 # Newton iterations of a feather after which settling ends, in balance or not
 MAX_ITERATIONS = 4000
 # pairs named in a warning
-MAX_NAMED = 3
+_MAX_NAMED = 3
 # what helps where feathers have no room
 HELP = (
     "in the groom, [layout] least_size = 0.6 and drop = 0.001 shorten or leave out feathers of"
@@ -111,8 +111,8 @@ def settled_together(
     left = _Left()
     if raised.any():
         current = steps.lowered(current, raised)
-    with phase("settling", len(STEPS) * MAX_STEPS, at_most=True) as done:
-        for stage, longest in enumerate(STEPS):
+    with phase("settling", len(_STEPS) * MAX_STEPS, at_most=True) as done:
+        for stage, longest in enumerate(_STEPS):
             h, cut = longest, False
             resting[:] = False
             for number in range(MAX_STEPS):
@@ -150,7 +150,7 @@ class _Left:
         now = perf_counter()
         if number == 0:
             self._first = now - self._begin
-        self._begin, self.seconds = now, LEFT[stage][number] * self._first
+        self._begin, self.seconds = now, _LEFT[stage][number] * self._first
 
 
 class _Steps:
@@ -179,7 +179,7 @@ class _Steps:
         nobody = self._nobody.copy()
         for number in range(LOWERING):
             self._paths_of = lowering.paths(1.0 / (LOWERING - number))
-            new, _, _ = self.take(current, STEPS[0], nobody, False)
+            new, _, _ = self.take(current, _STEPS[0], nobody, False)
             current = [_stopped(state, time) for state in new]
             self._bodies.begun = True
         self._paths_of = held_roots
@@ -255,7 +255,7 @@ class _Steps:
         manner = IntervalOptions(resting=resting, yielding=yielding, led=led, settling=True)
         if CUT * h >= SHORTEST:
             # what is nearly at rest is not cut for one feather that takes long
-            manner = manner._replace(iterations=EASY if h <= STEPS[0] else PATIENT * EASY)
+            manner = manner._replace(iterations=EASY if h <= _STEPS[0] else PATIENT * EASY)
         new, reports, contact = solver.interval(states, self._loads, paths, h, walls, manner)
         self.spent += np.concatenate([report.iterations for report in reports])
         new = [*self._obstacles.solved(new), *self._obstacles.solved(states, False)]
@@ -313,7 +313,7 @@ def warn_of_unsettled(
     if deep and deep[0]["depth"] > found.rest_depth / 10.0:
         pairs = (
             f"'{pair['feather']}' {1e3 * pair['depth']:.2g} mm in '{pair['other']}'"
-            for pair in deep[:MAX_NAMED]
+            for pair in deep[:_MAX_NAMED]
         )
         said += f". They begin in each other, still {', '.join(pairs)}"
     warnings.warn(f"{said}: {HELP}", InputWarning, stacklevel=2)

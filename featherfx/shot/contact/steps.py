@@ -28,10 +28,10 @@ Flags = NDArray[np.bool_]
 SMALLEST = 1.0 / 16.0
 # misfit of a step's contacts, over the thickness, beyond which it is cut to the shortest regular
 # one, and beyond which it is cut further
-WRONG, BAD = 0.5, 2.0
+_WRONG, BAD = 0.5, 2.0
 # over the first of these, misfit after the rounds of one search beyond which a feather is searched
 # for no more in a step that is cut: one in nine ends within bounds
-LOST = 2.0
+_LOST = 2.0
 # part of the feathers that should need no more than one step of their own in a common one; the next
 # common step over the last, at least
 FEW_STEPS, SHRINK = 0.6, 0.25
@@ -93,7 +93,7 @@ class StepRules:
 
     def wrong(self, contact: ContactReport) -> bool:
         """Return whether contacts are off by more than they should be."""
-        return contact.residual > WRONG * self.thickness
+        return contact.residual > _WRONG * self.thickness
 
     def off(self, reports: Sequence[StepReport], contact: ContactReport, span: StepSpan) -> Flags:
         """(B,) bodies that are to be stepped over a span again, in shorter steps: not solved, or
@@ -109,12 +109,12 @@ class StepRules:
     def _most_off(self, span: StepSpan) -> float:
         """m, misfit of contacts beyond which a step over a span is cut."""
         if self.is_long(span):
-            return WRONG * self.thickness
+            return _WRONG * self.thickness
         return BAD * self.thickness if span.length > 2.0 * SMALLEST * span.shortest else np.inf
 
     def lost(self, span: StepSpan) -> float:
         """m, misfit of contacts with which a feather waits for shorter steps than a span."""
-        return max(LOST * WRONG * self.thickness, self._most_off(span))
+        return max(_LOST * _WRONG * self.thickness, self._most_off(span))
 
     def give_up(self, reports: Sequence[StepReport], time: float) -> None:
         """SimulationError for a feather that cannot be solved at a time (s)."""

@@ -23,7 +23,7 @@ from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.run import ShotRun, Stage
 from featherfx.shot.patterns import last_fitting
 
-NAMES = ("follow",)
+_NAMES = ("follow",)
 
 
 class FollowThrough(Stage):
@@ -34,7 +34,7 @@ class FollowThrough(Stage):
         shot, drawn, shown = run.shot, run.drawn, run.posed
         warn_of_shares(shot, run.directed)
         warn_of_unfelt(shot, run.options.feathers)
-        self._found = courses(shot, NAMES)
+        self._found = courses(shot, _NAMES)
         acted_on = np.zeros(len(drawn), dtype=np.bool_)
         for each in self._found:
             acted_on |= each.weights > 0.0

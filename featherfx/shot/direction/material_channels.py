@@ -23,7 +23,7 @@ from featherfx.shot.direction.channels import Course, courses, product
 from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
 from featherfx.shot.loop.run import ShotLoad, ShotRun
 
-NAMES = ("stiffness", "damping", "gravity")
+_NAMES = ("stiffness", "damping", "gravity")
 # arrays of a model that are moduli
 _MODULI = (
     "rachis_stiffness", "barb_stiffness", "cell_stiffness", "hinge_stiffness", "twist_stiffness",
@@ -76,7 +76,7 @@ class MaterialLoads(ShotLoad):
 
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
-        self._found = courses(run.shot, NAMES)
+        self._found = courses(run.shot, _NAMES)
         self._gravity = np.asarray(run.shot.gravity)
 
     def on(self, group: FeatherGroup) -> GroupLoad | None:

@@ -44,9 +44,9 @@ from featherfx.shot.types import Shot
 # of a length, by which layers let feathers rise on those beneath them; below the slope of a lift
 GIVE = 0.2
 # thicknesses from which on a pair is deep
-DEEP = 1.0
+_DEEP = 1.0
 # halvings of the interval that a limb's share is in
-HALVINGS = 4
+_HALVINGS = 4
 # of a shot, what a pose of rigid feathers does not depend on
 _NOT_POSED = {
     "name", "grips", "forces", "details", "shelters", "exposure", "targets", "wind", "wets",
@@ -164,7 +164,7 @@ def _with_limb(
         positions, rotations = posed(time, given)
         points = [place(drawn[f].rest, positions[f], rotations[f]) for f in layers.needed]
         depths = layers.depths_of(stacked(points), layers.skin(time))
-        return np.asarray((depths > DEEP) & concerned)
+        return np.asarray((depths > _DEEP) & concerned)
 
     most = 1.0
     for time in times:
@@ -184,7 +184,7 @@ def _clear(deep: Callable[[float, float], Flags], time: float, crossed: Flags, p
 def _bisected(clear: Callable[[float], bool], most: float) -> float:
     """The largest share found that is clear, below one that is not."""
     least = 0.0
-    for _ in range(HALVINGS):
+    for _ in range(_HALVINGS):
         middle = 0.5 * (least + most)
         least, most = (middle, most) if clear(middle) else (least, middle)
     return least

@@ -38,7 +38,7 @@ from featherfx.shot.motion.limbs import limbs_of
 from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
 
-NAMES = ("ruffle", "sleek", "turn", "fan", "fold", "puff")
+_NAMES = ("ruffle", "sleek", "turn", "fan", "fold", "puff")
 # those that may bring feathers through others, as far as these let them (order.py)
 ORDERED = ("ruffle", "sleek", "turn")
 # regions that a message names
@@ -100,7 +100,7 @@ class Directed:
 
 def direct_roots(shot: Shot, motion: Roots) -> Roots:
     """The motion with the channels of a shot that act on roots; itself where there are none."""
-    found = courses(shot, NAMES)
+    found = courses(shot, _NAMES)
     if not found:
         return motion
     limbs = limbs_of(shot.groom)

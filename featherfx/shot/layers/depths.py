@@ -16,7 +16,7 @@ from featherfx.shot.layers.types import Array, Indices, Stack
 # last
 BIN, BINS = 1e-3, 100_000
 # pairs and feathers that are named
-MAX_NAMED = 10
+_MAX_NAMED = 10
 # of its length, lift from which on a feather is told of
 LIFTED = 0.25
 # what sums of rows may differ by
@@ -42,7 +42,7 @@ class Depths:
     def report(self, names: Sequence[str]) -> dict[str, Any]:
         """Distribution over pairs and samples, and the pairs that were deepest. names: ids."""
         worst = np.maximum(self._worst, 0.0)
-        order = np.argsort(-worst, kind="stable")[:MAX_NAMED]
+        order = np.argsort(-worst, kind="stable")[:_MAX_NAMED]
         return {
             "written_depth": {
                 "median": self._quantile(0.5),
@@ -87,7 +87,7 @@ class Lifted:
     def report(self, names: Sequence[str]) -> dict[str, Any]:
         """Count the feathers that were lifted by LIFTED or more and as far as any may be, and name
         those that were lifted most. names: ids."""
-        order = np.argsort(-self._most, kind="stable")[:MAX_NAMED]
+        order = np.argsort(-self._most, kind="stable")[:_MAX_NAMED]
         return {
             "feathers_lifted": int((self._most >= LIFTED).sum()),
             "feathers_at_limit": int((self._most > MOST - ROUNDING).sum()),

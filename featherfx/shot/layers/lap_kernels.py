@@ -23,7 +23,7 @@ from featherfx.solver.contact.wall_kernels import weighted
 # thicknesses beside the other's edge up to which a point touches it, and at which a lack has faded
 BESIDE, FADE = 1.0, 3.0
 # least cosine between a lift and the normal that it is to act along
-MIN_COSINE = 0.5
+_MIN_COSINE = 0.5
 # of the depth that is undone, lift up to which all is given that is asked for; none at twice it
 WHOLE = 1.5
 # of the depth that is undone, up to which feathers keep their order of which a limb carries one
@@ -131,7 +131,7 @@ def _lap(vanes, pose, bodies, point, place, margin, lap):
     lap.above, lap.base = 1 if above else 0, base
     lap.node[0], lap.node[1], lap.after[0], lap.after[1] = node[0], node[1], after[0], after[1]
     lap.part = part
-    return place, inside, fade > 0.0 and min(lap.own, total) >= MIN_COSINE
+    return place, inside, fade > 0.0 and min(lap.own, total) >= _MIN_COSINE
 
 
 @kernel
@@ -354,7 +354,7 @@ def ground_lacks(vanes, pose, ground, skin, f, asked):
             height, normal, triangle = skin_under(x, skin, ground, triangle)
             own = dot(normal, pose.way[f, i])
             lack = ground.clear[f, i, c] - height + own * lift[f, i, c]
-            if own >= MIN_COSINE and 0.0 < lack < 2.0 * vanes.deepest[f]:
+            if own >= _MIN_COSINE and 0.0 < lack < 2.0 * vanes.deepest[f]:
                 near = abs(height) + vanes.half[f] + vanes.clear[f]
                 asked[i, c] = _over(x, (height, normal), skin, ground, triangle, near) * lack / own
 

@@ -69,7 +69,7 @@ SPEED = 0.5
 # of that speed, at which falls what will be asked for again: what is beneath it may sink so fast
 SINKS = 0.125
 # m, less than which a point may move and still count as resting where it was
-STILL = 1e-6
+_STILL = 1e-6
 # times that the first sample is laid at most, until nothing moves any more
 PASSES = 40
 _OF_FEATHERS = "same", "moved", "settled", "strays"
@@ -142,7 +142,7 @@ class LayeredPlumage:
         skin = shot.skin if shot.layers.contact.skin else None
         self._skin = ground_beneath(skin, self.needed, self.vanes, _nodes(rest.nodes))
         self._skin.ground.triangle[~_touching(shot)[self.needed]] = -1
-        # where the feathers and the skin were when they last moved by STILL or more
+        # where the feathers and the skin were when they last moved by _STILL or more
         self._stood = np.full_like(rest.nodes, np.nan), np.full_like(self._skin.points(0.0), np.nan)
         self._memory = self._kept()
         self._jobs, self._room, self._scratch = jobs, -1, list[Scratch]()
@@ -198,14 +198,14 @@ class LayeredPlumage:
                 break
 
     def _moved(self, points: Array, skin: Array) -> Flags:
-        """(F,) which feathers, or the skin, moved by STILL or more since they last did. points:
+        """(F,) which feathers, or the skin, moved by _STILL or more since they last did. points:
         (F, n, 1 + 2 m, 3) m; skin: (V, 3) m.
 
         A feather that is laid anew, though it moved by next to nothing, may come to lie otherwise.
         """
         (stood, ground), axes = self._stood, (1, 2, 3)
-        moved = ~(np.abs(points - stood).max(axis=axes) < STILL)
-        if not (np.abs(skin - ground) < STILL).all():
+        moved = ~(np.abs(points - stood).max(axis=axes) < _STILL)
+        if not (np.abs(skin - ground) < _STILL).all():
             moved[:] = True
             ground = skin
         if moved.any():

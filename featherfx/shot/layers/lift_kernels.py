@@ -23,7 +23,7 @@ SHARE = 0.1
 # over the depth that is undone, the length of a feather: the largest lift
 MOST = 2.0
 # of a feather's length, lift that is asked for nowhere from which on it is taken back, by halves
-SPARE, HALVINGS = 0.02, 5
+SPARE, _HALVINGS = 0.02, 5
 # thicknesses beyond what is to be between them, up to which feathers touch
 TOUCH = 0.1
 
@@ -198,7 +198,7 @@ def _take_back(bodies, given, place, pose, sought, scratch, count):
     _want(vanes, place, manner, scratch, count, False)
     _copy(scratch.wanted, least)
     tried = False
-    for _ in range(HALVINGS):
+    for _ in range(_HALVINGS):
         if _most_rise(least, lift) <= SPARE * vanes.deepest[f]:
             break
         _copy(lift, scratch.most)

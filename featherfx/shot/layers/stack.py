@@ -28,19 +28,19 @@ from featherfx.shot.layers.types import (
 )
 
 # feathers may come over each other that are, at rest, so many times as far apart as they are wide
-REACH = 1.5
+_REACH = 1.5
 # cosine of the angle between two dorsal sides from which on feathers lie over each other
 FACING = 0.3
 # depth at rest, over the shorter feather's length, from which on a layout's order does not count
-WRONG = 0.05
+_WRONG = 0.05
 # heights over a feather's length up to which points tell who lies over whom at rest
-NEAR = 0.1
+_NEAR = 0.1
 # pairs whose laps at rest are searched together
 PAIRS_AT_ONCE = 200
 # what is kept between surfaces, which are bent between their nodes: over the distance of rows, but
 # at most so many thicknesses. More adds up, over feathers over feathers, until none lies any more:
 # with 0.08 and 6 the pigeon's coat rises by centimetres, and more of it crosses.
-CLEAR, MAX_CLEAR = 0.024, 1.8
+_CLEAR, MAX_CLEAR = 0.024, 1.8
 # depth, over a feather's length, that is undone; beyond twice that the order counts for nothing
 DEEPEST = 1.0
 
@@ -60,15 +60,15 @@ def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: RowPoints) -> 
 
 
 def _seen_stack(strips: Strips, vanes: Vanes, rest: RowPoints) -> Stack:
-    pairs, order = shingle_pairs(replace(strips, reach=REACH * strips.reach), FACING)
+    pairs, order = shingle_pairs(replace(strips, reach=_REACH * strips.reach), FACING)
     stack = sorted_stack(pairs, order)
     ranked = strips.rank.min(initial=0) >= 0
-    depth, votes = _seen_at_rest(stack, vanes, rest, 1.0 if ranked else NEAR)
+    depth, votes = _seen_at_rest(stack, vanes, rest, 1.0 if ranked else _NEAR)
     if not ranked:
         return _by_votes(stack.pairs, votes, order)
     # a layout leaves some feathers on the wrong side of others, by up to their length
     length = vanes.row.sum(axis=1)
-    return sorted_stack(stack.pairs[depth <= WRONG * length[stack.pairs].min(axis=1)], order)
+    return sorted_stack(stack.pairs[depth <= _WRONG * length[stack.pairs].min(axis=1)], order)
 
 
 def _seen_at_rest(
@@ -89,13 +89,13 @@ def _seen_at_rest(
 def laps_at_rest(
     stack: Stack, vanes: Vanes, rest: RowPoints, deepest: float
 ) -> Iterator[NDArray[Any]]:
-    """Laps of all pairs at rest, up to heights of NEAR and a depth over their length, some at a
+    """Laps of all pairs at rest, up to heights of _NEAR and a depth over their length, some at a
     time: laps of all pairs at once would be the most that a bake holds."""
     length = vanes.row.sum(axis=1)
     pose, every = pose_like(rest, vanes.present.shape), np.ones(len(stack.pairs), dtype=np.int8)
     lift_points_of_all(vanes, rest, pose, (0, len(length)))
     seen = vanes._replace(deepest=deepest * length)
-    follow = NEAR * float((length / vanes.half).max(initial=0.0))
+    follow = _NEAR * float((length / vanes.half).max(initial=0.0))
     scratch, count = scratch_of(vanes, PAIRS_AT_ONCE), len(stack.pairs)
     for begin in range(0, count, PAIRS_AT_ONCE):
         span = begin, min(begin + PAIRS_AT_ONCE, count)
@@ -210,7 +210,7 @@ def vanes_of(feathers: Sequence[Feather], halves: Array) -> Vanes:
         barb=barb,
         first=np.argmax(present.any(axis=2), axis=1),
         deepest=DEEPEST * row.sum(axis=1),
-        clear=np.minimum(CLEAR * row.mean(axis=1), MAX_CLEAR * 2.0 * halves),
+        clear=np.minimum(_CLEAR * row.mean(axis=1), MAX_CLEAR * 2.0 * halves),
         reach=np.full(count, 2.0 * FADE * halves.max(initial=0.0)),
         limb=np.zeros(count, dtype=np.int64),
     )

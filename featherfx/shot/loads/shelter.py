@@ -29,9 +29,9 @@ from featherfx.shot.skin import BoundSkin
 # e of a vane that lies over the skin
 LEAST = 0.2
 # e in steps, so that few batches do for many feathers
-STEPS = 10
+_STEPS = 10
 # of a feather's length: the farthest that vanes lie on each other, and that one lies on a skin
-NEAR, NEAR_SKIN = 0.3, 0.3
+_NEAR, NEAR_SKIN = 0.3, 0.3
 # places along the vane where it is looked at, and by which others know where it is
 _LOOKED_AT = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 _COURSE, _WIDTHS = 9, 33
@@ -80,12 +80,12 @@ def _lying(placements: Sequence[Placement], skin: BoundSkin) -> Array:
         for begin in range(0, len(pairs), _PAIRS_AT_ONCE):
             own, other = (each[begin : begin + _PAIRS_AT_ONCE] for each in (upper, lower))
             seen = (points[own] - position[other]) @ axes[other].transpose(0, 2, 1)
-            reach = NEAR * np.minimum(length[own], length[other]) / length[other]
+            reach = _NEAR * np.minimum(length[own], length[other]) / length[other]
             seen /= length[other][:, None, None]
             np.add.at(stacked, own, _over(outlines, other, seen, reach))
     borne = np.where(_over_skin(points, axes[:, 2], length, skin), LEAST**2, 1.0 / stacked)
     mean = (outlines.weight * borne).sum(axis=1) / outlines.weight.sum(axis=1)
-    return np.asarray(np.round(STEPS * np.sqrt(mean)) / STEPS)
+    return np.asarray(np.round(_STEPS * np.sqrt(mean)) / _STEPS)
 
 
 def _shape(kind: FeatherKind) -> tuple[object, ...]:

@@ -91,7 +91,7 @@ class ShotRun:
 
     @cached_property
     def options(self) -> ShotOptions:
-        """How all feathers are simulated."""
+        """Simulation options of all feathers."""
         return resolve_options(self.shot, self.drawn, self.motion)
 
     def pose_also(self, feathers: Indices) -> None:

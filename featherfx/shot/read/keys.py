@@ -56,7 +56,7 @@ _INTERPOLATION = Key(
 
 GROOM_USD = {"usd": _FILE} | {name: key for name, key in USD_KEYS.items() if name != "file"}
 
-SKIN = {
+_SKIN = {
     "usd": _FILE,
     "prim": Key(
         Text(),
@@ -95,7 +95,7 @@ WIND_USD = {
     "scale": Key(Number(-1e6, 1e6), "Factor of the velocities, in stage units per second.", 1.0),
 }
 
-COLLIDER = {
+_COLLIDER = {
     "usd": _FILE,
     "prims": Key(ArrayOf(Text(), 0, 10_000), "Paths, or names with * and ?, of meshes.", ()),
     "collection": Key(Text(), "Collection, such as /Bird.collection:colliders.", None),
@@ -139,7 +139,7 @@ SHOT = {
         "to read of a USD file.",
     ),
     "overrides": GROOM_KEYS["overrides"],
-    "skin": Key(Table(SKIN), "Animated skin that moves the roots.", None),
+    "skin": Key(Table(_SKIN), "Animated skin that moves the roots.", None),
     "frames": Key(
         ArrayOf(Number(-1_000_000, 1_000_000, whole=True), 2, 2),
         "First and last frame, both baked.",
@@ -147,7 +147,7 @@ SHOT = {
     **keys_of(Shot),
     "wind_usd": Key(Table(WIND_USD), "Wind of a USD scene, added to `wind`.", None),
     "contact": Key(Table(CONTACT), "Contact of feathers with each other and colliders.", None),
-    "collider": tables(COLLIDER, "Meshes of USD scenes."),
+    "collider": tables(_COLLIDER, "Meshes of USD scenes."),
     "grip": tables(GRIP, "Points led along a path."),
     "detail": tables(
         DETAIL,

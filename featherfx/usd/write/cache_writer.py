@@ -30,9 +30,9 @@ from featherfx.usd.write.output import (
     parts_folder,
     prim_name,
 )
-from featherfx.usd.write.parts import Parts, Save, list_unfinished_bakes
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import PosedFeather, make_posed_feathers
+from featherfx.usd.write.unfinished_cache import Parts, Save, list_unfinished_bakes
 
 if TYPE_CHECKING:
     from featherfx.usd.write.previous_cache import PreviousCache

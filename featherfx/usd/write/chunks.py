@@ -45,9 +45,15 @@ from featherfx.usd.write.layers import (
     publish,
 )
 from featherfx.usd.write.output import prim_name, unique_prim_names
-from featherfx.usd.write.parts import MANIFEST, ChunkRecord, Parts, chunk_error, compute_checksum
 from featherfx.usd.write.posed_groups import PosedGroup, WrittenPose
 from featherfx.usd.write.poses import Written
+from featherfx.usd.write.unfinished_cache import (
+    MANIFEST,
+    ChunkRecord,
+    Parts,
+    chunk_error,
+    compute_checksum,
+)
 
 _TYPES = {
     "points": Sdf.ValueTypeNames.Point3fArray,

@@ -22,7 +22,7 @@ from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import MESH_PRIM, PER_FACE_PRIMVARS, RANGES_PREFIX, RATES, OutputError
 from featherfx.usd.write.layers import SCOPES
 from featherfx.usd.write.output import clips_folder, output_files, parts_folder
-from featherfx.usd.write.parts import (
+from featherfx.usd.write.unfinished_cache import (
     Parts,
     list_chunk_files,
     list_unfinished_bakes,
