@@ -3,8 +3,6 @@
 Several feathers of a batch through one frame, one after the other, in one call from Python.
 """
 
-from typing import NamedTuple
-
 from featherfx.algebra.array_kernels import copy_values
 from featherfx.algebra.rotation_kernels import (
     conjugate,
@@ -21,7 +19,6 @@ from featherfx.mechanics.row_kernels import points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, GREW, NOT_CONVERGED, TOO_MUCH_WORK
 from featherfx.solver.step.energy_kernels import (
-    EnergyBound,
     begin_bound,
     bound_step,
     damped_energy,
@@ -49,7 +46,6 @@ from featherfx.solver.step.integrator_kernels import (
 )
 from featherfx.solver.step.newton_kernels import (
     UNKNOWN_CONVERGENCE,
-    ConvergenceHistory,
     NewtonGoal,
     NewtonResult,
     accept_nearly_solved,
@@ -104,7 +100,7 @@ _RATE_CHANGE_WEIGHT = 0.5
 
 
 @kernel
-def _extrapolate(model, f, attempt, state, work):
+def _go_on(model, f, attempt, state, work):
     """Predict the end of a step to work.now: the last step's rates go on, and so does a part of
     their change; stretches stay.
 
@@ -167,7 +163,7 @@ def _place(model, f, path, attempt, state, work):
         same_sign(before, now.rotation[0])
         _follow_root(model.length[f], before, now)
     else:
-        _extrapolate(model, f, attempt, state, work)
+        _go_on(model, f, attempt, state, work)
 
 
 @kernel
@@ -208,7 +204,7 @@ def _goal_of(model, f, attempt, settings):
 
 
 @kernel
-def _add_work(before, solved):
+def _together(before, solved):
     """Return the NewtonResult of the last of two solves, with the work of both."""
     iterations, matrices = before.iterations + solved.iterations, before.matrices + solved.matrices
     return NewtonResult(solved.status, iterations, matrices, solved.move, solved.pace)
@@ -227,10 +223,9 @@ def _aim_at_part(part, state, f, around):
 
 
 @kernel
-def _attempt_in_parts(model, loads, f, path, attempt, state, settings, work):
-    """Solve a step to work.now as _attempt_step does, from the pose before it, with its inertia and
-    the way of its root put on in parts; returns what minimise does of the last one, with all
-    work."""
+def _in_parts(model, loads, f, path, attempt, state, settings, work):
+    """Solve a step to work.now as _try does, from the pose before it, with its inertia and the way
+    of its root put on in parts; returns what minimise does of the last one, with all work."""
     now, around = work.now, work.around
     before, factors = work.trial.rotation[0], _predict(model, loads, f, path, attempt, state, work)
     load_pose(model, f, state, now)
@@ -251,22 +246,22 @@ def _attempt_in_parts(model, loads, f, path, attempt, state, settings, work):
             _aim_at_part(share, state, f, around)
             tolerance = max(tolerance, _PART_TOLERANCE_RATIO * settings.coarse)
         goal = NewtonGoal(tolerance, attempt.limit, UNKNOWN_CONVERGENCE, True)
-        solved = _add_work(solved, minimise(model, loads, f, fraction, factors, goal, work))
+        solved = _together(solved, minimise(model, loads, f, fraction, factors, goal, work))
         if solved.status not in (CONVERGED, NOT_CONVERGED):
             break
     return solved
 
 
 @kernel
-def _attempt_step(model, loads, f, path, attempt, state, settings, work):
+def _try(model, loads, f, path, attempt, state, settings, work):
     """Solve a step to work.now and check it; returns its Outcome."""
     h, radius, now, around = attempt.h, attempt.spectral_radius, work.now, work.around
     factors = _predict(model, loads, f, path, attempt, state, work)
     goal = _goal_of(model, f, attempt, settings)
     solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
     if solved.status != CONVERGED and attempt.parts > 0:
-        again = _attempt_in_parts(model, loads, f, path, attempt, state, settings, work)
-        solved = _add_work(solved, again)
+        again = _in_parts(model, loads, f, path, attempt, state, settings, work)
+        solved = _together(solved, again)
     error = step_error(
         radius, h, motion_of(state, f, NODE_POINTS), now.points.nodes, around.target.nodes
     )
@@ -316,96 +311,6 @@ def _accept(model, f, attempt, state, work):
     return released
 
 
-class FrameProgress(NamedTuple):
-    """Step-size control within a frame.
-
-    length: s, wanted of the next step, and way: how it is tried. done: s of the frame, in so many
-    steps (taken). left: work that is left; begun: that at the begin of the step; recent: mean work
-    of the last steps. before: s, length of the step before the last, 0 where its matrix does not
-    serve. pace: history for the next try; found: that of the last one. promise: bound on energy.
-    """
-
-    length: float
-    way: int
-    done: float
-    taken: int
-    left: int
-    begun: int
-    recent: float
-    before: float
-    pace: ConvergenceHistory
-    found: ConvergenceHistory
-    promise: EnergyBound
-
-
-@kernel
-def _begin_frame(model, loads, f, path, state, settings, work):
-    """Return the FrameProgress at the begin of a frame; the stored history is taken."""
-    duration, left, proposal = settings.duration, settings.most_iterations, state.proposal[f]
-    h = proposal if 0.0 < proposal <= duration else duration
-    pace = load_convergence(work.kept.pace)
-    store_convergence(UNKNOWN_CONVERGENCE, work.kept.pace)
-    promise = begin_bound(model, loads, f, path, duration, state)
-    return FrameProgress(
-        h, EXTRAPOLATE, 0.0, 0, left, left, 0.0, 0.0, pace, UNKNOWN_CONVERGENCE, promise
-    )
-
-
-@kernel
-def _plan_step(model, f, progress, state, settings):
-    """Return the length that is wanted (s), and the Attempt."""
-    duration, done, left = settings.duration, progress.done, progress.left
-    h, way = progress.length, progress.way
-    allowed, limit = allowed_distance(settings, left), min(settings.iterations, left)
-    if allowed > 0.0 and left < settings.iterations:
-        h, way, limit = duration - done, IMPLICIT_EULER, settings.iterations
-    step, fraction = next_step(h, done, duration)
-    last, before = state.step[f], progress.before
-    if last <= 0.0:
-        way = max(way, FOLLOW_ROOT)  # there are no rates to extrapolate
-    radius = EULER if way == IMPLICIT_EULER else settings.spectral_radius
-    floor = min_step_length(settings, done, progress.taken, left, progress.recent)
-    bend = _RATE_CHANGE_WEIGHT * (step + last) / (last + before) if before > 0.0 else 0.0
-    promise = bound_step(progress.promise, model, f, step, state)
-    parts = load_parts(settings, way, left, model.held[f])
-    return h, Attempt(
-        step, floor, fraction, way, radius, limit, promise, progress.pace, bend, allowed, parts
-    )
-
-
-@kernel
-def _accept_step(model, f, progress, attempt, outcome, state, settings, work):
-    """Make a solved step the state; returns the FrameProgress after it."""
-    last, left = state.step[f], progress.left - attempt_work(outcome)
-    pace = next_convergence(outcome.iterations, outcome.pace)
-    released = _accept(model, f, attempt, state, work)
-    slow_down(outcome.keeps, attempt.promise.drift, points_of(state.velocity, f))
-    promise = update_bound(attempt.promise, outcome.energy - released)
-    recent = progress.recent
-    recent += RECENT_WORK_WEIGHT * (progress.begun - left - recent)
-    before = last if pace.inertia > 0.0 else 0.0
-    h, way = after_step(EXTRAPOLATE, attempt, outcome, settings)
-    done, taken = progress.done + attempt.h, progress.taken + 1
-    return FrameProgress(
-        h, way, done, taken, left, left, recent, before, pace, outcome.pace, promise
-    )
-
-
-@kernel
-def _retry_step(h, way, progress, attempt, outcome, settings):
-    """Return the FrameProgress after a try that was not taken; h: s, 0 where no shorter one is
-    solved either."""
-    left, begun = progress.left - attempt_work(outcome), progress.begun
-    if h == 0.0:
-        left, h = work_after_failure(settings, left), attempt.floor
-        begun = left
-    pace = next_convergence(outcome.iterations, outcome.pace)
-    done, taken, recent, before = progress.done, progress.taken, progress.recent, progress.before
-    return FrameProgress(
-        h, way, done, taken, left, begun, recent, before, pace, outcome.pace, attempt.promise
-    )
-
-
 @shared_kernel(int)
 def advance_feather(model, loads, f, path, state, settings, work, report):
     """Bring feather f of the state through one frame, in place.
@@ -414,23 +319,52 @@ def advance_feather(model, loads, f, path, state, settings, work, report):
     is not CONVERGED the state is that of the last good step. How steps are repeated:
     step_control_kernels.
     """
-    progress = _begin_frame(model, loads, f, path, state, settings, work)
-    while progress.done < settings.duration * (1.0 - 1e-9):
-        if progress.left <= 0:
+    duration, left = settings.duration, settings.most_iterations
+    h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
+    done, taken, way, pace, before = 0.0, 0, EXTRAPOLATE, load_convergence(work.kept.pace), 0.0
+    recent, begun = 0.0, left
+    store_convergence(UNKNOWN_CONVERGENCE, work.kept.pace)
+    found = UNKNOWN_CONVERGENCE
+    promise = begin_bound(model, loads, f, path, duration, state)
+    while done < duration * (1.0 - 1e-9):
+        if left <= 0:
             return record_failure(report, f, TOO_MUCH_WORK)
-        wanted, attempt = _plan_step(model, f, progress, state, settings)
-        outcome = _attempt_step(model, loads, f, path, attempt, state, settings, work)
-        verdict, h, way = judge_attempt(wanted, EXTRAPOLATE, attempt, outcome, settings)
+        allowed, limit = allowed_distance(settings, left), min(settings.iterations, left)
+        if allowed > 0.0 and left < settings.iterations:
+            h, way, limit = duration - done, IMPLICIT_EULER, settings.iterations
+        step, fraction = next_step(h, done, duration)
+        if state.step[f] <= 0.0:
+            way = max(way, FOLLOW_ROOT)  # there are no rates to go on with
+        radius = EULER if way == IMPLICIT_EULER else settings.spectral_radius
+        floor = min_step_length(settings, done, taken, left, recent)
+        last = state.step[f]
+        bend = _RATE_CHANGE_WEIGHT * (step + last) / (last + before) if before > 0.0 else 0.0
+        promise = bound_step(promise, model, f, step, state)
+        parts = load_parts(settings, way, left, model.held[f])
+        attempt = Attempt(
+            step, floor, fraction, way, radius, limit, promise, pace, bend, allowed, parts
+        )
+        outcome = _try(model, loads, f, path, attempt, state, settings, work)
+        verdict, h, way = judge_attempt(h, EXTRAPOLATE, attempt, outcome, settings)
         count_attempt(report, f, verdict, attempt, outcome, settings)
+        left, found = left - attempt_work(outcome), outcome.pace
+        pace = next_convergence(outcome.iterations, found)
         if verdict == TAKEN:
-            progress = _accept_step(model, f, progress, attempt, outcome, state, settings, work)
-            continue
-        progress = _retry_step(h, way, progress, attempt, outcome, settings)
-        if h == 0.0 and progress.left == 0:
-            return record_failure(report, f, outcome.status)
-    state.proposal[f] = progress.length
+            released = _accept(model, f, attempt, state, work)
+            slow_down(outcome.keeps, promise.drift, points_of(state.velocity, f))
+            promise, done = update_bound(promise, outcome.energy - released), done + step
+            taken, before = taken + 1, last if pace.inertia > 0.0 else 0.0
+            recent, begun = recent + RECENT_WORK_WEIGHT * (begun - left - recent), left
+            h, way = after_step(EXTRAPOLATE, attempt, outcome, settings)
+        elif h == 0.0:
+            # no shorter one is solved either
+            left, h = work_after_failure(settings, left), floor
+            if left == 0:
+                return record_failure(report, f, outcome.status)
+            begun = left
+    state.proposal[f] = h
     if work.kept.plain.shape[0] > 0:
-        store_convergence(progress.found, work.kept.pace)
+        store_convergence(found, work.kept.pace)
     return CONVERGED
 
 
