@@ -64,7 +64,7 @@ def test_bars_of_a_coarse_vane_have_straight_borders():
 
 
 def pixels_of(share, samples, seed=1):
-    """Pixels (rows, columns, MEAN_NUMBERS) of a white surface. Each sample has the sun or not, by its share (rows, columns)."""
+    """Pixels (rows, columns, MEAN_NUMBERS) of a white surface, sunlit by share (rows, columns)."""
     random = np.random.default_rng(seed)
     sunlight = (random.uniform(size=(share.size, samples)) < share.reshape(-1, 1)).ravel()
     count = share.size * samples
