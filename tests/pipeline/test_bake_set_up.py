@@ -17,7 +17,7 @@ from featherfx.feather import shapes
 from featherfx.feather.layout import layout
 from featherfx.shot.contact import pairs
 from featherfx.shot.layers import stack
-from featherfx.shot.loop import groups
+from featherfx.shot.loop import models
 from featherfx.usd.write.cache_writer import CacheWriter
 
 GROOM = """
@@ -77,8 +77,8 @@ def test_a_second_bake_computes_no_layout_shape_model_or_pair_anew(shot, monkeyp
         for module, name in (
             (layout, "_laid"),
             (shapes, "build_feather"),
-            (groups, "make_model"),
-            (groups, "with_damping"),
+            (models, "make_model"),
+            (models, "with_damping"),
             (pairs, "_near_pairs"),
             (stack, "_seen_at_rest"),
         ):
