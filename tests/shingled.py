@@ -122,7 +122,7 @@ def farthest(laid, before) -> float:
 
 def sinking(
     ease: float, when: tuple[int, ...] = (10, 11, 12)
-) -> tuple[Shot, layers.Layers, list, list]:
+) -> tuple[Shot, layers.LayeredPlumage, list, list]:
     """A shot, its layers, and poses of a feather and of what it lies over: it is beneath that, all
     at once, in some of 24 samples. Where it is before it is laid, too."""
     shot = shingles(2)
@@ -131,10 +131,12 @@ def sinking(
     sunk = replace(upper, points=upper.points.shifted(np.array([0.0, 0.0, -0.02])))
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     poses = [[sunk if k in when else upper, lower] for k in range(24)]
-    return shot, layers.Layers(shot, drawn, np.arange(2), 1), poses
+    return shot, layers.LayeredPlumage(shot, drawn, np.arange(2), 1), poses
 
 
-def lifted(shot: Shot, plumage: layers.Layers, poses: list, first: int = 0) -> tuple[list, dict]:
+def lifted(
+    shot: Shot, plumage: layers.LayeredPlumage, poses: list, first: int = 0
+) -> tuple[list, dict]:
     """Poses as they are laid, from a sample on, and the memory after the sixth sample."""
     step, none = 1.0 / shot.frames_per_second, np.zeros((0, 3))
     ahead, found, memory = shot.layers.samples_ahead(step), [], {}

@@ -8,7 +8,7 @@ from nodal_cases import at_rest, end_row_loads, isotropic
 
 from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice
 from featherfx.feather.vane import vane_surface
-from featherfx.lab.feathers.strip import NO_SHAFT, strip_kind
+from featherfx.lab.feathers.strip import RACHIS_SIZE, strip_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver
 from featherfx.mechanics.batch import make_model
@@ -40,8 +40,8 @@ def ring(rows: int, columns: int) -> Feather:
     return Feather(
         rest=RowPoints(nodes, np.stack([-out, up], axis=1)),
         station=station,
-        width=np.full(rows + 1, NO_SHAFT),
-        height=np.full(rows + 1, NO_SHAFT),
+        width=np.full(rows + 1, RACHIS_SIZE),
+        height=np.full(rows + 1, RACHIS_SIZE),
         barb_length=length,
         barb_span=np.stack([span, span]),
         cell=cell,

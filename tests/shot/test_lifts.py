@@ -89,7 +89,7 @@ def pushed_beneath_a_large_one(limb=(0, 0), depth=0.7, size=3.0, behind=1.0):
     slant = frames_from((1.0, 0.0, 1.0), (-1.0, 0.0, 1.0))
     upper, lower = (replace(each, points=turned(slant.T, each.points)) for each in poses)
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-    plumage = layers.Layers(shot, drawn, np.arange(2), 1)
+    plumage = layers.LayeredPlumage(shot, drawn, np.arange(2), 1)
     plumage.vanes = plumage.vanes._replace(limb=np.array(limb))
     lay(plumage, [upper, lower], none, 0.0, 0.0)
     way = -depth * small.kind.length * slant[:, 2]
@@ -165,7 +165,7 @@ def test_lifts_do_not_add_up_over_all_that_lie_beneath():
     shot = shingles(24)
     poses, none = next(iter(simulate(replace(shot, layers=None)))).poses, np.zeros((0, 3))
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-    plumage = layers.Layers(shot, drawn, np.arange(len(poses)), 1)
+    plumage = layers.LayeredPlumage(shot, drawn, np.arange(len(poses)), 1)
     lay(plumage, poses, none, 0.0, 0.0)
     down, pressed = frames_from((1.0, 0.0, 0.5), (-0.5, 0.0, 1.0)), []
     for one, pose in zip(shot.groom.feathers, poses, strict=True):
@@ -184,7 +184,7 @@ def test_what_moves_by_nanometres_stays_as_it_is_laid():
     """Wherever its points are: rounded to micrometres they once counted as moved over an edge."""
     shot, none, shake = shingles(12), np.zeros((0, 3)), np.random.default_rng(3)
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-    plumage, shown = layers.Layers(shot, drawn, np.arange(len(drawn)), 1), []
+    plumage, shown = layers.LayeredPlumage(shot, drawn, np.arange(len(drawn)), 1), []
     for frame in range(6):
         given = []
         for k, (one, feather) in enumerate(zip(shot.groom.feathers, drawn, strict=True)):
@@ -205,7 +205,7 @@ def test_what_lies_askew_on_another_goes_up_with_it():
     of the length; lifted along their own dorsal sides the highest went up by twice the length."""
     shot, step, none = shingles(12), 0.01, np.zeros((0, 3))
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-    plumage, poses, given = layers.Layers(shot, drawn, np.arange(len(drawn)), 1), [], []
+    plumage, poses, given = layers.LayeredPlumage(shot, drawn, np.arange(len(drawn)), 1), [], []
     for k, (one, feather) in enumerate(zip(shot.groom.feathers, drawn, strict=True)):
         for way, some in ((one, poses), (askew(one, k, 35.0), given)):
             points = place(feather.rest, way.position, way.rotation)
@@ -275,7 +275,7 @@ def test_a_feather_that_is_pushed_into_the_skin_is_laid_over_it():
     surfaces = SkinSurfaces((Sheet(low - 4e-3),), 0.0, 1.0, "", "")
     shot = replace(shot, skin=surfaces.bind(shot.groom))
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-    plumage = layers.Layers(shot, drawn, np.arange(1), 1)
+    plumage = layers.LayeredPlumage(shot, drawn, np.arange(1), 1)
     skin = plumage.skin(0.0)
     lay(plumage, [pose], skin, 0.0, 0.0)
     sunk = replace(pose, points=pose.points.shifted(np.array([0.0, 0.0, -8e-3])))
@@ -293,7 +293,7 @@ def test_what_has_left_the_skin_is_not_lifted_to_the_planes_of_its_faces():
     low = float(pose.points.nodes[..., 2].min()) - 4e-3
     shot = replace(shot, skin=SkinSurfaces((Sheet(low),), 0.0, 1.0, "", "").bind(shot.groom))
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-    plumage = layers.Layers(shot, drawn, np.arange(1), 1)
+    plumage = layers.LayeredPlumage(shot, drawn, np.arange(1), 1)
     skin = plumage.skin(0.0)
     lay(plumage, [pose], skin, 0.0, 0.0)
     gone = replace(pose, points=pose.points.shifted(np.array([0.0, 3.0, -0.5 * length])))
@@ -311,7 +311,7 @@ def test_no_feather_is_lifted_by_more_than_twice_its_length():
     rolled = place(drawn[0].rest, one.position, askew(one, 0, 50.0).rotation)
     low, none = float(rest.nodes[..., 2].min()) - 4e-3, both(np.zeros_like, rest)
     shot = replace(shot, skin=SkinSurfaces((Sheet(low),), 0.0, 1.0, "", "").bind(shot.groom))
-    plumage = layers.Layers(shot, drawn, np.arange(1), 1)
+    plumage = layers.LayeredPlumage(shot, drawn, np.arange(1), 1)
     for k, (depth, own) in enumerate(((0.0, 1.0), (0.9, np.cos(np.radians(50.0))), (1.8, None))):
         points = (rolled if k else rest).shifted(np.array([0.0, 0.0, -depth * length]))
         pose = FeatherPose(points, none, none)
@@ -345,7 +345,7 @@ def test_no_feather_is_lifted_beyond_the_top_of_what_it_lies_over():
             points = place(feather.rest, one.position - down, one.rotation)
             poses.append(FeatherPose(points, *2 * (both(np.zeros_like, points),)))
         given.append(poses)
-    plumage, none = layers.Layers(shot, drawn, np.arange(len(drawn)), 1), np.zeros((0, 3))
+    plumage, none = layers.LayeredPlumage(shot, drawn, np.arange(len(drawn)), 1), np.zeros((0, 3))
     lay(plumage, given[0], none, 0.0, 0.0)
     laid = lay(plumage, given[1], none, 1.0, 1.0 / shot.frames_per_second)
     crossed = []
@@ -383,7 +383,7 @@ def test_skin_does_not_pass_between_the_nodes_of_a_feather_that_lies_on_it():
     low = float(shaft[5:7, 2].min()) - 1e-4
     surface = Ridge(low, middle[2] + 5e-4, middle[0], 0.2 * apart)
     shot = replace(shot, skin=SkinSurfaces((surface,), 0.0, 1.0, "", "").bind(shot.groom))
-    plumage, none = layers.Layers(shot, drawn, np.arange(1), 1), both(np.zeros_like, rest)
+    plumage, none = layers.LayeredPlumage(shot, drawn, np.arange(1), 1), both(np.zeros_like, rest)
     laid = lay(plumage, [FeatherPose(rest, none, none)], plumage.skin(0.0), 0.0, 0.0)[0]
     after = 0.5 * (laid.points.nodes[5, 0] + laid.points.nodes[6, 0])
     assert after[2] > middle[2] + 4.5e-4
@@ -415,7 +415,7 @@ forces = false
 """)
     shot = read_shot(tmp_path / "shot.toml")
     drawn, first = drawn_feathers(shot), shot.groom.feathers[0].rotation
-    laid = layers.Layers(shot, drawn, np.arange(2), 1)
+    laid = layers.LayeredPlumage(shot, drawn, np.arange(2), 1)
     # askew, so that what lifts one feather takes it off the other's side
     turns = (1.641, -1.972, 2.346), (-0.174, 0.21, 2.501)
     places = (0.02334, 0.08227, 0.08828), (0.01916, 0.06388, 0.11837)
@@ -446,7 +446,7 @@ def test_what_a_lift_takes_to_others_is_laid_over_these_as_well(monkeypatch, sam
     shot, none = shingles(3), np.zeros((0, 3))
     poses = next(iter(simulate(replace(shot, layers=None)))).poses
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-    plumage, rest, length = layers.Layers(shot, drawn, np.arange(3), 1), drawn[0].rest, 0.2
+    plumage, rest, length = layers.LayeredPlumage(shot, drawn, np.arange(3), 1), drawn[0].rest, 0.2
     edge = frames_from((1.0, 0.0, 0.0), (0.0, -0.7, 0.7))
     # boxes along the axes meet
     slant = frames_from((1.0, 0.0, 1.0), (-1.0, 0.0, 1.0))

@@ -18,7 +18,7 @@ from featherfx.errors import InputError
 from featherfx.files import atomic_write
 from featherfx.files.atomic_write import into, write_all
 from featherfx.usd.types import OutputError
-from featherfx.usd.write import parts
+from featherfx.usd.write import unfinished_cache
 from featherfx.usd.write.cache_writer import CacheWriter, Continuation
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output, parts_folder
@@ -116,8 +116,8 @@ def test_what_a_bake_left_that_was_killed_when_all_was_there_is_removed(
 ):
     path = tmp_path / "o.usdc"
     with monkeypatch.context() as killed:
-        killed.setattr(parts.Parts, "finish", lambda self, keep_chunks: self.close())
-        killed.setattr(parts.Lock, "release", lambda lock: lock._lock.release())
+        killed.setattr(unfinished_cache.Parts, "finish", lambda self, keep_chunks: self.close())
+        killed.setattr(unfinished_cache.Lock, "release", lambda lock: lock._lock.release())
         bake(path, layout=layout, continuation=GOES_ON)
     before = tree(tmp_path)
     assert ".o.usdc.lock" in before
@@ -222,7 +222,7 @@ def test_what_is_published_before_the_lock_is_had_is_seen_before_any_work(tmp_pa
 
     def late(*given, **more):
         path.write_text("theirs")
-        return parts.Parts(*given, **more)
+        return unfinished_cache.Parts(*given, **more)
 
     monkeypatch.setattr("featherfx.usd.write.cache_writer.Parts", late)
     with pytest.raises(OutputError, match=r"o\.usdc: another bake has just written it"):

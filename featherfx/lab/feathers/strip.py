@@ -263,7 +263,7 @@ def _check(test: StripTest) -> None:
 
 
 # m; a rachis of nearly no stiffness and mass, because a section of no size has no torsion constant
-_RACHIS_SIZE = 1e-9
+RACHIS_SIZE = 1e-9
 
 
 def strip_kind(length: float, vane: VaneMaterial) -> FeatherKind:
@@ -274,7 +274,7 @@ def strip_kind(length: float, vane: VaneMaterial) -> FeatherKind:
         length=length,
         calamus=0.0,
         barb_spacing=length,
-        rachis=RachisShape(_RACHIS_SIZE, _RACHIS_SIZE),
+        rachis=RachisShape(RACHIS_SIZE, _RACHIS_SIZE),
         leading=nothing,
         trailing=nothing,
         vane_material=vane,
@@ -304,8 +304,8 @@ def strip_feather(length: float, width: float, rows: int, columns: int) -> Feath
     return Feather(
         rest=RowPoints(nodes, np.tile(np.eye(3)[1:], (rows, 1, 1))),
         station=station,
-        width=np.full(rows, _RACHIS_SIZE),
-        height=np.full(rows, _RACHIS_SIZE),
+        width=np.full(rows, RACHIS_SIZE),
+        height=np.full(rows, RACHIS_SIZE),
         barb_length=barb_length,
         barb_span=np.stack([tributary, tributary]),
         cell=cell,

@@ -34,7 +34,8 @@ def refuse_other_shapes(
         own = [f for f in felt if fits(target, shot.groom.feathers[f])]
         faults = [why for f in own if (why := _fault(shot, target, f, drawn[f], motion))]
         if faults:
-            more = f"; {len(faults) - 1} more of its feathers do not fit" if faults[1:] else ""
+            dot = "" if faults[0].endswith("?") else "."
+            more = f"{dot} {len(faults) - 1} more of its feathers do not fit" if faults[1:] else ""
             key = f"target[{number}].shape"
             problems.append(Problem(str(shot.source), key, faults[0] + more))
     require(*problems)
