@@ -274,7 +274,7 @@ def strip_kind(length: float, vane: VaneMaterial) -> FeatherKind:
         length=length,
         calamus=0.0,
         barb_spacing=length,
-        rachis=RachisShape(RACHIS_SIZE, _RACHIS_SIZE),
+        rachis=RachisShape(RACHIS_SIZE, RACHIS_SIZE),
         leading=nothing,
         trailing=nothing,
         vane_material=vane,
