@@ -75,6 +75,11 @@ def test_all_problems_of_a_bake_are_told_at_once(tmp_path):
     )
     assert result.exit_code == 1
     lines = result.stderr.splitlines()
-    told = ("0-400 is out of range. Give 1 to 25", "did you mean 'draft'", "'.abc'", "missing")
+    told = (
+        "0-400 is out of range. Give frames from 1 to 25",
+        "did you mean 'draft'",
+        "'.abc'",
+        "missing",
+    )
     for part in told:
         assert sum(part in line for line in lines) == 1, part

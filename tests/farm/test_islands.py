@@ -71,7 +71,7 @@ def test_an_island_stays_whole_and_the_plan_says_so(tmp_path):
     shot = one(tmp_path)
     read = featherfx.read_shot(shot)
     assert [len(share_numbers(read, k, 3)) for k in (1, 2, 3)] == [8, 8, 8]
-    with pytest.raises(InputError, match="allowed 1/1 to 3/3, the number of islands"):
+    with pytest.raises(InputError, match="Give 1/1 to 3/3, the number of islands"):
         share_numbers(read, 1, 4)
     with pytest.warns(InputWarning, match="3 instead of 6, the largest with 8 of 24 feathers"):
         pipeline.plan(shot, tmp_path / "flock.usdc", 6)
@@ -155,5 +155,5 @@ def test_thousands_of_feathers_at_one_place_are_refused(tmp_path):
     shot.write_text(text)
     assert len(featherfx.read_shot(shot).groom.feathers) == 4000
     groom.write_text(groom.read_text() + "[layout]\n")
-    with pytest.raises(InputError, match=r"layout: 4000 .* \(beside 'f0' stand 333\): place them"):
+    with pytest.raises(InputError, match=r"layout: 4000 .* \(beside 'f0' stand 333\)\. Place them"):
         featherfx.read_shot(shot)

@@ -93,7 +93,7 @@ def test_shaft_mass_converges_to_the_integral_of_the_taper():
     s = np.linspace(0.0, 1.0, 20001)
     taper = (1.0 - s) ** shape.taper
     diameter = shape.diameter_tip + (shape.diameter_base - shape.diameter_tip) * taper
-    core = 1.0 - shaft.wall
+    core = 1.0 - shaft.cortex_fraction
     density = shaft.cortex_density * (1 - core**2) + shaft.core_density * core**2
     area = np.pi / 4 * diameter**2 * shaft.flattening
     exact = density * kind.length * np.trapezoid(area, s)

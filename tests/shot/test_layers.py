@@ -157,13 +157,13 @@ def test_laid_while_the_next_is_simulated_it_is_the_same(bakes, tmp_path):
 
 def test_samples_are_laid_one_by_one_up_to_the_last(bakes, monkeypatch):
     shot, frames, _ = bakes
-    lay, numbers = laying.Layers.lay, []
+    lay, numbers = laying.LayeredPlumage.lay, []
 
     def noted(self, frame):
         numbers.append(frame)
         return lay(self, frame)
 
-    monkeypatch.setattr(laying.Layers, "lay", noted)
+    monkeypatch.setattr(laying.LayeredPlumage, "lay", noted)
     taken = 0
     for finish in simulate(shot).ahead():
         for frame, _ in finish():
