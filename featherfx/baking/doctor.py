@@ -19,9 +19,7 @@ from featherfx.baking.bake import bake
 from featherfx.baking.check import check
 from featherfx.baking.install import sample_names
 from featherfx.errors import InputError, SimulationError
-from featherfx.files.cache_folder import wanted_folder
-from featherfx.files.shipped import shipped
-from featherfx.files.trust import distrust
+from featherfx.files.folders import distrust, shipped, wanted_folder
 
 _NAME = "featherfx"
 _SAMPLE, _FRAMES = "feather_pull", (1, 3)

@@ -21,7 +21,7 @@ import platformdirs
 from featherfx._version import __version__
 from featherfx.errors import InputError, Problem
 from featherfx.files.atomic_write import write_text
-from featherfx.files.shipped import shipped
+from featherfx.files.folders import shipped
 
 _SHIPPED = Path(__file__).resolve().parent.parent / "plugins"
 _MARK = "featherfx_plugin.json"

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.monotone import monotone
+from featherfx.algebra.interpolation import monotone
 from featherfx.feather.outline import (
     distance_outside,
     opening,

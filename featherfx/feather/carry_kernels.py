@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import lane, load, spread
 from featherfx.algebra.sparse import Rows
-from featherfx.algebra.vec3_kernels import add, combined, dot, scale, store, sub
+from featherfx.algebra.vector_kernels import add, combined, dot, scale, store, sub
 from featherfx.algebra.views import shaped, viewed
 from featherfx.feather.types import RowPoints
 from featherfx.jit.compiled import kernel, loop_kernel

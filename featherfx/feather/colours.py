@@ -20,13 +20,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from featherfx.algebra.ease import faded
-from featherfx.algebra.srgb import linear
+from featherfx.algebra.interpolation import faded
 from featherfx.algebra.types import Array
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, BarbCurves, Feather, barb_slice
 from featherfx.files.content import stable_number
-from featherfx.groom.looks import DEFAULT_PATTERN_SIZES, Colour, Pattern
+from featherfx.groom.looks import DEFAULT_PATTERN_SIZES, Colour, Pattern, linear
 from featherfx.groom.types import FeatherKind
 
 # linear, of keratin without colours

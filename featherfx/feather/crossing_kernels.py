@@ -10,7 +10,7 @@ edge or in a plane, does not cross. The side of a plane on which a point lies is
 the point counts as in the plane.
 """
 
-from featherfx.algebra.vec3_kernels import sub
+from featherfx.algebra.vector_kernels import sub
 from featherfx.jit.compiled import kernel
 
 # over the sum of the moduli of a determinant's terms

@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from featherfx.algebra.monotone import monotone
+from featherfx.algebra.interpolation import monotone
 from featherfx.feather.types import Array
 
 Outline = tuple[tuple[float, float], ...]

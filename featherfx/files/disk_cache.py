@@ -26,8 +26,8 @@ from filelock import FileLock
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.cache_folder import doubt, wanted_folder
 from featherfx.files.content import digest, program_digest
+from featherfx.files.folders import doubt, wanted_folder
 from featherfx.limits import MAX_KEPT_BYTES
 
 Arrays = dict[str, NDArray[Any]]

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from featherfx.algebra.monotone import monotone
+from featherfx.algebra.interpolation import monotone
 from featherfx.algebra.types import Array
 from featherfx.groom.types import BarbGuide, RachisShape
 

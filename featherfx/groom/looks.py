@@ -7,6 +7,9 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Annotated, Any
 
+import numpy as np
+
+from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import ArrayOf, Number, Table, Text, keys_of
 
@@ -167,3 +170,15 @@ def _read(text: str, kind: type, name: str) -> dict[str, Any]:
     found = Table(keys_of(kind), name).check(told, place, False)
     problems.raise_any()
     return dict(found)
+
+
+def linear(colour: Array) -> Array:
+    """Light of colours as displays show them."""
+    low = colour <= 0.04045
+    return np.where(low, colour / 12.92, ((np.maximum(colour, 0) + 0.055) / 1.055) ** 2.4)
+
+
+def displayed(light: Array) -> Array:
+    """Colours as displays show them of light, 0 to 1; undoes `linear`."""
+    light = np.clip(light, 0.0, 1.0)
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)

@@ -2,8 +2,8 @@
 
 A folder is named by a hash of a kernel file and of all files of this program that it imports. It
 stands in $FEATHERFX_CACHE, else in the system's folder for caches, unless others can write there
-(files/trust.py). Further code comes with the program, for processors that many have. An entry is a
-checksum, its key and the code. A damaged one, or one of another key, counts as missing.
+(files/folders.py). Further code comes with the program, for processors that many have. An entry is
+a checksum, its key and the code. A damaged one, or one of another key, counts as missing.
 """
 
 from __future__ import annotations
@@ -22,8 +22,7 @@ from typing import Any
 
 from featherfx.errors import InputWarning
 from featherfx.files.atomic_write import write_whole
-from featherfx.files.cache_folder import doubt, wanted_folder
-from featherfx.files.trust import distrust
+from featherfx.files.folders import distrust, doubt, wanted_folder
 from featherfx.jit.kernel_calls import StoredKernel
 
 ROOT = Path(__file__).resolve().parents[1]

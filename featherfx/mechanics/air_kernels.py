@@ -21,11 +21,11 @@ both barbs of a row together (0.61 to 0.67 in flight feathers and plumes). A van
 along the rachis keeps its normals. The area of a place is what is seen of it along n'.
 """
 
-from featherfx.algebra.angle_kernels import cosine
-from featherfx.algebra.vec3_kernels import (
+from featherfx.algebra.vector_kernels import (
     accumulate,
     add,
     combined,
+    cosine,
     dot,
     length,
     normal_of,

@@ -17,14 +17,21 @@ curvature unknowns is that of super-helices and ribbon elements (Charrondiere et
 
 from math import cos, sin, sqrt
 
-from featherfx.algebra.rotation_kernels import (
+from featherfx.algebra.vector_kernels import (
     SMALL_SQUARE,
+    accumulate,
+    add,
+    cross,
+    dot,
     exponential,
+    length,
     multiply,
     rotate,
+    scale,
+    store,
     store_rotation,
+    sub,
 )
-from featherfx.algebra.vec3_kernels import accumulate, add, cross, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
 
 

@@ -14,7 +14,7 @@ Sources: augmented Lagrangian of Powell and Hestenes 1969; lagged smoothed frict
 2020 (Incremental Potential Contact, section 5). d and q move linearly within the interval.
 """
 
-from featherfx.algebra.vec3_kernels import accumulate, dot, length, scale, sub
+from featherfx.algebra.vector_kernels import accumulate, dot, length, scale, sub
 from featherfx.jit.compiled import kernel
 
 # columns of a contact's strength

@@ -17,7 +17,7 @@ the small tangential part are those of the predicted pose. D is convex in v: a s
 stiffness to a step and never makes it unstable. Unequal C_n and C_t push sideways, as a wing.
 """
 
-from featherfx.algebra.vec3_kernels import (
+from featherfx.algebra.vector_kernels import (
     accumulate,
     combined,
     dot,

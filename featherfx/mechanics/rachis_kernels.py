@@ -41,19 +41,17 @@ where p and m = M seen from row a are taken to the world.
 
 from math import cos, sin, tan
 
-from featherfx.algebra.rotation_kernels import (
+from featherfx.algebra.vector_kernels import (
+    add,
+    combined,
     conjugate,
+    cross,
+    dot,
     halfway_between,
+    length,
     logarithm,
     matrix_into,
     multiply,
-)
-from featherfx.algebra.vec3_kernels import (
-    add,
-    combined,
-    cross,
-    dot,
-    length,
     over,
     scale,
     store,

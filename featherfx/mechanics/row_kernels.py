@@ -10,8 +10,7 @@ that act on directors as forces do on nodes. A director turns with its row, by a
 its forces and stiffness are those along u.
 """
 
-from featherfx.algebra.array_kernels import copy_values
-from featherfx.algebra.vec3_kernels import accumulate, cross, dot, scale, sub
+from featherfx.algebra.vector_kernels import accumulate, copy_values, cross, dot, scale, sub
 from featherfx.feather.types import RowPoints
 from featherfx.jit.compiled import kernel
 

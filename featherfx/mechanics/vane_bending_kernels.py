@@ -37,10 +37,10 @@ make the energy jump, too. t - t0 is therefore multiplied by w(y) of either tria
 
 from math import atan2, ceil, copysign, pi, sqrt
 
-from featherfx.algebra.angle_kernels import arctan2
-from featherfx.algebra.vec3_kernels import (
+from featherfx.algebra.vector_kernels import (
     accumulate,
     add,
+    arctan2,
     combined,
     cross,
     dot,

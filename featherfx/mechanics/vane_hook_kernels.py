@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.array_kernels import copy_values
+from featherfx.algebra.vector_kernels import copy_values
 from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.model import Gaps

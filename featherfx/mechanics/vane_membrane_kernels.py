@@ -26,7 +26,7 @@ stabilising part.
 
 from math import sqrt
 
-from featherfx.algebra.vec3_kernels import dot, length, normal_of, scale, store, sub
+from featherfx.algebra.vector_kernels import dot, length, normal_of, scale, store, sub
 from featherfx.jit.compiled import kernel
 
 

@@ -16,7 +16,7 @@ v runs along the barbs, and w square to them where barbs are square to the rachi
 lie on the grid's lines, along the barb and along the rachis; there t is the twist between these.
 """
 
-from featherfx.algebra.vec3_kernels import cross, dot, scale, sub
+from featherfx.algebra.vector_kernels import cross, dot, scale, sub
 from featherfx.jit.compiled import kernel
 
 

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.vec3_kernels import (
+from featherfx.algebra.vector_kernels import (
     accumulate,
     combined,
     cross,

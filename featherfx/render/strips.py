@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.ease import faded
+from featherfx.algebra.interpolation import faded
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.feather.density import hermite_weights

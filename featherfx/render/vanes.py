@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from featherfx.algebra.ease import faded
+from featherfx.algebra.interpolation import faded
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.feather.types import RACHIS_PART

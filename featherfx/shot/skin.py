@@ -9,7 +9,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, InputWarning, Problem
-from featherfx.groom.skin.search import search_tree
+from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import Binding, bound_before, closest, follow, is_flat, may_be_flat
 from featherfx.groom.types import FeatherKind, Groom
 from featherfx.shot.roots import RootFrames

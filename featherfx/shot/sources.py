@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from featherfx.algebra.between import Knots
+from featherfx.algebra.interpolation import Knots
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.read.readers import GroomReaders

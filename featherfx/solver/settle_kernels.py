@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.array_kernels import copy_values
+from featherfx.algebra.vector_kernels import copy_values
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
-from featherfx.algebra.rotation_kernels import conjugate, multiply, normalised
 from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.vector_kernels import conjugate, multiply, normalised
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps, Model
 from featherfx.solver.scratch import make_gaps, make_points, make_pose, make_scratch, make_strains

@@ -4,7 +4,6 @@ from math import ceil, sqrt
 
 import numpy as np
 
-from featherfx.algebra.angle_kernels import arctan2, cosine
 from featherfx.algebra.lanes import (
     chosen,
     follow,
@@ -17,7 +16,7 @@ from featherfx.algebra.lanes import (
     transposed,
     where_there,
 )
-from featherfx.algebra.vec3_kernels import cross
+from featherfx.algebra.vector_kernels import arctan2, cosine, cross
 from featherfx.jit.compiled import kernel
 
 A, B = np.random.default_rng(3).uniform(0.5, 2.0, (2, 16))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from featherfx.algebra.monotone import monotone
+from featherfx.algebra.interpolation import monotone
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 9])

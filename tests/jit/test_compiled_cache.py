@@ -12,7 +12,7 @@ import pytest
 from kernel_runs import NONE, ROOT
 from numba import typeof
 
-from featherfx.algebra import array_kernels
+from featherfx.algebra import vector_kernels
 from featherfx.jit import code_cache, object_loader
 from featherfx.jit.compiler import describe_types
 from featherfx.jit.kernel_calls import describe_argument
@@ -157,4 +157,4 @@ def test_values_and_numbas_types_of_them_have_one_text(value):
 @pytest.mark.parametrize("value", ["text", 1j, [1.0], np.int8(1)])
 def test_what_kernels_do_not_take_is_refused(value):
     with pytest.raises(TypeError, match=f"no {type(value).__name__}"):
-        array_kernels.copy_values(value, np.zeros(1))
+        vector_kernels.copy_values(value, np.zeros(1))

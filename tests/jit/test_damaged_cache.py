@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from kernel_runs import ALL, NONE, flip
 
-from featherfx.files.trust import distrust
+from featherfx.files.folders import distrust
 
 
 def cut(file):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from places import SAMPLES
 
-from featherfx.algebra.between import Knots
+from featherfx.algebra.interpolation import Knots
 from featherfx.errors import InputWarning
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.loop.simulate import simulate

@@ -10,9 +10,9 @@ from places import SAMPLES
 from pxr import Usd, UsdGeom, UsdShade
 
 import featherfx
-from featherfx.algebra.srgb import linear
 from featherfx.errors import InputError
 from featherfx.feather.colours import VANE_COLOUR
+from featherfx.groom.looks import linear
 from featherfx.shot.partition.dependence import dependences
 from featherfx.shot.read.read import read_shot
 from featherfx.usd.check.check import check_usd

@@ -18,7 +18,7 @@ from featherfx.baking.pipeline import bake
 from featherfx.cli.lab.show import show
 from featherfx.cli.options import json_option, readable_path
 from featherfx.cli.program import Command, CommandGroup
-from featherfx.files.shipped import shipped
+from featherfx.files.folders import shipped
 from featherfx.lab.measure import accuracy, compiling, house, iteration_kernels, plumage
 
 _SAMPLES = shipped("samples")

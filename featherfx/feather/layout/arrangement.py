@@ -18,7 +18,7 @@ from featherfx.feather.layout.move_kernels import all_gaps, count_cover
 from featherfx.feather.layout.overlap import Strips
 from featherfx.feather.shapes import build_shapes
 from featherfx.feather.types import RACHIS_PART, Feather
-from featherfx.groom.skin.search import search_tree
+from featherfx.groom.skin.field import search_tree
 from featherfx.groom.types import Placement
 
 # the rest shape is built with so many rows and columns, of which every second row gives samples,

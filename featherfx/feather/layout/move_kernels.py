@@ -22,9 +22,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.array_kernels import copy_values
 from featherfx.algebra.thread_team import say_done, ticket, wait_for
-from featherfx.algebra.vec3_kernels import dot, sub
+from featherfx.algebra.vector_kernels import copy_values, dot, sub
 from featherfx.jit.compiled import kernel, loop_kernel
 
 # how readily a feather moves: squares of raise and roll, as a way of the tip, and of lift

@@ -15,7 +15,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots
 from featherfx.groom.course import shaft, turn
-from featherfx.groom.skin.search import search_tree
+from featherfx.groom.skin.field import search_tree
 from featherfx.groom.types import Placement, RachisShape
 
 # cosine of the angle between two dorsal sides from which on feathers do not count as layered

@@ -18,7 +18,7 @@ from featherfx.files.disk_cache import kept
 from featherfx.groom.anatomy.pose import folded
 from featherfx.groom.anatomy.remiges import Flight, curvature_of, lying
 from featherfx.groom.keys.anatomy import WingType
-from featherfx.groom.skin.search import search_tree
+from featherfx.groom.skin.field import search_tree
 from featherfx.phases import phase
 
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the body

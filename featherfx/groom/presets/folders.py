@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from featherfx.files.shipped import shipped
+from featherfx.files.folders import shipped
 
 _PRESETS_VARIABLE = "FEATHERFX_PRESETS"
 # stands for the folder of shipped presets among folders that are given

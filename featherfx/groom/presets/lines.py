@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.monotone import monotone
+from featherfx.algebra.interpolation import monotone
 from featherfx.algebra.rotation import parallel
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place

@@ -21,10 +21,9 @@ from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import Library, sourced
 from featherfx.groom.read import drafts as draft_rules
 from featherfx.groom.read.drafts import Draft, draws, other_side, variant_number
-from featherfx.groom.read.file_kind import file_kind
 from featherfx.groom.read.readers import GroomReaders, cache_skins
 from featherfx.groom.read.space import Space, in_groom
-from featherfx.groom.read.toml_file import load_toml
+from featherfx.groom.read.toml_file import file_kind, load_toml
 from featherfx.groom.read.value_diff import told
 from featherfx.groom.types import FeatherKind, Groom, Joint, Layout, Placement
 from featherfx.limits import MAX_COMPARED, MAX_FEATHERS

@@ -40,8 +40,8 @@ from featherfx.groom.regions.rules import (
     presence,
 )
 from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
+from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSource, SkinSurface, SurfacePoints
-from featherfx.groom.skin.search import search_tree
 from featherfx.phases import phase
 
 _MAX_NAMED = 5

@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.ease import faded
-from featherfx.algebra.srgb import displayed
+from featherfx.algebra.interpolation import faded
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.keys.values import the_one
+from featherfx.groom.looks import displayed
 from featherfx.groom.read.space import Space
+from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints
-from featherfx.groom.skin.search import search_tree
 
 Rule = Callable[[SurfacePoints], Array]
 

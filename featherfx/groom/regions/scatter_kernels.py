@@ -7,7 +7,7 @@ heads: (H,) first candidate of each cell's chain, H a power of two; links: (N,) 
 
 from __future__ import annotations
 
-from featherfx.algebra.vec3_kernels import dot, sub
+from featherfx.algebra.vector_kernels import dot, sub
 from featherfx.jit.compiled import kernel
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.files.disk_cache import kept
-from featherfx.groom.skin.search import size_classes
+from featherfx.groom.skin.field import size_classes
 
 _MAX_NAMED = 5
 _AT_ONCE = 2_000_000  # pairs of a point and a triangle

@@ -13,14 +13,13 @@ roots evenly, on any mesh and up to its borders.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from featherfx.algebra.rotation import rotation_part
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
-from featherfx.groom.skin.search import search_tree
 
 # of the mean square distance, by which the centring of weights is held back where triangles stand
 # in a line
@@ -233,3 +232,27 @@ def _sums(pairs: _Pairs, values: Array, count: int) -> Array:
     weights = pairs.weight.reshape(-1, *([1] * (values.ndim - 1)))
     starts = np.searchsorted(pairs.root, np.arange(count))
     return np.asarray(np.add.reduceat(weights * values, starts, axis=0))
+
+
+def search_tree(points: Array) -> Any:
+    """k-d tree (scipy) of points (N, 3)."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points)
+
+
+class SizeClass(NamedTuple):
+    """Triangles of about one size. members: (M,) numbers. tree: of their centres. radii: (M,)."""
+
+    members: Indices
+    tree: Any
+    radii: Array
+
+
+def size_classes(corners: Array) -> list[SizeClass]:
+    """Triangles (T, 3, 3) by powers of two of their radius: large ones widen no other search."""
+    centres = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
+    sizes = np.floor(np.log2(np.maximum(radii, 1e-300)))
+    members = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    return [SizeClass(each, search_tree(centres[each]), radii[each]) for each in members]

@@ -14,7 +14,7 @@ from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.skin.faults import crossing_triangles, within
-from featherfx.groom.skin.search import search_tree
+from featherfx.groom.skin.field import search_tree
 
 _MAX_ROUNDS = 60
 _TOUCHING = 1e-6  # share of the radius by which a point may lie inside

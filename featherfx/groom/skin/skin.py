@@ -15,8 +15,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, face_products
 from featherfx.files.disk_cache import kept
-from featherfx.groom.skin.field import TurnField, turn_field
-from featherfx.groom.skin.search import search_tree, size_classes
+from featherfx.groom.skin.field import TurnField, search_tree, size_classes, turn_field
 
 # a triangle whose height is below this share of its longest side has no tangent plane
 _THINNEST = 1e-5

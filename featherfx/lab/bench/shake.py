@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from featherfx.algebra.ease import smooth_step
+from featherfx.algebra.interpolation import smooth_step
 from featherfx.algebra.types import Array, Flags
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather

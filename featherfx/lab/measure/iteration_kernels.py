@@ -13,7 +13,7 @@ from time import thread_time
 
 import numpy as np
 
-from featherfx.algebra.array_kernels import copy_values
+from featherfx.algebra.vector_kernels import copy_values
 from featherfx.feather.build import build_feather
 from featherfx.jit.compiled import kernel
 from featherfx.lab.bench.shake import root_paths, swan_primary

@@ -6,7 +6,7 @@ Only triangles that have lost area take part. Their stiffness is that of J, d2W/
 the geometric stiffness along the normal of the guard's own stresses, as the membrane's.
 """
 
-from featherfx.algebra.vec3_kernels import accumulate, combined, store
+from featherfx.algebra.vector_kernels import accumulate, combined, store
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.lab.nodal.energy_kernels import hinge_index, sections
 from featherfx.lab.nodal.plate_kernels import hinge_of, patch_hinge_gradient, patch_nodes

@@ -50,14 +50,15 @@ rachis point, the row's rotation and the barb's nodes from the first on.
 
 from math import sqrt
 
-from featherfx.algebra.rotation_kernels import multiply, rotate
-from featherfx.algebra.vec3_kernels import (
+from featherfx.algebra.vector_kernels import (
     accumulate,
     add,
     combined,
     cross,
     dot,
     length,
+    multiply,
+    rotate,
     scale,
     store,
     sub,

@@ -18,8 +18,7 @@ that is eliminated instead would couple all nodes of a barb: that is the barb-cu
 from math import isfinite, sqrt
 from typing import NamedTuple
 
-from featherfx.algebra.array_kernels import copy_values
-from featherfx.algebra.vec3_kernels import add, dot, scale, store, sub
+from featherfx.algebra.vector_kernels import add, copy_values, dot, scale, store, sub
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.lab.nodal.assembly_kernels import nodal_assemble
 from featherfx.lab.nodal.energy_kernels import nodal_step_energy, nodal_strains, sections

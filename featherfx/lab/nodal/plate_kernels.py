@@ -13,7 +13,7 @@ Hinges: kind 0 at barb edge (i,j)-(i,j+1), 1 at diagonal (i,j+1)-(i+1,j), 2 at r
 (i,j)-(i+1,j); at j = 0 the two vanes meet, and the hinge is the leading side's.
 """
 
-from featherfx.algebra.vec3_kernels import cross, dot, length, over, scale, sub
+from featherfx.algebra.vector_kernels import cross, dot, length, over, scale, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient

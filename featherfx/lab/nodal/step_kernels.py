@@ -2,17 +2,21 @@
 
 from typing import NamedTuple
 
-from featherfx.algebra.array_kernels import copy_values
-from featherfx.algebra.rotation_kernels import (
+from featherfx.algebra.vector_kernels import (
+    accumulate,
+    add,
     conjugate,
+    copy_values,
     logarithm,
     multiply,
     normalised,
+    over,
     rotate,
     same_sign,
+    store,
     store_rotation,
+    sub,
 )
-from featherfx.algebra.vec3_kernels import accumulate, add, over, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.newton_kernels import Minimiser, gather, nodal_minimise, set_directors
 from featherfx.mechanics.air_kernels import blow

@@ -13,7 +13,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning
 from featherfx.groom.anatomy.drape import Body
-from featherfx.groom.skin.search import search_tree
+from featherfx.groom.skin.field import search_tree
 from featherfx.shot.motion.limbs import of_wings
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.roots import RootFrames, Roots

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.files.disk_cache import kept
-from featherfx.groom.skin.search import search_tree
+from featherfx.groom.skin.field import search_tree
 from featherfx.shot.preroll import NO_RUN_UP, RunUp
 from featherfx.shot.skin import BoundSkin
 from featherfx.shot.sources import TimedSurface

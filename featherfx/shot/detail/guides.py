@@ -31,7 +31,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.content import digest
 from featherfx.files.disk_cache import kept
-from featherfx.groom.skin.search import search_tree
+from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import closest
 from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.types import Shot

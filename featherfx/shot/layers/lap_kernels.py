@@ -7,7 +7,7 @@ moves it by (d . N) w along the normal. Points are the nodes, and some on the ri
 them, because rims cross between nodes.
 """
 
-from featherfx.algebra.vec3_kernels import add, cross, dot, length, normal_of, scale, sub
+from featherfx.algebra.vector_kernels import add, cross, dot, length, normal_of, scale, sub
 from featherfx.jit.compiled import kernel
 from featherfx.shot.layers.pose_kernels import field_of
 from featherfx.shot.layers.walk_kernels import corners_of, first_place, walk, way_out

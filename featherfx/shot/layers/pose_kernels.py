@@ -10,7 +10,7 @@ own dorsal sides, what lies askew on a lifted feather would rise more than that 
 it to where it meets others: over many rows, without bound.
 """
 
-from featherfx.algebra.vec3_kernels import add, cross, dot, length, scale, store, sub
+from featherfx.algebra.vector_kernels import add, cross, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.shot.layers.walk_kernels import corners_of
 from featherfx.solver.contact.search_kernels import row_boxes, strip_point

@@ -1,6 +1,6 @@
 """Walks over a vane: its triangles, and the way over them from one to the next."""
 
-from featherfx.algebra.vec3_kernels import cross, dot, normal_of, sub
+from featherfx.algebra.vector_kernels import cross, dot, normal_of, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.search_kernels import closest_weights, corner_node

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from featherfx.algebra.ease import smooth_step
+from featherfx.algebra.interpolation import smooth_step
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.density import linear_weights

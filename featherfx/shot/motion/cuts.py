@@ -4,7 +4,7 @@ Within one frame a root goes farther than its feather is long, and ten times as 
 before and after: no feather can be led along that way (a wing that beats within a few frames stands
 twice at one height, so what counts there is how far it has come halfway, too). So it is carried
 rigidly to where it arrives and goes on from there with the motion that follows. Smooth curves
-through the frames on both sides (featherfx/algebra/between.py) would swing about the cut; near one,
+through the frames on both sides (algebra/interpolation.py) would swing about the cut; near one,
 places between frames come from the frames of its own side.
 """
 

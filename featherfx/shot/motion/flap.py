@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.ease import eased, smooth_step
+from featherfx.algebra.interpolation import eased, smooth_step
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.ease import smooth_step
+from featherfx.algebra.interpolation import smooth_step
 from featherfx.algebra.rotation import (
     from_rotation_vector,
     motions,

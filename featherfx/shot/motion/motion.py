@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from featherfx.algebra.ease import eased
+from featherfx.algebra.interpolation import eased
 from featherfx.algebra.rotation import frames_to_quats, rotation_vectors, vectors_to_frames
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots

@@ -16,9 +16,8 @@ from featherfx.errors import Problem
 from featherfx.groom.keys.problems import INVALID, Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.presets.presets import check_preset
-from featherfx.groom.read.file_kind import file_kind
 from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
-from featherfx.groom.read.toml_file import load_toml
+from featherfx.groom.read.toml_file import file_kind, load_toml
 from featherfx.groom.read.value_diff import told
 from featherfx.groom.types import Groom
 from featherfx.shot.patterns import fits

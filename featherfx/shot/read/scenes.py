@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.between import Knots
+from featherfx.algebra.interpolation import Knots
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.types import Groom

@@ -30,7 +30,7 @@ one without an order, whose side goes by the start.
 
 from math import sqrt
 
-from featherfx.algebra.vec3_kernels import add, cross, dot, length, scale, store, sub
+from featherfx.algebra.vector_kernels import add, cross, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.search_kernels import (
     box_distance,

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from featherfx.algebra.vec3_kernels import cross, dot, length, store, sub
+from featherfx.algebra.vector_kernels import cross, dot, length, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.clearance_kernels import (

@@ -4,7 +4,7 @@ Each point starts at the triangle that it is over at rest and walks over edges t
 so what faces it across a fold does not count, and a search costs the same however fine the skin is.
 """
 
-from featherfx.algebra.vec3_kernels import cross, dot, scale, sub
+from featherfx.algebra.vector_kernels import cross, dot, scale, sub
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.find_kernels import Node
 from featherfx.solver.contact.search_kernels import closest_weights, guest_place, guest_point

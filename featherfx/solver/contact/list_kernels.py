@@ -14,7 +14,7 @@ the first count of them.
 Data of the contacts of one search that the next one needs.
 """
 
-from featherfx.algebra.vec3_kernels import add, dot, scale, store, sub
+from featherfx.algebra.vector_kernels import add, dot, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.search_kernels import guest_place, side_normal
 

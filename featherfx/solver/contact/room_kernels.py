@@ -5,7 +5,7 @@ What is left out here meets nothing in the interval, by the conditions of cleara
 
 from typing import NamedTuple
 
-from featherfx.algebra.vec3_kernels import add, dot, scale, sub
+from featherfx.algebra.vector_kernels import add, dot, scale, sub
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.clearance_kernels import OVER_RATIO, ROUNDING_RATIO
 from featherfx.solver.contact.search_kernels import box_distance, corner_place, side_normal

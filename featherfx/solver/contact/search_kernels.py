@@ -9,7 +9,7 @@ A triangle is told by its place: side, cell (i, j) and half, 0 or 1.
 
 from math import sqrt
 
-from featherfx.algebra.vec3_kernels import add, dot, length, normal_of, scale, store, sub
+from featherfx.algebra.vector_kernels import add, dot, length, normal_of, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 

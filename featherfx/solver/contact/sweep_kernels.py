@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.array_kernels import copy_values
 from featherfx.algebra.thread_team import forget_tickets, meet, say_done, ticket, wait_for
+from featherfx.algebra.vector_kernels import copy_values
 from featherfx.algebra.views import Views, viewed
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.colour_kernels import colour_island, colour_some

@@ -7,7 +7,7 @@ of which lists those that come within reach of it. Outside is where the triangle
 
 from math import floor, sqrt
 
-from featherfx.algebra.vec3_kernels import add, dot, scale, store, sub
+from featherfx.algebra.vector_kernels import add, dot, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.clearance_kernels import BESIDE_RATIO, CREASE_RATIO, SLANT_RATIO
 from featherfx.solver.contact.find_kernels import Node, set_gaps, slot, start_contact

@@ -15,9 +15,15 @@ The model is convex and has the true gradient, so d leads downwards. Where it is
 long step does, so that a part of d has to do, the next step is by a matrix with what presses then.
 """
 
-from featherfx.algebra.array_kernels import add_scaled, copy_values
-from featherfx.algebra.rotation_kernels import conjugate, multiply, rotate, store_rotation
-from featherfx.algebra.vec3_kernels import store
+from featherfx.algebra.vector_kernels import (
+    add_scaled,
+    conjugate,
+    copy_values,
+    multiply,
+    rotate,
+    store,
+    store_rotation,
+)
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.contact_kernels import (
     CONTACT_FORCE,

@@ -1,7 +1,7 @@
 """Gradient and Hessian of step_energy in generalised coordinates, as a band."""
 
 from featherfx.algebra.lanes import increase, load, put, spread
-from featherfx.algebra.vec3_kernels import accumulate
+from featherfx.algebra.vector_kernels import accumulate
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
 from featherfx.mechanics.contact_kernels import (
     add_contact_forces,

@@ -34,7 +34,7 @@ before it in the frame.
 from math import inf, sqrt
 from typing import NamedTuple
 
-from featherfx.algebra.vec3_kernels import dot, scale, sub
+from featherfx.algebra.vector_kernels import dot, scale, sub
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy

@@ -3,16 +3,20 @@
 Several feathers of a batch through one frame, one after the other, in one call from Python.
 """
 
-from featherfx.algebra.array_kernels import copy_values
-from featherfx.algebra.rotation_kernels import (
+from featherfx.algebra.vector_kernels import (
+    add,
     conjugate,
+    copy_values,
     logarithm,
     multiply,
     normalised,
+    over,
     same_sign,
+    scale,
+    store,
     store_rotation,
+    sub,
 )
-from featherfx.algebra.vec3_kernels import add, over, scale, store, sub
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import points_of

@@ -18,7 +18,7 @@ has not gone round. Such a step is repeated shorter where it can be.
 
 from math import inf, sqrt
 
-from featherfx.algebra.vec3_kernels import add, dot, length, normal_of, scale, sub
+from featherfx.algebra.vector_kernels import add, dot, length, normal_of, scale, sub
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_guard_kernels import area_ratio

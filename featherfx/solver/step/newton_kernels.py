@@ -33,7 +33,7 @@ section IV.8). What that misjudges counts as error of the step, which is then do
 from math import inf, isfinite, pi, sqrt
 from typing import NamedTuple
 
-from featherfx.algebra.array_kernels import copy_values
+from featherfx.algebra.vector_kernels import copy_values
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.row_kernels import copy_points
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE

@@ -12,17 +12,19 @@ several turns in a frame. The polynomial through all samples is smooth, so subst
 see no kinks.
 """
 
-from featherfx.algebra.array_kernels import copy_values
-from featherfx.algebra.rotation_kernels import (
+from featherfx.algebra.vector_kernels import (
+    add,
     conjugate,
+    copy_values,
     exponential,
     halfway_between,
     multiply,
     normalised,
     rotate,
+    scale,
+    store,
     store_rotation,
 )
-from featherfx.algebra.vec3_kernels import add, scale, store
 from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.barb_kernels import barb_axes, barb_jacobian, barb_points, root_jacobian

@@ -3,8 +3,16 @@
 from math import sqrt
 from typing import NamedTuple
 
-from featherfx.algebra.rotation_kernels import conjugate, multiply, rotate, store_rotation
-from featherfx.algebra.vec3_kernels import add, dot, store, sub
+from featherfx.algebra.vector_kernels import (
+    add,
+    conjugate,
+    dot,
+    multiply,
+    rotate,
+    store,
+    store_rotation,
+    sub,
+)
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of

@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.array_kernels import copy_values
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import follow, lane, load, put, spread, transposed, where_there
-from featherfx.algebra.vec3_kernels import sub
+from featherfx.algebra.vector_kernels import copy_values, sub
 from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.row_kernels import node_index

@@ -9,7 +9,7 @@ contiguous numbers, axis by axis and node by node, S of them an axis: the m + 1 
 
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import increase, lane, load, put, spread, totals
-from featherfx.algebra.vec3_kernels import add, combined, cross, scale
+from featherfx.algebra.vector_kernels import add, combined, cross, scale
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
 from featherfx.mechanics.row_kernels import node_index

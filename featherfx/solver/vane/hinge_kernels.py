@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.vec3_kernels import accumulate
+from featherfx.algebra.vector_kernels import accumulate
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.vane_bending_kernels import folded, hinge_gradient, openness_gradient
 from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold

@@ -13,7 +13,7 @@ a pair of line_kernels.
 
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import follow, load, put, spread
-from featherfx.algebra.vec3_kernels import add, scale
+from featherfx.algebra.vector_kernels import add, scale
 from featherfx.jit.compiled import loop_kernel
 from featherfx.solver.vane.line_kernels import (
     AXIS_SIZE,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
-from featherfx.algebra.between import Knots, Maps, Stencil
+from featherfx.algebra.interpolation import Knots, Maps, Stencil
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.problems import Place, Problems

@@ -13,7 +13,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.groom import DEFAULT_PRIMVARS
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.skin.search import search_tree
+from featherfx.groom.skin.field import search_tree
 from featherfx.shot.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
 from featherfx.usd.read.cache import Cache

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.vec3_kernels import accumulate, add, length, normal_of, scale, store, sub
+from featherfx.algebra.vector_kernels import accumulate, add, length, normal_of, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 

@@ -1,8 +1,11 @@
-"""Folders that may be loaded from: whoever can write machine code there runs it as this user.
+"""Folders of the program: shipped files, the cache, and whether a folder may be loaded from.
 
 A folder is trusted if it and all folders above it, links followed and not, belong to this user or
 to root, and nobody else can write there. A folder such as /tmp, where each may remove only what is
-his own, may lie above one that is this user's.
+his own, may lie above one that is this user's. Whoever can write machine code there runs it as this
+user.
+
+The cache holds what may be made again: $FEATHERFX_CACHE, else the system's own folder of a user.
 """
 
 from __future__ import annotations
@@ -11,6 +14,16 @@ import os
 import stat
 from collections.abc import Iterator
 from pathlib import Path
+
+import platformdirs
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def shipped(name: str) -> Path:
+    """A folder of files that come with featherfx: within an installed package, or in a checkout."""
+    inside = _PACKAGE / f"_{name}"
+    return inside if inside.is_dir() else _PACKAGE.parent / name
 
 
 def distrust(folder: Path) -> str:
@@ -56,3 +69,17 @@ def _is_own_group(group: int) -> bool:
     except KeyError:
         return False
     return group == 0 or (entry.gr_name == user and set(entry.gr_mem) <= {user})
+
+
+def wanted_folder() -> Path:
+    """The folder that is asked for; on Linux by default ~/.cache/featherfx."""
+    asked = os.environ.get("FEATHERFX_CACHE")
+    return Path(asked) if asked else platformdirs.user_cache_path("featherfx", appauthor=False)
+
+
+def doubt(folder: Path) -> str:
+    """Why nothing may be loaded from a folder, in words; empty if it is trusted (trust.py), or
+    $FEATHERFX_TRUSTED_CACHE names it. Raises OSError where it cannot be looked at."""
+    named = os.environ.get("FEATHERFX_TRUSTED_CACHE")
+    fault = "" if named and Path(named) == folder else distrust(folder)
+    return f"{fault}; FEATHERFX_TRUSTED_CACHE={folder} would trust it" if fault else ""
