@@ -8,9 +8,10 @@ from typing import Any
 
 from featherfx.api import Folders, read_shot
 from featherfx.errors import InputError, Problem
-from featherfx.shot.loop.run import drawn_feathers
-from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.options import ShotOptions, resolve_options
+from featherfx.shot.loop.cut_stage import CutStage
+from featherfx.shot.loop.replay import Replay
+from featherfx.shot.loop.run import ShotRun
+from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.types import Shot
 
 Explained = dict[str, dict[str, dict[str, Any]]]
@@ -33,8 +34,10 @@ def explain_options(
     where it has no such feather.
     """
     shot = read_shot(path, preset_folders)
-    options = resolve_options(shot, drawn_feathers(shot), root_motion(shot))
-    found = explained_options(shot, options)
+    run = ShotRun(shot, 1, 1, None, Replay())
+    if shot.has_moving_roots:
+        CutStage(run)  # options follow the roots as a bake moves them
+    found = explained_options(shot, run.options)
     if feather is None:
         return found
     if feather not in found:
