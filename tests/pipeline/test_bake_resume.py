@@ -22,6 +22,7 @@ from featherfx.baking.task import prepare
 from featherfx.errors import InputError, Problem
 from featherfx.solver.solver import Solver
 from featherfx.usd.types import OutputError
+from featherfx.usd.write.unfinished_cache import remove_cache
 
 SHOT = SAMPLES / "feather_pull/shot.toml"
 OPTIONS = {"layout": "clips", "chunk": 2, "quality": "draft"}
@@ -249,3 +250,20 @@ def test_a_writer_that_cannot_be_built_ends_the_bake(tmp_path, monkeypatch):
         with pytest.raises(OutputError, match="cannot be written"):
             featherfx.bake(SHOT, tmp_path / "pull.usdc", **OPTIONS, resume=resume)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_removal_that_is_cut_off_leaves_no_record_of_a_missing_chunk(tmp_path, monkeypatch):
+    path = tmp_path / "pull.usda"
+    with pytest.raises(KeyboardInterrupt):
+        featherfx.bake(SHOT, path, on_frame=stop_after(7), **OPTIONS | {"frames": (1, 9)})
+    assert list(tmp_path.rglob("0*.json"))
+    remove = Path.unlink
+
+    def remove_and_look(file: Path, missing_ok: bool = False) -> None:
+        remove(file, missing_ok)
+        for record in tmp_path.rglob("[0-9]*.json"):
+            assert record.with_suffix(".usdc").is_file()
+
+    monkeypatch.setattr(Path, "unlink", remove_and_look)
+    remove_cache(path)
+    assert not list(tmp_path.rglob("0*"))

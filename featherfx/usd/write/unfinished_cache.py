@@ -293,12 +293,20 @@ def _has_just_begun(bake: Path) -> bool:
     return all(temporary_of(file.name) == _SETTINGS for file in bake.iterdir())
 
 
+def _rank_of_removal(file: Path) -> tuple[bool, bool, str]:
+    return file.name == _SETTINGS, file.suffix != ".json", file.name
+
+
 def _remove_bake(bake: Path, wanted: Collection[Path] = ()) -> None:
-    """Remove a bake's own files but those that are wanted, and its folder if nothing is left."""
+    """Remove a bake's own files but those that are wanted, and its folder if nothing is left.
+
+    A chunk's record goes before the chunk, the settings go last: a kill between leaves no record of
+    a file that is gone, and the rest is still known as this bake's.
+    """
     with contextlib.suppress(OSError):
         if bake.is_symlink():
             return
-        for file in list(bake.iterdir()):
+        for file in sorted(bake.iterdir(), key=_rank_of_removal):
             own = _FILE.fullmatch(file.name) or _FILE.fullmatch(temporary_of(file.name))
             if own and file not in wanted and file.is_file() and not file.is_symlink():
                 file.unlink()
