@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from featherfx.algebra.interpolation import Knots
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.read.readers import GroomReaders
 from featherfx.shot.preroll import NO_RUN_UP, STILL, RunUp
@@ -35,14 +35,16 @@ class OfScene(Protocol):
 class MovingSurface(OfScene, Protocol):
     """A triangle mesh that moves; metres, z up.
 
-    path: where it stands in its scene. triangles: (T, 3) point indices. face: (T,) the scene's
-    faces. rest: (V, 3) m. st: (T, 3, 2) texture coordinates, or None. sampled: first and last time
-    code of its motion, None where it does not move. bones: (T,) m, length of each
-    triangle's bone, where it is a ribbon along those of a skeleton; else None.
+    path: where it stands in its scene. triangles: (T, 3) point indices, seen from outside. closed:
+    (T,) whether they bound a volume; others are sheets. face: (T,) the scene's faces. rest: (V, 3)
+    m. st: (T, 3, 2) texture coordinates, or None. sampled: first and last time code of its motion,
+    None where it does not move. bones: (T,) m, length of each triangle's bone, where it is a ribbon
+    along those of a skeleton; else None.
     """
 
     path: str
     triangles: Indices
+    closed: Flags
     face: Indices
     rest: Array
     st: Array | None

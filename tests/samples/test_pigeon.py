@@ -18,7 +18,7 @@ from featherfx.feather.layout.layout import laid_out, measure_layout
 from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
-from featherfx.groom.skin.faults import signed_volume, skin_faults
+from featherfx.groom.skin.faults import signed_volume, skin_doubts
 from featherfx.usd.read.animated_mesh import open_mesh
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.stage import open_scene
@@ -43,7 +43,7 @@ def groom():
 
 
 def test_the_skin_is_closed_and_does_not_cross_itself(skin):
-    assert skin_faults(skin.rest, skin.triangles, skin.face) == ([], [])
+    assert skin_doubts(skin) == []
     # m^3: a plump bird, 35 cm long
     assert 5e-4 < signed_volume(skin.rest[skin.triangles]) < 3e-3
     assert check(PIGEON / "body.usdc") == []
@@ -63,7 +63,7 @@ OTHERS = ["gull", "owl", "owl_flying", "sparrow", "parrot", "peacock", "swan", "
 def test_bodies_of_other_birds_are_whole(maker, tmp_path, bird):
     maker.make(tmp_path / f"{bird}.usdc", bird)
     made = skin_of(tmp_path / f"{bird}.usdc")
-    assert skin_faults(made.rest, made.triangles, made.face) == ([], [])
+    assert skin_doubts(made) == []
     # landmarks are near it, those of the eyes before it
     for name, place in maker.landmarks(maker.BUILDS[bird]).items():
         if "eye" not in name:

@@ -269,11 +269,17 @@ def test_a_region_needs_a_skin_and_a_name_of_its_own(folder):
     assert "is taken by region[0]" in problems(folder, region(), region())
 
 
-def test_skins_inside_out_are_refused_and_open_ones_warned_of(tmp_path):
+def test_skins_inside_out_are_turned_and_open_ones_warned_of(tmp_path):
+    write_skin(tmp_path, trimesh.creation.icosphere(2, radius=RADIUS))
+    expected = roots(grown(tmp_path, region()))
     inverted = trimesh.creation.icosphere(2, radius=RADIUS)
     inverted.invert()
     write_skin(tmp_path, inverted)
-    assert "inside out" in problems(tmp_path, region())
+    with pytest.warns(InputWarning, match="and 315 more: wound against the surface"):
+        turned = grown(tmp_path, region())
+    away = np.array([feather.rotation[:, 2] for feather in turned.feathers])
+    assert (np.einsum("fc,fc->f", away, roots(turned)) > 0.0).all()
+    assert len(turned.feathers) == len(expected)
     opened = trimesh.creation.icosphere(2, radius=RADIUS)
     opened.update_faces(np.arange(len(opened.faces)) > 5)
     write_skin(tmp_path, opened)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
@@ -12,42 +14,39 @@ _MAX_NAMED = 5
 _AT_ONCE = 2_000_000  # pairs of a point and a triangle
 
 
-def skin_faults(points: Array, triangles: Indices, face: Indices) -> tuple[list[str], list[str]]:
-    """(problems, doubts) of a mesh: points (V, 3) m, triangles (T, 3), their faces (T,).
+class GroomedMesh(Protocol):
+    """A mesh: rest (V, 3) m, triangles (T, 3), face (T,) of each.
 
-    A problem is a closed mesh whose faces look inwards: its roots would be inside out. Doubts are
-    open borders, edges that faces disagree on, and faces that pass through each other.
+    border: (T,) those with an edge of their own. turned: faces that were turned round.
     """
-    problems, doubts = [], []
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    owner = np.tile(np.arange(len(triangles)), 3)
-    low, high = edges.min(axis=1), edges.max(axis=1)
-    key = low * (int(triangles.max()) + 1) + high
-    _, place, count = np.unique(key, return_inverse=True, return_counts=True)
-    sense = np.bincount(place, weights=np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0))
-    border = np.flatnonzero(count[place] == 1)
-    if len(border):
+
+    rest: Array
+    triangles: Indices
+    face: Indices
+    border: Flags
+    turned: Indices
+
+
+def skin_doubts(mesh: GroomedMesh) -> list[str]:
+    """Return doubts about a mesh: open borders, turned faces, and faces that cross."""
+    doubts = []
+    if mesh.border.any():
         doubts.append(
-            f"is not closed: {len(border)} edges have one face only, those of "
-            f"{_faces(face[owner[border]])}; feathers there show their roots from below"
+            f"is not closed at {_faces(mesh.face[mesh.border])}; feathers there show their roots "
+            "from below"
         )
-    turned = np.flatnonzero((count[place] == 2) & (sense[place] != 0.0))
-    if len(turned):
+    if len(mesh.turned):
         doubts.append(
-            f"faces disagree on what is outside at {len(turned) // 2} edges, "
-            f"{_faces(face[owner[turned]])}; feathers may grow inwards"
+            f"{_faces(mesh.turned)}: wound against the surface, read turned round; reverse "
+            "these faces, or set the orientation of the mesh"
         )
-    if not len(border) and not len(turned) and signed_volume(points[triangles]) < 0.0:
-        problems.append(
-            "its faces look inwards, roots would be inside out; reverse it, or set its orientation"
-        )
-    crossing = crossing_triangles(points, triangles)
+    crossing = crossing_triangles(mesh.rest, mesh.triangles)
     if len(crossing):
         doubts.append(
             f"passes through itself: {len(crossing)} pairs of triangles, "
-            f"{_faces(face[crossing.ravel()])}; roots inside the body are left out"
+            f"{_faces(mesh.face[crossing.ravel()])}; roots inside the body are left out"
         )
-    return problems, doubts
+    return doubts
 
 
 def signed_volume(corners: Array) -> float:
@@ -135,4 +134,5 @@ def _pierced(start: Array, end: Array, corners: Array) -> Flags:
 def _faces(faces: Indices) -> str:
     named = np.unique(faces)
     more = f" and {len(named) - _MAX_NAMED} more" if len(named) > _MAX_NAMED else ""
-    return "faces " + ", ".join(str(each) for each in named[:_MAX_NAMED]) + more
+    several = "faces" if len(named) > 1 else "face"
+    return f"{several} " + ", ".join(str(each) for each in named[:_MAX_NAMED]) + more

@@ -12,7 +12,7 @@ from featherfx.shot.contact.skin_binding import NEAR, SkinBeneath, surfaces_unde
 from featherfx.shot.motion.cuts import CutSurface, cut_surfaces
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.types import GroundSurface, Indices, SkinMesh, Wall
-from featherfx.solver.contact.wall import outward, wall_of
+from featherfx.solver.contact.wall import wall_of
 from featherfx.solver.state import State
 
 Array = NDArray[np.float64]
@@ -45,7 +45,14 @@ class Bodies:
         longest = float(feathers.lengths.max())
         self._bodies = cut_surfaces(shot, shot.colliders, longest)
         surfaces = [body.surface for body in shot.colliders]
-        self._triangles = [outward(surface.triangles, surface.rest) for surface in surfaces]
+        self._parts = [
+            [
+                (surface.triangles[own], is_open)
+                for is_open in (False, True)
+                if (own := surface.closed != is_open).any()
+            ]
+            for surface in surfaces
+        ]
         self._depth = DEPTH * longest
         assert shot.contact is not None
         self._skins = _skins(shot, feathers, longest) if shot.contact.skin else []
@@ -96,14 +103,17 @@ class Bodies:
         if not self._bodies:
             return walls
         fastest = max(float(np.abs(state.velocity.nodes).max()) for state in states)
-        for body, triangles in zip(self._bodies, self._triangles, strict=True):
+        for body, parts in zip(self._bodies, self._parts, strict=True):
             cut = end > start and body.is_cut(start)
             before, after = _start_of(body, start, end), body.points(end)
             own = float(np.abs(after - before).max(initial=0.0))
             way = np.sqrt(3.0) * (fastest * (end - start) + own)
             reach = margin + self._depth + float(way)
             # what a body lands on has grown into it as well
-            walls.append(wall_of(before, after, triangles, reach, cut or not self.begun))
+            grown_in = cut or not self.begun
+            walls += [
+                wall_of(before, after, own, reach, grown_in, is_open) for own, is_open in parts
+            ]
         return walls
 
 

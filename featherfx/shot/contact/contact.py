@@ -33,7 +33,7 @@ from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
 from featherfx.solver.contact.surfaces import grids_of, surfaces_of
-from featherfx.solver.contact.types import Candidates, ContactMemory
+from featherfx.solver.contact.types import GROWN_IN, Candidates, ContactMemory
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import LARGEST_FIGURES, RootPath, State
 from featherfx.solver.status import MAX_INTERVAL_WORK
@@ -261,7 +261,7 @@ class ShotContact:
         tally = self.tally
         return {
             "bodies": self.bodies.count,
-            "nodes_grown_into_bodies": int(np.count_nonzero(self.solver.memory.inside)),
+            "nodes_grown_into_bodies": int(np.count_nonzero(self.solver.memory.inside & GROWN_IN)),
             "obstacles": self._obstacles.count,
             "pairs": len(self.solver.candidates.pairs) // 2,
             "ordered_pairs": int(np.count_nonzero(self.solver.candidates.order)) // 2,

@@ -13,7 +13,6 @@ from featherfx.shot.skin import BoundSkin
 from featherfx.shot.sources import TimedSurface
 from featherfx.solver.contact.ground_kernels import bind_nodes
 from featherfx.solver.contact.types import Array, Indices, SkinMesh
-from featherfx.solver.contact.wall import outward
 
 # distance at rest, over a feather's length, from which on a node is not held off the skin
 NEAR = 0.3
@@ -60,7 +59,7 @@ def surfaces_under(
 
 
 def _over(rest: Array, given: Indices, points: Array, up: Array) -> dict[str, Any]:
-    triangles = outward(given, rest).astype(np.int64)
+    triangles = given.astype(np.int64)
     mesh = SkinMesh(triangles, _beside(triangles))
     tree = search_tree(rest[triangles].mean(axis=1))
     triangle, height = tree.query(points)[1].astype(np.int64), np.zeros(len(points))

@@ -72,7 +72,7 @@ def _meet(node, ground, bit, search, touch, count):
     weight = closest_weights(x, a, b, _corner(ground.start, ground, t, 2))
     away = sub(x, weighted(ground.start, ground.triangles[t], weight))
     found = t, dot(away, away), weight
-    return meet_triangle(node, found, ground, bit, search, touch, count)
+    return meet_triangle(node, found, (ground, 0), bit, search, touch, count)
 
 
 @kernel

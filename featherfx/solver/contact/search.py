@@ -18,6 +18,7 @@ from featherfx.solver.contact.ground_kernels import find_ground_contacts
 from featherfx.solver.contact.list_kernels import remember
 from featherfx.solver.contact.types import (
     CONTACT_DTYPE,
+    WALL_BITS,
     Bytes,
     Candidates,
     Clearance,
@@ -37,8 +38,8 @@ _FIRST_CAPACITY = 1024
 _MIN_POINTS, _PIECES = 5_000, 20
 # contacts that threads put together beside each other, at the least
 _MANY = 5_000
-# walls that have a bit of their own of what has grown into them; all after them share the next
-_OWN_BITS = 6
+# walls that have bits of their own in ContactMemory.inside; all after them share the next
+_MAX_WALLS = 19
 
 ForEach = Callable[[Callable[[Any], None], Iterable[Any]], None]
 
@@ -192,7 +193,7 @@ class Searcher:
         def meet(piece: int) -> None:
             low, high = self._bodies[piece], self._bodies[piece + 1]
             for number, wall in enumerate(walls):
-                k, bit = number * pieces + piece, 1 << min(number, _OWN_BITS)
+                k, bit = number * pieces + piece, 1 << WALL_BITS * min(number, _MAX_WALLS)
                 find = (
                     find_ground_contacts if isinstance(wall, GroundSurface) else find_wall_contacts
                 )

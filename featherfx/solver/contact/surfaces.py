@@ -252,5 +252,5 @@ def no_memory(surfaces: VaneSurfaces) -> ContactMemory:
         force=np.zeros((0, 2)),
         side=np.zeros(0, dtype=np.int8),
         wall=np.zeros(surfaces.guests.shape),
-        inside=np.zeros(surfaces.guests.shape, dtype=np.int8),
+        inside=np.zeros(surfaces.guests.shape, dtype=np.int64),
     )

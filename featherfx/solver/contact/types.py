@@ -65,17 +65,22 @@ class MovingBodies(NamedTuple):
     slab: Array
 
 
+# bits of ContactMemory.inside for a wall, and those of all walls that say that guests have grown in
+WALL_BITS, GROWN_IN = 3, sum(1 << 3 * k for k in range(20))
+
+
 class ContactMemory(NamedTuple):
     """Data that is kept between intervals. key: (K,) ascending, pair, row and guest's column of K
     contacts of feathers, as one number; force: (K, 2) N, on guest and host; side: (K,) of the host.
-    wall: (B, n, W) N, forces of walls. inside: (B, n, W), a bit for each wall that guests have
-    grown into (search.OWN_BITS)."""
+    wall: (B, n, W) N, forces of walls. inside: (B, n, W), three bits for each
+    wall (WALL_BITS): guests have grown into it (GROWN_IN), are before a sheet, or behind it.
+    """
 
     key: Indices
     force: Array
     side: Bytes
     wall: Array
-    inside: Bytes
+    inside: Indices
 
 
 class Candidates(NamedTuple):
@@ -171,7 +176,7 @@ class CubeGrid(NamedTuple):
 class Wall(NamedTuple):
     """A mesh over an interval. start, end: (V, 3) m. triangles: (T, 3), counter-clockwise seen from
     outside. first: (cubes + 1,) and items: triangles of each cube. beginning: 1 where nodes that
-    are inside now have grown in.
+    are inside now have grown in. open: 1 for a sheet, which holds a node on the side where it came.
     """
 
     start: Array
@@ -181,6 +186,7 @@ class Wall(NamedTuple):
     first: Indices
     items: Indices
     beginning: int
+    open: int
 
 
 class SkinMesh(NamedTuple):

@@ -11,12 +11,18 @@ _MAX_CUBES = 200_000
 
 
 def wall_of(
-    start: Array, end: Array, triangles: Indices, reach: float, beginning: bool = False
+    start: Array,
+    end: Array,
+    triangles: Indices,
+    reach: float,
+    beginning: bool = False,
+    is_open: bool = False,
 ) -> Wall:
     """The wall of a mesh (V, 3), m, with triangles (T, 3).
 
     reach: m, distance at which its triangles are found; at least the way of a node against the
     wall in the interval. beginning: whether nodes inside are to be left alone until they come out.
+    is_open: whether it is a sheet, which has the side on which a node comes.
     """
     corners = start[triangles]
     low = corners.min(axis=(0, 1)) - reach
@@ -38,16 +44,5 @@ def wall_of(
         first,
         items,
         int(beginning),
+        int(is_open),
     )
-
-
-def outward(triangles: Indices, points: Array) -> Indices:
-    """Triangles (T, 3), turned round where they close a body (V, 3) inside out."""
-    edges = np.sort(
-        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    )
-    _, uses = np.unique(edges, axis=0, return_counts=True)
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    volume = np.einsum("tk,tk->", a, np.cross(b, c))
-    inside_out = bool((uses == 2).all()) and volume < 0.0
-    return triangles[:, ::-1].copy() if inside_out else triangles

@@ -98,10 +98,11 @@ def _closest_triangle(x, wall):
 
 
 @kernel
-def meet_triangle(node, found, wall, bit, search, touch, count):
+def meet_triangle(node, found, wall_and_open, bit, search, touch, count):
     """Add the contact of a node with what it is closest to of a wall at the start, if they meet;
-    returns the count. found: triangle, square of its distance (m^2), weights of its corners. bit:
-    the wall's of ContactMemory.inside."""
+    returns the count. found: triangle, square of its distance (m^2), weights of its corners.
+    wall_and_open: it, and whether it is a sheet. bit: the wall's first of ContactMemory.inside."""
+    wall, is_open = wall_and_open
     surfaces, bodies, body, i = search.surfaces, search.bodies, node.guest, node.row
     inside, (t, square, weight) = search.memory.inside[body, i], found
     p, fraction = guest_point(node.column, surfaces.exists.shape[3], surfaces.columns[body])
@@ -115,17 +116,21 @@ def meet_triangle(node, found, wall, bit, search, touch, count):
     # both ways count: a node that a wall drives on in the last try does not near it
     normal = _normal(wall.end, corners)
     closing = abs(dot(normal, sub(ahead, x))) + abs(dot(normal, sub(new, old)))
-    outside = along >= 0.0
-    if wall.beginning != 0 and not outside:
-        inside[node.column] |= bit
-    if outside:
+    slant = SLANT_RATIO * min(abs(along), CREASE_RATIO * thickness)
+    rim = beside - BESIDE_RATIO * thickness - slant
+    if is_open != 0:
+        before, behind = bit << 1, bit << 2
+        # beside a sheet a node goes around its rim
+        if rim > 0.0 or inside[node.column] & (before | behind) == 0:
+            inside[node.column] &= ~(before | behind)
+            inside[node.column] |= before if along >= 0.0 else behind
+        if inside[node.column] & behind != 0:
+            along, normal = -along, scale(-1.0, normal)
+    elif along >= 0.0:
         inside[node.column] &= ~bit
-    if (
-        beside
-        > BESIDE_RATIO * thickness
-        + SLANT_RATIO * min(abs(along), CREASE_RATIO * thickness)
-        + closing
-    ):
+    elif wall.beginning != 0:
+        inside[node.column] |= bit
+    if rim > closing:
         return count
     if along - thickness > search.margin[body] + closing or inside[node.column] & bit != 0:
         return count
@@ -149,9 +154,9 @@ def _meet(node, wall, bit, search, touch, count):
     p, fraction = guest_point(node.column, surfaces.exists.shape[3], surfaces.columns[body])
     found = _closest_triangle(guest_place(search.bodies.start[body], i, p, fraction), wall)
     if found[0] < 0:
-        search.memory.inside[body, i, node.column] &= ~bit
+        search.memory.inside[body, i, node.column] &= ~(7 * bit)
         return count
-    return meet_triangle(node, found, wall, bit, search, touch, count)
+    return meet_triangle(node, found, (wall, wall.open), bit, search, touch, count)
 
 
 @kernel
@@ -171,11 +176,14 @@ def find_wall_contacts(wall, bit, search, free, low, high, touch):
     meet_triangle."""
     surfaces, count = search.surfaces, 0
     for body in range(low, high):
-        if free[body] == 0 or _is_away(search.bodies.bounds[body], wall.grid):
+        away = _is_away(search.bodies.bounds[body], wall.grid)
+        if free[body] == 0 or (away and wall.open == 0):
             continue
         for i in range(surfaces.present.shape[1]):
             for c in range(surfaces.guests.shape[2]):
-                if surfaces.guests[body, i, c] != 0:
+                if away:
+                    search.memory.inside[body, i, c] &= ~(7 * bit)
+                elif surfaces.guests[body, i, c] != 0:
                     node = Node(-1, body, -1, i, c, 0, -1)
                     count = _meet(node, wall, bit, search, touch, count)
     return count

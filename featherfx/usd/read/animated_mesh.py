@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from featherfx.algebra.interpolation import Knots, Maps, Stencil
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.triangulation import triangulate
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.winding import orient
 from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
@@ -66,11 +68,13 @@ _MAX_TIMES = 8  # times, at which roots and the skin as a body are asked for
 class AnimatedMesh(ScenePrim):
     """A mesh of T triangles and V points in the world: metres, z up.
 
-    path: of the prim. triangles: (T, 3) point indices, outside counter-clockwise; faces with more
-    sides are cut into fans, holes and faces without area left out. face: (T,) their faces. rest:
-    (V, 3) m, points at rest. rest_matrix: (4, 4), row vectors, from the prim's own space to the
-    world at rest. st: (T, 3, 2) texture coordinates of the corners, None where there
-    are none. sampled: first and last time code with samples of anything that moves it, None
+    path: of the prim. triangles: (T, 3) point indices, outside counter-clockwise; holes and faces
+    without area are left out. places: (T, 3) of their corners in faceVertexIndices. face: (T,)
+    their faces. closed: (T,) whether their connected component is a volume. border: (T,) those with
+    an edge of their own. turned: faces wound against their component, or a volume's, which are
+    turned round. rest: (V, 3) m, points at rest. rest_matrix: (4, 4), row vectors, from the prim's
+    own space to the world at rest. st: (T, 3, 2) texture coordinates of the corners, None where
+    there are none. sampled: first and last time code with samples of anything that moves it, None
     where nothing does. bones: (T,) m, length of each triangle's bone or piece of curve, where it is
     a ribbon along these. knots: where its poses are those of the scene, with smooth motion between
     them; None: the scene's own motion.
@@ -80,13 +84,15 @@ class AnimatedMesh(ScenePrim):
 
     def __init__(self, scene: SourceScene, mesh: Any, rest: float | None, skinning: Any) -> None:
         self._mesh = mesh
-        self.triangles, self.face, self.st = read_triangles(mesh)
         self._begin(scene, mesh.GetPrim(), skinning, rest)
         moving = [] if skinning is None else skinning.attributes()
         self.sampled = sampled_range(mesh.GetPrim(), [*moving, mesh.GetPointsAttr()])
-        sound = ~is_flat(self.rest, self.triangles)
-        self.triangles, self.face = self.triangles[sound], self.face[sound]
-        self.st = None if self.st is None else self.st[sound]
+        found = read_triangles(mesh, self.rest, self._rest_sign)
+        self.turned = np.unique(found.face[found.turned])
+        sound = ~is_flat(self.rest, found.triangles)
+        self.triangles, self.places, self.face = (each[sound] for each in found[:3])
+        self.closed, self.border = found.closed[sound], found.border[sound]
+        self.st = _read_texture(mesh, self.triangles, self.places)
 
     def _begin(self, scene: SourceScene, prim: Any, skinning: Any, rest: float | None) -> None:
         """The pose at rest of a prim that skinning moves (None: its own points)."""
@@ -309,15 +315,6 @@ def _points_faults(attribute: Any) -> tuple[str, int]:
     return ("has no value", 0) if size < 0 else ("", size)
 
 
-def cut_fans(counts: Indices) -> tuple[Indices, Indices]:
-    """(T, 3) places in the list of corners and (T,) faces: faces of many corners cut into fans."""
-    cuts = np.maximum(counts - 2, 0)
-    face = np.repeat(np.arange(len(counts)), cuts)
-    starts = (np.cumsum(counts) - counts)[face]
-    step = np.arange(len(face)) - (np.cumsum(cuts) - cuts)[face]
-    return np.stack([starts, starts + step + 1, starts + step + 2], axis=1), face
-
-
 def read_topology(mesh: Any) -> tuple[Indices, Indices]:
     """(F,) counts of points of the faces, and the indices of all of them."""
     counts = read_sized_array(mesh.GetFaceVertexCountsAttr(), EARLIEST_TIME, INTEGER_ARRAY)
@@ -325,31 +322,46 @@ def read_topology(mesh: Any) -> tuple[Indices, Indices]:
     return counts.astype(np.int64), indices.astype(np.int64)
 
 
-def read_triangles(mesh: Any) -> tuple[Indices, Indices, Array | None]:
-    """(T, 3) point indices, (T,) faces and (T, 3, 2) texture coordinates (None: none) of a mesh.
+class MeshTriangles(NamedTuple):
+    """Triangles (T, 3) of a mesh. places, face, closed, turned, border: as of AnimatedMesh."""
 
-    Faces in holeIndices are left out; left-handed faces are turned round, so that the outside is
-    counter-clockwise. The mesh's topology must be sound.
+    triangles: Indices
+    places: Indices
+    face: Indices
+    closed: Flags
+    turned: Flags
+    border: Flags
+
+
+def read_triangles(mesh: Any, points: Array, mirrored: bool) -> MeshTriangles:
+    """Return the triangles of a mesh with sound topology, the outside counter-clockwise.
+
+    Faces in holeIndices are left out. points: (V, 3), at rest. mirrored: whether transforms turn
+    windings round, as a left-handed orientation does.
     """
     counts, indices = read_topology(mesh)
-    places, face = cut_fans(counts)
+    places, face = triangulate(counts, points[indices])
     holes = read_sized_array(mesh.GetHoleIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
-    if len(holes):
-        kept = ~np.isin(face, holes)
-        places, face = places[kept], face[kept]
-    if read_text(mesh.GetOrientationAttr(), EARLIEST_TIME) == UsdGeom.Tokens.leftHanded:
+    corners = indices[places]
+    sound = (corners != np.roll(corners, 1, axis=1)).all(axis=1) & ~np.isin(face, holes)
+    places, face = places[sound], face[sound]
+    orientation = read_text(mesh.GetOrientationAttr(), EARLIEST_TIME)
+    if (orientation == UsdGeom.Tokens.leftHanded) != mirrored:
         places = places[:, [0, 2, 1]]
-    return indices[places], face, _read_texture(mesh, indices, places)
+    triangles, closed, turned, border = orient(indices[places], points)
+    places = np.where(turned[:, None], places[:, [0, 2, 1]], places)
+    return MeshTriangles(triangles, places, face, closed, turned, border)
 
 
-def _read_texture(mesh: Any, indices: Indices, places: Indices) -> Array | None:
+def _read_texture(mesh: Any, triangles: Indices, places: Indices) -> Array | None:
     primvar = UsdGeom.PrimvarsAPI(mesh.GetPrim()).FindPrimvarWithInheritance("st")
     value = read_flattened(primvar, EARLIEST_TIME)
     if value is None:
         return None
     st = to_numpy(value, PAIR_ARRAY, primvar.GetAttr())
-    if primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying and len(st) == len(indices):
+    by_corner = primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying
+    if by_corner and len(st) == len(read_topology(mesh)[1]):
         return np.asarray(st[places], dtype=np.float64)
-    if len(st) > indices.max(initial=-1):
-        return np.asarray(st[indices[places]], dtype=np.float64)
+    if len(st) > triangles.max(initial=-1):
+        return np.asarray(st[triangles], dtype=np.float64)
     return None

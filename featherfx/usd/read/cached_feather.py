@@ -13,11 +13,12 @@ from typing import Any, TypeVar
 import numpy as np
 from pxr import UsdGeom
 
+from featherfx.algebra.triangulation import triangulate
 from featherfx.algebra.types import Floats, Indices
 from featherfx.errors import InputError
 from featherfx.feather.types import LEADING
 from featherfx.groom.looks import BarbLook, look_of
-from featherfx.usd.read.animated_mesh import cut_fans, read_topology
+from featherfx.usd.read.animated_mesh import read_topology
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -135,12 +136,11 @@ class CachedFeather:
 
     path: of the mesh. name: for prims and files: that of the mesh, or the id; a Cache makes it
     valid and unique. id, kind, region: labels (id: the prim's name where none is authored).
-    is_feather: whether an id is authored. triangles: (T, 3) point indices; faces with more sides
-    are cut into fans. side: (T,) 0 leading, 1 trailing, 2 rachis (0 where unknown). face: (T,) face
-    of each triangle. subsets: name to face indices. rest: (V, 3), st: (V, 2) and colour: (V, 3),
-    displayColor (the mean of a point's faces where it is of faces), None where not authored. film:
-    (V,) nm, of iridescent feathers; else None. look: of its barbs. barb_count: real ones along each
-    vane, 0: not known.
+    is_feather: whether an id is authored. triangles: (T, 3) point indices; side: (T,) 0 leading, 1
+    trailing, 2 rachis (0 where unknown). face: (T,) face of each triangle. subsets: name to face
+    indices. rest: (V, 3), st: (V, 2) and colour: (V, 3), displayColor (the mean of a point's faces
+    where it is of faces), None where not authored. film: (V,) nm, of iridescent feathers; else
+    None. look: of its barbs. barb_count: real ones along each vane, 0: not known.
     """
 
     path: str
@@ -226,12 +226,12 @@ def _read_whole_mesh(mesh: Any) -> CachedFeather:
     prim = mesh.GetPrim()
     primvars = UsdGeom.PrimvarsAPI(prim)
     counts, indices = read_topology(mesh)
-    points = read_array(mesh.GetPointsAttr(), EARLIEST_TIME, VECTOR_ARRAY)
-    total = 0 if points is None else len(points)
+    points = read_sized_array(mesh.GetPointsAttr(), EARLIEST_TIME, VECTOR_ARRAY)
+    total = len(points)
     inside = ((indices >= 0) & (indices < total)).all()
     if (counts < 0).any() or counts.sum() != len(indices) or not inside:
         raise fault(mesh.GetFaceVertexIndicesAttr(), "do not fit the mesh's points and counts")
-    corners, face = cut_fans(counts)
+    corners, face = triangulate(counts, points[indices])
 
     def label(name: str, fallback: str) -> str:
         return read_text(primvars.GetPrimvar(name).GetAttr()) or fallback

@@ -311,6 +311,8 @@ class RibbonMesh(AnimatedMesh):
         self.sampled = sampled_range(prim, ribbons.attributes())
         sound = ~is_flat(self.rest, ribbons.triangles)
         self.triangles, self.st = ribbons.triangles[sound], None
+        self.places = self.triangles
+        self.closed = np.zeros(len(self.triangles), dtype=np.bool_)
         self.face = ribbons.faces[sound]
         # in metres: the bind pose may be scaled by the prim's transforms
         scale = float(np.cbrt(np.abs(np.linalg.det(self.rest_matrix[:3, :3]))))

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, UsdSkel
 
-from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.problems import Place, Problems, nearest
-from featherfx.groom.skin.faults import skin_faults
+from featherfx.groom.skin.faults import skin_doubts
 from featherfx.usd.read.animated_mesh import AnimatedMesh, read_topology
 from featherfx.usd.read.curves import read_prim_curves
 from featherfx.usd.read.opening import locate_file
@@ -52,7 +52,7 @@ def read_skin(
     skin: dict[str, Any], paths: dict[str, Place], folder: Path, place: Place
 ) -> dict[str, StageSkin]:
     """Meshes by their paths, of the file that checked keys of [skin] name. Raises InputError where
-    they cannot be opened; of what is wrong with one it adds problems.
+    they cannot be opened.
 
     Warns of holes and of faces that pass through each other. paths: with the key that names each.
     place: of [skin].
@@ -60,13 +60,10 @@ def read_skin(
     scene = open_scene(locate_file(folder, skin["usd"]), place.child("usd"))
     rest = skin["rest"]
     opened = all_of(*(partial(open_carrier, scene, path, rest, at) for path, at in paths.items()))
-    for (path, at), mesh in zip(paths.items(), opened, strict=True):
+    for path, mesh in zip(paths, opened, strict=True):
         if mesh.bones is not None:
             continue
-        problems, doubts = skin_faults(mesh.rest, mesh.triangles, mesh.face)
-        for message in problems:
-            at.fail(f"{path} in {scene.path}: {message}")
-        for message in doubts:
+        for message in skin_doubts(mesh):
             warnings.warn(f"{scene.path}: {path}: {message}", InputWarning, stacklevel=2)
     return {path: StageSkin(scene, mesh) for path, mesh in zip(paths, opened, strict=True)}
 
@@ -78,6 +75,7 @@ class StageSkin:
         self._scene, self._prim = scene, scene.stage.GetPrimAtPath(mesh.path)
         self.path, self.points = mesh.path, mesh.rest
         self.triangles, self.face, self.st = mesh.triangles, mesh.face, mesh.st
+        self._places = mesh.places
         self.own_matrix, self.is_ribbon = mesh.rest_matrix, mesh.bones is not None
         self.stage_matrix = to_world_matrix(np.eye(4), scene.to_world)
 
@@ -167,20 +165,9 @@ class StageSkin:
         counts, indices = read_topology(UsdGeom.Mesh(self._prim))
         if interpolation == UsdGeom.Tokens.uniform and len(values) == len(counts):
             return np.repeat(values[self.face][:, None], 3, axis=1)
-        if interpolation == UsdGeom.Tokens.faceVarying and len(values) == counts.sum():
-            return self._face_varying(values, counts, indices)
+        if interpolation == UsdGeom.Tokens.faceVarying and len(values) == len(indices):
+            return values[self._places]
         return values[self.triangles] if len(values) == len(self.points) else None
-
-    def _face_varying(self, values: Array, counts: Indices, indices: Indices) -> Array:
-        # a triangle's corners stand in the list of its face's corners
-        starts = (np.cumsum(counts) - counts)[self.face]
-        result = np.zeros((*self.triangles.shape, *values.shape[1:]))
-        for corner in range(3):
-            for offset in range(int(counts.max())):
-                at = np.minimum(starts + offset, len(indices) - 1)
-                fits = (offset < counts[self.face]) & (indices[at] == self.triangles[:, corner])
-                result[fits, corner] = values[at[fits]]
-        return result
 
 
 def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array]:

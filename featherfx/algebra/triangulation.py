@@ -1,0 +1,111 @@
+"""Triangles of polygons: fans, and ears where a fan would leave the polygon.
+
+A fan from the first corner covers a polygon exactly where all its triangles face as the polygon
+does. Other polygons are cut by ears (Meisters 1975), the best shaped one first. So corners in a
+row on one edge get triangles with area, and the first corner of a concave polygon is of no account.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import dots, face_products
+
+# of a polygon's area: a triangle with less, or turned round, is none of it
+_MIN_AREA_RATIO = 1e-9
+
+
+def triangulate(counts: Indices, corners: Array) -> tuple[Indices, Indices]:
+    """Return (T, 3) places in the list of corners and (T,) faces, in the order of the faces.
+
+    counts: (F,) corners of each face. corners: (C, 3), of all faces. Windings stay as they are.
+    """
+    cuts = np.maximum(counts - 2, 0)
+    face = np.repeat(np.arange(len(counts)), cuts)
+    starts = np.cumsum(counts) - counts
+    first = np.cumsum(cuts) - cuts
+    step = np.arange(len(face)) - first[face]
+    places = starts[face][:, None] + np.stack([np.zeros_like(step), step + 1, step + 2], axis=1)
+    large = np.flatnonzero(counts > 3)
+    if len(large) == 0:
+        return places, face
+    products = face_products(corners[places])
+    areas = np.stack([np.bincount(face, axis, len(counts)) for axis in products.T], axis=1)
+    inside = dots(products, areas[face])
+    squares = np.einsum("fc,fc->f", areas, areas)
+    leaving = (inside <= _MIN_AREA_RATIO * squares[face]) & (squares[face] > 0.0)
+    some = np.unique(face[leaving & (counts[face] > 3)])
+    for count in np.unique(counts[some]).tolist():
+        alike = some[counts[some] == count]
+        own = starts[alike][:, None] + np.arange(count)
+        flat = _flatten(corners[own], areas[alike])
+        ears = starts[alike][:, None, None] + _cut_ears(flat)
+        places[first[alike][:, None] + np.arange(count - 2)] = ears
+    return places, face
+
+
+def _flatten(polygons: Array, normals: Array) -> Array:
+    """Return (M, k, 2) polygons (M, k, 3) seen along their normals (M, 3), counter-clockwise."""
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    right = np.cross(axis, normals)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    axes = np.stack([right, np.cross(normals, right)], axis=2)
+    return np.asarray((polygons - polygons[:, :1]) @ axes)
+
+
+def _cut_ears(polygons: Array) -> Indices:
+    """Return (M, k - 2, 3) corner numbers of the ears of polygons (M, k, 2)."""
+    many, size = polygons.shape[:2]
+    area = np.abs(_doubled_areas(polygons, np.roll(polygons, -1, axis=1), polygons[:, :1]))
+    least = _MIN_AREA_RATIO * area.sum(axis=1)
+    left = np.tile(np.arange(size), (many, 1))
+    rows = np.arange(many)
+    scores = np.stack([_rate(polygons, left, np.full(many, k), least) for k in range(size)], axis=1)
+    ears = []
+    for remaining in range(size, 3, -1):
+        tip = scores.argmax(axis=1)
+        before, after = (tip - 1) % remaining, (tip + 1) % remaining
+        ears.append(np.stack([left[rows, k] for k in (before, tip, after)], axis=1))
+        others = np.arange(remaining) != tip[:, None]
+        left, scores = (each[others].reshape(many, -1) for each in (left, scores))
+        for side in (tip - 1, tip):
+            side = side % (remaining - 1)
+            scores[rows, side] = _rate(polygons, left, side, least)
+    return np.stack([*ears, left], axis=1)
+
+
+def _rate(polygons: Array, left: Indices, tip: Indices, least: Array) -> Array:
+    """Return (M,) how well shaped the ears at tips (M,) are; below 0 where one is none.
+
+    left: (M, k) corners that remain. least: (M,) twice the area that an ear has at least.
+    """
+    rows, count = np.arange(len(left)), left.shape[1]
+    points = polygons[rows[:, None], left]
+    a, b, c = (points[rows, (tip + step) % count][:, None] for step in (-1, 0, 1))
+    area = _doubled_areas(a, b, c)[:, 0]
+    sides = sum(((one - other) ** 2).sum(axis=(1, 2)) for one, other in ((a, b), (b, c), (c, a)))
+    quality = area / np.where(sides > 0.0, sides, 1.0)
+    within = np.ones(points.shape[:2], dtype=np.bool_)
+    for one, other in ((a, b), (b, c), (c, a)):
+        within &= _doubled_areas(one, other, points) >= -least[:, None]
+    for corner in (a, b, c):
+        within &= (points != corner).any(axis=2)
+    within &= ~_is_convex(points, least)
+    blocked = within.any(axis=1)
+    # rounded, so that a turn of the mesh changes no choice between equals
+    found: Array = np.where(area > least, quality - 2.0 * blocked, quality - 4.0)
+    return found.round(6)
+
+
+def _is_convex(points: Array, least: Array) -> Flags:
+    """Return (M, k) whether polygons turn left at their corners (M, k, 2)."""
+    before, after = np.roll(points, 1, axis=1), np.roll(points, -1, axis=1)
+    return np.asarray(_doubled_areas(before, points, after) > least[:, None])
+
+
+def _doubled_areas(a: Array, b: Array, c: Array) -> Array:
+    """Return twice the signed areas of triangles with corners (..., 2)."""
+    first, second = b - a, c - a
+    return np.asarray(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])

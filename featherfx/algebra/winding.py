@@ -1,0 +1,116 @@
+"""Sides of triangle meshes: windings that agree within each connected component.
+
+Triangles are connected over edges that two of them share. Edges of one triangle alone are joined
+by place, since seams of textures split points. A component that no edge ends is closed: it is a
+volume, and its outside is counter-clockwise whatever its author's winding. An open component keeps
+the winding of the larger part of its area.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sparse
+
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import dots, face_products
+
+
+class OrientedMesh(NamedTuple):
+    """Triangles (T, 3) whose windings agree.
+
+    closed: (T,) whether their component is. turned: (T,) triangles whose winding was changed.
+    border: (T,) those with an edge that is not shared by two.
+    """
+
+    triangles: Indices
+    closed: Flags
+    turned: Flags
+    border: Flags
+
+
+class _SharedEdges(NamedTuple):
+    """Edges (E,) that two triangles share: those, and whether their windings agree.
+
+    is_border: (T,) triangles with an edge of their own, or of more than two.
+    """
+
+    first: Indices
+    second: Indices
+    agree: Flags
+    is_border: Flags
+
+
+def orient(triangles: Indices, points: Array) -> OrientedMesh:
+    """Return triangles (T, 3) of points (V, 3) with windings that agree."""
+    edges, count = _find_shared_edges(triangles, points), len(triangles)
+    if edges.agree.all():
+        component = _connect(edges.first, edges.second, count)
+        turned = np.zeros(count, dtype=np.bool_)
+    else:
+        component, turned = _agree(edges, face_products(points[triangles]))
+    open_ones = np.bincount(component, edges.is_border) > 0.0
+    corners = points[triangles] - points[triangles[:1, :1]]
+    own = dots(corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    volumes = np.bincount(component, np.where(turned, -own, own))
+    turned ^= (~open_ones & (volumes < 0.0))[component]
+    found = triangles
+    if turned.any():
+        found = np.where(turned[:, None], triangles[:, [0, 2, 1]], triangles)
+    return OrientedMesh(found, ~open_ones[component], turned, edges.is_border)
+
+
+def _find_shared_edges(triangles: Indices, points: Array) -> _SharedEdges:
+    ends = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    owner = np.tile(np.arange(len(triangles)), 3)
+    pairs, alone = _pair_up(ends)
+    if len(alone):
+        _, place = np.unique(points[ends[alone].ravel()], axis=0, return_inverse=True)
+        joined, rest = _pair_up(np.asarray(place).reshape(-1, 2))
+        ends = ends.copy()
+        ends[alone] = np.asarray(place).reshape(-1, 2)
+        pairs, alone = np.concatenate([pairs, alone[joined]]), alone[rest]
+    one, other = pairs.T
+    is_border = np.zeros(len(triangles), dtype=np.bool_)
+    is_border[owner[alone]] = True
+    return _SharedEdges(owner[one], owner[other], ends[one, 0] != ends[other, 0], is_border)
+
+
+def _pair_up(ends: Indices) -> tuple[Indices, Indices]:
+    """Return (P, 2) numbers of edges (E, 2) that are the same, and those that have no such one."""
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    key = low * (int(high.max(initial=0)) + 1) + high
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+    uses = np.diff(starts, append=len(order))
+    twice = starts[uses == 2]
+    alone = np.ones(len(order), dtype=np.bool_)
+    alone[twice], alone[twice + 1] = False, False
+    return np.stack([order[twice], order[twice + 1]], axis=1), order[alone]
+
+
+def _connect(first: Indices, second: Indices, count: int) -> Indices:
+    """Return (count,) the component of each of count things that pairs connect."""
+    links = sparse.coo_matrix((np.ones(len(first), np.int8), (first, second)), (count, count))
+    _, component = sparse.csgraph.connected_components(links.tocsr(), directed=False)
+    return np.asarray(component, dtype=np.int64)
+
+
+def _agree(edges: _SharedEdges, products: Array) -> tuple[Indices, Flags]:
+    """Return (T,) components, and the triangles to turn so that windings agree in each.
+
+    Each triangle stands twice in a graph, as it is and turned round; an edge connects those that
+    agree. A component without two sides, such as a Moebius strip, stays as it is.
+    """
+    count = len(products)
+    own, other = edges.first, edges.second + np.where(edges.agree, 0, count)
+    opposite = edges.second + np.where(edges.agree, count, 0)
+    twofold = _connect(
+        np.concatenate([own, own + count]), np.concatenate([other, opposite]), 2 * count
+    )
+    component = _connect(edges.first, edges.second, count)
+    as_it_is, as_turned = twofold[:count], twofold[count:]
+    area = np.linalg.norm(products, axis=1)
+    weights = np.bincount(as_it_is, area, twofold.max() + 1)
+    return component, (as_it_is != as_turned) & (weights[as_it_is] < weights[as_turned])

@@ -1,0 +1,68 @@
+"""Sides of meshes: closed components face outwards, open ones agree with the larger part."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from featherfx.algebra.winding import orient
+from featherfx.groom.skin.faults import signed_volume
+
+BALL = trimesh.creation.icosphere(subdivisions=2)
+POINTS, FACES = np.array(BALL.vertices), np.array(BALL.faces, dtype=np.int64)
+
+
+def _turned(faces, which):
+    found = faces.copy()
+    found[which] = found[which][:, [0, 2, 1]]
+    return found
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.1, 0.5, 1.0])
+def test_a_closed_component_is_a_volume_whatever_its_winding(fraction):
+    which = np.random.default_rng(1).random(len(FACES)) < fraction
+    mesh = orient(_turned(FACES, which), POINTS)
+    assert mesh.closed.all()
+    assert not mesh.border.any()
+    assert np.array_equal(mesh.turned, which)
+    assert np.isclose(signed_volume(POINTS[mesh.triangles]), BALL.volume)
+
+
+def test_split_points_do_not_open_a_volume():
+    # every triangle has points of its own, as after a seam of textures along each edge
+    mesh = orient(np.arange(3 * len(FACES)).reshape(-1, 3), POINTS[FACES].reshape(-1, 3))
+    assert mesh.closed.all()
+
+
+def test_each_component_has_its_own_side():
+    shifted = POINTS + np.array([3.0, 0.0, 0.0])
+    sheet = np.array([[0.0, 0, 9], [1, 0, 9], [1, 1, 9], [0, 1, 9]])
+    quad = np.array([[0, 1, 2], [0, 2, 3]]) + 2 * len(POINTS)
+    faces = np.vstack([FACES, FACES[:, ::-1] + len(POINTS), quad])
+    mesh = orient(faces, np.vstack([POINTS, shifted, sheet]))
+    balls = np.arange(len(faces)) < 2 * len(FACES)
+    assert np.array_equal(mesh.closed, balls)
+    assert np.array_equal(mesh.border, ~balls)
+    assert np.array_equal(np.flatnonzero(mesh.turned), len(FACES) + np.arange(len(FACES)))
+    # an open component keeps its author's winding
+    assert np.array_equal(mesh.triangles[~balls], quad)
+
+
+def test_an_open_component_agrees_with_its_larger_part():
+    cap = FACES[POINTS[FACES][:, :, 2].mean(axis=1) > 0.0]
+    for fraction in (0.2, 0.8):
+        which = np.random.default_rng(2).random(len(cap)) < fraction
+        mesh = orient(_turned(cap, which), POINTS)
+        assert not mesh.closed.any()
+        assert np.array_equal(mesh.turned, which if fraction < 0.5 else ~which)
+
+
+def test_a_strip_with_one_side_stays_as_it_is():
+    count = 12
+    ring = 2 * np.arange(count)
+    after = np.roll(np.stack([ring, ring + 1], axis=1), -1, axis=0)
+    after[-1] = after[-1][::-1]  # half a turn
+    quads = np.stack([ring, ring + 1, after[:, 1], after[:, 0]], axis=1)
+    strip = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    mesh = orient(strip, np.random.default_rng(3).random((2 * count, 3)))
+    assert np.array_equal(mesh.triangles, strip)
+    assert not mesh.closed.any()
