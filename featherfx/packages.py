@@ -42,6 +42,12 @@ PACKAGES = (
         stages=("loop.error_stage:ErrorStage",),
     ),
     Package(
+        "grips",
+        "Points that are led along a path by a spring.",
+        tables=("grips",),
+        stages=("loop.grip_stage:GripStage",),
+    ),
+    Package(
         "cuts",
         "Roots that jump to another place within a frame.",
         tables=("has_moving_roots",),

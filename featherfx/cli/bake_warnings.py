@@ -40,6 +40,8 @@ def print_warnings(result: dict[str, Any]) -> None:
         tell("\n".join(_too_long(result)))
     if result.get("worst_unsolved"):
         tell("\n".join(_unsolved(result)))
+    for each in result.get("grips_at_limit", ()):
+        tell(_at_limit(each))
     promised = result.get("error_promised")
     if promised is not None and result["error_estimated"] > promised:
         tell(_missed(promised, result["error_estimated"]))
@@ -65,6 +67,16 @@ def _unsolved(result: dict[str, Any]) -> Iterator[str]:
     for each in result["worst_unsolved"]:
         far = f"{1e3 * each['distance']:.3g} mm"
         yield f"  {each['feather']} at frame {each['frame']:g}: {far} from the solution"
+
+
+def _at_limit(each: dict[str, Any]) -> str:
+    """The warning of a grip whose point stayed behind."""
+    return (
+        f"featherfx: warning: the grip on '{each['feather']}' at row = {each['row']:g} pulls with"
+        f" its largest force of {each['force']:.3g} N from frame {each['frame']:g} on: its point is"
+        f" {1e3 * each['distance']:.3g} mm behind, and the rachis is stretched by"
+        f" {100.0 * each['strain']:.2g} %. Shorten its displacement, or give max_force"
+    )
 
 
 def _missed(promised: float, estimated: float) -> str:

@@ -405,7 +405,9 @@ class Groom:
     """Feathers and their places. Frame: z up, metres.
 
     layout: None where feathers stay as they were placed. skin: corners (T, 3, 3) m of the meshes
-    that regions grow on, None where there are none. inputs: what its files say, by key (told.py).
+    that regions grow on, None where there are none. drawn_gravity: (3,) m/s^2, under which the
+    drawn pose is the balance, None where it is the unloaded shape. inputs: what its files say, by
+    key (told.py).
     """
 
     name: str
@@ -414,4 +416,5 @@ class Groom:
     joints: tuple[Joint, ...] = field(default=())
     layout: Layout | None = None
     skin: Array | None = None
+    drawn_gravity: Array | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)

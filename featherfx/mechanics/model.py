@@ -60,7 +60,8 @@ class Model(NamedTuple):
         (F, n-1, 8), then nu and f of ribbon_kernels.py.
     rachis_stiffness: (F, n-1, 6) l c (N m) and d / l (N m).
     clamp: (F, 2, n, 4) rest direction of the barbs in the row frame, quaternions.
-    joints: (F, 2, n, m, 4) rest turns between segments; the first is the identity.
+    joints: (F, 2, n, m, 4) rest turns between segments; the first is the identity but where
+        a drawn pose is the balance (solver/inverse_statics.py).
     segment: (F, 2, n) m, length of the barbs' segments.
     shapes: (C, m) part of each curvature shape that falls on each joint.
     barb_stiffness: (F, 2, n, 2 C) N m, normal then in-plane; 1 where there is no barb.
@@ -196,7 +197,8 @@ class Loads(NamedTuple):
     wind_rate: (K,) rad/s, wind_amplitude: (3, K) m/s, wind_phase: (K,) rad: mean + sum amplitude
     cos(wave.x - rate t + phase). grip_node: (F, G, 2) row and node, row -1 for none.
     grip_start, grip_end: (F, G, 3) m, target at the frame's start and end. grip_stiffness: (F, G)
-    N/m. grip_slack: (F, G) m, how far a grip's point is free around the target, or (0, 0). force:
+    N/m. grip_slack: (F, G) m, how far a grip's point is free around the target, or (0, 0).
+    max_grip_force: (F, G) N, most that a grip pulls with, or (0, 0) where nothing bounds it. force:
     (F, n, 1 + 2 m, 3) N, dead loads on the nodes at the frame's start, or (F, 0, 0, 3) where there
     are none. force_change: as force, what is added to it linearly up to the frame's
     end, or (0, 0, 0, 3). couple: (F, n, 2, 3) N m, dead loads on the directors, or (0, 0, 2, 3).
@@ -219,6 +221,7 @@ class Loads(NamedTuple):
     force_change: Array = np.zeros((0, 0, 0, 3))
     couple: Array = np.zeros((0, 0, 2, 3))
     grip_slack: Array = np.zeros((0, 0))
+    max_grip_force: Array = np.zeros((0, 0))
 
 
 def expand_wind(loads: Loads, feathers: int) -> Loads:

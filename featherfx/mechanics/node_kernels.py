@@ -1,6 +1,7 @@
 """Loads on single nodes: inertia, gravity, air drag, grips and dead loads.
 
-    W = 1/2 a m |x - x_t|^2 - m g.x - f.x + D(v) / c + 1/2 k max(|x - x_g| - s, 0)^2
+    W = 1/2 a m |x - x_t|^2 - m g.x - f.x + D(v) / c + G(max(|x - x_g| - s, 0))
+    G(u) = 1/2 k u^2 up to the largest force F = k u of a grip, beyond it F u - F^2 / (2 k)
     v = c (x - x_v)
 
 a, x_t and c, x_v come from the time integrator (featherfx/solver/step/integrator_kernels.py): they
@@ -110,12 +111,24 @@ def _grip_gap(loads, f, g, fraction, points):
 
 
 @kernel
-def _taut(loads, f, g, gap):
-    """Part of a gap beyond the grip's slack s: max(1 - s / d, 0), d its length."""
-    if loads.grip_slack.shape[1] == 0 or loads.grip_slack[f, g] == 0.0:
-        return 1.0
-    apart, slack = length(gap), loads.grip_slack[f, g]
-    return 1.0 - slack / apart if apart > slack else 0.0
+def _grip_pull(loads, f, g, distance):
+    """(p, q) of a grip whose point is at a distance d (m) from its target: its gradient is k p d n,
+    its Hessian k (p I + q n n^T).
+
+    Beyond the slack s, p = 1 - s / d; where that would take more than the largest force F,
+    p = F / (k d), so that the pull stays at F.
+    """
+    pull, bend = 1.0, 0.0
+    if loads.grip_slack.shape[1] > 0 and loads.grip_slack[f, g] > 0.0:
+        bend = min(loads.grip_slack[f, g] / distance, 1.0) if distance > 0.0 else 1.0
+        pull = 1.0 - bend
+        bend = bend if pull > 0.0 else 0.0
+    if loads.max_grip_force.shape[1] > 0:
+        most = loads.max_grip_force[f, g]
+        if loads.grip_stiffness[f, g] * pull * distance > most:
+            pull = most / (loads.grip_stiffness[f, g] * distance)
+            bend = -pull
+    return pull, bend
 
 
 @kernel
@@ -123,10 +136,19 @@ def grip_energy(loads, f, fraction, points):
     """Energy of feather f's grips at a fraction of the frame (J)."""
     total = 0.0
     for g in range(loads.grip_stiffness.shape[1]):
-        if loads.grip_node[f, g, 0] >= 0:
-            gap = _grip_gap(loads, f, g, fraction, points)
-            taut = _taut(loads, f, g, gap)
-            total += 0.5 * loads.grip_stiffness[f, g] * taut * taut * dot(gap, gap)
+        if loads.grip_node[f, g, 0] < 0:
+            continue
+        stiffness, distance = (
+            loads.grip_stiffness[f, g],
+            length(_grip_gap(loads, f, g, fraction, points)),
+        )
+        pull, bend = _grip_pull(loads, f, g, distance)
+        force = stiffness * pull * distance
+        if bend < 0.0:
+            slack = loads.grip_slack[f, g] if loads.grip_slack.shape[1] > 0 else 0.0
+            total += force * (distance - slack) - 0.5 * force * force / stiffness
+        else:
+            total += 0.5 * force * force / stiffness
     return total
 
 
@@ -138,13 +160,13 @@ def add_grip_forces(loads, f, fraction, points, force, stiff):
         if row < 0:
             continue
         stiffness, gap = loads.grip_stiffness[f, g], _grip_gap(loads, f, g, fraction, points)
-        taut, out = _taut(loads, f, g, gap), stiff[row, p]
-        accumulate(force[row, p], stiffness * taut, gap)
+        distance, out = length(gap), stiff[row, p]
+        pull, bend = _grip_pull(loads, f, g, distance)
+        accumulate(force[row, p], stiffness * pull, gap)
         for k in range(3):
-            out[k] += stiffness * taut
-        if 0.0 < taut < 1.0:
-            # s / d n n^T, the direction of what is taut
-            n, along = scale(1.0 / length(gap), gap), stiffness * (1.0 - taut)
+            out[k] += stiffness * pull
+        if bend != 0.0:
+            n, along = scale(1.0 / distance, gap), stiffness * bend
             for k in range(3):
                 out[k] += along * n[k] * n[k]
             out[3] += along * n[0] * n[1]

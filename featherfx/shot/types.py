@@ -53,6 +53,13 @@ class Grip:
     stiffness: Annotated[
         float, Number(1e-6, 1e7, "N/m"), "Stiffness of the spring that leads the point."
     ]
+    max_force: Annotated[
+        float | None,
+        Number(1e-9, 1e7, "N"),
+        "Most that the spring pulls with; beyond it the point stays behind, and a warning says so. "
+        "Default: what stretches the thinnest part of the rachis, from its base to the row, by 5 "
+        "%, half of what keratin breaks at.",
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -192,6 +192,11 @@ FEATHER_KEYS = tuple(
 )
 
 SCENES = {
+    "drawn pose": Scene(
+        groom(drawn_pose="equilibrium", gravity=[0, 0, -9.81]),
+        shot(),
+        ("groom.drawn_pose", "groom.gravity"),
+    ),
     "feather": Scene(
         groom(feather=[FEATHER | {"overrides": SHAPE}]),
         shot(grip=[PULL | {"column": 1.0, "displacement": [0, 0.02, 0.02]}]),
@@ -558,7 +563,12 @@ SCENES = {
             ],
         ),
         ("shot.grip", "shot.force"),
-        {".feather": ["second"], ".keys": [[[0, 0.4]]], "grip.0.start": [0.01]},
+        {
+            ".feather": ["second"],
+            ".keys": [[[0, 0.4]]],
+            "grip.0.start": [0.01],
+            ".max_force": [1e-3],
+        },
         (".span",),
     ),
     "force on a line": Scene(

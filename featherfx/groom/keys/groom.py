@@ -248,6 +248,18 @@ _LIMBS, _REGIONS = "featherfx.groom.keys.limbs", "featherfx.groom.keys.regions"
 GROOM_KEYS = {
     "name": Key(Text(), "Name of the groom."),
     "space": Key(Table(SPACE_KEYS), "Axes and unit that the groom is written in.", None),
+    "drawn_pose": Key(
+        Text(("unloaded", "equilibrium")),
+        "Whether feathers have the shape that is drawn without any load, and hang lower under "
+        "gravity, or in balance under the groom's `gravity`: then the unloaded shape of each that "
+        "leads to it is found, and a warning names those that have none.",
+        "unloaded",
+    ),
+    "gravity": Key(
+        vector(-1000, 1000, "m/s^2"),
+        "Acceleration of free fall in which the drawn pose is the balance, in the groom's frame.",
+        (0.0, 0.0, -9.81),
+    ),
     "joint": tables(JOINT_KEYS, "Joints of the skeleton."),
     "feather": tables(FEATHER_ENTRY_KEYS, "Feathers placed one by one.", most=MAX_FEATHERS),
     "row": tables(ROW_KEYS, "Rows of feathers."),

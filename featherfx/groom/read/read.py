@@ -148,7 +148,9 @@ def groom_of(
     inputs = library.said | told(raw, path.parent)
     laid = parts["layout"]
     layout = None if laid is None or laid is INVALID else Layout(**laid)
-    return Groom(name, path, placements, joints, layout, skin, inputs)
+    is_balance = parts["drawn_pose"] == "equilibrium" and parts["gravity"] is not INVALID
+    gravity = np.array(parts["gravity"], dtype=float) if is_balance else None
+    return Groom(name, path, placements, joints, layout, skin, gravity, inputs)
 
 
 def _may_be(parts: dict[str, Any], place: Place) -> bool:

@@ -124,17 +124,20 @@ def _gripped(loads: Loads, pull: Pull, hold: float, places: Sequence[Array]) -> 
         grip_start=np.concatenate([loads.grip_start, targets[0]], axis=1),
         grip_end=np.concatenate([loads.grip_end, targets[1]], axis=1),
         grip_stiffness=np.concatenate([loads.grip_stiffness, stiffness], axis=1),
-        grip_slack=_with_slack(loads, feathers, rows * points, FREE * pull.target.within),
+        grip_slack=_extended(
+            loads.grip_slack, loads, rows * points, FREE * pull.target.within, 0.0
+        ),
+        max_grip_force=_extended(loads.max_grip_force, loads, rows * points, np.inf, np.inf),
     )
 
 
-def _with_slack(loads: Loads, feathers: int, count: int, within: float) -> Array:
-    """grip_slack of loads with so many more grips."""
-    before = loads.grip_slack
-    if not before.size and within == 0.0:
+def _extended(before: Array, loads: Loads, count: int, value: float, neutral: float) -> Array:
+    """Extend an optional array of the grips of loads by a value of so many more grips. neutral:
+    value of grips where the array is empty."""
+    if not before.size and value == neutral:
         return before
-    own = before if before.size else np.zeros((feathers, loads.grip_stiffness.shape[1]))
-    return np.concatenate([own, np.full((feathers, count), within)], axis=1)
+    own = before if before.size else np.full(loads.grip_stiffness.shape, neutral)
+    return np.concatenate([own, np.full((len(own), count), value)], axis=1)
 
 
 class TargetLoads(ShotLoad):

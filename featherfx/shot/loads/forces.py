@@ -94,12 +94,14 @@ def gripped(
     start_points: Sequence[Array],
     start: float,
     end: float,
-) -> tuple[Indices, Array, Array]:
-    """grip_node, (grip_start, grip_end) and grip_stiffness of Loads (see frame_loads)."""
+) -> tuple[Indices, Array, Array, Array]:
+    """grip_node, (grip_start, grip_end), grip_stiffness and max_grip_force of Loads (see
+    frame_loads)."""
     count = len(feathers)
     most = max(np.bincount([place for place, _ in grips], minlength=count)) if grips else 0
     node = np.full((count, most, 2), -1, dtype=np.int64)
     targets, stiffness = np.zeros((2, count, most, 3)), np.zeros((count, most))
+    force = np.full((count, most), np.inf)
     used = [0] * count
     for place, grip in grips:
         g = used[place]
@@ -109,7 +111,9 @@ def gripped(
         for k, time in enumerate((start, end)):
             targets[k, place, g] = rest + grip_fraction(grip, time) * grip.displacement
         stiffness[place, g] = grip.stiffness
-    return node, targets, stiffness
+        if grip.max_force is not None:
+            force[place, g] = grip.max_force
+    return node, targets, stiffness, force
 
 
 def grip_fraction(grip: Grip, time: float) -> float:

@@ -39,7 +39,7 @@ def frame_loads(
     mean = np.tile(field.mean, (count, 1))
     if source is not None and roots is not None:
         mean += source.velocity(roots, 0.5 * (start + end))
-    node, targets, stiffness = gripped(grips, feathers, start_points, start, end)
+    node, targets, stiffness, most = gripped(grips, feathers, start_points, start, end)
     force, change = dead_forces(forces, feathers, start, end)
     return Loads(
         gravity=np.asarray(shot.gravity, dtype=float),
@@ -53,6 +53,7 @@ def frame_loads(
         grip_start=targets[0],
         grip_end=targets[1],
         grip_stiffness=stiffness,
+        max_grip_force=most,
         force=force,
         contacts=no_contacts(count),
         force_change=change,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +19,8 @@ from featherfx.shot.types import Force, Grip
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import State
 
+# strain of the rachis to which a grip draws it by default: half of what keratin breaks at
+MAX_GRIP_STRAIN = 0.05
 # contact group of a feather that pushes nothing
 ALONE = -1
 
@@ -107,10 +109,21 @@ class FeatherGroup:
         self.state.step[:], self.state.proposal[:] = 0.0, step
 
 
-def grips_of(names: Sequence[str], grips: Sequence[Grip]) -> list[tuple[int, Grip]]:
-    """Grips on a batch of feathers with these ids, each with its place in the batch."""
+def grips_of(names: Sequence[str], grips: Sequence[Grip], model: Model) -> list[tuple[int, Grip]]:
+    """List the grips on a batch of feathers with these ids, each with its place in the batch and
+    its largest force."""
     place = {name: k for k, name in enumerate(names)}
-    return [(place[each.feather], each) for each in grips if each.feather in place]
+    found = [(place[each.feather], each) for each in grips if each.feather in place]
+    return [(f, replace(each, max_force=_max_force(model, f, each))) for f, each in found]
+
+
+def _max_force(model: Model, feather: int, grip: Grip) -> float:
+    """Return the largest force of a grip (N), by default what the rachis bears up to its row."""
+    if grip.max_force is not None:
+        return grip.max_force
+    elements = max(1, round(grip.row * (model.rows - 1)))
+    tension = model.rachis_stiffness[feather, :elements, 0] / model.length[feather, :elements]
+    return MAX_GRIP_STRAIN * float(tension.min())
 
 
 def poses_of(group: FeatherGroup) -> dict[int, FeatherPose]:

@@ -50,7 +50,8 @@ class LiveSimulation(Simulation):
         points to places (3,) m in the world."""
         self._run.shot = shot = replace(self.shot, wind=wind)
         for group in self._run.groups:
-            group.grips = grips_of(group.names, shot.grips) + pulled(group, pulls)
+            own = grips_of(group.names, shot.grips, group.own)
+            group.grips = own + pulled(group, pulls)
 
     def reshaped(self, other: LiveSimulation) -> bool:
         """Stand where a simulation of the same feathers in other shapes stands, its deviations from
@@ -80,7 +81,7 @@ def pulled(group: FeatherGroup, pulls: Sequence[tuple[Grip, Array]]) -> list[tup
     """Grips on a group that lead their points to places (3,) m in the world, all the time."""
     found = []
     for grip, to in pulls:
-        for place, each in grips_of(group.names, [grip]):
+        for place, each in grips_of(group.names, [grip], group.own):
             start = group.start[place][grip_node(each, group.feathers[place])]
             led = replace(each, displacement=to - start, start=-np.inf, end=-np.inf)
             found.append((place, led))

@@ -15,7 +15,7 @@ from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.mechanics.batch import barb_course, has_elastic_clamp
 from featherfx.mechanics.model import Loads
-from featherfx.packages import brought
+from featherfx.packages import brought, load_name
 from featherfx.phases import counted
 from featherfx.shot.frames import FeatherPose, sample_number
 from featherfx.shot.loads.forces import force_weights
@@ -250,6 +250,9 @@ def _make_group(
     positions, rotations = run.motion.frames(time)
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
+    solver = Solver(model, options, run.jobs)
+    if shot.groom.drawn_gravity is not None:
+        state = load_name("loop.drawn_pose:hang_as_drawn")(shot, placements, solver, state)
     names = [each.id for each in placements]
     place = {name: k for k, name in enumerate(names)}
     return FeatherGroup(
@@ -259,14 +262,14 @@ def _make_group(
         feathers=feathers,
         maps=maps_between(members, placements, feathers, drawn),
         names=names,
-        grips=grips_of(names, shot.grips),
+        grips=grips_of(names, shot.grips, model),
         forces=[
             (place[each.feather], each, force_weights(each, feathers[place[each.feather]]))
             for each in shot.forces
             if each.feather in place
         ],
-        solver=Solver(model, options, run.jobs),
-        own=model,
+        solver=solver,
+        own=solver.model,
         state=state,
         start=state.points.nodes.copy(),
         stirred=np.zeros(len(members), dtype=np.bool_),

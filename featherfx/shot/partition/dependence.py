@@ -92,7 +92,7 @@ def _common(shot: Shot) -> list[Any]:
     found: list[Any] = [each for each in members(shot) if each[0] not in _NOT_COMMON]
     skin = shot.skin
     surfaces = [] if skin is None else [skin.start, *(part.surface for part in skin.parts)]
-    return [*found, shot.groom.joints, surfaces]
+    return [*found, shot.groom.joints, shot.groom.drawn_gravity, surfaces]
 
 
 def _each(shot: Shot, options: ShotOptions, motion: Roots) -> list[list[Any]]:
