@@ -23,6 +23,7 @@ ORDER = (
     "jit",
     "algebra",
     "groom",
+    "coat",
     "feather",
     "mechanics",
     "solver",

@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "featherfx"
 TABLE = ROOT / "docs/decisions/constants.md"
-PACKAGES = "feather", "groom", "mechanics", "shot", "solver"
+PACKAGES = "coat", "feather", "groom", "mechanics", "shot", "solver"
 # to be replaced as a whole
 EXEMPT = "feather/layout/", "shot/contact/", "shot/layers/", "shot/loads/shelter", "solver/contact/"
 

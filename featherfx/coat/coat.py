@@ -1,0 +1,196 @@
+"""The coat of a plumage: fields and follicles that stay, and feathers drawn on any pose of it."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import dots, unit
+from featherfx.coat.carrier import Carrier, CoatMesh, pose_carrier
+from featherfx.coat.fields import MIN_PACE, Fields, Follicles, make_coat_mesh, make_fields
+from featherfx.coat.forms import PlaneForms
+from featherfx.coat.leaf_kernels import (
+    CarrierArrays,
+    LeafArrays,
+    RootArrays,
+    draw_feathers,
+    find_bases,
+)
+from featherfx.coat.ties import find_gaps, find_overlaps, fit_ties
+
+# agreement of headings below which the flow counts as singular
+_MIN_STRENGTH = 0.3
+# share of the curvature's sagitta that gaps make room for: chords of neighbours are bent alike
+_SAGITTA_SHARE = 0.5
+_FEATHERS_AT_ONCE = 64  # that a thread draws
+
+
+@dataclass(frozen=True)
+class Coat:
+    """A coat of F feathers on a skin: constant while the skin moves.
+
+    mesh: the skin. rest: its carrier at rest. fields: at its vertices. triangle: (F,) and place:
+    (F, 3) barycentric, of the follicles; heading: (F, 2) of the rachises, by the sides of their
+    triangles from its first corner. values: (F,) m, p. depths: (F,) m, of the follicles under
+    their leaves.
+    """
+
+    mesh: CoatMesh
+    rest: Carrier
+    fields: Fields
+    follicles: Follicles
+    heading: Array
+    values: Array
+    depths: Array
+
+    def roots(self, carrier: Carrier) -> RootArrays:
+        """The follicles on the carrier in a pose."""
+        sides = _sides(carrier, self.mesh, self.follicles.triangle)
+        ways = unit(np.einsum("fij,fj->fi", sides, self.heading))
+        own = self.follicles
+        return RootArrays(own.triangle, own.place, ways, self.values, self.depths)
+
+    def arrays(self, carrier: Carrier, lift: Array | None = None) -> CarrierArrays:
+        """The carrier in a pose as kernels take it. lift: (V,) m, default 0."""
+        own, mesh = self.fields, self.mesh
+        raised = np.zeros(len(own.phi)) if lift is None else lift
+        columns = own.phi, own.gain, own.thickness, own.steepness, raised
+        return CarrierArrays(
+            points=carrier.points,
+            normals=carrier.normals,
+            faces=mesh.faces,
+            neighbours=mesh.neighbours,
+            gradients=carrier.elements.gradients,
+            planes=carrier.elements.normals,
+            fields=np.stack(columns, axis=1),
+        )
+
+
+def _sides(carrier: Carrier, mesh: CoatMesh, triangle: Indices) -> Array:
+    """Return (F, 3, 2), columns two sides of triangles (F,)."""
+    corners = carrier.points[mesh.faces[triangle]]
+    return np.asarray((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
+
+
+def grow_coat(points: Array, faces: Indices, follicles: Follicles) -> Coat:
+    """Solve for the coat of feathers on a skin at rest, with the values of their follicles.
+
+    points: (V, 3) m, each place once. faces: (T, 3).
+    """
+    mesh = make_coat_mesh(points, faces, follicles)
+    rest = pose_carrier(mesh, points)
+    fields = make_fields(mesh, rest, follicles)
+    normals = unit(follicles.corners(mesh, rest.normals[:, :3]))
+    heading = unit(follicles.heading - dots(follicles.heading, normals)[:, None] * normals)
+    sides = np.linalg.pinv(_sides(rest, mesh, follicles.triangle))
+    own = np.einsum("fij,fj->fi", sides, heading)
+    values = follicles.corners(mesh, fields.phi)
+    coat = Coat(mesh, rest, fields, follicles, own, values, np.zeros(len(values)))
+    return replace(coat, depths=_find_depths(coat))
+
+
+def _find_depths(coat: Coat) -> Array:
+    """Return (F,) m, from the leaves of follicles at rest down to where they lie in the skin."""
+    points, normals = np.empty((2, len(coat.values), 3))
+    find_bases(coat.arrays(coat.rest), coat.roots(coat.rest), points, normals)
+    above = dots(points - coat.follicles.position, normals)
+    return np.maximum(above + coat.follicles.depth, 0.0)
+
+
+@dataclass(frozen=True)
+class StackReport:
+    """Result of the ties of a coat.
+
+    pairs: number of feathers that overlap, in pairs. moved: (F,) m, of the stacking values. shares:
+    (F,) of its gap that a feather has got.
+    """
+
+    pairs: int
+    moved: Array
+    shares: Array
+
+
+def stack(coat: Coat, footprints: PlaneForms) -> tuple[Coat, StackReport]:
+    """Keep leaves that overlap a gap apart. footprints: of all feathers, on a coarse grid."""
+    fields, faces = coat.fields, coat.mesh.faces
+    drawn = draw(coat, coat.rest, footprints)
+    overlaps = find_overlaps(drawn, footprints.sunk > 0.0, fields.length[faces].mean(axis=1))
+    vertex = faces[coat.follicles.triangle, coat.follicles.place.argmax(axis=1)]
+    sagitta = _SAGITTA_SHARE * _find_bends(coat) * footprints.steps.max(axis=1) ** 2 / 8.0
+    gaps = find_gaps(fields, vertex, overlaps, sagitta)
+    gain = coat.follicles.corners(coat.mesh, fields.gain)
+    found = fit_ties(coat.values, gain, gaps, overlaps)
+    stacked = replace(coat, values=found.values)
+    report = StackReport(len(gaps), found.values - coat.values, found.shares)
+    return replace(stacked, depths=_find_depths(stacked)), report
+
+
+def _find_bends(coat: Coat) -> Array:
+    """Return (F,) 1/m, curvature of the carrier at the follicles."""
+    triangle = coat.follicles.triangle
+    normals = coat.rest.normals[coat.mesh.faces[triangle], :3]
+    hats = coat.rest.elements.gradients[triangle]
+    shape = np.einsum("fki,fkj->fij", hats, normals)
+    return np.asarray(np.linalg.norm(shape, axis=(1, 2), ord=2))
+
+
+def draw(
+    coat: Coat,
+    carrier: Carrier,
+    forms: PlaneForms,
+    numbers: Indices | None = None,
+    lift: Array | None = None,
+) -> LeafArrays:
+    """Draw feathers on their leaves over a carrier.
+
+    forms: of K feathers. numbers: (K,) their follicles, default all. lift: (V,) m, a at the
+    vertices. Returns arrays for K.
+    """
+    chosen = np.arange(len(forms.steps)) if numbers is None else numbers
+    count, _, rows, columns = forms.angles.shape
+    shape = count, rows, 1 + 2 * columns
+    drawn = LeafArrays(
+        nodes=np.empty((*shape, 3)),
+        directors=np.empty((count, rows, 2, 3)),
+        feet=np.empty(shape, dtype=np.int64),
+        places=np.empty(shape),
+        free=np.empty(count, dtype=np.bool_),
+    )
+    arrays, roots = coat.arrays(carrier, lift), coat.roots(carrier)
+
+    def draw_some(low: int) -> None:
+        high = min(low + _FEATHERS_AT_ONCE, count)
+        draw_feathers(arrays, roots, forms, chosen, drawn, low, high)
+
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        list(pool.map(draw_some, range(0, count, _FEATHERS_AT_ONCE)))
+    return drawn
+
+
+def describe_doubts(coat: Coat) -> list[str]:
+    """List where the flow of the feathers is singular or runs against itself."""
+    own, found = coat.fields, []
+    where = coat.follicles.position
+    weak = own.strength[coat.follicles.triangle] < _MIN_STRENGTH
+    if weak.any():
+        found.append(
+            f"the flow is singular beneath {weak.sum()} feathers, as at {_told(where[weak])}. "
+            "They lie over each other in no steady order there. Give the regions around a [flow] "
+            "that does not meet itself"
+        )
+    ridge = ~weak & (own.growth < MIN_PACE)
+    if ridge.any():
+        found.append(
+            f"{ridge.sum()} feathers point against the flow of those around, as at "
+            f"{_told(where[ridge])}. Give regions that touch one flow"
+        )
+    return found
+
+
+def _told(places: Array) -> str:
+    """Return the first of places (N, 3) m as text."""
+    return "(" + ", ".join(f"{x:.3g}" for x in places[0]) + ") m"

@@ -1,0 +1,187 @@
+"""Fields of a coat over its skin, each by one sparse solve.
+
+Means of what the feathers have at their follicles, with r a share of their length:
+
+    u = S^-1 P' data / S^-1 P' 1,   S = M + int r(x)^2 grad u . grad v
+
+P interpolates at the follicles; S^-1 P' 1 is their density n. So come the flow f (unit, tangent),
+the length l and the pace. The stacking coordinate phi grows along the flow, least squares that
+weigh what lies across it most:
+
+    int w (grad phi - f) . (1 - (1 - e) f f') (grad phi - f) = min,   w = |mean of headings|^2
+
+The pace is the growth of phi along f, so that phi gains q = l pace over a feather.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import dots, unit
+from featherfx.coat.carrier import (
+    Carrier,
+    TriangleElements,
+    CoatMesh,
+    factorise,
+    make_elements,
+    make_mesh,
+    make_stiffness,
+)
+
+# of the length of the feathers: reach of means over the skin, and of the smoothing of the carrier
+_MEAN_REACH, _CARRIER_REACH = 0.4, 0.1
+# weight of growth along the flow against what lies across it
+_ALONG = 0.15
+# least share of the weight where there is no flow, and relative hold of phi at 0
+_MIN_WEIGHT, _HOLD = 1e-3, 1e-9
+# least growth of phi along the flow of feathers
+MIN_PACE = 0.2
+# thickness of the coat over the length of its feathers
+_THICKNESS = 0.08
+# steepness of leaves towards their tips: where the coat is sparse, and where it is dense
+_STEEPNESS, _DENSE_STEEPNESS = 1.0, 0.5
+# gap between leaves over the length of the feathers
+GAP = 0.0025
+# levels of leaves in use, of those that there are room for, from which on a coat is dense
+_CROWDED = 0.85
+_MIN_DENSITY = 1e-300  # 1/m^2, far from all follicles
+
+
+class Follicles(NamedTuple):
+    """F follicles on a skin.
+
+    triangle: (F,) and place: (F, 3) barycentric, on the skin. position: (F, 3) m. heading: (F, 3)
+    of the rachis. length, width: (F,) m, of the feather. depth: (F,) m, of the follicle under the
+    skin.
+    """
+
+    triangle: Indices
+    place: Array
+    position: Array
+    heading: Array
+    length: Array
+    width: Array
+    depth: Array
+
+    def corners(self, mesh: CoatMesh, values: Array) -> Array:
+        """Interpolate values (V, ...) at the follicles."""
+        own = values[mesh.faces[self.triangle]]
+        return np.asarray(np.einsum("fk,fk...->f...", self.place, own))
+
+
+class Fields(NamedTuple):
+    """Fields at the V vertices of a skin.
+
+    phi, gain: m. thickness: m. steepness, gap: see coat and ties; gap in feather lengths. length:
+    m. density: 1/m^2. strength: (T,) 0 to 1, how well headings around agree. growth: (F,) of phi
+    along the heading at each follicle.
+    """
+
+    phi: Array
+    gain: Array
+    thickness: Array
+    steepness: Array
+    gap: Array
+    length: Array
+    density: Array
+    strength: Array
+    growth: Array
+
+
+def make_coat_mesh(points: Array, faces: Indices, follicles: Follicles) -> CoatMesh:
+    """Prepare a skin for its coat: creases shorter than its feathers are smoothed."""
+    reach = _MEAN_REACH * float(np.median(follicles.length))
+    mean = _Means(make_elements(points, faces), faces, np.full(len(faces), reach), follicles)
+    length = mean(follicles.length)[faces].mean(axis=1)
+    return make_mesh(points, faces, _CARRIER_REACH * length)
+
+
+class _Means:
+    """Means over a skin of what feathers have at their follicles. density: (V,) 1/m^2."""
+
+    def __init__(
+        self, elements: TriangleElements, faces: Indices, reach: Array, follicles: Follicles
+    ) -> None:
+        from scipy.sparse import csr_array, diags_array
+
+        smooth = diags_array(elements.masses) + make_stiffness(elements, faces, reach**2)
+        self._solve: Callable[[Array], Array] = factorise(smooth)
+        count = len(follicles.length)
+        rows = np.repeat(np.arange(count), 3), faces[follicles.triangle].ravel()
+        shape = count, len(elements.masses)
+        self._spread = csr_array((follicles.place.ravel(), rows), shape=shape).T
+        self.density = np.maximum(self._solve(self._spread @ np.ones(count)), _MIN_DENSITY)
+
+    def __call__(self, data: Array) -> Array:
+        found = self._solve(self._spread @ data)
+        return np.asarray((found.T / self.density).T)
+
+
+def make_fields(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Fields:
+    """Solve for the fields of a coat on its skin at rest."""
+    faces, elements = mesh.faces, carrier.elements
+    reach = _MEAN_REACH * float(np.median(follicles.length))
+    mean = _Means(elements, faces, np.full(len(faces), reach), follicles)
+    length = mean(follicles.length)
+    normals = unit(follicles.corners(mesh, carrier.normals[:, :3]))
+    heading = unit(follicles.heading - dots(follicles.heading, normals)[:, None] * normals)
+    flow = mean(heading)[faces].mean(axis=1)
+    flow = flow - dots(flow, elements.normals)[:, None] * elements.normals
+    strength = np.minimum(np.linalg.norm(flow, axis=1), 1.0)
+    flow = unit(flow)
+    phi = _solve_coordinate(elements, faces, flow, strength)
+    slope = np.einsum("tki,tk->ti", elements.gradients, phi[faces])[follicles.triangle]
+    growth = dots(slope, heading)
+    pace = np.maximum(mean(dots(slope, flow[follicles.triangle])), MIN_PACE)
+    steepness, gap = _find_capacity(length, mean(follicles.width), mean.density)
+    return Fields(
+        phi=phi,
+        gain=length * pace,
+        thickness=_THICKNESS * length,
+        steepness=steepness,
+        gap=gap,
+        length=length,
+        density=mean.density,
+        strength=strength,
+        growth=growth,
+    )
+
+
+def _solve_coordinate(
+    elements: TriangleElements, faces: Indices, flow: Array, strength: Array
+) -> Array:
+    """Return phi (V,) m. flow: (T, 3) unit. strength: (T,)."""
+    from scipy.sparse import diags_array
+
+    weight = strength**2 + _MIN_WEIGHT
+    across = np.eye(3) - (1.0 - _ALONG) * flow[:, :, None] * flow[:, None, :]
+    matrix = make_stiffness(elements, faces, weight[:, None, None] * across)
+    pull = (elements.areas * weight * _ALONG)[:, None] * flow
+    right = np.einsum("tki,ti->tk", elements.gradients, pull)
+    hold = _HOLD * matrix.diagonal().mean() * elements.masses / elements.masses.mean()
+    solve = factorise(matrix + diags_array(hold))
+    return solve(np.bincount(faces.ravel(), right.ravel(), len(elements.masses)).astype(float))
+
+
+def slope_of_leaf(s: Array, steepness: Array) -> Array:
+    """Rate of g (leaf_kernels) by s."""
+    return np.asarray(steepness * np.exp(-steepness * np.maximum(s, 0.0)) / -np.expm1(-steepness))
+
+
+def _find_capacity(length: Array, width: Array, density: Array) -> tuple[Array, Array]:
+    """Steepness and gap (V,) for which the leaves that overlap at a place have room.
+
+    A coat of n feathers a m^2, L long and W wide, needs L sqrt(n) (W sqrt(n) + 1) levels over a
+    length, and has T g'(1) / gap.
+    """
+    root = np.sqrt(density)
+    needed = length * root * (width * root + 1.0)
+    usual = _THICKNESS * slope_of_leaf(np.ones(1), np.array([_STEEPNESS])) / GAP
+    crowded = np.clip(needed / (_CROWDED * usual) - 1.0, 0.0, 1.0)
+    steepness = _STEEPNESS + crowded * (_DENSE_STEEPNESS - _STEEPNESS)
+    room = _THICKNESS * slope_of_leaf(np.ones(len(root)), steepness)
+    return steepness, np.minimum(GAP, _CROWDED * room / np.maximum(needed, 1.0))

@@ -1,0 +1,320 @@
+"""Feathers drawn on their leaves: straight lines over a carrier, lifted to a height field.
+
+Leaf of the stacking value p, with n the smoothed normal over the foot x:
+
+    y = x + h n,   h = T (d + g(s)) + a w(s),   s = (phi - p) / q
+    g = (1 - exp(-k s)) / (1 - exp(-k)) for s > 0, and straight on below;   w = s^2 for s > 0
+
+x lies on the carrier rounded over its facets (Phong tessellation, Boubekeur and Alexa 2008). A line
+over the carrier keeps its direction in the plane of the smoothed normals, which turn steadily from
+triangle to triangle. A chord's line is drawn anew until the chord has its length.
+
+Directions are unit vectors square to n. Feet are a triangle and a 3-tuple of barycentric
+coordinates. A line that leaves the carrier at a border, or past the end of its flow, goes straight
+on through the air.
+"""
+
+from __future__ import annotations
+
+from math import cos, exp, sin
+from typing import NamedTuple
+
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vector_kernels import (
+    add,
+    combined,
+    cross,
+    dot,
+    length,
+    over,
+    store,
+    sub,
+)
+from featherfx.jit.compiled import kernel
+
+# share of the thickness beneath all leaves: bases of late stacking values stay above the carrier
+DOWN_SHARE = 0.15
+# of the way from a facet to the round surface over it, as published
+_ROUNDING = 0.75
+# of a feather's length that s may fall along a rachis, and along a barb, before it leaves the skin
+_MAX_FALL, _MAX_BARB_FALL = 0.05, 0.5
+_MAX_TRIANGLES = 400  # that one chord passes over
+_MAX_CHORDS = 6  # that are drawn for one of the right length
+_CHORD_TOLERANCE = 2e-5  # relative, of a chord before it is scaled to its length
+_TINY = 1e-12  # of unit vectors and barycentric coordinates
+
+
+class CarrierArrays(NamedTuple):
+    """A carrier as kernels take it; shapes as of CoatMesh, Carrier and TriangleElements. fields: (V, 5)
+    phi (m), q (m), T (m), k and a (m)."""
+
+    points: Array
+    normals: Array
+    faces: Indices
+    neighbours: Indices
+    gradients: Array
+    planes: Array
+    fields: Array
+
+
+class RootArrays(NamedTuple):
+    """F follicles. triangle: (F,). place: (F, 3) barycentric. heading: (F, 3) unit, of the rachis
+    over the carrier. value: (F,) m, p. depth: (F,) m, of the follicle under its leaf."""
+
+    triangle: Indices
+    place: Array
+    heading: Array
+    value: Array
+    depth: Array
+
+
+class LeafArrays(NamedTuple):
+    """F feathers as drawn. nodes: (F, n, 1 + 2 m, 3) m. directors: (F, n, 2, 3). feet: (F, n,
+    1 + 2 m) triangles beneath, and places: likewise, s. free: (F,) whether some of the rachis has
+    left the carrier."""
+
+    nodes: Array
+    directors: Array
+    feet: Indices
+    places: Array
+    free: Flags
+
+
+@kernel
+def _at(b, k):
+    return b[0] if k == 0 else (b[1] if k == 1 else b[2])
+
+
+@kernel
+def _mixed(b, array, face, first):
+    """Mean of the columns first to first + 2 of an array's rows at a face, by weights b."""
+    u, v, w = array[face[0]], array[face[1]], array[face[2]]
+    x = b[0] * u[first] + b[1] * v[first] + b[2] * w[first]
+    y = b[0] * u[first + 1] + b[1] * v[first + 1] + b[2] * w[first + 1]
+    z = b[0] * u[first + 2] + b[1] * v[first + 2] + b[2] * w[first + 2]
+    return x, y, z
+
+
+@kernel
+def _unit(a):
+    size = length(a)
+    return over(a, size if size > _TINY else 1.0)
+
+
+@kernel
+def _without(a, n):
+    """The part of a vector that is square to a unit vector."""
+    return combined(1.0, a, -dot(a, n), n)
+
+
+@kernel
+def trace(carrier, triangle, b, d, way):
+    """Go straight over the carrier from a foot along d by a way (m).
+
+    Returns the foot, the direction there, and what is left of the way at a border.
+    """
+    entry = -1
+    for _ in range(_MAX_TRIANGLES):
+        own = _unit(_without(d, carrier.planes[triangle]))
+        hats = carrier.gradients[triangle]
+        rates = dot(hats[0], own), dot(hats[1], own), dot(hats[2], own)
+        least, leaving = way, -1
+        for k in range(3):
+            rate = _at(rates, k)
+            if k != entry and rate < -_TINY:
+                reach = max(_at(b, k), 0.0) / -rate
+                if reach < least:
+                    least, leaving = reach, k
+        b = (
+            max(b[0] + least * rates[0], 0.0),
+            max(b[1] + least * rates[1], 0.0),
+            max(b[2] + least * rates[2], 0.0),
+        )
+        b = over(b, b[0] + b[1] + b[2])
+        way -= least
+        face = carrier.faces[triangle]
+        d = _unit(_without(d, _unit(_mixed(b, carrier.normals, face, 0))))
+        if leaving < 0:
+            return triangle, b, d, 0.0
+        other = carrier.neighbours[triangle, leaving]
+        if other < 0:
+            return triangle, b, d, way
+        u, v = face[(leaving + 1) % 3], face[(leaving + 2) % 3]
+        bu, bv = _at(b, (leaving + 1) % 3), _at(b, (leaving + 2) % 3)
+        total = max(bu + bv, _TINY)
+        bu, bv = bu / total, bv / total
+        there = carrier.faces[other]
+        b = (
+            bu if there[0] == u else (bv if there[0] == v else 0.0),
+            bu if there[1] == u else (bv if there[1] == v else 0.0),
+            bu if there[2] == u else (bv if there[2] == v else 0.0),
+        )
+        for k in range(3):
+            if there[k] != u and there[k] != v:
+                entry = k
+        triangle = other
+    return triangle, b, d, way
+
+
+@kernel
+def _shape(s, k):
+    """g and its rate by s."""
+    c = 1.0 / (1.0 - exp(-k))
+    if s <= 0.0:
+        return c * k * s, c * k
+    falling = exp(-k * s)
+    return c * (1.0 - falling), c * k * falling
+
+
+@kernel
+def _round(carrier, triangle, b, x):
+    """The point of the round surface over a foot at x of its facet."""
+    face, found = carrier.faces[triangle], x
+    for k in range(3):
+        point, own = carrier.points[face[k]], carrier.normals[face[k]]
+        normal = own[3], own[4], own[5]
+        off = dot(sub(x, (point[0], point[1], point[2])), normal)
+        found = combined(1.0, found, -_ROUNDING * _at(b, k) * off, normal)
+    return found
+
+
+@kernel
+def leaf_point(carrier, triangle, b, p):
+    """The point of leaf p over a foot, n, the gradient of h (3,) and s."""
+    face = carrier.faces[triangle]
+    normal = _unit(_mixed(b, carrier.normals, face, 0))
+    x = _round(carrier, triangle, b, _mixed(b, carrier.points, face, 0))
+    phi, gain, thickness = _mixed(b, carrier.fields, face, 0)
+    _, steepness, lift = _mixed(b, carrier.fields, face, 2)
+    s = (phi - p) / gain
+    g, rate = _shape(s, steepness)
+    ahead = max(s, 0.0)
+    height = thickness * (DOWN_SHARE + g) + lift * ahead * ahead
+    by_s = (thickness * rate + 2.0 * lift * ahead) / gain
+    slope = 0.0, 0.0, 0.0
+    for k in range(3):
+        own, hat = carrier.fields[face[k]], carrier.gradients[triangle, k]
+        change = (DOWN_SHARE + g) * own[2] + ahead * ahead * own[4] + by_s * (own[0] - s * own[1])
+        slope = combined(1.0, slope, change, hat)
+    return combined(1.0, x, height, normal), normal, slope, s
+
+
+@kernel
+def _lifted(d, n, slope):
+    """The unit tangent of the leaf over a direction, and the leaf's unit normal."""
+    normal = _unit(sub(n, slope))
+    tangent = combined(1.0, d, -dot(d, normal) / max(dot(n, normal), _TINY), n)
+    return _unit(tangent), normal
+
+
+@kernel
+def _turned(d, n, slope, angle):
+    """The direction over the carrier whose tangent of the leaf is d's, turned by an angle (rad)."""
+    tangent, normal = _lifted(d, n, slope)
+    turned = combined(cos(angle), tangent, sin(angle), cross(normal, tangent))
+    return _unit(_without(turned, n))
+
+
+@kernel
+def _advance(carrier, foot, p, at, way, drop, least):
+    """Draw a chord of a length (m) from a point: the foot, point and s where it ends.
+
+    foot: triangle, b, d, whether it is off the carrier, n, slope. drop: m, that the end lies under
+    the leaf. least: s below which it leaves the carrier.
+    """
+    triangle, b, d, off, n, slope, s = foot
+    if not off:
+        step = way
+        for _ in range(_MAX_CHORDS):
+            there, c, e, left = trace(carrier, triangle, b, d, step)
+            point, m, up, t = leaf_point(carrier, there, c, p)
+            chord = sub(combined(1.0, point, -drop, m), at)
+            gone = length(chord)
+            if left > 0.0 or gone < 0.05 * way or abs(gone - way) < _CHORD_TOLERANCE * way:
+                break
+            step *= way / gone
+        if left <= 0.0 and t >= least and gone > 0.05 * way:
+            return (there, c, e, False, m, up, t), combined(1.0, at, way / gone, chord)
+        d, n = _lifted(d, n, slope)
+        slope = 0.0, 0.0, 0.0
+    gain = _mixed(b, carrier.fields, carrier.faces[triangle], 0)[1]
+    return (triangle, b, d, True, n, slope, s + way / gain), combined(1.0, at, way, d)
+
+
+@kernel
+def _draw_barb(carrier, forms, f, i, side, foot, p, drawn):
+    """Draw a barb from its row's foot, whose d is that of the row's frame."""
+    columns, at = forms.pieces.shape[3], drawn.nodes[f, i, 0]
+    point, last, least = (at[0], at[1], at[2]), 0.0, foot[6] - _MAX_BARB_FALL
+    for j in range(columns):
+        column, piece = 1 + side * columns + j, forms.pieces[f, side, i, j]
+        if piece > 0.0:
+            angle = forms.angles[f, side, i, j]
+            triangle, b, d, off, n, slope, s = foot
+            foot = triangle, b, _turned(d, n, slope, angle - last), off, n, slope, s
+            last = angle
+            foot, point = _advance(carrier, foot, p, point, piece, 0.0, least)
+        store(drawn.nodes[f, i, column], point)
+        drawn.feet[f, i, column], drawn.places[f, i, column] = foot[0], foot[6]
+
+
+@kernel
+def _mend_frames(forms, f, drawn):
+    """Turn the frames of rows under the skin along their chords."""
+    rows = forms.sunk.shape[1]
+    for i in range(rows):
+        if forms.sunk[f, i] > 0.0:
+            here, after = drawn.nodes[f, i, 0], drawn.nodes[f, min(i + 1, rows - 1), 0]
+            before, up = drawn.nodes[f, max(i - 1, 0), 0], drawn.directors[f, i, 1]
+            tangent = _unit(sub(after, here))
+            if i > 0:
+                tangent = _unit(add(tangent, _unit(sub(here, before))))
+            dorsal = _unit(_without((up[0], up[1], up[2]), tangent))
+            store(drawn.directors[f, i, 0], cross(dorsal, tangent))
+            store(drawn.directors[f, i, 1], dorsal)
+
+
+@kernel
+def draw_feathers(carrier, roots, forms, numbers, drawn, low, high):
+    """Draw feathers from low to high - 1 of a list. numbers: (K,) follicles; forms, drawn: K."""
+    rows = forms.sunk.shape[1]
+    for f in range(low, high):
+        r = numbers[f]
+        place, heading = roots.place[r], roots.heading[r]
+        triangle, b, p = roots.triangle[r], (place[0], place[1], place[2]), roots.value[r]
+        depth = roots.depth[r] if forms.sunk[f, 0] > 0.0 else 0.0
+        x, n, slope, s = leaf_point(carrier, triangle, b, p)
+        d = _unit(_without((heading[0], heading[1], heading[2]), n))
+        point = combined(1.0, x, -depth, n)
+        foot, top = (triangle, b, d, False, n, slope, s), s
+        for i in range(rows):
+            store(drawn.nodes[f, i, 0], point)
+            drawn.feet[f, i, 0], drawn.places[f, i, 0] = foot[0], foot[6]
+            triangle, b, d, off, n, slope, s = foot
+            if i > 0:
+                d = _turned(d, n, slope, -forms.behind[f, i - 1])
+            foot = triangle, b, d, off, n, slope, s
+            tangent, normal = _lifted(d, n, slope)
+            store(drawn.directors[f, i, 0], cross(normal, tangent))
+            store(drawn.directors[f, i, 1], normal)
+            for side in range(2):
+                _draw_barb(carrier, forms, f, i, side, foot, p, drawn)
+            if i + 1 < rows:
+                d = _turned(d, n, slope, forms.ahead[f, i])
+                foot, drop = (triangle, b, d, off, n, slope, s), depth * forms.sunk[f, i + 1]
+                way = forms.steps[f, i]
+                foot, point = _advance(carrier, foot, p, point, way, drop, top - _MAX_FALL)
+                top = max(top, foot[6])
+        drawn.free[f] = foot[3]
+        _mend_frames(forms, f, drawn)
+
+
+@kernel
+def find_bases(carrier, roots, points, normals):
+    """Points of the leaves over their own follicles (F, 3), and normals n there (F, 3)."""
+    for f in range(roots.triangle.shape[0]):
+        place = roots.place[f]
+        b, p = (place[0], place[1], place[2]), roots.value[f]
+        point, normal, _, _ = leaf_point(carrier, roots.triangle[f], b, p)
+        store(points[f], point)
+        store(normals[f], normal)

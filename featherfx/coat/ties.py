@@ -1,0 +1,117 @@
+"""Stacking values of feathers that start side by side: overlapping leaves a gap apart.
+
+dh / dp = T g'(s) / q at the far end of an overlap, so two leaves are a gap apart there if their
+values differ by
+
+    (gap l + sagitta) q / (T g'(s))
+
+The sagitta is what chords of both grids cut off the carrier's curvature, kappa piece^2 / 4.
+Feathers overlap if nodes of both lie in one cell of a grid of cubes. In the order of phi each takes
+the value nearest to its own that is far enough from those before it (tie_kernels).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.coat.fields import Fields, slope_of_leaf
+from featherfx.coat.leaf_kernels import LeafArrays
+from featherfx.coat.tie_kernels import count_pairs, fit_values
+
+# side of the cubes over the length of the feathers there
+_CELL = 0.1
+# of a feather's gain that its value may be earlier and later: later lays the base into the skin
+_MAX_EARLIER, _MAX_LATER = 0.35, 0.12
+_BITS = 19  # of a cube's number along an axis
+
+
+class Neighbours(NamedTuple):
+    """Feathers that overlap, as kernels take them.
+
+    starts: (F + 1,) first entry of each feather. feather: (N,) which. gap: (N,) m, by which their
+    values are to differ.
+    """
+
+    starts: Indices
+    feather: Indices
+    gap: Array
+
+
+class Overlaps(NamedTuple):
+    """Pairs of feathers that overlap. pairs: (K, 2), the lower number first. places: (K,) the
+    greatest s of either where both are."""
+
+    pairs: Indices
+    places: Array
+
+
+def find_overlaps(drawn: LeafArrays, covered: Flags, length: Array) -> Overlaps:
+    """Find the pairs of drawn feathers that overlap. covered: (F, n) rows that lie in the skin.
+    length: (T,) m, of the feathers around each triangle."""
+    count, across = len(drawn.nodes), drawn.nodes.shape[2]
+    shown = np.repeat(~covered.ravel(), across)
+    feather = np.repeat(np.arange(count), covered.shape[1] * across)[shown]
+    place = drawn.places.ravel()[shown]
+    cells = _cells(drawn.nodes.reshape(-1, 3)[shown], length[drawn.feet.ravel()[shown]])
+    order = np.lexsort((-place, feather, cells))
+    feather, place, cells = feather[order], place[order], cells[order]
+    first = np.append(True, (np.diff(cells) != 0) | (np.diff(feather) != 0))[: len(cells)]
+    feather, place, cells = feather[first], place[first], cells[first]
+    _, sizes = np.unique(cells, return_counts=True)
+    starts = np.append(0, np.cumsum(sizes))
+    found = np.zeros((int((sizes * (sizes - 1) // 2).sum()), 3))
+    count_pairs(starts, feather, place, found)
+    key = found[:, 0].astype(np.int64) * count + found[:, 1].astype(np.int64)
+    order = np.lexsort((-found[:, 2], key))
+    own = order[np.append(True, np.diff(key[order]) > 0)[: len(key)]]
+    return Overlaps(found[own, :2].astype(np.int64), found[own, 2])
+
+
+def _cells(nodes: Array, length: Array) -> Indices:
+    """Number the cubes (N,) of nodes (N, 3); their side follows the length in octaves."""
+    octave = np.round(np.log2(length)).astype(np.int64)
+    steps = np.floor(nodes / (_CELL * 2.0**octave)[:, None]).astype(np.int64)
+    found = octave & 31
+    for axis in range(3):
+        found = (found << _BITS) + (steps[:, axis] & ((1 << _BITS) - 1))
+    return found
+
+
+class Fit(NamedTuple):
+    """Stacking values. values: (F,) m. shares: (F,) of its gaps that each feather has got."""
+
+    values: Array
+    shares: Array
+
+
+def fit_ties(values: Array, gain: Array, gaps: Array, overlaps: Overlaps) -> Fit:
+    """Keep overlapping leaves apart. values: (F,) m, phi at the follicles. gain: (F,) m. gaps:
+    (K,) m, of the values of each pair."""
+    pairs = overlaps.pairs
+    ends, other = np.append(pairs[:, 0], pairs[:, 1]), np.append(pairs[:, 1], pairs[:, 0])
+    order = np.argsort(ends, kind="stable")
+    starts = np.searchsorted(ends[order], np.arange(len(values) + 1))
+    neighbours = Neighbours(starts, other[order], np.tile(gaps, 2)[order])
+    limits = np.stack([_MAX_EARLIER * gain, _MAX_LATER * gain], axis=1)
+    found, shares = values.copy(), np.ones(len(values))
+    fixed = np.zeros(len(values), dtype=np.bool_)
+    first = np.argsort(values, kind="stable")
+    fit_values(first, neighbours, limits, found, fixed, shares)
+    return Fit(found, shares)
+
+
+def find_gaps(fields: Fields, at: Indices, overlaps: Overlaps, sagitta: Array) -> Array:
+    """Return (K,) m, by how much the values of pairs are to differ. at: (F,) a vertex of each
+    feather. sagitta: (F,) m."""
+    own = overlaps.pairs
+    vertex = at[own]
+
+    def mean(values: Array) -> Array:
+        return np.asarray(values[vertex].mean(axis=1))
+
+    room = mean(fields.gap * fields.length) + sagitta[own].sum(axis=1)
+    rate = slope_of_leaf(overlaps.places, mean(fields.steepness)) * mean(fields.thickness)
+    return np.asarray(room * mean(fields.gain) / rate)
