@@ -24,8 +24,8 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, unit
 from featherfx.coat.carrier import (
     Carrier,
-    TriangleElements,
     CoatMesh,
+    TriangleElements,
     factorise,
     make_elements,
     make_mesh,

@@ -45,8 +45,10 @@ _TINY = 1e-12  # of unit vectors and barycentric coordinates
 
 
 class CarrierArrays(NamedTuple):
-    """A carrier as kernels take it; shapes as of CoatMesh, Carrier and TriangleElements. fields: (V, 5)
-    phi (m), q (m), T (m), k and a (m)."""
+    """A carrier as kernels take it; shapes as of CoatMesh, Carrier and TriangleElements.
+
+    fields: (V, 5) phi (m), q (m), T (m), k and a (m).
+    """
 
     points: Array
     normals: Array

@@ -28,7 +28,7 @@ _MAX_EARLIER, _MAX_LATER = 0.35, 0.12
 _BITS = 19  # of a cube's number along an axis
 
 
-class Neighbours(NamedTuple):
+class OverlapLists(NamedTuple):
     """Feathers that overlap, as kernels take them.
 
     starts: (F + 1,) first entry of each feather. feather: (N,) which. gap: (N,) m, by which their
@@ -94,7 +94,7 @@ def fit_ties(values: Array, gain: Array, gaps: Array, overlaps: Overlaps) -> Fit
     ends, other = np.append(pairs[:, 0], pairs[:, 1]), np.append(pairs[:, 1], pairs[:, 0])
     order = np.argsort(ends, kind="stable")
     starts = np.searchsorted(ends[order], np.arange(len(values) + 1))
-    neighbours = Neighbours(starts, other[order], np.tile(gaps, 2)[order])
+    neighbours = OverlapLists(starts, other[order], np.tile(gaps, 2)[order])
     limits = np.stack([_MAX_EARLIER * gain, _MAX_LATER * gain], axis=1)
     found, shares = values.copy(), np.ones(len(values))
     fixed = np.zeros(len(values), dtype=np.bool_)
