@@ -319,9 +319,9 @@ def test_a_usd_camera_by_its_path(cache, cameras, tmp_path):
 
 
 def test_a_wrong_camera_path_lists_the_cameras(cache, cameras, tmp_path):
-    with pytest.raises(InputError, match="the stage has one camera: /cameras/above"):
+    with pytest.raises(InputError, match="The stage has one camera: /cameras/above"):
         render(cache, tmp_path / "a.png", camera=f"{cameras}:/cameras/below")
-    with pytest.raises(InputError, match="the stage has no camera"):
+    with pytest.raises(InputError, match="The stage has no camera"):
         render(cache, tmp_path / "a.png", camera="/nothing")
 
 
@@ -398,7 +398,7 @@ def test_films(cache, tmp_path):
     render(cache, tmp_path / "a.gif", frames=[1, 2, 3], size=(32, 24), samples=1)
     film = Image.open(tmp_path / "a.gif")
     assert (film.n_frames, film.size) == (3, (32, 24))
-    with pytest.raises(InputError, match="a sheet is one picture"):
+    with pytest.raises(InputError, match="a sheet is one image"):
         render(cache, tmp_path / "b.gif", sheet=True)
 
 
