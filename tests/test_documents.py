@@ -80,6 +80,7 @@ def test_the_notebook_runs_as_it_stands(tmp_path, monkeypatch, capsys):
     assert known["after"][-1] > known["before"][-1] + 1.0
 
 
+@pytest.mark.nightly
 def test_the_site_builds_without_warnings(tmp_path):
     missing = [name for name in ("mkdocs", "mkdocstrings") if not importlib.util.find_spec(name)]
     if missing:

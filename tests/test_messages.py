@@ -7,6 +7,7 @@ end it with a period.
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -87,6 +88,7 @@ def messages(tree: ast.Module) -> Iterator[tuple[int, str]]:
                         yield node.lineno, text
 
 
+@cache
 def every_message() -> list[tuple[str, int, str]]:
     found = set()
     for file in sorted(PACKAGE.rglob("*.py")):

@@ -247,12 +247,16 @@ def about_x(degrees: ArrayLike) -> Array:
     return result
 
 
-def from_angles(degrees: ArrayLike) -> Array:
-    """(3, 3) rotation about x, then y, then z, the axes fixed."""
-    x, y, z = np.radians(np.asarray(degrees, dtype=float))
-    about_y = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
-    about_z = np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]])
-    return about_z @ about_y @ about_x(np.degrees(x))
+def from_angles(degrees: ArrayLike, order: str = "xyz") -> Array:
+    """(3, 3) rotation by angles about x, y and z, one axis after the other, the axes fixed.
+
+    degrees: (3,) about x, y, z. order: in which the axes come.
+    """
+    about = about_x(degrees)
+    turned = np.eye(3)
+    for axis in ("xyz".index(name) for name in order):
+        turned = np.roll(about[axis], (axis, axis), (0, 1)) @ turned
+    return turned
 
 
 def interpolated(first: Array, last: Array, fraction: Array) -> Array:
@@ -330,23 +334,22 @@ class RotationSpline:
         return from_rotation_vector(u * (first + u * (second + u * third))) @ self.rotations[key]
 
 
-def rotation_spline(times: Array, rotations: Array) -> RotationSpline:
+def rotation_steps(rotations: Array) -> Array:
+    """(K - 1, 3) rad, rotation vectors from each of K rotations (K, 3, 3) to the next."""
+    return rotation_vectors(rotations[1:] @ rotations[:-1].transpose(0, 2, 1))
+
+
+def rotation_spline(times: Array, rotations: Array, rates: Array) -> RotationSpline:
     """Spline through rotations (K, 3, 3) at ascending times (K,) in seconds; K >= 1.
 
-    scipy's RotationSpline is not used because it does not start and end at rest.
+    rates: (K - 1, 2, 3) rad/s, at the beginning and the end of each interval; NaN where the first
+    rotation is held. scipy's RotationSpline is not used because it chooses the rates.
     """
-    from scipy.interpolate import CubicSpline
-
-    if len(times) == 1:
-        return RotationSpline(times, rotations, np.zeros((0, 3, 3)))
-    steps = rotation_vectors(rotations[1:] @ rotations[:-1].transpose(0, 2, 1))
-    # Rates at the keys as a clamped cubic spline of the accumulated turning has them.
-    turning = np.vstack((np.zeros(3), np.cumsum(steps, axis=0)))
-    rates = CubicSpline(times, turning, bc_type="clamped")(times, 1)
-    intervals = np.diff(times)
-    coefficients = np.empty((len(steps), 3, 3))
-    for key, (step, interval) in enumerate(zip(steps, intervals, strict=True)):
-        start = rates[key] * interval
-        end = to_rate_of_vector(step, rates[key + 1]) * interval
+    coefficients = np.zeros((len(times) - 1, 3, 3))
+    steps, intervals = rotation_steps(rotations), np.diff(times)
+    for key in np.flatnonzero(~np.isnan(rates).any(axis=(1, 2))):
+        step, interval = steps[key], intervals[key]
+        start = rates[key, 0] * interval
+        end = to_rate_of_vector(step, rates[key, 1]) * interval
         coefficients[key] = start, 3.0 * step - 2.0 * start - end, start + end - 2.0 * step
     return RotationSpline(times, rotations, coefficients)

@@ -481,23 +481,16 @@ SCENES = {
             motion={
                 "kind": "keys",
                 "keyframes": [
-                    {
-                        "time": 0.0,
-                        "joint": "right_wrist",
-                        "rotation": [0, 0, 0],
-                        "position": [0, 0, 0],
-                    },
-                    {
-                        "time": 0.1,
-                        "joint": "right_wrist",
-                        "rotation": [20, 0, 0],
-                        "position": [0, 0, 0.01],
-                    },
+                    {"time": 0.0, "joint": "right_wrist", "rotation": [20, 10, 10]},
+                    {"time": 0.0, "joint": "right_wrist", "position": [0, 0, 0]},
+                    {"time": 0.1, "joint": "right_wrist", "position": [0, 0, 0.01]},
                 ],
             }
         ),
         ("shot.motion.keyframes",),
-        {".joint": [""]},
+        {".joint": [""], ".tangents": ["linear"], ".order": ["zyx"]},
+        # a curve of one key, and positions, which have no order of axes
+        ("0.time", "0.tangents", "0.position", "1.rotation", "1.order", "2.order"),
     ),
     "fold": Scene(
         {"name": "groom", "tail": [TAIL]},

@@ -32,7 +32,10 @@ def shot_file(folder, text, name="swan_wing"):
     return path
 
 
-@pytest.mark.parametrize("sample", ["swan_wing/shot.toml", "pigeon/contact.toml"])
+@pytest.mark.parametrize(
+    "sample",
+    ["swan_wing/shot.toml", pytest.param("pigeon/contact.toml", marks=pytest.mark.nightly)],
+)
 def test_explained_options_are_those_that_the_solver_is_given(sample):
     path = SAMPLES / sample
     found, simulation = explain_options(path), simulate(read_shot(path))

@@ -187,6 +187,8 @@ def test_keyframes_cut_from_place_to_place_without_swinging(way, turn, after):
 
 
 def test_keyframes_that_are_near_each_other_are_one_curve():
-    """A hop of a centimetre in a frame is a motion, at rest before and after nowhere."""
+    """A hop of a centimetre in a frame is a motion within that frame, not a cut."""
     hop, start = keyed(0.01), keyed(0.0).frames(0.0).positions
-    assert np.abs(hop.frames(3.5 * FRAME).positions - start).max() > 1e-4
+    assert np.abs(hop.frames(5.0 * FRAME).positions - start).max() < 1e-12
+    ways = [np.abs(hop.frames((5 + u) * FRAME).positions - start).max() for u in (0.25, 0.5, 0.75)]
+    assert 1e-4 < ways[0] < ways[1] < ways[2]

@@ -288,17 +288,76 @@ def test_keys_do_not_depend_on_the_frame_they_are_given_in():
     np.testing.assert_allclose(turned, turn.as_matrix() @ plain, atol=1e-12)
 
 
-def test_keys_about_one_axis_follow_the_clamped_cubic_spline_of_the_angle():
-    from scipy.interpolate import CubicSpline
+def key_track(keyframes, what, times):
+    """(T, 3) positions (m) or accumulated turning (deg, small steps) of a groom's one root."""
+    motion, rest = motion_of("keys", {"keyframes": keyframes}), motion_of("hold", {}).frames(0.0)
+    positions, rotations = sampled(motion, times)
+    if what == "position":
+        return positions[:, 0] - rest[0][0]
+    frames = Rotation.from_matrix(rotations[:, 0])
+    steps = (frames[1:] * frames[:-1].inv()).as_rotvec(degrees=True)
+    return np.vstack((np.zeros(3), np.cumsum(steps, axis=0)))
 
-    times, angles = [0.0, 0.4, 1.0, 1.3], [0.0, 80.0, 200.0, 90.0]
-    keyframes = [{"time": t, "rotation": [0, 0, a]} for t, a in zip(times, angles, strict=True)]
-    motion = motion_of("keys", {"keyframes": keyframes})
-    spline = CubicSpline(times, np.radians(angles), bc_type="clamped")
+
+def test_a_hold_holds_and_nothing_overshoots():
+    times = np.linspace(0.0, 3.0, 601)
+    turns = [{"time": t, "rotation": [0, 0, a]} for t, a in ((0, 0), (0.5, 90), (3, 90))]
+    angles = key_track(turns, "rotation", times)[:, 2]
+    assert np.abs(angles[times >= 0.5] - 90.0).max() < 1e-9
+    assert (np.diff(angles[times <= 0.5]) > 0.0).all()
+    shifts = [{"time": t, "position": [0, x, 0]} for t, x in ((0, 0), (1, 0.1), (2, 0.1))]
+    assert key_track(shifts, "position", times)[:, 1].max() <= 0.1 + 1e-15
+
+
+@pytest.mark.parametrize("end", [270.0, 720.0, -1080.0])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_angles_count_turns(end, axis):
+    turns = [{"time": float(t), "rotation": list(end * t * np.eye(3)[axis])} for t in (0, 1)]
+    angles = key_track(turns, "rotation", np.linspace(0.0, 1.0, 201))
+    assert angles[-1, axis] == pytest.approx(end, abs=1e-9)
+    # halfway in half the time, by the symmetry of a step from rest to rest
+    assert angles[100, axis] == pytest.approx(0.5 * end, abs=1e-9)
+
+
+def test_smooth_rates_are_those_of_fritsch_and_butland():
+    from scipy.interpolate import PchipInterpolator
+
+    times, values = np.array([0.0, 0.4, 1.0, 1.3, 2.0]), np.array([0.0, 80.0, 200.0, 210.0, 90.0])
+    inside = PchipInterpolator(times, values).derivative()(times[1:-1])
+    turns = [{"time": t, "rotation": [0, a, 0]} for t, a in zip(times, values, strict=True)]
+    at = times[1:-1, None] + [-1e-6, 1e-6]
+    angles = key_track(turns, "rotation", np.concatenate([[0.0], at.ravel()]))[1:, 1]
+    np.testing.assert_allclose(np.diff(angles.reshape(-1, 2))[:, 0] / 2e-6, inside, atol=1e-2)
+
+
+@pytest.mark.parametrize("what", ["position", "rotation"])
+@pytest.mark.parametrize(
+    ("tangents", "at_quarter"),
+    [
+        # of a step of 2 within 1 s that begins with that tangent and ends flat
+        ("linear", 2 * (3 / 16 - 2 / 64) + 2 * 0.25 * 0.75**2),
+        ("step", 0.0),
+        ("flat", 2 * (3 / 16 - 2 / 64)),
+        ([-5.0, 0.0, 0.0], 2 * (3 / 16 - 2 / 64) - 5 * 0.25 * 0.75**2),
+    ],
+)
+def test_tangents_of_a_keyframe(what, tangents, at_quarter):
+    keys = [
+        {"time": 0.0, what: [0, 0, 0], "tangents": tangents},
+        {"time": 1.0, what: [2, 0, 0], "tangents": "flat"},
+    ]
+    found = key_track(keys, what, np.array([0.0, 0.25, 1.0]))
+    np.testing.assert_allclose(found[1:, 0], [at_quarter, 2.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("order", ["xyz", "zxy", "yzx", "zyx"])
+def test_the_order_of_angles_is_that_of_fixed_axes(order):
+    angles = {"x": 20.0, "y": -35.0, "z": 70.0}
+    keys = [{"time": 0.0, "rotation": list(angles.values()), "order": order}]
     rest = motion_of("hold", {}).frames(0.0)[1]
-    for time in np.linspace(0.0, 1.3, 29):
-        expected = Rotation.from_rotvec((0.0, 0.0, spline(time))).as_matrix() @ rest
-        np.testing.assert_allclose(motion.frames(time)[1], expected, atol=1e-12)
+    turn = Rotation.from_euler(order, [angles[axis] for axis in order], degrees=True).as_matrix()
+    found = motion_of("keys", {"keyframes": keys}).frames(0.0)[1]
+    np.testing.assert_allclose(found, turn @ rest, atol=1e-12)
 
 
 def test_keys_of_a_joint_move_what_hangs_on_it():

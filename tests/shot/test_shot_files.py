@@ -126,6 +126,25 @@ stiffness = 100
     ]
 
 
+@pytest.mark.parametrize(
+    ("second", "said"),
+    [
+        ("position = [0, 0, 0], tangents = [1, 0, 0]", "keyframes[1].tangents: are rates of one"),
+        ('rotation = [0, 9, 0], order = "zyx"', "keyframes[1].order: is 'zyx' after 'xyz' of the"),
+        ('rotation = [0, 9, 0], tangents = "auto"', "keyframes[1].tangents: 'auto' is not allowed"),
+        ("rotation = [0, 1e6, 0]", "keyframes[1].rotation[1]: 1e+06 is out of range. Give -36000"),
+        ("time = 0, rotation = [0, 9, 0]", "keyframes[1].time: 0 s has a rotation of this joint"),
+    ],
+)
+def test_faults_of_keyframes(tmp_path: Path, second: str, said: str) -> None:
+    second = second if "time" in second else f"time = 1, {second}"
+    second = second if "rotation" in second else f"{second}, rotation = [0, 0, 0]"
+    keys = f"[{{ time = 0, rotation = [0, 0, 0] }}, {{ {second} }}]"
+    shot = f'{SHOT}\n[motion]\nkind = "keys"\nkeyframes = {keys}\n'
+    (problem,) = found(write(tmp_path, shot))
+    assert problem.startswith(f"shot.toml: motion.{said}")
+
+
 def test_names_of_the_groom_are_checked_where_the_groom_is_sound(tmp_path: Path) -> None:
     shot = (
         SHOT

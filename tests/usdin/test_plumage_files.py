@@ -105,6 +105,7 @@ def test_instances_are_few_prims_and_keep_their_numbers(groom):
     assert all(after[name] == number for name, number in before.items())
 
 
+@pytest.mark.nightly
 def test_feathers_that_do_not_repeat_are_meshes(groom):
     groom.write_text(groom.read_text().replace("variants = 3", "variants = 0"))
     output = groom.with_name("plain.usdc")
@@ -179,6 +180,7 @@ def test_stats_of_a_groom(groom, plain):
     assert found["mesh_points"] == points
 
 
+@pytest.mark.nightly
 def test_stats_of_a_shot(groom):
     shot = groom.with_name("shot.toml")
     skin = "[skin]\nusd = 'skin.usda'\nprim = '/skin'\n"
@@ -201,6 +203,7 @@ def test_stats_of_a_shot(groom):
     assert "feathers over a point" in plain.stdout
 
 
+@pytest.mark.nightly
 def test_stats_know_guides_and_memory(groom):
     text = (
         "name = 's'\ngroom = 'groom.toml'\nframes = [1, 4]\nquality = 'draft'\n"

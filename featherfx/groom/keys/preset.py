@@ -224,9 +224,27 @@ KEYFRAME_KEYS = {
     "position": Key(vector(-1e4, 1e4, "m"), "Displacement from the place at rest.", None),
     "rotation": Key(
         ArrayOf(Number(-36000, 36000, "deg"), 3, 4),
-        "Rotation against the parent: three angles in degrees (about x, then y, then z), or a "
-        "quaternion w, x, y, z. One of position and rotation at least is given.",
+        "Rotation against the parent: angles about x, y and z in degrees, which count turns, or a "
+        "quaternion w, x, y, z, which takes the shortest way. One of position and rotation at "
+        "least is given.",
         None,
+    ),
+    "order": Key(
+        Text(("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")),
+        "Order in which a joint's angles turn it, about fixed axes; the same at all its keyframes.",
+        "xyz",
+    ),
+    "tangents": Key(
+        Either(
+            {
+                str: Text(("smooth", "linear", "step", "flat")),
+                list: ArrayOf(Number(-1e6, 1e6, "m/s or deg/s"), 3, 3),
+            }
+        ),
+        "How curves pass the keyframe: smooth without overshoot, straight to both neighbours, held "
+        "until the next, at rest, or at three rates: of the position or of the rotation, whichever "
+        "the keyframe holds.",
+        "smooth",
     ),
 }
 
@@ -283,7 +301,7 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
     "keys": {
         "keyframes": Key(
             ArrayOf(Table(KEYFRAME_KEYS, "table of a keyframe"), 1, 100_000),
-            "Keyframes, interpolated smoothly.",
+            "Keyframes; curves between them stay within the range of the two.",
         )
     },
     "swing": {

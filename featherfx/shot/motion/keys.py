@@ -1,10 +1,18 @@
-"""Motion from keyframes: smooth poses of joints through poses at given times.
+"""Motion from keyframes: poses of joints through poses at given times.
 
-A keyframe holds time (s), joint (name; "" is the whole groom), and at least one of
-    position: [3] m, displacement of the joint's pivot from its place at rest,
-    rotation: about the pivot; [3] degrees about x, then y, then z (fixed axes), or [4] a
-        quaternion w, x, y, z of any length but zero,
-both in the frame of the parent joint, whose axes are the groom's at rest.
+Each coordinate of a position, and each angle, is a curve of its own through its keys, a cubic of
+Hermite from key to key,
+
+    x(u) = x0 + s (3 u^2 - 2 u^3) + h r0 (u - 2 u^2 + u^3) + h r1 (u^3 - u^2),
+
+u the fraction of the interval h, s the step, r0 and r1 the rates at its ends. Rates are monotone
+unless a key's `tangents` says otherwise: 0 where steps change sign and where a curve begins or
+ends, else the weighted harmonic mean of the rates beside the key. So no curve leaves the range of
+the keys beside it, and a hold holds. Angles count turns: 720 degrees are two. Rotations by
+quaternion take the shortest way, by the same rule for rotation vectors.
+
+Source: Fritsch and Butland, A method for constructing local monotone piecewise cubic interpolants,
+SIAM J. Sci. Stat. Comput. 5 (1984).
 """
 
 from __future__ import annotations
@@ -20,7 +28,7 @@ from featherfx.algebra.rotation import (
     from_angles,
     quats_to_frames,
     rotation_spline,
-    rotation_vectors,
+    rotation_steps,
 )
 from featherfx.algebra.types import Array
 from featherfx.shot.motion.cuts import FARTHER
@@ -28,6 +36,7 @@ from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, st
 from featherfx.shot.types import Motion, Shot
 
 Track = Callable[[float], Array]
+Keyframes = Sequence[dict[str, Any]]
 
 # frames from keyframe to keyframe within which a cut is: times of frames are rounded; rad, that
 # takes the end of a feather as far as it is long
@@ -48,15 +57,15 @@ def keyed(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     for joint, name in enumerate(skeleton.names):
         own = [each for each in ordered if each.get("joint", "") == name]
         keys = {what: [k for k in own if k.get(what) is not None] for what in _TRACKS}
-        times, values = _values(keys["position"], "position")
-        ways = np.linalg.norm(np.diff(np.reshape(values, (-1, 3)), axis=0), axis=1)
-        turned, turns = _values(keys["rotation"], "rotation")
         cuts = sorted(
-            {*_cuts(times, ways, frame, far), *_cuts(turned, _angles(turns), frame, TURN)}
+            {
+                *_cuts(keys["position"], "position", frame, far),
+                *_cuts(keys["rotation"], "rotation", frame, TURN),
+            }
         )
-        for which, (what, track) in enumerate(_TRACKS.items()):
+        for which, what in enumerate(_TRACKS):
             if keys[what]:
-                tracks.append((which, joint, _in_pieces(track, *_values(keys[what], what), cuts)))
+                tracks.append((which, joint, _in_pieces(keys[what], what, cuts)))
 
     def poses(time: float) -> JointPoses:
         found = still_poses(len(skeleton.names))
@@ -67,23 +76,29 @@ def keyed(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     return poses
 
 
-def _values(keys: Sequence[dict[str, Any]], what: str) -> tuple[Array, list[Any]]:
-    """Times (s) and values of keyframes."""
-    return np.array([key["time"] for key in keys], dtype=np.float64), [key[what] for key in keys]
+def _times(keys: Keyframes) -> Array:
+    return np.array([key["time"] for key in keys], dtype=np.float64)
 
 
-def _angles(values: Sequence[Any]) -> Array:
-    """rad, between rotations and the next ones."""
-    frames = np.reshape([_matrix(each) for each in values], (-1, 3, 3))
-    steps = rotation_vectors(frames[1:] @ frames[:-1].transpose(0, 2, 1))
-    return np.asarray(np.linalg.norm(steps, axis=1))
+def _are_angles(keys: Keyframes) -> bool:
+    """Return whether rotations are angles (rad, counted over turns), not quaternions."""
+    return all(len(key["rotation"]) == 3 for key in keys)
 
 
-def _cuts(times: Array, ways: Array, frame: float, far: float) -> list[float]:
+def _steps(keys: Keyframes, what: str) -> Array:
+    """(K - 1, 3) from key to key: m, or rad of angles or of the shortest turn."""
+    if what == "rotation" and not _are_angles(keys):
+        return rotation_steps(_frames(keys))
+    steps = np.diff(np.array([key[what] for key in keys], dtype=np.float64), axis=0)
+    return np.radians(steps) if what == "rotation" else steps
+
+
+def _cuts(keys: Keyframes, what: str, frame: float, far: float) -> list[float]:
     """s, times between keyframes at which a joint is cut to another pose, where the way from one
     to the next is far. frame: s."""
-    if len(times) < 2:
+    if len(keys) < 2:
         return []
+    times, ways = _times(keys), np.linalg.norm(_steps(keys, what), axis=1)
     intervals = np.diff(times)
     rates = np.concatenate([[0.0], ways / intervals, [0.0]])
     beside = frame * np.maximum(rates[:-2], rates[2:])
@@ -91,13 +106,11 @@ def _cuts(times: Array, ways: Array, frame: float, far: float) -> list[float]:
     return [0.5 * (times[k] + times[k + 1]) for k in np.flatnonzero(cut)]
 
 
-def _in_pieces(
-    track: Callable[..., Track], times: Array, values: list[Any], cuts: Sequence[float]
-) -> Track:
-    """A track through values at times (s) that is cut at some."""
-    ends = [0, *np.searchsorted(times, cuts).tolist(), len(times)]
+def _in_pieces(keys: Keyframes, what: str, cuts: Sequence[float]) -> Track:
+    """A track through keyframes that is cut at some times (s)."""
+    ends = [0, *np.searchsorted(_times(keys), cuts).tolist(), len(keys)]
     pieces = {
-        low: track(times[low:high], values[low:high], low > 0, high < len(times))
+        low: _TRACKS[what](keys[low:high], _rates(keys[low:high], what, low > 0, high < len(keys)))
         for low, high in pairwise(ends)
         if high > low
     }
@@ -109,28 +122,95 @@ def _in_pieces(
     return lambda time: tracks[bisect_right(begins, time) - 1](time)
 
 
-def _position_track(times: Array, values: list[Any], cut_before: bool, cut_after: bool) -> Track:
-    # takes half a second to load, and few shots have keyframes
-    from scipy.interpolate import CubicSpline
+def _monotone_rates(rates: Array, intervals: Array, cut_before: bool, cut_after: bool) -> Array:
+    """(K, n) rates at keys from those between them, (K - 1, n), taken as vectors.
 
-    points = np.array(values, dtype=np.float64)
-    if len(times) == 1:
-        return lambda time: points[0]
-    # at rest at the first and the last keyframe, but not at a cut
-    bounds = tuple((2 if cut else 1, np.zeros(3)) for cut in (cut_before, cut_after))
-    spline = CubicSpline(times, points, bc_type=bounds)
-    first, last = times[0], times[-1]
-    return lambda time: np.asarray(spline(min(max(time, first), last)))
+    At an end 0, at a cut that of the interval beside it.
+    """
+    found = np.zeros((len(rates) + 1, rates.shape[1]))
+    if cut_before:
+        found[0] = rates[0]
+    if cut_after:
+        found[-1] = rates[-1]
+    squares = (rates * rates).sum(axis=1)
+    for key in range(1, len(rates)):
+        product = rates[key - 1] @ rates[key]
+        if product <= 0.0:
+            continue
+        before, after = intervals[key - 1], intervals[key]
+        # each interval counts by the other's length, as in the source
+        first, second = before + 2.0 * after, 2.0 * before + after
+        inverse = first * rates[key - 1] / squares[key - 1] + second * rates[key] / squares[key]
+        cosine = product / np.sqrt(squares[key - 1] * squares[key])
+        found[key] = cosine * (first + second) * inverse / (inverse @ inverse)
+    return found
 
 
-def _rotation_track(times: Array, values: list[Any], cut_before: bool, cut_after: bool) -> Track:
-    return rotation_spline(times, np.stack([_matrix(value) for value in values]))
+def _rates(keys: Keyframes, what: str, cut_before: bool, cut_after: bool) -> Array:
+    """(K - 1, 2, 3) rates at the beginning and the end of each interval; NaN where a key holds."""
+    if len(keys) < 2:
+        return np.zeros((0, 2, 3))
+    intervals = np.diff(_times(keys))
+    between = _steps(keys, what) / intervals[:, None]
+    as_vectors = what == "rotation" and not _are_angles(keys)
+    parts = [between] if as_vectors else np.split(between, 3, axis=1)
+    smooth = np.hstack([_monotone_rates(p, intervals, cut_before, cut_after) for p in parts])
+    found = np.stack([smooth[:-1], smooth[1:]], axis=1)
+    for key, frame in enumerate(keys):
+        tangents = frame.get("tangents", "smooth")
+        sides = [(key, 0)] * (key < len(between)) + [(key - 1, 1)] * (key > 0)
+        for interval, end in sides:
+            if tangents == "linear":
+                found[interval, end] = between[interval]
+            elif tangents == "flat":
+                found[interval, end] = 0.0
+            elif tangents == "step" and end == 0:
+                found[interval] = np.nan
+            elif not isinstance(tangents, str):
+                given = np.asarray(tangents, dtype=np.float64)
+                found[interval, end] = np.radians(given) if what == "rotation" else given
+    # what holds has no rate at its end either
+    found[np.isnan(found).any(axis=(1, 2))] = np.nan
+    return found
 
 
-def _matrix(value: Sequence[float]) -> Array:
-    if len(value) == 4:
-        return quats_to_frames(np.asarray(value, dtype=float))
-    return from_angles(value)
+def _frames(keys: Keyframes) -> Array:
+    """(K, 3, 3) rotations at keys."""
+    return np.stack([_frame(key["rotation"], key.get("order", "xyz")) for key in keys])
+
+
+def _frame(rotation: Sequence[float], order: str) -> Array:
+    if len(rotation) == 4:
+        return quats_to_frames(np.asarray(rotation, dtype=float))
+    return from_angles(rotation, order)
+
+
+def _curve(times: Array, values: Array, rates: Array) -> Track:
+    """(3,) at a time through values (K, 3), at rest before the first and after the last."""
+
+    def value(time: float) -> Array:
+        key = int(np.searchsorted(times, time, side="right")) - 1
+        if key < 0 or key >= len(rates) or np.isnan(rates[key, 0, 0]):
+            return np.asarray(values[min(max(key, 0), len(values) - 1)])
+        interval = times[key + 1] - times[key]
+        u = (time - times[key]) / interval
+        rise = u * u * (3.0 - 2.0 * u) * (values[key + 1] - values[key])
+        begin, end = u * (1.0 - u) ** 2 * rates[key, 0], u * u * (u - 1.0) * rates[key, 1]
+        return np.asarray(values[key] + rise + interval * (begin + end))
+
+    return value
+
+
+def _position_track(keys: Keyframes, rates: Array) -> Track:
+    return _curve(_times(keys), np.array([key["position"] for key in keys], dtype=float), rates)
+
+
+def _rotation_track(keys: Keyframes, rates: Array) -> Track:
+    if not _are_angles(keys):
+        return rotation_spline(_times(keys), _frames(keys), rates)
+    degrees = np.array([key["rotation"] for key in keys], dtype=np.float64)
+    curve, order = _curve(_times(keys), degrees, np.degrees(rates)), keys[0].get("order", "xyz")
+    return lambda time: from_angles(curve(time), order)
 
 
 # what a keyframe may set, in the order of JointPoses

@@ -82,9 +82,10 @@ def _check_later(place: Place, times: list[float], name: str = "") -> None:
 def _check_keyframes(
     keyframes: tuple[dict[str, Any], ...], groom: Groom | None, place: Place
 ) -> None:
-    """Joints exist, times of one joint differ, quaternions are not zero."""
+    """Joints exist, times of one joint differ, rates and orders are clear."""
     joints = {joint.name for joint in groom.joints} if groom is not None else set()
     taken: set[tuple[str, str, float]] = set()
+    orders: dict[str, str] = {}
     for index, frame in enumerate(keyframes):
         at = place.item(index)
         joint, time = frame["joint"], frame["time"]
@@ -98,5 +99,13 @@ def _check_keyframes(
         rotation = frame["rotation"]
         if rotation is None and frame["position"] is None:
             at.fail("holds neither position nor rotation. Give one of them")
+        both = rotation is not None and frame["position"] is not None
+        if both and not isinstance(frame["tangents"], str):
+            message = "are rates of one curve, but the keyframe holds position and rotation"
+            at.child("tangents").fail(f"{message}. Make two keyframes of it")
+        turns = rotation is not None and len(rotation) == 3
+        if turns and orders.setdefault(joint, frame["order"]) != frame["order"]:
+            message = f"is '{frame['order']}' after '{orders[joint]}' of the same joint"
+            at.child("order").fail(f"{message}. Give one order for all its keyframes")
         if rotation is not None and len(rotation) == 4 and np.linalg.norm(rotation) < 1e-9:
             at.child("rotation").fail("the quaternion is zero. Give one with a length")
