@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from featherfx.baking.plan import plan as plan
     from featherfx.baking.shares import join as join
     from featherfx.baking.stats import plumage_stats as plumage_stats
+    from featherfx.usd.check.check import is_cache as is_cache
+    from featherfx.usd.check.judge import judge_cache as judge_cache
     from featherfx.usd.check.measures import count_crossings as count_crossings
     from featherfx.usd.check.measures import measure_holes as measure_holes
-    from featherfx.usd.check.measures import measure_moves as measure_moves
     from featherfx.usd.convert.levels import export_levels as export_levels
     from featherfx.usd.convert.retime import retime as retime
     from featherfx.usd.convert.rigid import export_rigid as export_rigid
@@ -42,9 +43,10 @@ _HOMES = {
     "export_levels": "featherfx.usd.convert.levels",
     "export_rigid": "featherfx.usd.convert.rigid",
     "inspect_stage": "featherfx.usd.read.inspect",
+    "is_cache": "featherfx.usd.check.check",
     "join": "featherfx.baking.shares",
+    "judge_cache": "featherfx.usd.check.judge",
     "measure_holes": "featherfx.usd.check.measures",
-    "measure_moves": "featherfx.usd.check.measures",
     "plan": "featherfx.baking.plan",
     "plumage_stats": "featherfx.baking.stats",
     "read_shot": "featherfx.api",

@@ -24,6 +24,7 @@ from featherfx.cli.options import (
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 from featherfx.groom.read.places import located
+from featherfx.usd.check.bounds import list_passed_bounds
 
 if TYPE_CHECKING:
     from featherfx.usd.read.inspect import PrimReport, StageReport
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 @click.command(
     cls=Command,
-    short_help="Check grooms, presets, shots and USD files; count crossings, holes, moves.",
+    short_help="Check grooms, presets, shots and USD files; measure caches.",
     epilog="""
     featherfx check samples/swan_wing/shot.toml
     featherfx check presets/feather/*.toml wing.usdc
@@ -52,15 +53,13 @@ if TYPE_CHECKING:
     type=click.Choice(("top", "side", "front")),
     help="Find holes in the outline of one USD file, seen so.",
 )
-@click.option(
-    "--moves", is_flag=True, help="Tell how far points move from frame to frame of one cache."
-)
+@click.option("--strict", is_flag=True, help="Exit with 1 where a cache passes a bound, too.")
 @click.option(
     "--explain", is_flag=True, help="Tell how the feathers of one shot are simulated, and why."
 )
 @click.option("--feather", metavar="ID", help="With --explain, this feather alone.")
 @click.option("--frames", type=FRAMES, help="Frames to look at.  [default: all]")
-@json_option("What is measured or explained as one JSON object.")
+@json_option("Measures of one file, or the explanation, as one JSON object.")
 @jobs_option()
 @progress_option
 @click.pass_context
@@ -71,12 +70,19 @@ def check(
     style: str,
     explain: bool,
     feather: str | None,
+    strict: bool,
     **options: Any,
 ) -> None:
     """Check grooms, presets and shots (TOML) and USD files.
 
     Prints one line per problem (file, key, what is wrong, allowed range) and exits with 1 if
     there is any.
+
+    Caches without a problem are measured, and a warning names feather, frame and figure where a
+    bound is passed: rachises and barbs within 0.5 % of their length at rest; points that jump from
+    one sample to the next by 10 % of their feather's length, and by three times what its root
+    does; velocities within 3 % of the motion, where samples are close enough to tell. With --json
+    of one cache these are `lengths`, `pops` and `velocity_mismatch`.
 
     With --crossings, prints for each whole frame of a cache how many pairs of triangles of vanes
     pass through each other, and of how many pairs of feathers they are. The skin of the shot, and
@@ -89,9 +95,6 @@ def check(
 
     With --explain, prints how each feather of a shot is simulated, and the key, preset, table or
     rule that each option comes from; feathers that are alike share a line.
-
-    With --moves, prints for each whole frame but the first the largest move of a point since the
-    one before, as a share of its feather's length.
     """
     asked = {name: options.pop(name) for name in _TOLD}
     wanted = [name for name, value in asked.items() if value] + ["explain"] * explain
@@ -109,17 +112,33 @@ def check(
     if wanted:
         _measure(wanted[0], files[0], style, asked["holes"], **options)
         return
+    as_json = options.pop("as_json")
     for name, value in options.items():
         if value:
-            message = f"--{name.removeprefix('as_')} needs --crossings, --holes or --moves"
-            raise click.UsageError(message)
+            raise click.UsageError(f"--{name} needs --crossings or --holes")
+    if as_json and len(files) != 1:
+        raise click.UsageError("--json takes one file")
     with Progress("files", style):
         found = [problem for file in files for problem in pipeline.check(file, preset_folders)]
-    for problem in dict.fromkeys(found):
-        click.echo(located(problem))
-    if found:
+        measured = {} if found else {file: pipeline.judge_cache(file) for file in _caches(files)}
+    problems = [located(problem) for problem in dict.fromkeys(found)]
+    if as_json:
+        judged = {"file": str(files[0]), "problems": problems, **measured.get(files[0], {})}
+        click.echo(json.dumps(judged, indent=2))
+    elif problems:
+        click.echo("\n".join(problems))
+    passed = [f"{file}: {text}" for file in measured for text in list_passed_bounds(measured[file])]
+    for text in passed:
+        click.echo(f"featherfx: warning: {text}", err=True)
+    if found or (strict and passed):
         ctx.exit(1)
     click.echo(f"{len(files)} checked, no problems", err=True)
+
+
+def _caches(files: Sequence[Path]) -> Iterator[Path]:
+    """Yield the files that are caches of featherfx."""
+    some = [file for file in files if file.suffix in (".usd", ".usda", ".usdc")]
+    return (file for file in some if pipeline.is_cache(file))
 
 
 class _Told(NamedTuple):
@@ -135,10 +154,6 @@ def _totals(counted: list[dict[str, Any]]) -> dict[str, Any]:
     return total | {"worst_frame": max(counted, key=lambda each: each["crossings"])["frame"]}
 
 
-def _greatest(key: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
-    return lambda counted: {key: max(each[key] for each in counted)}
-
-
 def _holes_line(each: dict[str, Any]) -> str:
     line = f"{each['holes']}, the widest {1e3 * each['widest']:.2f} mm,"
     gaps = f" and {each['gaps']} beside legs, up to {1e3 * each['widest_gap']:.2f} mm,"
@@ -147,10 +162,8 @@ def _holes_line(each: dict[str, Any]) -> str:
 
 _TOLD = {
     "crossings": _Told(lambda each: f"{each['crossings']} in {each['pairs']} pairs", _totals),
-    "holes": _Told(_holes_line, _greatest("widest")),
-    "moves": _Told(
-        lambda each: f"{100.0 * each['largest']:.3g} % of the length of {each['feather']}",
-        _greatest("largest"),
+    "holes": _Told(
+        _holes_line, lambda counted: {"widest": max(each["widest"] for each in counted)}
     ),
 }
 
@@ -172,10 +185,8 @@ def _measure(
             found = pipeline.count_crossings(
                 file, frames, jobs=jobs or default_jobs(), on_frame=progress
             )
-        elif what == "holes":
-            found = pipeline.measure_holes(file, str(view), frames, on_frame=progress)
         else:
-            found = pipeline.measure_moves(file, frames, on_frame=progress)
+            found = pipeline.measure_holes(file, str(view), frames, on_frame=progress)
         for each in found:
             counted.append(each)
             if not as_json:

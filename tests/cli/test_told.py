@@ -190,7 +190,7 @@ def test_check_tells_how_far_it_is(tmp_path):
     result = invoke("check", output, "--progress", "json")
     assert result.exit_code == 0, result.stderr
     lines = [json.loads(line) for line in result.stderr.splitlines() if line.startswith("{")]
-    assert {line["phase"] for line in lines} == {"checking"}
+    assert {line["phase"] for line in lines} == {"checking", "judging"}
     assert lines[-1]["done"] == lines[-1]["total"] > 0
 
 

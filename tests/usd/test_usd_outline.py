@@ -1,15 +1,13 @@
-"""Holes in an outline, and moves from frame to frame, of meshes whose figures are known."""
+"""Holes in an outline of meshes whose figures are known."""
 
 from __future__ import annotations
-
-import json
 
 import numpy as np
 import pytest
 from commands import invoke
 from pxr import Gf, Sdf, Usd, UsdGeom
 
-from featherfx.baking.pipeline import measure_holes, measure_moves
+from featherfx.baking.pipeline import measure_holes
 
 SLIT, SIZE = 0.003, 0.05
 
@@ -101,25 +99,3 @@ def test_gaps_beside_legs_are_told_apart(tmp_path, legs, bare, gaps):
     assert min(found["widest"], found["widest_gap"]) == 0.0
     told = invoke("check", "--holes", "top", tmp_path / "a.usda").stdout
     assert ("beside legs" in told) == bool(gaps)
-
-
-def test_moves_are_shares_of_the_feather(tmp_path):
-    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
-    still = [(code, np.zeros(3)) for code in (1, 2, 3)]
-    jump = [(1, np.zeros(3)), (2, np.zeros(3)), (3, np.array([0.0, 0.0, 0.002]))]
-    strip(stage, "still", (0, 0, 0), (0.3, 0.4, 0.0), still)
-    strip(stage, "jumps", (1, 0, 0), (1.06, 0.08, 0.0), jump)
-    stage.SetStartTimeCode(1)
-    stage.SetEndTimeCode(3)
-    stage.GetRootLayer().Save()
-    second, third = measure_moves(tmp_path / "a.usda")
-    assert second["largest"] == 0.0
-    # 2 mm of 0.1 m
-    assert third["largest"] == pytest.approx(0.02, rel=1e-5)
-    assert third["feather"] == "jumps"
-    assert third["middle"] == pytest.approx(0.01, rel=1e-5)
-    told = invoke("check", "--moves", "--json", tmp_path / "a.usda")
-    assert json.loads(told.stdout)["largest"] == pytest.approx(0.02, rel=1e-5)
-    refused = invoke("check", "--moves", "--frames", "2-2", tmp_path / "a.usda")
-    assert refused.exit_code != 0
-    assert "two frames" in f"{refused.output} {refused.exception}"

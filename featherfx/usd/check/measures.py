@@ -1,4 +1,4 @@
-"""Measurements of a cache: intersections, holes in its outline, and moves between frames.
+"""Measurements of a cache: intersections, and holes in its outline.
 
 A rachis counts as a line of its vane, as in contact. Intersections of its tube are counted apart.
 """
@@ -241,44 +241,3 @@ def _beside_a_leg(hole: Flags, drawn: Flags) -> bool:
     _, coat, legs = drawn[:, rim]
     bare = float((~coat & ~legs).mean())
     return bare >= _BARE or min(float(coat.mean()), float(legs.mean())) >= _BOTH
-
-
-def measure_moves(
-    path: str | Path,
-    frames: tuple[int, int] | None = None,
-    *,
-    on_frame: Callable[[int, int], None] = lambda done, total: None,
-) -> Iterator[dict[str, Any]]:
-    """Yield the largest moves of feather points from each whole frame to the next.
-
-    Of each frame but the first: `largest`, in lengths of its feather from the first point of its
-    mesh to the farthest at rest; `feather`, its id; and `middle`, the median over feathers of the
-    largest of each. Raises InputError for files without two frames, or without feathers.
-    """
-    cache = Cache(path)
-    chosen = [k for k, feather in enumerate(cache.feathers) if feather.is_feather]
-    codes = choose_frames(cache, str(path), frames)
-    if not chosen or len(codes) < 2 or codes[0] is None:
-        raise InputError(
-            Problem(
-                str(path), "", "holds no feathers that move over two frames. Give a baked cache"
-            )
-        )
-    rest = cache.points_of(chosen, codes[0])
-    sizes = np.array([np.linalg.norm(each - each[:1], axis=1).max() for each in rest])
-    first = np.cumsum([0, *(len(each) for each in rest[:-1])])
-    before = np.concatenate(rest)
-    on_frame(1, len(codes))
-    for done, code in enumerate(codes[1:], 2):
-        points = np.concatenate(cache.points_of(chosen, code))
-        ways = np.linalg.norm(points - before, axis=1)
-        fractions = np.maximum.reduceat(ways, first) / np.maximum(sizes, 1e-12)
-        worst = int(fractions.argmax())
-        before = points
-        on_frame(done, len(codes))
-        yield {
-            "frame": code,
-            "largest": float(fractions[worst]),
-            "feather": cache.feathers[chosen[worst]].id,
-            "middle": float(np.median(fractions)),
-        }

@@ -62,9 +62,9 @@ def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
         if prim.IsA(UsdGeom.PointInstancer):
             # prototypes below an instancer are drawn by it only
             walk.PruneChildren()
-            if _is_drawn(prim):
+            if is_drawn(prim):
                 yield from _instanced_meshes(prim)
-        elif prim.IsA(UsdGeom.Mesh) and _is_drawn(prim):
+        elif prim.IsA(UsdGeom.Mesh) and is_drawn(prim):
             mesh = UsdGeom.Mesh(prim)
             skinning = _find_skinning(mesh)
             space = prim if skinning is None else skinning.space
@@ -106,7 +106,7 @@ def _instance_matrix(instances: Instances, index: int, inner: Array, code: Any) 
     return inner @ instances.matrix(index, code)
 
 
-def _is_drawn(prim: Any) -> bool:
+def is_drawn(prim: Any) -> bool:
     image = UsdGeom.Imageable(prim)
     drawn = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
     purpose = compute(prim, image.ComputePurpose)

@@ -1,0 +1,50 @@
+"""The bounds that a written cache is held to, and sentences about those that it passes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+# of the rest length of a rachis or barb, what a written one may be off by; and the same of a
+# feather that is simulated, whose material stretches
+MAX_LENGTH_ERROR, MAX_SIMULATED_LENGTH_ERROR = 0.005, 0.01
+# of a feather's length, a second difference of a point from one sample to the next; and times that
+# of its root, which explains less
+MAX_JUMP, MAX_ROOT_JUMP_RATIO = 0.1, 3.0
+# of the rms speed, what 99 of 100 velocities may differ by from the difference of points, where the
+# samples resolve the motion: where differences over one and two samples differ by less than the
+# second number
+MAX_VELOCITY_MISMATCH, MAX_UNRESOLVED_SPEED = 0.03, 0.05
+
+
+def list_passed_bounds(report: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for each bound that a report of the judge passes."""
+    lengths, pops = report["lengths"], report["pops"]
+    if lengths["feathers_over"]:
+        worst = lengths["worst"][0]
+        yield (
+            f"{_feathers(lengths['feathers_over'])} rachises or barbs that are longer or shorter"
+            f" than at rest: the {worst['part']} of {worst['feather']} at frame {worst['frame']:g}"
+            f" by {_percent(worst['of_length'])} (bound {_percent(worst['bound'])})"
+        )
+    if pops["unexplained"]:
+        worst = pops["worst_unexplained"]
+        yield (
+            f"{_feathers(pops['unexplained'])} points that jump: {worst['feather']} at frame"
+            f" {worst['frame']:g} by {_percent(worst['of_length'])} of its length"
+            f" (bound {_percent(MAX_JUMP)})"
+        )
+    mismatch = report["velocity_mismatch"]
+    if mismatch is not None and report["velocity_resolved"] and mismatch > MAX_VELOCITY_MISMATCH:
+        yield (
+            f"velocities differ from the motion of the points by {_percent(mismatch)} of the rms"
+            f" speed (99 of 100 by less; bound {_percent(MAX_VELOCITY_MISMATCH)})"
+        )
+
+
+def _feathers(count: int) -> str:
+    return f"{count} feather{' has' if count == 1 else 's have'}"
+
+
+def _percent(fraction: float) -> str:
+    return f"{100.0 * fraction:.3g} %"

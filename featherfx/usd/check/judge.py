@@ -1,0 +1,189 @@
+"""Measures of a written cache by its points, velocities, rest and topology alone.
+
+Nothing here is shared with what simulates, lays out and writes. Prims are measured one after the
+other, so that five samples of one prim are in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from featherfx.algebra.types import Array
+from featherfx.phases import counted
+from featherfx.usd.check.bounds import (
+    MAX_JUMP,
+    MAX_LENGTH_ERROR,
+    MAX_ROOT_JUMP_RATIO,
+    MAX_SIMULATED_LENGTH_ERROR,
+    MAX_UNRESOLVED_SPEED,
+)
+from featherfx.usd.check.judge_kernels import (
+    BINS_PER_OCTAVE,
+    MIN_EXPONENT,
+    OCTAVES,
+    ThreeSamples,
+    Worst,
+    count_errors,
+    find_nodes,
+    keep_jumps,
+    keep_stretches,
+    strand_lengths,
+)
+from featherfx.usd.check.tracks import BARB, RACHIS, Track, find_tracks
+from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.values import usd_errors
+
+_PARTS = {RACHIS: "rachis", BARB: "barb"}
+_JUMP, _UNEXPLAINED, _KINDS = 2, 3, 4  # columns of Worst
+_MAX_NAMED = 10
+_LIMITS = np.array([MAX_JUMP, MAX_ROOT_JUMP_RATIO])
+_ROUNDING = float(np.finfo(np.float32).eps)
+
+
+class _Sample(NamedTuple):
+    """Values of a track: points and velocities (V, 3), where there are any, and roots (F, 3)."""
+
+    code: float
+    points: Any
+    rates: Any
+    roots: Array
+
+
+def judge_cache(path: str | Path, simulated: Collection[str] = ()) -> dict[str, Any]:
+    """Return the measures of a cache.
+
+    simulated: ids of feathers whose material may stretch. Raises InputError where the file cannot
+    be read.
+    """
+    stage, judge = open_stage(path), Judge()
+    with usd_errors(stage.GetPseudoRoot()):
+        tracks = list(find_tracks(stage))
+    for track in counted("judging", tracks, len(tracks)):
+        judge.add(track, stage.GetTimeCodesPerSecond())
+    return judge.report(simulated)
+
+
+class Judge:
+    """Measures of tracks, one after the other."""
+
+    def __init__(self) -> None:
+        self._names: dict[str, int] = {}
+        self._worst = Worst(np.zeros((0, _KINDS)), np.zeros((0, _KINDS)))
+        self._errors = np.zeros((2, OCTAVES * BINS_PER_OCTAVE), dtype=np.int64)
+        self._squares, self._rates = 0.0, 0
+
+    def add(self, track: Track, per_second: float) -> None:
+        """Measure all samples of a track. per_second: time codes."""
+        count, strands, reader = len(track.ids), track.strands, track.reader
+        worst = Worst(np.zeros((count, _KINDS)), np.zeros((count, _KINDS)))
+        nodes = np.empty((len(strands.node_first) - 1, 3))
+        rest, lengths = np.empty((2, len(strands.feather)))
+        find_nodes(track.shape.rest, strands, nodes)
+        strand_lengths(nodes, strands, rest)
+        sizes = np.zeros(count)
+        away = np.linalg.norm(track.shape.rest - nodes[strands.root][track.owner], axis=1)
+        np.maximum.at(sizes, track.owner, away)
+        window: list[_Sample] = []
+        for code in reader.codes or [None]:
+            points = reader.read("points", code)
+            if points is None or len(points) != len(track.owner):
+                raise reader.fault(code)
+            find_nodes(points, strands, nodes)
+            strand_lengths(nodes, strands, lengths)
+            rounding = _ROUNDING * float(np.abs(points).max(initial=0.0))
+            keep_stretches(lengths, rest, strands, rounding, code or 0.0, worst)
+            if code is not None:
+                rates = reader.read("velocities", code)
+                sample = _Sample(code, points, rates, nodes[strands.root])
+                window = [*window[-4:], sample]
+                self._compare(window, track, sizes, per_second, worst)
+        self._keep(track.ids, worst)
+
+    def _compare(
+        self,
+        window: Sequence[_Sample],
+        track: Track,
+        sizes: Array,
+        per_second: float,
+        worst: Worst,
+    ) -> None:
+        """Compare samples that follow each other. window: the last five, the newest last."""
+        steps = np.diff([each.code for each in window]) / per_second
+        even = np.isclose(steps, steps[-1:], rtol=1e-6)
+        if len(window) > 2 and even[-2:].all():
+            last, none = window[-3:], np.zeros((0, 3), np.float32)
+            rates = [none if each.rates is None else each.rates for each in (last[0], last[2])]
+            samples = ThreeSamples(
+                (last[0].points, last[1].points, last[2].points),
+                (last[0].roots, last[1].roots, last[2].roots),
+                (rates[0], rates[1]),
+                float(steps[-1]),
+                last[1].code,
+            )
+            keep_jumps(samples, track.owner, sizes, _LIMITS, worst)
+        if len(window) > 4 and even.all() and (middle := window[2].rates) is not None:
+            first, second, _, fourth, fifth = (each.points for each in window)
+            near, far = (second, first), (fourth, fifth)
+            self._squares += count_errors(near, far, middle, float(steps[-1]), self._errors)
+            self._rates += len(middle)
+
+    def _keep(self, ids: Sequence[str], worst: Worst) -> None:
+        places = np.array([self._names.setdefault(id, len(self._names)) for id in ids], dtype=int)
+        if (more := len(self._names) - len(self._worst.value)) > 0:
+            self._worst = Worst(*(np.pad(each, ((0, more), (0, 0))) for each in self._worst))
+        for kind in range(_KINDS):
+            larger = worst.value[:, kind] > self._worst.value[places, kind]
+            for whole, own in zip(self._worst, worst, strict=True):
+                whole[places[larger], kind] = own[larger, kind]
+
+    def report(self, simulated: Collection[str] = ()) -> dict[str, Any]:
+        """Return all measures. simulated: as of judge_cache."""
+        value = self._worst.value
+        stretches = value[:, [RACHIS, BARB]].max(axis=1, initial=0.0)
+        known = frozenset(simulated)
+        bounds = np.array(
+            [MAX_SIMULATED_LENGTH_ERROR if id in known else MAX_LENGTH_ERROR for id in self._names]
+        )
+        over = np.flatnonzero(stretches > bounds)
+        over = over[np.argsort(-stretches[over] / bounds[over], kind="stable")]
+        mismatch, unresolved = (self._quantile(counts) for counts in self._errors)
+        return {
+            "lengths": {
+                "rachis_worst": float(value[:, RACHIS].max(initial=0.0)),
+                "barb_worst": float(value[:, BARB].max(initial=0.0)),
+                "feathers_over": len(over),
+                "worst": [
+                    self._told(k, int(value[k, :_JUMP].argmax()))
+                    | {"part": _PARTS[int(value[k, :_JUMP].argmax())], "bound": float(bounds[k])}
+                    for k in over[:_MAX_NAMED].tolist()
+                ],
+            },
+            "pops": {
+                "count": int((value[:, _JUMP] > MAX_JUMP).sum()),
+                "worst": self._largest(_JUMP),
+                "unexplained": int((value[:, _UNEXPLAINED] > MAX_JUMP).sum()),
+                "worst_unexplained": self._largest(_UNEXPLAINED),
+            },
+            "velocity_mismatch": mismatch,
+            "velocity_resolved": unresolved is not None and unresolved < MAX_UNRESOLVED_SPEED,
+        }
+
+    def _told(self, feather: int, kind: int) -> dict[str, Any]:
+        value, at = (float(each[feather, kind]) for each in self._worst)
+        return {"feather": [*self._names][feather], "frame": at, "of_length": value}
+
+    def _largest(self, kind: int) -> dict[str, Any] | None:
+        value = self._worst.value[:, kind]
+        return self._told(int(value.argmax()), kind) if value.max(initial=0.0) > 0.0 else None
+
+    def _quantile(self, counts: Any) -> float | None:
+        """Return what 99 of 100 errors do not exceed, over the rms speed; None without any."""
+        if not self._squares:
+            return 0.0 if self._rates else None
+        place = int(np.searchsorted(np.cumsum(counts), 0.99 * counts.sum()))
+        rms = np.sqrt(self._squares / self._rates)
+        return float(2.0 ** (MIN_EXPONENT + (place + 0.5) / BINS_PER_OCTAVE) / rms)

@@ -1,0 +1,183 @@
+"""The judge finds what was done to a cache, by as much as was done, and nothing else."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import feathers
+import numpy as np
+import pytest
+from commands import invoke
+from places import SAMPLES
+from pxr import Usd, UsdGeom, Vt
+
+import featherfx
+from featherfx.algebra.rotation import about_x
+from featherfx.baking.entries import entries_of
+from featherfx.feather.shapes import build_feathers
+from featherfx.feather.types import both, turned
+from featherfx.usd.check.bounds import list_passed_bounds
+from featherfx.usd.check.judge import judge_cache
+from featherfx.usd.write.cache_writer import CacheWriter
+from featherfx.usd.write.options import WriteOptions
+
+FORMS = {
+    "mesh": {"group": "feather"},
+    "one": {"group": "all"},
+    "condensed": {"form": "condensed"},
+    "both": {"form": "both", "velocities": "half"},
+    "curves": {"form": "curves"},
+    "payload": {"layout": "payload", "meters_per_unit": 0.01, "up_axis": "Y"},
+}
+SAMPLES_EACH, FRAMES, RATE = 4, (1, 3), 24.0
+COUNT = (FRAMES[1] - FRAMES[0]) * SAMPLES_EACH + 1
+SWING, PULSE = 0.7, 9.0  # rad, rad/s
+
+
+def swung(rest, time):
+    """Points about x, and their rates."""
+    angle, rate = SWING * np.sin(PULSE * time), SWING * PULSE * np.cos(PULSE * time)
+    points = turned(about_x(np.degrees(angle)).T, rest)
+    return points, both(lambda part: rate * np.cross((1.0, 0.0, 0.0), part), points)
+
+
+@pytest.fixture(scope="module")
+def caches(tmp_path_factory):
+    """Wing feathers that swing as rigid ones, in every form."""
+    groom = featherfx.read_groom(SAMPLES / "swan_wing/groom.toml")
+    groom = replace(groom, feathers=groom.feathers[::9])
+    entries = entries_of(groom, build_feathers(groom.feathers, 11, 4), static=False)
+    folder, made = tmp_path_factory.mktemp("judged"), {}
+    for name, options in FORMS.items():
+        made[name] = folder / f"{name}.usdc"
+        how = WriteOptions(subframes=SAMPLES_EACH, **options)
+        with CacheWriter(made[name], entries, FRAMES, RATE, how) as writer:
+            for number in range(COUNT):
+                code = FRAMES[0] + number / SAMPLES_EACH
+                time = number / SAMPLES_EACH / RATE
+                poses = [swung(entry.rest_points, time) for entry in entries]
+                writer.write(feathers.frame_of(code, time, *zip(*poses, strict=True)))
+    return made
+
+
+@pytest.fixture(scope="module")
+def sound(caches):
+    return {name: judge_cache(path) for name, path in caches.items()}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_rigid_feathers_keep_every_bound_in_every_form(sound, form):
+    report, is_thinned = sound[form], form == "condensed"
+    assert list(list_passed_bounds(report)) == []
+    assert report["lengths"]["rachis_worst"] < (2e-3 if is_thinned else 1e-5)
+    assert report["lengths"]["barb_worst"] < (5e-3 if is_thinned else 1e-5)
+    assert report["pops"]["count"] == 0
+    if is_thinned:
+        assert report["velocity_mismatch"] is None
+    else:
+        # the next term of the difference: h^4 / 30 of the fifth derivative
+        step = PULSE / RATE / SAMPLES_EACH
+        assert report["velocity_mismatch"] < 3.0 * step**4 / 30.0 + 1e-3
+        assert report["velocity_resolved"]
+
+
+@pytest.fixture
+def damaged(caches, tmp_path):
+    """A copy of a cache whose points, or velocities, function has changed at all samples."""
+
+    def make(form, function, name="points", kind=UsdGeom.Mesh):
+        path = tmp_path / "damaged.usdc"
+        shutil.copy(caches[form], path)
+        stage = Usd.Stage.Open(str(path))
+        prim = next(prim for prim in stage.Traverse() if prim.IsA(kind))
+        attribute = prim.GetAttribute(name)
+        for number, code in enumerate(attribute.GetTimeSamples()):
+            values = np.array(attribute.Get(code))
+            changed = function(values, number).astype(np.float32)
+            attribute.Set(Vt.Vec3fArray.FromNumpy(changed), code)
+        stage.GetRootLayer().Save()
+        return judge_cache(path)
+
+    return make
+
+
+def scaled_at(sample, factor):
+    return lambda values, number: values * (factor if number == sample else 1.0)
+
+
+@pytest.mark.parametrize("form", ["mesh", "one"])
+@pytest.mark.parametrize("factor", [1.02, 0.94, 3.0])
+def test_a_stretch_is_found_with_its_size_and_frame(damaged, form, factor):
+    report = damaged(form, scaled_at(3, factor))
+    lengths = report["lengths"]
+    assert lengths["rachis_worst"] == pytest.approx(abs(factor - 1.0), abs=1e-4)
+    assert lengths["barb_worst"] == pytest.approx(abs(factor - 1.0), abs=1e-4)
+    assert (lengths["feathers_over"] == 1) == (form == "mesh")
+    assert lengths["worst"][0]["frame"] == pytest.approx(1.75)
+    assert lengths["worst"][0]["feather"] in next(list_passed_bounds(report))
+
+
+def test_a_barb_that_is_stretched_alone_is_no_rachis(damaged, sound):
+    def pull(values, number):
+        values[tip] += 0.004 if number == 2 else 0.0
+        return values
+
+    tip = 13  # an end of a barb
+    report = damaged("mesh", pull)
+    assert report["lengths"]["barb_worst"] > 0.005
+    assert report["lengths"]["rachis_worst"] == sound["mesh"]["lengths"]["rachis_worst"]
+    assert report["lengths"]["worst"][0]["part"] == "barb"
+
+
+@pytest.mark.parametrize("away", [0.05, 0.2])
+def test_a_jump_of_points_without_their_root_is_a_pop(damaged, away):
+    def jump(values, number):
+        if number == 4:
+            far = np.linalg.norm(values - values[0], axis=1)
+            values[far > 0.5 * far.max()] += (0.0, 0.0, 0.5 * away * far.max())
+        return values
+
+    report = damaged("mesh", jump)
+    assert report["pops"]["unexplained"] == report["pops"]["count"] == (away > 0.1)
+    if away > 0.1:
+        worst = report["pops"]["worst"]
+        assert worst["frame"] == pytest.approx(2.0)
+        # a second difference of a lone sample is twice as far
+        assert worst["of_length"] == pytest.approx(away, rel=0.3)
+
+
+def test_a_jump_that_the_root_makes_is_none(damaged):
+    report = damaged("mesh", lambda values, number: values + 0.1 * (number == 4))
+    assert report["pops"]["count"] == 0
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.2])
+def test_velocities_are_held_against_the_motion(damaged, factor):
+    report = damaged("one", lambda values, number: values * factor, "velocities")
+    # fast points are off by more than the rms speed
+    assert report["velocity_mismatch"] > abs(factor - 1.0) / factor
+    assert [text for text in list_passed_bounds(report) if "velocities" in text]
+
+
+def test_check_measures_caches_and_is_strict_where_asked(caches, tmp_path):
+    told = json.loads(invoke("check", caches["mesh"], "--json").stdout)
+    assert told["problems"] == []
+    assert told["lengths"]["feathers_over"] == told["pops"]["count"] == 0
+    assert told["velocity_mismatch"] < 0.03
+    path = tmp_path / "bad.usdc"
+    shutil.copy(caches["mesh"], path)
+    stage = Usd.Stage.Open(str(path))
+    for prim in stage.Traverse():
+        if prim.IsA(UsdGeom.Mesh):
+            points = prim.GetAttribute("points")
+            code = points.GetTimeSamples()[2]
+            points.Set(Vt.Vec3fArray.FromNumpy(np.array(points.Get(code)) * np.float32(1.1)), code)
+            UsdGeom.Mesh(prim).GetExtentAttr().Set(
+                UsdGeom.Boundable.ComputeExtentFromPlugins(UsdGeom.Boundable(prim), code), code
+            )
+    stage.GetRootLayer().Save()
+    assert invoke("check", path).exit_code == 0
+    strict = invoke("check", "--strict", path)
+    assert strict.exit_code == 1
+    assert "featherfx: warning:" in strict.stderr
+    assert "(bound 0.5 %)" in strict.stderr
