@@ -155,7 +155,7 @@ class Sheet:
 
     path, st, sampled, bones, is_ribbon = "/sheet", None, None, None, False
     triangles, face = np.array([[0, 1, 2], [0, 2, 3]]), np.array([0, 0])
-    time_codes_per_second = 24.0
+    time_codes_per_second, has_rate = 24.0, True
 
     def __init__(self, height: float) -> None:
         self.rest = np.array([[-1.0, -1, height], [1, -1, height], [1, 1, height], [-1, 1, height]])

@@ -16,6 +16,8 @@ from featherfx.baking.task import BakeTask, prepare
 from featherfx.files.atomic_write import Standing, into, remove_leftovers, standing, write_all
 from featherfx.files.gc_pause import seldom_collected
 from featherfx.phases import Account, account, phase
+from featherfx.shot.clock import StageClock
+from featherfx.shot.types import Shot
 
 _NONE = {"mean": 0.0, "max": 0.0}
 # phases in the seconds of a report; setting_up is all the rest
@@ -138,8 +140,18 @@ def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, A
         "wall_seconds": 0.0,
         "simulated_seconds": (last - task.shot.first_frame) / task.shot.frames_per_second,
         "peak_memory_bytes": peak_memory_bytes(),
+        "time": _time(task.shot, first),
         **figures,
     }
+
+
+def _time(shot: Shot, first: int) -> dict[str, float]:
+    """Return the time code of the skin's stage, or of the first collider's, at a frame, and its
+    time codes per frame; those of the cache where there is no stage."""
+    clocks = [shot.skin.clock] if shot.skin is not None else [each.clock for each in shot.colliders]
+    clock = clocks[0] if clocks else StageClock(shot.first_frame, 1.0, shot.frames_per_second)
+    code = clock.code(shot.time_of(first))
+    return {"first_time_code": code, "time_codes_per_frame": clock.step}
 
 
 def store_report(result: Mapping[str, Any], report: Path, before: Standing) -> None:

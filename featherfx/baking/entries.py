@@ -268,15 +268,15 @@ def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:
 def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
     """Return metadata of a cache at a path about skin and colliders of its shot, for images."""
     skin = () if shot.skin is None else shot.skin.parts
-    start = 0.0 if shot.skin is None else shot.skin.start
-    found = [("skin", part.surface, start) for part in skin]
-    found += [("collider", each.surface, each.start) for each in shot.colliders]
+    found = [("skin", part.surface, shot.skin.clock) for part in skin if shot.skin is not None]
+    found += [("collider", each.surface, each.clock) for each in shot.colliders]
     # a collider may be the skin, too
     known = {(each[1].file, each[1].path): each for each in reversed(found)}
     return _told_scenery(
         [
-            _scenery(path, role, surface.file, surface.path) | {"start": float(start)}
-            for role, surface, start in reversed(known.values())
+            _scenery(path, role, surface.file, surface.path)
+            | {"start": clock.start, "time_codes_per_frame": float(clock.step)}
+            for role, surface, clock in reversed(known.values())
         ],
         float(shot.first_frame),
     )
@@ -295,7 +295,9 @@ def scenery_of_groom(groom: Groom, path: Path) -> dict[str, Any]:
         return {}
     # at rest a mesh is drawn in the pose that was groomed
     at = {} if rest is None else {"rest": float(rest)}
-    return _told_scenery([_scenery(path, "skin", file, prim) | {"start": 0.0} | at], 0.0)
+    return _told_scenery(
+        [_scenery(path, "skin", file, prim) | {"start": 0.0, "time_codes_per_frame": 1.0} | at], 0.0
+    )
 
 
 def _scenery(path: Path, role: str, file: Path, prim: str) -> dict[str, Any]:

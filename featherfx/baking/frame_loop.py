@@ -150,6 +150,7 @@ def new_writer(task: BakeTask) -> CacheWriter:
             task.root,
             "{}of{}".format(*task.options.feathers) if task.options.feathers else "",
             task.origin,
+            shot.time_codes_per_second,
         ),
         continuation=Continuation(task.settings, task.shot.inputs, task.frames_each),
     )
@@ -193,6 +194,10 @@ class CacheSink:
 
     def write(self, frame: Frame, checkpoint: Checkpoint | None) -> None:
         """Write the next sample, and at the end of a chunk the checkpoint."""
+        shot = self._task.shot
+        ratio = (shot.time_codes_per_second or shot.frames_per_second) / shot.frames_per_second
+        if ratio != 1.0:
+            frame = frame.in_seconds_of(ratio)
         self.writer.write(frame, checkpoint.save if checkpoint else None)
 
     def __enter__(self) -> Self:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -43,6 +43,19 @@ class Frame:
     number: float
     time: float
     poses: tuple[FeatherPose, ...]
+
+    def in_seconds_of(self, ratio: float) -> Frame:
+        """Return the frame with rates per second of a stage whose seconds have so many times the
+        time codes."""
+        poses = (
+            replace(
+                each,
+                velocities=RowPoints(*(ratio * part for part in each.velocities)),
+                accelerations=RowPoints(*(ratio**2 * part for part in each.accelerations)),
+            )
+            for each in self.poses
+        )
+        return replace(self, poses=tuple(poses))
 
     @property
     def points(self) -> tuple[Array, ...]:

@@ -12,6 +12,7 @@ from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import Binding, bound_before, closest, follow, is_flat, may_be_flat
 from featherfx.groom.types import FeatherKind, Groom
+from featherfx.shot.clock import StageClock
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.sources import MovingSurface
 
@@ -45,13 +46,13 @@ class _Part:
 class BoundSkin:
     """The F roots of a groom on one or more surfaces.
 
-    ids: of the feathers. rotations: (F, 3, 3) at rest. start: time code at 0 s. parts: surfaces
-    with their roots; every root is on one. roots: of each feather.
+    ids: of the feathers. rotations: (F, 3, 3) at rest. parts: surfaces with their roots; every root
+    is on one. roots: of each feather.
     """
 
     ids: tuple[str, ...]
     rotations: Array
-    start: float
+    clock: StageClock
     parts: tuple[_Part, ...]
     roots: tuple[SkinRoot, ...]
 
@@ -63,7 +64,7 @@ class BoundSkin:
         positions, rotations = np.zeros((len(self.ids), 3)), self.rotations.copy()
         for part in self.parts:
             surface, members = part.surface, part.members
-            code = self.start + time * surface.time_codes_per_second
+            code = self.clock.code(time)
             corners = surface.corners(code, part.triangles)
             self._check(part, corners, code)
             moved, carriers = follow(part.binding, corners, surface.is_mirrored(code))
@@ -96,13 +97,13 @@ class BoundSkin:
 class SkinSurfaces:
     """Surfaces that the roots of a groom ride on, before they are bound.
 
-    surfaces: a feather's is the one that it names, else the first. start: time code at 0 s.
-    tolerance: m; roots that are farther give a warning, which names source and key. radius: m, of
-    the skin that turns a root; None: the distance of roots, at most the feather's width.
+    surfaces: a feather's is the one that it names, else the first. tolerance: m; roots that are
+    farther give a warning, which names source and key. radius: m, of the skin that turns a root;
+    None: the distance of roots, at most the feather's width.
     """
 
     surfaces: tuple[MovingSurface, ...]
-    start: float
+    clock: StageClock
     tolerance: float
     source: str
     key: str
@@ -137,7 +138,7 @@ class SkinSurfaces:
         return BoundSkin(
             ids=tuple(feather.id for feather in groom.feathers),
             rotations=np.array([f.rotation for f in groom.feathers]).reshape(-1, 3, 3),
-            start=self.start,
+            clock=self.clock,
             parts=tuple(parts),
             roots=tuple(root for root in roots if root is not None),
         )

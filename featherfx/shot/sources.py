@@ -17,15 +17,24 @@ from featherfx.algebra.interpolation import Knots
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.read.readers import GroomReaders
+from featherfx.shot.clock import StageClock
 from featherfx.shot.preroll import NO_RUN_UP, STILL, RunUp
 
 
 class OfScene(Protocol):
-    """Something that stands in a scene."""
+    """Something that stands in a scene. path: of its prim. sampled: first and last time code of
+    its samples, None where it does not change."""
+
+    path: str
+    sampled: tuple[float, float] | None
 
     @property
     def time_codes_per_second(self) -> float:
         """Time codes per second of the scene."""
+
+    @property
+    def has_rate(self) -> bool:
+        """Return whether the scene gives them itself."""
 
     @property
     def origin(self) -> tuple[str, tuple[Path, ...]]:
@@ -35,20 +44,17 @@ class OfScene(Protocol):
 class MovingSurface(OfScene, Protocol):
     """A triangle mesh that moves; metres, z up.
 
-    path: where it stands in its scene. triangles: (T, 3) point indices, seen from outside. closed:
-    (T,) whether they bound a volume; others are sheets. face: (T,) the scene's faces. rest: (V, 3)
-    m. st: (T, 3, 2) texture coordinates, or None. sampled: first and last time code of its motion,
-    None where it does not move. bones: (T,) m, length of each triangle's bone, where it is a ribbon
-    along those of a skeleton; else None.
+    triangles: (T, 3) point indices, seen from outside. closed: (T,) whether they bound a volume;
+    others are sheets. face: (T,) the scene's faces. rest: (V, 3) m. st: (T, 3, 2) texture
+    coordinates, or None. bones: (T,) m, length of each triangle's bone, where it is a ribbon along
+    those of a skeleton; else None.
     """
 
-    path: str
     triangles: Indices
     closed: Flags
     face: Indices
     rest: Array
     st: Array | None
-    sampled: tuple[float, float] | None
     bones: Array | None
 
     @property
@@ -73,13 +79,7 @@ class MovingSurface(OfScene, Protocol):
 
 
 class WindSource(OfScene, Protocol):
-    """A wind that a scene gives.
-
-    path: of its prim. sampled: first and last time code of its samples, None where it is steady.
-    """
-
-    path: str
-    sampled: tuple[float, float] | None
+    """A wind that a scene gives."""
 
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s at points (N, 3) m, at a time code."""
@@ -104,17 +104,16 @@ class SceneReaders(GroomReaders):
 
 @dataclass(frozen=True)
 class TimedSurface:
-    """A scene's mesh over the shot's time. start: time code at 0 s. run_up: how its motion is
-    brought up from rest before 0."""
+    """A scene's mesh over the shot's time. run_up: how its motion is brought up from rest before
+    0."""
 
     surface: MovingSurface
-    start: float
+    clock: StageClock
     run_up: RunUp = NO_RUN_UP
 
     def points(self, time: float) -> Array:
         """(V, 3) m, all points at a time in s since the first frame."""
-        own = self.start + self.run_up.own(time) * self.surface.time_codes_per_second
-        points = self.surface.points(own)
+        points = self.surface.points(self.clock.code(self.run_up.own(time)))
         return points + self.run_up.shift(time) if time < 0.0 else points
 
     def brought_up(self, run_up: RunUp, tolerance: float) -> TimedSurface:
@@ -127,13 +126,12 @@ class TimedSurface:
 
 @dataclass(frozen=True)
 class TimedWind:
-    """A scene's wind over the shot's time. start: time code at 0 s. scale: factor."""
+    """A scene's wind over the shot's time. scale: factor."""
 
     source: WindSource
-    start: float
+    clock: StageClock
     scale: float
 
     def velocity(self, points: Array, time: float) -> Array:
         """(N, 3) m/s at points (N, 3) m, at a time in s since the first frame."""
-        code = self.start + time * self.source.time_codes_per_second
-        return self.scale * self.source.velocity(points, code)
+        return self.scale * self.source.velocity(points, self.clock.code(time))

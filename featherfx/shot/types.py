@@ -14,6 +14,7 @@ from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, 
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.limits import MAX_CLUMPS
+from featherfx.shot.clock import MAX_RATE, MIN_RATE
 from featherfx.shot.preroll import NO_RUN_UP, RunUp
 from featherfx.shot.skin import BoundSkin, SkinSurfaces
 from featherfx.shot.sources import TimedSurface, TimedWind
@@ -432,7 +433,8 @@ class Shot:
 
     skin: the groom's roots on their skin, where the motion is of kind "skin"; surfaces: what they
     are to be bound to, until shot/loop/placement.py has done so. exposure: (F,) to the wind, of
-    feathers on a skin (loads/shelter.py). wind_source: added to wind.
+    feathers on a skin (loads/shelter.py). wind_source: added to wind. time_codes_per_second: of
+    what is written; None: frames_per_second.
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
     through each other and through colliders. layers: None: they are shown as they were simulated.
     run_up: how what moves is brought up from rest before 0.
@@ -445,7 +447,13 @@ class Shot:
     groom: Groom
     first_frame: int
     last_frame: int
-    frames_per_second: Annotated[float, Number(1, 1000, "1/s"), "Frames per second.", Default(24.0)]
+    frames_per_second: Annotated[
+        float,
+        Number(MIN_RATE, MAX_RATE, "1/s"),
+        "Frames per second; default: the time codes per second of the skin's stage, or of the "
+        "first other stage, else 24.",
+        Default(None),
+    ]
     motion: Annotated[
         Motion,
         PRESET_FAMILIES["motion"],
@@ -498,6 +506,7 @@ class Shot:
     surfaces: SkinSurfaces | None = None
     exposure: Array | None = None
     wind_source: TimedWind | None = None
+    time_codes_per_second: float | None = None
     colliders: tuple[TimedSurface, ...] = ()
     contact: Contact | None = None
     layers: Layers | None = None

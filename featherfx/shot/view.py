@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.shot.clock import StageClock
 from featherfx.shot.sources import OfScene
 
 
@@ -38,14 +39,14 @@ class Camera(OfScene, Protocol):
 
 @dataclass(frozen=True)
 class TimedCamera:
-    """A scene's camera over the shot's time. start: time code at 0 s."""
+    """A scene's camera over the shot's time."""
 
     source: Camera
-    start: float
+    clock: StageClock
 
     def view(self, time: float) -> View:
         """At a time in s since the first frame."""
-        return self.source.view(self.start + time * self.source.time_codes_per_second)
+        return self.source.view(self.clock.code(time))
 
 
 def relative_sizes(view: View, roots: Array, lengths: Array, margin: float) -> Array:

@@ -15,6 +15,7 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.files.background import allow_threads
 from featherfx.limits import MAX_JOBS
 from featherfx.phases import Account
+from featherfx.shot.clock import StageClock
 from featherfx.shot.contact.pairs import _through_others
 from featherfx.shot.frames import Frame
 from featherfx.shot.loop.simulate import Simulation, simulate
@@ -270,7 +271,7 @@ class Board:
 def test_feathers_are_carried_by_a_body_that_moves():
     still = replace(half_wing(bird()), motion=Motion("hold", {}))
     first = still.first_frame / still.frames_per_second
-    shot = replace(still, colliders=(TimedSurface(Board(), first),))
+    shot = replace(still, colliders=(TimedSurface(Board(), StageClock(first)),))
     free, _ = baked(replace(shot, colliders=()), 1)
     simulation, frames = baked(shot, 8)
     assert free.report["contact"]["bodies"] == 0

@@ -20,6 +20,7 @@ from test_contact_shots import (
 )
 
 from featherfx.errors import InputWarning, SimulationError
+from featherfx.shot.clock import StageClock
 from featherfx.shot.contact import settle
 from featherfx.shot.contact.steps import FrameSteps, StepPacing, StepRules, StepSpan
 from featherfx.shot.loop.simulate import simulate
@@ -34,7 +35,7 @@ BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 
 
 def timed(board) -> tuple[TimedSurface]:
-    return (TimedSurface(board, 1.0 / 30.0),)
+    return (TimedSurface(board, StageClock(1.0 / 30.0)),)
 
 
 def coarse_bird():

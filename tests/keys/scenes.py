@@ -930,6 +930,8 @@ ELSEWHERE = {
     "shot.groom": "tests/usdin/test_usd_groom.py",
     "shot.skin.usd": "tests/usdin/test_usd_skin.py",
     "shot.skin.extrapolation": "tests/usdin/test_usd_skin.py",
+    "shot.skin.time": "tests/usdin/test_stage_time.py",
+    "shot.collider.time": "tests/usdin/test_stage_time.py",
     "shot.wind_usd": "tests/usdin/test_usd_wind_and_bake.py",
     "shot.collider.usd": "tests/contact/test_contact_shots.py",
     "shot.collider.interpolation": "tests/contact/test_contact_shots.py",

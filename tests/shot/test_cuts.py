@@ -11,6 +11,7 @@ from places import SAMPLES
 
 from featherfx.algebra.interpolation import Knots
 from featherfx.errors import InputWarning
+from featherfx.shot.clock import StageClock
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.cuts import CutRoots
@@ -137,7 +138,7 @@ class Board:
 def test_a_collider_that_is_elsewhere_is_no_wall_that_moves():
     shot = flight(np.zeros(3))
     feathers = FeathersOver(np.arange(2), np.zeros((2, 1, 1, 3)), np.full(2, 0.3), np.zeros((2, 3)))
-    bodies = Bodies(replace(shot, colliders=(TimedSurface(Board(), 0.0),)), feathers)
+    bodies = Bodies(replace(shot, colliders=(TimedSurface(Board(), StageClock()),)), feathers)
     bodies.begun = True
     states = next(iter(simulate_states(shot)))
     for k in range(10):

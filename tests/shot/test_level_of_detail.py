@@ -10,6 +10,7 @@ import pytest
 from places import SAMPLES
 
 from featherfx.errors import InputError
+from featherfx.shot.clock import StageClock
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.types import LevelOfDetail, Motion, Shot
@@ -76,7 +77,12 @@ def feathers(count: int, frames: int, shake: float = 0.0) -> Shot:
 
 
 def railed(shot: Shot, distance: tuple[float, ...], **values: object) -> Shot:
-    return replace(shot, level_of_detail=rules(camera=TimedCamera(Rail(distance), 0.0), **values))
+    return replace(
+        shot,
+        level_of_detail=rules(
+            camera=TimedCamera(Rail(distance), StageClock(0.0, 1.0, 24.0)), **values
+        ),
+    )
 
 
 def levels(shot: Shot) -> list[str]:

@@ -25,6 +25,7 @@ from featherfx.algebra.rotation import frames_from, vectors_to_frames
 from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import both, stacked, turned
 from featherfx.groom.presets.kinds import Change, adjusted
+from featherfx.shot.clock import StageClock
 from featherfx.shot.frames import FeatherPose, place
 from featherfx.shot.layers import layers
 from featherfx.shot.layers.lap_kernels import find_laps
@@ -272,7 +273,7 @@ def test_a_feather_that_is_pushed_into_the_skin_is_laid_over_it():
     shot = shingles(1)
     pose = next(iter(simulate(replace(shot, layers=None)))).poses[0]
     low = float(pose.points.nodes[..., 2].min())
-    surfaces = SkinSurfaces((Sheet(low - 4e-3),), 0.0, 1.0, "", "")
+    surfaces = SkinSurfaces((Sheet(low - 4e-3),), StageClock(frames_per_second=24.0), 1.0, "", "")
     shot = replace(shot, skin=surfaces.bind(shot.groom))
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage = layers.LayeredPlumage(shot, drawn, np.arange(1), 1)
@@ -291,7 +292,12 @@ def test_what_has_left_the_skin_is_not_lifted_to_the_planes_of_its_faces():
     pose = next(iter(simulate(replace(shot, layers=None)))).poses[0]
     length = shot.groom.feathers[0].kind.length
     low = float(pose.points.nodes[..., 2].min()) - 4e-3
-    shot = replace(shot, skin=SkinSurfaces((Sheet(low),), 0.0, 1.0, "", "").bind(shot.groom))
+    shot = replace(
+        shot,
+        skin=SkinSurfaces((Sheet(low),), StageClock(frames_per_second=24.0), 1.0, "", "").bind(
+            shot.groom
+        ),
+    )
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plumage = layers.LayeredPlumage(shot, drawn, np.arange(1), 1)
     skin = plumage.skin(0.0)
@@ -310,7 +316,12 @@ def test_no_feather_is_lifted_by_more_than_twice_its_length():
     rest = place(drawn[0].rest, one.position, one.rotation)
     rolled = place(drawn[0].rest, one.position, askew(one, 0, 50.0).rotation)
     low, none = float(rest.nodes[..., 2].min()) - 4e-3, both(np.zeros_like, rest)
-    shot = replace(shot, skin=SkinSurfaces((Sheet(low),), 0.0, 1.0, "", "").bind(shot.groom))
+    shot = replace(
+        shot,
+        skin=SkinSurfaces((Sheet(low),), StageClock(frames_per_second=24.0), 1.0, "", "").bind(
+            shot.groom
+        ),
+    )
     plumage = layers.LayeredPlumage(shot, drawn, np.arange(1), 1)
     for k, (depth, own) in enumerate(((0.0, 1.0), (0.9, np.cos(np.radians(50.0))), (1.8, None))):
         points = (rolled if k else rest).shifted(np.array([0.0, 0.0, -depth * length]))
@@ -382,7 +393,12 @@ def test_skin_does_not_pass_between_the_nodes_of_a_feather_that_lies_on_it():
     middle, apart = 0.5 * (shaft[5] + shaft[6]), abs(shaft[6, 0] - shaft[5, 0])
     low = float(shaft[5:7, 2].min()) - 1e-4
     surface = Ridge(low, middle[2] + 5e-4, middle[0], 0.2 * apart)
-    shot = replace(shot, skin=SkinSurfaces((surface,), 0.0, 1.0, "", "").bind(shot.groom))
+    shot = replace(
+        shot,
+        skin=SkinSurfaces((surface,), StageClock(frames_per_second=24.0), 1.0, "", "").bind(
+            shot.groom
+        ),
+    )
     plumage, none = layers.LayeredPlumage(shot, drawn, np.arange(1), 1), both(np.zeros_like, rest)
     laid = lay(plumage, [FeatherPose(rest, none, none)], plumage.skin(0.0), 0.0, 0.0)[0]
     after = 0.5 * (laid.points.nodes[5, 0] + laid.points.nodes[6, 0])

@@ -10,6 +10,7 @@ from places import SAMPLES
 
 from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.groom.types import Placement
+from featherfx.shot.clock import StageClock
 from featherfx.shot.loads import shelter
 from featherfx.shot.loads.shelter import LEAST, lying_exposures
 from featherfx.shot.loads.wind import exposures
@@ -43,7 +44,7 @@ def at(x: float, height: float, turn: tuple[float, float, float] = (0, 0, 0)) ->
 def exposed(*feathers: Placement) -> np.ndarray:
     placed = tuple(replace(each, id=f"{k}") for k, each in enumerate(feathers))
     groom = replace(SHOT.groom, feathers=placed)
-    skin = SkinSurfaces((Sheet(),), 0.0, 10.0, "", "").bind(groom)  # type: ignore[arg-type]
+    skin = SkinSurfaces((Sheet(),), StageClock(), 10.0, "", "").bind(groom)  # type: ignore[arg-type]
     return lying_exposures(placed, skin)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.shot.clock import StageClock
 from featherfx.shot.preroll import RunUpRoots, run_up_of
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.sources import TimedSurface
@@ -109,7 +110,7 @@ class Plate:
 @pytest.mark.parametrize(("speed", "farther"), [(SPEED, 0.5 * SPEED * PREROLL), (0.0, 0.0)])
 def test_bodies_that_move_are_led_as_the_roots_are_and_the_ground_stays(speed, farther):
     run_up = run_up_of(Beat(), PREROLL, TOLERANCE)
-    surface = TimedSurface(Plate(speed), 0.0).brought_up(run_up, TOLERANCE)
+    surface = TimedSurface(Plate(speed), StageClock()).brought_up(run_up, TOLERANCE)
     for time, back in ((-PREROLL, farther), (0.0, 0.0)):
         way = surface.points(time) - Plate(speed).points(0.0)
         np.testing.assert_allclose(way[:, 0], -back, atol=1e-6)

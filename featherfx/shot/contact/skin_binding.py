@@ -52,7 +52,7 @@ def surfaces_under(
         members.setdefault(id(part.surface), []).append(own)
     surfaces = {id(part.surface): part.surface for part in skin.parts}
     return [
-        (TimedSurface(surface, skin.start, run_up), own)
+        (TimedSurface(surface, skin.clock, run_up), own)
         for key, surface in surfaces.items()
         if len(own := np.concatenate(members[key]))
     ]

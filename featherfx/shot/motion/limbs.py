@@ -16,6 +16,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.groom.skin.skin import Binding, bind, follow
 from featherfx.groom.types import Groom
+from featherfx.shot.clock import StageClock
 from featherfx.shot.motion.joints import JointPoses, Skeleton, joint_roots, skeleton_of
 from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.skin import BoundSkin
@@ -101,7 +102,7 @@ def of_wings(groom: Groom) -> Flags:
 class _Bones:
     """B bones of wings on the ribbons of a skeleton. joints: (B,) of the groom. middles: (B, 3) m.
 
-    triangles: (U, 3) points of the ribbons that the binding uses. start: time code at 0 s.
+    triangles: (U, 3) points of the ribbons that the binding uses.
     """
 
     skeleton: Skeleton
@@ -110,12 +111,12 @@ class _Bones:
     surface: MovingSurface
     binding: Binding
     triangles: Indices
-    start: float
+    clock: StageClock
 
     def poses(self, time: float) -> JointPoses:
         """Return the poses of the groom's joints; those of no wing stay. time: s since the first
         frame."""
-        code = self.start + time * self.surface.time_codes_per_second
+        code = self.clock.code(time)
         corners = self.surface.corners(code, self.triangles)
         places, turns = follow(self.binding, corners, self.surface.is_mirrored(code))
         count = len(self.skeleton.names)
@@ -163,7 +164,7 @@ def on_bones(groom: Groom, skin: BoundSkin) -> Roots:
     _refuse_one_wing([groom.joints[k - 1].name for k in bones], groom, ribbons, binding)
     used, skeleton = ribbons.triangles[binding.used], skeleton_of(groom)
     joints = np.array(list(bones), dtype=np.int64)
-    own = _Bones(skeleton, joints, middles, ribbons, binding, used, skin.start)
+    own = _Bones(skeleton, joints, middles, ribbons, binding, used, skin.clock)
     return _WingRoots(skin, joint_roots(groom, skeleton, own.poses), np.array(members))
 
 

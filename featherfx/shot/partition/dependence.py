@@ -91,7 +91,7 @@ def _with_those_beneath(shot: Shot, laid: StackingOrder, own: Sequence[str]) -> 
 def _common(shot: Shot) -> list[Any]:
     found: list[Any] = [each for each in members(shot) if each[0] not in _NOT_COMMON]
     skin = shot.skin
-    surfaces = [] if skin is None else [skin.start, *(part.surface for part in skin.parts)]
+    surfaces = [] if skin is None else [skin.clock, *(part.surface for part in skin.parts)]
     return [*found, shot.groom.joints, shot.groom.drawn_gravity, surfaces]
 
 

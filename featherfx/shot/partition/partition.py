@@ -216,7 +216,7 @@ def _skin(skin: BoundSkin, chosen: Indices) -> BoundSkin:
     return BoundSkin(
         ids=tuple(skin.ids[k] for k in chosen),
         rotations=skin.rotations[chosen],
-        start=skin.start,
+        clock=skin.clock,
         parts=tuple(parts),
         roots=tuple(skin.roots[k] for k in chosen),
     )

@@ -46,6 +46,13 @@ _START = Key(
     "Time code of the stage at the first frame; default: that of the frame's number.",
     None,
 )
+_TIME = Key(
+    Text(("codes", "seconds")),
+    "What a frame is where the stage's time codes per second are not frames_per_second: codes, "
+    "frame N is time code N; seconds, as USD composes layers of other rates. Without it rates that "
+    "differ are an error.",
+    None,
+)
 
 _INTERPOLATION = Key(
     Text(("smooth", "linear")),
@@ -70,6 +77,7 @@ _SKIN = {
         None,
     ),
     "start": _START,
+    "time": _TIME,
     "tolerance": Key(
         Number(0, 1000, "m"), "Roots that are farther from the skin give a warning.", 0.01
     ),
@@ -92,6 +100,7 @@ WIND_USD = {
         Text(), "Attribute that holds one vector for the whole space, not a field of points.", None
     ),
     "start": _START,
+    "time": _TIME,
     "scale": Key(Number(-1e6, 1e6), "Factor of the velocities, in stage units per second.", 1.0),
 }
 
@@ -100,6 +109,7 @@ _COLLIDER = {
     "prims": Key(ArrayOf(Text(), 0, 10_000), "Paths, or names with * and ?, of meshes.", ()),
     "collection": Key(Text(), "Collection, such as /Bird.collection:colliders.", None),
     "start": _START,
+    "time": _TIME,
     "interpolation": _INTERPOLATION,
 }
 
@@ -129,6 +139,7 @@ LEVEL_OF_DETAIL = {
     "usd": Key(Text(), "USD file of the camera, as seen from the shot file's folder.", None),
     "prim": Key(Text(), "Path of the camera.", None),
     "start": _START,
+    "time": _TIME,
 } | keys_of(LevelOfDetail)
 
 SHOT = {

@@ -21,6 +21,7 @@ from featherfx.groom.read.toml_file import file_kind, load_toml
 from featherfx.groom.read.value_diff import told
 from featherfx.groom.types import Groom
 from featherfx.shot.patterns import fits
+from featherfx.shot.read.clocks import DEFAULT_RATE, ClockReader
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.motion import read_motion
 from featherfx.shot.read.scenes import (
@@ -133,7 +134,6 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     first, last = parts["frames"]
     as_they_are = (
         "name",
-        "frames_per_second",
         "settle",
         "preroll",
         "sleep",
@@ -166,17 +166,20 @@ def _scenes(
     parts: dict[str, Any], groom: Groom, place: Place, readers: SceneReaders | None
 ) -> dict[str, Any]:
     """Fields of a shot that stand in scenes; None after adding problems."""
+    clocks = ClockReader(parts["frames"][0], parts["frames_per_second"])
     ways: dict[str, Callable[[], Any]] = {
-        "colliders": lambda: read_colliders(parts, place, readers),
-        "surfaces": lambda: read_skin(parts, groom, place, readers),
-        "wind_source": lambda: read_wind(parts, place, readers),
-        "level_of_detail": lambda: read_level_of_detail(parts, place, readers),
+        "surfaces": lambda: read_skin(parts, groom, place, readers, clocks),
+        "colliders": lambda: read_colliders(parts, place, readers, clocks),
+        "wind_source": lambda: read_wind(parts, place, readers, clocks),
+        "level_of_detail": lambda: read_level_of_detail(parts, place, readers, clocks),
     }
     found: dict[str, Any] = dict.fromkeys(ways)
     for name, way in ways.items():
         with place.problems.collecting():
             found[name] = way()
-    return found
+    rate = clocks.frames_per_second or DEFAULT_RATE
+    written = clocks.written_rate or rate
+    return found | {"frames_per_second": rate, "time_codes_per_second": written}
 
 
 def _contact(

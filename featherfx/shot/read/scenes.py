@@ -15,20 +15,20 @@ from featherfx.algebra.interpolation import Knots
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.types import Groom
+from featherfx.shot.clock import StageClock
+from featherfx.shot.read.clocks import ClockReader
 from featherfx.shot.skin import SkinSurfaces
-from featherfx.shot.sources import (
-    MovingSurface,
-    SceneReaders,
-    TimedSurface,
-    TimedWind,
-    WindSource,
-)
+from featherfx.shot.sources import MovingSurface, OfScene, SceneReaders, TimedSurface, TimedWind
 from featherfx.shot.types import Channel, LevelOfDetail, Target
 from featherfx.shot.view import TimedCamera
 
 
 def read_skin(
-    checked: dict[str, Any], groom: Groom, place: Place, given: SceneReaders | None
+    checked: dict[str, Any],
+    groom: Groom,
+    place: Place,
+    given: SceneReaders | None,
+    clocks: ClockReader,
 ) -> SkinSurfaces | None:
     """The skin that a shot's roots ride on; None where it has none.
 
@@ -44,18 +44,18 @@ def read_skin(
     needed = {entry["prim"]: at.child("prim"), **dict.fromkeys(other, at)}
     path = readers.file(Path(place.source).parent, entry["usd"])
     surfaces = readers.meshes(path, needed, None, entry["rest"], at)
-    start = _start(entry, checked, surfaces[0].time_codes_per_second)
+    clock = clocks.clock(surfaces[0], entry, at)
     if entry["extrapolation"] == "error":
-        _check_range(surfaces, entry["rest"], checked, start, at)
+        _check_range(surfaces, entry["rest"], checked, clock, at)
     for surface in surfaces:
         own = {surface.path, ""} if surface is surfaces[0] else {surface.path}
         placed = [f.id for f in groom.feathers if f.skin_uv is not None and f.skin in own]
         if placed and surface.st is None:
             at.fail(f"{surface.path} has no primvars:st, but '{placed[0]}' is placed by skin uv")
     at.problems.hand_on()
-    moving = tuple(_moving(surface, entry, checked, start) for surface in surfaces)
+    moving = tuple(_moving(each, entry, checked, clock) for each in surfaces)
     return SkinSurfaces(
-        moving, start, entry["tolerance"], at.source, at.key, entry["smoothing_radius"]
+        moving, clock, entry["tolerance"], at.source, at.key, entry["smoothing_radius"]
     )
 
 
@@ -119,7 +119,7 @@ def with_shapes(
 
 
 def read_wind(
-    checked: dict[str, Any], place: Place, given: SceneReaders | None
+    checked: dict[str, Any], place: Place, given: SceneReaders | None, clocks: ClockReader
 ) -> TimedWind | None:
     """The wind that a scene adds; None where there is none. Raises InputError."""
     at = place.child("wind_usd")
@@ -128,13 +128,13 @@ def read_wind(
         return None
     readers = _needed(given, at)
     source = readers.wind(readers.file(Path(place.source).parent, entry["usd"]), entry, at)
-    start = _start(entry, checked, source.time_codes_per_second)
-    _warn_of_range(source, checked, start, at)
-    return TimedWind(source, start, entry["scale"])
+    clock = clocks.clock(source, entry, at)
+    _warn_of_range(source, checked, clock, at)
+    return TimedWind(source, clock, entry["scale"])
 
 
 def read_colliders(
-    checked: dict[str, Any], place: Place, given: SceneReaders | None
+    checked: dict[str, Any], place: Place, given: SceneReaders | None, clocks: ClockReader
 ) -> tuple[TimedSurface, ...]:
     """The collider meshes of a shot; incomplete after adding problems."""
     found: list[TimedSurface] = []
@@ -148,14 +148,14 @@ def read_colliders(
             for mesh in readers.meshes(path, prims, entry["collection"], None, at):
                 if mesh.bones is not None:
                     at.fail(f"{mesh.path} is no Mesh, nothing can touch it")
-                start = _start(entry, checked, mesh.time_codes_per_second)
-                _warn_of_range(mesh, checked, start, at)
-                found.append(TimedSurface(_moving(mesh, entry, checked, start), start))
+                clock = clocks.clock(mesh, entry, at)
+                _warn_of_range(mesh, checked, clock, at)
+                found.append(TimedSurface(_moving(mesh, entry, checked, clock), clock))
     return tuple(found)
 
 
 def read_level_of_detail(
-    checked: dict[str, Any], place: Place, given: SceneReaders | None
+    checked: dict[str, Any], place: Place, given: SceneReaders | None, clocks: ClockReader
 ) -> LevelOfDetail | None:
     """Read how levels follow what is seen; None where they do not. Raises InputError."""
     at, values = place.child("level_of_detail"), checked["level_of_detail"]
@@ -172,8 +172,8 @@ def read_level_of_detail(
     if usd is not None:
         readers = _needed(given, at)
         source = readers.camera(readers.file(Path(place.source).parent, usd), prim, at)
-        camera = TimedCamera(source, _start(values, checked, source.time_codes_per_second))
-    left_out = ("enabled", "usd", "prim", "start")
+        camera = TimedCamera(source, clocks.clock(source, values, at))
+    left_out = ("enabled", "usd", "prim", "start", "time")
     rules = {name: value for name, value in values.items() if name not in left_out}
     return LevelOfDetail(camera=camera, **rules)
 
@@ -184,15 +184,8 @@ def _needed(readers: SceneReaders | None, at: Place) -> SceneReaders:
     return readers
 
 
-def _start(entry: dict[str, Any], checked: dict[str, Any], codes_per_second: float) -> float:
-    """Time code at the first frame: as given, or that of the frame's number."""
-    if entry["start"] is not None:
-        return float(entry["start"])
-    return float(checked["frames"][0] * codes_per_second / checked["frames_per_second"])
-
-
 def _moving(
-    surface: MovingSurface, entry: dict[str, Any], checked: dict[str, Any], start: float
+    surface: MovingSurface, entry: dict[str, Any], checked: dict[str, Any], clock: StageClock
 ) -> MovingSurface:
     """A surface as it moves between whole frames: smoothly, unless the entry says otherwise.
 
@@ -201,13 +194,12 @@ def _moving(
     """
     if entry["interpolation"] == "linear" or surface.sampled is None:
         return surface
-    step = surface.time_codes_per_second / checked["frames_per_second"]
     first, last = checked["frames"]
-    low, high = ((code - start) / step for code in surface.sampled)
+    low, high = ((code - clock.start) / clock.step for code in surface.sampled)
     return surface.smoothed(
         Knots(
-            start,
-            step,
+            clock.start,
+            clock.step,
             math.ceil(low - 1e-6) if low < 1e-6 else None,
             math.floor(high + 1e-6) if high > last - first - 1e-6 else None,
         )
@@ -218,42 +210,38 @@ def _check_range(
     surfaces: list[MovingSurface],
     rest: float | None,
     checked: dict[str, Any],
-    start: float,
+    clock: StageClock,
     at: Place,
 ) -> None:
     """Problems where shot or rest, a time code, run out of the samples of a moving surface."""
     for surface in surfaces:
-        missing = _missing(surface, checked, start)
+        missing = _missing(surface, checked, clock)
         if missing:
-            at.fail(f'{missing}. Add the missing frames, or beyond = "hold"')
+            at.fail(f'{missing}. Add the missing frames, or extrapolation = "hold"')
         if rest is None or surface.sampled is None:
             continue
         low, high = surface.sampled
         if not low <= rest <= high:
             at.child("rest").fail(
                 f"{rest:g} is outside of the samples of {surface.path}, which has {low:g} to "
-                f'{high:g}. Choose one of them, or beyond = "hold"'
+                f'{high:g}. Choose one of them, or extrapolation = "hold"'
             )
 
 
-def _warn_of_range(
-    source: MovingSurface | WindSource, checked: dict[str, Any], start: float, at: Place
-) -> None:
-    missing = _missing(source, checked, start)
+def _warn_of_range(source: OfScene, checked: dict[str, Any], clock: StageClock, at: Place) -> None:
+    missing = _missing(source, checked, clock)
     if missing:
         message = f"{at.source}: {at.key}: {missing}. The nearest is held beyond"
         warnings.warn(message, InputWarning, stacklevel=2)
 
 
-def _missing(source: MovingSurface | WindSource, checked: dict[str, Any], start: float) -> str:
+def _missing(source: OfScene, checked: dict[str, Any], clock: StageClock) -> str:
     """Tell which samples a shot needs that a scene does not have; empty where it has all."""
     first, last = checked["frames"]
-    rate, codes = checked["frames_per_second"], source.time_codes_per_second
-    end = start + (last - first) / rate * codes
+    start, end = clock.start, clock.start + (last - first) * clock.step
     low, high = source.sampled or (start, end)
     if low - 1e-6 <= start and end <= high + 1e-6:
         return ""
-    needs = f"the shot needs {start:g} to {end:g}"
-    if codes != rate:
-        needs += f" (frames_per_second = {rate:g}, the file has {codes:g} time codes a second)"
-    return f"{source.path} has samples from {low:g} to {high:g}, {needs}"
+    return (
+        f"{source.path} has samples from {low:g} to {high:g}, the shot needs {start:g} to {end:g}"
+    )

@@ -435,7 +435,8 @@ def _read_scenery(stage: Any) -> Iterator[dict[str, Any]]:
     """Yield the scenery of a shot in its cache, without malformed entries."""
     told = stage.GetRootLayer().customLayerData.get("featherfx")
     entries = told.get("scenery") if isinstance(told, dict) else None
-    kinds = {"role": str, "file": str, "prim": str, "start": float, "first": float}
+    texts, numbers = ("role", "file", "prim"), ("start", "first", "time_codes_per_frame")
+    kinds = {name: str if name in texts else float for name in texts + numbers}
     for entry in entries.values() if isinstance(entries, dict) else ():
         if isinstance(entry, dict) and all(
             isinstance(entry.get(key), kind) for key, kind in kinds.items()
@@ -493,7 +494,7 @@ def find_scenery(
             other = Cache(file)
             chosen = [k for k, each in enumerate(other.feathers) if each.path == prim]
             if chosen:
-                rate = other.frames_per_second / cache.frames_per_second
+                rate = entry["time_codes_per_frame"]
                 times = entry["start"], entry["first"], rate, entry.get("rest")
                 yield CachedScene(other, chosen, *times, entry["role"])
                 continue

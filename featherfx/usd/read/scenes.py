@@ -231,6 +231,10 @@ def _open_sampled_wind(scene: SourceScene, prim: Any, at: Place) -> SampledWind:
 class SceneCamera(ScenePrim):
     """A camera prim as featherfx.shot.view.Camera."""
 
+    def __init__(self, scene: SourceScene, prim: Any) -> None:
+        super().__init__(scene, prim)
+        self.sampled = sampled_range(prim, prim.GetAttributes())
+
     def view(self, code: float) -> View:
         """Return the view in metres, z up, at a time code; transforms and lens may be animated."""
         time = Usd.TimeCode(code)

@@ -102,6 +102,11 @@ class ScenePrim:
         return self._scene.time_codes_per_second
 
     @property
+    def has_rate(self) -> bool:
+        names = ("timeCodesPerSecond", "framesPerSecond")
+        return any(self._scene.stage.HasAuthoredMetadata(name) for name in names)
+
+    @property
     def origin(self) -> tuple[str, tuple[Path, ...]]:
         return self.path, self._scene.files
 

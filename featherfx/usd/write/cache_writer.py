@@ -59,12 +59,13 @@ class CachePlace:
 
     root: name of the root prim; "": the file's. part: suffix of group names, where caches with the
     same groups will be joined. origin: m, world (choose_origin of usd/space.py); all below the root
-    prim is written relative to it.
+    prim is written relative to it. time_codes_per_second: of its stage; None: frames_per_second.
     """
 
     root: str = ""
     part: str = ""
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    time_codes_per_second: float | None = None
 
 
 @dataclass(frozen=True)
@@ -89,10 +90,10 @@ class CacheWriter:
                 writer.write(frame)
 
     path: .usd, .usdc or .usda. feathers: at least one, unique ids. frames: first and last frame,
-    None for a rest pose without time. frames_per_second: also the time codes per second. options:
-    points, velocities and widths are converted to the unit and axis, 1 m and "Z" where they are
-    None; layouts are those of usd/write/layers.py; a chunk has fewer frames where they exceed
-    chunk_bytes. metadata: plain values, stored with the layout as custom data of the root layer.
+    None for a rest pose without time. place: also in time. options: points, velocities and widths
+    are converted to the unit and axis, 1 m and "Z" where they are None; layouts are those of
+    usd/write/layers.py; a chunk has fewer frames where they exceed chunk_bytes. metadata: plain
+    values, stored with the layout as custom data of the root layer.
 
     continuation: where given, finished chunks stay on disk when the block is left by an exception,
     or the process by a kill. A writer with equal settings and resume continues after them:
@@ -138,6 +139,7 @@ class CacheWriter:
             frames_per_second,
             {**(metadata or {}), "layout": self._layout}
             | ({"chunk": self.chunk} if continuation and frames else {}),
+            place.time_codes_per_second,
         )
         own = (continuation and continuation.settings) or self._settings_of_stage(options.chunk)
         self._before = self._checked_files(options, own)
@@ -307,7 +309,8 @@ class CacheWriter:
     def _settings_of_stage(self, chunk: int | None) -> dict[str, str]:
         """Return settings that tell caches of the same name apart where none are given."""
         space, info = self._info.space, self._info
-        values = (space, info.frames, info.frames_per_second, info.metadata, self._subframes, chunk)
+        rates = info.frames_per_second, info.time_codes_per_second
+        values = (space, info.frames, rates, info.metadata, self._subframes, chunk)
         return {"stage": repr(values)}
 
     def _finish(self) -> None:

@@ -53,7 +53,7 @@ class StageInfo:
     """Metadata of every layer of a cache.
 
     root: name of the root prim. frames: first and last frame (None: no time). metadata: custom data
-    of the root layer.
+    of the root layer. time_codes_per_second: None: frames_per_second.
     """
 
     root: str
@@ -61,6 +61,7 @@ class StageInfo:
     frames: tuple[float, float] | None
     frames_per_second: float
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    time_codes_per_second: float | None = None
 
     @property
     def root_path(self) -> Any:
@@ -74,7 +75,8 @@ def new_layer(info: StageInfo) -> Any:
     world = layer.pseudoRoot
     world.SetInfo(UsdGeom.Tokens.upAxis, info.space.up_axis)
     world.SetInfo(UsdGeom.Tokens.metersPerUnit, info.space.meters_per_unit)
-    layer.framesPerSecond = layer.timeCodesPerSecond = info.frames_per_second
+    layer.framesPerSecond = info.frames_per_second
+    layer.timeCodesPerSecond = info.time_codes_per_second or info.frames_per_second
     if info.frames is not None:
         layer.startTimeCode, layer.endTimeCode = map(float, info.frames)
     Sdf.CreatePrimInLayer(layer, info.root_path)
