@@ -27,15 +27,17 @@ def triangulate(counts: Indices, corners: Array) -> tuple[Indices, Indices]:
     first = np.cumsum(cuts) - cuts
     step = np.arange(len(face)) - first[face]
     places = starts[face][:, None] + np.stack([np.zeros_like(step), step + 1, step + 2], axis=1)
-    large = np.flatnonzero(counts > 3)
-    if len(large) == 0:
-        return places, face
     products = face_products(corners[places])
+    # in a plane, triangles that face as the first one does are those of a fan that fits
+    facing = dots(products, products[first[face]])
+    suspects = np.unique(face[(facing <= 0.0) & (counts[face] > 3)])
+    if len(suspects) == 0:
+        return places, face
     areas = np.stack([np.bincount(face, axis, len(counts)) for axis in products.T], axis=1)
     inside = dots(products, areas[face])
     squares = np.einsum("fc,fc->f", areas, areas)
     leaving = (inside <= _MIN_AREA_RATIO * squares[face]) & (squares[face] > 0.0)
-    some = np.unique(face[leaving & (counts[face] > 3)])
+    some = np.intersect1d(suspects, face[leaving])
     for count in np.unique(counts[some]).tolist():
         alike = some[counts[some] == count]
         own = starts[alike][:, None] + np.arange(count)

@@ -78,16 +78,18 @@ def _find_shared_edges(triangles: Indices, points: Array) -> _SharedEdges:
 
 
 def _pair_up(ends: Indices) -> tuple[Indices, Indices]:
-    """Return (P, 2) numbers of edges (E, 2) that are the same, and those that have no such one."""
-    low, high = ends.min(axis=1), ends.max(axis=1)
+    """Return (P, 2) numbers of edges (E, 2) that two triangles share, and those without a partner.
+
+    Where four or six triangles meet at an edge, two or three volumes touch.
+    """
+    low, high = np.minimum(*ends.T), np.maximum(*ends.T)
     key = low * (int(high.max(initial=0)) + 1) + high
-    order = np.argsort(key, kind="stable")
+    order = np.argsort(key)
     starts = np.flatnonzero(np.diff(key[order], prepend=-1))
     uses = np.diff(starts, append=len(order))
     twice = starts[uses == 2]
-    alone = np.ones(len(order), dtype=np.bool_)
-    alone[twice], alone[twice + 1] = False, False
-    return np.stack([order[twice], order[twice + 1]], axis=1), order[alone]
+    pairs = np.stack([order[twice], order[twice + 1]], axis=1)
+    return pairs, np.sort(order[np.repeat(uses % 2 == 1, uses)])
 
 
 def _connect(first: Indices, second: Indices, count: int) -> Indices:
