@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, face_products
@@ -93,10 +92,17 @@ def _pair_up(ends: Indices) -> tuple[Indices, Indices]:
 
 
 def _connect(first: Indices, second: Indices, count: int) -> Indices:
-    """Return (count,) the component of each of count things that pairs connect."""
-    links = sparse.coo_matrix((np.ones(len(first), np.int8), (first, second)), (count, count))
-    _, component = sparse.csgraph.connected_components(links.tocsr(), directed=False)
-    return np.asarray(component, dtype=np.int64)
+    """Return (count,) the least number of those that pairs connect with each of count things."""
+    label = np.arange(count)
+    while len(first):
+        low = np.minimum(label[first], label[second])
+        np.minimum.at(label, label[first], low)
+        np.minimum.at(label, label[second], low)
+        while (ahead := label[label]).tobytes() != label.tobytes():
+            label = ahead
+        apart = label[first] != label[second]
+        first, second = first[apart], second[apart]
+    return label
 
 
 def _agree(edges: _SharedEdges, products: Array) -> tuple[Indices, Flags]:
