@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import trimesh
-from pxr import Gf, UsdGeom
-from usdin_scenes import add_mesh, new_stage, sheet
+from pxr import Gf, Sdf, UsdGeom
+from usdin_scenes import add_curves, add_mesh, new_stage, sheet
 
 from featherfx.api import read_groom, read_shot
 from featherfx.errors import InputError
 from featherfx.groom.skin.faults import signed_volume
+from featherfx.usd.read.cache import Cache
 
 GROOM = """name = "g"
 [skin]
@@ -131,3 +132,90 @@ def test_a_mesh_without_faces_is_refused_by_its_path(tmp_path):
     write_mesh(tmp_path, np.eye(3), [], [])
     with pytest.raises(InputError, match=r"/b/skin in .*: no face has any area"):
         grow(tmp_path)
+
+
+def place_of(stage, index=0, time=None):
+    """(3,) least point of a drawn mesh in the stage's space."""
+    stage.GetRootLayer().Save()
+    cache = Cache(stage.GetRootLayer().realPath)
+    return cache.points(index, time).min(axis=0)
+
+
+def test_a_picture_takes_transforms_that_have_samples_only(tmp_path):
+    stage = new_stage(tmp_path / "set.usda")
+    points, counts, quads = sheet(2, 2)
+    above = UsdGeom.Xform.Define(stage, "/b")
+    above.AddTranslateOp().Set(Gf.Vec3d(5, 0, 0), 1)
+    add_mesh(stage, "/b/skin", points, counts, quads)
+    np.testing.assert_allclose(place_of(stage), [4.8, -0.2, 0.0], atol=1e-6)
+    above.AddScaleOp().Set(Gf.Vec3f(2, 2, 2))
+    np.testing.assert_allclose(place_of(stage), [4.6, -0.4, 0.0], atol=1e-6)
+
+
+def test_native_instances_are_in_pictures(tmp_path):
+    stage = new_stage(tmp_path / "set.usda")
+    points, counts, quads = sheet(2, 2)
+    add_mesh(stage, "/kind/leaf", points, counts, quads)
+    stage.OverridePrim("/kind").SetSpecifier(Sdf.SpecifierClass)
+    for number in range(3):
+        prim = UsdGeom.Xform.Define(stage, f"/set/tree_{number}")
+        prim.AddTranslateOp().Set(Gf.Vec3d(number, 0, 0))
+        prim.GetPrim().GetInherits().AddInherit("/kind")
+        prim.GetPrim().SetInstanceable(True)
+    UsdGeom.Imageable(stage.GetPrimAtPath("/set/tree_1")).MakeInvisible()
+    assert [place_of(stage, index)[0].round(6) for index in range(2)] == [-0.2, 1.8]
+    assert len(Cache(tmp_path / "set.usda").feathers) == 2
+
+
+def add_nested(stage, path="/b/out"):
+    """An instancer of two instancers of two curves, or sheets, each with transforms of its own."""
+    outer = UsdGeom.PointInstancer.Define(stage, path)
+    outer.CreateProtoIndicesAttr([0, 0])
+    outer.CreatePositionsAttr([(0, 0, 0), (0, 0, 2)])
+    inner = UsdGeom.PointInstancer.Define(stage, f"{path}/inner")
+    outer.CreatePrototypesRel().SetTargets([inner.GetPath()])
+    inner.CreateProtoIndicesAttr([0, 0, 0])
+    inner.CreatePositionsAttr([(0, 0, 0), (0.5, 0, 0), (9, 9, 9)])
+    inner.AddTranslateOp().Set(Gf.Vec3d(0, 3, 0))
+    inner.DeactivateId(2)
+    template = UsdGeom.Xform.Define(stage, f"{path}/inner/t")
+    template.AddTranslateOp().Set(Gf.Vec3d(0, 1, 0))
+    inner.CreatePrototypesRel().SetTargets([template.GetPath()])
+    return inner, template
+
+
+NESTED = [[0.0, 4.0, 0.0], [0.5, 4.0, 0.0], [0.0, 4.0, 2.0], [0.5, 4.0, 2.0]]
+
+
+def test_instancers_in_instancers_place_feathers(tmp_path):
+    stage = new_stage(tmp_path / "groom.usda")
+    add_nested(stage)
+    add_curves(stage, "/b/out/inner/t/c", [np.linspace([0, 0, 0], [-0.1, 0, 0.01], 5)])
+    stage.GetRootLayer().Save()
+    (tmp_path / "groom.toml").write_text('name = "g"\n[[usd]]\nfile = "groom.usda"\n')
+    feathers = read_groom(tmp_path / "groom.toml").feathers
+    np.testing.assert_allclose([f.position for f in feathers], NESTED, atol=1e-6)
+    assert len({f.id for f in feathers}) == 4
+
+
+def test_instancers_in_instancers_are_in_pictures(tmp_path):
+    stage = new_stage(tmp_path / "set.usda")
+    add_nested(stage)
+    add_mesh(stage, "/b/out/inner/t/leaf", *sheet(1, 1))
+    hidden = add_mesh(stage, "/b/out/inner/t/hidden", *sheet(1, 1))
+    hidden.MakeInvisible()
+    found = [place_of(stage, index) + np.array([0.2, 0.2, 0.0]) for index in range(4)]
+    np.testing.assert_allclose(found, NESTED, atol=1e-6)
+    assert len(Cache(tmp_path / "set.usda").feathers) == 4
+
+
+def test_a_ring_of_instancers_is_refused_by_its_paths(tmp_path):
+    stage = new_stage(tmp_path / "groom.usda")
+    inner, template = add_nested(stage)
+    inner.GetPrototypesRel().SetTargets([template.GetPath(), "/b/out"])
+    stage.GetRootLayer().Save()
+    with pytest.raises(InputError, match=r"ring: /b/out -> /b/out/inner -> /b/out"):
+        Cache(tmp_path / "groom.usda")
+    (tmp_path / "groom.toml").write_text('name = "g"\n[[usd]]\nfile = "groom.usda"\n')
+    with pytest.raises(InputError, match=r"ring: /b/out -> /b/out/inner"):
+        read_groom(tmp_path / "groom.toml")

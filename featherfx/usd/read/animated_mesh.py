@@ -33,7 +33,6 @@ from featherfx.usd.read.stage import (
     rest_time,
     sampled_range,
     transform_points,
-    transform_time,
 )
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -211,7 +210,6 @@ class AnimatedMesh(ScenePrim):
             local = read_sized_array(self._mesh.GetPointsAttr(), self._rest_code, VECTOR_ARRAY)
         else:
             local, prim = self._local_points(self._rest_code)
-        self._rest_code = transform_time(prim, self._rest_code)
         matrix = self._scene.matrix(prim, self._rest_code)
         bound = np.eye(4) if self._skinning is None else self._skinning.bind_matrix
         self.rest_matrix = bound @ matrix
@@ -219,7 +217,6 @@ class AnimatedMesh(ScenePrim):
 
     def _sign(self, code: Any) -> bool:
         prim = self._prim if self._skinning is None else self._skinning.space
-        code = transform_time(prim, code)
         return bool(np.linalg.det(self._scene.matrix(prim, code)[:3, :3]) < 0.0)
 
 

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import UsdGeom
 
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.usd.read.skinning import Skinning, find_skinning
-from featherfx.usd.read.stage import SourceScene
+from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
-    DEFAULT_TIME,
     EARLIEST_TIME,
     INTEGER_ARRAY,
     compute,
@@ -28,7 +27,10 @@ from featherfx.usd.read.values import (
     read_matrix,
     read_sized_array,
     read_targets,
+    read_text,
 )
+
+MatrixAt = Callable[[Any], Array]  # (4, 4), row vectors, at a time code
 
 
 @dataclass(frozen=True)
@@ -50,20 +52,19 @@ class DrawnMesh:
     """
 
     mesh: Any
-    matrix: Callable[[Any], Array]
+    matrix: MatrixAt
     labels: FeatherLabels | None
     skinning: Skinning | None = None
 
 
 def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
-    """Yield drawn meshes in the order of the stage, without invisible prims and other purposes."""
-    walk = iter(stage.Traverse())
-    for prim in walk:
-        if prim.IsA(UsdGeom.PointInstancer):
-            # prototypes below an instancer are drawn by it only
-            walk.PruneChildren()
-            if is_drawn(prim):
-                yield from _instanced_meshes(prim)
+    """Yield drawn meshes in the order of the stage, those of native instances included.
+
+    Left out are invisible prims, other purposes, and prototypes but for their instances.
+    """
+    for prim in prims_below(stage.GetPseudoRoot()):
+        if prim.IsA(UsdGeom.PointInstancer) and is_drawn(prim):
+            yield from _instanced_meshes(prim)
         elif prim.IsA(UsdGeom.Mesh) and is_drawn(prim):
             mesh = UsdGeom.Mesh(prim)
             skinning = _find_skinning(mesh)
@@ -80,37 +81,70 @@ def _find_skinning(mesh: Any) -> Skinning | None:
 
 def _instanced_meshes(prim: Any) -> Iterator[DrawnMesh]:
     instances = Instances(prim)
-    below: dict[Any, list[tuple[Any, Array]]] = {}
-    for index, root in enumerate(instances.prims):
-        path = root.GetPath()
-        if path not in below:
-            below[path] = list(_meshes_below(root))
-        for mesh, inner in below[path]:
+    parts = {root.GetPath(): list(_find_parts(root)) for root in instances.prims}
+    for index, root in instances.drawn():
+        for mesh, inner in parts[root.GetPath()]:
             labels = FeatherLabels(
                 instances.label("featherId", index, f"{prim.GetName()}_{index}"),
                 instances.label("featherKind", index, ""),
                 instances.label("region", index, ""),
             )
-            yield DrawnMesh(mesh, partial(_instance_matrix, instances, index, inner), labels)
+            yield DrawnMesh(mesh, _product(inner, partial(instances.matrix, index)), labels)
 
 
-def _meshes_below(root: Any) -> Iterator[tuple[Any, Array]]:
-    """Meshes at or below a prototype with their transforms to its root's own space (4, 4)."""
-    outer = read_inverse(root, DEFAULT_TIME)
-    for prim in Usd.PrimRange(root, Usd.TraverseInstanceProxies()):
+def _find_parts(root: Any) -> Iterator[tuple[Any, MatrixAt]]:
+    """Yield meshes of a prototype, with their matrices to its root's own space.
+
+    An instancer in it has its own instances there.
+    """
+    back = _last_kept(partial(read_inverse, root))
+    for prim in prims_below(root):
+        if not is_drawn(prim, root):
+            continue
         if prim.IsA(UsdGeom.Mesh):
-            yield UsdGeom.Mesh(prim), read_matrix(prim, DEFAULT_TIME) @ outer
+            yield UsdGeom.Mesh(prim), _product(partial(read_matrix, prim), back)
+        elif prim.IsA(UsdGeom.PointInstancer):
+            inner = Instances(prim)
+            for index, own in inner.drawn():
+                placed = _product(partial(inner.matrix, index), back)
+                for mesh, matrix in _find_parts(own):
+                    yield mesh, _product(matrix, placed)
 
 
-def _instance_matrix(instances: Instances, index: int, inner: Array, code: Any) -> Array:
-    return inner @ instances.matrix(index, code)
+def _product(first: MatrixAt, second: MatrixAt) -> MatrixAt:
+    return _last_kept(lambda code: first(code) @ second(code))
 
 
-def is_drawn(prim: Any) -> bool:
+def _last_kept(matrix: MatrixAt) -> MatrixAt:
+    """Return a function of a time code that computes anew only for another one."""
+    known: dict[Any, Array] = {}
+
+    def at(code: Any) -> Array:
+        if code not in known:
+            known.clear()
+            known[code] = matrix(code)
+        return known[code]
+
+    return at
+
+
+def is_drawn(prim: Any, root: Any = None) -> bool:
+    """Return whether a prim is visible and of a purpose that is rendered.
+
+    root: of a prototype, above which nothing hides it.
+    """
     image = UsdGeom.Imageable(prim)
     drawn = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
-    purpose = compute(prim, image.ComputePurpose)
-    return purpose in drawn and (compute(prim, image.ComputeVisibility) != UsdGeom.Tokens.invisible)
+    if compute(prim, image.ComputePurpose) not in drawn:
+        return False
+    if root is None:
+        return bool(compute(prim, image.ComputeVisibility) != UsdGeom.Tokens.invisible)
+    above = prim
+    while above.GetPath().HasPrefix(root.GetPath()):
+        if read_text(UsdGeom.Imageable(above).GetVisibilityAttr()) == UsdGeom.Tokens.invisible:
+            return False
+        above = above.GetParent()
+    return True
 
 
 def instance_matrices(instancer: Any, code: Any) -> Array:
@@ -127,13 +161,26 @@ def instance_matrices(instancer: Any, code: Any) -> Array:
     return np.asarray(found, dtype=np.float64).reshape(-1, 4, 4)
 
 
+def refuse_rings(prim: Any, above: tuple[Any, ...] = ()) -> None:
+    """Raise InputError where prototypes of an instancer hold the instancer itself."""
+    if prim.GetPath() in above:
+        ring = " -> ".join(map(str, (*above, prim.GetPath())))
+        raise fault(prim, f"its prototypes form a ring: {ring}")
+    for target in read_targets(UsdGeom.PointInstancer(prim).GetPrototypesRel()):
+        root = prim.GetStage().GetPrimAtPath(target)
+        for each in prims_below(root) if root else ():
+            if each.IsA(UsdGeom.PointInstancer):
+                refuse_rings(each, (*above, prim.GetPath()))
+
+
 class Instances:
     """The instances of one PointInstancer, read back: prototypes and transforms.
 
-    prims: per instance, its prototype's root. labels: per instance, primvar names to texts.
+    prims: per instance, its prototype's root.
     """
 
     def __init__(self, prim: Any) -> None:
+        refuse_rings(prim)
         self._instancer = UsdGeom.PointInstancer(prim)
         targets = read_targets(self._instancer.GetPrototypesRel())
         roots = [prim.GetStage().GetPrimAtPath(target) for target in targets]
@@ -146,12 +193,19 @@ class Instances:
         if len(wrong):
             raise fault(attribute, f"{wrong[0]} is out of range. Give 0 to {len(roots) - 1}")
         self.prims = [roots[index] for index in indices]
+        self._mask = compute(prim, self._instancer.ComputeMaskAtTime, EARLIEST_TIME)
         self._labels = {}
         for name in ("featherId", "featherKind", "region"):
             values = read_flattened(UsdGeom.PrimvarsAPI(prim).GetPrimvar(name), EARLIEST_TIME)
             if values is not None and len(list_elements(values)) == len(self.prims):
                 self._labels[name] = list_elements(values)
         self._known: dict[Any, Array] = {}
+
+    def drawn(self) -> Iterator[tuple[int, Any]]:
+        """Yield the number and the prototype's root of each instance that is not masked."""
+        for index, root in enumerate(self.prims):
+            if not len(self._mask) or self._mask[index]:
+                yield index, root
 
     def label(self, name: str, index: int, fallback: str) -> str:
         """A text of one instance."""

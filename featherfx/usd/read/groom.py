@@ -18,7 +18,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.condensed import DrawnBarbs
 from featherfx.groom.read.readers import DrawnFeather
 from featherfx.usd.read.curves import CurveElement, PrimvarReader, read_prim_curves
-from featherfx.usd.read.drawn_meshes import instance_matrices
+from featherfx.usd.read.drawn_meshes import Instances, instance_matrices, refuse_rings
 from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.stage import (
     SourceScene,
@@ -30,7 +30,6 @@ from featherfx.usd.read.stage import (
     prims_below,
     rest_time,
     transform_points,
-    transform_time,
 )
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -111,7 +110,7 @@ def _read_prim(
         return
     for curve in _read_curves(prim, entry, place):
         code = _rest_time(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
-        matrix = scene.matrix(prim, transform_time(prim, code))
+        matrix = scene.matrix(prim, code)
         path = str(prim.GetPath())
         alone, number = curve.own.of == 1, curve.own.number
         label = path if alone else f"{path}[{number}]"
@@ -203,6 +202,7 @@ def _instances(
 ) -> Iterator[DrawnFeather]:
     """Yield feathers of a point instancer, each of a template with curves, or of a kind."""
     instancer, at = UsdGeom.PointInstancer(prim), place.child(str(prim.GetPath()))
+    refuse_rings(prim)
     code = _rest_time(instancer.GetPositionsAttr(), entry)
     numbers = read_sized_array(instancer.GetProtoIndicesAttr(), code, INTEGER_ARRAY).astype(
         np.int64
@@ -217,7 +217,7 @@ def _instances(
     if not np.isfinite(matrices).all():
         at.refuse("holds instances whose positions are not finite. Remove them")
     templates = all_of(*(partial(_template, scene, path, entry, at, place) for path in targets))
-    to_stage = scene.matrix(prim, transform_time(prim, code))
+    to_stage = scene.matrix(prim, code)
     ids = read_array(instancer.GetIdsAttr(), code, INTEGER_ARRAY)
     if ids is not None and len(ids) != len(numbers):
         at.child("ids").refuse(f"has {len(ids)} values for {len(numbers)} instances")
@@ -234,23 +234,41 @@ def _instances(
 
 
 def _template(scene: SourceScene, path: Any, entry: dict[str, Any], at: Place, place: Place) -> Any:
-    """Return [(curve, matrix to the space of the prototype)], and the prototype itself."""
-    prim, found = find_prim(scene, str(path), at.child("prototypes")), []
-    root = read_inverse(prim, DEFAULT_TIME)
-    for each in prims_below(prim):
-        if each.IsA(UsdGeom.BasisCurves):
-            relative = read_matrix(each, DEFAULT_TIME) @ root
-            found += [(curve, relative) for curve in _read_curves(each, entry, place)]
+    """Return [(curve, matrix to the space of the prototype, suffix)], and the prototype itself."""
+    prim = find_prim(scene, str(path), at.child("prototypes"))
     values = PrimvarReader(prim, entry["names"], DEFAULT_TIME, None, place.child(str(path)))
-    return found, CurveElement(values, 0, 1)
+    return list(_template_curves(prim, entry, place)), CurveElement(values, 0, 1)
+
+
+def _template_curves(
+    root: Any, entry: dict[str, Any], place: Place
+) -> Iterator[tuple[_Curve, Array, str]]:
+    """Yield curves at or below a prototype, with those that instancers place there."""
+    code = DEFAULT_TIME if entry["time"] is None else Usd.TimeCode(entry["time"])
+    back = read_inverse(root, code)
+    for prim in prims_below(root):
+        if prim.IsA(UsdGeom.BasisCurves):
+            relative = read_matrix(prim, code) @ back
+            for curve in _read_curves(prim, entry, place):
+                yield curve, relative, f"_{prim.GetName()}_{curve.own.number}"
+        elif prim.IsA(UsdGeom.PointInstancer):
+            inner = Instances(prim)
+            for index, own in inner.drawn():
+                placed = inner.matrix(index, code) @ back
+                curves = list(_template_curves(own, entry, place))
+                if not curves:
+                    told = "holds no curves. An instancer in another one places curves only"
+                    place.child(str(own.GetPath())).refuse(told)
+                for curve, relative, suffix in curves:
+                    yield curve, relative @ placed, f"_{prim.GetName()}_{index}{suffix}"
 
 
 def _instanced(
     template: Any, matrix: Array, unit: float, label: str, name: str, own: CurveElement
 ) -> Iterator[DrawnFeather]:
     curves, prototype = template
-    for curve, relative in curves:
-        several = "" if len(curves) == 1 else f"_{curve.prim.GetName()}_{curve.own.number}"
+    for curve, relative, suffix in curves:
+        several = "" if len(curves) == 1 else suffix
         yield _drawn_feather(curve, relative @ matrix, label + several, name + several, own)
     if curves:
         return

@@ -22,7 +22,6 @@ from featherfx.usd.read.stage import (
     rest_time,
     sampled_range,
     transform_points,
-    transform_time,
 )
 from featherfx.usd.read.values import (
     EARLIEST_TIME,
@@ -235,7 +234,7 @@ def _size(scene: SourceScene, prim: Any, points: NDArray[Any]) -> tuple[float, .
     low, high = box
     corners = np.array(np.meshgrid(*np.stack([low, high], axis=1))).reshape(3, -1).T
     # along the world's axes, then put back to the order of the stage's
-    matrix = scene.matrix(prim, transform_time(prim, rest_time(_places(prim))))
+    matrix = scene.matrix(prim, rest_time(_places(prim)))
     box = np.ptp(transform_points(corners.astype(np.float64), matrix), axis=0)
     turned = box[[0, 2, 1]] if scene.space[1] == "Y" else box
     return tuple(turned.tolist())

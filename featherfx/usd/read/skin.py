@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdSkel
+from pxr import UsdGeom, UsdSkel
 
 from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputWarning, all_of
@@ -29,7 +29,6 @@ from featherfx.usd.read.stage import (
     rest_time,
     to_world_matrix,
     transform_points,
-    transform_time,
 )
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -103,8 +102,7 @@ class StageSkin:
     def vectors(self, name: str, place: Place) -> Array:
         """(T, 3, 3) a vector primvar at the corners, in the world."""
         local = self._primvar(name, 3, place)
-        code = transform_time(self._prim, Usd.TimeCode.Default())
-        return np.asarray(local @ self._scene.matrix(self._prim, code)[:3, :3])
+        return np.asarray(local @ self._scene.matrix(self._prim, DEFAULT_TIME)[:3, :3])
 
     def subset(self, name: str, place: Place) -> Flags:
         """(T,) whether triangles are of a named set of faces."""
@@ -199,7 +197,7 @@ def _read_curve_prims(scene: SourceScene, prims: tuple[str, ...], place: Place) 
                     code = rest_time(UsdGeom.BasisCurves(prim).GetPointsAttr())
                     at = Place(str(scene.path), str(prim.GetPath()), place.problems)
                     curves = read_prim_curves(prim, code, at)
-                    matrix = scene.matrix(prim, transform_time(prim, code))
+                    matrix = scene.matrix(prim, code)
                     lines = (curves.line(number) for number in range(len(curves)))
                     found += [transform_points(line, matrix) for line in lines]
     problems.hand_on()
@@ -241,7 +239,7 @@ def _read_bind_places(scene: SourceScene, prim: Any, place: Place) -> tuple[list
 
 def _skeleton_to_world(scene: SourceScene, prim: Any, local: Array, place: Place) -> Array:
     """(k, 3) m, of points in a skeleton's space."""
-    points = transform_points(local, scene.matrix(prim, transform_time(prim, DEFAULT_TIME)))
+    points = transform_points(local, scene.matrix(prim, DEFAULT_TIME))
     if not np.isfinite(points).all():
         place.refuse(f"{prim.GetPath()} in {scene.path}: bind transforms are not finite")
     return points

@@ -26,6 +26,7 @@ from featherfx.usd.read.values import (
     compute,
     describe_error,
     describe_time,
+    list_transforms,
     read_matrix,
     read_times,
     read_value,
@@ -325,20 +326,9 @@ def list_times(attribute: Any) -> list[Any]:
     return default + [Usd.TimeCode(time) for time in read_times(attribute)]
 
 
-def transform_time(prim: Any, code: Any) -> Any:
-    """Return the time of transforms: code, or the first samples where an op has no default."""
-    if not code.IsDefault():
-        return code
-    while prim and not prim.IsPseudoRoot():
-        if any(read_value(each, DEFAULT_TIME) is None for each in _own_transforms(prim)):
-            return EARLIEST_TIME
-        prim = prim.GetParent()
-    return code
-
-
 def sampled_range(prim: Any, attributes: Sequence[Any]) -> tuple[float, float] | None:
     """Return first and last time code with samples of attributes, or transforms of a prim."""
-    every = [read_times(each) for each in (*attributes, *_transforms(prim))]
+    every = [read_times(each) for each in (*attributes, *list_transforms(prim))]
     # a single sample is a constant
     moving = [each for each in every if len(each) > 1]
     return (min(each[0] for each in moving), max(each[-1] for each in moving)) if moving else None
@@ -346,25 +336,8 @@ def sampled_range(prim: Any, attributes: Sequence[Any]) -> tuple[float, float] |
 
 def check_transforms(scene: SourceScene, prim: Any, place: Place) -> None:
     """Raise InputError where transforms of a prim are not finite at any of their samples."""
-    transforms = _transforms(prim)
-    times = sorted({time for each in transforms for time in read_times(each)})
+    times = sorted({time for each in list_transforms(prim) for time in read_times(each)})
     for code in (DEFAULT_TIME, *map(Usd.TimeCode, times)):
         if not np.isfinite(scene.matrix(prim, code)).all():
             where = f"{prim.GetPath()} in {scene.path}"
             place.refuse(f"{where}: transforms are not finite {describe_time(code)}")
-
-
-def _transforms(prim: Any) -> list[Any]:
-    """Return the attributes of the transforms of a prim and of all above it."""
-    found: list[Any] = []
-    while prim and not prim.IsPseudoRoot():
-        found += _own_transforms(prim)
-        prim = prim.GetParent()
-    return found
-
-
-def _own_transforms(prim: Any) -> list[Any]:
-    if not prim.IsA(UsdGeom.Xformable):
-        return []
-    operations = compute(prim, UsdGeom.Xformable(prim).GetOrderedXformOps)
-    return [each.GetAttr() for each in operations]

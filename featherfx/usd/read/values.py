@@ -238,10 +238,24 @@ def read_targets(relationship: Any) -> list[Any]:
 
 
 def read_matrix(prim: Any, code: Any) -> Array:
-    """Return (4, 4) from local space of a prim to the stage's, row vectors."""
+    """Return (4, 4) from local space of a prim to the stage's, row vectors.
+
+    By default an operation that has only samples is at its first, and so are all others.
+    """
+    if code.IsDefault() and any(read_value(each) is None for each in list_transforms(prim)):
+        code = EARLIEST_TIME
     with usd_errors(prim):
         found = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code)
     return np.array(found)
+
+
+def list_transforms(prim: Any) -> Iterator[Any]:
+    """Yield the attributes of the transforms of a prim and of all above it."""
+    while prim and not prim.IsPseudoRoot():
+        if prim.IsA(UsdGeom.Xformable):
+            operations = compute(prim, UsdGeom.Xformable(prim).GetOrderedXformOps)
+            yield from (each.GetAttr() for each in operations)
+        prim = prim.GetParent()
 
 
 def read_inverse(prim: Any, code: Any) -> Array:
