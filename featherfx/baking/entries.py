@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -284,11 +283,9 @@ def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
 
 def scenery_of_groom(groom: Groom, path: Path) -> dict[str, Any]:
     """Return metadata of a groom at rest at a path about its mesh, for images."""
-    scene, prim, rest = (
-        json.loads(groom.inputs.get(f"skin.{name}", "null")) for name in ("usd", "prim", "rest")
-    )
-    if not (isinstance(scene, str) and isinstance(prim, str)):
+    if groom.skin_keys is None:
         return {}
+    scene, prim, rest = (groom.skin_keys[name] for name in ("usd", "prim", "rest"))
     file = usd.opening.locate_file(groom.source.parent, scene)
     stage = usd.opening.open_stage(file)
     if usd.stage.prim_kind(stage.GetPrimAtPath(prim)) != "mesh":

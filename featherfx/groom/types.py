@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.family import Preset
@@ -407,7 +407,7 @@ class Groom:
     layout: None where feathers stay as they were placed. skin: corners (T, 3, 3) m of the meshes
     that regions grow on, None where there are none. drawn_gravity: (3,) m/s^2, under which the
     drawn pose is the balance, None where it is the unloaded shape. inputs: what its files say, by
-    key (told.py).
+    key (value_diff.py), for messages. skin_keys: checked keys of [skin], None without it.
     """
 
     name: str
@@ -418,3 +418,4 @@ class Groom:
     skin: Array | None = None
     drawn_gravity: Array | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)
+    skin_keys: Mapping[str, Any] | None = None

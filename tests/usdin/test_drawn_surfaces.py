@@ -7,6 +7,7 @@ from pxr import Gf, Sdf, UsdGeom
 from usdin_scenes import add_curves, add_mesh, new_stage, sheet
 
 from featherfx.api import read_groom, read_shot
+from featherfx.baking.export import export_groom
 from featherfx.errors import InputError
 from featherfx.groom.skin.faults import signed_volume
 from featherfx.usd.read.cache import Cache
@@ -219,3 +220,19 @@ def test_a_ring_of_instancers_is_refused_by_its_paths(tmp_path):
     (tmp_path / "groom.toml").write_text('name = "g"\n[[usd]]\nfile = "groom.usda"\n')
     with pytest.raises(InputError, match=r"ring: /b/out -> /b/out/inner"):
         read_groom(tmp_path / "groom.toml")
+
+
+@pytest.mark.parametrize("folder", ["", "a_folder_whose_name_is_long" * 4])
+@pytest.mark.parametrize("name", ["skin", "abcdefghij" * 20, "ski\u00f1"])
+def test_a_groom_at_rest_names_its_skin_however_long_the_path(tmp_path, folder, name):
+    (tmp_path / folder).mkdir(exist_ok=True)
+    stage = new_stage(tmp_path / folder / "skin.usda")
+    add_mesh(stage, f"/b/{name}", *sheet(2, 2))
+    stage.GetRootLayer().Save()
+    skin = f'usd = "{folder and folder + "/"}skin.usda"\nprim = "/b/{name}"'
+    text = GROOM.replace('usd = "skin.usda"\nprim = "/b/skin"', skin)
+    (tmp_path / "groom.toml").write_text(text)
+    export_groom(tmp_path / "groom.toml", tmp_path / "out.usda")
+    (scenery,) = Cache(tmp_path / "out.usda").scenery
+    assert scenery["prim"] == f"/b/{name}"
+    assert (tmp_path / scenery["file"]).samefile(tmp_path / folder / "skin.usda")

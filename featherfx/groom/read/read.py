@@ -150,7 +150,8 @@ def groom_of(
     layout = None if laid is None or laid is INVALID else Layout(**laid)
     is_balance = parts["drawn_pose"] == "equilibrium" and parts["gravity"] is not INVALID
     gravity = np.array(parts["gravity"], dtype=float) if is_balance else None
-    return Groom(name, path, placements, joints, layout, skin, gravity, inputs)
+    keys = None if parts["skin"] is INVALID else parts["skin"]
+    return Groom(name, path, placements, joints, layout, skin, gravity, inputs, keys)
 
 
 def _may_be(parts: dict[str, Any], place: Place) -> bool:

@@ -165,7 +165,7 @@ def refuse_rings(prim: Any, above: tuple[Any, ...] = ()) -> None:
     """Raise InputError where prototypes of an instancer hold the instancer itself."""
     if prim.GetPath() in above:
         ring = " -> ".join(map(str, (*above, prim.GetPath())))
-        raise fault(prim, f"its prototypes form a ring: {ring}")
+        raise fault(prim, f"its prototypes form a ring: {ring}. Remove one of them")
     for target in read_targets(UsdGeom.PointInstancer(prim).GetPrototypesRel()):
         root = prim.GetStage().GetPrimAtPath(target)
         for each in prims_below(root) if root else ():

@@ -257,7 +257,7 @@ def _template_curves(
                 placed = inner.matrix(index, code) @ back
                 curves = list(_template_curves(own, entry, place))
                 if not curves:
-                    told = "holds no curves. An instancer in another one places curves only"
+                    told = "holds no curves, which an instancer in another one needs. Add a curve"
                     place.child(str(own.GetPath())).refuse(told)
                 for curve, relative, suffix in curves:
                     yield curve, relative @ placed, f"_{prim.GetName()}_{index}{suffix}"
