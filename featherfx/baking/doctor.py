@@ -19,7 +19,7 @@ from featherfx.baking.bake import bake
 from featherfx.baking.check import check
 from featherfx.baking.install import sample_names
 from featherfx.errors import InputError, SimulationError
-from featherfx.files.folders import distrust, shipped, wanted_folder
+from featherfx.files.folders import cache_folder, distrust, shipped
 
 _NAME = "featherfx"
 _SAMPLE, _FRAMES = "feather_pull", (1, 3)
@@ -127,7 +127,7 @@ def _cache(problems: list[str]) -> dict[str, Any]:
     from featherfx.jit.code_cache import explain_unloaded, explain_unsaved
     from featherfx.jit.compile_progress import predict_seconds
 
-    wanted = wanted_folder()
+    wanted = cache_folder()
     used = not explain_unloaded(wanted)
     if fault := explain_unsaved():
         problems.append(f"{wanted}: {fault}")

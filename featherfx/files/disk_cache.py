@@ -2,7 +2,7 @@
 
 Every entry is a file of its own: a checksum, then plain arrays (NPZ, nothing that is unpickled).
 Its name holds a digest of all that it was computed from, the program's own code included. What is
-damaged counts as missing. Nothing is loaded from a folder that others can write to (trust.py);
+damaged counts as missing. Nothing is loaded from a folder that others can write to (folders.py);
 where nothing can be kept, all is computed anew, with the same result. Processes that want the same
 entry at a time wait for the one that computes it. Entries that were used least lately are removed
 where all together take more than MAX_KEPT_BYTES, or $FEATHERFX_CACHE_SIZE (GB).
@@ -27,7 +27,13 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.files.content import digest, program_digest
-from featherfx.files.folders import doubt, wanted_folder
+from featherfx.files.folders import (
+    cache_folder,
+    doubt,
+    make_private_folder,
+    read_trusted,
+    write_private,
+)
 from featherfx.limits import MAX_KEPT_BYTES
 
 Arrays = dict[str, NDArray[Any]]
@@ -103,12 +109,11 @@ def _arrays(values: Mapping[str, Any]) -> Arrays:
 
 def _file_of(what: str, inputs: Sequence[Any]) -> Path | None:
     """Return the path of an entry; None where nothing is cached."""
-    folder = wanted_folder() / _FOLDER
     try:
-        if not _keeps.get() or room() <= 0.0 or doubt(folder):
+        if not _keeps.get() or room() <= 0.0 or doubt(folder := cache_folder() / _FOLDER):
             return None
         with contextlib.suppress(OSError):
-            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            make_private_folder(folder)
         if not folder.is_dir():
             return None
     except OSError:
@@ -134,7 +139,7 @@ def room() -> float:
 def _load(file: Path) -> Arrays | None:
     """The arrays of an entry; None where none is sound."""
     try:
-        stored = file.read_bytes()
+        stored = read_trusted(file.parents[1], (file.parent.name, file.name))
     except OSError:
         return None
     content = memoryview(stored)[_CHECKSUM_BYTES:]
@@ -160,8 +165,7 @@ def _save(file: Path, arrays: Arrays) -> None:
     temporary = file.with_name(f".{file.name}.{os.getpid()}.tmp")
     try:
         with temporary.open("wb") as out:
-            out.write(hashlib.sha256(content).digest())
-            out.write(content)
+            write_private(out, hashlib.sha256(content).digest(), content)
         os.replace(temporary, file)
         _remove_oldest(file.parent)
     except OSError:

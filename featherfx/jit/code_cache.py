@@ -1,16 +1,16 @@
 """Stored machine code of kernels: where it is, what it was made of, and what fits this machine.
 
 A folder is named by a hash of a kernel file and of all files of this program that it imports. It
-stands in $FEATHERFX_CACHE, else in the system's folder for caches, unless others can write there
-(files/folders.py). Further code comes with the program, for processors that many have. An entry is
-a checksum, its key and the code. A damaged one, or one of another key, counts as missing.
+stands in the cache (files/folders.py). Further code comes with the program, for processors that
+many have. An entry is a SHA-256 of the rest, the length of a head (8 bytes), the head in JSON and
+the machine code. A damaged one, or one of another key, counts as missing.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
-import pickle
 import platform
 import re
 import sys
@@ -22,8 +22,18 @@ from typing import Any
 
 from featherfx.errors import InputWarning
 from featherfx.files.atomic_write import write_whole
-from featherfx.files.folders import distrust, doubt, wanted_folder
-from featherfx.jit.kernel_calls import StoredKernel
+from featherfx.files.folders import (
+    DistrustError,
+    cache_folder,
+    doubt,
+    make_private_folder,
+    read_trusted,
+    write_private,
+)
+from featherfx.jit.kernel_calls import KernelLink, ReturnType, StoredKernel
+
+# types of arguments, system, machine and processor
+Key = tuple[str, str, str, str]
 
 ROOT = Path(__file__).resolve().parents[1]
 # machine code that came with the program
@@ -35,13 +45,15 @@ _COMPILER = [
 ]
 # by expression, since parsing the files takes 0.4 s of every run
 _IMPORT = re.compile(rb"^from featherfx\.(\S+) import ", re.MULTILINE)
-_CHECKSUM_BYTES = hashlib.sha256().digest_size
+_CHECKSUM_BYTES, _LENGTH_BYTES = hashlib.sha256().digest_size, 8
 _CPU_INFO = Path("/proc/cpuinfo")
 # lines that tell one processor from another, on x86-64 and on ARM
 _CPU_LINES = ("vendor_id", "cpu family", "model", "stepping", "flags")
 _ARM_LINES = ("CPU implementer", "CPU part", "CPU variant", "Features")
 # Linux's names of features, and LLVM's where they are others
 _FEATURE_NAMES = {"bmi1": "bmi", "abm": "lzcnt", "sse4_2": "sse4.2", "asimd": "neon"}
+# folders of code of which some is not trusted, which is told once
+_DISTRUSTED: set[Path] = set()
 # x86-64-v3: Haswell, Zen and later (x86-64 psABI, table 3.1)
 _V3 = ("avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2")
 # by machine: LLVM's name of the processor that code is shipped for, and features that it must have
@@ -131,7 +143,7 @@ def hash_source(source: Path) -> str:
 @cache
 def code_folder() -> Path:
     """The user's folder of machine code, the same for as long as the process lives."""
-    return wanted_folder()
+    return cache_folder()
 
 
 @cache
@@ -140,7 +152,7 @@ def explain_unloaded(folder: Path) -> str:
     try:
         if fault := doubt(folder):
             return fault
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        make_private_folder(folder)
     except OSError as error:
         return f"{folder}: {error.strerror or error}"
     return "" if os.access(folder, os.R_OK | os.X_OK) else f"no permission to read {folder}"
@@ -185,16 +197,18 @@ class KernelStore:
 
     def load(self, text: str) -> Iterator[StoredKernel]:
         """Sound code for types: the user's, then what came with the program."""
-        for file, key in self._find_files(text):
+        for root, file, key in self._find_files(text):
             try:
-                stored = file.read_bytes()
+                stored = read_trusted(root, (file.parent.name, file.name))
+            except DistrustError as fault:
+                if root not in _DISTRUSTED:
+                    _DISTRUSTED.add(root)
+                    warn_once(f"machine code in {root} is not used: {fault}. Remove it")
+                continue
             except OSError:
                 continue
-            checksum, content = stored[:_CHECKSUM_BYTES], stored[_CHECKSUM_BYTES:]
-            if hashlib.sha256(content).digest() == checksum:
-                found, code = pickle.loads(content)
-                if found == key:
-                    yield code
+            if (code := _decode(stored, key)) is not None:
+                yield code
 
     def holds(self, text: str) -> bool:
         """Return whether there is code for types."""
@@ -208,32 +222,51 @@ class KernelStore:
         file, key = self._locate(
             code_folder(), text, _requested_processor() or _inspect_processor()[0]
         )
-        content = pickle.dumps((key, code))
-        whole = hashlib.sha256(content).digest() + content
+        whole = _encode(key, code)
         try:
-            file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            write_whole(file, lambda stream: stream.write(whole))
+            make_private_folder(file.parent)
+            write_whole(file, lambda stream: write_private(stream, whole))
         except OSError as error:
             reason = error.strerror or str(error)
             warn_once(f"machine code is not cached in {code_folder()} ({reason})")
 
-    def _find_files(self, text: str) -> Iterator[tuple[Path, Any]]:
-        """Files that are there for types, with their keys."""
-        if not explain_unloaded(code_folder()):
-            processor = _requested_processor() or _inspect_processor()[0]
-            file, key = self._locate(code_folder(), text, processor)
-            if file.is_file():
-                yield file, key
+    def _find_files(self, text: str) -> Iterator[tuple[Path, Path, Key]]:
+        """Files that are there for types, with the folder of all code and their keys."""
+        places = [] if explain_unloaded(code_folder()) else [(code_folder(), "")]
         if target := shipped_target():
-            file, key = self._locate(SHIPPED, text, target)
+            places.append((SHIPPED, target))
+        for root, target in places:
+            processor = target or _requested_processor() or _inspect_processor()[0]
+            file, key = self._locate(root, text, processor)
             if file.is_file():
-                if distrust(file):
-                    warn_once(f"others can write to machine code in {SHIPPED}: it is not used")
-                else:
-                    yield file, key
+                yield root, file, key
 
-    def _locate(self, root: Path, text: str, processor: str) -> tuple[Path, Any]:
+    def _locate(self, root: Path, text: str, processor: str) -> tuple[Path, Key]:
         """The file of an entry, there or not, and its key."""
         key = text, sys.platform, platform.machine(), processor
         digest = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
         return root / self._folder / f"{self._name}.{digest}.code", key
+
+
+def _encode(key: Key, code: StoredKernel) -> bytes:
+    head = json.dumps([key, code[1:]]).encode()
+    content = len(head).to_bytes(_LENGTH_BYTES, "little") + head + code.machine
+    return hashlib.sha256(content).digest() + content
+
+
+def _decode(stored: bytes, key: Key) -> StoredKernel | None:
+    """Stored code; None where it is damaged or of another key."""
+    checksum, content = stored[:_CHECKSUM_BYTES], stored[_CHECKSUM_BYTES:]
+    if hashlib.sha256(content).digest() != checksum:
+        return None
+    end = _LENGTH_BYTES + int.from_bytes(content[:_LENGTH_BYTES], "little")
+    found, (entry, own, returns, links) = json.loads(content[_LENGTH_BYTES:end])
+    if tuple(found) != key:
+        return None
+    named = tuple(KernelLink(*each) for each in links)
+    return StoredKernel(content[end:], entry, own, _as_returned(returns), named)
+
+
+def _as_returned(given: list[Any]) -> ReturnType:
+    kind, parts = given
+    return ReturnType(kind, None if parts is None else tuple(map(_as_returned, parts)))

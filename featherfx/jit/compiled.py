@@ -16,7 +16,6 @@ from featherfx.errors import InputError, Problem
 from featherfx.jit.code_cache import KernelStore
 from featherfx.jit.kernel_calls import (
     INLINED,
-    KernelLink,
     LoadedKernel,
     StoredKernel,
     describe_arguments,
@@ -122,31 +121,19 @@ class Kernel:
 
 
 def _load(code: StoredKernel) -> LoadedKernel | None:
-    """Load machine code with all that it calls; None where a type of that is gone."""
+    """Load machine code with all that it calls; None where some of that is not stored."""
     links: dict[str, int] = {}
     for link in code.links:
-        if (own := _load_link(link)) is None:
+        if (found := find_kernel(link.name).find_loaded(link.text)) is None:
             return None
-        links[link.symbol] = own
+        links[link.symbol] = found.own
     try:
-        found = load_object(code.machine, links)
+        places = load_object(code.machine, links)
     except CannotBeLoadedError:
         from featherfx.jit.compiler import load_by_llvm
 
-        found = load_by_llvm(code, links)
-    return LoadedKernel(found[code.entry], found[code.own], code.returns)
-
-
-def _load_link(link: KernelLink) -> int | None:
-    """Address of a shared kernel that stored code calls."""
-    kernel = find_kernel(link.name)
-    if (found := kernel.find_loaded(link.text)) is None:
-        from featherfx.jit.compiler import unpickle_types
-
-        if (types := unpickle_types(link)) is None:
-            return None
-        found = kernel.compile_for(link.text, types)
-    return int(found.own)
+        places = load_by_llvm(code, links)
+    return LoadedKernel(places[code.entry], places[code.own], code.returns)
 
 
 # untyped: mypy would see a Kernel where kernels call each other with lanes, numbers or tuples

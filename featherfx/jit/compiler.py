@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import pickle
 from collections import defaultdict
 from functools import cache
 from types import SimpleNamespace
@@ -31,7 +30,6 @@ from numba.core.funcdesc import ExternalFunctionDescriptor
 from numba.core.imputils import user_function
 from numba.core.lowering import Lower
 from numba.core.registry import CPUDispatcher, cpu_target
-from numba.core.serialize import dumps
 from numba.core.typed_passes import NativeLowering
 from numba.np.numpy_support import as_dtype
 
@@ -345,8 +343,7 @@ def compile_entry(kernel: Any, types: tuple[Any, ...]) -> tuple[StoredKernel, Lo
     names = described.llvm_cpython_wrapper_name, described.llvm_func_name
     links = []
     for each in sorted(_find_requests(library), key=_name_symbol):
-        text, pickled = describe_types(each.args), dumps(each.args)
-        links.append(KernelLink(_name_symbol(each), each.name, text, pickled))
+        links.append(KernelLink(_name_symbol(each), each.name, describe_types(each.args)))
     machine, returns = library._get_compiled_object(), _describe_return(returned)
     entry_at, own_at = map(library.get_pointer_to_function, names)
     stored = StoredKernel(machine, *names, returns, tuple(links))
@@ -380,14 +377,6 @@ def find_types(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
     """Numba's types of arguments."""
     import_intrinsics()
     return tuple(as_argument(typeof(each)) for each in arguments)
-
-
-def unpickle_types(link: KernelLink) -> Any:
-    """Numba's types of a link's arguments; None if they are of classes that are gone."""
-    try:
-        return pickle.loads(link.types)
-    except (AttributeError, ImportError):
-        return None
 
 
 def describe_types(kinds: tuple[Any, ...]) -> str:

@@ -154,14 +154,12 @@ class ReturnType(NamedTuple):
 class KernelLink(NamedTuple):
     """A shared kernel that machine code calls.
 
-    symbol: its name in machine code. name: module and name. text: of its arguments. types: these
-    types, pickled.
+    symbol: its name in machine code. name: module and name. text: of its arguments.
     """
 
     symbol: str
     name: str
     text: str
-    types: bytes
 
 
 class StoredKernel(NamedTuple):

@@ -9,7 +9,7 @@ def run_kernels(tmp_path):
     """As run_in, with a cache beside; stderr of the last run is its attribute."""
 
     def run(folder, module="trial_types", before="", **variables):
-        cache = {"FEATHERFX_CACHE": str(tmp_path / "cache")}
+        cache = {"FEATHERFX_CACHE": str(tmp_path / "cache"), "HOME": str(tmp_path / "home")}
         found, run.stderr = run_in(folder, module, before, cache | variables)
         return found
 

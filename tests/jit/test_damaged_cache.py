@@ -2,13 +2,11 @@
 
 import os
 import shutil
-import tempfile
-from pathlib import Path
 
 import pytest
 from kernel_runs import ALL, NONE, flip
 
-from featherfx.files.folders import distrust
+from featherfx.files.folders import distrust, read_trusted
 
 
 def cut(file):
@@ -81,13 +79,16 @@ def test_a_folder_that_others_can_write_to_is_not_used(run_kernels, tmp_path, co
     shared = tmp_path / "cache"
     shared.mkdir()
     shared.chmod(0o777)
-    before = set(Path(tempfile.gettempdir()).glob("featherfx-*"))
+    (tmp_path / "home").mkdir(mode=0o700)
     assert run_kernels(tmp_path / "here")[1] == ALL
-    assert "others can write to" in run_kernels.stderr
+    own = tmp_path / "home/.featherfx/cache"
+    assert f"others can write to {shared}" in run_kernels.stderr
+    assert f"The cache is in {own} instead" in run_kernels.stderr
     assert run_kernels.stderr.count("InputWarning") == 1
     assert not list(shared.iterdir())
-    # nothing is left of the folder that was used instead
-    assert set(Path(tempfile.gettempdir()).glob("featherfx-*")) <= before
+    assert own.stat().st_mode & 0o777 == own.parent.stat().st_mode & 0o777 == 0o700
+    # who cannot trust a folder does not compile again
+    assert run_kernels(tmp_path / "here")[1] == NONE
     trusted = {"FEATHERFX_TRUSTED_CACHE": str(shared)}
     shutil.copytree(compiled_once[1], shared, dirs_exist_ok=True)
     shared.chmod(0o777)
@@ -102,15 +103,19 @@ os.access = lambda path, mode, **how: mode != os.W_OK and access(path, mode, **h
 
 
 @needs_posix
-@pytest.mark.parametrize("lacks", ["", "total", "mean"])
-def test_a_folder_that_can_only_be_read_is_loaded_from(run_kernels, tmp_path, compiled_once, lacks):
-    """What it lacks is compiled, told once, and not kept."""
+@pytest.mark.parametrize(
+    ("lacks", "compiled"), [("", []), ("total", ["mean", "total"]), ("mean", ["mean"])]
+)
+def test_a_folder_that_can_only_be_read_is_loaded_from(
+    run_kernels, tmp_path, compiled_once, lacks, compiled
+):
+    """What it lacks, and what calls that, is compiled, told once, and not kept."""
     shutil.copytree(compiled_once[1], tmp_path / "cache")
     for file in (tmp_path / "cache").rglob(f"*.{lacks}-*") if lacks else ():
         file.unlink()
     before = sorted((tmp_path / "cache").rglob("*"))
     value, rest = run_kernels(tmp_path / "here", before=READ_ONLY)
-    assert (value, rest) == ("4.0", NONE.replace("[]", f"['{lacks}']" if lacks else "[]"))
+    assert (value, rest) == ("4.0", NONE.replace("[]", str(compiled)))
     assert run_kernels.stderr.count("no permission to write to") == bool(lacks)
     assert sorted((tmp_path / "cache").rglob("*")) == before
 
@@ -132,6 +137,106 @@ def test_who_may_write_above_a_folder_counts(tmp_path):
     assert str(folder.parent) in distrust(link)
     folder.parent.chmod(0o755)
     assert distrust(link) == ""
+
+
+UMASK = "import os; os.umask(0o002)"
+
+
+@needs_posix
+def test_a_cache_made_under_a_mask_for_groups_is_used_again(run_kernels, tmp_path):
+    """As in studios: what others of the group could write to would not be trusted."""
+    assert run_kernels(tmp_path / "here", before=UMASK)[1] == ALL
+    assert run_kernels(tmp_path / "here", before=UMASK)[1] == NONE
+    assert not run_kernels.stderr
+    for place in [tmp_path / "cache", *(tmp_path / "cache").rglob("*")]:
+        assert not place.stat().st_mode & 0o022 or place.is_file()
+
+
+def give(place, user=54321):
+    try:
+        os.chown(place, user, user, follow_symlinks=False)
+    except PermissionError:
+        pytest.skip("only root can give a folder away")
+
+
+def link(place, other):
+    """A link to what has been moved away."""
+    place.rename(other)
+    place.symlink_to(other)
+
+
+# by name: what another user could have done below a root R/cache with an entry R/cache/sub/file,
+# and whether the entry is loaded all the same
+LAYOUTS = {
+    "own": (lambda r: None, True),
+    "root for group": (lambda r: (r / "cache").chmod(0o770), False),
+    "root for all": (lambda r: (r / "cache").chmod(0o777), False),
+    "root sticky": (lambda r: (r / "cache").chmod(0o1777), False),
+    "root given": (lambda r: give(r / "cache"), False),
+    "above for all": (lambda r: r.chmod(0o777), False),
+    "above for group": (lambda r: r.chmod(0o775), False),
+    "above sticky": (lambda r: r.chmod(0o1777), True),
+    "above given": (lambda r: give(r), False),
+    "folder for group": (lambda r: (r / "cache/sub").chmod(0o775), False),
+    "folder for all": (lambda r: (r / "cache/sub").chmod(0o777), False),
+    "folder sticky": (lambda r: (r / "cache/sub").chmod(0o1777), False),
+    "folder given": (lambda r: give(r / "cache/sub"), False),
+    "folder is a link": (lambda r: link(r / "cache/sub", r / "other"), False),
+    "file for group": (lambda r: (r / "cache/sub/file").chmod(0o664), False),
+    "file for all": (lambda r: (r / "cache/sub/file").chmod(0o666), False),
+    "file given": (lambda r: give(r / "cache/sub/file"), False),
+    "file is a link": (lambda r: link(r / "cache/sub/file", r / "other"), False),
+    "root is an own link": (lambda r: link(r / "cache", r / "other"), True),
+    "root is another's link": (
+        lambda r: (link(r / "cache", r / "other"), give(r / "cache")),
+        False,
+    ),
+    "link into an open folder": (
+        lambda r: (
+            (r / "open").mkdir(),
+            (r / "open").chmod(0o777),
+            link(r / "cache", r / "open/c"),
+        ),
+        False,
+    ),
+    "file is a pipe": (
+        lambda r: ((r / "cache/sub/file").unlink(), os.mkfifo(r / "cache/sub/file")),
+        False,
+    ),
+    "folder is missing": (lambda r: (r / "cache/sub").rename(r / "sub"), False),
+    "read only": (lambda r: (r / "cache/sub").chmod(0o500), True),
+}
+
+
+@needs_posix
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_what_others_can_change_is_not_loaded(tmp_path, monkeypatch, name):
+    root = tmp_path / "above"
+    (root / "cache/sub").mkdir(parents=True)
+    root.chmod(0o755)
+    file = root / "cache/sub/file"
+    file.write_bytes(b"code")
+    os.chown(file, -1, os.getegid())
+    # a group that others are in
+    monkeypatch.setattr("featherfx.files.folders._is_own_group", lambda group: False)
+    change, is_loaded = LAYOUTS[name]
+    change(root)
+    if is_loaded:
+        assert read_trusted(root / "cache", ("sub", "file")) == b"code"
+    else:
+        with pytest.raises(OSError, match=r"others can write|another user|\[Errno"):
+            read_trusted(root / "cache", ("sub", "file"))
+        monkeypatch.setenv("FEATHERFX_TRUSTED_CACHE", str(root / "cache"))
+        if not any(word in name for word in ("missing", "pipe")):
+            assert read_trusted(root / "cache", ("sub", "file")) == b"code"
+
+
+@needs_posix
+def test_links_without_end_are_an_error(tmp_path):
+    (tmp_path / "a").symlink_to(tmp_path / "b")
+    (tmp_path / "b").symlink_to(tmp_path / "a")
+    with pytest.raises(OSError, match="symbolic links"):
+        distrust(tmp_path / "a" / "cache")
 
 
 @needs_posix

@@ -76,7 +76,7 @@ def test_slip_is_kept_by_checkpoints_to_the_bit(tmp_path: Path) -> None:
 def test_models_from_the_store_are_those_that_were_computed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("featherfx.files.disk_cache.wanted_folder", lambda: tmp_path)
+    monkeypatch.setattr("featherfx.files.disk_cache.cache_folder", lambda: tmp_path)
     _, computed = run(pulled("slip", 1e3))
     assert list(tmp_path.glob("content/models.*"))
     np.testing.assert_array_equal(computed, run(pulled("slip", 1e3))[1])
