@@ -75,6 +75,12 @@ PACKAGES = (
         spreads=("contact.islands:add_islands",),
     ),
     Package(
+        "coat",
+        "Feathers on a moving skin that keep their leaves over it.",
+        tables=("skin",),
+        stages=("coat.stage:CoatStage",),
+    ),
+    Package(
         "cycles",
         "Periodic motion that is replayed instead of stepped.",
         tables=("cycle",),

@@ -59,8 +59,8 @@ def surfaces_under(
 
 
 def _over(rest: Array, given: Indices, points: Array, up: Array) -> dict[str, Any]:
-    triangles = given.astype(np.int64)
-    mesh = SkinMesh(triangles, _beside(triangles))
+    mesh = connect_skin(given)
+    triangles = mesh.triangles
     tree = search_tree(rest[triangles].mean(axis=1))
     triangle, height = tree.query(points)[1].astype(np.int64), np.zeros(len(points))
     facing = np.flatnonzero(np.broadcast_to(up.any(axis=1), len(points)))
@@ -72,6 +72,12 @@ def _over(rest: Array, given: Indices, points: Array, up: Array) -> dict[str, An
         triangle[facing] = near[np.arange(len(facing)), fits.argmax(axis=1)]
     bind_nodes(points, rest, mesh, triangle, height)
     return {**mesh._asdict(), "triangle": triangle, "height": height}
+
+
+def connect_skin(triangles: Indices) -> SkinMesh:
+    """Triangles (T, 3) of a skin with those across their edges."""
+    own = np.ascontiguousarray(triangles, dtype=np.int64)
+    return SkinMesh(own, _beside(own))
 
 
 def _beside(triangles: Indices) -> Indices:

@@ -27,13 +27,13 @@ def root_motion(shot: Shot) -> Roots:
 
     Raises InputError for a motion whose joints the groom lacks.
     """
-    motion = _undirected_motion(shot)
+    motion = undirected_motion(shot)
     for change in brought(shot, "roots"):
         motion = change(shot, motion)
     return motion
 
 
-def _undirected_motion(shot: Shot) -> Roots:
+def undirected_motion(shot: Shot) -> Roots:
     """Beside a skin the motion's limbs count, and the skin carries them; without them the bones of
     a skeleton move wings."""
     if shot.skin is None:

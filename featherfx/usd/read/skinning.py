@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import warnings
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel, Vt
 
@@ -75,16 +77,42 @@ class Skinning:
             weights = np.array(self._shape_weights(code), dtype=np.float64)
             return SkinPose(np.array(joints), weights, np.array(self._mesh_points(code)))
 
-    def posed(self, pose: SkinPose) -> Floats:
-        """(V, 3) skinned points in the skeleton's space in a pose of our own."""
+    def posed(self, pose: SkinPose) -> NDArray[Any]:
+        """(V, 3) skinned points in the skeleton's space in a pose of our own.
+
+        USD skins in single precision, whose steps show in velocities between frames. So linear
+        blends are computed here, in double precision.
+        """
         with usd_errors(self._mesh.GetPrim()):
             points = self._shaped(pose.points, pose.weights)
             if not self._skinning.HasJointInfluences():
                 return self._bound(np.asarray(points))
-            transforms = Vt.Matrix4dArray.FromNumpy(bind_to_pose(self._skeleton, pose.joints))
+            moved = bind_to_pose(self._skeleton, pose.joints)
+            if (influences := self._influences) is not None:
+                blends = (influences @ (self.bind_matrix @ moved).reshape(-1, 16)).reshape(-1, 4, 4)
+                every = np.asarray(points, dtype=np.float64)
+                return np.asarray((every[:, None] @ blends[:, :3, :3] + blends[:, 3:, :3])[:, 0])
+            transforms = Vt.Matrix4dArray.FromNumpy(moved)
             if not self._skinning.ComputeSkinnedPoints(transforms, points, EARLIEST_TIME):
                 raise fault(self._mesh.GetPrim(), f"USD cannot skin it, {_MISFIT}")
         return np.asarray(points)
+
+    @cached_property
+    def _influences(self) -> Any:
+        """Sparse weights (V, J) of the skeleton's joints on the points; None where USD skins by
+        another method than linear blends."""
+        count, every = len(self.bind_points()), list(self._skeleton.GetJointOrder())
+        found = self._skinning.ComputeVaryingJointInfluences(count)
+        own = self._skinning.GetJointOrder()
+        order = np.array([every.index(j) if j in every else -1 for j in own or every])
+        if not found or self._skinning.GetSkinningMethod() != UsdSkel.Tokens.classicLinear:
+            return None
+        numbers, weights = (np.array(each).reshape(count, -1) for each in found)
+        if not ((numbers >= 0) & (numbers < len(order))).all() or (order[numbers] < 0).any():
+            return None
+        points = np.repeat(np.arange(count), numbers.shape[1])
+        entries = weights.ravel().astype(np.float64), (points, order[numbers].ravel())
+        return scipy.sparse.coo_array(entries, shape=(count, len(every))).tocsr()
 
     def bind_points(self) -> Floats:
         """(V, 3) points of the bind pose in the skeleton's space."""

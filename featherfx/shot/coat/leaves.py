@@ -1,0 +1,184 @@
+"""Leaves of feathers on a skin: where their nodes are over it at rest, and poses drawn there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.feather.types import Feather, RowPoints, stacked
+from featherfx.files.background import limit_threads
+from featherfx.groom.skin.skin import closest
+from featherfx.groom.types import Placement
+from featherfx.shot.coat import leaf_kernels as kernels
+from featherfx.shot.contact.skin_binding import connect_skin
+from featherfx.shot.frames import place
+from featherfx.shot.roots import RootFrames
+from featherfx.shot.sources import TimedSurface
+from featherfx.solver.contact.types import SkinMesh
+
+# of its length, height of a feather's nodes over the skin up to which it is on a leaf
+MAX_HEIGHT_RATIO = 0.6
+# cosine of the angle from a feather's dorsal side to the skin's normal, from which on it is on a leaf
+_MIN_FACING = 0.5
+# of the time between two samples, by which the times are apart from which rates are found
+_STEP_RATIO = 0.02
+
+
+class Feet(NamedTuple):
+    """Feet of F feathers' nodes. triangle: (F, n, 1 + 2 m) of the skin. weight: (F, n, 1 + 2 m, 2)
+    of its second and third corner. height: (F, n, 1 + 2 m) m over it."""
+
+    triangle: NDArray[np.int32]
+    weight: NDArray[np.float32]
+    height: NDArray[np.float32]
+
+    def some(self, chosen: Flags) -> Feet:
+        """Those of some feathers, (F,)."""
+        return Feet(*(np.ascontiguousarray(each[chosen]) for each in self))
+
+
+class Drawn(NamedTuple):
+    """A feather over a skin. image: (n, 1 + 2 m, 3) m, of its nodes. up: (n, 3) normals at the
+    rachis. rachis: (n, 3) m, in its own lengths. row: (n,) image before each row, and part: (n,)
+    how far on to the next one it is."""
+
+    image: Array
+    up: Array
+    rachis: Array
+    row: Indices
+    part: Array
+
+
+class Room(NamedTuple):
+    """Scratch memory of one thread: a feather's nodes, directors and root at one time, and what was
+    drawn at three times."""
+
+    drawn: Drawn
+    nodes: Array
+    directors: Array
+    root: Array
+    made: Array
+    turned: Array
+
+
+class SkinLeaves:
+    """Feathers on leaves of one surface.
+
+    members: (K,) their numbers in the groom, ascending. placements, drawn: of the feathers that may
+    be, given: (F,) their numbers.
+    """
+
+    def __init__(
+        self,
+        surface: TimedSurface,
+        placements: Sequence[Placement],
+        drawn: Sequence[Feather],
+        given: Indices,
+    ) -> None:
+        self._surface = surface
+        points = np.ascontiguousarray(surface.surface.rest, dtype=np.float64)
+        self._mesh = connect_skin(surface.surface.triangles)
+        normals = self._normals(points)
+        local = stacked([feather.rest for feather in drawn]).nodes
+        nodes = stacked(
+            [
+                place(feather.rest, own.position, own.rotation)
+                for feather, own in zip(drawn, placements, strict=True)
+            ]
+        ).nodes
+        feet, found = _feet_of(nodes, points, normals, self._mesh)
+        lengths = np.array([feather.station[-1] for feather in drawn])
+        dorsal = np.array([own.rotation[:, 2] for own in placements]).reshape(-1, 3)
+        found &= _lies(feet, lengths, dorsal, normals, self._mesh)
+        self.members: Indices = given[found]
+        self._feet, self._rest = feet.some(found), np.ascontiguousarray(local[found])
+        self._rows, self._width = local.shape[1:3]
+        rotations = np.array([own.rotation for own in placements]).reshape(-1, 3, 3)[found]
+        self._turns = np.empty((len(rotations), self._rows, 3, 3))
+        skin = points, normals, self._mesh.triangles
+        room = self._room().drawn
+        kernels.find_rest_turns(self._feet, skin, self._rest, rotations, room, self._turns)
+
+    def follow(
+        self, given: Sequence[RowPoints], roots: Sequence[RootFrames], span: tuple[float, float], jobs: int
+    ) -> Sequence[RowPoints]:
+        """Poses of the members on their leaves at a time, with their rates.
+
+        given: points of the members, as they would be on roots that the skin carries rigidly, and
+        their two rates; roots: those, and their two rates. span: s, time of the sample before, and
+        the time. jobs: threads.
+        """
+        start, end = span
+        step = _STEP_RATIO * (end - start)
+        times = [end - q * step for q in range(3 if step > 0.0 else 1)]
+        points = np.stack([np.asarray(self._surface.points(time), dtype=np.float64) for time in times])
+        normals = np.stack([self._normals(each) for each in points])
+        skins, own = (points, normals, self._mesh.triangles), (self._rest, self._turns)
+        nodes, directors = (tuple(np.ascontiguousarray(each[k]) for each in given) for k in range(2))
+        turns = tuple(np.ascontiguousarray(each.rotations) for each in roots)
+
+        def draw(part: tuple[int, int]) -> None:
+            kernels.follow_skin(
+                self._feet, own, skins, (nodes, directors), turns, step, self._room(), part
+            )
+
+        threads = limit_threads(jobs)
+        parts = pairwise(np.linspace(0, len(self.members), threads + 1).astype(int).tolist())
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(draw, parts))
+        return [RowPoints(*each) for each in zip(nodes, directors, strict=True)]
+
+    def _normals(self, points: Array) -> Array:
+        normals = np.empty_like(points)
+        kernels.average_normals(points, self._mesh.triangles, normals)
+        return normals
+
+    def _room(self) -> Room:
+        rows, width = self._rows, self._width
+        drawn = Drawn(
+            image=np.empty((rows, width, 3)),
+            up=np.empty((rows, 3)),
+            rachis=np.empty((rows, 3)),
+            row=np.zeros(rows, dtype=np.int64),
+            part=np.empty(rows),
+        )
+        return Room(
+            drawn=drawn,
+            nodes=np.empty((rows, width, 3)),
+            directors=np.empty((rows, 2, 3)),
+            root=np.empty((3, 3)),
+            made=np.empty((3, rows, width, 3)),
+            turned=np.empty((3, rows, 2, 3)),
+        )
+
+
+def _feet_of(
+    nodes: Array, points: Array, normals: Array, mesh: SkinMesh
+) -> tuple[Feet, Flags]:
+    """Feet of nodes (F, n, 1 + 2 m, 3) m, and (F,) of which feathers all nodes have one."""
+    shape = nodes.shape[:3]
+    feet = Feet(
+        np.empty(shape, dtype=np.int32),
+        np.empty((*shape, 2), dtype=np.float32),
+        np.empty(shape, dtype=np.float32),
+    )
+    found = np.zeros(len(nodes), dtype=np.int64)
+    if len(nodes):
+        starts, _ = closest(np.ascontiguousarray(nodes[:, 0, 0]), points[mesh.triangles])
+        skin = points, normals, mesh.triangles, mesh.beside
+        kernels.find_feet(nodes, starts, skin, feet, found)
+    return feet, found == 1
+
+
+def _lies(feet: Feet, lengths: Array, dorsal: Array, normals: Array, mesh: SkinMesh) -> Flags:
+    """(F,) which feathers lie on the skin, face up."""
+    height = np.abs(feet.height).max(axis=(1, 2))
+    up = normals[mesh.triangles[feet.triangle[:, 0, 0], 0]]
+    facing = np.einsum("fk,fk->f", up, dorsal)
+    return np.asarray((height < MAX_HEIGHT_RATIO * lengths) & (facing > _MIN_FACING))
