@@ -54,12 +54,6 @@ PACKAGES = (
         stages=("loop.cut_stage:CutStage",),
     ),
     Package(
-        "layers",
-        "Feathers that are laid over each other and over the skin in what is written.",
-        tables=("layers",),
-        stages=("layers.stage:ShotLayers",),
-    ),
-    Package(
         "levels",
         "Levels of detail by table, length or camera; guided and rigid feathers.",
         tables=("details", "level_of_detail", "quality.guided_below", "quality.rigid_below"),
@@ -73,12 +67,6 @@ PACKAGES = (
         tables=("contact",),
         stages=("contact.contact_group:ContactStage",),
         spreads=("contact.islands:add_islands",),
-    ),
-    Package(
-        "coat",
-        "Feathers on a moving skin that keep their leaves over it.",
-        tables=("skin",),
-        stages=("coat.stage:CoatStage",),
     ),
     Package(
         "cycles",
@@ -130,6 +118,12 @@ PACKAGES = (
         "Feathers that leave their roots and fall.",
         tables=("detachments",),
         loads=("loop.free_flight:FreeFlight",),
+    ),
+    Package(
+        "coat",
+        "Feathers on a moving skin that keep their leaves over it.",
+        tables=("skin",),
+        stages=("coat.stage:CoatStage",),
     ),
 )
 

@@ -113,7 +113,7 @@ def shot_error(shot: Shot, feathers: int = _LOOKED_AT, jobs: int = 1) -> ShotErr
             " out of the error"
         )
         warnings.warn(text, InputWarning, stacklevel=2)
-    shot = replace(shot, quality=simulation_quality(shot), contact=None, layers=None)
+    shot = replace(shot, quality=simulation_quality(shot), contact=None)
     chosen = chosen_feathers(shot, feathers)
     alone = part_of(shot, chosen)
     part = replace(alone, contact=contact)

@@ -9,7 +9,6 @@ from typing import Any
 from featherfx.api import Folders, read_shot
 from featherfx.errors import InputError, Problem
 from featherfx.shot.loop.cut_stage import CutStage
-from featherfx.shot.loop.replay import Replay
 from featherfx.shot.loop.run import ShotRun
 from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.types import Shot
@@ -34,7 +33,7 @@ def explain_options(
     where it has no such feather.
     """
     shot = read_shot(path, preset_folders)
-    run = ShotRun(shot, 1, 1, None, Replay())
+    run = ShotRun(shot, 1, 1, None)
     if shot.has_moving_roots:
         CutStage(run)  # options follow the roots as a bake moves them
     found = explained_options(shot, run.options)

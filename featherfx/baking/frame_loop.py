@@ -1,9 +1,9 @@
-"""The frame loop: frames are simulated, layered and written side by side."""
+"""The frame loop: frames are simulated and written side by side."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
 from typing import Any, NamedTuple, Self
@@ -17,9 +17,8 @@ from featherfx.files.gc_pause import seldom_collected, set_aside
 from featherfx.files.memory import give_back_memory, keep_arrays_apart
 from featherfx.jit.compile_progress import PROGRESS
 from featherfx.phases import phase
-from featherfx.shot.frames import Frame, StackingOrder
+from featherfx.shot.frames import Frame
 from featherfx.shot.loop.checkpoint import Checkpoint
-from featherfx.shot.loop.replay import Replay
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter, Continuation
 from featherfx.usd.write.layers import format_table
@@ -33,8 +32,8 @@ _MIN_KEPT_APART = 10_000
 def simulate_and_write(
     task: BakeTask, notify: Callable[[int, int], None]
 ) -> tuple[int, dict[str, Any]]:
-    """Run the frame loop; while a frame is simulated, the one before is layered and the one before
-    that written. Return the samples that were there already, and the figures for the report.
+    """Run the frame loop; while a frame is simulated, the one before is written. Return the samples
+    that were there already, and the figures for the report.
 
     notify: called with the samples done and their number.
     """
@@ -59,28 +58,23 @@ def _run_loop(
     again: dict[str, Any] = {}
     every = range(len(whole.groom.feathers)) if task.wanted is None else task.wanted
     wanted: Sequence[int] = every
-    replay = Replay()
     if len(whole.groom.feathers) >= _MIN_KEPT_APART:
         keep_arrays_apart()
     if options.resume:
         with phase("building", silent=True):
             done, state = sink.writer.samples_done, sink.writer.state
         start = Checkpoint.load(state) if state else None
-    if options.resume or whole.layers is not None:
-        from featherfx.baking.reuse import count_again, numbers_to_simulate, replay_of
+        from featherfx.baking.reuse import count_again, numbers_to_simulate
 
-        wanted = numbers_to_simulate(task, every, sink.writer if options.resume else None, start)
-        replay = replay_of(task, start)
+        wanted = numbers_to_simulate(task, every, sink.writer, start)
         if task.taken is not None:
-            again = {"again": count_again(task, wanted, replay)}
+            again = {"again": count_again(task, wanted)}
     with phase("building"), seldom_collected():
-        simulation = simulate(
-            whole, options.jobs, task.frames, options.subframes, start, wanted, replay
-        )
+        simulation = simulate(whole, options.jobs, task.frames, options.subframes, start, wanted)
     notify(done, task.samples)
     # unless it goes on from an earlier bake, the writer is built while feathers settle
     sink.begin()
-    sink.compare(simulation.laid)
+    sink.compare()
     with set_aside() if len(whole.groom.feathers) >= _MIN_FROZEN else nullcontext():
         writing = _write_frames(sink, task, simulation, done, notify)
     sink.tell()
@@ -102,33 +96,24 @@ def _write_frames(
     samples = task.samples
     writing = Background(sink.write, 1)  # frames of a plumage are large
 
-    to_come = samples - done + task.samples_after
-    eta = FrameEta(to_come, to_come + samples - done)
-
-    def finish(finished: Callable[[], Iterator[tuple[Frame, Checkpoint | None]]]) -> None:
-        for frame, checkpoint in finished():
-            writing.wait()  # so that no other waits meanwhile
-            writing(frame, checkpoint)
-            eta.finished += 1
-            del frame, checkpoint  # large, and the next is layered before it comes
-        eta.finished += 1
-
-    with writing, Background(finish, 1) as finishing:
-        ahead = simulation.ahead(
-            lambda sample: sink.writer.ends_chunk(sample), task.options.accelerations
+    eta = FrameEta(samples - done, samples - done)
+    with writing:
+        frames = (
+            simulation.frames(lambda sample: sink.writer.ends_chunk(sample))
+            if done < samples
+            else ()
         )
         with phase("simulating", silent=True) as progress:
-            for finished in ahead if done < samples else ():
+            for frame, checkpoint in frames:
                 with phase("writing" if writing.is_waited_for else "simulating", silent=True):
-                    finishing.wait()
-                finishing(finished)
-                del finished  # holds a sample
+                    writing.wait()  # so that no other waits meanwhile
+                writing(frame, checkpoint)
+                del frame, checkpoint  # large
                 eta.simulated += 1
-                progress(eta.simulated, eta.left(finishing))
-                if done < samples:
-                    done += 1
-                    notify(done, samples)
-            finishing.wait()
+                eta.finished = eta.simulated - 1
+                progress(eta.simulated, eta.left(writing))
+                done += 1
+                notify(done, samples)
         with phase("writing"):
             writing.close()
     return writing
@@ -175,15 +160,12 @@ class CacheSink:
         """Writer; waits for it. Raises what new_writer raises."""
         return self.begin().result()
 
-    def compare(self, laid: StackingOrder | None) -> None:
-        """Compute, when the writer is built, the texts that a later bake compares itself with.
-
-        laid: the stacking order where there are layers.
-        """
+    def compare(self) -> None:
+        """Compute, when the writer is built, the texts that a later bake compares itself with."""
 
         def find() -> dict[str, Any]:
             dependences = self._task.dependences
-            return {} if dependences is None else cache_tables(self._task, dependences.shown(laid))
+            return {} if dependences is None else cache_tables(self._task, dependences.texts)
 
         self._compared = self._pool.submit(find)
 
@@ -231,11 +213,7 @@ class CacheSink:
 def cache_tables(task: BakeTask, dependences: Sequence[str]) -> dict[str, Any]:
     """Return what a later bake compares itself with; dependences: of the task's feathers."""
     depend = dict(zip(task.names, dependences, strict=True))
-    found = {"inputs": format_table(task.shot.inputs), "dependences": format_table(depend)}
-    if task.whole.layers is not None and task.dependences is not None:
-        ids = [each.id for each in task.whole.groom.feathers]
-        found["motions"] = format_table(dict(zip(ids, task.dependences.motion, strict=True)))
-    return found
+    return {"inputs": format_table(task.shot.inputs), "dependences": format_table(depend)}
 
 
 class _Mark(NamedTuple):
@@ -259,9 +237,7 @@ class FrameEta:
     def __init__(self, simulating: int, finishing: int) -> None:
         """Begin to count.
 
-        simulating: samples in all, with those that only others depend on. finishing: parts of the
-        work beside: each sample is taken up, and those that are wanted are layered, maybe some
-        samples later.
+        simulating: samples in all. finishing: parts of the work beside.
         """
         self._simulating, self._finishing = simulating, finishing
         self.simulated = self.finished = 0

@@ -11,12 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from featherfx.baking.task import BakeTask, ReusedFeathers
 from featherfx.errors import Problem
-from featherfx.files.content import digest
-from featherfx.shot.loop.replay import Replay
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.previous_cache import PreviousCache, describe_changes, is_finished
 
@@ -54,30 +50,22 @@ def find_reused(task: BakeTask) -> ReusedFeathers | None:
     if not _fits(earlier.settings, task.settings):
         return None
     assert task.dependences is not None
-    same = _alike(earlier.dependences, task.names, task.dependences.shown())
-    moving: tuple[int, ...] = ()
-    if task.whole.layers is not None:
-        ids = [each.id for each in task.whole.groom.feathers]
-        moving = _alike(earlier.motions, ids, task.dependences.motion)
-        if not len(_replay(task, earlier, moving).numbers):
-            moving = ()  # the motion was not kept
-    if not same and not moving:
+    same = _alike(earlier.dependences, task.names, task.dependences.texts)
+    if not same:
         return None
     changes = describe_changes(earlier.settings, earlier.inputs, task.settings, task.shot.inputs)
     changed = tuple(f"{key}: {change}" for key, change in changes.items())
-    return ReusedFeathers(earlier, same, moving, changed)
+    return ReusedFeathers(earlier, same, changed)
 
 
 def numbers_to_simulate(
-    task: BakeTask, every: Sequence[int], writer: CacheWriter | None, start: Checkpoint | None
+    task: BakeTask, every: Sequence[int], writer: CacheWriter, start: Checkpoint | None
 ) -> Sequence[int]:
     """Return numbers, in the whole, of the feathers to simulate; the writer takes the others.
 
     every: numbers of the task's feathers. writer: of a bake with resume. start: of the bake that
     goes on; it simulates what that has simulated.
     """
-    if writer is None:
-        return every
     taken = set(task.taken.feathers) if task.taken else set()
     if task.taken and task.taken.cache.chunk != writer.chunk:
         taken = set()  # samples of a feather that hardly moves depend on where chunks begin
@@ -93,45 +81,12 @@ def numbers_to_simulate(
     return wanted
 
 
-def count_again(task: BakeTask, wanted: Sequence[int], replay: Replay) -> dict[str, Any]:
+def count_again(task: BakeTask, wanted: Sequence[int]) -> dict[str, Any]:
     """Count the feathers that were simulated again, for the report, with the reasons."""
     assert task.taken is not None
     kept = len(task.names) - len(wanted)
-    again = len(np.intersect1d(wanted, task.taken.moving)) if len(replay.numbers) else 0
-    counts = {"feathers_simulated": len(wanted) - again, "feathers_taken_over": kept}
-    if again:
-        counts["feathers_laid_again"] = again
+    counts = {"feathers_simulated": len(wanted), "feathers_taken_over": kept}
     return counts | {"changed": list(task.taken.changed)}
-
-
-def replay_of(task: BakeTask, start: Checkpoint | None) -> Replay:
-    """Return the motion that a bake with layers takes and keeps.
-
-    start: of the bake that goes on, which takes what that took. Raises OutputError where that is
-    gone.
-    """
-    taken = task.taken
-    moving = taken.moving if taken else ()
-    if start is not None:
-        moving = tuple(start.replayed.tolist())
-    replay = _replay(task, taken.cache if taken else None, moving)
-    if start is not None and replay.numbers.tolist() != start.replayed.tolist():
-        raise OutputError(Problem(str(task.path), "", _GONE))
-    return replay
-
-
-def _replay(task: BakeTask, earlier: PreviousCache | None, moving: Sequence[int]) -> Replay:
-    shot, subframes = task.whole, task.options.subframes
-    if shot.layers is None:
-        return Replay()
-    end, last = (
-        (frame - shot.first_frame) * subframes for frame in (task.frames[1], shot.last_frame)
-    )
-    ahead = shot.layers.samples_ahead(1.0 / (shot.frames_per_second * subframes))
-    ids = [each.id for each in shot.groom.feathers]
-    own = digest(task.settings) if task.dependences else ""
-    before = digest(earlier.settings) if earlier else ""
-    return Replay(ids, own, before, moving, min(end + ahead, last) + 1)
 
 
 def _alike(

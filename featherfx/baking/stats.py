@@ -114,11 +114,6 @@ def _of_groom(groom: Groom, quality: Quality) -> dict[str, Any]:
     }
 
 
-# of points, velocities and accelerations, what a pose holds that waits to be laid for good: points,
-# and velocities in single precision
-_OF_POSED = 0.5
-
-
 def _starting() -> Array:
     """(2,) s that this process took to start, on the clock and of the processors."""
     current = account()
@@ -146,11 +141,6 @@ def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None) -> dict[
         frames, CONTACT_CHUNK_FRAMES if shot.contact else CHUNK_FRAMES, chunk_bytes(total) // sample
     )
     memory = learnt.memory + sample * max(chunk - learnt.trial.frames, 0)
-    if shot.layers is not None:
-        # points, velocities and accelerations
-        posed = 3.0 * sum(part.nbytes for feather in drawn for part in feather.rest)
-        waiting = shot.layers.samples_ahead(1.0 / shot.frames_per_second)
-        memory += waiting * _OF_POSED * posed
     phases = {"reading": float(read[0]), **learnt.phases}
     seconds = in_parts(phases)
     return {

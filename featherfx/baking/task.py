@@ -44,7 +44,6 @@ from featherfx.usd.write.output import (
 from featherfx.usd.write.unfinished_cache import refuse_unfinished
 
 if TYPE_CHECKING:
-    from featherfx.shot.frames import StackingOrder
     from featherfx.usd.write.previous_cache import PreviousCache
 
 Options = TypeVar("Options", bound=StageOptions)
@@ -55,24 +54,15 @@ class Dependences:
 
     def __init__(self, shot: Shot, numbers: Sequence[int]) -> None:
         self._shot, self._numbers = shot, numbers
-        self._shown: list[str] = []
 
     @cached_property
-    def motion(self) -> list[str]:
-        """Texts of the motion of all feathers of the shot, before they are layered."""
+    def texts(self) -> list[str]:
+        """Texts of the feathers' motion."""
         # loads compiled code, which a finished cache does without
         from featherfx.shot.partition.dependence import motion_dependences
 
-        return motion_dependences(self._shot)
-
-    def shown(self, laid: StackingOrder | None = None) -> list[str]:
-        """Return texts of the final shapes, given the stacking order where that is known."""
-        from featherfx.shot.partition.dependence import dependences
-
-        if not self._shown:
-            every = dependences(self._shot, laid, self.motion)
-            self._shown = [every[k] for k in self._numbers]
-        return self._shown
+        every = motion_dependences(self._shot)
+        return [every[k] for k in self._numbers]
 
 
 @dataclass(frozen=True)
@@ -80,13 +70,11 @@ class ReusedFeathers:
     """Feathers whose samples a bake takes from an earlier cache at its output.
 
     cache: the earlier one. feathers: numbers among the bake's of those whose samples are taken.
-    moving: numbers in the shot of those that move as they did, before they are layered. changed:
-    differences, in words.
+    changed: differences, in words.
     """
 
     cache: PreviousCache
     feathers: tuple[int, ...]
-    moving: tuple[int, ...]
     changed: tuple[str, ...]
 
 
@@ -121,15 +109,6 @@ class BakeTask:
     def samples(self) -> int:
         """Number of samples from the first frame to the last."""
         return (self.frames[1] - self.frames[0]) * self.options.subframes + 1
-
-    @property
-    def samples_after(self) -> int:
-        """Number of samples simulated after the last one, since its layering depends on them."""
-        shot, subframes = self.whole, self.options.subframes
-        if shot.layers is None:
-            return 0
-        ahead = shot.layers.samples_ahead(1.0 / (shot.frames_per_second * subframes))
-        return min(ahead, (shot.last_frame - self.frames[1]) * subframes)
 
 
 def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptions) -> BakeTask:
@@ -211,9 +190,8 @@ def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Seq
 
     numbers = share_numbers(shot, *feathers)
     part = part_of(shot, numbers)
-    # followers need guides, and layers what is beneath, that may be of another share; islands are
-    # those of the whole
-    shared = uses_guides(shot) or shot.layers is not None or shot.contact is not None
+    # followers need guides, which may be of another share; islands are those of the whole
+    shared = uses_guides(shot) or shot.contact is not None
     return part, (shot if shared else part), numbers.tolist()
 
 

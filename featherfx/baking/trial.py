@@ -196,7 +196,7 @@ def _memory(trials: Sequence[Trial], total: int) -> float:
 def _trial(shot: Shot, count: int, frames: int, jobs: int) -> Trial:
     from featherfx.baking.frame_loop import simulate_and_write
 
-    part = part_of(shot.uneased(), _some(shot, count))
+    part = part_of(shot, _some(shot, count))
     marks: list[Array] = []
     before = held = resident_bytes(release=True)
 
@@ -304,15 +304,13 @@ class TrialCourse:
 def _course(shot: Shot, jobs: int, most: float) -> TrialCourse:
     """A few feathers through the frames of a shot, or the first of them that s of processor time
     suffice for."""
-    part = _pinned(shot.uneased())
+    part = _pinned(shot)
     begin = time.process_time()
     marks, iterations = [], []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         simulation = simulate(part, jobs)
-        for finish in simulation.ahead():
-            for _ in finish():
-                pass
+        for _ in simulation.frames(lambda sample: False):
             iterations.append(sum(float(r.iterations.sum()) for r in simulation.counted().reports))
             marks.append(time.process_time())
             if marks[-1] - begin > most and len(marks) > _FRAMES:

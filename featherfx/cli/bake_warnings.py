@@ -20,10 +20,8 @@ _MAX_CHANGES = 12  # printed of a bake that reused samples of an earlier one
 def print_bake_notes(result: dict[str, Any]) -> None:
     """Print what a bake simulated again, its warnings, and why no error is promised."""
     if again := result.get("again"):
-        laid = again.get("feathers_laid_again", 0)
         tell(
             f"{again['feathers_simulated']} feathers simulated again,"
-            + (f" {laid} laid over these anew," if laid else "")
             + f" {again['feathers_taken_over']} taken over from the cache that was there"
         )
         for change in again["changed"][:_MAX_CHANGES]:
@@ -45,8 +43,6 @@ def print_warnings(result: dict[str, Any]) -> None:
     promised = result.get("error_promised")
     if promised is not None and result["error_estimated"] > promised:
         tell(_missed(promised, result["error_estimated"]))
-    if result.get("contact", {}).get("feathers_lifted"):
-        tell("\n".join(_lifted(result["contact"])))
 
 
 def print_missing_promise(result: dict[str, Any]) -> None:
@@ -128,24 +124,3 @@ def _why(each: dict[str, Any]) -> Iterator[str]:
 
 def _substeps(count: int) -> str:
     return f"{count} sub-step{'' if count == 1 else 's'}"
-
-
-def _lifted(contact: dict[str, Any]) -> Iterator[str]:
-    """The warning of feathers that are shown far from where they were simulated."""
-    count, worst = contact["feathers_lifted"], contact["worst_lifted"]
-    yield (
-        f"featherfx: warning: {count} feather{'s are' if count > 1 else ' is'} lifted out of the"
-        " skin and of what is beneath by a quarter of the length or more. Wind or motion presses"
-        " them in: shelter them from the wind ([[shelter]]), make them stiffer, or let them push"
-        " ([contact] forces, regions)"
-    )
-    if contact["feathers_at_limit"]:
-        yield (
-            f"  {contact['feathers_at_limit']} of them by twice their length, the most. What would"
-            " have to be lifted more stays deep (contact.written_depth of the report)"
-        )
-    for each in worst:
-        yield (
-            f"  {each['feather']} at frame {each['frame']:g}: {1e3 * each['lift']:.2g} mm,"
-            f" {100 * each['of_length']:.0f} % of its length"
-        )

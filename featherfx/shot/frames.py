@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
-from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array
 from featherfx.feather.types import RowPoints, turned
 from featherfx.mechanics.model import Gaps
 
@@ -71,14 +70,6 @@ class Frame:
     def accelerations(self) -> tuple[Array, ...]:
         """The second rates of points, per second squared."""
         return tuple(pose.accelerations.rows() for pose in self.poses)
-
-
-class StackingOrder(NamedTuple):
-    """Stacking order of feathers. feathers: (F,) numbers in the groom, ascending, of those of a
-    stack (layers/types.py)."""
-
-    feathers: Indices
-    stack: Any
 
 
 def place(points: RowPoints, position: Array, rotation: Array) -> RowPoints:

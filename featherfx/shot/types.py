@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -387,30 +387,6 @@ class Contact:
     ] = True
 
 
-# samples that may wait: each is 13 kB of a feather on 11 rows of 9 nodes
-MAX_AHEAD = 12
-
-
-@dataclass(frozen=True)
-class Layers:
-    """Layers of feathers as they are shown (featherfx/shot/layers).
-
-    contact: thickness, which feathers are laid, and whether the skin counts.
-    """
-
-    contact: Contact
-    ease: Annotated[
-        float,
-        Number(0, 2, "s"),
-        "Time in which what is laid rises before it has to, and falls after; 0: at once. So much "
-        "of the shot after a sample, up to 12 samples, is simulated before that one is written.",
-    ] = 0.25
-
-    def samples_ahead(self, step: float) -> int:
-        """Samples, step s apart, that are simulated before one is laid for good."""
-        return min(round(self.ease / step), MAX_AHEAD)
-
-
 @dataclass(frozen=True)
 class Motion:
     """kind: one of groom.keys.preset.MOTIONS, or "skin"; values: the merged values of that kind,
@@ -436,7 +412,7 @@ class Shot:
     feathers on a skin (loads/shelter.py). wind_source: added to wind. time_codes_per_second: of
     what is written; None: frames_per_second.
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
-    through each other and through colliders. layers: None: they are shown as they were simulated.
+    through each other and through colliders.
     run_up: how what moves is brought up from rest before 0.
     level_of_detail: None: levels do not follow a camera. inputs: what the shot's files say, by key
     (groom/read/value_diff.py).
@@ -509,7 +485,6 @@ class Shot:
     time_codes_per_second: float | None = None
     colliders: tuple[TimedSurface, ...] = ()
     contact: Contact | None = None
-    layers: Layers | None = None
     level_of_detail: LevelOfDetail | None = None
     shelters: tuple[Shelter, ...] = ()
     preens: tuple[Preen, ...] = ()
@@ -534,10 +509,6 @@ class Shot:
     def has_sheltered_feathers(self) -> bool:
         """Return whether some feathers lie so that less of the wind reaches them."""
         return self.exposure is not None and bool((self.exposure != 1.0).any())
-
-    def uneased(self) -> Shot:
-        """The shot as it is laid without what comes after a frame."""
-        return replace(self, layers=self.layers and replace(self.layers, ease=0.0))
 
     def skin_corners(self) -> Array | None:
         """(T, 3, 3) m, at rest: what regions grow on, or else what roots are bound to."""

@@ -232,7 +232,7 @@ class Live:
             frames = shot.first_frame, shot.last_frame
             if shot.skin is None and shot.wind_source is None and not shot.colliders:
                 frames = shot.first_frame, shot.first_frame + _ENDLESS
-            simulation = LiveSimulation(shot.uneased(), source.jobs, frames, often, wanted=wanted)
+            simulation = LiveSimulation(shot, source.jobs, frames, often, wanted=wanted)
         surfaces = [each.surface for each in simulation.feathers]
         starts = np.cumsum([0, *(len(each.row) for each in surfaces)])
         rest = [

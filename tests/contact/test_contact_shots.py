@@ -99,14 +99,8 @@ def test_flapping_bird_keeps_its_feathers_apart():
     assert all_crossings(meshes(simulation, frames[-1])) == 0
 
 
-def test_layers_alone_keep_what_is_shown_apart():
-    """Nothing pushes, and yet no feather is drawn through another."""
-    simulation, frames = baked(replace(wing(), contact=None), 10)
-    assert all_crossings(meshes(simulation, frames[-1])) == 0
-
-
 def test_without_contact_the_same_feathers_cut_through_each_other():
-    simulation, frames = baked(replace(wing(), contact=None, layers=None), 10)
+    simulation, frames = baked(replace(wing(), contact=None), 10)
     assert "contact" not in simulation.report
     assert all_crossings(meshes(simulation, frames[-1])) > 50
 
@@ -313,20 +307,6 @@ def test_the_table_is_read_and_can_be_switched_off(tmp_path):
     assert read_shot(path).contact is None
 
 
-def test_more_feathers_may_be_laid_than_push(tmp_path):
-    text = f'name = "x"\ngroom = "{SAMPLE.parent / "groom.toml"}"\nframes = [1, 2]\n'
-    path = tmp_path / "shot.toml"
-    path.write_text(text + '[contact]\nregions = ["primaries"]\nkinds = ["swan_*"]\n')
-    shot = read_shot(path)
-    assert shot.layers is not None
-    assert shot.layers.contact == shot.contact
-    path.write_text(path.read_text() + 'layered = ["*"]\n')
-    more = read_shot(path)
-    assert more.layers is not None
-    assert more.contact == shot.contact
-    assert (more.layers.contact.regions, more.layers.contact.kinds) == (("*",), ("*",))
-
-
 def test_contact_can_be_limited_to_regions_and_kinds():
     shot = half_wing(bird())
     regions = {feather.region for feather in shot.groom.feathers}
@@ -348,7 +328,7 @@ def test_contact_can_be_limited_to_regions_and_kinds():
 
 
 def test_feathers_that_contact_leaves_out_move_as_without_it():
-    shot = replace(half_wing(bird()), layers=None)
+    shot = replace(half_wing(bird()))
     alone = replace(shot, contact=replace(shot.contact, regions=("none",)))
     bare = replace(shot, contact=None, quality=shot.quality.pushing)
     with_contact, without = (baked(some, 2)[1] for some in (alone, bare))

@@ -142,12 +142,11 @@ def test_feathers_that_start_crossed_by_a_centimetre_come_apart():
     up = one.position + np.array([0.0, 0.0, way])
     feathers[2] = replace(one, position=up, rotation=one.rotation @ dive)
     crossed = replace(shot, groom=replace(shot.groom, feathers=tuple(feathers)))
-    free = replace(crossed, contact=None, layers=None)
+    free = replace(crossed, contact=None)
     simulation, frames = baked(free, 2)
     assert all_crossings(meshes(simulation, frames[0])) > 10
     simulation, frames = baked(crossed, 3)
     assert [all_crossings(meshes(simulation, frame)) for frame in frames] == [0, 0, 0]
-    assert simulation.report["contact"]["written_depth"]["worst"] < 0.5
 
 
 def test_a_feather_that_finds_no_balance_does_not_keep_others_from_it(monkeypatch):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from farm.farm_cases import SAMPLES, SerialEngine, options_of
+from farm.farm_cases import SerialEngine, options_of
 from farm.flock import flock
 
 import featherfx
@@ -101,26 +101,6 @@ def test_after_a_change_only_its_island_is_simulated(tmp_path):
     assert again_and_fresh(shot, change)["feathers_simulated"] == 8
 
 
-def test_what_lies_over_a_changed_feather_is_laid_anew(tmp_path):
-    """Layers without forces: what lies over the changed one, through any number between."""
-    shot, groom = tmp_path / "a.toml", tmp_path / "groom.toml"
-    text = (SAMPLES / "flapping_bird/groom.toml").read_text()
-    more = '"right_primary_03" = {{ rachis = {{ camber = {} }} }}\n"*" = {{ scaling ='
-    groom.write_text(text.replace('"*" = { scaling =', more.format(12)))
-    shot.write_text(
-        'name = "a"\ngroom = "groom.toml"\nframes = [1, 3]\nquality = "draft"\nwind = "calm"\n'
-        'motion = { base = "flap", period = 1.2 }\n[contact]\nforces = false\n'
-    )
-
-    def change():
-        groom.write_text(groom.read_text().replace("camber = 12", "camber = 14"))
-
-    # the wing of ten, of which some lie beneath it, and none of the other
-    again = again_and_fresh(shot, change)
-    assert again["feathers_simulated"] == 1
-    assert 1 <= again["feathers_laid_again"] < 9
-
-
 def test_what_pushes_nothing_joins_no_islands_and_is_dealt_out(tmp_path):
     """Of two birds whose primaries would meet, and whose secondaries alone do not."""
     some = 'kinds = ["swan_secondary"]\n'
@@ -146,12 +126,9 @@ def test_thousands_of_feathers_at_one_place_are_refused(tmp_path):
     groom.write_text('name = "g"\n[[table]]\nfile = "a.csv"\nkind = "covert"\n')
     text = 'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\nquality = "draft"\n'
     shot = tmp_path / "shot.toml"
-    for more, key in (("[contact]\n", "regions"), ("[contact]\nforces = false\n", "layered")):
-        shot.write_text(text + more)
-        with pytest.raises(
-            InputError, match=rf"contact\.{key}: 4000 feathers make at least 664668"
-        ):
-            pipeline.plan(shot, tmp_path / "s.usdc", 2)
+    shot.write_text(text + "[contact]\n")
+    with pytest.raises(InputError, match=r"contact\.regions: 4000 feathers make at least 664668"):
+        pipeline.plan(shot, tmp_path / "s.usdc", 2)
     shot.write_text(text)
     assert len(featherfx.read_shot(shot).groom.feathers) == 4000
     groom.write_text(groom.read_text() + "[layout]\n")

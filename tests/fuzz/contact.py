@@ -32,14 +32,13 @@ FRAMES = 4
 
 
 class Case(NamedTuple):
-    """What became of a scene. depth: m, the deepest in motion; written: thicknesses, the deepest of
-    what is laid over each other; None where it was ended; seconds: of processor time."""
+    """What became of a scene. depth: m, the deepest in motion; None where it was ended; seconds: of
+    processor time."""
 
     number: int
     feathers: int
     outcome: str
     depth: float | None
-    written: float | None
     seconds: float
     said: str
 
@@ -66,7 +65,7 @@ def run(cases: Sequence[int], seed: int) -> Iterator[Found]:
 
 def worst(scenes: Sequence[dict[str, Any]], most: int) -> str:
     """The deepest and the slowest scenes, so many of each."""
-    kinds = ("deepest", "depth"), ("deepest as written", "written"), ("slowest", "seconds")
+    kinds = ("deepest", "depth"), ("slowest", "seconds")
     lines = []
     for what, key in kinds:
         known = [each for each in scenes if each[key] is not None]
@@ -83,9 +82,9 @@ def _told(case: Case) -> str:
 
 
 def _depths(case: Case) -> str:
-    if case.depth is None or case.written is None:
+    if case.depth is None:
         return ""
-    return f", {1e3 * case.depth:.2f} mm, {case.written:.2f} thicknesses as written"
+    return f", {1e3 * case.depth:.2f} mm"
 
 
 def _tried(chance: random.Random, number: int, folder: Path) -> Case:
@@ -148,7 +147,7 @@ def _scene(chance: random.Random, folder: Path) -> tuple[Path, int]:
 def _ended(scene: tuple[Path, int], number: int) -> Case:
     path, count = scene
     start = time.process_time()
-    depth, written, outcome, said = 0.0, 0.0, "done", ""
+    depth, outcome, said = 0.0, "done", ""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -157,10 +156,10 @@ def _ended(scene: tuple[Path, int], number: int) -> Case:
                 if not all(np.isfinite(points).all() for points in frame.points):
                     outcome, said = "broken", f"frame {frame.number:g} is not finite"
         told = simulation.report["contact"]
-        depth, written = told["worst_depth"], told["written_depth"]["worst"]
+        depth = told["worst_depth"]
     except SimulationError as error:
         named = error.feather and error.frame is not None and error.reason
         outcome, said = "named" if named else "broken", str(error)
     except InputError as error:
         outcome, said = "broken", str(error)
-    return Case(number, count, outcome, depth, written, time.process_time() - start, said)
+    return Case(number, count, outcome, depth, time.process_time() - start, said)

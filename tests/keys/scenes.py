@@ -937,7 +937,6 @@ ELSEWHERE = {
     "shot.collider.interpolation": "tests/contact/test_contact_shots.py",
     "shot.contact.skin": "tests/contact/test_contact_shots.py",
     "shot.contact.obstacles": "tests/contact/test_contact_shots.py",
-    "shot.contact.ease": "tests/shot/test_layers.py",
     "shot.sleep": "tests/shot/test_sleep.py",
     "shot.cycle": "tests/shot/test_cycle.py",
     "shot.preroll": "tests/shot/test_preroll.py",

@@ -18,7 +18,7 @@ from featherfx.shot.partition.partition import part_of
 
 
 def sample(name, frames=None):
-    shot = replace(read_shot(SAMPLES / name / "shot.toml"), contact=None, layers=None)
+    shot = replace(read_shot(SAMPLES / name / "shot.toml"), contact=None)
     last = shot.last_frame if frames is None else shot.first_frame + frames - 1
     return replace(shot, last_frame=last)
 

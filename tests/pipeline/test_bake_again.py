@@ -245,36 +245,3 @@ def test_the_command_says_what_it_does(earlier, tmp_path):
     assert result.exit_code == 0, result.stderr
     assert "2 feathers simulated again, 3 taken over from the cache that was there" in result.stderr
     assert "  rows.lower.width: 1.5 -> 1.6" in result.stderr
-
-
-LAID = SHOT + "\n[contact]\nforces = false\nease = 0.05\n"
-NEAR = GROOM.replace("0.06]", "0.004]")
-
-
-@pytest.mark.parametrize("kept", [True, False])
-def test_what_lies_on_a_changed_row_is_laid_anew_and_not_simulated(tmp_path, monkeypatch, kept):
-    if not kept:
-        monkeypatch.setenv("FEATHERFX_CACHE_SIZE", "0")
-    (tmp_path / "other").mkdir()
-    path, fresh = tmp_path / "gust.usdc", tmp_path / "other" / "gust.usdc"
-    shot = written(tmp_path, NEAR, LAID)
-    featherfx.bake(shot, path, **OPTIONS)
-    again = '[overrides]\n"upper_*" = { stiffness = 0.5 }\n'
-    written(tmp_path, NEAR, f"{LAID}{again}")
-    if not kept:
-        with pytest.raises(InputError, match="--overwrite"):
-            featherfx.bake(shot, path, resume=True, **OPTIONS)
-        return
-
-    def interrupt(done: int, _: int) -> None:
-        if done == 5:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt, match=r"[24] of 5 samples are kept"):
-        featherfx.bake(shot, path, resume=True, on_frame=interrupt, **OPTIONS)
-    report = featherfx.bake(shot, path, resume=True, **OPTIONS)
-    assert report["samples_taken_over"] in (2, 4)
-    counts = [report["again"][f"feathers_{each}"] for each in ("simulated", "laid_again")]
-    assert counts == [3, 2]
-    featherfx.bake(shot, fresh, **OPTIONS)
-    assert path.read_bytes() == fresh.read_bytes()

@@ -16,7 +16,6 @@ from featherfx.errors import InputError, Problem
 from featherfx.feather import shapes
 from featherfx.feather.layout import layout
 from featherfx.shot.contact import pairs
-from featherfx.shot.layers import stack
 from featherfx.shot.loop import models
 from featherfx.usd.write.cache_writer import CacheWriter
 
@@ -80,7 +79,6 @@ def test_a_second_bake_computes_no_layout_shape_model_or_pair_anew(shot, monkeyp
             (models, "make_model"),
             (models, "with_damping"),
             (pairs, "_near_pairs"),
-            (stack, "_seen_at_rest"),
         ):
             patch.setattr(module, name, computed)
         assert baked(shot, "second") == first

@@ -200,18 +200,6 @@ def test_the_whole_plumage_is_laid_out():
 
 
 @pytest.mark.slow
-def test_its_coat_stays_on_it_while_it_walks(tmp_path):
-    """With a layout that was taken back, coverts were lifted over each other by up to 80 mm, and
-    nothing was written deep; before, a thigh's feather was written deep."""
-    with pytest.warns(InputWarning, match="layout"):
-        report = bake(PIGEON / "shot.toml", tmp_path / "pigeon.usdc")
-    contact = report["contact"]
-    assert contact["written_depth"]["p99"] <= 0.5
-    assert contact["written_depth"]["worst"] <= 2.0
-    assert max(each["lift"] for each in contact["worst_lifted"]) < 0.025
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("group", "most"), [("all", 1), (None, 20)])
 def test_many_feathers_share_few_prims(tmp_path, group, most):
     """Without being told so they are grouped by region."""

@@ -12,7 +12,7 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.partition.dependence import dependences
+from featherfx.shot.partition.dependence import motion_dependences
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import CHANNELS, Channel, Detail, Target
 
@@ -228,8 +228,8 @@ def test_rates_of_a_share_that_changes_are_those_of_the_points(shot):
 
 def test_only_what_a_channel_touches_depends_on_it(shot):
     own = shot.groom.feathers[1].id
-    before = dependences(shot)
-    after = dependences(directed(shot, const("ruffle", 5.0, feathers=own)))
+    before = motion_dependences(shot)
+    after = motion_dependences(directed(shot, const("ruffle", 5.0, feathers=own)))
     assert [a != b for a, b in zip(before, after, strict=True)] == [
         each.id == own for each in shot.groom.feathers
     ]

@@ -35,6 +35,7 @@ class Flight:
 
     at_rest: RootFrames
     away: np.ndarray
+    parts = ()
 
     def frames(self, time: float) -> RootFrames:
         stencil = Knots(0.0, FRAME, 0, 40).stencil(time)
@@ -103,7 +104,6 @@ def flight(away):
         quality=replace(shot.quality.pushing, rows=7, columns=2, coefficients=1),
         wind=replace(shot.wind, air_density=0.0),
         contact=replace(shot.contact, skin=False),
-        layers=None,
         preroll=0,
     )
 

@@ -51,5 +51,5 @@ def test_a_lone_feather_loads_no_package_that_it_does_not_ask_for():
         " print(sorted({m.split('.')[2] for m in sys.modules if m.startswith('featherfx.shot.')}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    for package in ("contact", "direction", "hooks", "layers", "partition"):
+    for package in ("coat", "contact", "direction", "hooks", "partition"):
         assert f"'{package}'" not in done.stdout

@@ -16,7 +16,7 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.shot.direction.shafts import _shortest, along_line
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.partition.dependence import dependences
+from featherfx.shot.partition.dependence import motion_dependences
 from featherfx.shot.types import Channel, Target
 
 SAMPLE = SAMPLES / "swan_wing"
@@ -103,7 +103,7 @@ def test_an_outline_is_kept_within_a_distance(shot, free):
 def test_other_feathers_move_as_before_and_need_no_new_bake(shot, free):
     target = Target(keys=HELD, feathers="left*")
     assert np.array_equal(moved(shot, target)[0], free)
-    before, after = dependences(shot), dependences(replace(shot, targets=(target,)))
+    before, after = motion_dependences(shot), motion_dependences(replace(shot, targets=(target,)))
     changed = {f.id for f, a, b in zip(shot.groom.feathers, before, after, strict=True) if a != b}
     assert changed == {f.id for f in shot.groom.feathers if f.id.startswith("left")}
 

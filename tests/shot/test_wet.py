@@ -23,7 +23,7 @@ from featherfx.render.scene import load_points
 from featherfx.render.subject import open_subject
 from featherfx.shot.hooks.wet import Water, clumping
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.partition.dependence import dependences
+from featherfx.shot.partition.dependence import motion_dependences
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Wet
@@ -109,7 +109,7 @@ def test_the_last_rule_that_fits_holds_and_only_its_feathers_depend_on_it(shot):
     assert last_fitting(shot.wets, shot.groom.feathers) == [-1, 0]
     assert last_fitting(two.wets, two.groom.feathers) == [1, 1]
     assert clumping(two, 1, 3.0) == (0.5, 24)
-    before, after = dependences(replace(shot, wets=())), dependences(shot)
+    before, after = motion_dependences(replace(shot, wets=())), motion_dependences(shot)
     assert before[0] == after[0]
     assert before[1] != after[1]
 

@@ -13,7 +13,7 @@ import featherfx
 from featherfx.errors import InputError
 from featherfx.feather.colours import VANE_COLOUR
 from featherfx.groom.looks import linear
-from featherfx.shot.partition.dependence import dependences
+from featherfx.shot.partition.dependence import motion_dependences
 from featherfx.shot.read.read import read_shot
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.convert.condensed import export_condensed
@@ -100,7 +100,7 @@ def test_motion_does_not_depend_on_colours(files):
     red, plain = shot.groom.feathers
     other = replace(red, kind=replace(red.kind, colour=plain.kind.colour))
     swapped = replace(shot, groom=replace(shot.groom, feathers=(other, plain)))
-    assert dependences(shot) == dependences(swapped)
+    assert motion_dependences(shot) == motion_dependences(swapped)
 
 
 def test_another_colour_is_written_without_simulating_again(files):

@@ -142,7 +142,7 @@ def _do(work: str) -> None:
 
 @measure.command("plumage", cls=Command)
 @click.argument("counts", type=click.IntRange(min=1), nargs=-1)
-@click.option("--swan", is_flag=True, help="On a swan that moves, with guides and layers.")
+@click.option("--swan", is_flag=True, help="On a swan that moves, with guides.")
 @click.option("--frames", type=click.IntRange(min=2), default=5, show_default=True)
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True)
 @click.option("--as", "form", default="mesh", show_default=True, help="What is written.")

@@ -58,6 +58,10 @@ RENAMED = (
 REMOVED = {
     "coast": "Delete it: featherfx simulates feathers that move evenly with their roots, too.",
     "twins": "Delete it: featherfx simulates feathers that move alike one by one.",
+    "contact.forces": "Delete it. Leave [contact] out if feathers push nothing.",
+    "contact.layers": "Delete it: feathers on a skin keep their leaves in all that is written.",
+    "contact.layered": "Delete it: all feathers on a skin keep their leaves.",
+    "contact.ease": "Delete it: feathers keep their leaves without lifts that come and go.",
     "level_of_detail.fade": "Delete it: a feather's largest size in the shot chooses its level.",
 }
 

@@ -90,8 +90,6 @@ share = 0
 [[shelter]]
 kind = "body_contour"
 share = 0.7
-[contact]
-forces = false
 [[detail]]
 kind = "body_contour"
 level = "guided"
@@ -111,7 +109,7 @@ def write_patch(folder: Path, count: int, frames: int) -> Path:
 
 
 def write_swan(folder: Path, count: int, frames: int) -> Path:
-    """Write a swan with so many feathers: a skin that moves, wind, guides, layers.
+    """Write a swan with so many feathers: a skin that moves, wind, guides.
 
     Feathers are as long as so many of them cover the body alike. Returns the shot's path.
     """

@@ -24,7 +24,7 @@ from featherfx.solver.contact.types import SkinMesh
 
 # of its length, height of a feather's nodes over the skin up to which it is on a leaf
 MAX_HEIGHT_RATIO = 0.6
-# cosine of the angle from a feather's dorsal side to the skin's normal, from which on it is on a leaf
+# cosine of the angle between a feather's dorsal side and the skin's normal, at least, on a leaf
 _MIN_FACING = 0.5
 # of the time between two samples, by which the times are apart from which rates are found
 _STEP_RATIO = 0.02
@@ -40,7 +40,7 @@ class Feet(NamedTuple):
 
     def some(self, chosen: Flags) -> Feet:
         """Those of some feathers, (F,)."""
-        return Feet(*(np.ascontiguousarray(each[chosen]) for each in self))
+        return Feet(self.triangle[chosen], self.weight[chosen], self.height[chosen])
 
 
 class Drawn(NamedTuple):
@@ -106,7 +106,11 @@ class SkinLeaves:
         kernels.find_rest_turns(self._feet, skin, self._rest, rotations, room, self._turns)
 
     def follow(
-        self, given: Sequence[RowPoints], roots: Sequence[RootFrames], span: tuple[float, float], jobs: int
+        self,
+        given: Sequence[RowPoints],
+        roots: Sequence[RootFrames],
+        span: tuple[float, float],
+        jobs: int,
     ) -> Sequence[RowPoints]:
         """Poses of the members on their leaves at a time, with their rates.
 
@@ -117,10 +121,14 @@ class SkinLeaves:
         start, end = span
         step = _STEP_RATIO * (end - start)
         times = [end - q * step for q in range(3 if step > 0.0 else 1)]
-        points = np.stack([np.asarray(self._surface.points(time), dtype=np.float64) for time in times])
+        points = np.stack(
+            [np.asarray(self._surface.points(time), dtype=np.float64) for time in times]
+        )
         normals = np.stack([self._normals(each) for each in points])
         skins, own = (points, normals, self._mesh.triangles), (self._rest, self._turns)
-        nodes, directors = (tuple(np.ascontiguousarray(each[k]) for each in given) for k in range(2))
+        nodes, directors = (
+            tuple(np.ascontiguousarray(each[k]) for each in given) for k in range(2)
+        )
         turns = tuple(np.ascontiguousarray(each.rotations) for each in roots)
 
         def draw(part: tuple[int, int]) -> None:
@@ -158,9 +166,7 @@ class SkinLeaves:
         )
 
 
-def _feet_of(
-    nodes: Array, points: Array, normals: Array, mesh: SkinMesh
-) -> tuple[Feet, Flags]:
+def _feet_of(nodes: Array, points: Array, normals: Array, mesh: SkinMesh) -> tuple[Feet, Flags]:
     """Feet of nodes (F, n, 1 + 2 m, 3) m, and (F,) of which feathers all nodes have one."""
     shape = nodes.shape[:3]
     feet = Feet(

@@ -1,6 +1,8 @@
-"""The coat of a shot in the frame loop: what is written of feathers on a skin is on their leaves."""
+"""The coat of a shot in the frame loop: feathers on a skin are written on their leaves."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,12 +12,14 @@ from featherfx.shot.coat.leaves import SkinLeaves
 from featherfx.shot.contact.skin_binding import surfaces_under
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.groups import ALONE
-from featherfx.shot.loop.run import ShotRun, Stage
+from featherfx.shot.loop.run import Stage
 from featherfx.shot.motion.limbs import limbs_of, moving_limbs
 from featherfx.shot.motion.motion import undirected_motion
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.preroll import RunUpRoots
 from featherfx.shot.roots import RootFrames, Roots, root_rates
+
+_RATES = "points", "velocities", "accelerations"
 
 
 class CoatStage(Stage):
@@ -30,7 +34,7 @@ class CoatStage(Stage):
         run, shot = self.run, self.run.shot
         self._leaves: list[SkinLeaves] = []
         assert shot.skin is not None
-        chosen = run.posed[self._may_lie()[run.posed]]
+        chosen = run.wanted[self._may_lie()[run.wanted]]
         for surface, own in surfaces_under(shot.skin, chosen, shot.run_up):
             if surface.surface.bones is None and surface.surface.sampled is not None:
                 some = chosen[own]
@@ -47,7 +51,9 @@ class CoatStage(Stage):
         placements = shot.groom.feathers
         led = {each.feather for each in shot.grips}
         rules = last_fitting((*shot.detachments, *shot.targets), placements)
-        free = [each.id not in led and rule < 0 for each, rule in zip(placements, rules, strict=True)]
+        free = [
+            each.id not in led and rule < 0 for each, rule in zip(placements, rules, strict=True)
+        ]
         limbs = limbs_of(shot.groom) if shot.motion.of_limbs else moving_limbs(shot)
         return np.array(free) & (run.islands == ALONE) & np.equal(limbs, 0)
 
@@ -60,11 +66,8 @@ class CoatStage(Stage):
         for leaves in self._leaves:
             members = leaves.members
             before = [poses[f] for f in members.tolist()]
-            given = [
-                stacked([getattr(pose, name) for pose in before])
-                for name in ("points", "velocities", "accelerations")
-            ]
+            given = [stacked([getattr(pose, name) for pose in before]) for name in _RATES]
             roots = [RootFrames(*(values[members] for values in each)) for each in rates]
-            drawn = (each.each() for each in leaves.follow(given, roots, span, self.run.jobs))
+            drawn = [each.each() for each in leaves.follow(given, roots, span, self.run.jobs)]
             for f, pose, *values in zip(members.tolist(), before, *drawn, strict=True):
-                poses[f] = FeatherPose(*values, pose.gaps, pose.clumped)
+                poses[f] = replace(pose, **dict(zip(_RATES, values, strict=True)))

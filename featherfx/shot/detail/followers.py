@@ -42,7 +42,7 @@ class FollowerStage(Stage):
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
         shot, drawn, placements = run.shot, run.drawn, run.shot.groom.feathers
-        posed = run.posed
+        posed = run.wanted
         rigid = np.intersect1d(run.options.at_level("rigid"), posed)
         self._rigid = {f: drawn[f] for f in rigid.tolist()}
         guided = run.options.at_level("guided")

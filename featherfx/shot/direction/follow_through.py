@@ -17,7 +17,6 @@ from featherfx.feather.types import RowPoints, both, stacked
 from featherfx.shot.detail.followers import in_world, rates_of, seen_from_roots
 from featherfx.shot.detail.guided import INSTANT, Shapes, Turns
 from featherfx.shot.direction.channels import courses, product
-from featherfx.shot.direction.roots import warn_of_shares
 from featherfx.shot.direction.unsimulated_targets import warn_of_unfelt
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.run import ShotRun, Stage
@@ -31,8 +30,7 @@ class FollowThrough(Stage):
 
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
-        shot, drawn, shown = run.shot, run.drawn, run.posed
-        warn_of_shares(shot, run.directed)
+        shot, drawn, shown = run.shot, run.drawn, run.wanted
         warn_of_unfelt(shot, run.options.feathers)
         self._found = courses(shot, _NAMES)
         acted_on = np.zeros(len(drawn), dtype=np.bool_)

@@ -20,29 +20,22 @@ tails, which stand off it, turn by the angle itself.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.errors import InputWarning
 from featherfx.feather.layout.overlap import strips_of
 from featherfx.groom.types import Placement
 from featherfx.shot.contact.skin_binding import SkinBeneath, surfaces_under
 from featherfx.shot.direction.channels import Course, acting, courses
-from featherfx.shot.direction.order import ChannelAngles, shares
 from featherfx.shot.motion.limbs import limbs_of
 from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
 
 _NAMES = ("ruffle", "sleek", "turn", "fan", "fold", "puff")
-# those that may bring feathers through others, as far as these let them (order.py)
-ORDERED = ("ruffle", "sleek", "turn")
-# regions that a message names
-NAMED = 4
 # rad, near what is between feather and skin in the median of the pigeon's coat
 FLAT = np.radians(15.0)
 # of the way down to the skin, how far a coat goes at most: feathers lie on feathers
@@ -66,28 +59,20 @@ class _Pull:
 @dataclass(frozen=True)
 class Directed:
     """Roots of a motion as the channels of a shot turn and shift them. room: (F,) rad, how far each
-    feather is over a skin, inf where it is over none. share: (F,) of what channels ask for that the
-    order of feathers leaves (order.py)."""
+    feather is over a skin, inf where it is over none."""
 
     motion: Roots
     pulls: tuple[_Pull, ...]
     room: Array
-    share: Array
 
     def frames(self, time: float) -> RootFrames:
         """Return where the roots are at a time, s since the first frame."""
-        return self.posed(time, self.share)
-
-    def posed(self, time: float, share: Array) -> RootFrames:
-        """The same with other shares."""
         positions, rotations = self.motion.frames(time)
         lift = sum(each.course.of_each(time) * each.shift for each in self.pulls)
         from scipy.spatial.transform import Rotation  # heavy, and only for this
 
         axes = self.turns(time)
         down = (axes[:, 1] > 0.0) & np.isfinite(self.room)
-        axes[:, 0] *= share
-        axes[:, 1] *= np.where(down, 1.0, share)
         axes[down, 1] = -DOWN * self.room[down] * np.expm1(-axes[down, 1] / (DOWN * FLAT))
         own = Rotation.from_euler("ZYX", axes[:, ::-1]).as_matrix()
         positions = positions + np.asarray(lift)[:, None] * rotations[:, :, 2]
@@ -105,65 +90,12 @@ def direct_roots(shot: Shot, motion: Roots) -> Roots:
         return motion
     limbs = limbs_of(shot.groom)
     pulls = tuple(_pull(shot.groom.feathers, limbs, each) for each in found)
-    whole = Directed(motion, pulls, _room(shot, found), np.ones(len(shot.groom.feathers)))
-    if shot.layers is None or not any(each.channel.name in ORDERED for each in found):
-        return whole
-    return replace(whole, share=shares(shot, _asked(shot, whole), whole.posed))
-
-
-def _asked(shot: Shot, motion: Directed) -> ChannelAngles:
-    """Return the angles of channels at those of their keys at which no angle is smaller than at
-    another one."""
-    found = [each.course for each in motion.pulls if each.course.channel.name in ORDERED]
-    last = (shot.last_frame - shot.first_frame) / shot.frames_per_second
-    times = np.unique(np.clip(np.concatenate([each.curve.times for each in found]), 0.0, last))
-    values = np.array([[each.value(float(time)) for each in found] for time in times])
-    chosen: list[int] = []
-    for k in np.argsort(-np.abs(values).sum(axis=1), kind="stable").tolist():
-        beyond = [bool((values[j] * values[k] >= values[k] ** 2).all()) for j in chosen]
-        if values[k].any() and not any(beyond):
-            chosen.append(k)
-    worst = [float(times[k]) for k in sorted(chosen)]
-    turns = [motion.turns(time) for time in worst]
-    angles = [np.stack([-axes[:, 1], axes[:, 0]], axis=1) for axes in turns]
-    return ChannelAngles(worst, np.array(angles).reshape(len(worst), len(motion.share), 2))
-
-
-def shares_of(motion: Roots, count: int) -> Array:
-    """(F,) share of what channels ask for that each of so many feathers gets."""
-    return motion.share if isinstance(motion, Directed) else np.ones(count)
+    return Directed(motion, pulls, _room(shot, found))
 
 
 def depend_on_channels(shot: Shot, motion: Roots) -> list[Any]:
-    """List the channels of every feather of a shot, and its fraction of their angles."""
-    fractions = shares_of(motion, len(shot.groom.feathers)).tolist()
-    every = zip(acting(shot), fractions, strict=True)
-    return [[acts, own] if acts or own != 1.0 else None for acts, own in every]
-
-
-def warn_of_shares(shot: Shot, motion: Roots) -> None:
-    """Say which channels of a shot reach less than they ask for, and where."""
-    if not isinstance(motion, Directed):
-        return
-    regions = np.array([each.region for each in shot.groom.feathers])
-    for course in (each.course for each in motion.pulls):
-        less = (motion.share < 1.0) & (course.weights > 0.0)
-        if course.channel.name not in ORDERED or not less.any():
-            continue
-        number = next(k for k, each in enumerate(shot.channels) if each is course.channel)
-        asked = course.curve.values[np.argmax(np.abs(course.curve.values))]
-        names = list(dict.fromkeys(regions[less].tolist()))
-        more = f" and {len(names) - NAMED} more regions" if len(names) > NAMED else ""
-        where = ", ".join(repr(name) for name in names[:NAMED]) + more
-        least, middle = asked * motion.share[less].min(), asked * np.median(motion.share[less])
-        warnings.warn(
-            f"{shot.source}: channel[{number}]: of {asked:g} degrees of {course.channel.name}"
-            f" {int(less.sum())} of {int((course.weights > 0.0).sum())} feathers reach {middle:.3g}"
-            f" in the median, {least:.3g} at the least ({where}): farther they would go through"
-            " those that lie on them",
-            InputWarning,
-            stacklevel=2,
-        )
+    """List the channels of every feather of a shot."""
+    return [acts or None for acts in acting(shot)]
 
 
 def _room(shot: Shot, found: Sequence[Course]) -> Array:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.atomic_write import write_whole
-from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.run import Arrays, prefixed, under
 from featherfx.solver.state import State
 
@@ -24,8 +22,7 @@ class Checkpoint:
     index: number of the sample, 0 at the first frame, counted in frames times subframes.
     states: one per group of feathers. starts: per group (F, n, 1 + 2 m, 3) m, nodes at the
     first frame, from which grips count. stages: arrays that the stages of the frame loop keep, by
-    their names. wanted: (W,) numbers of the feathers in its frames; replayed: (R,) of those whose
-    motion was taken from an earlier simulation.
+    their names. wanted: (W,) numbers of the feathers in its frames.
     """
 
     index: int
@@ -33,12 +30,11 @@ class Checkpoint:
     starts: tuple[Array, ...]
     stages: dict[str, Arrays] = field(default_factory=dict)
     wanted: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    replayed: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def save(self, path: Path) -> None:
         """Write it to an .npz file, whole or not at all."""
         arrays = {"index": np.array(self.index), "groups": np.array(len(self.states))}
-        arrays |= {"wanted": self.wanted, "replayed": self.replayed}
+        arrays |= {"wanted": self.wanted}
         for k, (state, start) in enumerate(zip(self.states, self.starts, strict=True)):
             arrays |= prefixed(f"{k}.", state.arrays()) | {f"{k}.start": start}
         for name, own in self.stages.items():
@@ -55,19 +51,6 @@ class Checkpoint:
                 starts = tuple(file[f"{k}.start"] for k in groups)
                 names = sorted({name.partition("/")[0] for name in file if "/" in name})
                 stages = {name: under(f"{name}/", file) for name in names}
-                index, wanted, replayed = int(file["index"]), file["wanted"], file["replayed"]
-                return Checkpoint(index, states, starts, stages, wanted, replayed)
+                return Checkpoint(int(file["index"]), states, starts, stages, file["wanted"])
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error
-
-
-class SimulatedSample(NamedTuple):
-    """A sample that is simulated, before it is laid: its number, poses of the feathers that are
-    posed, (V, 3) m, the skin beneath them, a checkpoint without what layers keep, None where
-    nobody asks for it, and by number the poses that a later bake may replay."""
-
-    sample: int
-    poses: list[FeatherPose]
-    skin: Array
-    checkpoint: Checkpoint | None
-    solved: dict[int, FeatherPose]

@@ -53,10 +53,9 @@ def place_feathers(shot: Shot) -> Shot:
 
 
 def _refuse_crowds(shot: Shot) -> None:
-    """Raise InputError where too many feathers that touch or are laid stand at one place."""
-    touching = [] if shot.contact is None else [shot.contact]
-    laid = [] if shot.layers is None else [shot.layers.contact]
-    for contact in touching + laid:
-        chosen = compress(shot.groom.feathers, may_touch(shot, contact))
-        key = "contact.regions" if contact in touching else "contact.layered"
-        refuse_crowds(list(chosen), str(shot.source), key, "or name the regions that matter")
+    """Raise InputError where too many feathers that touch stand at one place."""
+    if shot.contact is not None:
+        chosen = compress(shot.groom.feathers, may_touch(shot, shot.contact))
+        refuse_crowds(
+            list(chosen), str(shot.source), "contact.regions", "or name the regions that matter"
+        )

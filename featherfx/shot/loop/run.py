@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Indices
 from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.mechanics.batch import barb_course, has_elastic_clamp
@@ -23,7 +23,6 @@ from featherfx.shot.loads.loads import frame_loads
 from featherfx.shot.loop.counts import Advanced, Bounds
 from featherfx.shot.loop.groups import ALONE, FeatherGroup, GroupLoad, grips_of
 from featherfx.shot.loop.models import has_open_hooks, maps_between, model_of
-from featherfx.shot.loop.replay import Replay
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.options import (
     FeatherOptions,
@@ -60,12 +59,11 @@ class ShotRun:
     """A shot while it is simulated.
 
     shot: with its colliders brought up from rest. first: number of the first sample, below 0 where
-    the motion does not begin at rest. directed: roots as the shot moves them; motion: brought up
-    from rest, with cuts. drawn: all feathers on the meshes' grid. wanted: numbers of those in the
-    frames; posed: of those whose poses are needed for these; solved: of those that are stepped if
-    they are simulated. islands: (F,) contact group of each, or ALONE. rigid, guided: number of
-    posed feathers that are not simulated. groups: batches; step_groups: the same, as they are
-    stepped together.
+    the motion does not begin at rest. motion: of the roots, brought up from rest, with cuts. drawn:
+    all feathers on the meshes' grid. wanted: numbers of those in the frames; solved: of those that
+    are stepped if they are simulated. islands: (F,) contact group of each, or ALONE. rigid, guided:
+    number of wanted feathers that are not simulated. groups: batches; step_groups: the same, as
+    they are stepped together.
     """
 
     def __init__(
@@ -74,16 +72,13 @@ class ShotRun:
         subframes: int,
         jobs: int,
         wanted: Sequence[int] | None,
-        replay: Replay,
     ) -> None:
-        self.subframes, self.jobs, self.replay = subframes, jobs, replay
-        self.directed = root_motion(shot)
-        self.shot, self.motion, self.first = _from_preroll(shot, self.directed, subframes)
+        self.subframes, self.jobs = subframes, jobs
+        self.shot, self.motion, self.first = _from_preroll(shot, root_motion(shot), subframes)
         self.drawn = drawn_feathers(shot)
         every: Indices = np.arange(len(self.drawn))
         self.wanted: Indices = every if wanted is None else np.array(wanted, dtype=np.int64)
-        self.posed = self.wanted
-        self.solved = np.setdiff1d(self.wanted, replay.numbers)
+        self.solved = self.wanted
         self.islands = np.full(len(self.drawn), ALONE)
         self.rigid = self.guided = 0
         self.groups: list[FeatherGroup] = []
@@ -94,14 +89,9 @@ class ShotRun:
         """Simulation options of all feathers."""
         return resolve_options(self.shot, self.drawn, self.motion)
 
-    def pose_also(self, feathers: Indices) -> None:
-        """Pose some feathers, by number, whether they are wanted or not."""
-        self.posed = np.union1d(self.posed, feathers)
-        self.solve_also(feathers)
-
     def solve_also(self, feathers: Indices) -> None:
-        """Solve some feathers, by number, but for those whose motion is known."""
-        self.solved = np.setdiff1d(np.union1d(self.solved, feathers), self.replay.numbers)
+        """Solve some feathers, by number, whether they are wanted or not."""
+        self.solved = np.union1d(self.solved, feathers)
 
     def time(self, index: int) -> float:
         """Time of a sample, s since the first frame."""
@@ -174,32 +164,6 @@ class Stage:
     def report(self) -> dict[str, Any]:
         """Figures of a bake's report so far."""
         return {}
-
-
-class LayerStage(Stage):
-    """A stage that shows feathers elsewhere than they were simulated, after its samples_ahead."""
-
-    samples_ahead = 0
-
-    def skin(self, time: float) -> Array:
-        """(V, 3) m, the skin beneath at a time in s."""
-        raise NotImplementedError
-
-    def ask(
-        self, poses: list[FeatherPose], skin: Array, duration: float, accelerations: bool
-    ) -> None:
-        """Take in the posed feathers of a sample, out of a list; duration: s since the one before,
-        0 at the first."""
-        raise NotImplementedError
-
-    def lay(self, frame: float) -> list[FeatherPose]:
-        """Poses of the wanted feathers at the first sample that was not laid yet."""
-        raise NotImplementedError
-
-    @property
-    def laid(self) -> Any:
-        """Stacking order of the feathers."""
-        raise NotImplementedError
 
 
 class ShotLoad:

@@ -2,13 +2,12 @@
 
 A feather that is simulated depends on its shape and materials, on its root, on what pulls or
 shelters it, on its levels of detail, and on what all have in common: wind, motion, quality, frame
-rate. One that follows guides depends on theirs as well, one that pushes others on all of its island
-(islands.py), and one that is laid over others on these.
+rate. One that follows guides depends on theirs as well, and one that pushes others on all of its
+island (islands.py).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,8 +17,7 @@ from featherfx.feather.shapes import build_feathers
 from featherfx.files.content import digest, digests, members
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import is_guarded
-from featherfx.packages import brought, load_name
-from featherfx.shot.frames import StackingOrder
+from featherfx.packages import brought
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.options import ShotOptions, resolve_options
@@ -40,7 +38,7 @@ _NOT_MOVING = {"id", "region", "layer", "stack", "rank", "grown", "skin", "skin_
 
 def motion_dependences(shot: Shot) -> list[str]:
     """Name what the motion of every feather of a shot that is placed on its skin depends on, in the
-    groom's order, before it is laid over others. Raises InputError for shapes that cannot be built,
+    groom's order. Raises InputError for shapes that cannot be built,
     and for levels that cannot be."""
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     motion = root_motion(shot)
@@ -55,37 +53,6 @@ def motion_dependences(shot: Shot) -> list[str]:
     for spread in reversed(brought(shot, "spreads")):
         texts = spread(shot, options, texts)
     return texts
-
-
-def dependences(
-    shot: Shot, laid: StackingOrder | None = None, own: Sequence[str] = ()
-) -> list[str]:
-    """The same of what is shown of each feather.
-
-    laid: who lies over whom of some feathers, where that is known; texts of others that are laid
-    over any are then of no use. own: what motion_dependences gives, where it is known. Raises what
-    that raises.
-    """
-    texts = own or motion_dependences(shot)
-    if shot.layers is None:
-        return list(texts)
-    if laid is None:
-        drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-        laid = load_name("layers.layers:LayeredPlumage")(shot, drawn, np.arange(len(drawn)), 1).laid
-    return _with_those_beneath(shot, laid, texts)
-
-
-def _with_those_beneath(shot: Shot, laid: StackingOrder, own: Sequence[str]) -> list[str]:
-    """The texts with those of the feathers that each is laid over, and these with theirs."""
-    stack = laid.stack
-    # how far is searched for what lies beneath goes with the thickest
-    most = max(each.kind.vane_material.thickness for each in shot.groom.feathers)
-    result = list(own)
-    for place, f in enumerate(laid.feathers[stack.order].tolist()):
-        lower = stack.pairs[stack.first[place] : stack.first[place + 1], 1]
-        texts = [result[g] for g in laid.feathers[lower].tolist()]
-        result[f] = digest(own[f], shot.layers, most, texts)
-    return result
 
 
 def _common(shot: Shot) -> list[Any]:

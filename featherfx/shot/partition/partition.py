@@ -62,10 +62,9 @@ def _share_of_each(shot: Shot, count: int, islands: Indices | None) -> Indices:
 
 def share_count(shot: Shot, wanted: int) -> int:
     """Into how many shares a shot is cut where so many are wanted, at most one a feather; says so
-    (InputWarning) where feathers that may touch, and stay together, make them fewer or uneven, or
-    where one computes far more than its own because of what lies beneath."""
-    total, islands = len(shot.groom.feathers), None
-    count = min(wanted, total)
+    (InputWarning) where feathers that may touch, and stay together, make them fewer or uneven."""
+    islands = None
+    count = min(wanted, len(shot.groom.feathers))
     if shot.contact is not None:
         islands = shot_islands(shot)
         count = min(wanted, _most(islands))
@@ -77,11 +76,6 @@ def share_count(shot: Shot, wanted: int) -> int:
             f"feathers that may touch stay in one share: {count} instead of {wanted}, the largest"
             f" with {largest} of {len(pushing)} feathers that push others"
         )
-    elif shot.layers and (computed := _most_computed(shot, share)) > _UNEVEN * total / count:
-        told = (
-            "a share computes all that lies beneath its own feathers, too: of"
-            f" {count} shares the largest {computed} of {total} feathers, so that little is gained"
-        )
     if told:
         warnings.warn(f"{shot.source}: contact: {told}", InputWarning, stacklevel=2)
     return count
@@ -92,16 +86,6 @@ def share_sizes(shot: Shot, count: int) -> list[int]:
     islands = shot_islands(shot) if shot.contact is not None and count > 1 else None
     found: list[int] = np.bincount(_share_of_each(shot, count, islands), minlength=count).tolist()
     return found
-
-
-def _most_computed(shot: Shot, share: Indices) -> int:
-    """Feathers of a layered shot that a share computes at most. share: (F,) of every feather."""
-    # compiled code, as in shot_islands
-    from featherfx.shot.layers.layers import shot_stack
-    from featherfx.shot.layers.stack import beneath
-
-    stack, _, _ = shot_stack(shot, _drawn(shot))
-    return max(len(beneath(stack, np.flatnonzero(share == k))) for k in np.unique(share))
 
 
 def most_shares(shot: Shot) -> int:

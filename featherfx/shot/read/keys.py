@@ -21,7 +21,6 @@ from featherfx.shot.types import (
     Detail,
     Force,
     Grip,
-    Layers,
     LevelOfDetail,
     Preen,
     Shelter,
@@ -115,23 +114,7 @@ _COLLIDER = {
 
 CONTACT = {
     "enabled": Key(Flag(), "Whether feathers touch each other.", True),
-    "forces": Key(
-        Flag(), "Whether feathers that touch push each other; without, they move as if alone.", True
-    ),
-    "layers": Key(
-        Flag(),
-        "Whether all feathers, simulated or not, are laid over those beneath them as they lie at "
-        "rest, sample by sample, in what is written.",
-        True,
-    ),
-    "layered": Key(
-        ArrayOf(Text(), 1, 1000),
-        "Regions whose feathers are laid, of all kinds, with * and ? as wild cards; default: the "
-        "feathers that touch.",
-        None,
-    ),
     **keys_of(Contact),
-    **keys_of(Layers),
 }
 
 LEVEL_OF_DETAIL = {

@@ -41,7 +41,6 @@ from featherfx.shot.types import (
     Detail,
     Force,
     Grip,
-    Layers,
     Motion,
     Preen,
     Quality,
@@ -116,7 +115,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
             motion = read_motion(raw.get("motion"), given, place.child("motion"), library, groom)
     loads = _loads(parts, groom)
     _check_frames(parts["frames"], place.child("frames"))
-    contact, layers = _contact(parts["contact"], groom, place.child("contact"), sound)
+    contact = _contact(parts["contact"], groom, place.child("contact"), sound)
     if not sound or groom is None:
         return None
     scenes = _scenes(parts, groom, place, readers)
@@ -150,7 +149,6 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
         quality=quality,
         gravity=np.array(parts["gravity"]),
         contact=contact,
-        layers=layers,
         inputs=dict(groom.inputs) | _said(raw, library, path.parent),
         **loads,
         **scenes,
@@ -184,19 +182,14 @@ def _scenes(
 
 def _contact(
     values: dict[str, Any] | None, groom: Groom | None, place: Place, sound: bool
-) -> tuple[Contact | None, Layers | None]:
+) -> Contact | None:
     if not sound or values is None or not values["enabled"]:
-        return None, None
+        return None
     known = _names(groom)
-    for key, one in (("regions", "region"), ("kinds", "kind"), ("layered", "region")):
+    for key, one in (("regions", "region"), ("kinds", "kind")):
         for i, pattern in enumerate(values[key] or ()):
             _check_pattern(pattern, one, known[one], place.child(key).item(i))
-    contact = Contact(**{each.name: values[each.name] for each in fields(Contact)})
-    laid = contact
-    if values["layered"] is not None:
-        laid = replace(contact, regions=values["layered"], kinds=("*",))
-    layers = Layers(laid, values["ease"]) if values["layers"] else None
-    return (contact if values["forces"] else None), layers
+    return Contact(**{each.name: values[each.name] for each in fields(Contact)})
 
 
 def _check_frames(frames: Any, place: Place) -> None:

@@ -152,9 +152,8 @@ class _PrimRanges(NamedTuple):
 class PreviousCache:
     """A finished cache at the output; its layers are opened when they are first read.
 
-    dependences: of each feather, by name. motions: of its motion
-    before layering, by id; both are empty where the file lacks them. inputs: texts of its files
-    (featherfx/groom/read/value_diff.py). settings: of its bake. chunk: samples of each chunk.
+    dependences: of each feather, by name, empty where the file lacks them. inputs: texts of its
+    files (featherfx/groom/read/value_diff.py). settings: of its bake. chunk: samples of each chunk.
     """
 
     def __init__(self, path: Path) -> None:
@@ -162,7 +161,6 @@ class PreviousCache:
         self._path, self._layout = path, str(found.get("layout", "flat"))
         self.settings, self.inputs = read_settings(path), read_inputs(path)
         self.dependences = parse_table(found.get("dependences"))
-        self.motions = parse_table(found.get("motions"))
         chunk = found.get("chunk")
         self.chunk = chunk if isinstance(chunk, int) else 0
         self._layers: dict[Path, Any] = {}
