@@ -126,7 +126,7 @@ def _image(feet, f, i, j, points, normals, corners):
 @kernel
 def draw_images(feet, f, skin, drawn):
     """Images of a feather's nodes on a skin, and the normals at the rachis. skin: points, normals
-    and triangles. Written: drawn (Drawn)."""
+    and triangles. Written: drawn (DrawnRachis)."""
     points, normals, triangles = skin
     for i in range(drawn.image.shape[0]):
         for j in range(drawn.image.shape[1]):
@@ -254,7 +254,7 @@ def draw_pose(rest, turns, posed, root, drawn, made):
     """A posed feather where its images are: segments as long as they are posed.
 
     rest: (n, 1 + 2 m, 3) m in root frames; turns: (n, 3, 3); posed: RowPoints in the world; root:
-    (3, 3); drawn: Drawn. Written: made (RowPoints).
+    (3, 3); drawn: DrawnRachis. Written: made (RowPoints).
     """
     rows, m = rest.shape[0], (rest.shape[1] - 1) // 2
     nodes, directors = posed

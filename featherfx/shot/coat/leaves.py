@@ -43,7 +43,7 @@ class Feet(NamedTuple):
         return Feet(self.triangle[chosen], self.weight[chosen], self.height[chosen])
 
 
-class Drawn(NamedTuple):
+class DrawnRachis(NamedTuple):
     """A feather over a skin. image: (n, 1 + 2 m, 3) m, of its nodes. up: (n, 3) normals at the
     rachis. rachis: (n, 3) m, in its own lengths. row: (n,) image before each row, and part: (n,)
     how far on to the next one it is."""
@@ -59,7 +59,7 @@ class Room(NamedTuple):
     """Scratch memory of one thread: a feather's nodes, directors and root at one time, and what was
     drawn at three times."""
 
-    drawn: Drawn
+    drawn: DrawnRachis
     nodes: Array
     directors: Array
     root: Array
@@ -149,7 +149,7 @@ class SkinLeaves:
 
     def _room(self) -> Room:
         rows, width = self._rows, self._width
-        drawn = Drawn(
+        drawn = DrawnRachis(
             image=np.empty((rows, width, 3)),
             up=np.empty((rows, 3)),
             rachis=np.empty((rows, 3)),
