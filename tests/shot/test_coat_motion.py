@@ -69,7 +69,7 @@ def plumage(moved):
 
 
 def drawn_at(parts, time, roots=None, step=1e-2):
-    """Points and rates of rigid feathers at a time; roots: (positions, rotations), default: rest."""
+    """Points and rates of rigid feathers at a time. roots: positions, rotations; default: rest."""
     placements, drawn, leaves = parts
     still = np.array([p.position for p in placements]), np.array([p.rotation for p in placements])
     position, rotation = still if roots is None else roots
@@ -122,7 +122,7 @@ def test_a_skin_that_turns_turns_feathers_with_it():
 def test_lengths_hold_and_heights_go_with_places_of_the_skin(time):
     """A node that comes to lie over another place of the skin has the height of its leaf there."""
     parts = plumage(bent)
-    placements, drawn, _ = parts
+    placements, _, _ = parts
     curvature, stretch = 2.0 * np.sin(2.0 * time), 1.0 + 0.15 * np.sin(3.0 * time)
     radius, roots = 1.0 / curvature, np.array([p.position for p in placements])
     angle = curvature * stretch * roots[:, 0]
