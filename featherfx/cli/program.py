@@ -151,6 +151,31 @@ class Command(_WithExamples):
                 raise click.UsageError(text, ctx)
         return super().parse_args(ctx, args)
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """As always, where no output is an option by mistake, or an input of the work."""
+        outputs, inputs = self._paths(ctx)
+        for path in outputs:
+            if str(path).startswith("-"):
+                text = f"'{path}' looks like an option. Write './{path}' for a file of that name"
+                raise click.UsageError(text, ctx)
+        if inputs and any(path.is_file() for path in outputs):
+            from featherfx.usd.write.output import refuse_inputs
+
+            refuse_inputs(outputs, inputs)
+        return super().invoke(ctx)
+
+    def _paths(self, ctx: click.Context) -> tuple[list[Path], list[Path]]:
+        """Paths that are written and that are read: these are not asked to be writable files."""
+        outputs: list[Path] = []
+        inputs: list[Path] = []
+        for param in self.params:
+            value = ctx.params.get(param.name or "")
+            if isinstance(param.type, click.Path) and value is not None:
+                reads = param.type.exists or not param.type.readable
+                many = value if isinstance(value, tuple | list) else [value]
+                (inputs if reads else outputs).extend(map(Path, many))
+        return outputs, inputs
+
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         parts: dict[str, list[tuple[str, str]]] = {"Options": []}
         for each in self.get_params(ctx):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Sequence
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from featherfx.errors import CONTROL, Problem
 from featherfx.usd.types import OutputError
@@ -14,6 +17,8 @@ from featherfx.usd.write.options import LAYOUTS
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc")
 _INPUT_SUFFIXES = (*USD_SUFFIXES, ".usdz")
+# of a file's name: file systems take 255, and those of parts beside it have up to 32 more
+_MAX_NAME_BYTES = 220
 # Samples beyond this many bytes go to clips where the layout is left to the writer.
 _MAX_FLAT_BYTES = 256_000_000
 
@@ -83,6 +88,10 @@ def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat"
 def find_file_problems(files: Sequence[Path], overwrite: bool) -> list[Problem]:
     """Return reasons why files of one folder cannot be written; empty if they can."""
     problems = []
+    size = len(os.fsencode(files[-1].name))
+    if size > _MAX_NAME_BYTES:
+        message = f"its name takes {size} bytes. Give one of at most {_MAX_NAME_BYTES}"
+        problems.append(Problem(f"{str(files[-1])[:60]}...", "", message))
     for file in files:
         # os.path.* answer False where a Path method would raise (a parent that is a file).
         if os.path.isdir(file):
@@ -102,7 +111,7 @@ def find_file_problems(files: Sequence[Path], overwrite: bool) -> list[Problem]:
 def refuse_inputs(outputs: Sequence[Path], inputs: Iterable[Path]) -> None:
     """Raise OutputError for every output that is an input, or a layer that one is made of.
 
-    inputs: files that were read, USD or not.
+    inputs: files that are read, and folders of presets.
     """
     existing = [path for path in outputs if path.is_file()]
     if not existing:
@@ -117,17 +126,39 @@ def refuse_inputs(outputs: Sequence[Path], inputs: Iterable[Path]) -> None:
         raise OutputError(*problems)
 
 
-def _files_of(path: Path) -> list[Path]:
-    """Return a file and all that a USD file names: layers at any depth, clips, textures."""
-    if path.suffix.lower() not in _INPUT_SUFFIXES:
-        return [path]
-    from pxr import Tf, UsdUtils  # 4 MiB, which a bake without such files does without
+def _files_of(path: Path, known: frozenset[Path] = frozenset()) -> Iterator[Path]:
+    """Yield a file and all that it names: layers at any depth, clips and textures of a USD file,
+    the files that a groom, shot or preset names; of a folder its presets. known: seen on the way.
+    """
+    yield path
+    if path.is_dir():
+        yield from path.rglob("*.toml")
+    elif path.suffix.lower() in _INPUT_SUFFIXES:
+        from pxr import Tf, UsdUtils  # 4 MiB, which a bake without such files does without
 
-    try:
-        layers, assets, _ = UsdUtils.ComputeAllDependencies(str(path))
-    except (Tf.ErrorException, UnicodeDecodeError, RuntimeError, OverflowError):
-        return [path]  # what a broken file names is not read either
-    return [path, *(Path(layer.realPath) for layer in layers), *map(Path, assets)]
+        with contextlib.suppress(
+            Tf.ErrorException, UnicodeDecodeError, RuntimeError, OverflowError
+        ):
+            # what a broken file names is not read either
+            layers, assets, _ = UsdUtils.ComputeAllDependencies(str(path))
+            yield from (Path(layer.realPath) for layer in layers)
+            yield from map(Path, assets)
+    elif path.suffix.lower() == ".toml" and path.is_file():
+        known |= {path.resolve()}
+        with contextlib.suppress(OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+            for name in _texts_in(tomllib.loads(path.read_text(encoding="utf-8"))):
+                named = path.parent / name
+                if os.path.isfile(named) and named.resolve() not in known:
+                    yield from _files_of(named, known)
+
+
+def _texts_in(value: Any) -> Iterator[str]:
+    """Yield all texts of a TOML document that may be names of files."""
+    if isinstance(value, str) and "\0" not in value:
+        yield value
+    elif isinstance(value, dict | list):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from _texts_in(each)
 
 
 def _folder_problems(path: Path) -> list[Problem]:
