@@ -25,7 +25,7 @@ _PHASES = {
     "settling": ("settling",),
     "simulating": ("preroll", "earlier", "simulating"),
     "writing": ("writing",),
-    "finishing": ("finishing",),
+    "finishing": ("finishing", "judging"),
 }
 
 
@@ -128,6 +128,7 @@ def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, A
             from featherfx.baking.frame_loop import simulate_and_write
 
         done, figures = simulate_and_write(task, notify)
+    figures |= usd.judge.judge_cache(task.path, figures.pop("stepped", ()))
     first, last = task.frames
     return {
         "version": __version__,

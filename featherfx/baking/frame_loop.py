@@ -82,7 +82,12 @@ def _run_loop(
         "writing_beside": writing.seconds,
         "writing_processor_seconds": writing.processor_seconds,
     }
-    return done, simulation.report | beside | again
+    stepped = [
+        task.whole.groom.feathers[number].id
+        for number, options in zip(wanted, simulation.options, strict=True)
+        if options.level not in ("guided", "rigid")
+    ]
+    return done, simulation.report | beside | again | {"stepped": stepped}
 
 
 def _write_frames(

@@ -30,6 +30,7 @@ _OF_TASKS = ("task_shares", "task_hours")
 # keys of a report that notes are printed for
 _NOTED = (
     "again", "worst_substeps", "worst_unsolved", "error_promised", "error_not_promised", "contact",
+    "bounds_passed",
 )  # fmt: skip
 
 
@@ -108,6 +109,11 @@ _NOTED = (
     help="dask: shares that each shot is cut into.  [default: about two for each worker]",
 )
 @options_of(BakeOptions, "report")
+@click.option(
+    "--strict",
+    is_flag=True,
+    help="Exit with 1 where what is written passes a bound of `featherfx check`.",
+)
 @progress_option
 @click.pass_context
 def bake(
@@ -116,6 +122,7 @@ def bake(
     style: str,
     plan: int | None,
     engine: str,
+    strict: bool,
     **options: Any,
 ) -> None:
     """Simulate the feathers of SHOT (a TOML file) and write them to USD.
@@ -132,6 +139,8 @@ def bake(
     if len(each_share) > 1 and (options["report"] or engine == "dask"):
         raise click.UsageError("several --feathers write no --report, and are not for dask")
     options["feathers"] = each_share[0]
+    if strict and (plan or engine == "dask"):
+        raise click.UsageError("--strict judges what is baked here. Use featherfx check --strict")
     if engine == "dask":
         if plan:
             raise click.UsageError("--plan is for farms of other kinds. Leave out --engine dask")
@@ -148,11 +157,13 @@ def bake(
 
         write_plan(ctx, shots[0], style, {"shares": plan, **tasks}, options)
         return
-    for share in each_share:
-        _bake(shots[0], style, {**options, "feathers": share})
+    passed = [_bake(shots[0], style, {**options, "feathers": share}) for share in each_share]
+    if strict and any(passed):
+        ctx.exit(1)
 
 
-def _bake(shot: Path, style: str, options: dict[str, Any]) -> None:
+def _bake(shot: Path, style: str, options: dict[str, Any]) -> list[str]:
+    """Bake a shot; return the bounds that the cache passes."""
     options["jobs"] = options["jobs"] or default_jobs()
     with Progress("frames", style) as progress:
         result = pipeline.bake(shot, on_frame=progress, **options)
@@ -164,3 +175,5 @@ def _bake(shot: Path, style: str, options: dict[str, Any]) -> None:
         from featherfx.cli.bake_warnings import print_bake_notes
 
         print_bake_notes(result)
+    passed: list[str] = result["bounds_passed"]
+    return passed

@@ -43,6 +43,8 @@ def print_warnings(result: dict[str, Any]) -> None:
     promised = result.get("error_promised")
     if promised is not None and result["error_estimated"] > promised:
         tell(_missed(promised, result["error_estimated"]))
+    for text in result.get("bounds_passed", ()):
+        tell(f"featherfx: warning: {text}")
 
 
 def print_missing_promise(result: dict[str, Any]) -> None:

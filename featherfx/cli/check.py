@@ -24,7 +24,6 @@ from featherfx.cli.options import (
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 from featherfx.groom.read.places import located
-from featherfx.usd.check.bounds import list_passed_bounds
 
 if TYPE_CHECKING:
     from featherfx.usd.read.inspect import PrimReport, StageReport
@@ -127,7 +126,7 @@ def check(
         click.echo(json.dumps(judged, indent=2))
     elif problems:
         click.echo("\n".join(problems))
-    passed = [f"{file}: {text}" for file in measured for text in list_passed_bounds(measured[file])]
+    passed = [f"{file}: {text}" for file in measured for text in measured[file]["bounds_passed"]]
     for text in passed:
         click.echo(f"featherfx: warning: {text}", err=True)
     if found or (strict and passed):

@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from featherfx.usd.check import judge as judge
     from featherfx.usd.read import expand as expand
     from featherfx.usd.read import opening as opening
     from featherfx.usd.read import stage as stage
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "condensed": "write.condensed",  # --as condensed, --as both
     "expand": "read.expand",  # caches of condensed feathers
+    "judge": "check.judge",  # caches that are written
     "opening": "read.opening",  # skins, grooms and scenery of USD files
     "previous_cache": "write.previous_cache",  # --resume, or a cache at the output
     "stage": "read.stage",  # skins, grooms and scenery of USD files

@@ -17,7 +17,7 @@ def test_bake_writes_a_sound_cache_and_a_report(tmp_path):
     assert result.exit_code == 0, result.stderr
     assert "frames: 3 of 3" in result.stderr
     assert sorted(tmp_path.iterdir()) == [report, output]
-    assert invoke("check", output).exit_code == 0
+    assert invoke("check", "--strict", output).exit_code == 0
     figures = json.loads(report.read_text())
     assert (figures["feathers"], figures["frames"]) == (1, 3)
     assert figures["simulated_seconds"] == pytest.approx(2 / 24)
@@ -35,7 +35,7 @@ def test_jobs_do_not_change_a_byte(tmp_path):
         output = tmp_path / str(jobs) / "wing.usdc"
         output.parent.mkdir()
         shot = SAMPLES / "swan_wing/shot.toml"
-        result = invoke("bake", shot, "-o", output, "--frames", "1-2", "--jobs", jobs)
+        result = invoke("bake", shot, "-o", output, "--frames", "1-2", "--jobs", jobs, "--strict")
         assert result.exit_code == 0, result.stderr
         written.append(output.read_bytes())
     assert written[0] == written[1]

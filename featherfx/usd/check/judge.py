@@ -20,6 +20,7 @@ from featherfx.usd.check.bounds import (
     MAX_ROOT_JUMP_RATIO,
     MAX_SIMULATED_LENGTH_ERROR,
     MAX_UNRESOLVED_SPEED,
+    list_passed_bounds,
 )
 from featherfx.usd.check.judge_kernels import (
     BINS_PER_OCTAVE,
@@ -64,7 +65,8 @@ def judge_cache(path: str | Path, simulated: Collection[str] = ()) -> dict[str, 
         tracks = list(find_tracks(stage))
     for track in counted("judging", tracks, len(tracks)):
         judge.add(track, stage.GetTimeCodesPerSecond())
-    return judge.report(simulated)
+    found = judge.report(simulated)
+    return found | {"bounds_passed": list(list_passed_bounds(found))}
 
 
 class Judge:
@@ -78,7 +80,7 @@ class Judge:
 
     def add(self, track: Track, per_second: float) -> None:
         """Measure all samples of a track. per_second: time codes."""
-        count, strands, reader = len(track.ids), track.strands, track.reader
+        count, strands, reader = len(track.labels), track.strands, track.reader
         worst = Worst(np.zeros((count, _KINDS)), np.zeros((count, _KINDS)))
         nodes = np.empty((len(strands.node_first) - 1, 3))
         rest, lengths = np.empty((2, len(strands.feather)))
@@ -101,7 +103,7 @@ class Judge:
                 sample = _Sample(code, points, rates, nodes[strands.root])
                 window = [*window[-4:], sample]
                 self._compare(window, track, sizes, per_second, worst)
-        self._keep(track.ids, worst)
+        self._keep([each.id for each in track.labels], worst)
 
     def _compare(
         self,

@@ -8,44 +8,40 @@ barb (featherfx/feather/types.py). Edges of a vane within a row are the segments
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from featherfx import usd
-from featherfx.algebra.triangulation import triangulate
-from featherfx.algebra.types import Array, Floats, Indices
+from featherfx.algebra.types import Floats, Indices
 from featherfx.errors import InputError
 from featherfx.feather.types import RACHIS_PART
 from featherfx.usd.check.judge_kernels import Strands
-from featherfx.usd.read.animated_mesh import read_topology
-from featherfx.usd.read.cached_feather import FeatherMember, read_members
-from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes, is_drawn
-from featherfx.usd.read.stage import transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
     INTEGER_ARRAY,
     PAIR_ARRAY,
     VECTOR_ARRAY,
+    ArrayKind,
     fault,
     read_array,
     read_matrix,
     read_sized_array,
-    read_text,
+    read_texts,
     read_times,
 )
-from featherfx.usd.types import DETAIL_ATTRIBUTE, HALF_VELOCITIES
+from featherfx.usd.types import DETAIL_ATTRIBUTE, HALF_VELOCITIES, RANGES_PREFIX
 
 if TYPE_CHECKING:
     from featherfx.usd.read.expand import Expansion
 
 RACHIS, BARB = 0, 1
+_RANGES = ArrayKind("iu", (2,), "an array of pairs of integers")
 _ON_RACHIS = 0.5  # u of points of the rachis
 
 
@@ -67,15 +63,22 @@ class MeshShape:
 class Track:
     """F feathers of one prim: V points over time.
 
-    ids and regions of the feathers. owner: (V,) feather of each point. reader: of its values.
+    labels: of the feathers. owner: (V,) feather of each point. reader: of its values.
     """
 
-    ids: Sequence[str]
-    regions: Sequence[str]
+    labels: Sequence[TrackedFeather]
     owner: Indices
     shape: MeshShape
     strands: Strands
     reader: Any
+
+
+class TrackedFeather(NamedTuple):
+    """Id and region of a feather, and how many points of its prim are its own."""
+
+    id: str
+    region: str
+    points: int
 
 
 def find_tracks(stage: Any) -> Iterator[Track]:
@@ -84,35 +87,37 @@ def find_tracks(stage: Any) -> Iterator[Track]:
     Raises InputError where a prim contradicts itself.
     """
     has_mesh = False
-    for drawn in drawn_meshes(stage):
-        if drawn.labels or drawn.mesh.GetPrim().HasAttribute("primvars:featherId"):
+    for prim in stage.Traverse():
+        if not prim.HasAttribute("primvars:featherId") or not _is_visible(prim):
+            continue
+        if prim.IsA(UsdGeom.Mesh):
             has_mesh = True
-            yield _mesh_track(drawn)
+            yield _mesh_track(prim)
+        elif prim.IsA(UsdGeom.BasisCurves) and not prim.HasAttribute(DETAIL_ATTRIBUTE):
+            yield _curves_track(prim)
     if not has_mesh and usd.expand.condensed_prims(stage):
         yield _condensed_track(stage)
-    for prim in stage.Traverse():
-        is_own = prim.IsA(UsdGeom.BasisCurves) and prim.HasAttribute("primvars:featherId")
-        if is_own and not prim.HasAttribute(DETAIL_ATTRIBUTE) and is_drawn(prim):
-            yield _curves_track(prim)
 
 
-def _mesh_track(drawn: DrawnMesh) -> Track:
-    mesh, prim = drawn.mesh, drawn.mesh.GetPrim()
-    counts, indices = read_topology(mesh)
-    rest = _read_rest(mesh)
+def _is_visible(prim: Any) -> bool:
+    return bool(UsdGeom.Imageable(prim).ComputeVisibility() != UsdGeom.Tokens.invisible)
+
+
+def _mesh_track(prim: Any) -> Track:
+    rest, counts = _read_rest(prim), _read_integers(prim, "faceVertexCounts")
+    indices = _read_integers(prim, "faceVertexIndices")
+    if (counts != 3).any() or len(indices) != counts.sum():
+        raise fault(prim.GetAttribute("faceVertexCounts"), "are not of triangles")
     if indices.size and not 0 <= indices.min() <= indices.max() < len(rest):
-        raise fault(mesh.GetFaceVertexIndicesAttr(), "do not fit the mesh's points")
-    corners, face = triangulate(counts, rest[indices].astype(np.float64))
-    members = [drawn.labels] if drawn.labels else read_members(prim) or [_read_labels(prim)]
+        raise fault(prim.GetAttribute("faceVertexIndices"), "do not fit the mesh's points")
     st = read_array(prim.GetAttribute("primvars:st"), EARLIEST_TIME, PAIR_ARRAY)
-    side = read_sized_array(prim.GetAttribute("primvars:side"), EARLIEST_TIME, INTEGER_ARRAY)
+    side = _read_integers(prim, "primvars:side")
     if st is None or len(st) != len(rest) or len(side) != len(counts):
         # each point is a row of its own, so that there are no strands
         st = np.stack([np.full(len(rest), _ON_RACHIS), np.arange(len(rest))], axis=1)
-        side = np.zeros(len(counts))
-    shape = MeshShape(rest, indices[corners], side.astype(np.int64)[face], st)
-    owner = _find_owners(prim, members, len(rest))
-    return _track(members, owner, shape, _Reader(prim, drawn.matrix))
+        side = np.zeros(len(counts), dtype=np.int64)
+    shape = MeshShape(rest, indices.reshape(-1, 3), side, st)
+    return _track(_read_labels(prim, len(rest)), shape, _Reader(prim))
 
 
 def _condensed_track(stage: Any) -> Track:
@@ -124,24 +129,21 @@ def _condensed_track(stage: Any) -> Track:
         np.concatenate([feather.side for feather in each]),
         np.concatenate([feather.st for feather in each]),
     )
-    owner = np.repeat(np.arange(len(each)), [len(feather.st) for feather in each])
-    return _track(each, owner, shape, _ExpansionReader(expansion))
+    labels = [TrackedFeather(own.id, own.region, len(own.st)) for own in each]
+    return _track(labels, shape, _ExpansionReader(expansion))
 
 
-def _track(members: Sequence[Any], owner: Indices, shape: MeshShape, reader: Any) -> Track:
-    ids, regions = [each.id for each in members], [each.region for each in members]
-    return Track(ids, regions, owner, shape, _find_strands(shape, owner), reader)
+def _track(labels: Sequence[TrackedFeather], shape: MeshShape, reader: Any) -> Track:
+    owner = _find_owners(labels)
+    return Track(labels, owner, shape, _find_strands(shape, owner), reader)
 
 
 def _curves_track(prim: Any) -> Track:
-    rest = _read_rest(UsdGeom.BasisCurves(prim))
-    counts = read_sized_array(
-        prim.GetAttribute("curveVertexCounts"), EARLIEST_TIME, INTEGER_ARRAY
-    ).astype(np.int64)
+    rest, counts = _read_rest(prim), _read_integers(prim, "curveVertexCounts")
     if (counts < 1).any() or counts.sum() != len(rest):
         raise fault(prim.GetAttribute("curveVertexCounts"), "do not fit the points")
-    members = read_members(prim) or [_read_labels(prim)]
-    owner, points = _find_owners(prim, members, len(rest)), np.arange(len(rest))
+    labels = _read_labels(prim, len(rest))
+    owner, points = _find_owners(labels), np.arange(len(rest))
     last = np.cumsum(counts) - 1
     start = np.delete(points, last)
     strands = Strands(
@@ -152,37 +154,49 @@ def _curves_track(prim: Any) -> Track:
         end=start + 1,
         feather=owner[last],
         kind=np.full(len(counts), BARB if prim.HasAttribute("primvars:side") else RACHIS),
-        root=np.searchsorted(owner, np.arange(len(members))),
+        root=np.searchsorted(owner, np.arange(len(labels))),
     )
     none = np.zeros(0, dtype=np.int64)
     shape = MeshShape(rest, none.reshape(0, 3), none, np.zeros((len(rest), 2)))
-    ids, regions = [each.id for each in members], [each.region for each in members]
-    return Track(ids, regions, owner, shape, strands, _Reader(prim, partial(read_matrix, prim)))
+    return Track(labels, owner, shape, strands, _Reader(prim))
 
 
-def _read_rest(gprim: Any) -> Floats:
+def _read_rest(prim: Any) -> Floats:
     """Return (V, 3) points at rest: the primvar, else the first that there are."""
     for name in ("primvars:rest", "primvars:Pref", "points"):
-        found = read_array(gprim.GetPrim().GetAttribute(name), EARLIEST_TIME, VECTOR_ARRAY)
+        found = read_array(prim.GetAttribute(name), EARLIEST_TIME, VECTOR_ARRAY)
         if found is not None:
             return np.ascontiguousarray(found, np.float32)
-    raise fault(gprim.GetPrim(), "has no points")
+    raise fault(prim, "has no points")
 
 
-def _read_labels(prim: Any) -> FeatherMember:
-    """Return the labels of a prim's only feather."""
-    names = ("featherId", "featherKind", "region")
-    id, kind, region = (read_text(prim.GetAttribute(f"primvars:{name}")) for name in names)
-    return FeatherMember(id or prim.GetName(), kind, region)
+def _read_integers(prim: Any, name: str) -> Indices:
+    found = read_sized_array(prim.GetAttribute(name), EARLIEST_TIME, INTEGER_ARRAY)
+    return found.astype(np.int64)
 
 
-def _find_owners(prim: Any, members: Sequence[Any], count: int) -> Indices:
-    """Return (V,) the number of the feather of each point of a prim."""
-    sizes = [own[1] for each in members if (own := getattr(each, "points", None))]
-    sizes = sizes or [count]
-    if sum(sizes) != count or len(sizes) != len(members):
-        raise fault(prim, f"tells of {sum(sizes)} points and has {count}")
-    return np.repeat(np.arange(len(members)), sizes)
+def _read_labels(prim: Any, count: int) -> list[TrackedFeather]:
+    """Return the labels of the feathers of a prim with so many points."""
+    ids = read_texts(prim.GetAttribute("primvars:featherId"))
+    table = read_array(prim.GetAttribute(f"{RANGES_PREFIX}:points"), DEFAULT_TIME, _RANGES)
+    sizes = [count] if table is None else table[:, 1].tolist()
+    if sum(sizes) != count or len(sizes) != len(ids):
+        message = f"names {len(ids)} feathers of {sum(sizes)} points. The prim has {count}"
+        raise fault(prim.GetAttribute("primvars:featherId"), message)
+    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("region")
+    values = primvar.ComputeFlattened() if primvar.HasValue() else None
+    elements = prim.GetAttribute(f"{RANGES_PREFIX}:faces") or prim.GetAttribute(
+        f"{RANGES_PREFIX}:curves"
+    )
+    first = read_array(elements, DEFAULT_TIME, _RANGES)
+    places = np.zeros(len(ids), dtype=int) if first is None else first[:, 0]
+    regions = [str(values[k]) if values and k < len(values) else "" for k in places.tolist()]
+    return [TrackedFeather(*each) for each in zip(ids, regions, sizes, strict=True)]
+
+
+def _find_owners(labels: Sequence[TrackedFeather]) -> Indices:
+    """Return (V,) the number of the feather of each point."""
+    return np.repeat(np.arange(len(labels)), [each.points for each in labels])
 
 
 class _Reader:
@@ -191,8 +205,8 @@ class _Reader:
     codes: time codes of its points, else of its place.
     """
 
-    def __init__(self, prim: Any, matrix: Callable[[Any], Array]) -> None:
-        self._prim, self._matrix, self.at_rest = prim, matrix, matrix(DEFAULT_TIME)
+    def __init__(self, prim: Any) -> None:
+        self._prim, self.at_rest = prim, read_matrix(prim, DEFAULT_TIME)
         self.codes = read_times(prim.GetAttribute("points"))
         self.codes = self.codes or list(UsdGeom.Xformable(prim).GetTimeSamples())
 
@@ -207,15 +221,14 @@ class _Reader:
         found = read_array(self._prim.GetAttribute(name), time, VECTOR_ARRAY)
         if found is None and name == "velocities":
             found = read_array(self._prim.GetAttribute(HALF_VELOCITIES), time, VECTOR_ARRAY)
-        matrix = self._matrix(time)
+        matrix = read_matrix(self._prim, time)
         if found is None:
             return None
         if (matrix == self.at_rest).all():
             return np.ascontiguousarray(found, np.float32)
         relative = matrix @ np.linalg.inv(self.at_rest)
-        if name == "velocities":
-            relative[3, :3] = 0.0
-        return transform_points(found, relative).astype(np.float32)
+        moved = found @ relative[:3, :3] + (relative[3, :3] if name == "points" else 0.0)
+        return np.ascontiguousarray(moved, np.float32)
 
 
 class _ExpansionReader:
