@@ -11,6 +11,7 @@ from places import SAMPLES
 from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import RowPoints, both, stacked
+from featherfx.shot.clock import StageClock
 from featherfx.shot.coat.leaves import SkinLeaves
 from featherfx.shot.frames import place
 from featherfx.shot.read.read import read_shot
@@ -62,7 +63,7 @@ def plumage(moved):
         for k in range(2)
     ]
     drawn = build_feathers(tuple(placements), 11, 4)
-    surface = TimedSurface(Sheet(moved), 0.0)
+    surface = TimedSurface(Sheet(moved), StageClock())
     leaves = SkinLeaves(surface, placements, drawn, np.arange(2))
     assert leaves.members.tolist() == [0, 1]
     return placements, drawn, leaves
