@@ -17,7 +17,12 @@ RADIUS = 0.2
 def surface_of(mesh):
     triangles = np.array(mesh.faces, dtype=np.int64)
     source = SimpleNamespace(
-        path="/skin", points=np.array(mesh.vertices, dtype=float), triangles=triangles, st=None
+        path="/skin",
+        points=np.array(mesh.vertices, dtype=float),
+        triangles=triangles,
+        st=None,
+        own_matrix=np.eye(4),
+        stage_matrix=np.eye(4),
     )
     return SkinSurface(source)
 

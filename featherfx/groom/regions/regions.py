@@ -39,7 +39,12 @@ from featherfx.groom.regions.rules import (
     painted_colours,
     presence,
 )
-from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
+from featherfx.groom.regions.scatter import (
+    Scattered,
+    expected_count,
+    scatter,
+    scatter_by_density,
+)
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSource, SkinSurface, SurfacePoints
 from featherfx.phases import phase
@@ -212,7 +217,8 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     entry = region.entry
     found = _scattered(region, count)
     points = found.points
-    if len(points) < count:
+    # of a density there may be some more or fewer
+    if len(points) < count if entry["density"] is None else 2 * len(points) + 3 < count:
         warnings.warn(
             f"{region.place.source}: {region.place.key}: '{entry['id']}' has hardly any place on "
             f"the skin, which reaches {_reach(region)} as this groom's points are written: "
@@ -244,7 +250,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     paint = None if region.colours is None else region.colours(points).clip(0.0, 1.0)
     return [
         Draft(
-            id=f"{entry['id']}_{found.number[k]:06d}",
+            id=_name(entry, found.number[k]),
             choice=region.kinds.choices[own[k]],
             position=points.position[k],
             rotation=rotations[k],
@@ -269,15 +275,26 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     ]
 
 
+def _name(entry: dict[str, Any], number: int) -> str:
+    """Return the id of the feather of a candidate."""
+    return f"{entry['id']}_{number:010x}"
+
+
 def _scattered(region: _Region, count: int) -> Scattered:
-    """Places of so many feathers, fewer where there is hardly any room; kept between runs."""
+    """Places of so many feathers or of a density, kept between runs; fewer without room."""
     surface, entry = region.surface, region.entry
+    source, density = surface.source, entry["density"]
     # places of its own, or where regions pass into each other feathers would stand in pairs
     seed = entry["seed"] ^ crc32(entry["id"].encode())
-    inputs = [surface.source.points, surface.source.triangles, region.presence.inputs, count, seed]
+    wanted = count if density is None else float(density)
+    inputs: list[Any] = [source.points, source.triangles, source.own_matrix, source.stage_matrix]
+    inputs += [region.presence.inputs, wanted, seed]
 
     def compute() -> dict[str, Any]:
-        found = scatter(surface, region.presence, count, seed)
+        if density is None:
+            found = scatter(surface, region.presence, count, seed)
+        else:
+            found = scatter_by_density(surface, region.presence, density, seed)
         places = {name: getattr(found.points, name) for name in _PLACES}
         return {"number": found.number, **places}
 
@@ -338,7 +355,7 @@ def _above_ground(region: _Region, found: Scattered) -> Scattered:
     buried = region.surface.buried(found.points)
     if not buried.any():
         return found
-    ids = [f"{region.entry['id']}_{number:06d}" for number in found.number[buried]]
+    ids = [_name(region.entry, number) for number in found.number[buried]]
     more = f" and {len(ids) - _MAX_NAMED} more" if len(ids) > _MAX_NAMED else ""
     warnings.warn(
         f"{region.place.source}: {region.place.key}: {len(ids)} roots lie inside the body and are "

@@ -1,37 +1,48 @@
-"""Blue noise on a skin that keeps its points when it grows denser.
+"""Blue noise on a skin that keeps its points when it grows denser, and when the mesh changes.
 
-Candidates are an endless sequence, the same for the same skin and seed: triangle by area and place
-within it come from hashes of the candidate's number. Dart throwing (Cook 1986) runs through levels
-of density: at each, the least distance shrinks a little, the sequence is read a little further,
-and every candidate that has room is accepted. What one level accepts, the next ones keep. So each
-candidate has a density at which it appears, and thinning by that density gives blue noise of any
-density that varies over the skin, a denser one containing a sparser one (hierarchical Poisson-disk
-sampling, as McCool and Fiume 1992).
+Candidates are where fixed lines cross the skin (scatter_kernels.py), in its own space, from an
+origin of its shape. A candidate's place and number come from its line, so that neither the order
+nor the size of faces matters, and an edit of the mesh moves the candidates on it alone. Candidates
+are thinned by how squarely the line crosses, which makes them even on faces of any slant.
+
+Dart throwing (Cook 1986) runs through levels of density: at each, the least distance shrinks a
+little, a few more candidates are read, and each that has room is accepted. What one level accepts,
+the next ones keep. So each candidate has a density at which it appears, and thinning by that
+density gives blue noise of any density that varies over the skin, a denser one containing a sparser
+one (hierarchical Poisson-disk sampling, as McCool and Fiume 1992). Candidates just outside of a
+region count as well, so that its border is no denser than the rest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import dots
+from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints
 
 Words = NDArray[np.uint64]
 
-# points per area of a dart-throwing pattern that has no room left, times the squared distance
-_SATURATED = 0.7
-# levels in which the density doubles; candidates read at a density, per point that fits
+# points per area that these levels give on a closed skin, times the squared distance
+_SATURATED = 0.522
 _LEVELS_PER_DOUBLING = 4
-_CANDIDATES_PER_POINT = 6
-_FIRST_DENSITY = 4.0  # points on the whole skin
-_LATTICE = 2**20  # of the skin's size
+_CANDIDATES_PER_POINT = 8
+# width of the strip along open edges of a mesh that would hold the points crowded there, distances
+_BORDER_WIDTH = 0.4
 _NORMAL_STEPS = 1000.0
+_LATTICE = 2**20  # of the skin's size
 # how much smaller than the largest a density may be and still count
 _MIN_PRESENCE = 1e-3
+# points on the whole skin at the first level: fewer would carry an edit of the mesh far about
+_FIRST_COUNT = 64
+_NUMBER_BITS = 40  # of a candidate's number, ten hexadecimal digits of an id
+_FIRST_OCTAVE = -1024
+_MAX_DENSITY = 1e300  # points per m^2
 
 
 @dataclass(frozen=True)
@@ -72,77 +83,137 @@ def scatter(
     With the same surface, presence and seed, the points of a smaller count come first among those
     of a larger one. Fewer are returned only where the presence is zero nearly everywhere.
     """
-    if count == 0:
-        return Scattered(_candidates(surface, seed, 0, 0), np.zeros(0, dtype=np.int64))
     pool = _Pool(surface, presence, seed)
-    for density in _densities(surface):
-        pool.fill(density)
-        if pool.complete(density) >= count or pool.exhausted(density, count):
-            break
-    return pool.first(count)
+    while pool.count_within(pool.density) < count and not pool.is_exhausted(count):
+        pool.fill()
+    return pool.pick(count=count)
 
 
-def _densities(surface: SkinSurface) -> Iterator[float]:
-    """Points per m^2 of one level after the other."""
-    density = _FIRST_DENSITY / float(surface.areas.sum())
-    while True:
-        yield density
-        density *= 2.0 ** (1.0 / _LEVELS_PER_DOUBLING)
+def scatter_by_density(
+    surface: SkinSurface, presence: Callable[[SurfacePoints], Array], density: float, seed: int
+) -> Scattered:
+    """Points of a density per m^2, times `presence` (0 to 1), as scatter.
+
+    Each appears by what is near it alone, so that an edit of the skin changes none elsewhere.
+    """
+    pool = _Pool(surface, presence, seed)
+    area = expected_count(surface, presence)
+    if area == 0.0:
+        return pool.pick()
+    # d (area + width of the strip x its length) points, the width falling with the root of d
+    middles, lengths = surface.borders
+    strip = 0.5 * _BORDER_WIDTH * np.sqrt(_SATURATED) * float(lengths @ presence(middles)) / area
+    density = (np.sqrt(strip**2 + density) - strip) ** 2
+    while pool.density < density:
+        pool.fill()
+    return pool.pick(density=density)
 
 
-def _candidates(surface: SkinSurface, seed: int, start: int, end: int) -> SurfacePoints:
-    """Candidates with numbers from start to end - 1, uniform over the skin's area."""
-    number = np.arange(start, end)
-    summed = np.cumsum(surface.areas)
-    place = uniform(seed, 0, number) * summed[-1]
-    triangle = np.minimum(np.searchsorted(summed, place, side="right"), len(summed) - 1)
-    # uniform within the triangle: the square root makes the area, not the height, uniform
-    root, along = np.sqrt(uniform(seed, 1, number)), uniform(seed, 2, number)
-    barycentric = np.stack([1.0 - root, root * (1.0 - along), root * along], axis=1)
-    return surface.at(triangle, barycentric)
+def _candidates(
+    surface: SkinSurface, octave: int, many: float, seed: int
+) -> tuple[SurfacePoints, Indices]:
+    """Return candidates of an octave of density, in their order, and their numbers.
+
+    many: per m^2.
+    """
+    from featherfx.groom.regions.scatter_kernels import cross_lines
+
+    domain = surface.domain
+    word = int(hashed(seed, 0, np.array([octave - _FIRST_OCTAVE])).astype(np.int64)[0])
+    room, found = 64 + int(4.0 * domain.area * many), -1
+    while found < 0 or found > room:
+        room = max(room, found)
+        triangle, line = np.empty(room, np.int64), np.empty(room, np.int64)
+        weights = np.empty((room, 2))
+        found = cross_lines(domain.corners, many**-0.5, word, triangle, weights, line)
+    triangle, line, weights = triangle[:found], line[:found], weights[:found]
+    barycentric = np.column_stack([1.0 - weights.sum(axis=1), weights])
+    axis = line & 3
+    depth = dots(barycentric, domain.corners[triangle, :, axis])
+    along = domain.normals[triangle, axis]
+    up = along > 0.0
+    # those of one line that face one way are told apart by their order along it
+    order = np.lexsort((depth, up, line))
+    triangle, barycentric = triangle[order], barycentric[order]
+    line, up = line[order], up[order].astype(np.int64)
+    first = np.flatnonzero((np.diff(line, prepend=-1) != 0) | (np.diff(up, prepend=-1) != 0))
+    rank = np.arange(found) - np.repeat(first, np.diff(first, append=found))
+    words = hashed(seed, 1, line) + (2 * rank + up).astype(np.uint64)
+    number = (hashed(0, 2, words.astype(np.int64)) >> np.uint64(64 - _NUMBER_BITS)).astype(np.int64)
+    # of crossings per area, |n| along each axis, as many again are kept: |n|^2 add up to 1
+    kept = np.flatnonzero(uniform(seed, 3, number) < np.abs(along[order]))
+    kept = kept[np.argsort(number[kept], kind="stable")]
+    return surface.at(triangle[kept], barycentric[kept]), number[kept]
 
 
 class _Pool:
-    """Candidates read so far that may appear at all, with the density at which they do."""
+    """Candidates read so far that matter, with the density at which they appear."""
 
     def __init__(
         self, surface: SkinSurface, presence: Callable[[SurfacePoints], Array], seed: int
     ) -> None:
         self._surface, self._presence, self._seed = surface, presence, seed
-        self._area = float(surface.areas.sum())
-        self._read = 0
-        self._points = _candidates(surface, seed, 0, 0)
-        self._number = np.zeros(0, dtype=np.int64)
-        self._present = np.zeros(0)
-        self._appears = np.zeros(0)
-        self._accepted = np.zeros(0, dtype=np.bool_)
-        corners = surface.corners.reshape(-1, 3)
-        self._low = corners.min(axis=0)
-        self._unit = max(float(np.ptp(corners, axis=0).max()), 1e-300) / _LATTICE
-        self._before = 0.0
+        self._points = surface.at(np.zeros(0, np.int64), np.zeros((0, 3)))
+        self._number, self._places = np.zeros(0, np.int64), np.zeros((0, 3), np.int64)
+        self._present, self._appears = np.zeros(0), np.zeros(0)
+        self._accepted = np.zeros(0, np.bool_)
+        area = surface.domain.area
+        self._unit = 2.0 ** np.floor(0.5 * np.log2(area)) / _LATTICE
+        octave = int(np.log2(_FIRST_COUNT / area))
+        self._level = _LEVELS_PER_DOUBLING * octave
+        many = _CANDIDATES_PER_POINT * self.density
+        self._octave = _candidates(surface, octave, many, seed)
+        self._accept(*self._octave, 0.0)
 
-    def fill(self, density: float) -> None:
-        """Accept all that have room at a density."""
+    @property
+    def density(self) -> float:
+        """Points per m^2 of the last level."""
+        return float(2.0 ** (self._level / _LEVELS_PER_DOUBLING))
+
+    def fill(self) -> None:
+        """Read the candidates of the next level, and accept all that have room."""
+        before, octave = self.density, self._level // _LEVELS_PER_DOUBLING
+        if self._level % _LEVELS_PER_DOUBLING == 0:
+            many = _CANDIDATES_PER_POINT * before
+            self._octave = _candidates(self._surface, octave + 1, many, self._seed)
+        self._level += 1
+        start, end = (density / 2.0**octave - 1.0 for density in (before, self.density))
+        points, number = self._octave
+        draw = uniform(self._seed, 4, number)
+        now = (draw > start) & (draw <= end)
+        self._accept(points.some(now), number[now], before)
+
+    def _accept(self, fresh: SurfacePoints, number: Indices, before: float) -> None:
+        """Throw darts at more candidates. before: density of the level before."""
         from featherfx.groom.regions.scatter_kernels import throw_darts
 
-        self._extend(int(_CANDIDATES_PER_POINT * density * self._area) + 1)
+        self._extend(fresh, number)
         count = len(self._number)
-        positions = np.floor((self._points.position - self._low) / self._unit).astype(np.int64)
-        normals = np.round(self._points.normal * _NORMAL_STEPS).astype(np.int64)
-        cell = max(int(np.sqrt(_SATURATED / density) / self._unit), 1)
+        cell = max(int(np.sqrt(_SATURATED / self.density) / self._unit), 1)
         heads = np.empty(1 << max(int(self._accepted.sum() + 1).bit_length() + 1, 10), np.int64)
         links, taken = np.empty(count, np.int64), np.empty(count, np.int64)
-        new = throw_darts(positions, normals, self._accepted, cell, heads, links, taken)
-        ranks = (np.arange(new) + 0.5) / max(new, 1)
-        self._appears[taken[:new]] = self._before + (density - self._before) * ranks
-        self._before = density
+        new = throw_darts(self._places, self._normals(), self._accepted, cell, heads, links, taken)
+        draw = uniform(self._seed, 5, self._number[taken[:new]])
+        self._appears[taken[:new]] = before + (self.density - before) * draw
 
-    def _extend(self, end: int) -> None:
-        fresh = _candidates(self._surface, self._seed, self._read, end)
-        number, self._read = np.arange(self._read, end), max(end, self._read)
+    def _normals(self) -> Indices:
+        return np.round(self._points.normal * _NORMAL_STEPS).astype(np.int64)
+
+    def _extend(self, fresh: SurfacePoints, number: Indices) -> None:
+        """Add candidates that are within the region, or so near that they crowd those that are."""
         present = self._presence(fresh)
-        kept = present > _MIN_PRESENCE
-        fresh, old = fresh.some(kept), self._points
+        inside = present > _MIN_PRESENCE
+        near = inside.copy()
+        if inside.any() or len(self._number):
+            known = self._points.position[self._present > _MIN_PRESENCE]
+            tree = search_tree(np.concatenate([known, fresh.position[inside]]))
+            reach = np.sqrt(_SATURATED / self.density)
+            distance, _ = tree.query(fresh.position[~inside], distance_upper_bound=reach)
+            near[~inside] = np.isfinite(distance)
+        old, fresh = self._points, fresh.some(near)
+        domain = self._surface.domain.corners[fresh.triangle]
+        place = np.einsum("nk,nkc->nc", fresh.barycentric, domain)
+        self._places = np.concatenate([self._places, np.floor(place / self._unit).astype(np.int64)])
         self._points = SurfacePoints(
             self._surface,
             *(
@@ -150,23 +221,29 @@ class _Pool:
                 for name in ("triangle", "barycentric", "position", "normal")
             ),
         )
-        added = int(kept.sum())
-        self._number = np.concatenate([self._number, number[kept]])
-        self._present = np.concatenate([self._present, present[kept]])
-        self._appears = np.concatenate([self._appears, np.full(added, np.inf)])
-        self._accepted = np.concatenate([self._accepted, np.zeros(added, dtype=np.bool_)])
+        self._number = np.concatenate([self._number, number[near]])
+        self._present = np.concatenate([self._present, present[near]])
+        self._appears = np.concatenate([self._appears, np.full(len(fresh), np.inf)])
+        self._accepted = np.concatenate([self._accepted, np.zeros(len(fresh), dtype=np.bool_)])
 
-    def complete(self, density: float) -> int:
-        """Points that no later level can come before."""
-        return int((self._appears <= density * self._present).sum())
+    def _within(self, density: float) -> Flags:
+        """(N,) whether candidates appear where the density is so much times the presence."""
+        return (self._present > _MIN_PRESENCE) & (self._appears <= density * self._present)
 
-    def exhausted(self, density: float, count: int) -> bool:
+    def count_within(self, density: float) -> int:
+        """Points up to a density, which no later level can come before."""
+        return int(self._within(density).sum())
+
+    def is_exhausted(self, count: int) -> bool:
         """Return True if the presence is too small everywhere to go on."""
-        return len(self._number) == 0 and density * self._area > 1000.0 * (count + 100)
+        expected = self.density * self._surface.domain.area
+        return len(self._number) == 0 and expected > 1000.0 * (count + 100)
 
-    def first(self, count: int) -> Scattered:
-        """The first `count` to appear where the density is the presence times a growing number."""
-        found = np.flatnonzero(self._accepted)
+    def pick(self, count: int | None = None, density: float = _MAX_DENSITY) -> Scattered:
+        """Return the points up to a density, or the first `count`, in the order of appearance."""
+        found = np.flatnonzero(self._accepted & self._within(density))
         order = np.lexsort((self._number[found], self._appears[found] / self._present[found]))
-        chosen = found[order[:count]]
+        chosen = found[order]
+        # two may have one number by chance: the first keeps it
+        chosen = chosen[np.sort(np.unique(self._number[chosen], return_index=True)[1])][:count]
         return Scattered(self._points.some(chosen), self._number[chosen])

@@ -13,6 +13,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import Place
+from featherfx.groom.skin.domain import SkinDomain, make_domain
 from featherfx.groom.skin.faults import crossing_triangles, within
 from featherfx.groom.skin.field import search_tree
 
@@ -81,6 +82,25 @@ class SkinSurface:
     def areas(self) -> Array:
         """(T,) m^2."""
         return 0.5 * np.sqrt((self._products**2).sum(axis=1))
+
+    @cached_property
+    def domain(self) -> SkinDomain:
+        """The triangles in the mesh's own space, from an origin of its shape."""
+        return make_domain(self.corners, self.source.own_matrix, self.source.stage_matrix)
+
+    @cached_property
+    def borders(self) -> tuple[SurfacePoints, Array]:
+        """Middles of the edges that one face alone has, and their lengths (N,) m."""
+        triangles = self.source.triangles
+        # seams have their points twice
+        _, welded = np.unique(self.source.points, axis=0, return_inverse=True)
+        joined = np.sort(welded.reshape(-1)[triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 3, 2)], 2)
+        keys = (joined[:, :, 0] * len(self.source.points) + joined[:, :, 1]).ravel()
+        _, place, count = np.unique(keys, return_inverse=True, return_counts=True)
+        triangle, side = np.divmod(np.flatnonzero(count[place.reshape(-1)] == 1), 3)
+        middle = self.at(triangle, 0.5 * (1.0 - np.eye(3))[(side + 2) % 3])
+        ends = self.corners[triangle, side] - self.corners[triangle, (side + 1) % 3]
+        return middle, np.linalg.norm(ends, axis=1)
 
     @cached_property
     def samples(self) -> tuple[SurfacePoints, ...]:
