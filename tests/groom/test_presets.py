@@ -82,10 +82,12 @@ def test_show_names_the_file_of_each_value() -> None:
     assert by_key["rachis.twist"].endswith("deg, default")
 
 
-def test_shown_preset_is_toml_that_gives_the_same_preset(tmp_path: Path) -> None:
-    text = show("swan_secondary")
-    write(tmp_path / "feather", "copied", text)
-    copied = [line.partition("  #")[0] for line in show("copied", [tmp_path]).splitlines()[1:]]
+@pytest.mark.parametrize("name", [f"{preset.family}/{preset.name}" for preset in list_presets()])
+def test_shown_preset_is_toml_that_gives_the_same_preset(tmp_path: Path, name: str) -> None:
+    text = show(name)
+    write(tmp_path / name.rpartition("/")[0], "copied", text)
+    shown = show(f"{name.rpartition('/')[0]}/copied", [tmp_path])
+    copied = [line.partition("  #")[0] for line in shown.splitlines()[1:]]
     assert copied == [line.partition("  #")[0] for line in text.splitlines()[1:]]
 
 

@@ -105,7 +105,7 @@ def _lines(table: Table, tree: Tree, prefix: str) -> Iterator[tuple[str, str]]:
     for name, key in table.keys.items():
         value: Any = tree[name]
         inner = key.type.finished() if isinstance(key.type, Preset) else key.type
-        if isinstance(value, Sourced) and value.value is None:
+        if isinstance(value, Sourced) and value.value in (None, {}):
             continue  # TOML has no word for what is not given
         if isinstance(value, Sourced):
             unit = key.type.describe()[1]
@@ -122,7 +122,8 @@ def toml_of(value: Any) -> str:
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{k} = {toml_of(v)}" for k, v in value.items()) + " }"
+        given = {k: v for k, v in value.items() if v is not None}
+        return "{ " + ", ".join(f"{k} = {toml_of(v)}" for k, v in given.items()) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(toml_of(each) for each in value) + "]"
     return f"{value:.12g}"
