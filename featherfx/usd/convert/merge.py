@@ -11,9 +11,10 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 
 from featherfx.errors import Problem
 from featherfx.files.atomic_write import standing
-from featherfx.usd.read.cached_feather import read_members
+from featherfx.usd.read.animated_mesh import check_points
+from featherfx.usd.read.cached_feather import has_faces, read_members
 from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.values import compute
+from featherfx.usd.read.values import compute, fault
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.layers import author_extents_hint, publish
 from featherfx.usd.write.output import check_output, refuse_inputs
@@ -25,13 +26,21 @@ Publish = Callable[[Any], Path]
 def begin_export(path: str | Path, output: str | Path, overwrite: bool) -> tuple[Any, Publish]:
     """Open a cache for export; return its stage, and a function that publishes a layer.
 
-    The function returns the path of the output. Raises InputError where the cache cannot be read or
-    the output not be written.
+    The function returns the path of the output. Raises InputError where the cache cannot be read,
+    points are not finite or change their number, or the output cannot be written.
     """
     target = check_output(output, overwrite)
     before = {target: standing(target)}
     stage = open_stage(path)
     refuse_inputs([target], [Path(path)])
+    for prim in stage.Traverse():
+        if prim.IsA(UsdGeom.PointBased):
+            attribute = UsdGeom.PointBased(prim).GetPointsAttr()
+            message, _ = check_points(attribute)
+            if message:
+                raise fault(attribute, f"{message}. Bake the cache again")
+        if prim.IsA(UsdGeom.Mesh):
+            has_faces(UsdGeom.Mesh(prim))
 
     def written(layer: Any) -> Path:
         publish([(layer, target)], before)

@@ -265,7 +265,7 @@ def _topology_faults(mesh: Any) -> Iterator[tuple[str, str]]:
     if counts is None or indices is None:
         yield "faceVertexCounts" if counts is None else "faceVertexIndices", "has no value"
         return
-    total, size = _points_faults(mesh.GetPointsAttr())
+    total, size = check_points(mesh.GetPointsAttr())
     if total:
         yield "points", total
         return
@@ -295,8 +295,11 @@ def _changing(attribute: Any) -> tuple[Indices | None, float | None]:
     return known, None
 
 
-def _points_faults(attribute: Any) -> tuple[str, int]:
-    """Return the first fault of the points of any sample (empty: none), and their number."""
+def check_points(attribute: Any) -> tuple[str, int]:
+    """Return the first fault of the points of any sample (empty: none), and their number.
+
+    Every sample is read.
+    """
     size = -1
     for code in list_times(attribute):
         where = describe_time(code)

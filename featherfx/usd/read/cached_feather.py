@@ -6,6 +6,7 @@ first and the number of each feather's points, faces or curves, in the order of 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -15,7 +16,7 @@ from pxr import UsdGeom
 
 from featherfx.algebra.triangulation import triangulate
 from featherfx.algebra.types import Floats, Indices
-from featherfx.errors import InputError
+from featherfx.errors import InputError, InputWarning
 from featherfx.feather.types import LEADING
 from featherfx.groom.looks import BarbLook, look_of
 from featherfx.usd.read.animated_mesh import read_topology
@@ -162,8 +163,15 @@ class CachedFeather:
 
 
 def read_mesh_feathers(mesh: Any) -> list[tuple[FeatherMember, CachedFeather]]:
-    """Return the feathers of a mesh: itself, or those that share it."""
+    """Return the feathers of a mesh: itself, or those that share it; none without faces.
+
+    Raises InputError for a feather without faces.
+    """
     prim = mesh.GetPrim()
+    if not has_faces(mesh):
+        told = f"{prim.GetPath()} has no faces and is left out"
+        warnings.warn(told, InputWarning, stacklevel=2)
+        return []
     whole = _read_whole_mesh(mesh)
     members = read_members(prim)
     if not members:
@@ -185,6 +193,15 @@ def read_mesh_feathers(mesh: Any) -> list[tuple[FeatherMember, CachedFeather]]:
         for member, each in zip(members, own, strict=True)
         if each
     ]
+
+
+def has_faces(mesh: Any) -> bool:
+    """Return whether a mesh has faces. Raises InputError for a feather without."""
+    prim, attribute = mesh.GetPrim(), mesh.GetFaceVertexCountsAttr()
+    found = len(read_sized_array(attribute, EARLIEST_TIME, INTEGER_ARRAY)) > 0
+    if not found and prim.HasAttribute("primvars:featherId"):
+        raise fault(attribute, "is empty: the feather has no faces. Bake it again")
+    return found
 
 
 def _cut_feather(
