@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,7 @@ from featherfx.feather.profiles import hooked_fraction, in_cells
 from featherfx.feather.render import barb_diameters, render_feather
 from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Array, Feather, RowMap
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.looks import look_text
 from featherfx.groom.materials import Profile
 from featherfx.groom.types import FeatherKind, Groom, Placement
@@ -273,7 +274,7 @@ def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
     known = {(each[1].file, each[1].path): each for each in reversed(found)}
     return _told_scenery(
         [
-            _scenery(path, role, surface.file, surface.path)
+            _scenery(path, role, surface.file, surface.path, surface.variant_sets)
             | {"start": clock.start, "time_codes_per_frame": float(clock.step)}
             for role, surface, clock in reversed(known.values())
         ],
@@ -285,20 +286,25 @@ def scenery_of_groom(groom: Groom, path: Path) -> dict[str, Any]:
     """Return metadata of a groom at rest at a path about its mesh, for images."""
     if groom.skin_keys is None:
         return {}
-    scene, prim, rest = (groom.skin_keys[name] for name in ("usd", "prim", "rest"))
-    file = usd.opening.locate_file(groom.source.parent, scene)
-    stage = usd.opening.open_stage(file)
-    if usd.stage.prim_kind(stage.GetPrimAtPath(prim)) != "mesh":
+    keys = ("usd", "prim", "rest", "variant_sets")
+    name, prim, rest, variants = (groom.skin_keys[key] for key in keys)
+    file = usd.opening.locate_file(groom.source.parent, name)
+    place = Place(str(groom.source), "skin.variant_sets", Problems())
+    scene = usd.stage.SourceScene(file, usd.opening.open_stage(file))
+    scene = usd.stage.choose_variants(scene, variants, place)
+    if usd.stage.prim_kind(scene.stage.GetPrimAtPath(prim)) != "mesh":
         return {}
     # at rest a mesh is drawn in the pose that was groomed
     at = {} if rest is None else {"rest": float(rest)}
-    return _told_scenery(
-        [_scenery(path, "skin", file, prim) | {"start": 0.0, "time_codes_per_frame": 1.0} | at], 0.0
-    )
+    entry = _scenery(path, "skin", file, prim, variants)
+    return _told_scenery([entry | {"start": 0.0, "time_codes_per_frame": 1.0} | at], 0.0)
 
 
-def _scenery(path: Path, role: str, file: Path, prim: str) -> dict[str, Any]:
-    return {"role": role, "file": _from(path.parent, file), "prim": prim}
+def _scenery(
+    path: Path, role: str, file: Path, prim: str, variant_sets: Mapping[str, str]
+) -> dict[str, Any]:
+    found: dict[str, Any] = {"role": role, "file": _from(path.parent, file), "prim": prim}
+    return found | ({"variant_sets": dict(variant_sets)} if variant_sets else {})
 
 
 def _told_scenery(entries: Sequence[dict[str, Any]], first: float) -> dict[str, Any]:

@@ -65,6 +65,10 @@ class MovingSurface(OfScene, Protocol):
     def file(self) -> Path:
         """That the scene was opened from."""
 
+    @property
+    def variant_sets(self) -> Mapping[str, str]:
+        """Variants that are chosen in it by the names of their sets."""
+
     def corners(self, code: float, triangles: Indices) -> Array:
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
 
@@ -90,13 +94,13 @@ class SceneReaders(GroomReaders):
     """Readers of scenes. Each raises InputError, of what stands at the place.
 
     feathers, skin: see GroomReaders. meshes: (file, prim paths or names with the key that names
-    each, collection, rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd],
-    place). camera: (file, prim path, place) to a featherfx.shot.view.Camera. poses: (file,
-    time code or None, place) to the points (V, 3) m of the feathers' meshes there, or else of
-    their shafts' curves (k, 3), by id.
+    each, checked keys of [skin] or [[collider]], place) to surfaces. wind: (file, checked keys of
+    [wind_usd], place). camera: (file, prim path, place) to a featherfx.shot.view.Camera. poses:
+    (file, time code or None, place) to the points (V, 3) m of the feathers' meshes there, or else
+    of their shafts' curves (k, 3), by id.
     """
 
-    meshes: Callable[[Path, Mapping[str, Place], str | None, float | None, Place], Any]
+    meshes: Callable[[Path, Mapping[str, Place], Mapping[str, Any], Place], Any]
     wind: Callable[[Path, dict[str, Any], Place], Any]
     camera: Callable[[Path, str, Place], Any]
     poses: Callable[[Path, float | None, Place], Any]

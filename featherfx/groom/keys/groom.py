@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from featherfx.groom.keys.places import POINT, SPACE_KEYS, Direction
 from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, LAYER_KEY, names_or_list
+from featherfx.groom.keys.stages import DRAWN_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
     Flag,
@@ -211,6 +212,7 @@ USD_KEYS = {
         "Primvars by what they hold; default: " + ", ".join(DEFAULT_PRIMVARS.values()) + ".",
         {},
     ),
+    **DRAWN_KEYS,
     **FEATHER_FACTORS,
     **_BELONGS,
 }

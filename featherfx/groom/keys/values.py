@@ -172,6 +172,23 @@ class ArrayOf:
         return str(self.least) if self.least == self.most else f"{self.least} to {self.most}"
 
 
+@dataclass(frozen=True)
+class TextsByName:
+    """A table of texts whose names are free."""
+
+    def check(self, value: Any, place: Place, partial: bool) -> Any:
+        if not isinstance(value, dict):
+            return place.fail(f"{shown(value)} is not a table of texts")
+        found = {name: Text().check(each, place.child(name), False) for name, each in value.items()}
+        return INVALID if any(each is INVALID for each in found.values()) else found
+
+    def describe(self) -> tuple[str, str, str]:
+        return "table of texts", "", ""
+
+    def schema(self, partial: bool) -> JsonSchema:
+        return {"type": "object", "additionalProperties": Text().schema(False)}
+
+
 def vector(low: float, high: float, unit: str) -> ArrayOf:
     """Three numbers."""
     return ArrayOf(Number(low, high, unit), 3, 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from featherfx.groom.keys.groom import GROOM_KEYS, USD_KEYS
+from featherfx.groom.keys.stages import DRAWN_KEYS, VARIANT_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,
@@ -90,6 +91,7 @@ _SKIN = {
         Text(("error", "hold")), "What a shot that is longer than the skin's samples does.", "error"
     ),
     "interpolation": _INTERPOLATION,
+    **VARIANT_KEYS,
 }
 
 WIND_USD = {
@@ -110,6 +112,7 @@ _COLLIDER = {
     "start": _START,
     "time": _TIME,
     "interpolation": _INTERPOLATION,
+    **DRAWN_KEYS,
 }
 
 CONTACT = {

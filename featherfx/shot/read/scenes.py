@@ -43,7 +43,7 @@ def read_skin(
     # other meshes are named by feathers
     needed = {entry["prim"]: at.child("prim"), **dict.fromkeys(other, at)}
     path = readers.file(Path(place.source).parent, entry["usd"])
-    surfaces = readers.meshes(path, needed, None, entry["rest"], at)
+    surfaces = readers.meshes(path, needed, entry, at)
     clock = clocks.clock(surfaces[0], entry, at)
     if entry["extrapolation"] == "error":
         _check_range(surfaces, entry["rest"], checked, clock, at)
@@ -145,7 +145,7 @@ def read_colliders(
                 at.refuse("names neither prims nor a collection. Give one of them")
             path = readers.file(Path(place.source).parent, entry["usd"])
             prims = {each: at.child("prims").item(k) for k, each in enumerate(entry["prims"])}
-            for mesh in readers.meshes(path, prims, entry["collection"], None, at):
+            for mesh in readers.meshes(path, prims, entry, at):
                 if mesh.bones is not None:
                     at.fail(f"{mesh.path} is no Mesh, nothing can touch it")
                 clock = clocks.clock(mesh, entry, at)

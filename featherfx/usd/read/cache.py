@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -17,6 +17,7 @@ from featherfx import usd
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.groom.keys.problems import Place, Problems
 from featherfx.usd.read.cached_feather import (
     CachedFeather,
     FeatherMember,
@@ -25,7 +26,7 @@ from featherfx.usd.read.cached_feather import (
 )
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes
 from featherfx.usd.read.opening import locate_file, open_stage
-from featherfx.usd.read.stage import transform_points
+from featherfx.usd.read.stage import SourceScene, choose_variants, transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -148,12 +149,16 @@ class Cache:
     of one, or feather of a shared one, in the order of the stage. frames: start and end time code.
     scenery: skins and colliders of its shot: role, file from its own folder, prim, time code
     `start` of that file at time code `first`, and `rest`, its time code at rest, where that is not
-    its rest pose. Raises InputError if the file cannot be opened or holds no mesh.
+    its rest pose, and `variant_sets` that are chosen in it. Raises InputError if the file cannot be
+    opened or holds no mesh.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, variant_sets: Mapping[str, str] | None = None) -> None:
         self._path, self.path = str(path), Path(path).resolve()
         self._stage = open_stage(path)
+        if variant_sets:
+            place = Place(str(path), "", Problems())
+            choose_variants(SourceScene(self.path, self._stage), variant_sets, place)
         self.frames = (self._stage.GetStartTimeCode(), self._stage.GetEndTimeCode())
         self.has_frames = self._stage.HasAuthoredTimeCodeRange()
         self.frames_per_second = self._stage.GetTimeCodesPerSecond()
@@ -491,7 +496,7 @@ def find_scenery(
             "is not there and",
         )
         if file.is_file():
-            other = Cache(file)
+            other = Cache(file, entry.get("variant_sets"))
             chosen = [k for k, each in enumerate(other.feathers) if each.path == prim]
             if chosen:
                 rate = entry["time_codes_per_frame"]

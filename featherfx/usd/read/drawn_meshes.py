@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from pxr import UsdGeom
 
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.stages import DRAWN_KEYS
 from featherfx.usd.read.skinning import Skinning, find_skinning
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
@@ -30,6 +32,7 @@ from featherfx.usd.read.values import (
     read_text,
 )
 
+_RENDERED = {name: key.default for name, key in DRAWN_KEYS.items()}
 MatrixAt = Callable[[Any], Array]  # (4, 4), row vectors, at a time code
 
 
@@ -133,18 +136,34 @@ def is_drawn(prim: Any, root: Any = None) -> bool:
 
     root: of a prototype, above which nothing hides it.
     """
+    return not find_hidden(prim, _RENDERED, root)
+
+
+def find_hidden(prim: Any, keys: Mapping[str, Any], root: Any = None) -> str:
+    """Return why a prim is not drawn, with the key that draws it; empty where it is.
+
+    keys: purposes and invisible, as of DRAWN_KEYS. root: as of is_drawn.
+    """
     image = UsdGeom.Imageable(prim)
-    drawn = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
-    if compute(prim, image.ComputePurpose) not in drawn:
-        return False
+    purpose = str(compute(prim, image.ComputePurpose))
+    if purpose not in keys["purposes"]:
+        return f'is of purpose {purpose}. Give purposes = ["{purpose}"] to read it'
+    if keys["invisible"]:
+        return ""
+    hidden = UsdGeom.Tokens.invisible
     if root is None:
-        return bool(compute(prim, image.ComputeVisibility) != UsdGeom.Tokens.invisible)
-    above = prim
-    while above.GetPath().HasPrefix(root.GetPath()):
-        if read_text(UsdGeom.Imageable(above).GetVisibilityAttr()) == UsdGeom.Tokens.invisible:
-            return False
-        above = above.GetParent()
-    return True
+        is_hidden = compute(prim, image.ComputeVisibility) == hidden
+    else:
+        between = takewhile(lambda path: path.HasPrefix(root.GetPath()), _paths_above(prim))
+        above = (UsdGeom.Imageable.Get(prim.GetStage(), path) for path in between)
+        is_hidden = any(read_text(each.GetVisibilityAttr()) == hidden for each in above)
+    return "is invisible. Give invisible = true to read it" if is_hidden else ""
+
+
+def _paths_above(prim: Any) -> Iterator[Any]:
+    while prim:
+        yield prim.GetPath()
+        prim = prim.GetParent()
 
 
 def instance_matrices(instancer: Any, code: Any) -> Array:

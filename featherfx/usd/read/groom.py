@@ -23,6 +23,7 @@ from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.stage import (
     SourceScene,
     check_transforms,
+    choose_variants,
     describe_broken,
     describe_prims,
     find_prim,
@@ -63,6 +64,7 @@ def read_feathers(
     """
     path, at, problems = locate_file(folder, entry["file"]), place.child("prims"), Problems()
     scene = open_scene(path, place.child("file"))
+    scene = choose_variants(scene, entry["variant_sets"], place.child("variant_sets"))
     paths, roots = entry["prims"] or ("/",), []
     for each in paths:
         with problems.collecting():

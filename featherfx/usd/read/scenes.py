@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +11,21 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from featherfx.algebra.types import Array
-from featherfx.groom.keys.groom import DEFAULT_PRIMVARS
+from featherfx.groom.keys.groom import DEFAULT_PRIMVARS, USD_KEYS
 from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.values import Table
 from featherfx.groom.skin.field import search_tree
 from featherfx.shot.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
 from featherfx.usd.read.cache import Cache
-from featherfx.usd.read.drawn_meshes import drawn_meshes
+from featherfx.usd.read.drawn_meshes import drawn_meshes, find_hidden
 from featherfx.usd.read.groom import read_feathers
 from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,
     check_transforms,
+    choose_variants,
     describe_prims,
     find_prim,
     open_scene,
@@ -48,45 +50,57 @@ PointsById = dict[str, Array]
 
 
 def open_meshes(
-    path: Path, prims: Mapping[str, Place], collection: str | None, rest: float | None, place: Place
+    path: Path, prims: Mapping[str, Place], entry: Mapping[str, Any], place: Place
 ) -> list[AnimatedMesh]:
     """Return meshes of a file by prim path, by name with wild cards, and by collection.
 
-    prims: with the key that names each. place: of the table. rest: time code of the rest pose, as
-    in open_mesh. Raises InputError with all problems.
+    prims: with the key that names each. entry: checked keys of [skin] or [[collider]]. place: of
+    the table. Raises InputError with all problems.
     """
     scene, problems = open_scene(path, place.child("usd")), Problems()
+    scene = choose_variants(scene, entry["variant_sets"], place.child("variant_sets"))
     paths: dict[str, Place] = {}
     for each, at in prims.items():
         with problems.collecting():
-            paths |= dict.fromkeys(
-                [each] if each.startswith("/") else _by_name(scene, each, at), at
-            )
-    if collection is not None:
+            found = [each] if each.startswith("/") else _by_name(scene, each, entry, at)
+            paths |= dict.fromkeys(found, at)
+    if entry.get("collection") is not None:
         with problems.collecting():
-            paths |= dict.fromkeys(_by_collection(scene, collection, place), place)
-    found = []
+            paths |= dict.fromkeys(_by_collection(scene, entry, place), place)
+    opened = []
     for each, at in paths.items():
         with problems.collecting():
-            found.append(open_carrier(scene, each, rest, at))
-    problems.hand_on()
-    return found
+            opened.append(open_carrier(scene, each, entry.get("rest"), at))
+    problems.raise_any()
+    return opened
 
 
-def _by_name(scene: SourceScene, pattern: str, place: Place) -> list[str]:
-    found = [
-        str(prim.GetPath())
+def _by_name(scene: SourceScene, pattern: str, entry: Mapping[str, Any], place: Place) -> list[str]:
+    prims = [
+        prim
         for prim in prims_below(scene.stage.GetPseudoRoot())
         if prim.IsA(UsdGeom.Mesh) and fnmatch.fnmatchcase(prim.GetName(), pattern)
     ]
-    if not found:
+    if not prims:
         there = describe_prims(scene, ("mesh",), pattern)
         place.refuse(f"no mesh is called '{pattern}' in {scene.path}{there}")
+    return _drawn_paths(prims, entry, f"'{pattern}'", place)
+
+
+def _drawn_paths(
+    prims: Sequence[Any], entry: Mapping[str, Any], named: str, place: Place
+) -> list[str]:
+    """Return the paths of the prims that are drawn as the keys of a table say."""
+    hidden = {str(prim.GetPath()): find_hidden(prim, entry) for prim in prims}
+    found = [path for path, reason in hidden.items() if not reason]
+    if not found:
+        path, reason = next(iter(hidden.items()))
+        place.refuse(f"{named} names nothing that is drawn: {path} {reason}")
     return found
 
 
-def _by_collection(scene: SourceScene, collection: str, place: Place) -> list[str]:
-    at = place.child("collection")
+def _by_collection(scene: SourceScene, entry: Mapping[str, Any], place: Place) -> list[str]:
+    at, collection = place.child("collection"), str(entry["collection"])
     owner, _, name = collection.partition(".collection:")
     prim = find_prim(scene, owner, at)
     api = Usd.CollectionAPI(prim, name) if name else None
@@ -94,10 +108,10 @@ def _by_collection(scene: SourceScene, collection: str, place: Place) -> list[st
         known = [each.GetName() for each in Usd.CollectionAPI.GetAll(prim)]
         at.refuse(f"no collection '{name}' on {owner}, there is {', '.join(known) or 'none'}")
     members = compute(prim, _members, api, scene.stage)
-    paths = [str(m.GetPath()) for m in members if isinstance(m, Usd.Prim) and m.IsA(UsdGeom.Mesh)]
-    if not paths:
+    prims = [each for each in members if isinstance(each, Usd.Prim) and each.IsA(UsdGeom.Mesh)]
+    if not prims:
         at.refuse(f"{collection} holds no mesh")
-    return sorted(paths)
+    return sorted(_drawn_paths(prims, entry, collection, at))
 
 
 def _members(api: Any, stage: Any) -> Any:
@@ -114,7 +128,8 @@ def read_poses(path: Path, code: float | None, place: Place) -> tuple[PointsById
     scene = open_scene(path, place)
     with errors_at(place):
         if _has_curves_alone(scene):
-            entry: dict[str, Any] = {"file": str(path), "prims": (), "names": {}, "time": code}
+            keys = {"file": str(path), "time": code} if code is not None else {"file": str(path)}
+            entry = Table(USD_KEYS).check(keys, place, False)
             _, drawn = read_feathers(entry, path.parent, place)
             return {}, {each.id or each.name: each.points for each in drawn}
         cache = Cache(path)

@@ -22,6 +22,7 @@ from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.skinning import find_joint_points
 from featherfx.usd.read.stage import (
     SourceScene,
+    choose_variants,
     describe_prims,
     find_prim,
     open_scene,
@@ -57,6 +58,7 @@ def read_skin(
     place: of [skin].
     """
     scene = open_scene(locate_file(folder, skin["usd"]), place.child("usd"))
+    scene = choose_variants(scene, skin["variant_sets"], place.child("variant_sets"))
     rest = skin["rest"]
     opened = all_of(*(partial(open_carrier, scene, path, rest, at) for path, at in paths.items()))
     for path, mesh in zip(paths, opened, strict=True):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import re
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from pxr import Pcp, Sdf, Usd, UsdGeom, UsdSkel
 
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, InputWarning
-from featherfx.groom.keys.problems import Place, closest
+from featherfx.groom.keys.problems import Place, Problems, closest
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -49,10 +49,11 @@ _MAX_LISTED, _LISTED_NEAREST = 8, 3
 
 @dataclass(frozen=True)
 class SourceScene:
-    """An open stage. path: its file."""
+    """An open stage. path: its file. variant_sets: chosen in it, beside its own choices."""
 
     path: Path
     stage: Any
+    variant_sets: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def to_world(self) -> Array:
@@ -115,6 +116,11 @@ class ScenePrim:
     def file(self) -> Path:
         """Return the file of the scene."""
         return self._scene.path
+
+    @property
+    def variant_sets(self) -> Mapping[str, str]:
+        """Return the variants that are chosen in the scene by the names of their sets."""
+        return self._scene.variant_sets
 
 
 def broken_files(stage: Any) -> dict[str, str]:
@@ -238,6 +244,48 @@ def open_scene(path: Path, place: Place) -> SourceScene:
     return SourceScene(path, stage)
 
 
+def choose_variants(scene: SourceScene, chosen: Mapping[str, str], place: Place) -> SourceScene:
+    """Return a scene with variants chosen by the names of their sets, on every prim that has one.
+
+    The stage's files stay as they are. Raises InputError at the place of the table.
+    """
+    problems = Problems()
+    for name, variant in chosen.items():
+        owners, known = [], set()
+        for prim in scene.stage.TraverseAll():
+            if name in prim.GetVariantSets().GetNames():
+                owners.append(prim.GetPath())
+                known |= set(prim.GetVariantSet(name).GetVariantNames())
+        at = replace(place.child(name), problems=problems)
+        if not owners:
+            sets = describe_variants(scene) or "The stage has no variant sets"
+            at.fail(f"no variant set '{name}' in {scene.path}. {sets}")
+        elif variant not in known:
+            at.unknown(f"'{name}' has no variant '{variant}'", variant, known)
+        with Usd.EditContext(scene.stage, scene.stage.GetSessionLayer()):
+            for path in owners if variant in known else ():
+                scene.stage.GetPrimAtPath(path).GetVariantSet(name).SetVariantSelection(variant)
+    problems.raise_any()
+    return replace(scene, variant_sets=chosen)
+
+
+def describe_variants(scene: SourceScene) -> str:
+    """Return the variant sets of a stage in words; empty where it has none."""
+    found: dict[str, list[str]] = {}
+    for prim in scene.stage.TraverseAll():
+        for name in prim.GetVariantSets().GetNames():
+            own = prim.GetVariantSet(name)
+            variants, chosen = ", ".join(own.GetVariantNames()), own.GetVariantSelection()
+            told = f"variant set '{name}' of {prim.GetPath()} has {variants}"
+            found.setdefault(name, []).append(f"{told} ('{chosen}' is chosen)")
+    listed = [told for several in found.values() for told in several]
+    more = f" and {len(listed) - _MAX_LISTED} more" if len(listed) > _MAX_LISTED else ""
+    if not listed:
+        return ""
+    named = "; ".join(listed[:_MAX_LISTED])
+    return f"Its {named}{more}: variant_sets chooses others"
+
+
 def prim_kind(prim: Any) -> str:
     """Return the key of PRIM_KINDS of a prim; empty for none."""
     return next((name for name, schema in PRIM_KINDS.items() if prim.IsA(schema)), "")
@@ -275,6 +323,8 @@ def find_prim(scene: SourceScene, path: str, place: Place, *kinds: str) -> Any:
     prim = scene.stage.GetPrimAtPath(path)
     if not prim:
         there = describe_prims(scene, kinds, path)
+        sets = describe_variants(scene)
+        there = f"{there}. {sets}" if sets else there
         place.refuse(_absent(scene, Sdf.Path(path)) + there + describe_broken(scene))
     if not prim.IsActive():
         place.refuse(f"{path} is inactive in {scene.path}")

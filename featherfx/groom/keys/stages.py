@@ -1,0 +1,25 @@
+"""Keys of tables that name a stage: its variants, and the prims of it that are drawn."""
+
+from __future__ import annotations
+
+from featherfx.groom.keys.values import ArrayOf, Flag, Key, Text, TextsByName
+
+_PURPOSES = ("default", "render", "proxy", "guide")
+
+VARIANT_KEYS = {
+    "variant_sets": Key(
+        TextsByName(),
+        'Variants to choose, by variant set: { look = "bird" }; default: those of the stage.',
+        {},
+    ),
+}
+DRAWN_KEYS = VARIANT_KEYS | {
+    "purposes": Key(
+        ArrayOf(Text(_PURPOSES), 1, len(_PURPOSES)),
+        "Purposes of the prims that are read where no path names them.",
+        ("default", "render"),
+    ),
+    "invisible": Key(
+        Flag(), "Whether invisible prims are read, too, where no path names them.", False
+    ),
+}
