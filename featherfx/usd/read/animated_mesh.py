@@ -7,6 +7,7 @@ again when they are asked for, so that memory does not grow with the number of f
 from __future__ import annotations
 
 import copy
+import warnings
 from collections import OrderedDict
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -19,21 +20,22 @@ from featherfx.algebra.interpolation import Knots, Maps, Stencil
 from featherfx.algebra.triangulation import triangulate
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.winding import orient
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
-from featherfx.usd.read.skinning import SkinPose, find_skinning
+from featherfx.usd.read.skinning import SkinPose, explain_stillness, find_skinning
 from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,
     check_transforms,
     describe_prims,
     find_prim,
+    list_motion_times,
     list_times,
     rest_time,
-    sampled_range,
     transform_points,
 )
+from featherfx.usd.read.subdivision import read_cage_distance, read_scheme
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -61,6 +63,7 @@ class _KnotPose(NamedTuple):
 
 _NO_JOINTS = SkinPose(np.zeros((0, 4, 4)), np.zeros(0), np.zeros((0, 3), dtype=np.float32))
 _MAX_KNOTS = 12  # knots, whose neighbours share most
+_MAX_LOOKS = 25  # samples that are compared to tell how far a mesh moves
 _MAX_TIMES = 8  # times, at which roots and the skin as a body are asked for
 
 
@@ -85,8 +88,8 @@ class AnimatedMesh(ScenePrim):
         self._mesh = mesh
         self._begin(scene, mesh.GetPrim(), skinning, rest)
         moving = [] if skinning is None else skinning.attributes()
-        self.sampled = sampled_range(mesh.GetPrim(), [*moving, mesh.GetPointsAttr()])
-        found = read_triangles(mesh, self.rest, self._rest_sign)
+        self._find_times([*moving, mesh.GetPointsAttr()])
+        found = read_triangles(mesh, self.rest, self.mirrored)
         self.turned = np.unique(found.face[found.turned])
         sound = ~is_flat(self.rest, found.triangles)
         self.triangles, self.places, self.face = (each[sound] for each in found[:3])
@@ -103,11 +106,30 @@ class AnimatedMesh(ScenePrim):
         self._maps: tuple[Any, Maps] | None = None
         self._rest_code = DEFAULT_TIME if rest is None else Usd.TimeCode(rest)
         self.rest = self._at_rest(rest is None)
-        self._rest_sign = self._sign(self._rest_code)
+        self.mirrored = self._sign(self._rest_code)
+
+    def _find_times(self, attributes: list[Any]) -> None:
+        """Note when attributes, or transforms, have samples."""
+        self.times = list_motion_times(self._prim, attributes)
+        self.sampled = (self.times[0], self.times[-1]) if self.times else None
 
     @property
     def space(self) -> tuple[float, str]:
         return self._scene.space
+
+    @property
+    def skeleton(self) -> Any:
+        """Return the prim of the skeleton that moves it, None without one."""
+        return None if self._skinning is None else self._skinning.space
+
+    @property
+    def scheme(self) -> str:
+        """Return the scheme by which a renderer subdivides it, or none."""
+        return read_scheme(self._mesh)
+
+    def cage_distance(self) -> float:
+        """Return the largest distance (m) of its points to the subdivided surface."""
+        return read_cage_distance(self._mesh, *read_topology(self._mesh), self.rest)
 
     def smoothed(self, knots: Knots) -> AnimatedMesh:
         """The same mesh, moving smoothly between the poses that it has at knots (time codes)."""
@@ -183,9 +205,29 @@ class AnimatedMesh(ScenePrim):
                 self._poses.popitem(last=False)
         return self._poses[time]
 
+    def displacement(self) -> float:
+        """Return the largest distance (m) of a point from where it is at its first samples.
+
+        Of many samples some are looked at, evenly spread, the last included.
+        """
+        return max(self._displacements(), default=0.0)
+
+    def is_still(self) -> bool:
+        """Return whether no point moves at its samples."""
+        return not any(self._displacements())
+
+    def _displacements(self) -> Iterator[float]:
+        if len(self.times) < 2:
+            return
+        chosen = np.linspace(0, len(self.times) - 1, min(len(self.times), _MAX_LOOKS)).round()
+        first = self.points(self.times[0])
+        for k in chosen[1:].astype(int).tolist():
+            way = self.points(self.times[k]) - first
+            yield float(np.sqrt(np.einsum("vc,vc->v", way, way).max(initial=0.0)))
+
     def is_mirrored(self, code: float) -> bool:
         """Return whether the transforms mirror the mesh at a time code, and not at rest."""
-        return self._sign(Usd.TimeCode(code)) != self._rest_sign
+        return self._sign(Usd.TimeCode(code)) != self.mirrored
 
     def _finite(self, points: Array, code: float | None) -> Array:
         # a pose between samples, or of a skeleton, is not checked when the mesh is opened
@@ -247,6 +289,9 @@ def _open_checked(scene: SourceScene, mesh: Any, rest: float | None, place: Plac
     opened = AnimatedMesh(scene, mesh, rest, find_skinning(scene, mesh, place))
     if len(opened.triangles) == 0:
         place.refuse(path.format("", "no face has any area"))
+    why = explain_stillness(prim)
+    if why and opened.is_still():
+        warnings.warn(f"{scene.path}: {prim.GetPath()}: {why}", InputWarning, stacklevel=2)
     return opened
 
 

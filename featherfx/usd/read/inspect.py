@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pxr import UsdGeom, UsdSkel
 
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.usd.read.skinning import is_unmoved
+from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
 from featherfx.usd.read.stage import (
     SourceScene,
     broken_arcs,
@@ -65,7 +65,10 @@ class PrimReport:
     first and last time code of anything that moves it, skeletons included. samples: most that one
     of its own attributes has. joints: paths of a skeleton's. subsets: names of a mesh's. skeleton:
     that moves a mesh, empty where none does. prototypes: of an instancer. in_instance: lies within
-    a native instance.
+    a native instance. Of a mesh that a shot can take, else None: triangles: that are drawn. closed:
+    whether it is a volume. mirrored: whether transforms mirror it. subdivision: its scheme.
+    cage_distance: m, largest distance of its points to the subdivided surface. moves: first and
+    last time code at which points move. displacement: m, largest way of a point from the first.
     """
 
     path: str
@@ -83,6 +86,13 @@ class PrimReport:
     skeleton: str
     prototypes: tuple[str, ...]
     in_instance: bool
+    triangles: int | None = None
+    closed: bool | None = None
+    mirrored: bool | None = None
+    subdivision: str | None = None
+    cage_distance: float | None = None
+    moves: tuple[float, float] | None = None
+    displacement: float | None = None
 
 
 @dataclass(frozen=True)
@@ -123,7 +133,7 @@ def inspect_stage(path: str | Path) -> StageReport:
         kind = prim_kind(prim)
         if kind:
             with collect_errors(place):
-                prims.append(_prim_report(scene, prim, kind))
+                prims.append(_prim_report(scene, prim, kind, place))
     for what, why in (broken_files(scene.stage) | broken_arcs(scene.stage)).items():
         place.child(what).fail(why)
     stage, default = scene.stage, scene.stage.GetDefaultPrim()
@@ -146,12 +156,9 @@ def _authored(stage: Any, name: str) -> float | None:
     return float(stage.GetMetadata(name)) if stage.HasAuthoredMetadata(name) else None
 
 
-def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
-    skeleton = None
-    if kind == "mesh":
-        found = compute(prim, UsdSkel.BindingAPI(prim).GetInheritedSkeleton)
-        if found and not compute(prim, is_unmoved, scene, prim):
-            skeleton = found.GetPrim()
+def _prim_report(scene: SourceScene, prim: Any, kind: str, place: Place) -> PrimReport:
+    surface = _open_surface(scene, prim, place) if kind == "mesh" else None
+    skeleton = None if surface is None else surface.skeleton
     is_mesh, is_skeleton, is_instancer = (
         kind == each for each in ("mesh", "skeleton", "instancer")
     )
@@ -167,7 +174,6 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
         else read_sized_array(places, rest_time(places), VECTOR_ARRAY)
     )
     moving = _moving(prim, kind)
-    bones = [] if skeleton is None else _moving(skeleton, "skeleton")
     return PrimReport(
         path=str(prim.GetPath()),
         kind=kind,
@@ -176,7 +182,7 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
         parts=len(joints) if is_skeleton else _parts(prim, kind),
         size=_size(scene, prim, points),
         box=_box(points),
-        sampled=sampled_range(prim, [*moving, *bones]),
+        sampled=sampled_range(prim, moving) if surface is None else surface.sampled,
         samples=max((len(read_times(each)) for each in moving), default=0),
         primvars=_primvars(prim),
         joints=tuple(joints),
@@ -184,7 +190,30 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
         skeleton="" if skeleton is None else str(skeleton.GetPath()),
         prototypes=tuple(map(str, prototypes)),
         in_instance=bool(prim.IsInstanceProxy()),
+        **({} if surface is None else _surface_facts(surface)),
     )
+
+
+def _open_surface(scene: SourceScene, prim: Any, place: Place) -> AnimatedMesh | None:
+    """Return a mesh as skins and colliders are read; None, after adding problems, if it is not."""
+    if not prim.IsDefined() or prim.IsAbstract():
+        return None
+    with collect_errors(place):
+        return open_mesh(scene, str(prim.GetPath()), None, place)
+    return None
+
+
+def _surface_facts(surface: AnimatedMesh) -> dict[str, Any]:
+    displacement = surface.displacement()
+    return {
+        "triangles": len(surface.triangles),
+        "closed": bool(surface.closed.all()),
+        "mirrored": surface.mirrored,
+        "subdivision": surface.scheme,
+        "cage_distance": surface.cage_distance(),
+        "moves": surface.sampled if displacement > 0.0 else None,
+        "displacement": displacement,
+    }
 
 
 def _places(prim: Any) -> Any:

@@ -32,7 +32,6 @@ from featherfx.usd.read.stage import (
     find_prim,
     list_times,
     rest_time,
-    sampled_range,
 )
 from featherfx.usd.read.values import describe_time, usd_errors
 
@@ -308,7 +307,7 @@ class RibbonMesh(AnimatedMesh):
         rest: float | None,
     ) -> None:
         self._begin(scene, prim, ribbons, rest)
-        self.sampled = sampled_range(prim, ribbons.attributes())
+        self._find_times(ribbons.attributes())
         sound = ~is_flat(self.rest, ribbons.triangles)
         self.triangles, self.st = ribbons.triangles[sound], None
         self.places = self.triangles

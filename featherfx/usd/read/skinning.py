@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel, Vt
 
 from featherfx.algebra.types import Array, Floats, Indices
-from featherfx.errors import InputWarning
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
@@ -27,6 +25,13 @@ from featherfx.usd.read.values import (
     usd_errors,
 )
 
+# properties of a mesh that a skeleton or its blend shapes move; the first two are inherited
+_BINDINGS = (
+    "skel:skeleton",
+    "skel:animationSource",
+    "primvars:skel:jointIndices",
+    "skel:blendShapeTargets",
+)
 _MISFIT = "joints, weights and bind pose do not fit"
 
 
@@ -247,29 +252,46 @@ def find_joint_points(scene: SourceScene, skeleton: Any, joint: int) -> Array:
 
 
 def find_skinning(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
-    """The skinning of a mesh, None where no skeleton moves it; an InputWarning tells one that names
-    a skeleton and is not moved by it. Raises InputError."""
+    """The skinning of a mesh, None where no skeleton moves it. Raises InputError."""
     with usd_errors(mesh.GetPrim()):
-        is_unmoved(scene, mesh.GetPrim())
         return _find_skeleton(scene, mesh, place)
 
 
-def is_unmoved(scene: SourceScene, prim: Any) -> bool:
-    """Warn of a mesh whose joint influences USD ignores; return whether it is one."""
-    skeleton, root = UsdSkel.BindingAPI(prim).GetInheritedSkeleton(), UsdSkel.Root.Find(prim)
-    influences = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("skel:jointIndices")
-    if not skeleton or not influences.HasValue():
-        return False
-    why, above = "USD skins only what is below a SkelRoot", prim.GetParent()
-    while root and above.IsA(UsdGeom.Imageable) and above != root.GetPrim():
+def explain_stillness(prim: Any) -> str:
+    """Return what should move a mesh that stands still, and why it does not.
+
+    Empty for a mesh that names no skeleton, joints or blend shapes.
+    """
+    named = [name for name in _BINDINGS if prim.GetProperty(name)]
+    above = prim.GetParent()
+    while above and not above.IsPseudoRoot():
+        named += [name for name in _BINDINGS[:2] if above.GetProperty(name)]
         above = above.GetParent()
-    if root and above == root.GetPrim():
-        return False
-    if root:
-        why = f"USD skins nothing below {above.GetPath()}, which is no Xform or Scope"
-    told = f"is bound to {skeleton.GetPath()} and stands still: {why}"
-    warnings.warn(f"{scene.path}: {prim.GetPath()}: {told}", InputWarning, stacklevel=2)
-    return True
+    if not named:
+        return ""
+    root, skeleton = UsdSkel.Root.Find(prim), UsdSkel.BindingAPI(prim).GetInheritedSkeleton()
+    why = "no joint or blend shape of it moves"
+    # properties of a prim without the schema are ignored
+    unread = [each for each in (prim, skeleton.GetPrim()) if each and _lacks_schema(each)]
+    if unread:
+        why = f"SkelBindingAPI is not applied to {unread[0].GetPath()}"
+    elif not skeleton:
+        why = "skel:skeleton names no skeleton"
+    elif not root:
+        why = "USD skins only what is below a SkelRoot"
+    else:
+        above = prim.GetParent()
+        while above.IsA(UsdGeom.Imageable) and above != root.GetPrim():
+            above = above.GetParent()
+        if above != root.GetPrim():
+            why = f"USD skins nothing below {above.GetPath()}, which is no Xform or Scope"
+    bound = f"is bound to {skeleton.GetPath()}" if skeleton else f"has {named[0]}"
+    return f"{bound} and stands still: {why}"
+
+
+def _lacks_schema(prim: Any) -> bool:
+    has_any = any(prim.GetProperty(name) for name in _BINDINGS)
+    return has_any and not prim.HasAPI(UsdSkel.BindingAPI)
 
 
 def _find_skeleton(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:

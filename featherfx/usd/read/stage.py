@@ -376,12 +376,20 @@ def list_times(attribute: Any) -> list[Any]:
     return default + [Usd.TimeCode(time) for time in read_times(attribute)]
 
 
+def list_motion_times(prim: Any, attributes: Sequence[Any]) -> list[float]:
+    """Return all time codes with samples of attributes that vary, or transforms of a prim.
+
+    None where all are constant, as one with a single sample is.
+    """
+    every = [each for each in (*attributes, *list_transforms(prim)) if each]
+    varying = [read_times(each) for each in every if compute(each, each.ValueMightBeTimeVarying)]
+    return sorted({code for times in varying if len(times) > 1 for code in times})
+
+
 def sampled_range(prim: Any, attributes: Sequence[Any]) -> tuple[float, float] | None:
-    """Return first and last time code with samples of attributes, or transforms of a prim."""
-    every = [read_times(each) for each in (*attributes, *list_transforms(prim))]
-    # a single sample is a constant
-    moving = [each for each in every if len(each) > 1]
-    return (min(each[0] for each in moving), max(each[-1] for each in moving)) if moving else None
+    """Return the first and the last of list_motion_times; None without any."""
+    times = list_motion_times(prim, attributes)
+    return (times[0], times[-1]) if times else None
 
 
 def check_transforms(scene: SourceScene, prim: Any, place: Place) -> None:

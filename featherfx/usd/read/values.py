@@ -221,11 +221,20 @@ def read_texts(attribute: Any, code: Any = DEFAULT_TIME) -> list[str]:
 
 
 def read_times(attribute: Any) -> list[float]:
-    """Return time codes of the samples of an attribute, in order; none without it."""
+    """Return time codes of the samples of an attribute, in order; none without it.
+
+    A spline has its knots; a value that USD finds elsewhere has the ends of the stage's range.
+    """
     if not attribute:
         return []
     with usd_errors(attribute):
         times = list(attribute.GetTimeSamples())
+        if not times and attribute.ValueMightBeTimeVarying():
+            if hasattr(attribute, "HasSpline") and attribute.HasSpline():
+                times = list(attribute.GetSpline().GetKnots())
+            else:
+                stage = attribute.GetStage()
+                times = [stage.GetStartTimeCode(), stage.GetEndTimeCode()]
     if times and not np.isfinite(times).all():
         raise fault(attribute, f"has samples at time codes that are no numbers: {times}")
     return times
@@ -240,10 +249,13 @@ def read_targets(relationship: Any) -> list[Any]:
 def read_matrix(prim: Any, code: Any) -> Array:
     """Return (4, 4) from local space of a prim to the stage's, row vectors.
 
-    By default an operation that has only samples is at its first, and so are all others.
+    By default, where an operation has only samples, all are at the first of these.
     """
-    if code.IsDefault() and any(read_value(each) is None for each in list_transforms(prim)):
-        code = EARLIEST_TIME
+    if code.IsDefault() or code.IsEarliestTime():
+        transforms = list(list_transforms(prim))
+        if code.IsEarliestTime() or any(read_value(each) is None for each in transforms):
+            first = [times[0] for each in transforms if (times := read_times(each))]
+            code = Usd.TimeCode(min(first)) if first else DEFAULT_TIME
     with usd_errors(prim):
         found = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code)
     return np.array(found)
