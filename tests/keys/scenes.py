@@ -902,6 +902,9 @@ SCENES = {
 # keys that other tests show: parts of paths, and where
 ELSEWHERE = {
     "skin.usd": "tests/usdin/test_usd_skin.py",
+    ".variant_sets": "tests/usdin/test_stage_choices.py",
+    ".purposes": "tests/usdin/test_stage_choices.py",
+    ".invisible": "tests/usdin/test_stage_choices.py",
     "max_feathers": "tests/usdin/test_plumage_regions.py",
     ".where.": "tests/usdin/test_plumage_regions.py",
     "kind.where": "tests/usdin/test_plumage_regions.py",

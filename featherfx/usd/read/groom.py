@@ -18,7 +18,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.condensed import DrawnBarbs
 from featherfx.groom.read.readers import DrawnFeather
 from featherfx.usd.read.curves import CurveElement, PrimvarReader, read_prim_curves
-from featherfx.usd.read.drawn_meshes import Instances, instance_matrices, refuse_rings
+from featherfx.usd.read.drawn_meshes import Instances, find_hidden, instance_matrices, refuse_rings
 from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.stage import (
     SourceScene,
@@ -74,7 +74,7 @@ def read_feathers(
     feathers: list[DrawnFeather] = []
     at_file = Place(str(path), "", problems)
     with problems.collecting(), errors_at(place):
-        for prim in [prim for root in roots for prim in _sources(scene, root)]:
+        for prim in [prim for root in roots for prim in _sources(scene, root, entry)]:
             with problems.collecting(), errors_at(place):
                 feathers += _read_prim(scene, prim, entry, at_file)
     problems.hand_on()
@@ -85,8 +85,11 @@ def read_feathers(
     return path, feathers
 
 
-def _sources(scene: SourceScene, root: Any) -> Iterator[Any]:
-    """Yield curves and instancers at a prim or below, without prototypes of instancers."""
+def _sources(scene: SourceScene, root: Any, entry: dict[str, Any]) -> Iterator[Any]:
+    """Yield curves and instancers at a prim or below, as they are drawn.
+
+    Prototypes of instancers are left out.
+    """
     found = [
         prim
         for prim in prims_below(root)
@@ -99,7 +102,10 @@ def _sources(scene: SourceScene, root: Any) -> Iterator[Any]:
         for target in read_targets(UsdGeom.PointInstancer(prim).GetPrototypesRel())
     ]
     for prim in found:
-        if not any(prim.GetPath().HasPrefix(each) for each in prototypes):
+        is_named = str(prim.GetPath()) in entry["prims"]
+        if any(prim.GetPath().HasPrefix(each) for each in prototypes):
+            continue
+        if is_named or not find_hidden(prim, entry):
             yield prim
 
 

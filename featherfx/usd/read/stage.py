@@ -249,22 +249,29 @@ def choose_variants(scene: SourceScene, chosen: Mapping[str, str], place: Place)
 
     The stage's files stay as they are. Raises InputError at the place of the table.
     """
+    variants: dict[str, set[str]] = {}
+    is_open = bool(chosen)
+    with Usd.EditContext(scene.stage, scene.stage.GetSessionLayer()):
+        while is_open:  # a variant may hold prims with sets of their own
+            is_open = False
+            for prim in list(scene.stage.TraverseAll()):
+                # it may have gone with another choice
+                own_sets = prim.GetVariantSets().GetNames() if prim else ()
+                for name in set(own_sets) & set(chosen):
+                    own = prim.GetVariantSet(name)
+                    variants.setdefault(name, set()).update(own.GetVariantNames())
+                    wanted = chosen[name] in own.GetVariantNames()
+                    if wanted and own.GetVariantSelection() != chosen[name]:
+                        own.SetVariantSelection(chosen[name])
+                        is_open = True
     problems = Problems()
     for name, variant in chosen.items():
-        owners, known = [], set()
-        for prim in scene.stage.TraverseAll():
-            if name in prim.GetVariantSets().GetNames():
-                owners.append(prim.GetPath())
-                known |= set(prim.GetVariantSet(name).GetVariantNames())
         at = replace(place.child(name), problems=problems)
-        if not owners:
+        if name not in variants:
             sets = describe_variants(scene) or "The stage has no variant sets"
             at.fail(f"no variant set '{name}' in {scene.path}. {sets}")
-        elif variant not in known:
-            at.unknown(f"'{name}' has no variant '{variant}'", variant, known)
-        with Usd.EditContext(scene.stage, scene.stage.GetSessionLayer()):
-            for path in owners if variant in known else ():
-                scene.stage.GetPrimAtPath(path).GetVariantSet(name).SetVariantSelection(variant)
+        elif variant not in variants[name]:
+            at.unknown(f"'{name}' has no variant '{variant}'", variant, variants[name])
     problems.raise_any()
     return replace(scene, variant_sets=chosen)
 
