@@ -23,9 +23,9 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class StageRead:
-    """What was taken of a stage. file: of it. path: prim that was named, or the root.
+    """Account of one reading. file: of the stage. path: prim that was named, or the root.
 
-    role: what it was read as, such as skin. taken: number of that. motion: how it moves, in words.
+    role: purpose, such as skin. taken: number of prims. motion: in words.
     """
 
     file: str

@@ -18,6 +18,7 @@ ORDER = (
     "errors",
     "limits",
     "phases",
+    "provenance",
     "packages",
     "files",
     "jit",
