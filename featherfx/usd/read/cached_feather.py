@@ -186,7 +186,7 @@ def read_mesh_feathers(mesh: Any) -> list[tuple[FeatherMember, CachedFeather]]:
     whole = replace(whole, subsets={name: np.sort(each) for name, each in whole.subsets.items()})
     own = [_cut_feather(whole, member, slice(*cuts[k : k + 2])) for k, member in enumerate(members)]
     if not all(own):
-        told = "do not fit the faces, which name points of other feathers"
+        told = "do not fit the faces, which name points of other feathers. Bake it again"
         raise fault(prim.GetAttribute(f"{RANGES_PREFIX}:points"), told)
     return [
         (member, replace(each, look=_read_look(prim, member.look), barb_count=member.barb_count))
