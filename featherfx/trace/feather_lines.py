@@ -154,9 +154,10 @@ def drawn_shaft(
     laid: AlignedPicture, pixels: Sequence[tuple[float, float]], source: str
 ) -> ShaftLine:
     """The shaft through columns and rows of the photo, from base to tip. Raises InputError."""
-    places = laid.from_photo(np.array(pixels, dtype=np.float64))
+    given = np.array(pixels, dtype=np.float64)
+    places = laid.from_photo(given) if np.isfinite(given).all() else given[:0]
     if len(places) < 2 or (np.diff(places[:, 0]) <= 0.0).any():
-        message = "needs two points or more, COLUMN,ROW from base to tip"
+        message = "needs two points or more, COLUMN,ROW from base to tip, all of them numbers"
         raise InputError(Problem(source, "shaft", message))
     line = CubicSpline if len(places) > 2 else PchipInterpolator
     along = np.linspace(places[0, 0], places[-1, 0], _FINE)

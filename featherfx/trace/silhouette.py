@@ -80,7 +80,7 @@ def read_photo(path: Path) -> Photo:
                 raise InputError(Problem(str(path), "", told))
             shrunk = max(1.0, max(image.size) / _SIDE)
             size = round(image.width / shrunk), round(image.height / shrunk)
-            pixels = np.asarray(image.convert("RGBA").resize(size), dtype=np.float64) / 255.0
+            pixels = np.asarray(_as_rgba(image).resize(size), dtype=np.float64) / 255.0
     except FileNotFoundError:
         raise InputError(Problem(str(path), "", "file does not exist. Check the path")) from None
     except (OSError, Image.DecompressionBombError) as error:
@@ -90,6 +90,16 @@ def read_photo(path: Path) -> Photo:
     alpha = pixels[..., 3]
     opaque = alpha > 0.5 if alpha.min() < 0.5 else None
     return Photo(path, pixels[..., :3], opaque, shrunk)
+
+
+def _as_rgba(image: Image.Image) -> Image.Image:
+    """The picture in 8 bits a channel; Pillow cuts off what is above 255 of 16 bits or floats."""
+    if image.mode.startswith(("I", "F")):
+        values = np.asarray(image, dtype=np.float64)
+        low, high = float(values.min()), float(values.max())
+        grey = 255.0 * (values - low) / max(high - low, 1e-12)
+        image = Image.fromarray(np.round(grey).astype(np.uint8))
+    return image.convert("RGBA")
 
 
 def silhouette(photo: Photo, threshold: float | None) -> Flags:

@@ -6,6 +6,7 @@ of a base preset, and so are barb angles where no barbs show.
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -335,9 +336,11 @@ def _drawn(found: _Outlines, feather: Feather) -> Flags:
     return np.asarray(image).T
 
 
-def _clean(mask: Flags, line: ShaftLine) -> Flags:
-    """Without hairs, notches, and the calamus."""
+def _clean(mask: Flags, line: ShaftLine, calamus: float) -> Flags:
+    """Without hairs, notches, and the calamus, a fraction of the length."""
     reach = max(1, round(0.5 * _HAIR * line.length))
+    begin = max(0, math.floor(line.places[0][0] + calamus * line.length))
+    mask = np.concatenate([np.zeros_like(mask[:begin]), mask[begin:]])
     grown = ndimage.binary_closing(np.pad(mask, reach + 1), iterations=reach)
     return ndimage.binary_opening(grown, iterations=reach)[
         reach + 1 : -reach - 1, reach + 1 : -reach - 1
@@ -346,7 +349,8 @@ def _clean(mask: Flags, line: ShaftLine) -> Flags:
 
 def _deviation(found: _Outlines, feather: Feather) -> float:
     """Greatest distance between the feather's edge and the silhouette's, in lengths."""
-    own, wanted = (_clean(each, found.line) for each in (_drawn(found, feather), found.laid.mask))
+    masks = _drawn(found, feather), found.laid.mask
+    own, wanted = (_clean(each, found.line, found.calamus) for each in masks)
     if not own.any():
         return np.inf
     worst = 0.0

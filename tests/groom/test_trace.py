@@ -97,6 +97,26 @@ def test_a_calamus_that_grain_hides_is_found(tmp_path):
     assert kind(out.read_text()).calamus == pytest.approx(true.calamus, abs=0.02)
 
 
+@pytest.mark.parametrize(
+    ("name", "size"), [("jpg", 500), ("jpg", 250), ("grey16.png", 500), ("grey.tif", 500)]
+)
+def test_other_kinds_of_files_are_as_good(tmp_path, name, size):
+    """JPEG smears a thin calamus; 16 bits and floats are no whites."""
+    true = kind('base = "swan_primary"\n')
+    image, _ = photos.picture(true, 0.2, size=size, noise=1.0)
+    if name.startswith("grey"):
+        grey = np.asarray(image, dtype=np.float64).mean(axis=-1)
+        image = Image.fromarray(
+            (257.0 * grey).astype(np.uint16) if "16" in name else grey.astype(np.float32)
+        )
+    photo, out = tmp_path / f"photo.{name}", tmp_path / "found.toml"
+    image.save(photo, **({"quality": 80} if name == "jpg" else {}))
+    result = invoke("trace", photo, "-o", out, "--length", "0.35")
+    assert result.exit_code == 0, result.output
+    assert float(result.output.split("within ")[1].split(" %")[0]) < 2.0
+    assert kind(out.read_text()).calamus == pytest.approx(true.calamus, abs=0.03)
+
+
 def test_a_mask_needs_its_shaft_and_keeps_the_base_s_barbs(tmp_path):
     true = kind('base = "swan_primary"\n')
     image, shaft = photos.picture(true, 0.3, textured=False)
@@ -163,6 +183,8 @@ def halves():
         (disc(), (), 1, "about as wide as long"),
         (stain(), ("--shaft", "45,110 500,110"), 1, "photo.png: what was found is no feather"),
         (plain((200, 300)), ("--shaft", "1,2 x"), 2, "no list of pixels"),
+        (stain(), ("--shaft", "nan,nan 3,4"), 1, "shaft: needs two points or more, COLUMN,ROW"),
+        (stain(), ("--shaft", "1,2 inf,4"), 1, "shaft: needs two points or more, COLUMN,ROW"),
         (plain((200, 300)), ("--threshold", "2"), 2, "threshold"),
         (plain((200, 300)), ("--base", "nobody"), 1, "nobody"),
     ],
