@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from featherfx.usd.check.judge import judge_cache as judge_cache
     from featherfx.usd.check.measures import count_crossings as count_crossings
     from featherfx.usd.check.measures import measure_holes as measure_holes
+    from featherfx.usd.check.plumage import measure_plumage as measure_plumage
     from featherfx.usd.convert.levels import export_levels as export_levels
     from featherfx.usd.convert.retime import retime as retime
     from featherfx.usd.convert.rigid import export_rigid as export_rigid
@@ -47,6 +48,7 @@ _HOMES = {
     "join": "featherfx.baking.shares",
     "judge_cache": "featherfx.usd.check.judge",
     "measure_holes": "featherfx.usd.check.measures",
+    "measure_plumage": "featherfx.usd.check.plumage",
     "plan": "featherfx.baking.plan",
     "plumage_stats": "featherfx.baking.stats",
     "read_shot": "featherfx.api",

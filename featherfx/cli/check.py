@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     featherfx check presets/feather/*.toml wing.usdc
     featherfx check --crossings pigeon.usdc --frames 1-24
     featherfx check --holes top wing.usdc
+    featherfx check --plumage pigeon.usdc --skin samples/pigeon/body.usdc /pigeon/body
     featherfx check --explain samples/swan_wing/shot.toml
     """,
 )
@@ -51,6 +52,17 @@ if TYPE_CHECKING:
     "--holes",
     type=click.Choice(("top", "side", "front")),
     help="Find holes in the outline of one USD file, seen so.",
+)
+@click.option(
+    "--plumage",
+    is_flag=True,
+    help="Measure how the contour feathers of one cache lie on a skin, tract by tract.",
+)
+@click.option(
+    "--skin",
+    type=(readable_path(), str),
+    metavar="FILE PRIM",
+    help="With --plumage, the skin: a USD file and its mesh.",
 )
 @click.option("--strict", is_flag=True, help="Exit with 1 where a cache passes a bound, too.")
 @click.option(
@@ -69,7 +81,8 @@ def check(
     style: str,
     explain: bool,
     feather: str | None,
-    strict: bool,
+    plumage: bool,
+    skin: tuple[Path, str] | None,
     **options: Any,
 ) -> None:
     """Check grooms, presets and shots (TOML) and USD files.
@@ -92,11 +105,19 @@ def check(
     between it and the belly, is told apart: 0.4 of its rim is skin without feathers, or a fifth is
     feathers of thighs and a fifth others.
 
+    With --plumage, prints of each tract, and of all contour feathers (whose ids name neither wing
+    nor tail), the angle of rachises to the skin at their middle and tip, the heights of tips over
+    the skin, how much feathers overlap, and how many pairs intersect, at one frame (--frames,
+    default the first).
+
     With --explain, prints how each feather of a shot is simulated, and the key, preset, table or
     rule that each option comes from; feathers that are alike share a line.
     """
-    asked = {name: options.pop(name) for name in _TOLD}
-    wanted = [name for name, value in asked.items() if value] + ["explain"] * explain
+    asked, strict = {name: options.pop(name) for name in _TOLD}, options.pop("strict")
+    wanted = [name for name, value in asked.items() if value]
+    wanted += ["explain"] * explain + ["plumage"] * plumage
+    if plumage != (skin is not None):
+        raise click.UsageError("--plumage and --skin FILE PRIM go together")
     if feather and not explain:
         raise click.UsageError("--feather needs --explain")
     if len(wanted) > 1 or (wanted and len(files) != 1):
@@ -107,6 +128,14 @@ def check(
         told = pipeline.explain_options(files[0], preset_folders, feather)
         whole = json.dumps({"feathers": told}, indent=2)
         click.echo(whole if options["as_json"] else "\n".join(pipeline.explained_lines(told)))
+        return
+    if skin is not None:
+        if options["jobs"]:
+            raise click.UsageError("--jobs goes with --crossings")
+        with Progress("files", style):
+            tracts = pipeline.measure_plumage(files[0], *skin, options["frames"])
+        lines = (_plumage_line(tract, each) for tract, each in tracts.items())
+        click.echo(json.dumps(tracts, indent=2) if options["as_json"] else "\n".join(lines))
         return
     if wanted:
         _measure(wanted[0], files[0], style, asked["holes"], **options)
@@ -138,6 +167,16 @@ def _caches(files: Sequence[Path]) -> Iterator[Path]:
     """Yield the files that are caches of featherfx."""
     some = [file for file in files if file.suffix in (".usd", ".usda", ".usdc")]
     return (file for file in some if pipeline.is_cache(file))
+
+
+def _plumage_line(tract: str, each: dict[str, float]) -> str:
+    return (
+        f"{tract}: {each['feathers']} feathers at {each['angle_mid_p50']:.1f} degrees (90 %:"
+        f" {each['angle_mid_p90']:.1f}; tips {each['angle_tip_p50']:.1f}), tips up to"
+        f" {100.0 * each['tip_height_p90']:.0f} % of the length (90 %) over the skin and"
+        f" {1e3 * each['neighbour_height_p50']:.2g} mm apart, overlap {each['overlap']:.2g},"
+        f" {each['intersecting_pairs']} pairs intersect"
+    )
 
 
 class _Told(NamedTuple):

@@ -1,0 +1,175 @@
+"""Measures of a contour plumage over its skin, tract by tract.
+
+Normals of the skin are averaged over the eight nearest of 200,000 samples, whose own are those of
+its points, weighted by corner angles. Contour feathers are those whose ids name neither wing nor
+tail; a neighbour is one of the three nearest tips. Of each tract, and of `all`:
+
+    angle_mid, angle_tip     of the rachis to the skin, at its middle and its tip, degrees
+    tip_height               of tips over the skin, of the length
+    neighbour_height         by which neighbouring tips differ in that, m
+    overlap                  L sqrt(n / A): mean length, number, area of the skin, which is where a
+                             root of the tract is the nearest, and nearer than its feather is long
+    intersecting_pairs       of feathers whose vanes intersect, one of the tract; of `all`, any
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import unit
+from featherfx.errors import InputError, Problem
+from featherfx.feather.crossings import find_intersections, make_patches
+from featherfx.feather.types import RACHIS_PART
+from featherfx.usd.check.judge_kernels import find_nodes
+from featherfx.usd.check.measures import choose_frames
+from featherfx.usd.check.tracks import RACHIS, find_tracks
+from featherfx.usd.read.cache import Cache, CachedScene
+from featherfx.usd.read.opening import open_stage
+
+_SAMPLES, _NEAREST, _NEIGHBOURS = 200_000, 8, 3
+_NO_AREA = 1e-12  # m^2
+_SOFTEST = 1e-4  # m, added to the distances of samples by whose inverse they count
+_INNER_PARTS = ("wing", "tail")  # in ids of feathers that are not of the contour plumage
+
+
+class _Skin(NamedTuple):
+    """Samples of a skin: (N, 3) m, unit normals, and the area that each stands for, m^2."""
+
+    points: Array
+    normals: Array
+    area: float
+
+
+def measure_plumage(
+    path: str | Path, skin: str | Path, prim: str, frames: tuple[int, int] | None = None
+) -> dict[str, dict[str, float]]:
+    """Return the measures of each tract of a cache, and of `all`.
+
+    frames: the first of them is measured; default: the first of the cache. Raises InputError where
+    the skin has no such mesh, or the cache no contour feathers.
+    """
+    cache = Cache(path)
+    code = choose_frames(cache, str(path), frames)[0]
+    samples = _sample_skin(cache, Path(skin), prim, code)
+    rachises = {
+        id: (region, points) for id, region, points in _read_rachises(Path(path), cache, code)
+    }
+    contour = [id for id in rachises if not any(part in id for part in _INNER_PARTS)]
+    if not contour:
+        raise InputError(Problem(str(path), "", "holds no contour feathers. Give a plumage"))
+    tree = cKDTree(samples.points)
+    rows = [_measure_rachis(rachises[id][1], tree, samples) for id in contour]
+    middle, tip, height, length = np.array(rows).T
+    tips = np.stack([rachises[id][1][-1] for id in contour])
+    count = min(_NEIGHBOURS, len(tips) - 1)
+    _, near = cKDTree(tips).query(tips, k=count + 1)
+    steps = np.abs(height[:, None] - height[near.reshape(len(tips), -1)[:, 1:]])
+    far, owner = cKDTree(np.stack([rachises[id][1][0] for id in contour])).query(samples.points)
+    areas = samples.area * np.bincount(owner[far < length[owner]], minlength=len(contour))
+    regions = np.array([rachises[id][0] for id in contour])
+    pairs = _intersecting_pairs(cache, code)
+    found = {}
+    for tract in ("all", *sorted({*regions.tolist()} - {""})):
+        own = np.ones(len(contour), dtype=bool) if tract == "all" else regions == tract
+        size = length[own].mean() * np.sqrt(own.sum() / max(areas[own].sum(), _NO_AREA))
+        found[tract] = {
+            "feathers": int(own.sum()),
+            "angle_mid_p50": float(np.median(middle[own])),
+            "angle_mid_p90": float(np.percentile(middle[own], 90)),
+            "angle_tip_p50": float(np.median(tip[own])),
+            "tip_height_p90": float(np.percentile(height[own] / length[own], 90)),
+            "neighbour_height_p50": float(np.median(steps[own])) if count else 0.0,
+            "overlap": float(size),
+            "intersecting_pairs": sum(tract == "all" or tract in pair for pair in pairs),
+        }
+    return found
+
+
+def _measure_rachis(points: Array, tree: Any, skin: _Skin) -> tuple[float, float, float, float]:
+    """Return angles at middle and tip, degrees, height of the tip and length, m."""
+    distance, near = tree.query(points, k=_NEAREST)
+    weights = 1.0 / (distance + _SOFTEST)
+    weights /= weights.sum(axis=1, keepdims=True)
+    normal = unit(np.einsum("nk,nkc->nc", weights, skin.normals[near]))
+    foot = np.einsum("nk,nkc->nc", weights, skin.points[near])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    rise = np.sum(unit(np.gradient(points, axis=0)) * normal, axis=1)
+    angles = np.degrees(np.arcsin(np.clip(rise, -1.0, 1.0)))
+    middle = np.interp(0.5 * along[-1], along, angles)
+    height = np.sum((points[-1] - foot[-1]) * normal[-1])
+    return abs(float(middle)), abs(float(angles[-1])), float(height), float(along[-1])
+
+
+def _read_rachises(
+    path: Path, cache: Cache, code: float | None
+) -> Iterator[tuple[str, str, Array]]:
+    """Yield id, region and points (n, 3) m of each rachis at a time code."""
+    for track in find_tracks(open_stage(path)):
+        strands, nodes = track.strands, np.empty((len(track.strands.node_first) - 1, 3))
+        points = track.reader.read("points", code)
+        find_nodes(track.shape.rest if points is None else points, strands, nodes)
+        matrix = cache.meters_per_unit * track.reader.at_rest
+        for k in np.flatnonzero(strands.kind == RACHIS).tolist():
+            own = slice(*strands.first[k : k + 2])
+            chain = np.append(strands.start[own], strands.end[own][-1])
+            feather = track.labels[strands.feather[k]]
+            yield feather.id, feather.region, nodes[chain] @ matrix[:3, :3] + matrix[3, :3]
+
+
+def _sample_skin(cache: Cache, file: Path, prim: str, code: float | None) -> _Skin:
+    """Return samples of a skin at a time code of a cache, evenly by area."""
+    other = Cache(file)
+    chosen = [k for k, each in enumerate(other.feathers) if each.path == prim]
+    if not chosen:
+        raise InputError(Problem(str(file), prim, "is no visible mesh of this file"))
+    rate = other.frames_per_second / cache.frames_per_second
+    known = {each["prim"]: each for each in cache.scenery}.get(prim, {})
+    times = known.get("start", 0.0), known.get("first", 0.0), rate if known else 1.0
+    (points,) = CachedScene(other, chosen, *times, known.get("rest")).points(code)
+    if other.up_axis != cache.up_axis:
+        signs = (1.0, 1.0, -1.0) if cache.up_axis == "Y" else (1.0, -1.0, 1.0)
+        points = points[:, [0, 2, 1]] * signs
+    corners = points[other.feathers[chosen[0]].triangles]
+    normals = _point_normals(points, other.feathers[chosen[0]].triangles)
+    sizes = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    random = np.random.default_rng(1)
+    face = np.searchsorted(np.cumsum(sizes), random.random(_SAMPLES) * sizes.sum())
+    face = np.minimum(face, len(sizes) - 1)
+    first, second = np.sqrt(random.random(_SAMPLES)), random.random(_SAMPLES)
+    weights = np.stack([1.0 - first, first * (1.0 - second), first * second], axis=1)
+    own = other.feathers[chosen[0]].triangles[face]
+    return _Skin(
+        np.einsum("nk,nkc->nc", weights, corners[face]),
+        unit(np.einsum("nk,nkc->nc", weights, normals[own])),
+        float(sizes.sum()) / _SAMPLES,
+    )
+
+
+def _point_normals(points: Array, triangles: Indices) -> Array:
+    """Return (V, 3) unit normals, the mean of those of faces, by their angles at a point."""
+    corners, sums = points[triangles], np.zeros_like(points)
+    normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    for k in range(3):
+        sides = [unit(corners[:, (k + step) % 3] - corners[:, k]) for step in (1, 2)]
+        angle = np.arccos(np.clip(np.sum(sides[0] * sides[1], axis=1), -1.0, 1.0))
+        np.add.at(sums, triangles[:, k], angle[:, None] * normal)
+    return unit(sums)
+
+
+def _intersecting_pairs(cache: Cache, code: float | None) -> list[tuple[str, str]]:
+    """Return the regions of every two feathers whose vanes intersect."""
+    every = range(len(cache.feathers))
+    points, each = cache.points_of(every, code), cache.feathers
+    patches = make_patches(
+        [(points[k], each[k].triangles, each[k].side == RACHIS_PART, k) for k in every]
+    )
+    found = find_intersections(np.concatenate(points), patches)
+    return [(each[a].region, each[b].region) for a, b in found.owners[found.vanes > 0].tolist()]
