@@ -175,5 +175,5 @@ def _bake(shot: Path, style: str, options: dict[str, Any]) -> list[str]:
         from featherfx.cli.bake_warnings import print_bake_notes
 
         print_bake_notes(result)
-    passed: list[str] = result["bounds_passed"]
+    passed: list[str] = result.get("bounds_passed", [])
     return passed
