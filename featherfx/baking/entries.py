@@ -18,9 +18,10 @@ from featherfx.errors import Problem, all_of, require
 from featherfx.feather.barb_looks import drawn_barbs
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.colours import colour_feather
+from featherfx.feather.density import with_detail
+from featherfx.feather.leaves import build_feathers, lie_on_leaves
 from featherfx.feather.profiles import hooked_fraction, in_cells
 from featherfx.feather.render import barb_diameters, render_feather
-from featherfx.feather.shapes import build_feathers
 from featherfx.feather.types import Array, Feather, RowMap
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.looks import look_text
@@ -227,10 +228,11 @@ def drawn_entries(
     """
     grid, count = (quality.rows, quality.columns), drawn.barbs
     meshes = drawn.grid(quality)
+    coarse = build_feathers(groom.feathers, *grid)
     built: list[tuple[Feather, RowMap | None]]
     with phase("building", len(groom.feathers)) as done:
         if grid == meshes:
-            built = [(feather, None) for feather in build_feathers(groom.feathers, *grid)]
+            built = [(feather, None) for feather in coarse]
         else:
 
             def build(number: int, placement: Placement) -> tuple[Feather, RowMap | None]:
@@ -238,6 +240,14 @@ def drawn_entries(
                 return render_feather(placement.kind, grid, meshes, placement.mirrored)
 
             built = all_of(*(partial(build, *each) for each in enumerate(groom.feathers)))
+            fine = lie_on_leaves(groom.feathers, [feather for feather, _ in built])
+            built = [
+                (
+                    own,
+                    to_fine if to_fine is None or p.leaf is None else with_detail(to_fine, c, own),
+                )
+                for p, own, c, (_, to_fine) in zip(groom.feathers, fine, coarse, built, strict=True)
+            ]
     entries = entries_of(groom, [feather for feather, _ in built], static=False, skin=skin)
     for index, (placement, wet) in enumerate(
         zip(groom.feathers, last_fitting(wets, groom.feathers), strict=True)
@@ -245,6 +255,8 @@ def drawn_entries(
         barbs = None
         if count:
             barbs = drawn_barbs(placement.kind, grid, count, placement.mirrored, placement.id)
+            if placement.leaf is not None:
+                barbs = replace(barbs, points=barbs.points_map(coarse[index].rest))
             points = barbs.points @ placement.rotation.T + placement.position
             barbs = replace(barbs, points=points)
             if entries[index].colours is not None:

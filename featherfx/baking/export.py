@@ -17,7 +17,7 @@ from featherfx.baking.options import GroomOptions, takes
 from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import distinct_shapes
-from featherfx.feather.shapes import build_feathers
+from featherfx.feather.leaves import build_feathers
 from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.space import choose_origin
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter
@@ -58,11 +58,14 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
             raise InputError(Problem("groom", key, "not written of instances. Leave one out"))
     refuse_inputs(output_files(path, "payload"), read)
     groom = lay_out(groom)
+    if options.instances and groom.coat is not None:
+        message = "no two feathers of a [layout] have one shape. Leave instances or [layout] out"
+        raise InputError(Problem("groom", "instances", message))
     options = in_space(options, groom, None)
     metadata = metadata_of(groom, grid) | scenery_of_groom(groom, Path(path))
     first, chosen = distinct_shapes(groom.feathers)
     own = options.barbs or options.textures
-    repeat = not own and 3 * len(first) <= 2 * len(chosen)
+    repeat = not own and groom.coat is None and 3 * len(first) <= 2 * len(chosen)
     instanced = repeat if options.instances is None else options.instances
     refuse_too_large(groom, grid, options, str(groom_path), instanced)
     if instanced:

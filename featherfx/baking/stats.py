@@ -19,8 +19,7 @@ from featherfx.baking.entries import entries_of
 from featherfx.baking.trial import expected, time_of, work_of
 from featherfx.errors import InputWarning, all_of
 from featherfx.feather.build import distinct_shapes
-from featherfx.feather.layout.layout import cover, measure_layout
-from featherfx.feather.shapes import build_feathers
+from featherfx.feather.leaves import build_feathers
 from featherfx.groom.types import Groom
 from featherfx.phases import account
 from featherfx.shot.loop.run import drawn_feathers
@@ -31,8 +30,6 @@ from featherfx.usd.space import StageSpace
 from featherfx.usd.write.cache_writer import chunk_bytes
 from featherfx.usd.write.options import CHUNK_FRAMES, CONTACT_CHUNK_FRAMES
 from featherfx.usd.write.poses import make_posed_feathers
-
-_MAX_NAMED = 10
 
 
 def plumage_stats(
@@ -82,7 +79,6 @@ def _is_shot(path: Path) -> bool:
 
 def _of_groom(groom: Groom, quality: Quality) -> dict[str, Any]:
     first, shapes = distinct_shapes(groom.feathers)
-    report = measure_layout(groom)
     lengths = [feather.kind.length for feather in groom.feathers]
     used = Counter(shapes)
     built = build_feathers([groom.feathers[k] for k in first], quality.rows, quality.columns)
@@ -98,19 +94,20 @@ def _of_groom(groom: Groom, quality: Quality) -> dict[str, Any]:
         "quality": quality.name,
         "mesh_points": sum(points[shape] for shape in shapes),
         "mesh_points_of_shapes": sum(points),
-        "overlap": {
-            "pairs": len(report.pairs),
-            "neighbours_of_each": 2.0 * len(report.pairs) / len(groom.feathers),
-            "feathers_over_a_point": cover(groom),
-        },
-        "penetration": {
-            "pairs": len(report.unresolved),
-            "deepest": report.unresolved[0].depth if report.unresolved else 0.0,
-            "worst": [
-                {"feather": each.upper, "under": each.lower or "skin", "depth": each.depth}
-                for each in report.unresolved[:_MAX_NAMED]
-            ],
-        },
+        "layout": None if groom.coat is None else _layout_stats(groom),
+    }
+
+
+def _layout_stats(groom: Groom) -> dict[str, Any]:
+    """Counts of a coat: feathers that overlap, and those with less than the gap asked for."""
+    report = groom.coat.report
+    count = len(report.shares)
+    return {
+        "feathers": count,
+        "pairs": report.pairs,
+        "neighbours_of_each": 2.0 * report.pairs / count,
+        "feathers_with_smaller_gap": int((report.shares < 1.0).sum()),
+        "feathers_without_gap": int((report.shares == 0.0).sum()),
     }
 
 

@@ -11,7 +11,14 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, unit
 from featherfx.coat.carrier import Carrier, CoatMesh, pose_carrier
-from featherfx.coat.fields import MIN_PACE, Fields, Follicles, make_coat_mesh, make_fields
+from featherfx.coat.fields import (
+    MIN_PACE,
+    CoatSpacing,
+    Fields,
+    Follicles,
+    make_coat_mesh,
+    make_fields,
+)
 from featherfx.coat.forms import PlaneForms
 from featherfx.coat.leaf_kernels import (
     CarrierArrays,
@@ -27,6 +34,7 @@ _MIN_STRENGTH = 0.3
 # share of the curvature's sagitta that gaps make room for: chords of neighbours are bent alike
 _SAGITTA_SHARE = 0.5
 _FEATHERS_AT_ONCE = 64  # that a thread draws
+_USUAL_SPACING = CoatSpacing()
 
 
 @dataclass(frozen=True)
@@ -55,9 +63,9 @@ class Coat:
         return RootArrays(own.triangle, own.place, ways, self.values, self.depths)
 
     def arrays(self, carrier: Carrier, lift: Array | None = None) -> CarrierArrays:
-        """The carrier in a pose as kernels take it. lift: (V,) m, default 0."""
+        """The carrier in a pose as kernels take it. lift: (V,) m, besides the coat's own."""
         own, mesh = self.fields, self.mesh
-        raised = np.zeros(len(own.phi)) if lift is None else lift
+        raised = own.lift if lift is None else own.lift + lift
         columns = own.phi, own.gain, own.thickness, own.steepness, raised
         return CarrierArrays(
             points=carrier.points,
@@ -76,14 +84,16 @@ def _sides(carrier: Carrier, mesh: CoatMesh, triangle: Indices) -> Array:
     return np.asarray((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
 
 
-def grow_coat(points: Array, faces: Indices, follicles: Follicles) -> Coat:
+def grow_coat(
+    points: Array, faces: Indices, follicles: Follicles, spacing: CoatSpacing = _USUAL_SPACING
+) -> Coat:
     """Solve for the coat of feathers on a skin at rest, with the values of their follicles.
 
     points: (V, 3) m, each place once. faces: (T, 3).
     """
     mesh = make_coat_mesh(points, faces, follicles)
     rest = pose_carrier(mesh, points)
-    fields = make_fields(mesh, rest, follicles)
+    fields = make_fields(mesh, rest, follicles, spacing)
     normals = unit(follicles.corners(mesh, rest.normals[:, :3]))
     heading = unit(follicles.heading - dots(follicles.heading, normals)[:, None] * normals)
     sides = np.linalg.pinv(_sides(rest, mesh, follicles.triangle))
@@ -147,8 +157,8 @@ def draw(
 ) -> LeafArrays:
     """Draw feathers on their leaves over a carrier.
 
-    forms: of K feathers. numbers: (K,) their follicles, default all. lift: (V,) m, a at the
-    vertices. Returns arrays for K.
+    forms: of K feathers. numbers: (K,) their follicles, default all. lift: (V,) m, besides
+    the coat's own. Returns arrays for K.
     """
     chosen = np.arange(len(forms.steps)) if numbers is None else numbers
     count, _, rows, columns = forms.angles.shape

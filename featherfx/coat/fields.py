@@ -40,15 +40,18 @@ _ALONG = 0.15
 _MIN_WEIGHT, _HOLD = 1e-3, 1e-9
 # least growth of phi along the flow of feathers
 MIN_PACE = 0.2
-# thickness of the coat over the length of its feathers
-_THICKNESS = 0.08
 # steepness of leaves towards their tips: where the coat is sparse, and where it is dense
 _STEEPNESS, _DENSE_STEEPNESS = 1.0, 0.5
-# gap between leaves over the length of the feathers
-GAP = 0.0025
 # levels of leaves in use, of those that there are room for, from which on a coat is dense
 _CROWDED = 0.85
 _MIN_DENSITY = 1e-300  # 1/m^2, far from all follicles
+
+
+class CoatSpacing(NamedTuple):
+    """Thickness of a coat, and gap between its leaves, over the length of the feathers."""
+
+    thickness: float = 0.08
+    gap: float = 0.0025
 
 
 class Follicles(NamedTuple):
@@ -56,7 +59,7 @@ class Follicles(NamedTuple):
 
     triangle: (F,) and place: (F, 3) barycentric, on the skin. position: (F, 3) m. heading: (F, 3)
     of the rachis. length, width: (F,) m, of the feather. depth: (F,) m, of the follicle under the
-    skin.
+    skin. lift: (F,) m, by which tips around stand higher.
     """
 
     triangle: Indices
@@ -66,6 +69,7 @@ class Follicles(NamedTuple):
     length: Array
     width: Array
     depth: Array
+    lift: Array
 
     def corners(self, mesh: CoatMesh, values: Array) -> Array:
         """Interpolate values (V, ...) at the follicles."""
@@ -76,14 +80,15 @@ class Follicles(NamedTuple):
 class Fields(NamedTuple):
     """Fields at the V vertices of a skin.
 
-    phi, gain: m. thickness: m. steepness, gap: see coat and ties; gap in feather lengths. length:
-    m. density: 1/m^2. strength: (T,) 0 to 1, how well headings around agree. growth: (F,) of phi
-    along the heading at each follicle.
+    phi, gain, thickness, lift, length: m. steepness: k of leaves. gap: in feather lengths. density:
+    1/m^2. strength: (T,) 0 to 1, how well headings around agree. growth: (F,) of phi along the
+    heading at each follicle.
     """
 
     phi: Array
     gain: Array
     thickness: Array
+    lift: Array
     steepness: Array
     gap: Array
     length: Array
@@ -121,7 +126,9 @@ class _Means:
         return np.asarray((found.T / self.density).T)
 
 
-def make_fields(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Fields:
+def make_fields(
+    mesh: CoatMesh, carrier: Carrier, follicles: Follicles, spacing: CoatSpacing
+) -> Fields:
     """Solve for the fields of a coat on its skin at rest."""
     faces, elements = mesh.faces, carrier.elements
     reach = _MEAN_REACH * float(np.median(follicles.length))
@@ -137,11 +144,12 @@ def make_fields(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Field
     slope = np.einsum("tki,tk->ti", elements.gradients, phi[faces])[follicles.triangle]
     growth = dots(slope, heading)
     pace = np.maximum(mean(dots(slope, flow[follicles.triangle])), MIN_PACE)
-    steepness, gap = _find_capacity(length, mean(follicles.width), mean.density)
+    steepness, gap = _find_capacity(length, mean(follicles.width), mean.density, spacing)
     return Fields(
         phi=phi,
         gain=length * pace,
-        thickness=_THICKNESS * length,
+        thickness=spacing.thickness * length,
+        lift=mean(follicles.lift),
         steepness=steepness,
         gap=gap,
         length=length,
@@ -172,7 +180,9 @@ def slope_of_leaf(s: Array, steepness: Array) -> Array:
     return np.asarray(steepness * np.exp(-steepness * np.maximum(s, 0.0)) / -np.expm1(-steepness))
 
 
-def _find_capacity(length: Array, width: Array, density: Array) -> tuple[Array, Array]:
+def _find_capacity(
+    length: Array, width: Array, density: Array, spacing: CoatSpacing
+) -> tuple[Array, Array]:
     """Steepness and gap (V,) for which the leaves that overlap at a place have room.
 
     A coat of n feathers a m^2, L long and W wide, needs L sqrt(n) (W sqrt(n) + 1) levels over a
@@ -180,8 +190,8 @@ def _find_capacity(length: Array, width: Array, density: Array) -> tuple[Array, 
     """
     root = np.sqrt(density)
     needed = length * root * (width * root + 1.0)
-    usual = _THICKNESS * slope_of_leaf(np.ones(1), np.array([_STEEPNESS])) / GAP
-    crowded = np.clip(needed / (_CROWDED * usual) - 1.0, 0.0, 1.0)
+    wanted = needed * spacing.gap / (_CROWDED * spacing.thickness)
+    crowded = np.clip(wanted / slope_of_leaf(np.ones(1), np.array([_STEEPNESS])) - 1.0, 0.0, 1.0)
     steepness = _STEEPNESS + crowded * (_DENSE_STEEPNESS - _STEEPNESS)
-    room = _THICKNESS * slope_of_leaf(np.ones(len(root)), steepness)
-    return steepness, np.minimum(GAP, _CROWDED * room / np.maximum(needed, 1.0))
+    room = slope_of_leaf(np.ones(len(root)), steepness) / np.maximum(wanted, _MIN_DENSITY)
+    return steepness, spacing.gap * np.minimum(1.0, room)

@@ -12,14 +12,17 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 
+_ROUNDING = 1e-9  # of shares of a length
+
 
 class PlaneForms(NamedTuple):
     """Plane forms of F feathers of n rows and m columns a side.
 
     steps: (F, n - 1) m, chords of the rachis. ahead, behind: (F, n - 1) rad, of each chord to the
     frames of the rows where it begins and ends, towards d2. angles: (F, 2, n, m) rad, of the
-    barbs' pieces to their row, and pieces: (F, 2, n, m) m. sunk: (F, n) 1 at the follicle, falling
-    to 0 where the vane begins.
+    barbs' pieces to their row, and pieces: (F, 2, n, m) m. sunk: (F, n) share u of the calamus that
+    is still ahead, squared: how much of the follicle's depth each row lies under its leaf. bare:
+    (F,) m, length of the calamus.
     """
 
     steps: Array
@@ -28,16 +31,17 @@ class PlaneForms(NamedTuple):
     angles: Array
     pieces: Array
     sunk: Array
+    bare: Array
 
     def some(self, chosen: Array | slice) -> PlaneForms:
         """Those of some feathers."""
         return PlaneForms(*(each[chosen] for each in self))
 
 
-def make_plane_forms(nodes: Array, directors: Array, barb_lengths: Array) -> PlaneForms:
+def make_plane_forms(nodes: Array, directors: Array, bare: Array) -> PlaneForms:
     """Measure plane forms of feathers at rest.
 
-    nodes: (F, n, 1 + 2 m, 3) m. directors: (F, n, 2, 3). barb_lengths: (F, 2, n) m.
+    nodes: (F, n, 1 + 2 m, 3) m. directors: (F, n, 2, 3). bare: (F,) m.
     """
     lateral, dorsal = directors[:, :, 0], directors[:, :, 1]
     forward = np.cross(lateral, dorsal)
@@ -55,15 +59,15 @@ def make_plane_forms(nodes: Array, directors: Array, barb_lengths: Array) -> Pla
         sides.append(np.diff(np.concatenate([nodes[:, :, :1], own], axis=2), axis=2))
     ways, steps = np.stack(sides, axis=1), np.linalg.norm(chords, axis=2)
     station = np.concatenate([np.zeros((len(steps), 1)), np.cumsum(steps, axis=1)], axis=1)
-    has_barb = (barb_lengths > 0.0).any(axis=1)
-    first = np.maximum(has_barb.argmax(axis=1) - 1, 0)
-    bare = np.take_along_axis(station, first[:, None], axis=1)
-    sunk = np.maximum(1.0 - station / np.where(bare > 0.0, bare, 1.0), 0.0) ** 2
+    ahead = np.maximum(1.0 - station / np.where(bare > 0.0, bare, 1.0)[:, None], 0.0)
+    # rounding of the row where the vane begins
+    sunk = np.where((bare > 0.0)[:, None] & (ahead > _ROUNDING), ahead**2, 0.0)
     return PlaneForms(
         steps=steps,
         ahead=angle(chords, slice(None, -1)),
         behind=angle(chords, slice(1, None)),
         angles=np.stack([angle(way, slice(None)) for way in sides], axis=1),
         pieces=np.linalg.norm(ways, axis=-1),
-        sunk=np.where(bare > 0.0, sunk, 0.0),
+        sunk=sunk,
+        bare=bare,
     )

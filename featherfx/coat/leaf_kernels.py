@@ -16,12 +16,11 @@ on through the air.
 
 from __future__ import annotations
 
-from math import cos, exp, sin
+from math import cos, exp, sin, sqrt
 from typing import NamedTuple
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vector_kernels import (
-    add,
     combined,
     cross,
     dot,
@@ -261,19 +260,12 @@ def _draw_barb(carrier, forms, f, i, side, foot, p, drawn):
 
 
 @kernel
-def _mend_frames(forms, f, drawn):
-    """Turn the frames of rows under the skin along their chords."""
-    rows = forms.sunk.shape[1]
-    for i in range(rows):
-        if forms.sunk[f, i] > 0.0:
-            here, after = drawn.nodes[f, i, 0], drawn.nodes[f, min(i + 1, rows - 1), 0]
-            before, up = drawn.nodes[f, max(i - 1, 0), 0], drawn.directors[f, i, 1]
-            tangent = _unit(sub(after, here))
-            if i > 0:
-                tangent = _unit(add(tangent, _unit(sub(here, before))))
-            dorsal = _unit(_without((up[0], up[1], up[2]), tangent))
-            store(drawn.directors[f, i, 0], cross(dorsal, tangent))
-            store(drawn.directors[f, i, 1], dorsal)
+def _rising(tangent, normal, n, depth, sunk, bare):
+    """Tangent and normal of a rachis that rises through the skin: its depth falls as u^2."""
+    if sunk > 0.0 and depth > 0.0:
+        tangent = _unit(combined(1.0, tangent, 2.0 * depth * sqrt(sunk) / bare, n))
+        normal = _unit(_without(normal, tangent))
+    return tangent, normal
 
 
 @kernel
@@ -297,6 +289,7 @@ def draw_feathers(carrier, roots, forms, numbers, drawn, low, high):
                 d = _turned(d, n, slope, -forms.behind[f, i - 1])
             foot = triangle, b, d, off, n, slope, s
             tangent, normal = _lifted(d, n, slope)
+            tangent, normal = _rising(tangent, normal, n, depth, forms.sunk[f, i], forms.bare[f])
             store(drawn.directors[f, i, 0], cross(normal, tangent))
             store(drawn.directors[f, i, 1], normal)
             for side in range(2):
@@ -308,7 +301,6 @@ def draw_feathers(carrier, roots, forms, numbers, drawn, low, high):
                 foot, point = _advance(carrier, foot, p, point, way, drop, top - _MAX_FALL)
                 top = max(top, foot[6])
         drawn.free[f] = foot[3]
-        _mend_frames(forms, f, drawn)
 
 
 @kernel

@@ -20,7 +20,16 @@ from numpy.typing import NDArray
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import lane, load, spread
 from featherfx.algebra.sparse import Rows
-from featherfx.algebra.vector_kernels import add, combined, dot, scale, store, sub
+from featherfx.algebra.vector_kernels import (
+    accumulate,
+    add,
+    combined,
+    cross,
+    dot,
+    scale,
+    store,
+    sub,
+)
 from featherfx.algebra.views import shaped, viewed
 from featherfx.feather.types import RowPoints
 from featherfx.jit.compiled import kernel, loop_kernel
@@ -76,6 +85,7 @@ class RowMapArrays(NamedTuple):
     nodes: Rows
     directors: Rows
     pieces: NDArray[np.float64]
+    detail: NDArray[np.float64]
 
 
 # of a line of what is carried: points, first and second rates, a vector of the processor for each
@@ -122,6 +132,45 @@ def _carry_part(rows, lines, points, velocities, accelerations):
 
 
 @kernel
+def _row_frame(directors, i):
+    """Directors d2 and d3 of a row as tuples."""
+    b, c = directors[i, 0], directors[i, 1]
+    return (b[0], b[1], b[2]), (c[0], c[1], c[2])
+
+
+@kernel
+def _put_detail(array, parts, d1, d2, d3):
+    """Add parts of three axes to a vector, in place."""
+    accumulate(array, parts[0], d1)
+    accumulate(array, parts[1], d2)
+    accumulate(array, parts[2], d3)
+
+
+@kernel
+def _put_on(parts, i, points, d1, d2, d3):
+    """Add a row's detail to its nodes and directors, or to their rates."""
+    _put_detail(points.nodes[i, 0], parts[0], d1, d2, d3)
+    _put_detail(points.directors[i, 0], parts[1], d1, d2, d3)
+    _put_detail(points.directors[i, 1], parts[2], d1, d2, d3)
+    for k in range(1, points.nodes.shape[1]):
+        _put_detail(points.nodes[i, k], parts[2 + k], d1, d2, d3)
+
+
+@kernel
+def _add_detail(detail, found):
+    """Add what a rest shape has besides, carried by the frames of the rows: d2, d3 and d2 x d3."""
+    for i in range(detail.shape[0]):
+        b, c = _row_frame(found.points.directors, i)
+        b1, c1 = _row_frame(found.velocities.directors, i)
+        b2, c2 = _row_frame(found.accelerations.directors, i)
+        a1 = add(cross(b1, c), cross(b, c1))
+        a2 = add(combined(1.0, cross(b2, c), 2.0, cross(b1, c1)), cross(b, c2))
+        _put_on(detail[i], i, found.points, cross(b, c), b, c)
+        _put_on(detail[i], i, found.velocities, a1, b1, c1)
+        _put_on(detail[i], i, found.accelerations, a2, b2, c2)
+
+
+@kernel
 def carry_feather(way, moving, lines, found):
     """Carry points and rates of a feather to another grid, its barbs as long as at rest.
 
@@ -135,6 +184,7 @@ def carry_feather(way, moving, lines, found):
     at, rate, second = found.points, found.velocities, found.accelerations
     _carry_part(way.nodes, lines, at.nodes, rate.nodes, second.nodes)
     _carry_part(way.directors, lines, at.directors, rate.directors, second.directors)
+    _add_detail(way.detail, found)
     keep_lengths(way.pieces, at.nodes, rate.nodes, second.nodes)
 
 

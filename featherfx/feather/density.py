@@ -256,8 +256,21 @@ def carry_motion(
     return found
 
 
+def with_detail(to_fine: RowMap, coarse: Feather, fine: Feather) -> RowMap:
+    """The map between plane forms for feathers that lie on leaves, so that the rest shape of the
+    one leads to that of the other."""
+    base = RowPoints(to_fine.nodes(coarse.rest), to_fine.directors(coarse.rest))
+    lateral, dorsal = base.directors[:, 0], base.directors[:, 1]
+    frames = np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=2)
+    missing = (fine.points - base.rows()).transpose(0, 2, 1)
+    detail = np.linalg.solve(frames, missing).transpose(0, 2, 1)
+    return to_fine._replace(detail=np.ascontiguousarray(detail, dtype=np.float64))
+
+
 def _way(to_fine: RowMap) -> RowMapArrays:
-    return RowMapArrays(to_fine.nodes.matrix, to_fine.directors.matrix, to_fine.pieces)
+    return RowMapArrays(
+        to_fine.nodes.matrix, to_fine.directors.matrix, to_fine.pieces, to_fine.detail
+    )
 
 
 def _empty(to_fine: RowMap, *before: int) -> MovingPoints:

@@ -33,8 +33,8 @@ _PATHS = (
 _GRIDS = 4
 
 
-def build_feathers(placements: Sequence[Placement], rows: int, columns: int) -> list[Feather]:
-    """Rest geometry of placed feathers, each in its own frame.
+def build_plane_feathers(placements: Sequence[Placement], rows: int, columns: int) -> list[Feather]:
+    """Rest geometry of placed feathers as their kinds have it, each in its own frame.
 
     Feathers of one shape and size share theirs. rows, columns: as in build_feather. Raises
     InputError with the problems of all shapes that cannot be built.

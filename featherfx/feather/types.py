@@ -197,12 +197,17 @@ class PointMap:
 
 
 class RowMap(NamedTuple):
-    """A linear map to the nodes and directors of another grid. pieces: (n, 2 m) m, the lengths of
-    its barbs' pieces at rest, node by node, of the piece that ends there."""
+    """A linear map to the nodes and directors of another grid.
+
+    pieces: (n, 2 m) m, the lengths of its barbs' pieces at rest, node by node, of the piece that
+    ends there. detail: (n, 3 + 2 m, 3) what its rest shape has besides, in the frames of its rows
+    (RowPoints.rows); of size 0 for none.
+    """
 
     nodes: PointMap
     directors: PointMap
     pieces: Array
+    detail: Array = np.zeros((0, 0, 3))
 
     def __call__(self, values: RowPoints) -> RowPoints:
         return RowPoints(self.nodes(values), self.directors(values))

@@ -18,7 +18,7 @@ _SHORT = 128  # bytes of an array that stand for themselves
 _PLAIN = frozenset((bool, int, float, str, type(None)))
 _RECORDS: set[Any] = set()  # types of records that were met
 # folders of the program whose code decides what it computes
-_CODE = ("algebra", "groom", "feather", "mechanics", "solver", "shot", "usd")
+_CODE = ("algebra", "groom", "coat", "feather", "mechanics", "solver", "shot", "usd")
 
 
 def digest(*values: Any) -> str:

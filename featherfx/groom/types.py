@@ -269,6 +269,12 @@ class FeatherKind:
         return replace(self, colour=Colour(), barbs=BarbLook())
 
     @property
+    def width(self) -> float:
+        """m, of both vanes together where each is widest."""
+        outlines = (self.leading.outline, self.trailing.outline)
+        return self.length * sum(max((y for _, y in each), default=0.0) for each in outlines)
+
+    @property
     def is_split(self) -> bool:
         """True if one of its vanes has splits from the start."""
         return self.leading.is_split or self.trailing.is_split
@@ -348,6 +354,7 @@ class Placement:
     stack: within a region's layer, a higher stack lies over a lower one; 0: where roots lie tells.
     grown: whether a layout may shorten or drop it, as what regions make.
     turning: how the root turns where it does not go with its joint alone.
+    leaf: its leaf in the groom's coat (feather/leaves.py), None: its shape is that of its kind.
     """
 
     id: str
@@ -366,46 +373,34 @@ class Placement:
     rank: int = -1
     grown: bool = False
     turning: Turning | None = None
+    leaf: Any = None
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Layering of feathers at rest."""
+    """Layering of feathers at rest: the coat that feathers of regions make."""
 
-    clearance: Annotated[
-        float, Number(0, 0.1, "m"), "Gap between feathers, and over the skin, that is aimed at."
-    ] = 1.5e-4
-    most_tilt: Annotated[
+    thickness: Annotated[
         float,
-        Number(0, 90, "deg"),
-        "Most that a feather of a region is raised and rolled about its root beyond its tilt.",
-    ] = 20.0
-    most_tilt_placed: Annotated[
-        float, Number(0, 90, "deg"), "The same for feathers that no region made, as those of rows."
-    ] = 20.0
-    most_lift: Annotated[float, Number(0, 0.1, "m"), "Most that a root is lifted off the skin."] = (
-        5e-4
-    )
-    least_size: Annotated[
+        Number(0.01, 0.5),
+        "Height of the coat over the skin, a share of the length of its feathers: more stands up "
+        "steeper, and has room for more layers.",
+    ] = 0.08
+    gap: Annotated[
         float,
-        Number(0.05, 1),
-        "Feathers of regions that do not come clear are shortened, down to this share of their "
-        "length; 1: none is.",
-    ] = 1.0
-    drop: Annotated[
-        float | None,
-        Number(0, 1, "m"),
-        "Feathers of regions that still pass through others or the skin by more than this are left "
-        "out, as few as will do; by default all are kept.",
-    ] = None
+        Number(0, 0.05),
+        "Gap between feathers that overlap, a share of their length; where there is no room for "
+        "it, it is smaller.",
+    ] = 0.0025
 
 
 @dataclass(frozen=True)
 class Groom:
     """Feathers and their places. Frame: z up, metres.
 
-    layout: None where feathers stay as they were placed. skin: corners (T, 3, 3) m of the meshes
-    that regions grow on, None where there are none. drawn_gravity: (3,) m/s^2, under which the
+    layout: None where feathers stay as they were placed. coat: of the feathers of regions, that a
+    layout makes (feather/leaves.py), None without. skin: corners (T, 3, 3) m of the meshes that
+    regions grow on, None where there are none. drawn_gravity: (3,) m/s^2, under which the
     drawn pose is the balance, None where it is the unloaded shape. inputs: what its files say, by
     key (value_diff.py), for messages. skin_keys: checked keys of [skin], None without it.
     """
@@ -416,6 +411,7 @@ class Groom:
     joints: tuple[Joint, ...] = field(default=())
     layout: Layout | None = None
     skin: Array | None = None
+    coat: Any = None
     drawn_gravity: Array | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)
     skin_keys: Mapping[str, Any] | None = None

@@ -11,7 +11,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import Binding, bound_before, closest, follow, is_flat, may_be_flat
-from featherfx.groom.types import FeatherKind, Groom
+from featherfx.groom.types import Groom
 from featherfx.shot.clock import StageClock
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.sources import MovingSurface
@@ -173,18 +173,12 @@ def _radii(groom: Groom, surface: MovingSurface, members: Indices, given: float 
         places = np.array([groom.feathers[k].position for k in members], dtype=np.float64)
         bone, _ = closest(places, surface.rest[surface.triangles])
         return surface.bones[bone]
-    widths = np.array([_width(groom.feathers[k].kind) for k in members])
+    widths = np.array([groom.feathers[k].kind.width for k in members])
     if len(members) < 3:
         return widths
     places = np.array([groom.feathers[k].position for k in members], dtype=np.float64)
     distances, _ = search_tree(places).query(places, k=3)
     return np.minimum(distances[:, 1:].mean(axis=1), widths)
-
-
-def _width(kind: FeatherKind) -> float:
-    """m, of both vanes together where each is widest."""
-    outlines = (kind.leading.outline, kind.trailing.outline)
-    return kind.length * sum(max((y for _, y in each), default=0.0) for each in outlines)
 
 
 def _part(groom: Groom, surface: MovingSurface, members: Indices, radii: Array) -> _Part:

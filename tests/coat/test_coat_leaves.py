@@ -50,12 +50,13 @@ def follicles(points, faces, places, headings):
         length=np.full(count, LENGTH),
         width=np.full(count, 0.4 * LENGTH),
         depth=np.full(count, 2e-4),
+        lift=np.zeros(count),
     )
 
 
 def forms_of(count, rows=21, columns=4):
     feather = build_feather(contour_kind(), rows, columns)
-    arrays = feather.rest.nodes, feather.rest.directors, feather.barb_length
+    arrays = feather.rest.nodes, feather.rest.directors, np.array(0.1 * LENGTH)
     return make_plane_forms(*(np.repeat(each[None], count, axis=0) for each in arrays))
 
 
@@ -109,7 +110,7 @@ def test_a_plane_form_stays_itself_on_a_flat_leaf():
     thin = replace(coat, fields=coat.fields._replace(thickness=1e-7 + 0.0 * coat.fields.phi))
     thin = replace(thin, depths=0.0 * coat.depths)
     feather = build_feather(contour_kind(20.0), 21, 4)
-    arrays = (feather.rest.nodes, feather.rest.directors, feather.barb_length)
+    arrays = (feather.rest.nodes, feather.rest.directors, np.array(0.1 * LENGTH))
     middle = np.argmin(np.linalg.norm(coat.follicles.position - [0.12, 0.06, 0.0], axis=1))
     drawn = draw(thin, coat.rest, make_plane_forms(*(a[None] for a in arrays)), np.array([middle]))
     wanted = feather.rest.nodes + drawn.nodes[0, 0, 0]

@@ -115,9 +115,8 @@ prim = "/plate"
 of = "skin"
 left = "-z"
 [layout]
-most_tilt = 20
-least_size = 0.6
-drop = 1e-3
+thickness = 0.1
+gap = 0.002
 [[joint]]
 name = "shoulder"
 position = { vertex = 1, offset = [0, 0, 2] }

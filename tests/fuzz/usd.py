@@ -359,7 +359,7 @@ KIND = Kind(
     damage,
     (
         "featherfx.baking.pipeline",
-        "featherfx.feather.layout.layout",
+        "featherfx.feather.leaves",
         "featherfx.groom.read.read",
         "featherfx.shot.motion.motion",
         "featherfx.shot.read.read",

@@ -752,11 +752,10 @@ SCENES = {
             "name": "groom",
             "skin": SKIN,
             "region": [REGION | {"count": 12}],
-            "layout": {"most_tilt": 10, "drop": 0.001},
+            "layout": {"thickness": 0.1},
         },
         shot(**GROWN),
         ("groom.layout",),
-        leaves=(".most_tilt_placed", ".max_tilt_placed"),
     ),
     "levels": Scene(
         groom(),

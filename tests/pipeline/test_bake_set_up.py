@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import threading
 import warnings
 import weakref
@@ -11,17 +10,15 @@ from pathlib import Path
 import pytest
 
 import featherfx
-from featherfx.baking import frame_loop, pipeline
+from featherfx.baking import export, frame_loop, pipeline
 from featherfx.errors import InputError, Problem
 from featherfx.feather import shapes
-from featherfx.feather.layout import layout
 from featherfx.shot.contact import pairs
-from featherfx.shot.loop import models
+from featherfx.shot.loop import models, placement
 from featherfx.usd.write.cache_writer import CacheWriter
 
 GROOM = """
 name = "crowded"
-layout = { clearance = 0.0002, most_tilt_placed = 1.0 }
 
 [[row]]
 id = "a"
@@ -65,16 +62,14 @@ def baked(shot: Path, name: str, **options) -> tuple[bytes, list[str]]:
     return path.read_bytes(), sorted(str(each.message) for each in caught)
 
 
-def test_a_second_bake_computes_no_layout_shape_model_or_pair_anew(shot, monkeypatch):
+def test_a_second_bake_computes_no_shape_model_or_pair_anew(shot, monkeypatch):
     first = baked(shot, "first")
-    assert any("layout: " in message for message in first[1])
 
     def computed(*_, **__):
         raise AssertionError("computed anew")
 
     with monkeypatch.context() as patch:
         for module, name in (
-            (layout, "_laid"),
             (shapes, "build_feather"),
             (models, "make_model"),
             (models, "with_damping"),
@@ -98,41 +93,13 @@ def test_a_second_bake_computes_no_layout_shape_model_or_pair_anew(shot, monkeyp
     assert baked(shot, "damaged") == first
 
 
-def test_a_layout_outlives_a_change_of_strength_and_not_one_of_shape(shot, monkeypatch):
-    first = baked(shot, "first", frames=(1, 1))[0]
-    found = []
-    laid = layout._laid
-    monkeypatch.setattr(layout, "_laid", lambda *given: found.append(1) or laid(*given))
-    strong = (
-        '[overrides]\n"a_0*" = { stiffness = 3, weight = 2, rachis_material.loss_factor = 0.2 }'
-    )
-    for number, more in enumerate((strong, strong.replace("stiffness = 3", "width = 1.1"))):
-        shot.write_text(f"{SHOT}{more}\n")
-        assert baked(shot, f"changed{number}", frames=(1, 1))[0] != first
-        assert len(found) == number
-
-
-def test_stats_are_computed_once(shot, monkeypatch):
-    groom = shot.with_name("groom.toml")
-    first = pipeline.plumage_stats(groom)
-
-    def computed(*_):
-        raise AssertionError("computed anew")
-
-    monkeypatch.setattr(layout, "shingle_pairs", computed)
-    forgotten()
-    assert pipeline.plumage_stats(groom) == first
-    shutil.rmtree(shot.parent / "cache" / "content")
-    with pytest.raises(AssertionError, match="computed anew"):
-        pipeline.plumage_stats(groom)
-
-
 @pytest.mark.parametrize("output", [".", "there.usdc", "nowhere/crowd.usdc"])
 def test_an_output_is_refused_before_feathers_are_laid_over_each_other(shot, monkeypatch, output):
     def laid(*_):
         raise AssertionError("laid out")
 
-    monkeypatch.setattr(layout, "_laid", laid)
+    monkeypatch.setattr(placement, "lay_out", laid)
+    monkeypatch.setattr(export, "lay_out", laid)
     monkeypatch.chdir(shot.parent)
     told = r"no name of a file|exists already|does not exist"
     for name in ("there.usdc", "there.plan.json"):

@@ -51,14 +51,6 @@ _LAYERS = {
 _TAIL_LAYER = -30
 _TAIL_LIFT = 0.006  # of the longest, from pair to pair: the pigeon's as counted free of crossings
 _TAIL_DEEP = 0.4  # of the width of the root, all pairs together at most, as in trains; by eye
-# feathers are laid over each other where the groom does not say how (chosen on the pigeon)
-_LAYOUT = {
-    "most_tilt": 35.0,
-    "most_tilt_placed": 0.0,
-    "most_lift": 5e-3,
-    "least_size": 0.3,
-    "drop": 2e-4,
-}
 _SIDE_TILT = 15.0  # deg, that the breast's sides stand up more before folded wings; by eye
 # of their own length, from the front of a folded wing to those that cover it; by eye
 _BEFORE_WRIST = 0.27
@@ -141,7 +133,7 @@ def hatch(
             region["where"] += bare + disc.outside + (above if name == "scapular" else ())
             parts["region"].append((at.child(f"type.tracts.{name}"), region))
     if parts["layout"] is None:
-        parts["layout"] = _filled(LAYOUT_KEYS, **_LAYOUT)
+        parts["layout"] = _filled(LAYOUT_KEYS)
     return {
         pattern: {"colour": {key: value for key, value in each.items() if value is not None}}
         for pattern, each in kind["colours"].items()

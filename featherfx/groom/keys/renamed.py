@@ -63,6 +63,12 @@ REMOVED = {
     "contact.layered": "Delete it: all feathers on a skin keep their leaves.",
     "contact.ease": "Delete it: feathers keep their leaves without lifts that come and go.",
     "level_of_detail.fade": "Delete it: a feather's largest size in the shot chooses its level.",
+    "layout.clearance": "Write layout.gap, a share of the length of the feathers.",
+    "layout.most_tilt": "Delete it: feathers bend onto their leaves (layout.thickness).",
+    "layout.most_tilt_placed": "Delete it: rows stay as they are placed.",
+    "layout.most_lift": "Delete it: feathers bend onto their leaves (layout.thickness).",
+    "layout.least_size": "Delete it: no feather of a layout is shortened.",
+    "layout.drop": "Delete it: no feather of a layout is left out.",
 }
 
 _INDEX = re.compile(r"\[\d+\]")

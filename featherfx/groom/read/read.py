@@ -151,7 +151,17 @@ def groom_of(
     is_balance = parts["drawn_pose"] == "equilibrium" and parts["gravity"] is not INVALID
     gravity = np.array(parts["gravity"], dtype=float) if is_balance else None
     keys = None if parts["skin"] is INVALID else parts["skin"]
-    return Groom(name, path, placements, joints, layout, skin, gravity, inputs, keys)
+    return Groom(
+        name=name,
+        source=path,
+        feathers=placements,
+        joints=joints,
+        layout=layout,
+        skin=skin,
+        drawn_gravity=gravity,
+        inputs=inputs,
+        skin_keys=keys,
+    )
 
 
 def _may_be(parts: dict[str, Any], place: Place) -> bool:

@@ -58,9 +58,6 @@ name = "swan"
 usd = "body.usda"
 prim = "/skin"
 [layout]
-most_tilt = 30
-least_size = 0.5
-drop = 2e-4
 """
 _SWAN_REGION = """
 [[region]]

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.feather.layout.overlap import near_pairs, strips_of
 from featherfx.feather.outline import outline_curve
+from featherfx.feather.overlap import near_pairs, strips_of
 from featherfx.files.disk_cache import kept
 from featherfx.groom.course import shaft
 from featherfx.groom.skin.skin import closest

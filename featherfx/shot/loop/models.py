@@ -10,7 +10,7 @@ import numpy as np
 
 from featherfx.algebra.types import Indices
 from featherfx.feather.build import build_feather
-from featherfx.feather.density import scaled_map
+from featherfx.feather.density import scaled_map, with_detail
 from featherfx.feather.shapes import build_unit_maps
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.disk_cache import kept
@@ -40,7 +40,9 @@ def model_of(
     """
     units = [_of_unit_size(each, options) for each in placements]
     shapes: list[tuple[Any, ...]] = [
-        (id(unit), p.mirrored) if unit else (id(p.prototype or p.kind), p.kind, p.size, p.mirrored)
+        (id(unit), p.mirrored)
+        if unit
+        else (id(p.prototype or p.kind), p.kind, p.size, p.mirrored, id(p.leaf))
         for p, unit in zip(placements, units, strict=True)
     ]
     first: dict[tuple[Any, ...], int] = {}
@@ -76,13 +78,18 @@ def _constant(placement: Placement, unit: FeatherKind | None) -> list[Any]:
         return [unit.uncoloured, placement.mirrored]
     kind, prototype = placement.kind, placement.prototype
     shape = prototype and prototype.uncoloured
-    return [kind.uncoloured, shape, placement.size, placement.mirrored]
+    return [kind.uncoloured, shape, placement.size, placement.mirrored, placement.leaf]
 
 
 def _of_unit_size(placement: Placement, options: FeatherOptions) -> FeatherKind | None:
     """The kind that a feather is `size` times as large as, if all of its constants follow."""
     unit = placement.prototype
-    if unit is None or unit.scaling != "similar" or has_open_hooks(unit, options):
+    if (
+        unit is None
+        or placement.leaf is not None
+        or unit.scaling != "similar"
+        or has_open_hooks(unit, options)
+    ):
         return None
     return unit if adjusted(unit, Change(scale=placement.size)) == placement.kind else None
 
@@ -126,8 +133,10 @@ def maps_between(
                 own[id(shape), placement.mirrored] = shape, placement.mirrored
         known |= zip(own, build_unit_maps(tuple(own.values()), *grids), strict=True)
     found: list[RowMap | None] = []
-    for placement in placements:
+    for placement, own_coarse, own_fine in zip(placements, simulated, drawn, strict=True):
         unit = known[id(placement.prototype or placement.kind), placement.mirrored]
         size = placement.size if placement.prototype is not None else 1.0
-        found.append(scaled_map(unit, size, coarse.rows))
+        own_map = scaled_map(unit, size, coarse.rows)
+        is_laid = placement.leaf is not None
+        found.append(with_detail(own_map, own_coarse, own_fine) if is_laid else own_map)
     return found

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from itertools import compress
 
-from featherfx.errors import Problem, require
+from featherfx.errors import InputWarning
 from featherfx.groom.coincident_feathers import refuse_crowds
 from featherfx.groom.types import Groom
 from featherfx.packages import load_name
@@ -15,33 +16,28 @@ from featherfx.shot.types import Shot
 
 
 def lay_out(groom: Groom) -> Groom:
-    """The groom with its feathers laid over each other, where it asks for that; see layout.py."""
+    """The groom with the feathers of its regions laid, where it asks for that; see leaves.py."""
     if groom.layout is None:
+        return groom
+    if groom.skin is None:
+        told = "[layout] lays feathers of regions over each other, and there are no regions"
+        warnings.warn(f"{groom.source}: {told}. Leave it out", InputWarning, stacklevel=2)
         return groom
     refuse_crowds(groom.feathers, str(groom.source), "layout", "or leave [layout] out")
     # what has no layout does without compiled code
-    from featherfx.feather.layout import layout
+    from featherfx.feather import leaves
 
     with phase("reading", silent=True):
-        return layout.lay_out(groom)
+        return leaves.lay_out(groom)
 
 
 def place_feathers(shot: Shot) -> Shot:
     """A shot as it was read, with its feathers laid over each other and bound to its skin.
 
-    What a groom's layout moves, shortens or leaves out is told by its warnings (lay_out); roots far
-    from their skin give one as well. Raises InputError for shapes that cannot be built, and for
-    grips and forces on feathers that the layout leaves out.
+    Roots that are far from their skin give a warning, and so do feathers that find no room in
+    their layout (lay_out). Raises InputError for shapes that cannot be built.
     """
     groom = lay_out(shot.groom)
-    left = {feather.id for feather in groom.feathers}
-    lost = [
-        Problem(str(shot.source), f"{key}[{index}].feather", f"the layout leaves '{each}' out")
-        for key, loads in (("grip", shot.grips), ("force", shot.forces))
-        for index, each in enumerate(load.feather for load in loads)
-        if each not in left
-    ]
-    require(*lost)
     _refuse_crowds(replace(shot, groom=groom))
     skin = shot.surfaces.bind(groom) if shot.surfaces is not None else shot.skin
     if skin is not None:

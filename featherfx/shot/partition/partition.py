@@ -123,7 +123,7 @@ def shot_islands(shot: Shot) -> Indices:
 
 
 def _drawn(shot: Shot) -> list[Feather]:
-    from featherfx.feather.shapes import build_feathers
+    from featherfx.feather.leaves import build_feathers
 
     return build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
 

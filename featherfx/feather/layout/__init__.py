@@ -1,4 +1,0 @@
-"""Plumage at rest: feathers over each other like shingles.
-
-Change here: `[layout]` of a groom.
-"""

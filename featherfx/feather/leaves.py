@@ -1,0 +1,220 @@
+"""Feathers of a groom on the leaves of its coat: their rest shapes and their places.
+
+A coat (featherfx/coat) holds the feathers that regions grow on a skin. Each keeps its plane form,
+rachis and barbs exactly as long; camber and twist are those of its leaf. The rest of the groom
+stays as it is placed. Rachises are as high as a leaf has room for.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from weakref import WeakValueDictionary
+
+import numpy as np
+
+from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import dots, face_products, unit
+from featherfx.coat.carrier import weld
+from featherfx.coat.coat import Coat, StackReport, describe_doubts, draw, grow_coat, stack
+from featherfx.coat.fields import CoatSpacing, Follicles
+from featherfx.coat.forms import PlaneForms, make_plane_forms
+from featherfx.errors import InputWarning
+from featherfx.feather.shapes import build_plane_feathers
+from featherfx.feather.types import Feather, FeatherSurface, RowPoints
+from featherfx.files.content import digest
+from featherfx.groom.skin.skin import closest
+from featherfx.groom.types import Groom, Placement
+
+# of a feather's length: roots that are farther from the skin stand on something else
+_MAX_DISTANCE = 0.05
+# of the diameter of the rachis at its base: a follicle lies so deep in the skin
+_DEPTH = 0.6
+# of the gap between leaves, that a rachis is high in a vane
+_MAX_HEIGHT = 0.8
+_USUAL_TILT = 15.0  # deg, up to which the coat lies as its thickness has it
+_FOOTPRINT = 21, 3  # rows and columns on which overlaps are found
+_FEATHERS_AT_ONCE = 2000  # that are drawn, to bound the memory
+
+
+class LaidCoat:
+    """A coat, how it was stacked, and what was drawn of it.
+
+    shapes: by number, grid, and the identity of the triangles of the feather that has the plane
+    form, while they are in use. origin: by which digests know it.
+    """
+
+    def __init__(self, coat: Coat, report: StackReport) -> None:
+        self.coat, self.report = coat, report
+        own, mesh = coat.follicles, coat.mesh
+        self.origin = (digest(mesh.points, mesh.faces, *coat.fields, *own, coat.values),)
+        self.shapes: WeakValueDictionary[tuple[int, int, int, int], Feather] = WeakValueDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class CoatLeaf:
+    """The leaf of a feather: its number among the follicles of a coat."""
+
+    laid: LaidCoat
+    number: int
+
+
+def lie_on_leaves(placements: Sequence[Placement], feathers: Sequence[Feather]) -> list[Feather]:
+    """Bend feathers onto their leaves, those that have one. feathers: in their plane forms."""
+    found = list(feathers)
+    missing: dict[int, list[int]] = {}
+    for k, (placement, feather) in enumerate(zip(placements, feathers, strict=True)):
+        if placement.leaf is None:
+            continue
+        known = placement.leaf.laid.shapes.get(_key(placement, feather))
+        if known is None:
+            missing.setdefault(id(placement.leaf.laid), []).append(k)
+        else:
+            found[k] = known
+    for own in missing.values():
+        for start in range(0, len(own), _FEATHERS_AT_ONCE):
+            part = own[start : start + _FEATHERS_AT_ONCE]
+            bent = _bend([placements[k] for k in part], [feathers[k] for k in part])
+            for k, feather in zip(part, bent, strict=True):
+                placements[k].leaf.laid.shapes[_key(placements[k], feathers[k])] = feather
+                found[k] = feather
+    return found
+
+
+def _key(placement: Placement, feather: Feather) -> tuple[int, int, int, int]:
+    return placement.leaf.number, feather.rows, feather.columns, id(feather.surface.triangles)
+
+
+def _bend(placements: Sequence[Placement], feathers: Sequence[Feather]) -> list[Feather]:
+    """Draw feathers of one coat and grid on their leaves, each in its own frame."""
+    coat: Coat = placements[0].leaf.laid.coat
+    numbers = np.array([each.leaf.number for each in placements])
+    drawn = draw(coat, coat.rest, plane_forms(placements, feathers), numbers)
+    position = np.stack([each.position for each in placements])
+    rotation = np.stack([each.rotation for each in placements])
+    nodes = (drawn.nodes - position[:, None, None]) @ rotation[:, None]
+    directors = drawn.directors @ rotation[:, None]
+    # the frame of the root, to the last digit
+    nodes[:, 0, 0], directors[:, 0] = 0.0, np.eye(3)[1:]
+    nodes.flags.writeable = directors.flags.writeable = False
+    room = _MAX_HEIGHT * coat.follicles.corners(coat.mesh, coat.fields.gap * coat.fields.length)
+    return [
+        replace(feather, rest=RowPoints(nodes[k], directors[k]), surface=_flat(feather, room[r]))
+        for k, (feather, r) in enumerate(zip(feathers, numbers, strict=True))
+    ]
+
+
+def _flat(feather: Feather, room: float) -> FeatherSurface:
+    """The surface with a rachis that is no higher than a room (m) beyond the calamus."""
+    surface = feather.surface
+    low = np.minimum(1.0, room / np.maximum(feather.height, 1e-12))
+    bare = (feather.barb_length > 0.0).any(axis=0).argmax()
+    low[: max(bare - 1, 0)] = 1.0
+    offset = surface.offset * np.stack([np.ones(len(surface.row)), low[surface.row]], axis=1)
+    offset.flags.writeable = False
+    return replace(surface, offset=offset)
+
+
+def plane_forms(placements: Sequence[Placement], feathers: Sequence[Feather]) -> PlaneForms:
+    """Plane forms of feathers of one grid."""
+    bare = [p.kind.calamus * p.kind.length for p in placements]
+    return make_plane_forms(
+        nodes=np.stack([each.rest.nodes for each in feathers]),
+        directors=np.stack([each.rest.directors for each in feathers]),
+        bare=np.array(bare),
+    )
+
+
+def build_feathers(placements: Sequence[Placement], rows: int, columns: int) -> list[Feather]:
+    """Rest geometry of placed feathers, each in its own frame and on its leaf.
+
+    Feathers of one shape and size share theirs, where they have no leaf. rows, columns: as in
+    build_feather. Raises InputError with the problems of all shapes that cannot be built.
+    """
+    return lie_on_leaves(placements, build_plane_feathers(placements, rows, columns))
+
+
+def lay_out(groom: Groom) -> Groom:
+    """The groom with the feathers of its regions on the leaves of one coat, if it has a layout.
+
+    Gives an InputWarning where the flow of the feathers is singular, and where leaves have no
+    room. Raises InputError for shapes that cannot be built.
+    """
+    members = _coat_members(groom)
+    if not members:
+        return groom
+    chosen = [groom.feathers[k] for k in members]
+    laid, forms = _grow(groom, chosen)
+    for message in [*describe_doubts(laid.coat), *_describe_crowds(laid, chosen)]:
+        warnings.warn(f"{groom.source}: layout: {message}", InputWarning, stacklevel=3)
+    roots = draw(laid.coat, laid.coat.rest, forms)
+    dorsal, lateral = roots.directors[:, 0, 1], roots.directors[:, 0, 0]
+    frames = np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=2)
+    feathers = list(groom.feathers)
+    for number, k in enumerate(members):
+        feathers[k] = replace(
+            feathers[k],
+            position=roots.nodes[number, 0, 0].copy(),
+            rotation=frames[number].copy(),
+            leaf=CoatLeaf(laid, number),
+        )
+    return replace(groom, feathers=tuple(feathers), coat=laid)
+
+
+def _coat_members(groom: Groom) -> list[int]:
+    """Numbers of the feathers that grow on the skin itself."""
+    grown = [k for k, each in enumerate(groom.feathers) if each.grown]
+    if groom.layout is None or groom.skin is None or not grown:
+        return []
+    places = np.stack([groom.feathers[k].position for k in grown])
+    triangle, place = closest(places, groom.skin)
+    gaps = np.einsum("fk,fkc->fc", place, groom.skin[triangle]) - places
+    length = np.array([groom.feathers[k].kind.length for k in grown])
+    near = np.linalg.norm(gaps, axis=1) <= _MAX_DISTANCE * length
+    return [k for k, is_near in zip(grown, near, strict=True) if is_near]
+
+
+def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneForms]:
+    """Grow and stack the coat of some feathers of a groom; also their footprints."""
+    skin, layout = groom.skin, groom.layout
+    assert skin is not None
+    assert layout is not None
+    points, faces = weld(skin)
+    places = np.stack([each.position for each in chosen])
+    triangle, place = closest(places, skin)
+    kinds = [each.kind for each in chosen]
+    follicles = Follicles(
+        triangle=triangle,
+        place=place,
+        position=places,
+        heading=np.stack([each.rotation[:, 0] for each in chosen]),
+        length=np.array([kind.length for kind in kinds]),
+        width=np.array([kind.width for kind in kinds]),
+        depth=_DEPTH * np.array([kind.rachis.diameter_base for kind in kinds]),
+        lift=_find_lifts(chosen, skin[triangle]),
+    )
+    forms = plane_forms(chosen, build_plane_feathers(chosen, *_FOOTPRINT))
+    coat = grow_coat(points, faces, follicles, CoatSpacing(layout.thickness, layout.gap))
+    return LaidCoat(*stack(coat, forms)), forms
+
+
+def _find_lifts(chosen: Sequence[Placement], corners: Array) -> Array:
+    """Return (F,) m, by which tips stand higher because of the tilt that roots are placed with."""
+    normals = unit(face_products(corners))
+    heading = np.stack([each.rotation[:, 0] for each in chosen])
+    length = np.array([each.kind.length for each in chosen])
+    rise = dots(heading, normals)
+    return length * np.maximum(rise - np.sin(np.radians(_USUAL_TILT)), 0.0)
+
+
+def _describe_crowds(laid: LaidCoat, chosen: Sequence[Placement]) -> list[str]:
+    """Tell which feathers found no room between those around them."""
+    crowded = np.flatnonzero(laid.report.shares == 0.0)
+    if not len(crowded):
+        return []
+    return [
+        f"{len(crowded)} feathers find no room between those around them and may pass through "
+        f"them, as '{chosen[crowded[0]].id}'. Lower the density or the length of their regions, or "
+        "raise layout.thickness"
+    ]
