@@ -255,15 +255,18 @@ def _encode(key: Key, code: StoredKernel) -> bytes:
 
 
 def _decode(stored: bytes, key: Key) -> StoredKernel | None:
-    """Stored code; None where it is damaged or of another key."""
+    """Stored code; None where it is damaged, of another key, or stored in another form."""
     checksum, content = stored[:_CHECKSUM_BYTES], stored[_CHECKSUM_BYTES:]
     if hashlib.sha256(content).digest() != checksum:
         return None
     end = _LENGTH_BYTES + int.from_bytes(content[:_LENGTH_BYTES], "little")
-    found, (entry, own, returns, links) = json.loads(content[_LENGTH_BYTES:end])
+    try:
+        found, (entry, own, returns, links) = json.loads(content[_LENGTH_BYTES:end])
+        named = tuple(KernelLink(*each) for each in links)
+    except (ValueError, TypeError):
+        return None
     if tuple(found) != key:
         return None
-    named = tuple(KernelLink(*each) for each in links)
     return StoredKernel(content[end:], entry, own, _as_returned(returns), named)
 
 

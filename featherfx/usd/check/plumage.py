@@ -127,7 +127,9 @@ def _sample_skin(cache: Cache, file: Path, prim: str, code: float | None) -> _Sk
     other = Cache(file)
     chosen = [k for k, each in enumerate(other.feathers) if each.path == prim]
     if not chosen:
-        raise InputError(Problem(str(file), prim, "is no visible mesh. Name a mesh that this file draws"))
+        raise InputError(
+            Problem(str(file), prim, "is no visible mesh. Name a mesh that this file draws")
+        )
     rate = other.frames_per_second / cache.frames_per_second
     known = {each["prim"]: each for each in cache.scenery}.get(prim, {})
     times = known.get("start", 0.0), known.get("first", 0.0), rate if known else 1.0
