@@ -16,6 +16,7 @@ from featherfx.baking.task import BakeTask, prepare
 from featherfx.files.atomic_write import Standing, into, remove_leftovers, standing, write_all
 from featherfx.files.gc_pause import seldom_collected
 from featherfx.phases import Account, account, phase
+from featherfx.provenance import StageRead, listen_to_reads
 from featherfx.shot.clock import StageClock
 from featherfx.shot.types import Shot
 
@@ -73,8 +74,9 @@ def _bake(
     timed: Account,
 ) -> dict[str, Any]:
     """Read, check, simulate, write, report."""
+    reads: list[StageRead] = []
     try:
-        with seldom_collected():
+        with seldom_collected(), listen_to_reads(reads.append):
             task = open_task(shot_path, output, options)
     except KeyboardInterrupt as error:
         during = timed.failed or "checking what is to be done"
@@ -84,6 +86,7 @@ def _bake(
     is_complete = False
     try:
         report = carry_out(task, notify)
+        report["read"] = [each.as_json() for each in dict.fromkeys(reads)]
         is_complete = True
         with phase("finishing", silent=True):
             report |= _seconds(timed)

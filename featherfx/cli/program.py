@@ -30,6 +30,7 @@ import click
 from featherfx._version import __version__
 from featherfx.errors import InputError, InputWarning, Problem, SimulationError, as_sentence
 from featherfx.groom.read.places import located
+from featherfx.provenance import StageRead, listen_to_reads
 
 LOGGER = logging.getLogger("featherfx")
 LOGGER.addHandler(logging.NullHandler())  # else Python prints what nobody takes
@@ -97,6 +98,13 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     if text not in _warned:
         _warned.add(text)
         tell(text, logging.WARNING)
+
+
+def _show_read(read: StageRead) -> None:
+    text = f"featherfx: read {read}"
+    if text not in _warned:
+        _warned.add(text)
+        tell(text)
 
 
 def _verbose_option() -> click.Option:
@@ -303,7 +311,7 @@ class Program(CommandGroup):
     def invoke(self, ctx: click.Context) -> Any:
         _warned.clear()
         try:
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), listen_to_reads(_show_read):
                 warnings.simplefilter("always", InputWarning)
                 warnings.showwarning = _show_warning
                 return super().invoke(ctx)

@@ -74,6 +74,37 @@ def spline_points(control: Array, basis: str, pinned: bool) -> Array:
     return np.vstack([points, matrix.sum(axis=0) / divisor @ quads[-1]])
 
 
+def hermite_points(points: Array, tangents: Array) -> Array:
+    """(P, 3) points along a curve through points (k, 3) with their tangents (k, 3)."""
+    t = np.linspace(0.0, 1.0, _STEPS + 1)[:-1, None, None]
+    start, end, leave, arrive = points[:-1], points[1:], tangents[:-1], tangents[1:]
+    inner = (2 * t**3 - 3 * t**2 + 1) * start + (t**3 - 2 * t**2 + t) * leave
+    inner = inner + (3 * t**2 - 2 * t**3) * end + (t**3 - t**2) * arrive
+    return np.vstack([inner.swapaxes(0, 1).reshape(-1, 3), points[-1:]])
+
+
+def nurbs_points(control: Array, order: int, knots: Array, weights: Array) -> Array:
+    """(P, 3) points along a rational B-spline, its first and last included.
+
+    control: (k, 3). knots: (k + order,), not decreasing. weights: (k,). The basis is by the
+    recursion of Cox and de Boor.
+    """
+    spans = np.unique(knots[order - 1 : len(control) + 1])
+    steps = np.linspace(0.0, 1.0, _STEPS + 1)[:-1]
+    u = np.append((spans[:-1, None] + np.diff(spans)[:, None] * steps).ravel(), spans[-1])[:, None]
+    # the last point belongs to the last span that has a length
+    last = np.flatnonzero(np.diff(knots) > 0.0)[-1]
+    basis = ((knots[:-1] <= u) & (u < knots[1:])).astype(float)
+    basis[-1] = np.arange(len(knots) - 1) == last
+    for degree in range(1, order):
+        rise, fall = knots[degree:-1] - knots[: -degree - 1], knots[degree + 1 :] - knots[1:-degree]
+        up = (u - knots[: -degree - 1]) / np.where(rise > 0.0, rise, 1.0)
+        down = (knots[degree + 1 :] - u) / np.where(fall > 0.0, fall, 1.0)
+        basis = (rise > 0.0) * up * basis[:, :-1] + (fall > 0.0) * down * basis[:, 1:]
+    shares = basis * weights
+    return np.asarray(shares @ control / shares.sum(axis=1, keepdims=True))
+
+
 def without_repeats(points: Array) -> Array:
     """A polyline (k, 3) without points that repeat the one before them."""
     scale = np.abs(points - points[:1]).max(initial=0.0)

@@ -23,6 +23,7 @@ from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.phases import counted
 from featherfx.usd.check.geometry import geometry_problems
 from featherfx.usd.read.animated_mesh import open_mesh
+from featherfx.usd.read.curves import CURVE_KINDS
 from featherfx.usd.read.groom import read_feathers
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import (
@@ -183,7 +184,7 @@ def _meshes(scene: SourceScene, place: Place) -> set[str]:
 
 
 def _feathers(scene: SourceScene, path: Path, place: Place) -> None:
-    kinds = (UsdGeom.BasisCurves, UsdGeom.PointInstancer)
+    kinds = (*CURVE_KINDS, UsdGeom.PointInstancer)
     prims = list(prims_below(scene.stage.GetPseudoRoot()))
     if not any(prim.IsA(kind) for prim in prims for kind in kinds):
         return

@@ -205,21 +205,21 @@ class AnimatedMesh(ScenePrim):
                 self._poses.popitem(last=False)
         return self._poses[time]
 
-    def displacement(self) -> float:
+    def displacement(self, looks: int = _MAX_LOOKS) -> float:
         """Return the largest distance (m) of a point from where it is at its first samples.
 
-        Of many samples some are looked at, evenly spread, the last included.
+        looks: samples that are looked at, evenly spread, the first and the last included.
         """
-        return max(self._displacements(), default=0.0)
+        return max(self._displacements(looks), default=0.0)
 
     def is_still(self) -> bool:
         """Return whether no point moves at its samples."""
-        return not any(self._displacements())
+        return not any(self._displacements(_MAX_LOOKS))
 
-    def _displacements(self) -> Iterator[float]:
+    def _displacements(self, looks: int) -> Iterator[float]:
         if len(self.times) < 2:
             return
-        chosen = np.linspace(0, len(self.times) - 1, min(len(self.times), _MAX_LOOKS)).round()
+        chosen = np.linspace(0, len(self.times) - 1, min(len(self.times), looks)).round()
         first = self.points(self.times[0])
         for k in chosen[1:].astype(int).tolist():
             way = self.points(self.times[k]) - first

@@ -5,8 +5,9 @@ They are rachises of a groom, guides and lines of a skin.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,12 @@ from pxr import Gf, UsdGeom
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.groom import DEFAULT_PRIMVARS
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.read.rachis_curve import CURVE_BASES, spline_points
+from featherfx.groom.read.rachis_curve import (
+    CURVE_BASES,
+    hermite_points,
+    nurbs_points,
+    spline_points,
+)
 from featherfx.usd.read.values import (
     EARLIEST_TIME,
     INTEGER_ARRAY,
@@ -26,6 +32,7 @@ from featherfx.usd.read.values import (
     list_elements,
     read_array,
     read_flattened,
+    read_sized_array,
     read_text,
     to_numpy,
 )
@@ -37,38 +44,50 @@ _TYPES, _WRAPS = ("linear", "cubic"), ("nonperiodic", "pinned")
 class PrimCurves:
     """The curves of one prim in its own space.
 
-    points: (V, 3) control points of all. starts: (N + 1,) first point of each, and V. basis: of
-    cubic curves, empty for linear ones. pinned: whether cubic curves run to their end points.
+    points: (V, 3) control points of all. starts: (N + 1,) first point of each, and V. line: from
+    the number of a curve to (k, 3) points on it.
     """
 
     points: Array
     starts: Indices
-    basis: str
-    pinned: bool
+    line: Callable[[int], Array]
 
     def __len__(self) -> int:
         return len(self.starts) - 1
 
-    def control(self, number: int) -> Array:
-        """Return (k, 3) points of one curve as they are authored."""
-        return self.points[self.starts[number] : self.starts[number + 1]]
-
-    def line(self, number: int) -> Array:
-        """Return (k, 3) points on one curve."""
-        points = self.control(number)
-        return spline_points(points, self.basis, self.pinned) if self.basis else points
+    def own(self, number: int) -> slice:
+        """Return the points of one curve."""
+        return slice(self.starts[number], self.starts[number + 1])
 
 
 def read_prim_curves(prim: Any, code: Any, place: Place) -> PrimCurves:
-    """Return the curves of a BasisCurves prim at a time. Raises InputError with all problems."""
-    curves, found = UsdGeom.BasisCurves(prim), Problems()
+    """Return the curves of a prim at a time: BasisCurves, NurbsCurves or HermiteCurves.
+
+    Raises InputError with all problems.
+    """
+    found = Problems()
     place = replace(place, problems=found)
+    curves = UsdGeom.Curves(prim)
     points = read_array(curves.GetPointsAttr(), code, VECTOR_ARRAY)
     counts = read_array(curves.GetCurveVertexCountsAttr(), code, INTEGER_ARRAY)
     if points is None or counts is None:
         missing = "points" if points is None else "curveVertexCounts"
         place.child(missing).refuse(f"has no value {describe_time(code)}")
     points, counts = points.astype(np.float64), counts.astype(np.int64)
+    if counts.sum() != len(points) or (counts < 0).any():
+        told = f"add up to {counts.sum()}, there are {len(points)}"
+        place.child("curveVertexCounts").fail(told)
+    if not np.isfinite(points).all():
+        place.child("points").fail("hold values that are not finite")
+    reader = next(own for kind, own in _READERS.items() if prim.IsA(kind))
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    line = reader(prim, code, PrimCurves(points, starts, lambda number: points), place)
+    found.hand_on()
+    return PrimCurves(points, starts, line)
+
+
+def _read_basis(prim: Any, code: Any, given: PrimCurves, place: Place) -> Callable[[int], Array]:
+    curves, counts = UsdGeom.BasisCurves(prim), np.diff(given.starts)
     kind, wrap = read_text(curves.GetTypeAttr()), read_text(curves.GetWrapAttr())
     for name, value, allowed in (("type", kind, _TYPES), ("wrap", wrap, _WRAPS)):
         if value == "periodic":
@@ -76,29 +95,82 @@ def read_prim_curves(prim: Any, code: Any, place: Place) -> PrimCurves:
         elif value not in allowed:
             place.child(name).fail(f"'{value}' is not one of {', '.join(allowed)}")
     basis = read_text(curves.GetBasisAttr()) if kind == "cubic" else ""
-    _check_sizes(points, counts, basis, wrap == "pinned", place)
-    found.hand_on()
-    return PrimCurves(points, np.concatenate([[0], np.cumsum(counts)]), basis, wrap == "pinned")
-
-
-def _check_sizes(points: Array, counts: Indices, basis: str, pinned: bool, place: Place) -> None:
-    if counts.sum() != len(points) or (counts < 0).any():
-        place.child("curveVertexCounts").fail(f"add up to {counts.sum()}, there are {len(points)}")
-    if not np.isfinite(points).all():
-        place.child("points").fail("hold values that are not finite")
+    pinned = wrap == "pinned"
     if basis and basis not in CURVE_BASES:
         place.child("basis").fail(f"'{basis}' is not one of {', '.join(CURVE_BASES)}")
     least = 4 if basis and not (pinned and basis != "bezier") else 2
+    uneven = np.flatnonzero((counts - 4) % 3)
+    if not _has_short_curve(counts, least, place) and basis == "bezier" and len(uneven):
+        wrong = int(uneven[0])
+        place.child("curveVertexCounts").fail(
+            f"curve {wrong} has {counts[wrong]} points, a bezier has 4, 7, 10, ..."
+        )
+
+    def line(number: int) -> Array:
+        control = given.points[given.own(number)]
+        return spline_points(control, basis, pinned) if basis else control
+
+    return line
+
+
+def _read_hermite(prim: Any, code: Any, given: PrimCurves, place: Place) -> Callable[[int], Array]:
+    attribute = UsdGeom.HermiteCurves(prim).GetTangentsAttr()
+    tangents = read_sized_array(attribute, code, VECTOR_ARRAY).astype(np.float64)
+    _has_short_curve(np.diff(given.starts), 2, place)
+    if tangents.shape != given.points.shape or not np.isfinite(tangents).all():
+        told = f"has {len(tangents)} values for {len(given.points)} points, or not finite ones"
+        place.child("tangents").fail(told)
+    return lambda number: hermite_points(
+        given.points[given.own(number)], tangents[given.own(number)]
+    )
+
+
+def _read_nurbs(prim: Any, code: Any, given: PrimCurves, place: Place) -> Callable[[int], Array]:
+    curves, counts = UsdGeom.NurbsCurves(prim), np.diff(given.starts)
+    orders = read_sized_array(curves.GetOrderAttr(), code, INTEGER_ARRAY).astype(np.int64)
+    knots = read_sized_array(curves.GetKnotsAttr(), code, NUMBER_ARRAY).astype(np.float64)
+    weights = read_sized_array(curves.GetPointWeightsAttr(), code, NUMBER_ARRAY).astype(np.float64)
+    orders = np.repeat(orders, len(counts)) if len(orders) == 1 else orders
+    weights = weights if len(weights) else np.ones(len(given.points))
+    if len(orders) != len(counts) or (orders < 2).any() or (orders > counts).any():
+        place.child("order").fail("does not fit. Give each curve an order from 2 to its points")
+        orders = np.full(len(counts), 2)
+    ends = np.concatenate([[0], np.cumsum(counts + orders)])
+    rises = all((np.diff(knots[a:b]) >= 0.0).all() for a, b in pairwise(ends))
+    if ends[-1] != len(knots) or not np.isfinite(knots).all() or not rises:
+        told = f"has {len(knots)} values that do not fit. Give each curve its points plus its order"
+        place.child("knots").fail(f"{told}, not decreasing")
+    if len(weights) != len(given.points) or not (weights > 0.0).all():
+        place.child("pointWeights").fail("does not fit the points. Give each a number above 0")
+
+    def line(number: int) -> Array:
+        part, own = given.own(number), slice(*ends[number : number + 2])
+        return nurbs_points(given.points[part], int(orders[number]), knots[own], weights[part])
+
+    return line
+
+
+# the first that a prim is
+_READERS = {
+    UsdGeom.BasisCurves: _read_basis,
+    UsdGeom.HermiteCurves: _read_hermite,
+    UsdGeom.NurbsCurves: _read_nurbs,
+}
+CURVE_KINDS = tuple(_READERS)
+
+
+def is_curves(prim: Any) -> bool:
+    """Return whether read_prim_curves reads a prim."""
+    return any(prim.IsA(kind) for kind in CURVE_KINDS)
+
+
+def _has_short_curve(counts: Indices, least: int, place: Place) -> bool:
     short = np.flatnonzero(counts < least)
     if len(short):
         few = f"curve {short[0]} has {counts[short[0]]} points, a rachis has {least} at least"
         more = f" (and {len(short) - 1} more curves)" if len(short) > 1 else ""
         place.child("curveVertexCounts").fail(few + more)
-    elif basis == "bezier" and ((counts - 4) % 3).any():
-        wrong = int(np.flatnonzero((counts - 4) % 3)[0])
-        place.child("curveVertexCounts").fail(
-            f"curve {wrong} has {counts[wrong]} points, a bezier has 4, 7, 10, ..."
-        )
+    return len(short) > 0
 
 
 class PrimvarReader:

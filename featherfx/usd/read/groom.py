@@ -17,7 +17,8 @@ from featherfx.errors import all_of
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.condensed import DrawnBarbs
 from featherfx.groom.read.readers import DrawnFeather
-from featherfx.usd.read.curves import CurveElement, PrimvarReader, read_prim_curves
+from featherfx.provenance import LeftOut, StageRead, note_read
+from featherfx.usd.read.curves import CurveElement, PrimvarReader, is_curves, read_prim_curves
 from featherfx.usd.read.drawn_meshes import Instances, find_hidden, instance_matrices, refuse_rings
 from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.stage import (
@@ -72,28 +73,32 @@ def read_feathers(
             root = scene.stage.GetPseudoRoot()
             roots += [root if whole else find_prim(scene, each, at, "curves", "instancer")]
     feathers: list[DrawnFeather] = []
+    left: list[LeftOut] = []
     at_file = Place(str(path), "", problems)
     with problems.collecting(), errors_at(place):
-        for prim in [prim for root in roots for prim in _sources(scene, root, entry)]:
+        for prim in [prim for root in roots for prim in _sources(root, entry, left)]:
             with problems.collecting(), errors_at(place):
                 feathers += _read_prim(scene, prim, entry, at_file)
     problems.hand_on()
     if not feathers:
         nothing = f"{path}: no curves and no instances at {', '.join(paths)} or below"
         there = describe_prims(scene, ("curves", "instancer"), paths[0])
-        at.refuse(nothing + there + describe_broken(scene))
+        hidden = "".join(f". {each.path} {each.reason}" for each in left[:1])
+        at.refuse(nothing + hidden + there + describe_broken(scene))
+    named = ", ".join(paths)
+    note_read(StageRead(str(path), named, "feather", len(feathers), tuple(left)))
     return path, feathers
 
 
-def _sources(scene: SourceScene, root: Any, entry: dict[str, Any]) -> Iterator[Any]:
+def _sources(root: Any, entry: dict[str, Any], left: list[LeftOut]) -> Iterator[Any]:
     """Yield curves and instancers at a prim or below, as they are drawn.
 
-    Prototypes of instancers are left out.
+    Prototypes of instancers are part of these. left: takes those that are not read.
     """
     found = [
         prim
         for prim in prims_below(root)
-        if prim.IsA(UsdGeom.BasisCurves) or prim.IsA(UsdGeom.PointInstancer)
+        if prim.IsA(UsdGeom.Curves) or prim.IsA(UsdGeom.PointInstancer)
     ]
     prototypes = [
         target
@@ -102,11 +107,24 @@ def _sources(scene: SourceScene, root: Any, entry: dict[str, Any]) -> Iterator[A
         for target in read_targets(UsdGeom.PointInstancer(prim).GetPrototypesRel())
     ]
     for prim in found:
-        is_named = str(prim.GetPath()) in entry["prims"]
+        path, kind = str(prim.GetPath()), str(prim.GetTypeName())
         if any(prim.GetPath().HasPrefix(each) for each in prototypes):
             continue
-        if is_named or not find_hidden(prim, entry):
+        if not (is_curves(prim) or prim.IsA(UsdGeom.PointInstancer)):
+            left.append(LeftOut(path, kind, "is of a kind of curves that is not known"))
+        elif path not in entry["prims"] and (reason := _find_reason(prim, entry)):
+            left.append(LeftOut(path, kind, reason))
+        else:
             yield prim
+
+
+def _find_reason(prim: Any, entry: dict[str, Any]) -> str:
+    """Return why a prim that no path names is not read; empty where it is."""
+    if not prim.HasAttribute("primvars:featherId"):
+        return find_hidden(prim, entry)
+    # rachises of a cache are guides, and feathers by their ids
+    every = ("default", "render", "proxy", "guide")
+    return find_hidden(prim, {**entry, "purposes": every})
 
 
 def _read_prim(
@@ -117,7 +135,7 @@ def _read_prim(
         yield from _instances(scene, prim, entry, place)
         return
     for curve in _read_curves(prim, entry, place):
-        code = _rest_time(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
+        code = _rest_time(UsdGeom.Curves(prim).GetPointsAttr(), entry)
         matrix = scene.matrix(prim, code)
         path = str(prim.GetPath())
         alone, number = curve.own.of == 1, curve.own.number
@@ -131,9 +149,9 @@ def _rest_time(attribute: Any, entry: dict[str, Any]) -> Any:
 
 
 def _read_curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
-    """Yield the curves of a BasisCurves prim."""
+    """Yield the curves of a prim."""
     at = place.child(str(prim.GetPath()))
-    code = _rest_time(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
+    code = _rest_time(UsdGeom.Curves(prim).GetPointsAttr(), entry)
     curves = read_prim_curves(prim, code, at)
     values, count = PrimvarReader(prim, entry["names"], code, curves.starts, at), len(curves.points)
     left, right = values.barbs("left_barbs", count), values.barbs("right_barbs", count)
@@ -144,9 +162,9 @@ def _read_curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Cu
         if left is None or right is None:
             yield _Curve(prim, curves.line(number), None, own)
         else:
-            part = slice(curves.starts[number], curves.starts[number + 1])
+            part = curves.own(number)
             barbs = DrawnBarbs(left[part], right[part])
-            yield _Curve(prim, curves.control(number), barbs, own)
+            yield _Curve(prim, curves.points[part], barbs, own)
 
 
 def _drawn_feather(
@@ -255,7 +273,7 @@ def _template_curves(
     code = DEFAULT_TIME if entry["time"] is None else Usd.TimeCode(entry["time"])
     back = read_inverse(root, code)
     for prim in prims_below(root):
-        if prim.IsA(UsdGeom.BasisCurves):
+        if is_curves(prim):
             relative = read_matrix(prim, code) @ back
             for curve in _read_curves(prim, entry, place):
                 yield curve, relative, f"_{prim.GetName()}_{curve.own.number}"

@@ -81,7 +81,7 @@ class CurveRibbon(Ribbons):
 
     def __init__(self, scene: SourceScene, prim: Any) -> None:
         self.space, self._path = prim, scene.path
-        self._points = UsdGeom.BasisCurves(prim).GetPointsAttr()
+        self._points = UsdGeom.Curves(prim).GetPointsAttr()
         line = self._line(rest_time(self._points))
         pieces = np.linalg.norm(np.diff(line, axis=0), axis=1)
         self._half = _HALF_WIDTH_RATIO * float(pieces.mean())
@@ -138,7 +138,7 @@ def _start_tangent(line: Array, stations: Array) -> Array:
 def curve_fault(scene: SourceScene, prim: Any, place: Place) -> str:
     """Return why roots cannot follow a curve; empty where they can. Raises InputError."""
     sizes = set()
-    for code in list_times(UsdGeom.BasisCurves(prim).GetPointsAttr()):
+    for code in list_times(UsdGeom.Curves(prim).GetPointsAttr()):
         curves = read_prim_curves(
             prim, code, Place(str(scene.path), str(prim.GetPath()), place.problems)
         )
@@ -321,7 +321,7 @@ class RibbonMesh(AnimatedMesh):
 def open_carrier(scene: SourceScene, path: str, rest: float | None, place: Place) -> AnimatedMesh:
     """Return a mesh, or the ribbons of a skeleton or a curve, by its path; as open_mesh."""
     prim = scene.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
-    for kind, opener in ((UsdSkel.Skeleton, open_bones), (UsdGeom.BasisCurves, open_curve)):
+    for kind, opener in ((UsdSkel.Skeleton, open_bones), (UsdGeom.Curves, open_curve)):
         if prim and prim.IsA(kind):
             find_prim(scene, path, place)
             return opener(scene, prim, rest, place)

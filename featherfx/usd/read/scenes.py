@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from featherfx.groom.keys.groom import DEFAULT_PRIMVARS, USD_KEYS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Table
 from featherfx.groom.skin.field import search_tree
+from featherfx.provenance import LeftOut, StageRead, note_read
 from featherfx.shot.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
 from featherfx.usd.read.cache import Cache
@@ -46,6 +48,7 @@ from featherfx.usd.read.values import (
 )
 
 _MAX_NEIGHBOURS = 8
+_LOOKS = 5  # samples that tell how far a surface moves
 PointsById = dict[str, Array]
 
 
@@ -58,24 +61,38 @@ def open_meshes(
     the table. Raises InputError with all problems.
     """
     scene, problems = open_scene(path, place.child("usd")), Problems()
+    left: list[LeftOut] = []
     scene = choose_variants(scene, entry["variant_sets"], place.child("variant_sets"))
     paths: dict[str, Place] = {}
     for each, at in prims.items():
         with problems.collecting():
-            found = [each] if each.startswith("/") else _by_name(scene, each, entry, at)
+            found = [each] if each.startswith("/") else _by_name(scene, each, entry, left, at)
             paths |= dict.fromkeys(found, at)
     if entry.get("collection") is not None:
         with problems.collecting():
-            paths |= dict.fromkeys(_by_collection(scene, entry, place), place)
+            paths |= dict.fromkeys(_by_collection(scene, entry, left, place), place)
     opened = []
     for each, at in paths.items():
         with problems.collecting():
             opened.append(open_carrier(scene, each, entry.get("rest"), at))
     problems.raise_any()
+    role = "collider" if "collection" in entry else "skin"
+    for mesh in opened:
+        told = StageRead(str(path), mesh.path, role, 1, motion=_describe_motion(mesh))
+        note_read(told if mesh is not opened[0] else replace(told, left=tuple(left)))
     return opened
 
 
-def _by_name(scene: SourceScene, pattern: str, entry: Mapping[str, Any], place: Place) -> list[str]:
+def _describe_motion(surface: AnimatedMesh) -> str:
+    if surface.sampled is None:
+        return "still"
+    first, last = surface.sampled
+    return f"moves {surface.displacement(_LOOKS):.3g} m from time code {first:g} to {last:g}"
+
+
+def _by_name(
+    scene: SourceScene, pattern: str, entry: Mapping[str, Any], left: list[LeftOut], place: Place
+) -> list[str]:
     prims = [
         prim
         for prim in prims_below(scene.stage.GetPseudoRoot())
@@ -84,22 +101,26 @@ def _by_name(scene: SourceScene, pattern: str, entry: Mapping[str, Any], place: 
     if not prims:
         there = describe_prims(scene, ("mesh",), pattern)
         place.refuse(f"no mesh is called '{pattern}' in {scene.path}{there}")
-    return _drawn_paths(prims, entry, f"'{pattern}'", place)
+    return _drawn_paths(prims, entry, left, place)
 
 
 def _drawn_paths(
-    prims: Sequence[Any], entry: Mapping[str, Any], named: str, place: Place
+    prims: Sequence[Any], entry: Mapping[str, Any], left: list[LeftOut], place: Place
 ) -> list[str]:
-    """Return the paths of the prims that are drawn as the keys of a table say."""
-    hidden = {str(prim.GetPath()): find_hidden(prim, entry) for prim in prims}
-    found = [path for path, reason in hidden.items() if not reason]
-    if not found:
-        path, reason = next(iter(hidden.items()))
-        place.refuse(f"{named} names nothing that is drawn: {path} {reason}")
-    return found
+    """Return the paths of the prims that are drawn as the keys of a table say.
+
+    left: takes the others.
+    """
+    reasons = {str(prim.GetPath()): find_hidden(prim, entry) for prim in prims}
+    left += [LeftOut(path, "Mesh", reason) for path, reason in reasons.items() if reason]
+    if all(reasons.values()):
+        place.refuse(f"names nothing that is drawn: {left[-1].path} {left[-1].reason}")
+    return [path for path, reason in reasons.items() if not reason]
 
 
-def _by_collection(scene: SourceScene, entry: Mapping[str, Any], place: Place) -> list[str]:
+def _by_collection(
+    scene: SourceScene, entry: Mapping[str, Any], left: list[LeftOut], place: Place
+) -> list[str]:
     at, collection = place.child("collection"), str(entry["collection"])
     owner, _, name = collection.partition(".collection:")
     prim = find_prim(scene, owner, at)
@@ -111,7 +132,7 @@ def _by_collection(scene: SourceScene, entry: Mapping[str, Any], place: Place) -
     prims = [each for each in members if isinstance(each, Usd.Prim) and each.IsA(UsdGeom.Mesh)]
     if not prims:
         at.refuse(f"{collection} holds no mesh")
-    return sorted(_drawn_paths(prims, entry, collection, at))
+    return sorted(_drawn_paths(prims, entry, left, at))
 
 
 def _members(api: Any, stage: Any) -> Any:

@@ -15,8 +15,9 @@ from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.skin.faults import skin_doubts
+from featherfx.provenance import StageRead, note_read
 from featherfx.usd.read.animated_mesh import AnimatedMesh, read_topology
-from featherfx.usd.read.curves import read_prim_curves
+from featherfx.usd.read.curves import is_curves, read_prim_curves
 from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.skinning import find_joint_points
@@ -66,6 +67,8 @@ def read_skin(
             continue
         for message in skin_doubts(mesh):
             warnings.warn(f"{scene.path}: {path}: {message}", InputWarning, stacklevel=2)
+    for mesh in opened:
+        note_read(StageRead(str(scene.path), mesh.path, "skin to groom", 1))
     return {path: StageSkin(scene, mesh) for path, mesh in zip(paths, opened, strict=True)}
 
 
@@ -194,9 +197,9 @@ def _read_curve_prims(scene: SourceScene, prims: tuple[str, ...], place: Place) 
     problems = Problems()
     for path in prims:
         for prim in prims_below(find_prim(scene, path, place, "curves")):
-            if prim.IsA(UsdGeom.BasisCurves):
+            if is_curves(prim):
                 with problems.collecting(), errors_at(place):
-                    code = rest_time(UsdGeom.BasisCurves(prim).GetPointsAttr())
+                    code = rest_time(UsdGeom.Curves(prim).GetPointsAttr())
                     at = Place(str(scene.path), str(prim.GetPath()), place.problems)
                     curves = read_prim_curves(prim, code, at)
                     matrix = scene.matrix(prim, code)
