@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -133,24 +133,41 @@ def _ways(samples: Array, middles: tuple[int, int]) -> Array:
 @dataclass(frozen=True)
 class Knots:
     """Times start + k step of samples. first, last: numbers k of the first and last that there are;
-    None: there is no end."""
+    None: there is no end. ends: gives for a time the numbers between which there is no cut, which
+    may be infinite. is_linear: samples lead the motion within cuts only."""
 
     start: float
     step: float
     first: int | None = None
     last: int | None = None
+    ends: Callable[[float], tuple[float, float]] | None = None
+    is_linear: bool = False
+
+    def leads(self, time: float) -> bool:
+        """Return whether samples lead the motion at a time."""
+        return not self.is_linear or self._ends(time)[0] > (time - self.start) / self.step
+
+    def _ends(self, time: float) -> tuple[float, float]:
+        first = -math.inf if self.first is None else float(self.first)
+        last = math.inf if self.last is None else float(self.last)
+        if self.ends is not None:
+            low, high = self.ends(time)
+            first, last = max(first, low), min(last, high)
+        return first, max(first, last)
 
     def stencil(self, time: float) -> Stencil:
         """Samples and weights of the motion at a time."""
         place = (time - self.start) / self.step
+        first, last = self._ends(time)
         if abs(place - round(place)) < _NEAR:
             place = float(round(place))
-        first = -math.inf if self.first is None else self.first
-        last = math.inf if self.last is None else self.last
         if not first <= place <= last:
             end = int(min(max(place, first), last))
-            knots = self._around(end)
-            places, turns = _beyond(np.array(knots) - end, place - end)
+            knots = self._around(end, first, last)
+            if end in (self.first, self.last):
+                places, turns = _beyond(np.array(knots) - end, place - end)
+            else:
+                places = turns = _lagrange(np.array(knots), place)
             both = knots.index(end)
             weights = np.stack([turns, turns])
             return Stencil(self._times(knots), weights, places, (both, both), 0.0)
@@ -158,7 +175,7 @@ class Knots:
             times, one = self._times([int(place)]), np.ones((2, 1))
             return Stencil(times, one, one[0], (0, 0), 0.0)
         before = math.floor(place)
-        around = [self._around(before), self._around(before + 1)]
+        around = [self._around(before + k, first, last) for k in (0, 1)]
         knots = list(range(around[0][0], around[1][-1] + 1))
         weights = np.zeros((2, len(knots)))
         for row, some in zip(weights, around, strict=True):
@@ -169,10 +186,15 @@ class Knots:
         both = (1.0 - fraction) * weights[0] + fraction * weights[1]
         return Stencil(self._times(knots), weights, both, middles, fraction)
 
-    def _around(self, knot: int) -> list[int]:
-        low = knot - _REACH if self.first is None else max(knot - _REACH, self.first)
-        high = knot + _REACH if self.last is None else min(knot + _REACH, self.last)
-        return list(range(low, high + 1))
+    def _around(self, knot: int, first: float, last: float) -> list[int]:
+        """Knots that the polynomial about one goes through, between the first and the last; about
+        one beside a cut one more, since it has to go on from there."""
+        low, high = max(knot - _REACH, first), min(knot + _REACH, last)
+        if low == knot != self.first:
+            high = min(high + 1, last)
+        elif high == knot != self.last:
+            low = max(low - 1, first)
+        return list(range(int(low), int(high) + 1))
 
     def _times(self, knots: list[int]) -> Array:
         return self.start + self.step * np.array(knots, dtype=np.float64)

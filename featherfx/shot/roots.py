@@ -6,14 +6,28 @@ whose poses come from a wing beat (flap.py), from keyframes (keys.py), or are he
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.shot.clock import FrameCuts
 
 # of a root within an interval
 SAMPLES = 5
+
+
+class Timed(Protocol):
+    """A shot as rates see it."""
+
+    @property
+    def frames_per_second(self) -> float:
+        """Return its frames in a second."""
+
+    @property
+    def frame_cuts(self) -> FrameCuts:
+        """Return its cuts."""
 
 
 class RootFrames(NamedTuple):
@@ -75,7 +89,15 @@ def end_rates(times: Array) -> tuple[Array, Array]:
     return inverse[1], 2.0 * inverse[2]
 
 
-def sampled_rates(places: Array, times: Array) -> tuple[Array, Array]:
-    """(K, F, 3) velocities and accelerations of places (K, F, 3) at times (K,)."""
-    velocities = np.gradient(places, times, axis=0)
-    return velocities, np.gradient(velocities, times, axis=0)
+def sampled_rates(places: Array, frames: Array, shot: Timed) -> tuple[Array, Array]:
+    """(K, F, 3) velocities and accelerations of places (K, F, 3) at K frames from 0 s on, between
+    the cuts of a shot."""
+    cut = map(shot.frame_cuts.between, frames[:-1], frames[1:])
+    ends = [0, *(np.flatnonzero(list(cut)) + 1), len(frames)]
+    rates = np.zeros((2, *places.shape))
+    for low, high in pairwise(ends):
+        if high > low + 1:
+            times = frames[low:high] / shot.frames_per_second
+            rates[0, low:high] = np.gradient(places[low:high], times, axis=0)
+            rates[1, low:high] = np.gradient(rates[0, low:high], times, axis=0)
+    return rates[0], rates[1]

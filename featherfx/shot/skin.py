@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,6 +72,13 @@ class BoundSkin:
             positions[members] = moved
             rotations[members] = carriers @ self.rotations[members]
         return RootFrames(positions, rotations)
+
+    def led(self, change: Callable[[MovingSurface], MovingSurface], clock: StageClock) -> BoundSkin:
+        """The same roots on changed surfaces, under another clock."""
+        surfaces = {id(part.surface): part.surface for part in self.parts}
+        changed = {key: change(each) for key, each in surfaces.items()}
+        parts = tuple(replace(part, surface=changed[id(part.surface)]) for part in self.parts)
+        return replace(self, parts=parts, clock=clock)
 
     def _check(self, part: _Part, used: Array, code: float) -> None:
         if not may_be_flat(used):

@@ -55,6 +55,7 @@ class MovingSurface(OfScene, Protocol):
     face: Indices
     rest: Array
     st: Array | None
+    knots: Knots | None
     bones: Array | None
 
     @property
@@ -78,8 +79,9 @@ class MovingSurface(OfScene, Protocol):
     def is_mirrored(self, code: float) -> bool:
         """Return whether it is mirrored at a time code against rest."""
 
-    def smoothed(self, knots: Knots) -> MovingSurface:
-        """The same, moving smoothly between the poses that it has at knots (time codes)."""
+    def smoothed(self, knots: Knots | None) -> MovingSurface:
+        """The same, moving smoothly between the poses that it has at knots (time codes); None: as
+        the scene has it."""
 
 
 class WindSource(OfScene, Protocol):
@@ -120,6 +122,10 @@ class TimedSurface:
         points = self.surface.points(self.clock.code(self.run_up.own(time)))
         return points + self.run_up.shift(time) if time < 0.0 else points
 
+    def after(self, time: float) -> Array:
+        """(V, 3) m, the same; at a cut, after it."""
+        return self.points(self.clock.after(time))
+
     def brought_up(self, run_up: RunUp, tolerance: float) -> TimedSurface:
         """The same, led by a run-up; the ground that moves by less than a small part of a tolerance
         (m) stays where it is."""
@@ -138,4 +144,4 @@ class TimedWind:
 
     def velocity(self, points: Array, time: float) -> Array:
         """(N, 3) m/s at points (N, 3) m, at a time in s since the first frame."""
-        return self.scale * self.source.velocity(points, self.clock.code(time))
+        return self.scale * self.source.velocity(points, self.clock.held(time))

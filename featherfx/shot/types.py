@@ -14,7 +14,7 @@ from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, 
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.limits import MAX_CLUMPS
-from featherfx.shot.clock import MAX_RATE, MIN_RATE
+from featherfx.shot.clock import MAX_RATE, MIN_RATE, NO_CUTS, FrameCuts
 from featherfx.shot.preroll import NO_RUN_UP, RunUp
 from featherfx.shot.skin import BoundSkin, SkinSurfaces
 from featherfx.shot.sources import TimedSurface, TimedWind
@@ -412,8 +412,14 @@ class Shot:
     feathers on a skin (loads/shelter.py). wind_source: added to wind. time_codes_per_second: of
     what is written; None: frames_per_second.
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
+<<<<<<< HEAD
     through each other and through colliders.
     run_up: how what moves is brought up from rest before 0.
+=======
+    through each other and through colliders. layers: None: they are shown as they were simulated.
+    run_up: how what moves is brought up from rest before 0. frame_cuts: those that are named or
+    found, in the frame loop.
+>>>>>>> a616eea3 (Find cuts by acceleration, keep one list of them, and hold roots to the skin that is drawn)
     level_of_detail: None: levels do not follow a camera. inputs: what the shot's files say, by key
     (groom/read/value_diff.py).
     """
@@ -477,7 +483,14 @@ class Shot:
         "first frame's pose a fifth of these frames back along the way that leads to it, and "
         "forth. 0: feathers begin in balance, carried by their roots.",
     ] = 12
+    cuts: Annotated[
+        tuple[int, ...] | None,
+        ArrayOf(Number(-1_000_000, 1_000_000, whole=True), 0, 1000),
+        "Frames at which everything is cut to another pose, the first of each; default: those that "
+        "no smooth motion explains. []: there are none.",
+    ] = None
     run_up: RunUp = NO_RUN_UP
+    frame_cuts: FrameCuts = NO_CUTS
     skin: BoundSkin | None = None
     surfaces: SkinSurfaces | None = None
     exposure: Array | None = None

@@ -46,7 +46,7 @@ class TimedCamera:
 
     def view(self, time: float) -> View:
         """At a time in s since the first frame."""
-        return self.source.view(self.clock.code(time))
+        return self.source.view(self.clock.held(time))
 
 
 def relative_sizes(view: View, roots: Array, lengths: Array, margin: float) -> Array:

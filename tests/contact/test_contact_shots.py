@@ -254,9 +254,12 @@ class Board:
     face = np.zeros(2, dtype=np.int64)
     rest = np.array([[-1.0, -1, -0.06], [1, -1, -0.06], [1, 1, -0.06], [-1, 1, -0.06]])
     st = None
-    sampled = (0.0, 100.0)
+    sampled, knots = (0.0, 100.0), None
     time_codes_per_second: float = 1.0
     origin: tuple = ("board", ())
+
+    def smoothed(self, knots):
+        return self
 
     def points(self, code: float) -> np.ndarray:
         return self.rest + np.array([0.0, 0.0, 0.02 * min(code / 0.1, 1.0)])

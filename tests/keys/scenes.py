@@ -933,6 +933,7 @@ ELSEWHERE = {
     "shot.skin.usd": "tests/usdin/test_usd_skin.py",
     "shot.skin.extrapolation": "tests/usdin/test_usd_skin.py",
     "shot.skin.time": "tests/usdin/test_stage_time.py",
+    "shot.cuts": "tests/shot/test_cuts.py",
     "shot.collider.time": "tests/usdin/test_stage_time.py",
     "shot.wind_usd": "tests/usdin/test_usd_wind_and_bake.py",
     "shot.collider.usd": "tests/contact/test_contact_shots.py",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
-from usdin_scenes import add_mesh, lifted, new_stage, sheet, vec, write_shot
+from usdin_scenes import add_matrix, add_mesh, lifted, new_stage, rigid, sheet, vec, write_shot
 
 import featherfx
 from featherfx.errors import InputError
@@ -166,3 +166,39 @@ def test_colliders_winds_and_cameras_read_time_alike(tmp_path):
         clocks = shot.colliders[0].clock, shot.wind_source.clock, shot.level_of_detail.camera.clock
         assert [(each.start, each.step) for each in clocks] == [(2.0 * step, step)] * 3
         assert shot.wind_source.velocity(np.zeros((1, 3)), 1 / 24)[0, 0] == pytest.approx(3 * step)
+
+
+@pytest.mark.parametrize("by", ["points", "transform", "every second code"])
+def test_roots_stay_on_the_skin_that_is_drawn_between_frames(tmp_path, by):
+    """A sheet turns by 29 degrees a frame, which a renderer draws along chords."""
+    stage = new_stage(tmp_path / "skin.usda")
+    points, counts, quads = sheet()
+    mesh = add_mesh(stage, "/skin", points, counts, quads)
+    for code in range(0, 20, 2 if by == "every second code" else 1):
+        matrix = rigid(29.0 * code, (1, 0, 0), (0.1 * code, 0, 0))
+        if by == "transform":
+            add_matrix(mesh, matrix, code)
+        else:
+            mesh.GetPointsAttr().Set(vec(points @ matrix[:3, :3] + matrix[3, :3]), code)
+    stage.Save()
+    skin = SKIN + "rest = 0\n"
+    path = write_shot(tmp_path, skin, (2, 6), groom="g.toml", more="preroll = 0\n")
+    (tmp_path / "g.toml").write_text(
+        'name = "g"\n[[feather]]\nid = "f"\nkind = "covert"\nposition = [0.0, 0.15, 0.0]\n'
+    )
+    report = featherfx.bake(path, tmp_path / "out.usda", subframes=4)
+    codes = np.arange(2.0, 6.0, 0.125)
+    gaps = root_gaps(tmp_path / "out.usda", tmp_path / "skin.usda", codes)
+    # a transform is no chord for USD itself, only for points between the samples that are written
+    assert gaps[::2].max() < 1e-6
+    assert gaps.max() < 1e-3
+    assert report["drawn_skin"]["feather"] == "f"
+    assert report["drawn_skin"]["distance"] > (1e-5 if by == "transform" else 4e-3)
+    stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    feather = next(each for each in stage.Traverse() if each.IsA(UsdGeom.Mesh))
+    for code in (3.25, 4.0, 4.5):
+        here, there = (np.array(feather.GetAttribute("points").Get(c)) for c in (code, code + 0.25))
+        root = np.linalg.norm(here - np.array(feather.GetAttribute("points").Get(code))[0], axis=1)
+        velocity = np.array(feather.GetAttribute("velocities").Get(code))[root.argmin()]
+        way = (there - here)[root.argmin()] * 24.0 / 0.25
+        assert np.linalg.norm(velocity - way) < 0.1 * np.linalg.norm(way)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.shot.contact.skin_binding import NEAR, SkinBeneath, surfaces_under
-from featherfx.shot.motion.cuts import CutSurface, cut_surfaces
+from featherfx.shot.sources import TimedSurface
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.types import GroundSurface, Indices, SkinMesh, Wall
 from featherfx.solver.contact.wall import wall_of
@@ -43,7 +43,7 @@ class Bodies:
 
     def __init__(self, shot: Shot, feathers: FeathersOver) -> None:
         longest = float(feathers.lengths.max())
-        self._bodies = cut_surfaces(shot, shot.colliders, longest)
+        self._bodies = shot.colliders
         surfaces = [body.surface for body in shot.colliders]
         self._parts = [
             [
@@ -57,11 +57,6 @@ class Bodies:
         assert shot.contact is not None
         self._skins = _skins(shot, feathers, longest) if shot.contact.skin else []
         self.count, self.begun = len(self._bodies) + len(self._skins), False
-
-    def warn(self, k: int, number: float) -> None:
-        """Say which bodies are cut from frame k to k + 1, whose number is given."""
-        for body in self._bodies:
-            body.warn(k, number)
 
     def approach(self, states: Sequence[State], start: float, end: float, margin: float) -> bool:
         """Return whether a body that moves between start and end (s) comes near any feather at
@@ -104,7 +99,7 @@ class Bodies:
             return walls
         fastest = max(float(np.abs(state.velocity.nodes).max()) for state in states)
         for body, parts in zip(self._bodies, self._parts, strict=True):
-            cut = end > start and body.is_cut(start)
+            cut = end > start and body.clock.begins(start)
             before, after = _start_of(body, start, end), body.points(end)
             own = float(np.abs(after - before).max(initial=0.0))
             way = np.sqrt(3.0) * (fastest * (end - start) + own)
@@ -117,9 +112,9 @@ class Bodies:
         return walls
 
 
-def _start_of(body: CutSurface, start: float, end: float) -> Array:
+def _start_of(body: TimedSurface, start: float, end: float) -> Array:
     """(V, 3) m, where a body begins the way from start to end (s): at a cut, after it."""
-    cut = end > start and body.is_cut(start)
+    cut = end > start and body.clock.begins(start)
     return _contiguous(body.after(start) if cut else body.points(start))
 
 
@@ -129,7 +124,7 @@ def _contiguous(points: Array) -> Array:
 
 def _skins(
     shot: Shot, feathers: FeathersOver, least: float
-) -> list[tuple[CutSurface, SkinMesh, Indices]]:
+) -> list[tuple[TimedSurface, SkinMesh, Indices]]:
     """The surfaces of a shot's skin, and which triangle each node is over (Ground.under). Ribbons
     along bones are no bodies. least: m, of a cut."""
     found = []
@@ -144,5 +139,5 @@ def _skins(
             under = np.full(own.shape, -1)
             near = np.abs(beneath.height) < NEAR * feathers.lengths[feather]
             under[own] = np.where(near, beneath.triangle, -1)
-            found.append((cut_surfaces(shot, [surface], least)[0], beneath.mesh, under))
+            found.append((surface, beneath.mesh, under))
     return found

@@ -198,13 +198,6 @@ class ContactStage(Stage):
             self.contact_groups.append(ContactGroup(run, some, obstacles))
         run.step_groups += self.contact_groups
 
-    def begin(self, index: int) -> None:
-        """Warn of bodies that are somewhere else right after the sample before."""
-        frame, between = divmod(index - 1, self.run.subframes)
-        if self.contact_groups and index > 0 and not between:
-            number = self.run.number(index - 1 + self.run.subframes)
-            self.contact_groups[0].contact.bodies.warn(frame, number)
-
     def checkpoint(self) -> Arrays:
         """Contacts, obstacles and kept cycles of each group."""
         found: Arrays = {}

@@ -69,7 +69,7 @@ def _levels_by_size(shot: Shot, rules: LevelOfDetail, motion: Roots) -> list[tup
         [_pixels(rules, t, each.positions, lengths) for t, each in zip(times, roots, strict=True)]
     )
     if rules.motion > 0.0 and frames > 2:
-        sizes = sizes * (1.0 + rules.motion / _GRAVITY * _accelerations(roots, times, lengths))
+        sizes = sizes * (1.0 + rules.motion / _GRAVITY * _accelerations(shot, roots, lengths))
     return [_level_of_size(rules, size) for size in sizes.max(axis=0).tolist()]
 
 
@@ -89,11 +89,11 @@ def _pixels(rules: LevelOfDetail, time: float, roots: Array, lengths: Array) -> 
     return rules.image_height * relative_sizes(view, roots, lengths, rules.margin)
 
 
-def _accelerations(roots: Sequence[RootFrames], times: Array, lengths: Array) -> Array:
+def _accelerations(shot: Shot, roots: Sequence[RootFrames], lengths: Array) -> Array:
     """(frames, F) m/s^2, the larger of roots and of tips that are rigid."""
     found = []
     for reach in (np.zeros_like(lengths), lengths):
         places = np.stack([p + reach[:, None] * r[:, :, 0] for p, r in roots])
-        _, acceleration = sampled_rates(places, times)
+        _, acceleration = sampled_rates(places, np.arange(len(roots), dtype=float), shot)
         found.append(np.linalg.norm(acceleration, axis=2))
     return np.maximum(*found)

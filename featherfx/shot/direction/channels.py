@@ -22,6 +22,7 @@ import numpy as np
 from featherfx.algebra.interpolation import faded
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.skin.field import search_tree
+from featherfx.shot.clock import StageClock
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import CHANNELS, Channel, Shot
 
@@ -31,16 +32,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Curve:
-    """A value over time. times: (K,) s since the first frame, and values: (K,), of its keys."""
+    """A value over time. times: (K,) s since the first frame, and values: (K,), of its keys. clock:
+    of the shot's cuts, within which a value is that of their ends."""
 
     times: Array
     values: Array
+    clock: StageClock
 
     @staticmethod
     def of_keys(shot: Shot, keys: Sequence[Sequence[float]]) -> Curve:
         """keys: a frame of a shot and a value each."""
         frames, values = np.array(keys, dtype=np.float64).T
-        return Curve((frames - shot.first_frame) / shot.frames_per_second, values)
+        rate = shot.frames_per_second
+        clock = StageClock(0.0, 1.0 / rate, rate, shot.frame_cuts)
+        return Curve((frames - shot.first_frame) / rate, values, clock)
 
     @cached_property
     def _curve(self) -> CubicHermiteSpline:
@@ -55,7 +60,7 @@ class Curve:
         """At a time in s."""
         if len(self.times) == 1:
             return float(self.values[0])
-        return float(self._curve(min(max(time, self.times[0]), self.times[-1])))
+        return float(self._curve(min(max(self.clock.held(time), self.times[0]), self.times[-1])))
 
 
 @dataclass(frozen=True)

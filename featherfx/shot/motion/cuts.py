@@ -1,264 +1,296 @@
-"""Roots and bodies that are somewhere else in no time: a cut in the animation, not a motion.
+"""Cuts of a shot: named by it, or found where no smooth motion explains the acceleration.
 
-Within one frame a root goes farther than its feather is long, and ten times as far as in the frames
-before and after: no feather can be led along that way (a wing that beats within a few frames stands
-twice at one height, so what counts there is how far it has come halfway, too). So it is carried
-rigidly to where it arrives and goes on from there with the motion that follows. Smooth curves
-through the frames on both sides (algebra/interpolation.py) would swing about the cut; near one,
-places between frames come from the frames of its own side.
+From one frame k of a stage to the next everything is cut to another place where the second
+differences of places
+
+    a_k = x_(k-1) - 2 x_k + x_(k+1)
+
+at k and at k + 1 are opposite, longer than a feather, and several times as long as those of the
+frames beside them. A jump by J adds J to the one and -J to the other, in flight as at rest. A
+motion that starts, stops, beats or bounces does not. Places are those of roots, and of points at a
+feather's length along and across its shaft, so that turns count as well. Those of colliders count,
+too. Where the frames of a stage end on one side, those of the other side tell.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import shared_turns
 from featherfx.algebra.types import Array, Flags
-from featherfx.errors import InputError, InputWarning
+from featherfx.errors import InputError
+from featherfx.packages import load_name
+from featherfx.shot.clock import FrameCuts, StageClock
+from featherfx.shot.motion.motion import uncut_motion
 from featherfx.shot.roots import RootFrames, Roots
-from featherfx.shot.sources import TimedSurface
+from featherfx.shot.skin import BoundSkin
+from featherfx.shot.sources import MovingSurface, TimedSurface
 from featherfx.shot.types import Shot
 
-# way within a frame, over that of the frames beside it, from which on it is a cut
-FARTHER = 10.0
-# intervals of frames on either side that a smooth curve through five frames looks at
-_REACH = 2
-# of a frame: as near a time is a frame
-_NEAR = 1e-6
-# times whose roots are kept: all groups of feathers ask for the same few
-_KEPT = 16
+# acceleration at a cut over that beside it, and over that and the way beside it where frames are on
+# one side only
+_MIN_RATIO, _MIN_ONE_SIDED_RATIO = 4.0, 10.0
+# of a turn's chord (two radii): a turn by 120 degrees, without any frame beside it, is a cut
+_MIN_TURN = 2.0 * math.sin(math.radians(60.0))
+_MAX_COLLIDER_POINTS = 300  # that tell a cut
+_MAX_FRAMES = 16  # whose places are held
+_MAX_TIMES = 16  # times whose roots are held: all groups of feathers ask for the same few
+
+
+class Cut(NamedTuple):
+    """Cut of a thing. name: of it. more: number of others of its kind. way: m."""
+
+    name: str
+    more: int
+    way: float
 
 
 @dataclass
-class CutFinder:
-    """Tells in which frames of a shot things are cut.
+class CutTrack:
+    """Places of N things at a stage's own frames. at: places (N, 3) m at a time in s. least: (N,)
+    m, of a cut. clock: of the stage. first, last: own frames that there are. name: of a thing.
+    turns: places are of N / 3 things, their roots first and then the ends of two arms, and one that
+    is cut counts; else most of the places have to be cut."""
 
-    moved: (N,) m, how far each goes from frame k to k + 1. least: (N,) m, of a cut. last: number
-    of the last frame, from 0. halfway: (N,) m, how far each goes to or from halfway, the farther.
-    """
-
-    moved: Callable[[int], Array]
+    at: Callable[[float], Array]
     least: Array
-    last: int
-    halfway: Callable[[int], Array] | None = None
-    _known: dict[int, Flags] = field(default_factory=dict)
+    clock: StageClock
+    first: float
+    last: float
+    name: Callable[[int], str]
+    turns: bool = False
+    _places: OrderedDict[int, Array | None] = field(default_factory=OrderedDict)
 
-    def cut(self, k: int) -> Flags:
-        """(N,) what is cut from frame k to k + 1."""
-        if not 0 <= k < self.last:
-            return np.zeros(len(self.least), dtype=np.bool_)
-        if k not in self._known:
-            own, beside = self.moved(k), [j for j in (k - 1, k + 1) if 0 <= j < self.last]
-            found = (own > self.least) & bool(beside)
-            for moved in (self.moved, self.halfway):
-                if moved is not None and found.any():
-                    found &= own > FARTHER * np.max([moved(j) for j in beside], axis=0)
-            self._known[k] = found
-        return self._known[k]
+    def cut(self, k: int) -> Cut | None:
+        """Find what is cut from frame k of the shot to k + 1."""
+        begin, end = (math.floor(self.clock.own(each) + 1e-6) for each in (k, k + 1))
+        return next((each for j in range(begin, end) if (each := self._own_cut(j))), None)
 
-    def near(self, k: int) -> Flags:
-        """(N,) what is cut so near to the frames k and k + 1 that curves would see it."""
-        return np.any([self.cut(j) for j in range(k - _REACH, k + _REACH + 1)], axis=0)
+    def _own_cut(self, j: int) -> Cut | None:
+        x = [self._frame(i) for i in range(j - 2, j + 4)]
+        if x[2] is None or x[3] is None:
+            return None
+        cut = self._are_cut(x)
+        if not (cut.any() if self.turns else cut.mean() > 0.5):
+            return None
+        way = np.where(cut, _sizes(x[3] - x[2]), 0.0)
+        things = len(way) // 3 if self.turns else 1
+        by_thing = way.reshape(-1, things).max(axis=0)
+        return Cut(self.name(int(by_thing.argmax())), int((by_thing > 0).sum()) - 1, by_thing.max())
 
-    def tangents(self, k: int, places: Callable[[int], Array]) -> tuple[Array, Array]:
-        """Ways of places (N, 3) a frame at k and at k + 1, as seen from between them."""
-        own = places(k + 1) - places(k)
-        rates = []
-        for beside, ahead in ((k - 1, k), (k + 1, k + 1)):
-            open_end = self.cut(beside) | (not 0 <= beside < self.last)
-            other = places(ahead + (beside > k)) - places(ahead - (beside < k))
-            rates.append(np.where(open_end[:, None], own, 0.5 * (own + other)))
-        return rates[0], rates[1]
+    def _are_cut(self, x: Sequence[Array | None]) -> Flags:
+        """(N,) which places are cut between the third and the fourth of six frames."""
+        bends = [_bend(*x[i : i + 3]) for i in range(4)]
+        before, after = bends[1], bends[2]
+        if before is not None and after is not None:
+            jump = np.minimum(_sizes(before), _sizes(after))
+            opposite = np.einsum("ij,ij->i", before, after) < 0.0
+            ways = [_step(x[1], x[2]), _step(x[3], x[4])]
+            beside = [
+                way if bend is None else bend
+                for bend, way in zip((bends[0], bends[3]), ways, strict=True)
+            ]
+            most = np.max([_sizes(each) for each in beside if each is not None], axis=0)
+            return opposite & (jump > self.least) & (jump > _MIN_RATIO * most)
+        one = before if after is None else after
+        if one is None:
+            return self._are_turned(x)
+        steps = [_step(x[0], x[1]), _step(x[1], x[2]), _step(x[3], x[4]), _step(x[4], x[5])]
+        far = [bends[0], bends[3], *steps]
+        most = np.max([_sizes(each) for each in far if each is not None], axis=0)
+        return (_sizes(one) > self.least) & (_sizes(one) > _MIN_ONE_SIDED_RATIO * most)
+
+    def _are_turned(self, x: Sequence[Array | None]) -> Flags:
+        """(N,) the same where there are no other frames: places that turn about their roots."""
+        before, after = x[2], x[3]
+        found = np.zeros(len(self.least), dtype=np.bool_)
+        if not self.turns or before is None or after is None:
+            return found
+        roots, ends = np.split(np.stack([before, after]), [len(found) // 3], axis=1)
+        arms = ends - np.tile(roots, (1, 2, 1))
+        found[len(found) // 3 :] = (
+            _sizes(arms[1] - arms[0]) > _MIN_TURN * self.least[len(found) // 3 :]
+        )
+        return found
+
+    def _frame(self, j: int) -> Array | None:
+        """(N, 3) m at an own frame; None where there is none, or none that can be read."""
+        if not self.first <= j <= self.last:
+            return None
+        if j not in self._places:
+            start, distance = self.clock.grid
+            codes = start + j * distance - self.clock.start
+            try:
+                found = self.at(codes / self.clock.step / self.clock.frames_per_second)
+            except InputError:
+                found = None
+            self._places[j] = found
+            if len(self._places) > _MAX_FRAMES:
+                self._places.popitem(last=False)
+        return self._places[j]
+
+
+def _bend(before: Array | None, here: Array | None, after: Array | None) -> Array | None:
+    if before is None or here is None or after is None:
+        return None
+    return before - 2.0 * here + after
+
+
+def _step(before: Array | None, after: Array | None) -> Array | None:
+    return None if before is None or after is None else after - before
+
+
+def _sizes(vectors: Array) -> Array:
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
+
+
+class CutFinder(FrameCuts):
+    """Cuts that tracks show. found: those that were asked about, by frame."""
+
+    def __init__(self, tracks: Sequence[CutTrack], certain: frozenset[int]) -> None:
+        """certain: frames of cuts that are known without tracks."""
+        self._tracks, self._certain = tracks, certain
+        self.found: dict[int, Cut | None] = {}
+
+    def is_cut(self, k: int) -> bool:
+        if k not in self.found:
+            self.found[k] = next((cut for each in self._tracks if (cut := each.cut(k))), None)
+        return self.found[k] is not None or k in self._certain
+
+
+@dataclass(frozen=True)
+class NamedCuts(FrameCuts):
+    """Cuts that a shot names."""
+
+    frames: frozenset[int]
+
+    def is_cut(self, k: int) -> bool:
+        return k in self.frames
+
+
+def with_cuts(shot: Shot) -> Shot:
+    """The shot with its cuts, and with stages that go on from each as later frames lead them."""
+    if shot.cuts is not None:
+        cuts: FrameCuts = NamedCuts(named_cuts(shot))
+    else:
+        certain: frozenset[int] = frozenset()
+        if shot.motion.kind == "keys":
+            certain = load_name("motion.keys:cut_frames")(shot.motion, shot)
+        cuts = CutFinder([*_root_tracks(shot), *_collider_tracks(shot)], certain)
+    skin, colliders, wind = shot.skin, shot.colliders, shot.wind_source
+    if isinstance(skin, BoundSkin):
+        skin = skin.led(lambda each: _led(each, clock), clock := replace(skin.clock, cuts=cuts))
+    colliders = tuple(
+        replace(each, surface=_led(each.surface, clock), clock=clock)
+        for each in colliders
+        for clock in [replace(each.clock, cuts=cuts)]
+    )
+    rules = shot.level_of_detail
+    if rules is not None and rules.camera is not None:
+        clock = replace(rules.camera.clock, cuts=cuts)
+        rules = replace(rules, camera=replace(rules.camera, clock=clock))
+    return replace(
+        shot,
+        frame_cuts=cuts,
+        skin=skin,
+        colliders=colliders,
+        wind_source=wind and replace(wind, clock=replace(wind.clock, cuts=cuts)),
+        level_of_detail=rules,
+    )
+
+
+def named_cuts(shot: Shot) -> frozenset[int]:
+    """Cuts that a shot names, by the frames before them, counted from 0 s on."""
+    return frozenset(number - shot.first_frame - 1 for number in shot.cuts or ())
+
+
+def _led(surface: MovingSurface, clock: StageClock) -> MovingSurface:
+    """A surface that its own frames lead on either side of a cut."""
+    if surface.sampled is None:
+        return surface
+    knots = surface.knots or clock.knots(surface.sampled, 0, is_linear=True)
+    return surface.smoothed(replace(knots, ends=clock.ends))
+
+
+def _root_tracks(shot: Shot) -> list[CutTrack]:
+    if not shot.has_moving_roots:
+        return []
+    lengths = np.array([each.kind.length for each in shot.groom.feathers])
+    clock, skin = StageClock(0.0, 1.0, shot.frames_per_second), shot.skin
+    first, last = 0.0, float(shot.last_frame - shot.first_frame)
+    if isinstance(skin, BoundSkin):
+        clock = skin.clock
+        surfaces = [part.surface for part in skin.parts]
+        if ranges := [each.sampled for each in surfaces if each.sampled is not None]:
+            start, distance = clock.grid
+            first = (min(low for low, _ in ranges) - start) / distance - 1e-6
+            last = (max(high for _, high in ranges) - start) / distance + 1e-6
+        shot = replace(shot, skin=skin.led(lambda each: each.smoothed(None), clock))
+    motion, ids = uncut_motion(shot), [each.id for each in shot.groom.feathers]
+
+    def places(time: float) -> Array:
+        roots, frames = motion.frames(time)
+        return np.concatenate(
+            [roots, *(roots + lengths[:, None] * frames[:, :, k] for k in (0, 1))]
+        )
+
+    def name(k: int) -> str:
+        return f"root of feather '{ids[k]}'"
+
+    return [CutTrack(places, np.tile(lengths, 3), clock, first, last, name, True)]
+
+
+def _collider_tracks(shot: Shot) -> list[CutTrack]:
+    longest = max(each.kind.length for each in shot.groom.feathers)
+    found = []
+    for each in shot.colliders:
+        surface = each.surface
+        if surface.sampled is None:
+            continue
+        stride = -(-len(surface.rest) // _MAX_COLLIDER_POINTS)
+        raw = replace(each, surface=surface.smoothed(None))
+        start, distance = each.clock.grid
+        first, last = ((code - start) / distance for code in surface.sampled)
+        least = np.full(len(surface.rest[::stride]), longest)
+        found.append(
+            CutTrack(
+                partial(_strided, raw, stride),
+                least,
+                each.clock,
+                first - 1e-6,
+                last + 1e-6,
+                f"collider {surface.path}".format,
+            )
+        )
+    return found
+
+
+def _strided(surface: TimedSurface, stride: int, time: float) -> Array:
+    return surface.points(time)[::stride]
 
 
 @dataclass
 class CutRoots:
-    """Roots with cuts. motion: as it comes. lengths: (F,) m, of the feathers. frame: s. last:
-    number of the last frame, from 0."""
+    """Roots with cuts, as the frame loop asks for them."""
 
     motion: Roots
-    lengths: Array
-    frame: float
-    last: int
-    _frames: dict[int, RootFrames] = field(default_factory=dict)
-    _known: dict[tuple[float, bool], RootFrames] = field(default_factory=dict)
-
-    @cached_property
-    def finder(self) -> CutFinder:
-        return CutFinder(self.moved, self.lengths, self.last, self.halfway)
-
-    def moved(self, k: int) -> Array:
-        """(F,) m, how far roots, or where feathers of their lengths would end, go from frame k to
-        k + 1; 0 where frames that are yet to come cannot be read."""
-        try:
-            return self._way(self._at(k), self._at(k + 1))
-        except InputError:
-            return np.zeros(len(self.lengths))
-
-    def halfway(self, k: int) -> Array:
-        """(F,) m, the same from frame k to halfway, or from there to k + 1, the farther."""
-        middle = self.motion.frames((k + 0.5) * self.frame)
-        return np.maximum(self._way(self._at(k), middle), self._way(middle, self._at(k + 1)))
-
-    def _way(self, before: RootFrames, after: RootFrames) -> Array:
-        """(F,) m, how far roots or ends go."""
-        way = after.positions - before.positions
-        turn = after.rotations[:, :, 0] - before.rotations[:, :, 0]
-        tip = way + self.lengths[:, None] * turn
-        return np.asarray(np.sqrt(np.maximum((way**2).sum(axis=1), (tip**2).sum(axis=1))))
+    clock: StageClock
+    _known: dict[float, RootFrames] = field(default_factory=dict)
 
     def frames(self, time: float) -> RootFrames:
         """Return where the roots are at a time, s since the first frame; at a cut, before it."""
-        return self._kept(time, False)
+        if time not in self._known:
+            self._known[time] = self.motion.frames(time)
+            if len(self._known) > _MAX_TIMES:
+                del self._known[next(iter(self._known))]
+        return RootFrames(*(values.copy() for values in self._known[time]))
 
     def after(self, time: float) -> RootFrames:
         """The same; at a cut, after it."""
-        k = round(time / self.frame)
-        return self._kept(time, abs(time / self.frame - k) < _NEAR)
-
-    def _kept(self, time: float, after: bool) -> RootFrames:
-        """Roots at a time; after: at a frame, from it on."""
-        if (time, after) not in self._known:
-            self._known[time, after] = self._found(time, after)
-            if len(self._known) > _KEPT:
-                del self._known[next(iter(self._known))]
-        return RootFrames(*(values.copy() for values in self._known[time, after]))
-
-    def _found(self, time: float, after: bool) -> RootFrames:
-        k = time / self.frame
-        if after:
-            return self._between(round(k), 0.0, time)
-        if abs(k - round(k)) < _NEAR:
-            return self._at(round(k))
-        return self._between(math.floor(k), k - math.floor(k), time)
-
-    def _at(self, k: int) -> RootFrames:
-        if k not in self._frames:
-            self._frames[k] = self.motion.frames(k * self.frame)
-            self._frames.pop(k - 4 * _REACH, None)
-        return self._frames[k]
-
-    def _between(self, k: int, fraction: float, time: float) -> RootFrames:
-        """Roots at a share of the way from frame k to k + 1."""
-        found = self.motion.frames(time) if fraction else self._at(k)
-        near = self.finder.near(k) if 0 <= k < self.last else np.zeros(len(self.lengths), bool)
-        if not near.any():
-            return found
-        before, after, cut = self._at(k), self._at(k + 1), self.finder.cut(k)
-        positions = curve(self.finder, k, fraction, lambda j: self._at(j).positions)
-        turned = shared_turns(before.rotations, after.rotations, np.full(len(cut), fraction))
-        turned = np.where(cut[:, None, None], after.rotations, turned)
-        return RootFrames(
-            np.where(near[:, None], positions, found.positions),
-            np.where(near[:, None, None], turned, found.rotations),
-        )
-
-    def warn(self, k: int, names: Sequence[str], number: float) -> None:
-        """Say which roots are cut from frame k to k + 1, whose number is given."""
-        found = np.flatnonzero(self.finder.cut(k))
-        if len(found):
-            way = self.moved(k)[found]
-            worst = found[int(np.argmax(way))]
-            say_cut(f"root of feather '{names[worst]}'", len(found), float(way.max()), number)
-
-
-@dataclass
-class CutSurface:
-    """A body with cuts, each of all of it. surface: as it comes. least: m, of a cut. frame: s.
-    last: number of the last frame, from 0."""
-
-    surface: TimedSurface
-    least: float
-    frame: float
-    last: int
-    _points: dict[int, Array] = field(default_factory=dict)
-
-    @cached_property
-    def finder(self) -> CutFinder:
-        return CutFinder(self.moved, np.array([self.least]), self.last)
-
-    def moved(self, k: int) -> Array:
-        """(1,) m, the least that any point goes from frame k to k + 1."""
-        ways = np.linalg.norm(self._at(k + 1) - self._at(k), axis=1)
-        return np.array([ways.min(initial=np.inf)])
-
-    def points(self, time: float) -> Array:
-        """(V, 3) m, all points at a time in s since the first frame; at a cut, before it."""
-        k = time / self.frame
-        if abs(k - round(k)) < _NEAR:
-            return self.surface.points(time)
-        return self._between(math.floor(k), k - math.floor(k), time)
-
-    def after(self, time: float) -> Array:
-        """The same; at a cut, after it."""
-        k = round(time / self.frame)
-        near = abs(time / self.frame - k) < _NEAR
-        return self._between(k, 0.0, time) if near else self.points(time)
-
-    def warn(self, k: int, number: float) -> None:
-        """Say so where it is cut from frame k to k + 1, whose number is given."""
-        if self.finder.cut(k)[0]:
-            what = f"collider {self.surface.surface.path}"
-            say_cut(what, 1, float(self.moved(k)[0]), number)
-
-    def is_cut(self, time: float) -> bool:
-        """Return whether it is cut at a time."""
-        k = round(time / self.frame)
-        return abs(time / self.frame - k) < _NEAR and bool(self.finder.cut(k)[0])
-
-    def _at(self, k: int) -> Array:
-        if k not in self._points:
-            self._points[k] = self.surface.points(k * self.frame)
-            self._points.pop(k - 16, None)
-        return self._points[k]
-
-    def _between(self, k: int, fraction: float, time: float) -> Array:
-        if not (0 <= k < self.last and self.finder.near(k)[0]):
-            return self.surface.points(time)
-        return curve(self.finder, k, fraction, self._at)
-
-
-def curve(finder: CutFinder, k: int, fraction: float, places: Callable[[int], Array]) -> Array:
-    """(N, 3) m, at a share of the way from frame k to k + 1 on a cubic that sees no cut; what is
-    cut there comes along the way that it goes on from frame k + 1."""
-    start, end, u = places(k), places(k + 1), fraction
-    first, last = finder.tangents(k, places)
-    across = u * u * (3.0 - 2.0 * u)
-    cubic = start + across * (end - start) + u * (1.0 - u) * ((1.0 - u) * first - u * last)
-    ahead = finder.cut(k + 1) | (k + 1 >= finder.last)
-    way = np.where(ahead[:, None], 0.0, places(min(k + 2, finder.last)) - end)
-    return np.where(finder.cut(k)[:, None], end - (1.0 - u) * way, cubic)
-
-
-def say_cut(what: str, count: int, way: float, number: float) -> None:
-    """Warn that something is somewhere else in a frame with this number. way: m."""
-    more = f" and {count - 1} more" if count > 1 else ""
-    warnings.warn(
-        f"{what}{more}: cut to another place at frame {number:g}, {way:.3g} m away, more than"
-        f" {FARTHER:g} times as far as in the frames beside it."
-        " It is carried along, without that speed",
-        InputWarning,
-        stacklevel=2,
-    )
-
-
-def cut_roots(shot: Shot, motion: Roots) -> CutRoots:
-    """The motion of a shot's roots, as it is where it is cut."""
-    lengths = np.array([each.kind.length for each in shot.groom.feathers])
-    return CutRoots(motion, lengths, 1.0 / shot.frames_per_second, _last(shot))
-
-
-def cut_surfaces(shot: Shot, surfaces: Sequence[TimedSurface], least: float) -> list[CutSurface]:
-    """Bodies of a shot, as they are where they are cut. least: m, of a cut."""
-    frame, last = 1.0 / shot.frames_per_second, _last(shot)
-    return [CutSurface(each, least, frame, last) for each in surfaces]
-
-
-def _last(shot: Shot) -> int:
-    return shot.last_frame - shot.first_frame
+        return self.frames(self.clock.after(time))

@@ -17,7 +17,8 @@ SIAM J. Sci. Stat. Comput. 5 (1984).
 
 from __future__ import annotations
 
-from bisect import bisect_right
+import math
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
@@ -31,38 +32,33 @@ from featherfx.algebra.rotation import (
     rotation_steps,
 )
 from featherfx.algebra.types import Array
-from featherfx.shot.motion.cuts import FARTHER
+from featherfx.shot.motion.cuts import named_cuts
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 from featherfx.shot.types import Motion, Shot
 
 Track = Callable[[float], Array]
 Keyframes = Sequence[dict[str, Any]]
 
+# way from key to key within a frame, over that beside it, from which on it is a cut
+MIN_RATIO = 10.0
 # frames from keyframe to keyframe within which a cut is: times of frames are rounded; rad, that
 # takes the end of a feather as far as it is long
 WITHIN, TURN = 1.5, np.pi / 3.0
+_AFTER = 5e-9  # frames, of a cut after a frame
 
 
 def keyed(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     """Poses through keyframes, in any order, that the reader of the shot has checked.
 
-    A joint that goes farther within a frame, from keyframe to keyframe, than the longest feather is
-    long, or turns so far that the end of such a feather does, is cut to another place (cuts.py):
-    curves before and after are separate.
+    Curves before and after a cut are separate.
     """
-    frame = 1.0 / shot.frames_per_second
-    far = max(each.kind.length for each in shot.groom.feathers)
-    ordered = sorted(motion.values["keyframes"], key=lambda keyframe: keyframe["time"])
+    clock, rate = motion.clock, shot.frames_per_second
+    cuts = [
+        ((k + _AFTER) / rate - clock.start) * clock.tempo for k in sorted(cut_frames(motion, shot))
+    ]
     tracks: list[tuple[int, int, Track]] = []
     for joint, name in enumerate(skeleton.names):
-        own = [each for each in ordered if each.get("joint", "") == name]
-        keys = {what: [k for k in own if k.get(what) is not None] for what in _TRACKS}
-        cuts = sorted(
-            {
-                *_cuts(keys["position"], "position", frame, far),
-                *_cuts(keys["rotation"], "rotation", frame, TURN),
-            }
-        )
+        keys = _keys(motion, name)
         for which, what in enumerate(_TRACKS):
             if keys[what]:
                 tracks.append((which, joint, _in_pieces(keys[what], what, cuts)))
@@ -74,6 +70,30 @@ def keyed(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
         return found
 
     return poses
+
+
+def _keys(motion: Motion, joint: str) -> dict[str, Keyframes]:
+    """Keyframes of a joint in their order, by what they set."""
+    ordered = sorted(motion.values["keyframes"], key=lambda keyframe: keyframe["time"])
+    own = [each for each in ordered if each.get("joint", "") == joint]
+    return {what: [key for key in own if key.get(what) is not None] for what in _TRACKS}
+
+
+def cut_frames(motion: Motion, shot: Shot) -> frozenset[int]:
+    """Cuts of a motion by the frames before them: those that the shot names, else where a joint
+    goes farther within a frame, from keyframe to keyframe, than the longest feather is long, or
+    turns so far that the end of such a feather does."""
+    if shot.cuts is not None:
+        return named_cuts(shot)
+    clock, rate = motion.clock, shot.frames_per_second
+    far = max(each.kind.length for each in shot.groom.feathers)
+    times: list[float] = []
+    for joint in {each.get("joint", "") for each in motion.values["keyframes"]}:
+        keys = _keys(motion, joint)
+        times += _cuts(keys["position"], "position", clock.tempo / rate, far)
+        times += _cuts(keys["rotation"], "rotation", clock.tempo / rate, TURN)
+    places = ((time / clock.tempo + clock.start) * rate for time in times)
+    return frozenset(math.floor(place + 1e-3) for place in places)
 
 
 def _times(keys: Keyframes) -> Array:
@@ -94,23 +114,27 @@ def _steps(keys: Keyframes, what: str) -> Array:
 
 
 def _cuts(keys: Keyframes, what: str, frame: float, far: float) -> list[float]:
-    """s, times between keyframes at which a joint is cut to another pose, where the way from one
-    to the next is far. frame: s."""
+    """s, of the keyframes after which a joint is cut to another pose, where the way to the next is
+    far. frame: s."""
     if len(keys) < 2:
         return []
     times, ways = _times(keys), np.linalg.norm(_steps(keys, what), axis=1)
     intervals = np.diff(times)
     rates = np.concatenate([[0.0], ways / intervals, [0.0]])
     beside = frame * np.maximum(rates[:-2], rates[2:])
-    cut = (intervals < WITHIN * frame) & (ways > far) & (ways > FARTHER * beside)
-    return [0.5 * (times[k] + times[k + 1]) for k in np.flatnonzero(cut)]
+    cut = (intervals < WITHIN * frame) & (ways > far) & (ways > MIN_RATIO * beside)
+    return times[:-1][cut].tolist()
 
 
 def _in_pieces(keys: Keyframes, what: str, cuts: Sequence[float]) -> Track:
-    """A track through keyframes that is cut at some times (s)."""
+    """A track through keyframes that is cut right after some times (s)."""
     ends = [0, *np.searchsorted(_times(keys), cuts).tolist(), len(keys)]
     pieces = {
-        low: _TRACKS[what](keys[low:high], _rates(keys[low:high], what, low > 0, high < len(keys)))
+        low: _TRACKS[what](
+            keys[low:high],
+            _rates(keys[low:high], what, low > 0, high < len(keys)),
+            low > 0,
+        )
         for low, high in pairwise(ends)
         if high > low
     }
@@ -119,7 +143,7 @@ def _in_pieces(keys: Keyframes, what: str, cuts: Sequence[float]) -> Track:
     firsts, tracks = list(pieces), list(pieces.values())
     # a cut at which this track has no keyframes on one side leaves it whole there
     begins = [-np.inf, *(cuts[ends.index(low) - 1] for low in firsts[1:])]
-    return lambda time: tracks[bisect_right(begins, time) - 1](time)
+    return lambda time: tracks[bisect_left(begins, time) - 1](time)
 
 
 def _monotone_rates(rates: Array, intervals: Array, cut_before: bool, cut_after: bool) -> Array:
@@ -185,11 +209,14 @@ def _frame(rotation: Sequence[float], order: str) -> Array:
     return from_angles(rotation, order)
 
 
-def _curve(times: Array, values: Array, rates: Array) -> Track:
-    """(3,) at a time through values (K, 3), at rest before the first and after the last."""
+def _curve(times: Array, values: Array, rates: Array, cut_before: bool) -> Track:
+    """(3,) at a time through values (K, 3), at rest before the first, unless a cut is there, and
+    after the last."""
 
     def value(time: float) -> Array:
         key = int(np.searchsorted(times, time, side="right")) - 1
+        if key < 0 and cut_before and len(rates) and not np.isnan(rates[0, 0, 0]):
+            return np.asarray(values[0] + (time - times[0]) * rates[0, 0])
         if key < 0 or key >= len(rates) or np.isnan(rates[key, 0, 0]):
             return np.asarray(values[min(max(key, 0), len(values) - 1)])
         interval = times[key + 1] - times[key]
@@ -201,15 +228,17 @@ def _curve(times: Array, values: Array, rates: Array) -> Track:
     return value
 
 
-def _position_track(keys: Keyframes, rates: Array) -> Track:
-    return _curve(_times(keys), np.array([key["position"] for key in keys], dtype=float), rates)
+def _position_track(keys: Keyframes, rates: Array, cut_before: bool) -> Track:
+    places = np.array([key["position"] for key in keys], dtype=float)
+    return _curve(_times(keys), places, rates, cut_before)
 
 
-def _rotation_track(keys: Keyframes, rates: Array) -> Track:
+def _rotation_track(keys: Keyframes, rates: Array, cut_before: bool) -> Track:
     if not _are_angles(keys):
         return rotation_spline(_times(keys), _frames(keys), rates)
     degrees = np.array([key["rotation"] for key in keys], dtype=np.float64)
-    curve, order = _curve(_times(keys), degrees, np.degrees(rates)), keys[0].get("order", "xyz")
+    curve = _curve(_times(keys), degrees, np.degrees(rates), cut_before)
+    order = keys[0].get("order", "xyz")
     return lambda time: from_angles(curve(time), order)
 
 

@@ -10,6 +10,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots
 from featherfx.groom.keys.preset import UNSCALED_CLOCK, Clock
 from featherfx.packages import MOTION_SOURCES, brought, load_name
+from featherfx.shot.clock import NO_CUTS
 from featherfx.shot.motion.joints import (
     JointPoses,
     PosesOverTime,
@@ -23,11 +24,28 @@ from featherfx.solver.state import RootPath
 
 
 def root_motion(shot: Shot) -> Roots:
-    """Find what moves the roots of a shot, its channels included.
+    """Find what moves the roots of a shot, its channels and cuts included.
 
     Raises InputError for a motion whose joints the groom lacks.
     """
+<<<<<<< HEAD
     motion = undirected_motion(shot)
+=======
+    return uncut_motion(prepare_cuts(shot))
+
+
+def prepare_cuts(shot: Shot) -> Shot:
+    """The shot with its cuts, where anything moves."""
+    if shot.frame_cuts is not NO_CUTS or not (shot.has_moving_roots or shot.colliders):
+        return shot
+    found: Shot = load_name("motion.cuts:with_cuts")(shot)
+    return found
+
+
+def uncut_motion(shot: Shot) -> Roots:
+    """The same as its stages and keyframes have it where they are not led by cuts."""
+    motion = _undirected_motion(shot)
+>>>>>>> a616eea3 (Find cuts by acceleration, keep one list of them, and hold roots to the skin that is drawn)
     for change in brought(shot, "roots"):
         motion = change(shot, motion)
     return motion

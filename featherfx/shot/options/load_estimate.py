@@ -75,12 +75,13 @@ def estimate_loads(shot: Shot, motion: Roots) -> LoadEstimate:
     wind = shot.wind
     frames = shot.last_frame - shot.first_frame
     samples = min(_SAMPLES_PER_FRAME * max(frames, 1), _MAX_SAMPLES)
-    times = np.linspace(0.0, max(frames, 1) / shot.frames_per_second, samples + 1)
+    moments = np.linspace(0.0, max(frames, 1), samples + 1)
+    times = moments / shot.frames_per_second
     along = _PLACE * np.array([p.kind.length for p in shot.groom.feathers])[:, None]
     poses = [motion.frames(float(time)) for time in times]
     places = np.stack([each.positions + along * each.rotations[:, :, 0] for each in poses])
     speed, acceleration = (
-        np.linalg.norm(rate, axis=2).max(axis=0) for rate in sampled_rates(places, times)
+        np.linalg.norm(rate, axis=2).max(axis=0) for rate in sampled_rates(places, moments, shot)
     )
     through_air = wind.speed * (1.0 + 2.0 * wind.gust) + speed
     if shot.wind_source is not None:

@@ -19,7 +19,7 @@ from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import is_guarded
 from featherfx.packages import brought
 from featherfx.shot.loads.wind import exposures
-from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.motion.motion import prepare_cuts, uncut_motion
 from featherfx.shot.options.options import ShotOptions, resolve_options
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.roots import Roots
@@ -30,7 +30,7 @@ from featherfx.shot.types import Shot
 _NOT_COMMON = {
     "name", "groom", "last_frame", "grips", "forces", "details", "shelters", "exposure",
     "level_of_detail", "skin", "surfaces", "inputs", "colliders", "contact", "wets", "detachments",
-    "channels", "targets",
+    "channels", "targets", "frame_cuts",
 }  # fmt: skip
 # of a feather, what only the output has, or contact asks for
 _NOT_MOVING = {"id", "region", "layer", "stack", "rank", "grown", "skin", "skin_uv"}
@@ -41,8 +41,9 @@ def motion_dependences(shot: Shot) -> list[str]:
     groom's order. Raises InputError for shapes that cannot be built,
     and for levels that cannot be."""
     drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-    motion = root_motion(shot)
-    options = resolve_options(shot, drawn, motion)
+    cut = prepare_cuts(shot)
+    motion = uncut_motion(cut)
+    options = resolve_options(cut, drawn, motion)
     common = digest(_common(shot))
     each = _each(shot, options, motion)
     for more in brought(shot, "dependences"):

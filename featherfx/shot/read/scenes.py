@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.interpolation import Knots
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.types import Groom
@@ -189,21 +187,12 @@ def _moving(
 ) -> MovingSurface:
     """A surface as it moves between whole frames: smoothly, unless the entry says otherwise.
 
-    At whole frames it is as the scene has it. Where the shot goes beyond the samples the scene
-    holds the last, and the motion comes to rest there; else it goes on.
+    At whole frames it is as the scene has it.
     """
     if entry["interpolation"] == "linear" or surface.sampled is None:
         return surface
     first, last = checked["frames"]
-    low, high = ((code - clock.start) / clock.step for code in surface.sampled)
-    return surface.smoothed(
-        Knots(
-            clock.start,
-            clock.step,
-            math.ceil(low - 1e-6) if low < 1e-6 else None,
-            math.floor(high + 1e-6) if high > last - first - 1e-6 else None,
-        )
-    )
+    return surface.smoothed(clock.knots(surface.sampled, last - first))
 
 
 def _check_range(

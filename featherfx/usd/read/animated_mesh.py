@@ -131,8 +131,9 @@ class AnimatedMesh(ScenePrim):
         """Return the largest distance (m) of its points to the subdivided surface."""
         return read_cage_distance(self._mesh, *read_topology(self._mesh), self.rest)
 
-    def smoothed(self, knots: Knots) -> AnimatedMesh:
-        """The same mesh, moving smoothly between the poses that it has at knots (time codes)."""
+    def smoothed(self, knots: Knots | None) -> AnimatedMesh:
+        """The same mesh, moving smoothly between the poses that it has at knots (time codes); None:
+        as the scene has it."""
         if self.sampled is None:
             return self
         found = copy.copy(self)
@@ -165,7 +166,7 @@ class AnimatedMesh(ScenePrim):
         return found
 
     def _posed(self, code: float) -> tuple[NDArray[Any], Array]:
-        if self.knots is None:
+        if self.knots is None or not self.knots.leads(code):
             local, prim = self._local_points(Usd.TimeCode(code))
             return local, self._scene.matrix(prim, Usd.TimeCode(code))
         stencil = self.knots.stencil(code)
