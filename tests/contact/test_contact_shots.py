@@ -254,7 +254,7 @@ class Board:
     face = np.zeros(2, dtype=np.int64)
     rest = np.array([[-1.0, -1, -0.06], [1, -1, -0.06], [1, 1, -0.06], [-1, 1, -0.06]])
     st = None
-    sampled, knots = (0.0, 100.0), None
+    sampled, knots, closed = (0.0, 100.0), None, np.zeros(2, bool)
     time_codes_per_second: float = 1.0
     origin: tuple = ("board", ())
 
