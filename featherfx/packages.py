@@ -54,21 +54,12 @@ PACKAGES = (
         stages=("loop.cut_stage:CutStage",),
     ),
     Package(
-<<<<<<< HEAD
-=======
         "drawn skin",
         "Roots that stand on the skin as a renderer draws it, between its own frames.",
         tables=("skin",),
         stages=("loop.drawn_skin:DrawnSkinStage",),
     ),
     Package(
-        "layers",
-        "Feathers that are laid over each other and over the skin in what is written.",
-        tables=("layers",),
-        stages=("layers.stage:ShotLayers",),
-    ),
-    Package(
->>>>>>> a616eea3 (Find cuts by acceleration, keep one list of them, and hold roots to the skin that is drawn)
         "levels",
         "Levels of detail by table, length or camera; guided and rigid feathers.",
         tables=("details", "level_of_detail", "quality.guided_below", "quality.rigid_below"),

@@ -412,14 +412,8 @@ class Shot:
     feathers on a skin (loads/shelter.py). wind_source: added to wind. time_codes_per_second: of
     what is written; None: frames_per_second.
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
-<<<<<<< HEAD
-    through each other and through colliders.
-    run_up: how what moves is brought up from rest before 0.
-=======
-    through each other and through colliders. layers: None: they are shown as they were simulated.
-    run_up: how what moves is brought up from rest before 0. frame_cuts: those that are named or
-    found, in the frame loop.
->>>>>>> a616eea3 (Find cuts by acceleration, keep one list of them, and hold roots to the skin that is drawn)
+    through each other and through colliders. run_up: how what moves is brought up from rest before
+    0. frame_cuts: those that are named or found, in the frame loop.
     level_of_detail: None: levels do not follow a camera. inputs: what the shot's files say, by key
     (groom/read/value_diff.py).
     """

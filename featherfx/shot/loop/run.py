@@ -23,12 +23,7 @@ from featherfx.shot.loads.loads import frame_loads
 from featherfx.shot.loop.counts import Advanced, Bounds
 from featherfx.shot.loop.groups import ALONE, FeatherGroup, GroupLoad, grips_of
 from featherfx.shot.loop.models import has_open_hooks, maps_between, model_of
-<<<<<<< HEAD
-from featherfx.shot.motion.motion import root_motion
-=======
-from featherfx.shot.loop.replay import Replay
 from featherfx.shot.motion.motion import prepare_cuts, root_motion
->>>>>>> a616eea3 (Find cuts by acceleration, keep one list of them, and hold roots to the skin that is drawn)
 from featherfx.shot.options.options import (
     FeatherOptions,
     ShotOptions,
@@ -78,15 +73,9 @@ class ShotRun:
         jobs: int,
         wanted: Sequence[int] | None,
     ) -> None:
-<<<<<<< HEAD
         self.subframes, self.jobs = subframes, jobs
-        self.shot, self.motion, self.first = _from_preroll(shot, root_motion(shot), subframes)
-=======
-        self.subframes, self.jobs, self.replay = subframes, jobs, replay
         shot = prepare_cuts(shot)
-        self.directed = root_motion(shot)
-        self.shot, self.motion, self.first = _from_preroll(shot, self.directed, subframes)
->>>>>>> a616eea3 (Find cuts by acceleration, keep one list of them, and hold roots to the skin that is drawn)
+        self.shot, self.motion, self.first = _from_preroll(shot, root_motion(shot), subframes)
         self.drawn = drawn_feathers(shot)
         every: Indices = np.arange(len(self.drawn))
         self.wanted: Indices = every if wanted is None else np.array(wanted, dtype=np.int64)

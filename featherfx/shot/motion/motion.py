@@ -28,9 +28,6 @@ def root_motion(shot: Shot) -> Roots:
 
     Raises InputError for a motion whose joints the groom lacks.
     """
-<<<<<<< HEAD
-    motion = undirected_motion(shot)
-=======
     return uncut_motion(prepare_cuts(shot))
 
 
@@ -44,8 +41,7 @@ def prepare_cuts(shot: Shot) -> Shot:
 
 def uncut_motion(shot: Shot) -> Roots:
     """The same as its stages and keyframes have it where they are not led by cuts."""
-    motion = _undirected_motion(shot)
->>>>>>> a616eea3 (Find cuts by acceleration, keep one list of them, and hold roots to the skin that is drawn)
+    motion = undirected_motion(shot)
     for change in brought(shot, "roots"):
         motion = change(shot, motion)
     return motion
