@@ -86,6 +86,8 @@ def view(
     """
     if quality and file.suffix != ".toml":
         raise click.UsageError("--quality is for grooms and shots")
+    if html is not None and (serving["port"] or serving["no_browser"]):
+        raise click.UsageError("--port and --no-browser are for a page that is served, not --html")
     budget = int(1e6 * megabytes)
     with contextlib.ExitStack() as stack:
         with Progress("drawing", style):

@@ -85,9 +85,11 @@ class Live:
         self._asked, self._number, self._version = time.monotonic(), 0, 0
         self._told: dict[str, Any] = {}
         self._points, self._problem = np.zeros((0, 3)), ""
-        # stuck: no frame follows until something is changed. again: from the first frame
-        self._changed = self._ended = self._stuck = self._again = False
-        self._next: Made | None = None
+        # stuck: no frame follows until something is changed
+        self._ended = self._stuck = False
+        # numbers of changes: asked for, prepared and simulated; of restarts: asked for and done
+        self._wanted = self._prepared = self._generation = self._restarts = self._restarted = 0
+        self._next: tuple[Made, int] | None = None
         self._pull: tuple[Grip, Array] | None = None
         self._wind: tuple[Array, float] | None = None
         self._speed = 1.0
@@ -143,13 +145,14 @@ class Live:
         """Set a value of a preset. Raises InputError where it is not allowed."""
         with self._news:
             self.tuned.change(key, value)
-            self._changed = True
+            self._wanted += 1
             self._news.notify_all()
 
     def restart(self) -> None:
         """Begin again at the first frame, at rest."""
         with self._news:
-            self._again = self._changed = True
+            self._restarts += 1
+            self._wanted += 1
             self._news.notify_all()
 
     def play_at(self, speed: float) -> None:
@@ -273,24 +276,26 @@ class Live:
         """Set up simulations for what was changed, while another goes on."""
         while True:
             with self._news:
-                self._news.wait_for(lambda: self._changed or self._ended)
+                self._news.wait_for(lambda: self._wanted != self._prepared or self._ended)
                 if self._ended:
                     return
-                self._changed = False
+                made_for = self._prepared = self._wanted
             try:
                 made = self._make()
             except (InputError, SimulationError) as error:
-                self._tell(str(error))
+                self._tell(str(error), made_for)
                 continue
             with self._news:
-                self._next, self._problem, self._stuck = made, "", False
+                self._next, self._problem = (made, made_for), ""
                 self._news.notify_all()
 
-    def _tell(self, problem: str) -> None:
+    def _tell(self, problem: str, generation: int) -> None:
+        """Tell a problem, unless another change is on its way; it is that one's then to tell."""
         with self._news:
-            self._problem = problem
-            self._number += 1
-            self._news.notify_all()
+            if generation == self._wanted:
+                self._problem = problem
+                self._number += 1
+                self._news.notify_all()
 
     def _step(self) -> None:
         """Go from frame to frame."""
@@ -300,13 +305,17 @@ class Live:
                 self._news.wait_for(self._may_go_on)
                 if self._ended:
                     return
-                made, self._next = self._next, None
+                made = None
+                if self._next is not None:
+                    made, self._generation = self._next
+                    self._next, self._stuck = None, False
+                generation = self._generation
             begun = time.perf_counter()
             try:
                 self._advance(made)
             except (InputError, SimulationError) as error:
                 self._stuck = True
-                self._tell(f"{error}; restart begins again")
+                self._tell(f"{error}; restart begins again", generation)
                 continue
             except StopIteration:
                 self._stuck = True
@@ -342,7 +351,8 @@ class Live:
 
     def _take(self, made: Made) -> None:
         """Go on with another simulation from where this one stands."""
-        before, again, self._again = self._made, self._again, False
+        before, restarts = self._made, self._restarts
+        again = restarts != self._restarted
         stays = np.array_equal(_roots(made.shot), _roots(before.shot))
         goes_on = not again and stays and made.simulation.reshaped(before.simulation)
         frames = iter(made.simulation)
@@ -356,6 +366,7 @@ class Live:
         with self._news:
             self._made, self._frames, self.played = made, frames, played
             self._version += not same
+            self._restarted = restarts
 
     def _show(self, seconds: float) -> None:
         """Hand the frame out. seconds: that it took."""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import gzip
 import hmac
 import html
 import json
+import re
 import secrets
+import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -146,12 +149,15 @@ _HEADERS = {
 HTML, BYTES, JSON = "text/html; charset=utf-8", "application/octet-stream", "application/json"
 # of what a page may say
 _MAX_BYTES = 65_536
+# s that a connection may be silent, and connections at a time: a browser keeps six
+_PATIENCE, _MAX_CONNECTIONS = 30.0, 32
 
 
 class Server(ThreadingHTTPServer):
     """A server of caches. address: with the token, for a browser. port: 0 for a free one.
 
-    shown: one cache, or two that are compared.
+    shown: one cache, or two that are compared. Where there are too many connections, the oldest
+    that has not shown the token is closed, so that whoever has it is always served.
 
     Raises InputError where the port is taken.
     """
@@ -161,6 +167,9 @@ class Server(ThreadingHTTPServer):
     def __init__(self, *shown: Played, port: int = 0) -> None:
         self.shown, self.token = shown, secrets.token_urlsafe(24)
         self.reading = threading.Lock()
+        # open ones, oldest first, and whether they have shown the token
+        self._connections: dict[Any, bool] = {}
+        self._counting = threading.Lock()
         try:
             super().__init__((_HOST, port), _Handler)
         except OSError as error:
@@ -171,9 +180,35 @@ class Server(ThreadingHTTPServer):
     def address(self) -> str:
         return f"http://{_HOST}:{self.server_port}/{self.token}/"
 
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Serve a connection in a thread of its own, unless there are too many."""
+        with self._counting:
+            if len(self._connections) >= _MAX_CONNECTIONS:
+                strangers = [each for each, known in self._connections.items() if not known]
+                oldest = strangers[0] if strangers else request
+                self._connections.pop(oldest, None)
+                with contextlib.suppress(OSError):
+                    oldest.shutdown(socket.SHUT_RDWR)  # ends its thread
+                if oldest is request:
+                    self.shutdown_request(request)
+                    return
+            self._connections[request] = False
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """Forget a connection, and close it."""
+        self._connections.pop(request, None)
+        super().shutdown_request(request)
+
+    def welcome(self, request: Any) -> None:
+        """Remember that a connection has shown the token."""
+        with self._counting:
+            if request in self._connections:
+                self._connections[request] = True
+
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A page that was closed is no error."""
-        if not isinstance(sys.exc_info()[1], ConnectionError):
+        """A page that was closed, or is silent, is no error."""
+        if not isinstance(sys.exc_info()[1], ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
 
     def content(self, name: str) -> tuple[str, bytes] | None:
@@ -189,7 +224,7 @@ class Server(ThreadingHTTPServer):
     def posted(self, name: str, content: Any) -> Any:
         """Answer a request of the viewer as JSON; None where there is no answer.
 
-        Raises InputError, or KeyError, TypeError or ValueError where it is not understood.
+        Raises InputError, or anything else where it is not understood.
         """
         return None
 
@@ -200,6 +235,7 @@ class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     # else a body waits until the browser, some 40 ms later, has said that the header is there
     disable_nagle_algorithm = True
+    timeout = _PATIENCE
 
     def do_GET(self) -> None:
         name = self._allowed()
@@ -211,7 +247,7 @@ class _Handler(BaseHTTPRequestHandler):
         if name is None:
             return
         length = self.headers.get("Content-Length", "")
-        if not length.isdecimal() or int(length) > _MAX_BYTES:
+        if not re.fullmatch("[0-9]{1,9}", length) or int(length) > _MAX_BYTES:
             self.close_connection = True
             self._answer(413, "text/plain", b"too long")
             return
@@ -235,6 +271,7 @@ class _Handler(BaseHTTPRequestHandler):
             return None
         token, _, name = self.path.removeprefix("/").partition("/")
         if hmac.compare_digest(token.encode(), self.server.token.encode()):
+            self.server.welcome(self.connection)
             return name
         self.close_connection = True
         self._answer(404, "text/plain", b"there is nothing here")
@@ -244,9 +281,10 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             found = ask()
         except InputError as error:
-            self._answer(409, "text/plain; charset=utf-8", str(error).encode())
-        except (KeyError, TypeError, ValueError, IndexError):
-            self._answer(400, "text/plain", b"is not understood")
+            told = str(error).encode(errors="backslashreplace")
+            self._answer(409, "text/plain; charset=utf-8", told)
+        except Exception as error:  # whatever a request may bring about
+            self._answer(400, "text/plain", f"is not understood: {type(error).__name__}".encode())
         else:
             if found is None:
                 self._answer(404, "text/plain", b"there is nothing here")
