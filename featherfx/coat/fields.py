@@ -33,7 +33,7 @@ from featherfx.coat.carrier import (
 )
 
 # of the length of the feathers: reach of means over the skin, and of the smoothing of the carrier
-_MEAN_REACH, _CARRIER_REACH = 0.4, 0.1
+_MEAN_REACH, _CARRIER_REACH = 1.0, 0.1
 # weight of growth along the flow against what lies across it
 _ALONG = 0.15
 # least share of the weight where there is no flow, and relative hold of phi at 0

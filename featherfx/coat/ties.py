@@ -24,7 +24,7 @@ from featherfx.coat.tie_kernels import count_pairs, fit_values
 # side of the cubes over the length of the feathers there
 _CELL = 0.1
 # of a feather's gain that its value may be earlier and later: later lays the base into the skin
-_MAX_EARLIER, _MAX_LATER = 0.35, 0.12
+_MAX_EARLIER, _MAX_LATER = 0.35, 0.16
 _BITS = 19  # of a cube's number along an axis
 
 
