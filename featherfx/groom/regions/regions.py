@@ -108,7 +108,15 @@ def grow_regions(
     if readers is None:
         at.fail("is a USD scene, which featherfx.read_groom and the commands read")
         return (), None
+    if parts["layout"] is not None:
+        entries = [(own, _unbent(entry)) for own, entry in entries]
     return _region_drafts(skin, entries, at, store, readers.skin, space)
+
+
+def _unbent(entry: dict[str, Any]) -> dict[str, Any]:
+    """A region whose feathers bend as their leaves do: few shapes in all."""
+    still = {"curl": 0.0, "follow": 0.0, "variation": {**entry["variation"], "curl": 0.0}}
+    return entry | still
 
 
 def _region_drafts(
