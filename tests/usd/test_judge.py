@@ -15,8 +15,8 @@ import featherfx
 from featherfx.algebra.rotation import about_x
 from featherfx.baking.entries import entries_of
 from featherfx.feather.leaves import build_feathers
-from featherfx.feather.types import both, turned
-from featherfx.usd.check.bounds import list_passed_bounds
+from featherfx.feather.types import RowPoints, both, turned
+from featherfx.usd.check.bounds import MAX_STRAIN, list_passed_bounds
 from featherfx.usd.check.judge import judge_cache
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
@@ -127,6 +127,38 @@ def test_a_barb_that_is_stretched_alone_is_no_rachis(damaged, sound):
     assert report["lengths"]["barb_worst"] > 0.005
     assert report["lengths"]["rachis_worst"] == sound["mesh"]["lengths"]["rachis_worst"]
     assert report["lengths"]["worst"][0]["part"] == "barb"
+
+
+@pytest.mark.parametrize("turn", [2.0, 60.0])
+def test_a_bent_rachis_is_strained_by_half_its_height_times_its_curvature(tmp_path, turn):
+    """A straight tube becomes an arc of a circle, about y: as a beam is bent."""
+
+    def bent(rest):
+        along = rest.nodes[:, 0, 0]
+        angle = turn * along
+        arc = np.stack([np.sin(angle), 0.0 * angle, 1.0 - np.cos(angle)], axis=1) / turn
+        frame = np.zeros((len(along), 3, 3))
+        frame[:, 0, 0] = frame[:, 2, 2] = np.cos(angle)
+        frame[:, 0, 2], frame[:, 2, 0] = np.sin(angle), -np.sin(angle)
+        frame[:, 1, 1] = 1.0
+        local = rest.nodes - rest.nodes[:, :1]
+        nodes = arc[:, None] + np.einsum("nkc,ncd->nkd", local, frame)
+        return RowPoints(nodes, np.einsum("nkc,ncd->nkd", rest.directors, frame))
+
+    entry, path = feathers.entries()[0], tmp_path / "bent.usdc"
+    still = both(np.zeros_like, entry.rest_points)
+    with CacheWriter(path, [entry], (1, 2), RATE) as writer:
+        for number, pose in enumerate((entry.rest_points, bent(entry.rest_points)), 1):
+            writer.write(feathers.frame_of(number, number / RATE, [pose], [still]))
+    report = judge_cache(path)
+    step = turn * feathers.LENGTH / (feathers.ROWS - 1)
+    # chords are shorter than the arc, and turn by what its sine is
+    stretch = 1.0 - 2.0 * np.sin(step / 2.0) / step
+    expected = feathers.RADIUS * turn * np.sin(step) / step + stretch
+    assert report["strain_worst"]["strain"] == pytest.approx(expected, rel=0.02)
+    assert report["strain_worst"]["frame"] == 2.0
+    told = [text for text in report["bounds_passed"] if "J/kg" in text]
+    assert bool(told) == (expected > MAX_STRAIN)
 
 
 @pytest.mark.parametrize("away", [0.05, 0.2])

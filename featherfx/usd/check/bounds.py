@@ -11,10 +11,18 @@ MAX_LENGTH_ERROR, MAX_SIMULATED_LENGTH_ERROR = 0.005, 0.01
 # of a feather's length, a second difference of a point from one sample to the next; and times that
 # of its root, which explains less
 MAX_JUMP, MAX_ROOT_JUMP_RATIO = 0.1, 3.0
+# of a second difference, what velocities that explain it may leave: those that follow a jump by
+# central differences leave three quarters, those of a motion of 2 rad a sample a third
+MAX_UNEXPLAINED_RATIO = 0.5
 # of the rms speed, what 99 of 100 velocities may differ by from the difference of points, where the
 # samples resolve the motion: where differences over one and two samples differ by less than the
 # second number
 MAX_VELOCITY_MISMATCH, MAX_UNRESOLVED_SPEED = 0.03, 0.05
+# what keratin bears: stress at which rachises of pigeons break in
+# bending (Corning and Biewener 1998, J. exp. Biol. 201, 3057: 137 MPa), over the modulus of keratin
+# (Bonser and Purslow 1995, J. exp. Biol. 198, 1029: 2.5 GPa); density, kg/m^3
+KERATIN_MODULUS, KERATIN_DENSITY = 2.5e9, 1150.0
+MAX_STRAIN = 137e6 / KERATIN_MODULUS
 
 
 def list_passed_bounds(report: Mapping[str, Any]) -> Iterator[str]:
@@ -33,6 +41,13 @@ def list_passed_bounds(report: Mapping[str, Any]) -> Iterator[str]:
             f"{_feathers(pops['unexplained'])} points that jump: {worst['feather']} at frame"
             f" {worst['frame']:g} by {_percent(worst['of_length'])} of its length"
             f" (bound {_percent(MAX_JUMP)})"
+        )
+    worst = report["strain_worst"]
+    if worst and worst["strain"] > MAX_STRAIN:
+        yield (
+            f"the rachis of {worst['feather']} is strained by {_percent(worst['strain'])} at frame"
+            f" {worst['frame']:g}, {worst['energy']:.0f} J/kg: more than keratin bears"
+            f" (bound {_percent(MAX_STRAIN)})"
         )
     mismatch = report["velocity_mismatch"]
     if mismatch is not None and report["velocity_resolved"] and mismatch > MAX_VELOCITY_MISMATCH:

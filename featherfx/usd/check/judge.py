@@ -13,12 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import unit
 from featherfx.phases import counted
 from featherfx.usd.check.bounds import (
+    KERATIN_DENSITY,
+    KERATIN_MODULUS,
     MAX_JUMP,
     MAX_LENGTH_ERROR,
     MAX_ROOT_JUMP_RATIO,
     MAX_SIMULATED_LENGTH_ERROR,
+    MAX_UNEXPLAINED_RATIO,
     MAX_UNRESOLVED_SPEED,
     list_passed_bounds,
 )
@@ -29,8 +33,10 @@ from featherfx.usd.check.judge_kernels import (
     ThreeSamples,
     Worst,
     count_errors,
+    find_curvatures,
     find_nodes,
     keep_jumps,
+    keep_strains,
     keep_stretches,
     strand_lengths,
 )
@@ -39,9 +45,9 @@ from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.values import usd_errors
 
 _PARTS = {RACHIS: "rachis", BARB: "barb"}
-_JUMP, _UNEXPLAINED, _KINDS = 2, 3, 4  # columns of Worst
+_JUMP, _UNEXPLAINED, _STRAIN, _KINDS = 2, 3, 4, 5  # columns of Worst
 _MAX_NAMED = 10
-_LIMITS = np.array([MAX_JUMP, MAX_ROOT_JUMP_RATIO])
+_LIMITS = np.array([MAX_JUMP, MAX_ROOT_JUMP_RATIO, MAX_UNEXPLAINED_RATIO])
 _ROUNDING = float(np.finfo(np.float32).eps)
 
 
@@ -86,6 +92,9 @@ class Judge:
         rest, lengths = np.empty((2, len(strands.feather)))
         find_nodes(track.shape.rest, strands, nodes)
         strand_lengths(nodes, strands, rest)
+        bent, bent_rest = np.zeros((2, len(nodes), 5))
+        find_curvatures(track.shape.rest, nodes, strands, bent_rest)
+        heights = _find_heights(track, nodes, bent_rest[:, 4])
         sizes = np.zeros(count)
         away = np.linalg.norm(track.shape.rest - nodes[strands.root][track.owner], axis=1)
         np.maximum.at(sizes, track.owner, away)
@@ -98,6 +107,8 @@ class Judge:
             strand_lengths(nodes, strands, lengths)
             rounding = _ROUNDING * float(np.abs(points).max(initial=0.0))
             keep_stretches(lengths, rest, strands, rounding, code or 0.0, worst)
+            find_curvatures(points, nodes, strands, bent)
+            keep_strains(bent, bent_rest, heights, strands, code or 0.0, worst)
             if code is not None:
                 rates = reader.read("velocities", code)
                 sample = _Sample(code, points, rates, nodes[strands.root])
@@ -170,6 +181,7 @@ class Judge:
                 "unexplained": int((value[:, _UNEXPLAINED] > MAX_JUMP).sum()),
                 "worst_unexplained": self._largest(_UNEXPLAINED),
             },
+            "strain_worst": self._strain(),
             "velocity_mismatch": mismatch,
             "velocity_resolved": unresolved is not None and unresolved < MAX_UNRESOLVED_SPEED,
         }
@@ -182,6 +194,15 @@ class Judge:
         value = self._worst.value[:, kind]
         return self._told(int(value.argmax()), kind) if value.max(initial=0.0) > 0.0 else None
 
+    def _strain(self) -> dict[str, Any] | None:
+        """Return the largest strain of a rachis, with the energy of keratin strained so, J/kg."""
+        worst = self._largest(_STRAIN)
+        if worst is None:
+            return None
+        strain = worst.pop("of_length")
+        energy = 0.5 * KERATIN_MODULUS * strain**2 / KERATIN_DENSITY
+        return worst | {"strain": strain, "energy": energy}
+
     def _quantile(self, counts: Any) -> float | None:
         """Return what 99 of 100 errors do not exceed, over the rms speed; None without any."""
         if not self._squares:
@@ -189,3 +210,18 @@ class Judge:
         place = int(np.searchsorted(np.cumsum(counts), 0.99 * counts.sum()))
         rms = np.sqrt(self._squares / self._rates)
         return float(2.0 ** (MIN_EXPONENT + (place + 0.5) / BINS_PER_OCTAVE) / rms)
+
+
+def _find_heights(track: Track, nodes: Array, widths: Array) -> Array:
+    """Return (N,) half widths of rings at rest across the direction of their first point.
+
+    widths: (N,) half widths along it.
+    """
+    strands = track.strands
+    counts = np.diff(strands.node_first)
+    node = np.repeat(np.arange(len(nodes)), counts)
+    away = track.shape.rest[strands.node_points] - nodes[node]
+    first = away[strands.node_first[:-1]]
+    along = np.sum(away * unit(first)[node], axis=1)
+    across = np.sqrt(np.maximum(np.sum(away**2, axis=1) - along**2, 0.0))
+    return np.where(widths > 0.0, np.maximum.reduceat(across, strands.node_first[:-1]), 0.0)

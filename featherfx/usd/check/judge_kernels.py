@@ -1,9 +1,14 @@
 """Kernels of the judge: lengths of strands, jumps of points, errors of velocities.
 
     stretch    l / l_rest - 1                                of a rachis or barb, l along its nodes
+    strain     |e| + r3 |k2 - k2_rest| + r2 |k3 - k3_rest|   of a rachis' outermost fibre, at a ring
     jump       x(t - h) - 2 x(t) + x(t + h), over L          of a point of a feather L long
     explained  h (v(t + h) - v(t - h)) / 2                   of a jump, by the velocities
     error      v(t) - (x(t - 2h) - 8 x(t - h) + 8 x(t + h) - x(t + 2h)) / 12h
+
+e is the stretch of the segments at a ring, k2 and k3 its curvature about two directions of the
+section, of half widths r2 and r3: of a beam whose sections stay plane (Timoshenko, Strength of
+Materials). Curvature is the turn from one segment to the next over their mean length at rest.
 
 The five-point difference is exact to h^4 / 30 times the fifth derivative, the central one to
 h^2 / 6 times the third (Abramowitz and Stegun, Handbook of Mathematical Functions, 25.3). They
@@ -18,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.vector_kernels import length, scale, sub
+from featherfx.algebra.vector_kernels import add, cross, dot, length, scale, sub
 from featherfx.jit.compiled import kernel
 
 Array = NDArray[np.float64]
@@ -48,10 +53,10 @@ class Strands(NamedTuple):
 
 
 class Worst(NamedTuple):
-    """Largest values so far, (F, 4) of each feather: stretch of its rachis, of a barb, jump, and
-    what velocities leave of a jump.
+    """Largest values so far, (F, 5) of each feather: stretch of its rachis, of a barb, jump, what
+    velocities leave of a jump, and strain of its rachis.
 
-    at: (F, 4) time codes.
+    at: (F, 5) time codes.
     """
 
     value: Array
@@ -112,6 +117,47 @@ def keep_stretches(lengths, rest, strands, rounding, code, worst):
 
 
 @kernel
+def find_curvatures(points, nodes, strands, out):
+    """Curvatures (N, 5) of rings: lengths of the segments before and after, the turn about two
+    directions of the section, and its half width along the first."""
+    for k in range(strands.kind.shape[0]):
+        for s in range(strands.first[k] + 1, strands.first[k + 1]):
+            if strands.kind[k] != 0:
+                break
+            n = strands.start[s]
+            first = strands.node_first[n]
+            before = sub(nodes[n], nodes[strands.start[s - 1]])
+            after = sub(nodes[strands.end[s]], nodes[n])
+            low, high = length(before), length(after)
+            out[n, 0], out[n, 1] = low, high
+            if strands.node_first[n + 1] - first < 3 or low * high == 0.0:
+                continue
+            along = add(scale(1.0 / low, before), scale(1.0 / high, after))
+            along = scale(1.0 / max(length(along), 1e-30), along)
+            corner = sub(points[strands.node_points[first]], nodes[n])
+            side = sub(corner, scale(dot(corner, along), along))
+            out[n, 4] = length(side)
+            side = scale(1.0 / max(out[n, 4], 1e-30), side)
+            turn = scale(1.0 / (low * high), cross(before, after))
+            out[n, 2], out[n, 3] = dot(turn, side), dot(turn, cross(along, side))
+
+
+@kernel
+def keep_strains(now, rest, heights, strands, code, worst):
+    """Keep the largest strains. now, rest: as of find_curvatures. heights: (N,) half widths along
+    the second direction."""
+    for k in range(strands.kind.shape[0]):
+        for s in range(strands.first[k] + 1, strands.first[k + 1]):
+            n = strands.start[s]
+            total = rest[n, 0] + rest[n, 1]
+            if strands.kind[k] == 0 and total > 0.0:
+                bent = heights[n] * abs(now[n, 2] - rest[n, 2])
+                bent += rest[n, 4] * abs(now[n, 3] - rest[n, 3])
+                strain = abs((now[n, 0] + now[n, 1]) / total - 1.0) + 2.0 * bent / total
+                _keep(strain, code, strands.feather[k], 4, worst)
+
+
+@kernel
 def _jump(before, here, after):
     return (
         float(before[0]) - 2.0 * here[0] + after[0],
@@ -124,8 +170,8 @@ def _jump(before, here, after):
 def keep_jumps(samples, owner, sizes, limits, worst):
     """Keep the largest jumps.
 
-    owner: (V,) feather of each point. sizes: (F,) lengths. limits: least jump, and least ratio to
-    that of the root.
+    owner: (V,) feather of each point. sizes: (F,) lengths. limits: least jump, least ratio to that
+    of the root, and least share that velocities leave of one that they do not explain.
     """
     points, roots, rates = samples.points, samples.roots, samples.rates
     for v in range(owner.shape[0]):
@@ -137,10 +183,12 @@ def keep_jumps(samples, owner, sizes, limits, worst):
         if size <= limits[1] * length(_jump(roots[0][f], roots[1][f], roots[2][f])):
             continue
         _keep(size / sizes[f], samples.code, f, 2, worst)
+        left = size
         if rates[0].shape[0] > 0:
             explained = scale(0.5 * samples.step, sub(rates[1][v], rates[0][v]))
-            size = length(sub(jump, explained))
-        _keep(size / sizes[f], samples.code, f, 3, worst)
+            left = length(sub(jump, explained))
+        if left > limits[2] * size:
+            _keep(left / sizes[f], samples.code, f, 3, worst)
 
 
 @kernel
