@@ -5,9 +5,10 @@ height h above it along the interpolated normals of the skin's points:
 
     x = sum_k b_k (p_k + h n_k)
 
-The same sum on the moved skin is the image of the node. Images are stretched as the skin is. So
-they give directions only: the rachis runs along the polyline of its images in chords of its own
-lengths, and every segment keeps its length and turns as its image does (draw_pose).
+The same sum on the moved skin is the image of the node. Images are stretched as the skin is, so
+they give directions only. The rachis runs along the polyline of its images in chords of its own
+lengths, and every segment keeps its length and turns as its image does (draw_pose). Images of barbs
+go along with the frame of their row to where the rachis comes to lie.
 """
 
 from math import sqrt
@@ -170,23 +171,37 @@ def draw_rachis(rest, drawn):
 
 
 @kernel
-def _between(values, drawn, i, j):
-    """Value (3,) of values (n, J, 3) where a row is drawn."""
-    k, part = drawn.row[i], drawn.part[i]
-    return combined(1.0 - part, values[k, j], part, values[k + 1, j])
+def _frame(along, up):
+    """Tangent, side and normal, unit vectors."""
+    along = scale(1.0 / max(length(along), 1e-300), along)
+    side = cross(up, along)
+    side = scale(1.0 / max(length(side), 1e-300), side)
+    return along, side, cross(along, side)
 
 
 @kernel
 def row_frame(drawn, i):
-    """Tangent, side and normal of a row of the drawn rachis, unit vectors."""
+    """Frame of a row of the drawn rachis."""
     rachis, k, part = drawn.rachis, drawn.row[i], drawn.part[i]
     rows = rachis.shape[0]
     along = sub(rachis[min(i + 1, rows - 1)], rachis[max(i - 1, 0)])
-    along = scale(1.0 / max(length(along), 1e-300), along)
-    up = combined(1.0 - part, drawn.up[k], part, drawn.up[k + 1])
-    side = cross(up, along)
-    side = scale(1.0 / max(length(side), 1e-300), side)
-    return along, side, cross(along, side)
+    return _frame(along, combined(1.0 - part, drawn.up[k], part, drawn.up[k + 1]))
+
+
+@kernel
+def _image_frame(drawn, i):
+    """Frame of a row of the images."""
+    rows = drawn.up.shape[0]
+    along = sub(drawn.image[min(i + 1, rows - 1), 0], drawn.image[max(i - 1, 0), 0])
+    up = drawn.up[i]
+    return _frame(along, (up[0], up[1], up[2]))
+
+
+@kernel
+def _moved(vector, before, after):
+    """A vector (3,) that goes with a frame to another one."""
+    a, b, c = dot(vector, before[0]), dot(vector, before[1]), dot(vector, before[2])
+    return add(combined(a, after[0], b, after[1]), scale(c, after[2]))
 
 
 @kernel
@@ -261,19 +276,19 @@ def draw_pose(rest, turns, posed, root, drawn, made):
     out, turned = made
     store(out[0, 0], (nodes[0, 0, 0], nodes[0, 0, 1], nodes[0, 0, 2]))
     for i in range(rows):
-        axes = row_frame(drawn, i)
+        axes, imaged = row_frame(drawn, i), _image_frame(drawn, i)
         frame = axes, turns[i], root
         for k in range(2):
             store(turned[i, k], _applied(axes, turns[i], _back(root, directors[i, k])))
         for side in range(2):
-            before, last = 0, _between(drawn.image, drawn, i, 0)
+            before = 0
             for j in range(1 + side * m, 1 + side * m + m):
-                image = _between(drawn.image, drawn, i, j)
                 own = sub(nodes[i, j], nodes[i, before])
                 at_rest = sub(rest[i, j], rest[i, before])
-                piece = _piece(frame, at_rest, own, sub(image, last))
+                image = sub(drawn.image[i, j], drawn.image[i, before])
+                piece = _piece(frame, at_rest, own, _moved(image, imaged, axes))
                 store(out[i, j], add(out[i, before], piece))
-                before, last = j, image
+                before = j
         if i + 1 < rows:
             own, at_rest = sub(nodes[i + 1, 0], nodes[i, 0]), sub(rest[i + 1, 0], rest[i, 0])
             way = sub(drawn.rachis[i + 1], drawn.rachis[i])

@@ -11,21 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.coat.carrier import CoatMesh, make_mesh
 from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.files.background import limit_threads
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Placement
 from featherfx.shot.coat import leaf_kernels as kernels
-from featherfx.shot.contact.skin_binding import connect_skin
 from featherfx.shot.frames import place
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.sources import TimedSurface
-from featherfx.solver.contact.types import SkinMesh
 
 # of its length, height of a feather's nodes over the skin up to which it is on a leaf
 MAX_HEIGHT_RATIO = 0.6
 # cosine of the angle between a feather's dorsal side and the skin's normal, at least, on a leaf
 _MIN_FACING = 0.5
+# of the diagonal of the skin's box, reach of the smoothing of the skin that images stand on
+_REACH_RATIO = 0.008
 # of the time between two samples, by which the times are apart from which rates are found
 _STEP_RATIO = 0.02
 
@@ -82,9 +83,12 @@ class SkinLeaves:
         given: Indices,
     ) -> None:
         self._surface = surface
-        points = np.ascontiguousarray(surface.surface.rest, dtype=np.float64)
-        self._mesh = connect_skin(surface.surface.triangles)
-        normals = self._normals(points)
+        lengths = np.array([feather.station[-1] for feather in drawn])
+        rest, faces = surface.surface.rest, surface.surface.triangles
+        self._mesh = make_mesh(
+            rest, faces, _REACH_RATIO * float(np.linalg.norm(np.ptp(rest, axis=0)))
+        )
+        points, normals = self._carrier(rest)
         local = stacked([feather.rest for feather in drawn]).nodes
         nodes = stacked(
             [
@@ -93,7 +97,6 @@ class SkinLeaves:
             ]
         ).nodes
         feet, found = _feet_of(nodes, points, normals, self._mesh)
-        lengths = np.array([feather.station[-1] for feather in drawn])
         dorsal = np.array([own.rotation[:, 2] for own in placements]).reshape(-1, 3)
         found &= _lies(feet, lengths, dorsal, normals, self._mesh)
         self.members: Indices = given[found]
@@ -101,7 +104,7 @@ class SkinLeaves:
         self._rows, self._width = local.shape[1:3]
         rotations = np.array([own.rotation for own in placements]).reshape(-1, 3, 3)[found]
         self._turns = np.empty((len(rotations), self._rows, 3, 3))
-        skin = points, normals, self._mesh.triangles
+        skin = points, normals, self._mesh.faces
         room = self._room().drawn
         kernels.find_rest_turns(self._feet, skin, self._rest, rotations, room, self._turns)
 
@@ -121,11 +124,9 @@ class SkinLeaves:
         start, end = span
         step = _STEP_RATIO * (end - start)
         times = [end - q * step for q in range(3 if step > 0.0 else 1)]
-        points = np.stack(
-            [np.asarray(self._surface.points(time), dtype=np.float64) for time in times]
-        )
-        normals = np.stack([self._normals(each) for each in points])
-        skins, own = (points, normals, self._mesh.triangles), (self._rest, self._turns)
+        carriers = [self._carrier(self._surface.points(time)) for time in times]
+        points, normals = (np.stack(each) for each in zip(*carriers, strict=True))
+        skins, own = (points, normals, self._mesh.faces), (self._rest, self._turns)
         nodes, directors = (
             tuple(np.ascontiguousarray(each[k]) for each in given) for k in range(2)
         )
@@ -142,10 +143,12 @@ class SkinLeaves:
             list(pool.map(draw, parts))
         return [RowPoints(*each) for each in zip(nodes, directors, strict=True)]
 
-    def _normals(self, points: Array) -> Array:
-        normals = np.empty_like(points)
-        kernels.average_normals(points, self._mesh.triangles, normals)
-        return normals
+    def _carrier(self, points: Array) -> tuple[Array, Array]:
+        """Points and normals (V, 3) of a skin (V, 3) m that is smoothed (coat/carrier.py)."""
+        soft = self._mesh.smooth(self._mesh.masses[:, None] * points)
+        normals = np.empty_like(soft)
+        kernels.average_normals(soft, self._mesh.faces, normals)
+        return soft, normals
 
     def _room(self) -> Room:
         rows, width = self._rows, self._width
@@ -166,7 +169,7 @@ class SkinLeaves:
         )
 
 
-def _feet_of(nodes: Array, points: Array, normals: Array, mesh: SkinMesh) -> tuple[Feet, Flags]:
+def _feet_of(nodes: Array, points: Array, normals: Array, mesh: CoatMesh) -> tuple[Feet, Flags]:
     """Feet of nodes (F, n, 1 + 2 m, 3) m, and (F,) of which feathers all nodes have one."""
     shape = nodes.shape[:3]
     feet = Feet(
@@ -176,15 +179,15 @@ def _feet_of(nodes: Array, points: Array, normals: Array, mesh: SkinMesh) -> tup
     )
     found = np.zeros(len(nodes), dtype=np.int64)
     if len(nodes):
-        starts, _ = closest(np.ascontiguousarray(nodes[:, 0, 0]), points[mesh.triangles])
-        skin = points, normals, mesh.triangles, mesh.beside
+        starts, _ = closest(np.ascontiguousarray(nodes[:, 0, 0]), points[mesh.faces])
+        skin = points, normals, mesh.faces, mesh.neighbours
         kernels.find_feet(nodes, starts, skin, feet, found)
     return feet, found == 1
 
 
-def _lies(feet: Feet, lengths: Array, dorsal: Array, normals: Array, mesh: SkinMesh) -> Flags:
+def _lies(feet: Feet, lengths: Array, dorsal: Array, normals: Array, mesh: CoatMesh) -> Flags:
     """(F,) which feathers lie on the skin, face up."""
     height = np.abs(feet.height).max(axis=(1, 2))
-    up = normals[mesh.triangles[feet.triangle[:, 0, 0], 0]]
+    up = normals[mesh.faces[feet.triangle[:, 0, 0], 0]]
     facing = np.einsum("fk,fk->f", up, dorsal)
     return np.asarray((height < MAX_HEIGHT_RATIO * lengths) & (facing > _MIN_FACING))
