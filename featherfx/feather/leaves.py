@@ -152,11 +152,15 @@ def lay_out(groom: Groom) -> Groom:
     dorsal, lateral = roots.directors[:, 0, 1], roots.directors[:, 0, 0]
     frames = np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=2)
     feathers = list(groom.feathers)
+    # who starts upstream lies over those behind
+    ranks = np.empty(len(members), dtype=np.int64)
+    ranks[np.argsort(-laid.coat.values, kind="stable")] = np.arange(len(members))
     for number, k in enumerate(members):
         feathers[k] = replace(
             feathers[k],
             position=roots.nodes[number, 0, 0].copy(),
             rotation=frames[number].copy(),
+            rank=int(ranks[number]),
             leaf=CoatLeaf(laid, number),
         )
     return replace(groom, feathers=tuple(feathers), coat=laid)

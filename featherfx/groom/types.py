@@ -349,8 +349,8 @@ class Placement:
     prototype, size: the kind is the prototype `size` times as large; feathers that share a
         prototype differ in size only (None: kind itself).
     layer: feathers of a higher layer lie over those of a lower one.
-    rank: place in the order in which the layout laid all feathers, a higher one over a lower; -1
-        where there was none.
+    rank: place in the order of the stacking values of its coat, a higher one over a lower; -1
+        without a leaf.
     stack: within a region's layer, a higher stack lies over a lower one; 0: where roots lie tells.
     grown: whether a layout may shorten or drop it, as what regions make.
     turning: how the root turns where it does not go with its joint alone.

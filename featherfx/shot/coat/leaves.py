@@ -22,7 +22,7 @@ from featherfx.shot.roots import RootFrames
 from featherfx.shot.sources import TimedSurface
 
 # of its length, height of a feather's nodes over the skin up to which it is on a leaf
-MAX_HEIGHT_RATIO = 0.6
+MAX_HEIGHT_RATIO = 0.3
 # cosine of the angle between a feather's dorsal side and the skin's normal, at least, on a leaf
 _MIN_FACING = 0.5
 # of the diagonal of the skin's box, reach of the smoothing of the skin that images stand on

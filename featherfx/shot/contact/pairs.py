@@ -1,8 +1,8 @@
 """Contact pairs of a groom: feathers that may touch, and which of two lies over the other.
 
 At rest the groom's layers tell the order: where one feather's nodes lie over another's vane, their
-sides are counted, and the clear majority holds for the shot. Where a layout laid both feathers, its
-order holds instead. What does not overlap at rest gets its
+sides are counted, and the clear majority holds for the shot. Where both feathers have leaves in a
+coat, their stacking values tell the order instead. What does not overlap at rest gets its
 order through feathers between (over the one that is over the other). Where two cut through each
 other, about half of each on either side, the larger half tells, unless that would close a ring:
 without an order each node would stay on its side, and the two crossed. Feathers that are
@@ -48,7 +48,7 @@ OPPOSED, MAX_RAISED = -0.5, 1.0
 
 class FeathersAtRest(NamedTuple):
     """nodes: per feather (n, 1 + 2 m, 3) m, in the world. lengths: (F,) m. ranks: (F,) places in
-    the order in which a layout laid the feathers, upwards, -1 without one. dorsal: (F, 3) unit
+    the order of the stacking values of a coat, upwards, -1 without a leaf. dorsal: (F, 3) unit
     vectors at the roots."""
 
     nodes: Sequence[Array]
@@ -149,7 +149,7 @@ def _order_at_rest(
     total = votes.number[:half] + votes.number[half:]
     clear = np.abs(both) > _CLEAR * np.maximum(total, 1.0)
     seen = np.where(clear, np.sign(both), 0.0).astype(np.int64)
-    laid = (ranks[guest] >= 0) & (ranks[host] >= 0) & (total > 0.0)
+    laid = (ranks[guest] >= 0) & (ranks[host] >= 0)
     upward = _agree(normals, rest.dorsal)[host] * np.sign(ranks[guest] - ranks[host])
     order = np.where(laid, upward, seen)
     for other in (seen, np.zeros_like(seen)):
