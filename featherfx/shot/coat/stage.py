@@ -55,6 +55,10 @@ class CoatStage(Stage):
             each.id not in led and rule < 0 for each, rule in zip(placements, rules, strict=True)
         ]
         limbs = limbs_of(shot.groom) if shot.motion.of_limbs else moving_limbs(shot)
+        if shot.groom.coat is not None:  # wings and tails stand on what the coat is not
+            free = [
+                own and each.leaf is not None for own, each in zip(free, placements, strict=True)
+            ]
         return np.array(free) & (run.islands == ALONE) & np.equal(limbs, 0)
 
     def follow(self, index: int, poses: dict[int, FeatherPose]) -> None:
