@@ -1,12 +1,12 @@
 """What is taken of a stage: variants, purposes and visibility, by the keys of a table."""
 
 import pytest
-from pxr import UsdGeom
+from pxr import UsdGeom, UsdUtils
 from usdin_scenes import add_curves, add_mesh, arc, lifted, new_stage, sheet
 
 from featherfx.api import read_groom, read_shot
 from featherfx.baking.export import export_groom
-from featherfx.errors import InputError
+from featherfx.errors import InputError, InputWarning
 from featherfx.usd.read.cache import Cache
 
 FEATHER = '[[feather]]\nid = "f"\nkind = "covert"\nposition = [0, 0, 0]\n'
@@ -135,3 +135,73 @@ def test_a_path_names_a_prim_that_is_not_drawn(tmp_path):
     assert len(read_groom(tmp_path / "groom.toml").feathers) == 1
     table = '[contact]\n[[collider]]\nusd = "set.usda"\nprims = ["/b/hidden/body"]\n'
     assert len(read_table(tmp_path, table).colliders) == 1
+
+
+def write_body(path, meters_per_unit=1.0, **samples):
+    stage = new_stage(path, meters_per_unit)
+    mesh = add_mesh(stage, "/b/skin", *sheet(2, 2))
+    for name, values in samples.items():
+        for code, value in values.items():
+            mesh.GetPrim().GetAttribute(name).Set(value, code)
+    stage.GetRootLayer().Save()
+    return stage
+
+
+@pytest.mark.parametrize(
+    "name", ["a.usdz", "a.usdz[b.usda]", "sub\\\\b.usda", ".\\\\sub\\\\b.usda"]
+)
+def test_a_stage_is_found_by_the_names_that_programs_write(tmp_path, name):
+    (tmp_path / "sub").mkdir()
+    write_body(tmp_path / "sub" / "b.usda")
+    UsdUtils.CreateNewUsdzPackage(str(tmp_path / "sub" / "b.usda"), str(tmp_path / "a.usdz"))
+    (tmp_path / "groom.toml").write_text(f'name = "g"\n{FEATHER}')
+    skin = read_table(tmp_path, f'[skin]\nusd = "{name}"\nprim = "/b/skin"\n').skin
+    assert len(skin.parts[0].surface.triangles) == 8
+
+
+@pytest.mark.parametrize("name", ["a.usdz[c.usda]", "no.usdz[b.usda]", "sub\\\\c.usda"])
+def test_a_stage_that_is_not_there_is_one_message(tmp_path, name):
+    write_body(tmp_path / "b.usda")
+    UsdUtils.CreateNewUsdzPackage(str(tmp_path / "b.usda"), str(tmp_path / "a.usdz"))
+    (tmp_path / "groom.toml").write_text(f'name = "g"\n{FEATHER}')
+    with pytest.raises(
+        InputError, match=r"skin\.usd: .*(USD cannot open|does not exist)"
+    ) as caught:
+        read_table(tmp_path, f'[skin]\nusd = "{name}"\nprim = "/b/skin"\n')
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize("arc", ["sublayer", "reference", "payload"])
+@pytest.mark.parametrize(
+    ("file", "message"),
+    [("no.usda", "no.usda is missing"), ("cm.usda", r"cm.usda has 0.01 m per unit, the stage 1")],
+)
+def test_layers_that_are_missing_or_of_other_units_are_told(tmp_path, arc, file, message):
+    write_body(tmp_path / "cm.usda", 0.01)
+    stage = write_body(tmp_path / "skin.usda")
+    prim = stage.DefinePrim("/b/more")
+    if arc == "sublayer":
+        stage.GetRootLayer().subLayerPaths.append(f"./{file}")
+    elif arc == "reference":
+        prim.GetReferences().AddReference(f"./{file}", "/b")
+    else:
+        prim.GetPayloads().AddPayload(f"./{file}", "/b")
+    stage.GetRootLayer().Save()
+    (tmp_path / "groom.toml").write_text(f'name = "g"\n{FEATHER}')
+    with pytest.warns(InputWarning, match=message):
+        assert read_table(tmp_path, SKIN).skin is not None
+
+
+@pytest.mark.parametrize(
+    ("samples", "message"),
+    [
+        ({"faceVertexCounts": {1: [4, 4, 4, 4], 2: [4, 4, 4]}}, "faceVertexCounts .*time code 2"),
+        ({"points": {1: [(0, 0, 0)] * 9, 3: [(0, 0, 0)] * 8}}, "has 8 points at time code 3"),
+        ({"faceVertexIndices": {4: [0] * 16, 5: [1] * 16}}, "faceVertexIndices .*time code 4"),
+    ],
+)
+def test_a_topology_that_changes_is_refused_with_the_time(tmp_path, samples, message):
+    write_body(tmp_path / "skin.usda", **samples)
+    (tmp_path / "groom.toml").write_text(f'name = "g"\n{FEATHER}')
+    with pytest.raises(InputError, match=message.replace(" .*", ".*")):
+        read_table(tmp_path, SKIN)

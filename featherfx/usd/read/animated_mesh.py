@@ -234,7 +234,7 @@ class AnimatedMesh(ScenePrim):
         # a pose between samples, or of a skeleton, is not checked when the mesh is opened
         if not np.isfinite(points).all():
             when = "at rest" if code is None else f"at time code {code:g}"
-            message = f"points are not finite {when}. Correct its samples or its skeleton"
+            message = f"points are not finite {when}. Give numbers"
             raise InputError(Problem(str(self._scene.path), self.path, message))
         return points
 

@@ -24,11 +24,10 @@ from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.stage import (
     SourceScene,
     check_transforms,
-    choose_variants,
     describe_broken,
     describe_prims,
     find_prim,
-    open_scene,
+    open_chosen,
     prims_below,
     rest_time,
     transform_points,
@@ -64,8 +63,7 @@ def read_feathers(
     folder: that relative files start from. Problems of prims name the file and the prim.
     """
     path, at, problems = locate_file(folder, entry["file"]), place.child("prims"), Problems()
-    scene = open_scene(path, place.child("file"))
-    scene = choose_variants(scene, entry["variant_sets"], place.child("variant_sets"))
+    scene = open_chosen(path, entry, place.child("file"), place)
     paths, roots = entry["prims"] or ("/",), []
     for each in paths:
         with problems.collecting():

@@ -19,13 +19,15 @@ from featherfx.usd.write.options import UP_AXES
 def locate_file(folder: Path, name: str) -> Path:
     """Return the path of a file that is named relative to a folder.
 
-    An existing file is returned as seen from the folder. Else the asset resolver of this process is
-    asked, which knows search paths (PXR_AR_DEFAULT_SEARCH_PATH) and, in a studio, addresses such as
-    asset:bird. Without an answer the path is as seen from the folder.
+    An existing file is returned as seen from the folder, also with backslashes. Else the asset
+    resolver of this process is asked, which knows search paths (PXR_AR_DEFAULT_SEARCH_PATH) and, in
+    a studio, addresses such as asset:bird. Without an answer the path is as seen from the folder.
     """
     own = folder / name
     if own.exists():
         return own
+    if "\\" in name and (other := folder / name.replace("\\", "/")).exists():
+        return other  # as Windows writes it
     refuse_unfit_usd()
     resolver = Ar.GetResolver()
     beside = str(folder.absolute() / "shot.usda")  # need not be there
@@ -53,11 +55,15 @@ def open_stage(path: str | Path) -> Any:
     time range.
     """
     path = locate_file(Path(), str(path))
-    if not path.is_file():
-        raise InputError(Problem(str(path), "", irregular(path) or "file does not exist"))
-    if not os.access(path, os.R_OK):
+    # of a file in a package, such as a.usdz[b.usda], the package is on disk
+    package, inner = Ar.SplitPackageRelativePathOuter(str(path))
+    file = Path(package)
+    if not file.is_file():
+        told = irregular(file) or "file does not exist. Check its name and folder"
+        raise InputError(Problem(str(path), "", told))
+    if not os.access(file, os.R_OK):
         raise InputError(Problem(str(path), "", "may not be read. Check its permissions"))
-    if Sdf.FileFormat.FindByExtension(str(path)) is None:
+    if Sdf.FileFormat.FindByExtension(inner or str(path)) is None:
         told, more = "no USD file", ""
         if path.suffix == ".toml":
             told = "a TOML file: a groom, shot or preset"

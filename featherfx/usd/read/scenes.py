@@ -27,9 +27,9 @@ from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,
     check_transforms,
-    choose_variants,
     describe_prims,
     find_prim,
+    open_chosen,
     open_scene,
     prims_below,
     sampled_range,
@@ -60,9 +60,8 @@ def open_meshes(
     prims: with the key that names each. entry: checked keys of [skin] or [[collider]]. place: of
     the table. Raises InputError with all problems.
     """
-    scene, problems = open_scene(path, place.child("usd")), Problems()
+    scene, problems = open_chosen(path, entry, place.child("usd"), place), Problems()
     left: list[LeftOut] = []
-    scene = choose_variants(scene, entry["variant_sets"], place.child("variant_sets"))
     paths: dict[str, Place] = {}
     for each, at in prims.items():
         with problems.collecting():

@@ -23,9 +23,9 @@ from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.skinning import find_joint_points
 from featherfx.usd.read.stage import (
     SourceScene,
-    choose_variants,
     describe_prims,
     find_prim,
+    open_chosen,
     open_scene,
     prims_below,
     rest_time,
@@ -58,8 +58,7 @@ def read_skin(
     Warns of holes and of faces that pass through each other. paths: with the key that names each.
     place: of [skin].
     """
-    scene = open_scene(locate_file(folder, skin["usd"]), place.child("usd"))
-    scene = choose_variants(scene, skin["variant_sets"], place.child("variant_sets"))
+    scene = open_chosen(locate_file(folder, skin["usd"]), skin, place.child("usd"), place)
     rest = skin["rest"]
     opened = all_of(*(partial(open_carrier, scene, path, rest, at) for path, at in paths.items()))
     for path, mesh in zip(paths, opened, strict=True):

@@ -244,6 +244,29 @@ def open_scene(path: Path, place: Place) -> SourceScene:
     return SourceScene(path, stage)
 
 
+def open_chosen(path: Path, entry: Mapping[str, Any], file: Place, place: Place) -> SourceScene:
+    """Open the stage of a table with the variants that it chooses.
+
+    Layers that are missing, or have other units than the stage, are InputWarnings. entry: checked
+    keys. file: of the key that names the stage. place: of the table.
+    """
+    scene = open_scene(path, file)
+    doubts = {name: f"{why}; what it holds is not read" for name, why in _broken(scene).items()}
+    unit = scene.meters_per_unit
+    for layer in scene.stage.GetUsedLayers():
+        own = layer.pseudoRoot.GetInfo("metersPerUnit")
+        if layer.pseudoRoot.HasInfo("metersPerUnit") and own != unit:
+            told = f"has {own:g} m per unit, the stage {unit:g}. USD does not convert"
+            doubts[layer.realPath] = f"{told}: scale what it holds by {own / unit:g}"
+    for name, told in doubts.items():
+        warnings.warn(f"{path}: {name} {told}", InputWarning, 2)
+    return choose_variants(scene, entry["variant_sets"], place.child("variant_sets"))
+
+
+def _broken(scene: SourceScene) -> dict[str, str]:
+    return broken_files(scene.stage) | broken_arcs(scene.stage)
+
+
 def choose_variants(scene: SourceScene, chosen: Mapping[str, str], place: Place) -> SourceScene:
     """Return a scene with variants chosen by the names of their sets, on every prim that has one.
 
@@ -345,8 +368,7 @@ def find_prim(scene: SourceScene, path: str, place: Place, *kinds: str) -> Any:
 
 def describe_broken(scene: SourceScene) -> str:
     """Return broken files and arcs as the end of a message about a missing prim."""
-    broken = broken_files(scene.stage) | broken_arcs(scene.stage)
-    return "".join(f"; {what}: {why}" for what, why in broken.items())
+    return "".join(f"; {what}: {why}" for what, why in _broken(scene).items())
 
 
 def _absent(scene: SourceScene, path: Any) -> str:
