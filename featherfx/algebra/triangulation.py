@@ -25,19 +25,28 @@ def triangulate(counts: Indices, corners: Array) -> tuple[Indices, Indices]:
     face = np.repeat(np.arange(len(counts)), cuts)
     starts = np.cumsum(counts) - counts
     first = np.cumsum(cuts) - cuts
-    step = np.arange(len(face)) - first[face]
-    places = starts[face][:, None] + np.stack([np.zeros_like(step), step + 1, step + 2], axis=1)
+    places = np.empty((len(face), 3), dtype=np.int64)
+    places[:, 0] = starts[face]
+    places[:, 1] = places[:, 0] + np.arange(1, len(face) + 1) - first[face]
+    places[:, 2] = places[:, 1] + 1
+    if counts.max(initial=0) <= 3:
+        return places, face
     products = face_products(corners[places])
     # in a plane, triangles that face as the first one does are those of a fan that fits
     facing = dots(products, products[first[face]])
-    suspects = np.unique(face[(facing <= 0.0) & (counts[face] > 3)])
-    if len(suspects) == 0:
+    is_suspect = np.zeros(len(counts), dtype=np.bool_)
+    is_suspect[face[facing <= 0.0]] = True
+    is_suspect &= counts > 3
+    if not is_suspect.any():
         return places, face
-    areas = np.stack([np.bincount(face, axis, len(counts)) for axis in products.T], axis=1)
-    inside = dots(products, areas[face])
+    own = is_suspect[face]
+    areas = np.stack(
+        [np.bincount(face[own], axis, len(counts)) for axis in products[own].T], axis=1
+    )
     squares = np.einsum("fc,fc->f", areas, areas)
-    leaving = (inside <= _MIN_AREA_RATIO * squares[face]) & (squares[face] > 0.0)
-    some = np.intersect1d(suspects, face[leaving])
+    inside = dots(products[own], areas[face[own]])
+    leaving = (inside <= _MIN_AREA_RATIO * squares[face[own]]) & (squares[face[own]] > 0.0)
+    some = np.unique(face[own][leaving])
     for count in np.unique(counts[some]).tolist():
         alike = some[counts[some] == count]
         own = starts[alike][:, None] + np.arange(count)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import dots, face_products
+from featherfx.algebra.vectors import face_products
 
 
 class OrientedMesh(NamedTuple):
@@ -50,8 +50,9 @@ def orient(triangles: Indices, points: Array) -> OrientedMesh:
     else:
         component, turned = _agree(edges, face_products(points[triangles]))
     open_ones = np.bincount(component, edges.is_border) > 0.0
-    corners = points[triangles] - points[triangles[:1, :1]]
-    own = dots(corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    a, b, c = ((points[corner] - points[triangles[0, 0]]).T for corner in triangles.T)
+    own = a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
+    own = own + a[2] * (b[0] * c[1] - b[1] * c[0])
     volumes = np.bincount(component, np.where(turned, -own, own))
     turned ^= (~open_ones & (volumes < 0.0))[component]
     found = triangles
@@ -61,34 +62,37 @@ def orient(triangles: Indices, points: Array) -> OrientedMesh:
 
 
 def _find_shared_edges(triangles: Indices, points: Array) -> _SharedEdges:
-    ends = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    owner = np.tile(np.arange(len(triangles)), 3)
-    pairs, alone = _pair_up(ends)
+    start, end = triangles.T.ravel(), triangles.T[[1, 2, 0]].ravel()
+    one, other, alone = _pair_up(start, end)
     if len(alone):
-        _, place = np.unique(points[ends[alone].ravel()], axis=0, return_inverse=True)
-        joined, rest = _pair_up(np.asarray(place).reshape(-1, 2))
-        ends = ends.copy()
-        ends[alone] = np.asarray(place).reshape(-1, 2)
-        pairs, alone = np.concatenate([pairs, alone[joined]]), alone[rest]
-    one, other = pairs.T
-    is_border = np.zeros(len(triangles), dtype=np.bool_)
-    is_border[owner[alone]] = True
-    return _SharedEdges(owner[one], owner[other], ends[one, 0] != ends[other, 0], is_border)
+        ends = np.concatenate([start[alone], end[alone]])
+        place = np.unique(points[ends], axis=0, return_inverse=True)[1].reshape(2, -1)
+        first, second, rest = _pair_up(*place)
+        start[alone] = place[0]
+        one, other = np.append(one, alone[first]), np.append(other, alone[second])
+        alone = alone[rest]
+    count = len(triangles)
+    is_border = np.zeros(count, dtype=np.bool_)
+    is_border[alone % count] = True
+    return _SharedEdges(one % count, other % count, start[one] != start[other], is_border)
 
 
-def _pair_up(ends: Indices) -> tuple[Indices, Indices]:
-    """Return (P, 2) numbers of edges (E, 2) that two triangles share, and those without a partner.
+def _pair_up(start: Indices, end: Indices) -> tuple[Indices, Indices, Indices]:
+    """Return numbers (P,), (P,) of edges that two triangles share, and of those without a partner.
 
-    Where four or six triangles meet at an edge, two or three volumes touch.
+    start, end: (E,) points of the edges. Where four or six triangles meet at an edge, two or three
+    volumes touch.
     """
-    low, high = np.minimum(*ends.T), np.maximum(*ends.T)
+    low, high = np.minimum(start, end), np.maximum(start, end)
     key = low * (int(high.max(initial=0)) + 1) + high
-    order = np.argsort(key)
+    order = np.argsort(key, kind="stable")
     starts = np.flatnonzero(np.diff(key[order], prepend=-1))
     uses = np.diff(starts, append=len(order))
     twice = starts[uses == 2]
-    pairs = np.stack([order[twice], order[twice + 1]], axis=1)
-    return pairs, np.sort(order[np.repeat(uses % 2 == 1, uses)])
+    alone = np.zeros(0, dtype=np.int64)
+    if 2 * len(twice) < len(order):
+        alone = np.sort(order[np.repeat(uses % 2 == 1, uses)])
+    return order[twice], order[twice + 1], alone
 
 
 def _connect(first: Indices, second: Indices, count: int) -> Indices:
