@@ -50,7 +50,8 @@ def orient(triangles: Indices, points: Array) -> OrientedMesh:
     else:
         component, turned = _agree(edges, face_products(points[triangles]))
     open_ones = np.bincount(component, edges.is_border) > 0.0
-    a, b, c = ((points[corner] - points[triangles[0, 0]]).T for corner in triangles.T)
+    origin = points[triangles[:1, 0]]
+    a, b, c = ((points[corner] - origin).T for corner in triangles.T)
     own = a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
     own = own + a[2] * (b[0] * c[1] - b[1] * c[0])
     volumes = np.bincount(component, np.where(turned, -own, own))
@@ -62,7 +63,7 @@ def orient(triangles: Indices, points: Array) -> OrientedMesh:
 
 
 def _find_shared_edges(triangles: Indices, points: Array) -> _SharedEdges:
-    start, end = triangles.T.ravel(), triangles.T[[1, 2, 0]].ravel()
+    start, end = triangles.T.flatten(), triangles.T[[1, 2, 0]].ravel()
     one, other, alone = _pair_up(start, end)
     if len(alone):
         ends = np.concatenate([start[alone], end[alone]])

@@ -66,3 +66,13 @@ def test_a_strip_with_one_side_stays_as_it_is():
     mesh = orient(strip, np.random.default_rng(3).random((2 * count, 3)))
     assert np.array_equal(mesh.triangles, strip)
     assert not mesh.closed.any()
+
+
+def test_inputs_stay_as_they_are():
+    # a view with another order of memory, as after a change of winding
+    faces = FACES[1:][:, [0, 2, 1]]
+    before = faces.copy()
+    mesh = orient(faces, POINTS)
+    assert np.array_equal(faces, before)
+    assert np.array_equal(np.sort(mesh.triangles, axis=1), np.sort(before, axis=1))
+    assert len(orient(FACES[:0], POINTS).triangles) == 0
