@@ -13,6 +13,7 @@ from featherfx.cli.lab.options_from import Experiment, command_from
 from featherfx.cli.lab.report import report
 from featherfx.cli.options import presets_option, readable_path
 from featherfx.files.atomic_write import write_text
+from featherfx.lab.contact.experiments import ContactTest, run_contact
 from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feather
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 from featherfx.lab.feathers.strip import PlateTest, StripTest, run_plate, run_strip
@@ -256,6 +257,12 @@ EXPERIMENTS = {
         lambda test: [run_plate(test)],
         "--along 1e-4 --across 1e-4 --twist 3.5e-5 --coupling 3e-5 --width 0.1",
         "--along 1e-4 --across 2e-5 --twist 3e-5 --angle 60 --json",
+    ),
+    "contact": Experiment(
+        ContactTest,
+        lambda test: [run_contact(test)],
+        "--case plates --quality final",
+        "--case stack --n 8 --json",
     ),
     "ribbon": Experiment(
         HangTest,

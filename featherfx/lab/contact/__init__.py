@@ -1,0 +1,1 @@
+"""Flat plates that touch, whose load and motion have closed forms."""
