@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi, sqrt
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -107,13 +106,13 @@ def make_shot(
     frames: int,
     gravity: float,
     loss: float = 0.1,
-    **options: Any,
+    steps: int = 0,
+    settle: bool = True,
 ) -> Shot:
-    """Return a shot of plates in vacuum, each over those before it.
+    """Return a shot of plates in vacuum, without friction, each over those before it.
 
-    options: of Shot; `friction` and `steps` of its contact.
+    steps: common ones a frame, 0 by tolerance. settle: whether they hang in balance at first.
     """
-    friction, steps = options.pop("friction", 0.0), options.pop("steps", 0)
     placements = tuple(
         Placement(
             id=f"plate_{k}",
@@ -125,11 +124,6 @@ def make_shot(
         )
         for k, plate in enumerate(plates)
     )
-    known = {
-        "motion": Motion("hold", {}),
-        "contact": Contact(friction=friction, steps=steps),
-        "frames_per_second": 24.0,
-    } | options
     return Shot(
         name="plates",
         source=Path("plates"),
@@ -139,5 +133,8 @@ def make_shot(
         wind=Wind(direction=np.array([1.0, 0.0, 0.0]), speed=0.0, air_density=0.0),
         quality=read_quality(quality),
         gravity=np.array([0.0, 0.0, -gravity]),
-        **known,
+        motion=Motion("hold", {}),
+        contact=Contact(friction=0.0, steps=steps),
+        frames_per_second=24.0,
+        settle=settle,
     )
