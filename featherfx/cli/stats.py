@@ -26,7 +26,7 @@ from featherfx.cli.progress import Progress
 
 @click.command(
     cls=Command,
-    short_help="Counts, overlap, penetration and expected cost.",
+    short_help="Counts, overlap and expected cost.",
     epilog="""
     featherfx stats samples/pigeon/shot.toml
     featherfx stats samples/pigeon/groom.toml --json
@@ -56,8 +56,8 @@ def stats(
 ) -> None:
     """Tell what a SHOT or GROOM (a TOML file) holds.
 
-    Feathers by region and kind, how they overlap and where they pass through each other at rest;
-    of a shot also what its bake will cost, measured on a part of it.
+    Feathers by region and kind, and how those of a layout overlap; of a shot also what its bake
+    will cost, measured on a part of it.
     """
     with Progress("trials", style):
         found = pipeline.plumage_stats(
@@ -72,7 +72,6 @@ def stats(
 
 def _lines(stats: dict[str, Any]) -> list[str]:
     """The figures for people."""
-    overlap, penetration = stats["overlap"], stats["penetration"]
     lines = [f"{stats['name']}: {stats['feathers']} feathers of {stats['shapes']} shapes"]
     lines += [f"  region {name or '(none)'}: {count}" for name, count in stats["regions"].items()]
     lines += [f"  kind {name}: {count}" for name, count in stats["kinds"].items()]
@@ -82,16 +81,12 @@ def _lines(stats: dict[str, Any]) -> list[str]:
         f"mesh points at quality {stats['quality']}: {stats['mesh_points']}"
         f" ({stats['mesh_points_of_shapes']} where shapes are instanced)"
     )
-    lines.append(
-        f"overlap: {overlap['feathers_over_a_point']:.2f} feathers over a point,"
-        f" {overlap['neighbours_of_each']:.1f} neighbours a feather, {overlap['pairs']} pairs"
-    )
-    lines.append(
-        f"penetration at rest: {penetration['pairs']} pairs,"
-        f" the deepest {1e3 * penetration['deepest']:.3g} mm"
-    )
-    for each in penetration["worst"]:
-        lines.append(f"  {each['feather']} under {each['under']}: {1e3 * each['depth']:.3g} mm")
+    if (coat := stats["layout"]) is not None:
+        lines.append(
+            f"layout: {coat['feathers']} feathers, {coat['neighbours_of_each']:.1f} neighbours a"
+            f" feather, {coat['pairs']} pairs; {coat['feathers_with_smaller_gap']} with a smaller"
+            f" gap, {coat['feathers_without_gap']} with none"
+        )
     if "bake" in stats:
         lines += _bake_lines(stats["bake"])
     return lines

@@ -173,7 +173,9 @@ def test_stats_of_a_groom(groom, plain):
     assert found["regions"] == {"body": 60}
     assert found["kinds"] == {"body_contour": 60}
     assert 3 <= found["shapes"] <= 30
-    assert found["overlap"]["feathers_over_a_point"] > 1.0
+    assert found["layout"]["feathers"] == 60
+    assert found["layout"]["neighbours_of_each"] > 1.0
+    assert found["layout"]["feathers_without_gap"] == 0
     assert found["mesh_points_of_shapes"] < found["mesh_points"]
     cache = Cache(plain)
     points = sum(len(cache.pose(k).points) for k in range(len(cache.feathers)))
