@@ -202,7 +202,7 @@ def test_stats_of_a_shot(groom):
     assert bake["wall_seconds"] > simulating
     assert bake["unknowns"] > 60 * 6 * 6
     plain = CliRunner().invoke(main, ["stats", str(groom)])
-    assert "feathers over a point" in plain.stdout
+    assert "neighbours a feather" in plain.stdout
 
 
 @pytest.mark.nightly
