@@ -14,14 +14,13 @@ from featherfx.render.options import PictureOptions
 from featherfx.render.subject import open_subject
 from featherfx.usd.read.cache import Cache
 
-GROOM = SKIN + "[layout]\n"
 KEYS = "count = 60\nlength = 0.03\nvariants = 3\nvariation = { length = 0.1, width = 0.1 }\n"
 
 
 def written(folder):
     write_skin(folder)
     path = folder / "groom.toml"
-    path.write_text(GROOM + region(keys=KEYS + "follow = 1"))
+    path.write_text(SKIN + region(keys=KEYS + "follow = 1"))
     return path
 
 
@@ -48,7 +47,7 @@ def small(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def _quiet(recwarn):
-    """Layouts of a ball leave a few feathers unresolved, which is not what is tested here."""
+    """The flow on a ball is singular somewhere, which is not what is tested here."""
 
 
 def by_id(path):
@@ -173,9 +172,12 @@ def test_stats_of_a_groom(groom, plain):
     assert found["regions"] == {"body": 60}
     assert found["kinds"] == {"body_contour": 60}
     assert 3 <= found["shapes"] <= 30
-    assert found["layout"]["feathers"] == 60
-    assert found["layout"]["neighbours_of_each"] > 1.0
-    assert found["layout"]["feathers_without_gap"] == 0
+    assert found["layout"] is None
+    groom.write_text(groom.read_text() + "[layout]\n")
+    layout = plumage_stats(groom, quality="draft")["layout"]
+    assert layout["feathers"] == 60
+    assert layout["pairs"] > 0
+    assert layout["feathers_without_gap"] == 0
     assert found["mesh_points_of_shapes"] < found["mesh_points"]
     cache = Cache(plain)
     points = sum(len(cache.pose(k).points) for k in range(len(cache.feathers)))
@@ -202,7 +204,10 @@ def test_stats_of_a_shot(groom):
     assert bake["wall_seconds"] > simulating
     assert bake["unknowns"] > 60 * 6 * 6
     plain = CliRunner().invoke(main, ["stats", str(groom)])
-    assert "neighbours a feather" in plain.stdout
+    assert "length: " in plain.stdout
+    groom.write_text(groom.read_text() + "[layout]\n")
+    laid = CliRunner().invoke(main, ["stats", str(groom)])
+    assert "neighbours a feather" in laid.stdout
 
 
 @pytest.mark.nightly
