@@ -40,7 +40,8 @@ class Rules(NamedTuple):
 
     scheme: catmullClark, loop (of triangles alone) or bilinear. boundary: none (faces at open
     borders are not drawn), edgeOnly or edgeAndCorner. smooth_triangles: the rule `smooth` for
-    triangles. holes: numbers of faces that are not drawn.
+    triangles. holes: numbers of faces that are not drawn. is_linear: whether what is refined lies
+    between points in lines, whatever the scheme.
     """
 
     scheme: str = "catmullClark"
@@ -49,6 +50,7 @@ class Rules(NamedTuple):
     holes: Indices = _NO_CORNERS.places
     creases: Sharp = _NO_EDGES
     corners: Sharp = _NO_CORNERS
+    is_linear: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,10 +73,11 @@ class Cage:
 class Refinement:
     """A cage after some levels, without holes.
 
-    matrix: from V points of the cage to R on the limit surface. counts: (G,) corners of each face.
-    indices: their points. parent: (G,) faces of the cage that they are part of.
+    levels: how many. matrix: from V points of the cage to R on the limit surface. counts: (G,)
+    corners of each face. indices: their points. parent: (G,) their faces of the cage.
     """
 
+    levels: int
     matrix: Rows
     counts: Indices
     indices: Indices
@@ -118,12 +121,11 @@ def make_value_cage(cage: Cage, values: Indices, rule: str) -> tuple[Cage, Indic
     keys, own = np.unique(cage.indices * span + values, return_inverse=True)
     vertex, value, own = keys // span, keys % span, own.reshape(-1).astype(np.int64)
     outer, corners = _Edges(cage), cage.corner_sharpness[vertex]
-    scheme = "bilinear" if rule == "all" else cage.rules.scheme
     # creases of the mesh count in the plane of the values, too
     creased = np.flatnonzero(outer.given[outer.edge] > 0.0)
     ends = np.stack([own[creased], own[outer.after[creased]]], axis=1)
     creases = Sharp(np.sort(ends, axis=1), outer.given[outer.edge[creased]])
-    rules = cage.rules._replace(scheme=scheme, creases=creases)
+    rules = cage.rules._replace(creases=creases, is_linear=rule == "all")
     inner = Cage(cage.counts, own, rules, corners, cage.hidden)
     if rule == "all":
         return inner, value
@@ -159,7 +161,7 @@ def refine(cage: Cage, levels: int) -> Refinement:
     for _ in range(levels):
         step, cage, faces = _split(cage)
         matrix, parent = step @ matrix, parent[faces]
-    return _drawn(cage, _limit(_Edges(cage)) @ matrix, parent)
+    return _drawn(cage, levels, _limit(_Edges(cage)) @ matrix, parent)
 
 
 def refine_within(
@@ -171,15 +173,15 @@ def refine_within(
     points: (V, 3) m. Levels end where there are more than max_faces; the distance is then larger.
     """
     matrix: Any = sparse.identity(len(points), format="csr")
-    parent = np.arange(len(cage.counts))
+    parent, levels = np.arange(len(cage.counts)), 0
     while True:
         mesh = _Edges(cage)
         limit = _limit(mesh) @ matrix
         off = _estimate_distance(mesh, np.asarray(matrix @ points), np.asarray(limit @ points))
         if off <= tolerance or 4 * len(cage.counts) > max_faces:
-            return _drawn(cage, limit, parent), off
+            return _drawn(cage, levels, limit, parent), off
         step, cage, faces = _split(cage)
-        matrix, parent = step @ matrix, parent[faces]
+        matrix, parent, levels = step @ matrix, parent[faces], levels + 1
 
 
 def measure_cage_distance(cage: Cage, points: Array) -> float:
@@ -264,8 +266,9 @@ class _Edges:
             place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
             there = keys[place] == wanted
             np.maximum.at(self.given, place[there], sharpness[there])
+        self.is_linear = cage.rules.is_linear or cage.rules.scheme == "bilinear"
         self.torn = (self.faces > 2) | ((self.faces == 2) & (sense != 0.0))
-        smooth = (self.faces == 2) & ~self.torn & (cage.rules.scheme != "bilinear")
+        smooth = (self.faces == 2) & ~self.torn & (not self.is_linear)
         self.sharpness = np.where(smooth, _rounded(self.given), np.inf)
 
     @cached_property
@@ -386,7 +389,7 @@ def _edge_points(mesh: _Edges) -> Any:
 def _vertex_points(mesh: _Edges) -> Any:
     """(V, V) the new points of the points, between the rules before and after a level."""
     cage, size = mesh.cage, mesh.size
-    if cage.rules.scheme == "bilinear":
+    if mesh.is_linear:
         return sparse.identity(size, format="csr")
     before, after = mesh.sharpness, _worn(mesh.sharpness)
     corner, worn = cage.corner_sharpness, _worn(cage.corner_sharpness)
@@ -446,7 +449,7 @@ def _limit(mesh: _Edges) -> Any:
     with b the weight of a neighbour; on a crease to (4 v + e0 + e1) / 6.
     """
     cage, size = mesh.cage, mesh.size
-    if cage.rules.scheme == "bilinear":
+    if mesh.is_linear:
         return sparse.identity(size, format="csr")
     sharp = mesh.sharpness > 0.0
     count = _count_edges(mesh, sharp)
@@ -505,11 +508,11 @@ def _area_vectors(mesh: _Edges, corners: Array) -> Array:
     return np.stack([np.bincount(mesh.face, each, len(mesh.cage.counts)) for each in products.T], 1)
 
 
-def _drawn(cage: Cage, matrix: Any, parent: Indices) -> Refinement:
+def _drawn(cage: Cage, levels: int, matrix: Any, parent: Indices) -> Refinement:
     """Return what is left without holes; points stay, so that their numbers do."""
     shown = ~cage.hidden
     corners = np.repeat(shown, cage.counts)
     matrix = matrix.tocsr()
     matrix.sort_indices()
     rows = Rows(matrix.data, matrix.indices.astype(np.int64), matrix.indptr.astype(np.int64))
-    return Refinement(rows, cage.counts[shown], cage.indices[corners], parent[shown])
+    return Refinement(levels, rows, cage.counts[shown], cage.indices[corners], parent[shown])

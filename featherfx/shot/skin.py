@@ -136,13 +136,9 @@ class SkinSurfaces:
                 part = _part(groom, surface, some, radii[which])
                 parts.append(part)
                 self._warn(groom, part)
-                for k, triangle in enumerate(part.binding.triangle):
-                    roots[some[k]] = SkinRoot(
-                        surface.path,
-                        int(surface.face[triangle]),
-                        surface.triangles[triangle],
-                        part.binding.barycentric[k],
-                    )
+                located = surface.locate(part.binding.triangle, part.binding.barycentric)
+                for k, (face, points, weights) in enumerate(zip(*located, strict=True)):
+                    roots[some[k]] = SkinRoot(surface.path, int(face), points, weights)
         return BoundSkin(
             ids=tuple(feather.id for feather in groom.feathers),
             rotations=np.array([f.rotation for f in groom.feathers]).reshape(-1, 3, 3),

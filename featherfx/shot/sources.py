@@ -76,6 +76,10 @@ class MovingSurface(OfScene, Protocol):
     def points(self, code: float) -> Array:
         """(V, 3) m, all points at a time code."""
 
+    def locate(self, triangle: Indices, barycentric: Array) -> tuple[Indices, Indices, Array]:
+        """(R,) faces of the prim, (R, 3) its points and (R, 3) their weights, of places (R,) on
+        triangles."""
+
     def is_mirrored(self, code: float) -> bool:
         """Return whether it is mirrored at a time code against rest."""
 

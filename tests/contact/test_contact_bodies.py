@@ -54,6 +54,7 @@ def write_body(path: Path) -> None:
     world = UsdGeom.Xform.Define(stage, "/world")
     move = world.AddTranslateOp()
     mesh = UsdGeom.Mesh.Define(stage, "/world/ball")
+    mesh.CreateSubdivisionSchemeAttr("none")
     _, shape = ball(1.0)
     x, y, z = 100.0 * np.asarray(shape.vertices).T
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.stack([x, z, -y], axis=1).astype(np.float32)))
@@ -131,6 +132,7 @@ def write_skin(path: Path) -> None:
     points = np.stack([x, y, np.full_like(x, LEVEL)], axis=2).reshape(-1, 3)
     first = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
     mesh = UsdGeom.Mesh.Define(stage, "/skin")
+    mesh.CreateSubdivisionSchemeAttr("none")
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
     mesh.CreateFaceVertexCountsAttr([4] * 64)
     mesh.CreateFaceVertexIndicesAttr((first[:, None] + [0, 1, 10, 9]).ravel().tolist())

@@ -43,6 +43,7 @@ def write_plate(path: Path) -> None:
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     plate = UsdGeom.Mesh.Define(stage, "/plate")
+    plate.CreateSubdivisionSchemeAttr("none")
     points = np.asarray(mesh.vertices, dtype=np.float32) - np.float32([0.1, 0.0, 0.0])
     plate.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
     plate.CreateFaceVertexCountsAttr([3] * len(mesh.faces))

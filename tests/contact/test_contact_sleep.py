@@ -106,6 +106,7 @@ def shot_with(folder, animate):
     stage.SetTimeCodesPerSecond(24)
     UsdSkel.Root.Define(stage, "/body")
     mesh = UsdGeom.Mesh.Define(stage, "/body/mesh")
+    mesh.CreateSubdivisionSchemeAttr("none")
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
     mesh.CreateFaceVertexCountsAttr([len(face) for face in faces])
     mesh.CreateFaceVertexIndicesAttr([k for face in faces for k in face])

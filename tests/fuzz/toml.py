@@ -105,6 +105,7 @@ def Mesh "plate"
     int[] faceVertexIndices = [0, 3, 4, 1, 1, 4, 5, 2]
     point3f[] points = [(0, 0, 0), (0, 0, 20), (0, 5, 40), (30, 0, 0), (30, 0, 20), (30, 5, 40)]
     float[] primvars:edge = [1, 1, 1, 0, 0, 0] (interpolation = "vertex")
+    uniform token subdivisionScheme = "none"
 }
 """
 GROWN = """name = "grown"

@@ -902,6 +902,8 @@ SCENES = {
 ELSEWHERE = {
     "skin.usd": "tests/usdin/test_usd_skin.py",
     ".variant_sets": "tests/usdin/test_stage_choices.py",
+    ".subdivision": "tests/usdin/test_subdivided_skins.py",
+    ".uv": "tests/usdin/test_subdivided_skins.py",
     ".purposes": "tests/usdin/test_stage_choices.py",
     ".invisible": "tests/usdin/test_stage_choices.py",
     "max_feathers": "tests/usdin/test_plumage_regions.py",

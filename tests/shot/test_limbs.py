@@ -174,6 +174,7 @@ def add_body(path):
     """A square below the wing, which the arm carries, so that it does not move."""
     stage = Usd.Stage.Open(str(path))
     body = UsdGeom.Mesh.Define(stage, "/bird/body")
+    body.CreateSubdivisionSchemeAttr("none")
     corners = [(-0.1, -0.2, 0.025), (0.1, -0.2, 0.025), (0.1, 0.1, 0.025), (-0.1, 0.1, 0.025)]
     body.CreatePointsAttr([Gf.Vec3f(*each) for each in corners])
     body.CreateFaceVertexCountsAttr([4])

@@ -17,6 +17,7 @@ def write_skin(folder, mesh=None, meters_per_unit=1.0):
     mesh = mesh or trimesh.creation.icosphere(3, radius=RADIUS)
     stage = new_stage(folder / "skin.usda", meters_per_unit)
     skin = UsdGeom.Mesh.Define(stage, "/skin")
+    skin.CreateSubdivisionSchemeAttr("none")
     points = np.array(mesh.vertices) / meters_per_unit
     faces = np.array(mesh.faces)
     skin.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))

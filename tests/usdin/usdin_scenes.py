@@ -69,6 +69,7 @@ def sheet(columns=8, rows=8, size=0.4):
 
 def add_mesh(stage, path, points, counts, indices):
     mesh = UsdGeom.Mesh.Define(stage, path)
+    mesh.CreateSubdivisionSchemeAttr("none")
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.asarray(counts, np.int32)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ravel(indices).astype(np.int32)))
     if points is not None:

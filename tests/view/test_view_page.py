@@ -313,6 +313,7 @@ def embodied(cache, tmp_path) -> Path:
     UsdGeom.SetStageUpAxis(stage, "Z")
     UsdGeom.SetStageMetersPerUnit(stage, 1)
     mesh = UsdGeom.Mesh.Define(stage, "/bird/body")
+    mesh.CreateSubdivisionSchemeAttr("none")
     mesh.CreatePointsAttr([(0.05, y, z) for y, z in [*SQUARE, *[SQUARE[0]] * 100]])
     mesh.CreateFaceVertexCountsAttr([4])
     mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 3])

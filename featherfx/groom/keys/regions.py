@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from featherfx.groom.keys.places import POINT, RADIUS_LENGTH, Direction, Sphere
 from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, LAYER_KEY, names_or_list
-from featherfx.groom.keys.stages import VARIANT_KEYS
+from featherfx.groom.keys.stages import SURFACE_KEYS, VARIANT_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,
@@ -43,6 +43,7 @@ SKIN_KEYS = {
         _MAX_SCATTERED,
     ),
     **VARIANT_KEYS,
+    **SURFACE_KEYS,
     "colours": Key(
         Text(),
         "Colours of the feathers that grow on it, by where their roots are: a primvar of three "

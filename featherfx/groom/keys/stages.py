@@ -13,6 +13,14 @@ VARIANT_KEYS = {
         {},
     ),
 }
+SURFACE_KEYS = {
+    "subdivision": Key(
+        Flag(),
+        "Whether a mesh is the subdivided surface that renderers draw, or its cage.",
+        True,
+    ),
+    "uv": Key(Text(), "Primvar of the mesh that holds texture coordinates.", "st"),
+}
 DRAWN_KEYS = VARIANT_KEYS | {
     "purposes": Key(
         ArrayOf(Text(_PURPOSES), 1, len(_PURPOSES)),

@@ -30,8 +30,8 @@ Words = NDArray[np.uint64]
 
 # points per area that these levels give on a closed skin, times the squared distance
 _SATURATED = 0.522
-_LEVELS_PER_DOUBLING = 4
-_CANDIDATES_PER_POINT = 8
+_LEVELS_PER_DOUBLING = 4  # of the density
+_CANDIDATES_PER_POINT = 8  # as dense as throwing more would hardly fill gaps
 # width of the strip along open edges of a mesh that would hold the points crowded there, distances
 _BORDER_WIDTH = 0.4
 _NORMAL_STEPS = 1000.0
@@ -41,7 +41,7 @@ _MIN_PRESENCE = 1e-3
 # points on the whole skin at the first level: fewer would carry an edit of the mesh far about
 _FIRST_COUNT = 64
 _NUMBER_BITS = 40  # of a candidate's number, ten hexadecimal digits of an id
-_FIRST_OCTAVE = -1024
+_FIRST_OCTAVE = -1024  # below any density, so that numbers of octaves are positive
 _MAX_DENSITY = 1e300  # points per m^2
 
 

@@ -22,7 +22,7 @@ from featherfx.groom.keys.values import Table
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.phases import counted
 from featherfx.usd.check.geometry import geometry_problems
-from featherfx.usd.read.animated_mesh import open_mesh
+from featherfx.usd.read.animated_mesh import MeshOptions, open_mesh
 from featherfx.usd.read.curves import CURVE_KINDS
 from featherfx.usd.read.groom import read_feathers
 from featherfx.usd.read.opening import open_stage
@@ -178,7 +178,7 @@ def _meshes(scene: SourceScene, place: Place) -> set[str]:
             path = str(prim.GetPath())
             bad.add(path)
             with collect_errors(place):
-                open_mesh(scene, path, None, place)
+                open_mesh(scene, path, MeshOptions(subdivision=False), place)
                 bad.remove(path)
     return bad
 

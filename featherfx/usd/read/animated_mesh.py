@@ -10,7 +10,7 @@ import copy
 import warnings
 from collections import OrderedDict
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.winding import orient
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.skin.skin import is_flat
+from featherfx.groom.skin.skin import closest, is_flat
 from featherfx.usd.read.skinning import SkinPose, explain_stillness, find_skinning
 from featherfx.usd.read.stage import (
     ScenePrim,
@@ -35,7 +35,12 @@ from featherfx.usd.read.stage import (
     rest_time,
     transform_points,
 )
-from featherfx.usd.read.subdivision import read_cage_distance, read_scheme
+from featherfx.usd.read.subdivision import (
+    MAX_UNTOLD_DISTANCE,
+    measure_distance,
+    open_limit,
+    read_scheme,
+)
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -44,12 +49,18 @@ from featherfx.usd.read.values import (
     VECTOR_ARRAY,
     describe_time,
     errors_at,
+    fault,
+    list_elements,
     read_array,
     read_flattened,
     read_sized_array,
     read_text,
+    read_value,
     to_numpy,
 )
+
+if TYPE_CHECKING:
+    from featherfx.usd.read.limit_surface import LimitSurface
 
 
 class _KnotPose(NamedTuple):
@@ -67,6 +78,19 @@ _MAX_LOOKS = 25  # samples that are compared to tell how far a mesh moves
 _MAX_TIMES = 8  # times, at which roots and the skin as a body are asked for
 
 
+class MeshOptions(NamedTuple):
+    """Options of reading a mesh.
+
+    rest: time code of the rest pose; None: the bind pose of a skinned mesh, the default values or,
+    where there are none, the first samples of any other. subdivision: whether the surface is the
+    one that a renderer draws, not the cage. uv: the primvar that holds texture coordinates.
+    """
+
+    rest: float | None = None
+    subdivision: bool = True
+    uv: str = "st"
+
+
 class AnimatedMesh(ScenePrim):
     """A mesh of T triangles and V points in the world: metres, z up.
 
@@ -74,27 +98,40 @@ class AnimatedMesh(ScenePrim):
     without area are left out. places: (T, 3) of their corners in faceVertexIndices. face: (T,)
     their faces. closed: (T,) whether their connected component is a volume. border: (T,) those with
     an edge of their own. turned: faces wound against their component, or a volume's, which are
-    turned round. rest: (V, 3) m, points at rest. rest_matrix: (4, 4), row vectors, from the prim's
-    own space to the world at rest. st: (T, 3, 2) texture coordinates of the corners, None where
-    there are none. sampled: first and last time code with samples of anything that moves it, None
-    where nothing does. bones: (T,) m, length of each triangle's bone or piece of curve, where it is
-    a ribbon along these. knots: where its poses are those of the scene, with smooth motion between
-    them; None: the scene's own motion.
+    turned round. rest: (V, 3) m, points at rest; cage: those of the prim, where limit is the
+    subdivided surface of the triangles. topology: as of read_topology. rest_matrix: (4, 4), row
+    vectors, from the prim's own space to the world at rest. st: (T, 3, 2) texture coordinates of
+    the corners, None where there are none, of the primvar uv. scheme: by which a renderer
+    subdivides it, or none. sampled: first and last time code with samples of anything that moves
+    it, None where nothing does. bones: (T,) m, length of each triangle's bone or piece of curve,
+    where it is a ribbon along these. knots: where its poses are those of the scene, with smooth
+    motion between them; None: the scene's own motion.
     """
 
     bones: Array | None = None
+    limit: LimitSurface | None = None
+    scheme: str = "none"
+    uv: str = ""
+    mirrored: bool
+    rest: Array
 
-    def __init__(self, scene: SourceScene, mesh: Any, rest: float | None, skinning: Any) -> None:
+    def __init__(self, scene: SourceScene, mesh: Any, options: MeshOptions, skinning: Any) -> None:
         self._mesh = mesh
-        self._begin(scene, mesh.GetPrim(), skinning, rest)
+        self._begin(scene, mesh.GetPrim(), skinning, options.rest)
         moving = [] if skinning is None else skinning.attributes()
         self._find_times([*moving, mesh.GetPointsAttr()])
-        found = read_triangles(mesh, self.rest, self.mirrored)
+        self.scheme = read_scheme(mesh)
+        counts, indices = self.topology = read_topology(mesh)
+        self.cage, faces = self.rest, (counts, indices, np.arange(len(counts)))
+        self.limit = open_limit(mesh, counts, indices, self.rest) if options.subdivision else None
+        if self.limit is not None:
+            self.rest, faces = self.limit.move(self.cage), self.limit.faces
+        found = read_triangles(mesh, faces, self.rest, self.mirrored)
         self.turned = np.unique(found.face[found.turned])
         sound = ~is_flat(self.rest, found.triangles)
         self.triangles, self.places, self.face = (each[sound] for each in found[:3])
         self.closed, self.border = found.closed[sound], found.border[sound]
-        self.st = _read_texture(mesh, self.triangles, self.places)
+        self.uv, self.st = options.uv, self._read_uv(options.uv)
 
     def _begin(self, scene: SourceScene, prim: Any, skinning: Any, rest: float | None) -> None:
         """The pose at rest of a prim that skinning moves (None: its own points)."""
@@ -122,14 +159,57 @@ class AnimatedMesh(ScenePrim):
         """Return the prim of the skeleton that moves it, None without one."""
         return None if self._skinning is None else self._skinning.space
 
-    @property
-    def scheme(self) -> str:
-        """Return the scheme by which a renderer subdivides it, or none."""
-        return read_scheme(self._mesh)
-
     def cage_distance(self) -> float:
         """Return the largest distance (m) of its points to the subdivided surface."""
-        return read_cage_distance(self._mesh, *read_topology(self._mesh), self.rest)
+        return measure_distance(self._mesh, *self.topology, self.cage)
+
+    def warn(self, at: str) -> None:
+        """Warn where feathers are not on the surface that is drawn. at: file and key."""
+        off, of = (self.limit.off, "faces") if self.limit is not None else (0.0, "")
+        if self.limit is None and self.scheme != "none":
+            off, of = self.cage_distance(), "the cage, which is taken,"
+        if off > MAX_UNTOLD_DISTANCE:
+            message = f"{at}: {self.path}: {of} are up to {1e3 * off:.2g} mm off the {self.scheme} "
+            warnings.warn(f"{message}surface that renderers draw", InputWarning, stacklevel=3)
+
+    def locate(self, triangle: Indices, barycentric: Array) -> tuple[Indices, Indices, Array]:
+        """Return (R,) faces of the prim, (R, 3) its points, and (R, 3) their weights, of places.
+
+        Of a subdivided surface these are the nearest places on the cage. triangle: (R,) numbers of
+        triangles; barycentric: (R, 3), of places within them.
+        """
+        if self.limit is None:
+            return self.face[triangle], self.triangles[triangle], barycentric
+        counts, indices = self.topology
+        faces = counts, indices, np.arange(len(counts))
+        found = read_triangles(self._mesh, faces, self.cage, self.mirrored)
+        places = np.einsum("rk,rkc->rc", barycentric, self.rest[self.triangles[triangle]])
+        near, weights = closest(places, self.cage[found.triangles])
+        return found.face[near], found.triangles[near], weights
+
+    def spread(self, values: Array, interpolation: str, numbers: Indices | None) -> Array | None:
+        """Return (T, 3, ...) values at the corners of the triangles; None where they fit nothing.
+
+        values: (K, ...) of a primvar. numbers: of those of corners, None where each has its own.
+        """
+        counts, indices = self.topology
+        if len(values) == 1:
+            return np.broadcast_to(values[0], (*self.triangles.shape, *values.shape[1:]))
+        if interpolation == UsdGeom.Tokens.uniform and len(values) == len(counts):
+            return np.repeat(values[self.face][:, None], 3, axis=1)
+        if self.limit is not None:
+            found = self.limit.spread(values, interpolation, numbers)
+            return None if found is None else found[self.places]
+        if interpolation == UsdGeom.Tokens.faceVarying:
+            values = values if numbers is None else values[numbers]
+            return values[self.places] if len(values) == len(indices) else None
+        return values[self.triangles] if len(values) == len(self.cage) else None
+
+    def _read_uv(self, name: str) -> Array | None:
+        """(T, 3, 2) a uv set at the corners; None where there is none, or none that fits."""
+        primvar = UsdGeom.PrimvarsAPI(self._prim).FindPrimvarWithInheritance(name)
+        values = read_primvar(primvar, PAIR_ARRAY)
+        return None if values is None else self.spread(*values)
 
     def smoothed(self, knots: Knots | None) -> AnimatedMesh:
         """The same mesh, moving smoothly between the poses that it has at knots (time codes); None:
@@ -160,7 +240,9 @@ class AnimatedMesh(ScenePrim):
         of the last few are kept."""
         found = self._asked.get(code)
         if found is None:
-            self._asked[code] = found = self._posed(code)
+            local, matrix = self._posed(code)
+            local = local if self.limit is None else self.limit.move(local)
+            self._asked[code] = found = local, matrix
             if len(self._asked) > _MAX_TIMES:
                 self._asked.popitem(last=False)
         return found
@@ -263,12 +345,8 @@ class AnimatedMesh(ScenePrim):
         return bool(np.linalg.det(self._scene.matrix(prim, code)[:3, :3]) < 0.0)
 
 
-def open_mesh(scene: SourceScene, path: str, rest: float | None, place: Place) -> AnimatedMesh:
-    """A mesh by its prim path. Raises InputError with all problems, which name the prim.
-
-    rest: time code of the rest pose; None: the bind pose of a skinned mesh, the default values or,
-    where there are none, the first samples of any other.
-    """
+def open_mesh(scene: SourceScene, path: str, options: MeshOptions, place: Place) -> AnimatedMesh:
+    """A mesh by its prim path. Raises InputError with all problems, which name the prim."""
     prim = find_prim(scene, path, place, "mesh")
     if not prim.IsA(UsdGeom.Mesh):
         meshes = [str(p.GetPath()) for p in Usd.PrimRange(prim) if p.IsA(UsdGeom.Mesh)][:3]
@@ -276,10 +354,12 @@ def open_mesh(scene: SourceScene, path: str, rest: float | None, place: Place) -
         hint = hint or describe_prims(scene, ("mesh",), path)
         place.refuse(f"{path} is a {prim.GetTypeName() or 'prim without type'}, no Mesh{hint}")
     with errors_at(place):
-        return _open_checked(scene, UsdGeom.Mesh(prim), rest, place)
+        return _open_checked(scene, UsdGeom.Mesh(prim), options, place)
 
 
-def _open_checked(scene: SourceScene, mesh: Any, rest: float | None, place: Place) -> AnimatedMesh:
+def _open_checked(
+    scene: SourceScene, mesh: Any, options: MeshOptions, place: Place
+) -> AnimatedMesh:
     prim, problems = mesh.GetPrim(), Problems()
     path = f"{prim.GetPath()}{{}} in {scene.path}: {{}}"
     for attribute, message in _topology_faults(mesh):
@@ -287,7 +367,7 @@ def _open_checked(scene: SourceScene, mesh: Any, rest: float | None, place: Plac
     with problems.collecting():
         check_transforms(scene, prim, place)
     problems.hand_on()
-    opened = AnimatedMesh(scene, mesh, rest, find_skinning(scene, mesh, place))
+    opened = AnimatedMesh(scene, mesh, options, find_skinning(scene, mesh, place))
     if len(opened.triangles) == 0:
         place.refuse(path.format("", "no face has any area"))
     why = explain_stillness(prim)
@@ -379,16 +459,42 @@ class MeshTriangles(NamedTuple):
     border: Flags
 
 
-def read_triangles(mesh: Any, points: Array, mirrored: bool) -> MeshTriangles:
+def read_primvar(primvar: Any, kind: Any) -> tuple[Array, str, Indices | None] | None:
+    """Return the values (K, ...) of a primvar, its interpolation and its indices; None without.
+
+    kind: of values.to_numpy.
+    """
+    indexed = bool(primvar) and primvar.IsIndexed()
+    value = read_value(primvar.GetAttr(), EARLIEST_TIME) if indexed else None
+    by_corner = indexed and primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying
+    numbers = None
+    if by_corner and value is not None:
+        numbers = read_sized_array(primvar.GetIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
+        size = len(list_elements(value))
+        if len(numbers) and (numbers.min() < 0 or numbers.max() >= size):
+            raise fault(primvar.GetIndicesAttr(), f"is out of range. Give 0 to {size - 1}")
+        numbers = numbers.astype(np.int64)
+    else:
+        value = read_flattened(primvar, EARLIEST_TIME)
+    if value is None:
+        return None
+    values = to_numpy(list_elements(value), kind, primvar.GetAttr()).astype(np.float64)
+    return values, str(primvar.GetInterpolation()), numbers
+
+
+def read_triangles(
+    mesh: Any, faces: tuple[Indices, Indices, Indices], points: Array, mirrored: bool
+) -> MeshTriangles:
     """Return the triangles of a mesh with sound topology, the outside counter-clockwise.
 
-    Faces in holeIndices are left out. points: (V, 3), at rest. mirrored: whether transforms turn
-    windings round, as a left-handed orientation does.
+    Those of holes are left out. faces: counts of corners, their points, and the faces of the mesh
+    that each is part of. points: (V, 3), at rest. mirrored: whether transforms turn windings round,
+    as a left-handed orientation does.
     """
-    counts, indices = read_topology(mesh)
+    counts, indices, parent = faces
     places, face = triangulate(counts, points[indices])
     holes = read_sized_array(mesh.GetHoleIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
-    corners = indices[places]
+    corners, face = indices[places], parent[face]
     sound = (corners != np.roll(corners, 1, axis=1)).all(axis=1) & ~np.isin(face, holes)
     places, face = places[sound], face[sound]
     orientation = read_text(mesh.GetOrientationAttr(), EARLIEST_TIME)
@@ -397,17 +503,3 @@ def read_triangles(mesh: Any, points: Array, mirrored: bool) -> MeshTriangles:
     triangles, closed, turned, border = orient(indices[places], points)
     places = np.where(turned[:, None], places[:, [0, 2, 1]], places)
     return MeshTriangles(triangles, places, face, closed, turned, border)
-
-
-def _read_texture(mesh: Any, triangles: Indices, places: Indices) -> Array | None:
-    primvar = UsdGeom.PrimvarsAPI(mesh.GetPrim()).FindPrimvarWithInheritance("st")
-    value = read_flattened(primvar, EARLIEST_TIME)
-    if value is None:
-        return None
-    st = to_numpy(value, PAIR_ARRAY, primvar.GetAttr())
-    by_corner = primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying
-    if by_corner and len(st) == len(read_topology(mesh)[1]):
-        return np.asarray(st[places], dtype=np.float64)
-    if len(st) > triangles.max(initial=-1):
-        return np.asarray(st[triangles], dtype=np.float64)
-    return None

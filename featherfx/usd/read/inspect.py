@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pxr import UsdGeom, UsdSkel
 
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
+from featherfx.usd.read.animated_mesh import AnimatedMesh, MeshOptions, open_mesh
 from featherfx.usd.read.stage import (
     SourceScene,
     broken_arcs,
@@ -199,7 +199,7 @@ def _open_surface(scene: SourceScene, prim: Any, place: Place) -> AnimatedMesh |
     if not prim.IsDefined() or prim.IsAbstract():
         return None
     with collect_errors(place):
-        return open_mesh(scene, str(prim.GetPath()), None, place)
+        return open_mesh(scene, str(prim.GetPath()), MeshOptions(subdivision=False), place)
     return None
 
 

@@ -23,7 +23,7 @@ from featherfx.algebra.rotation import transported
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
-from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
+from featherfx.usd.read.animated_mesh import AnimatedMesh, MeshOptions, open_mesh
 from featherfx.usd.read.curves import read_prim_curves
 from featherfx.usd.read.skinning import SkinPose, animation_attributes, bind_to_pose
 from featherfx.usd.read.stage import (
@@ -318,14 +318,14 @@ class RibbonMesh(AnimatedMesh):
         self.bones = scale * ribbons.lengths[sound]
 
 
-def open_carrier(scene: SourceScene, path: str, rest: float | None, place: Place) -> AnimatedMesh:
+def open_carrier(scene: SourceScene, path: str, options: MeshOptions, place: Place) -> AnimatedMesh:
     """Return a mesh, or the ribbons of a skeleton or a curve, by its path; as open_mesh."""
     prim = scene.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
     for kind, opener in ((UsdSkel.Skeleton, open_bones), (UsdGeom.Curves, open_curve)):
         if prim and prim.IsA(kind):
             find_prim(scene, path, place)
-            return opener(scene, prim, rest, place)
-    return open_mesh(scene, path, rest, place)
+            return opener(scene, prim, options.rest, place)
+    return open_mesh(scene, path, options, place)
 
 
 def open_curve(scene: SourceScene, prim: Any, rest: float | None, place: Place) -> RibbonMesh:

@@ -18,7 +18,7 @@ from featherfx.groom.keys.values import Table
 from featherfx.groom.skin.field import search_tree
 from featherfx.provenance import LeftOut, StageRead, note_read
 from featherfx.shot.view import View
-from featherfx.usd.read.animated_mesh import AnimatedMesh
+from featherfx.usd.read.animated_mesh import AnimatedMesh, MeshOptions
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.drawn_meshes import drawn_meshes, find_hidden
 from featherfx.usd.read.groom import read_feathers
@@ -70,10 +70,12 @@ def open_meshes(
     if entry.get("collection") is not None:
         with problems.collecting():
             paths |= dict.fromkeys(_by_collection(scene, entry, left, place), place)
+    options = MeshOptions(entry.get("rest"), entry["subdivision"], entry["uv"])
     opened = []
     for each, at in paths.items():
         with problems.collecting():
-            opened.append(open_carrier(scene, each, entry.get("rest"), at))
+            opened.append(open_carrier(scene, each, options, at))
+            opened[-1].warn(f"{at.source}: {at.key}")
     problems.raise_any()
     role = "collider" if "collection" in entry else "skin"
     for mesh in opened:

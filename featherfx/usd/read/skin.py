@@ -16,7 +16,7 @@ from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.skin.faults import skin_doubts
 from featherfx.provenance import StageRead, note_read
-from featherfx.usd.read.animated_mesh import AnimatedMesh, read_topology
+from featherfx.usd.read.animated_mesh import AnimatedMesh, MeshOptions, read_primvar
 from featherfx.usd.read.curves import is_curves, read_prim_curves
 from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.ribbons import open_carrier
@@ -40,12 +40,9 @@ from featherfx.usd.read.values import (
     NUMBER_ARRAY,
     VECTOR_ARRAY,
     errors_at,
-    list_elements,
     read_array,
-    read_flattened,
     read_sized_array,
     read_texts,
-    to_numpy,
 )
 
 
@@ -59,11 +56,14 @@ def read_skin(
     place: of [skin].
     """
     scene = open_chosen(locate_file(folder, skin["usd"]), skin, place.child("usd"), place)
-    rest = skin["rest"]
-    opened = all_of(*(partial(open_carrier, scene, path, rest, at) for path, at in paths.items()))
+    options = MeshOptions(skin["rest"], skin["subdivision"], skin["uv"])
+    opened = all_of(
+        *(partial(open_carrier, scene, path, options, at) for path, at in paths.items())
+    )
     for path, mesh in zip(paths, opened, strict=True):
         if mesh.bones is not None:
             continue
+        mesh.warn(str(scene.path))
         for message in skin_doubts(mesh):
             warnings.warn(f"{scene.path}: {path}: {message}", InputWarning, stacklevel=2)
     for mesh in opened:
@@ -78,7 +78,7 @@ class StageSkin:
         self._scene, self._prim = scene, scene.stage.GetPrimAtPath(mesh.path)
         self.path, self.points = mesh.path, mesh.rest
         self.triangles, self.face, self.st = mesh.triangles, mesh.face, mesh.st
-        self._places = mesh.places
+        self.uv, self._mesh = mesh.uv, mesh
         self.own_matrix, self.is_ribbon = mesh.rest_matrix, mesh.bones is not None
         self.stage_matrix = to_world_matrix(np.eye(4), scene.to_world)
 
@@ -146,30 +146,19 @@ class StageSkin:
     def _at_corners(self, name: str, size: int, place: Place) -> Array:
         api = UsdGeom.PrimvarsAPI(self._prim)
         primvar = api.FindPrimvarWithInheritance(name)
-        value = read_flattened(primvar, EARLIEST_TIME)
-        if value is None:
+        kind = NUMBER_ARRAY if size == 1 else VECTOR_ARRAY
+        found = read_primvar(primvar, kind)
+        if found is None:
             known = [each.GetPrimvarName() for each in api.GetPrimvarsWithValues()]
             place.refuse(f"no primvar '{name}' on {self.path}, {nearest(name, known)}")
-        kind = NUMBER_ARRAY if size == 1 else VECTOR_ARRAY
-        values = to_numpy(list_elements(value), kind, primvar.GetAttr()).astype(np.float64)
+        values = found[0]
         if not np.isfinite(values).all():
             place.refuse(f"primvar '{name}' on {self.path} holds values that are not finite")
-        corners = self._corners(values, str(primvar.GetInterpolation()))
+        corners = self._mesh.spread(*found)
         if corners is None:
             told = f"has {len(values)} values that fit nothing"
             place.refuse(f"primvar '{name}' on {self.path} {told}")
         return corners
-
-    def _corners(self, values: Array, interpolation: str) -> Array | None:
-        """Values of constant, uniform, vertex or face-varying elements at triangle corners."""
-        if len(values) == 1:
-            return np.broadcast_to(values[0], (*self.triangles.shape, *values.shape[1:]))
-        counts, indices = read_topology(UsdGeom.Mesh(self._prim))
-        if interpolation == UsdGeom.Tokens.uniform and len(values) == len(counts):
-            return np.repeat(values[self.face][:, None], 3, axis=1)
-        if interpolation == UsdGeom.Tokens.faceVarying and len(values) == len(indices):
-            return values[self._places]
-        return values[self.triangles] if len(values) == len(self.points) else None
 
 
 def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array]:
