@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from featherfx.groom.keys.places import POINT, RADIUS_LENGTH, Direction, Sphere
 from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, LAYER_KEY, names_or_list
-from featherfx.groom.keys.stages import SURFACE_KEYS, VARIANT_KEYS
+from featherfx.groom.keys.stages import PICTURE_KEYS, SURFACE_KEYS, VARIANT_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,
@@ -44,6 +44,7 @@ SKIN_KEYS = {
     ),
     **VARIANT_KEYS,
     **SURFACE_KEYS,
+    **PICTURE_KEYS,
     "colours": Key(
         Text(),
         "Colours of the feathers that grow on it, by where their roots are: a primvar of three "
@@ -63,7 +64,8 @@ WHERE_KEYS = {
     "subset": Key(Text(), "GeomSubset of the skin: 1 on its faces, 0 elsewhere.", None),
     "image": Key(
         Text(),
-        "Grey picture in the skin's texture space (primvars:st), beside the groom; needs Pillow.",
+        "Grey picture in the skin's texture space, beside the groom, or a set of tiles with <UDIM> "
+        "for their numbers; needs Pillow.",
         None,
     ),
     "box": Key(

@@ -21,6 +21,14 @@ SURFACE_KEYS = {
     ),
     "uv": Key(Text(), "Primvar of the mesh that holds texture coordinates.", "st"),
 }
+PICTURE_KEYS = {
+    "wrap": Key(
+        Text(("black", "clamp", "repeat", "mirror")),
+        "Pictures outside of 0 to 1: 0, their edge, again, or again turned round. A name with "
+        "<UDIM> is a set of tiles, outside of which is 0.",
+        "black",
+    ),
+}
 DRAWN_KEYS = VARIANT_KEYS | {
     "purposes": Key(
         ArrayOf(Text(_PURPOSES), 1, len(_PURPOSES)),

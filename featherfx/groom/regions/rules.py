@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -13,11 +14,12 @@ import numpy as np
 from featherfx.algebra.interpolation import faded
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
-from featherfx.errors import all_of
+from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.keys.values import the_one
 from featherfx.groom.looks import displayed
 from featherfx.groom.read.space import Space
+from featherfx.groom.regions.tiles import Tiles, find_tiles, name_tiles, read_tiles, sample_tiles
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints
 
@@ -58,6 +60,7 @@ _PLACES = (
     *("nearest", "facing", "free_radius"),
 )
 _FLOWS = ("direction", "away", "towards", "primvar", "curves")
+_MAX_NAMED = 5  # tiles that a warning names
 _GUIDES = 8  # guide points that a direction is interpolated from
 # a direction whose part along the skin is a smaller share of it says nothing
 _MIN_ALONG = 1e-3
@@ -105,30 +108,40 @@ def painted_colours(value: str, skin: GroomSkin, at: Place) -> Rule:
 
 
 def _image(path: Path, surface: SkinSurface, at: Place, mode: str = "L") -> tuple[Rule, Any]:
-    corners, picture = all_of(
-        partial(_texture_places, surface, at), partial(surface.source.image, path, at, mode)
+    corners, tiles = all_of(
+        partial(_texture_places, surface, at),
+        partial(read_tiles, path, partial(surface.source.image, place=at, mode=mode), at),
     )
-    return (lambda points: _bilinear(picture, points.interpolated(corners))), (corners, picture)
+    wrap = surface.source.wrap
+    _warn_of_outside(path, tiles, corners, surface, at)
+    inputs = corners, wrap, tuple(sorted(tiles)), *(tiles[key] for key in sorted(tiles))
+    return (lambda points: sample_tiles(tiles, points.interpolated(corners), wrap)), inputs
 
 
 def _texture_places(surface: SkinSurface, at: Place) -> Array:
     if surface.source.st is None:
-        at.refuse(f"{surface.source.path} has no primvars:st")
+        at.refuse(f"{surface.source.path} has no primvars:{surface.source.uv}")
     return surface.source.st
 
 
-def _bilinear(grey: Array, st: Array) -> Array:
-    """Values of a picture, grey or in colours, at texture coordinates (N, 2); its lower left corner
-    is (0, 0)."""
-    height, width = grey.shape[:2]
-    x = np.clip(st[:, 0] * width - 0.5, 0.0, width - 1.0)
-    y = np.clip((1.0 - st[:, 1]) * height - 0.5, 0.0, height - 1.0)
-    left, top = x.astype(int), y.astype(int)
-    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    u, v = (each.reshape(-1, *[1] * (grey.ndim - 2)) for each in (x - left, y - top))
-    upper = (1.0 - u) * grey[top, left] + u * grey[top, right]
-    lower = (1.0 - u) * grey[bottom, left] + u * grey[bottom, right]
-    return np.asarray((1.0 - v) * upper + v * lower)
+def _warn_of_outside(
+    path: Path, tiles: Tiles, corners: Array, surface: SkinSurface, at: Place
+) -> None:
+    """Warn of the part of a skin that no tile of a picture covers."""
+    wanted = np.stack([points.interpolated(corners) for points in surface.samples])
+    number, _ = find_tiles(tiles, wanted.reshape(-1, 2), surface.source.wrap)
+    missing = number < 0
+    if not missing.any():
+        return
+    part = float(np.tile(surface.areas, len(wanted))[missing].sum() / len(wanted))
+    named = ", ".join(map(str, sorted(name_tiles(wanted.reshape(-1, 2)[missing]))[:_MAX_NAMED]))
+    warnings.warn(
+        f"{at.source}: {at.key}: {100.0 * part / surface.areas.sum():.2g} % of "
+        f"{surface.source.path} lies outside of the tiles of {path.name} and counts as 0; its "
+        f"texture coordinates are in tiles {named}",
+        InputWarning,
+        stacklevel=2,
+    )
 
 
 def _analytic(name: str, rule: dict[str, Any], space: Space, place: Place) -> Rule:

@@ -26,7 +26,8 @@ class SkinSource(Protocol):
     """A mesh that a scene holds, at rest; metres, z up.
 
     path: of the prim. points: (V, 3) m. triangles: (T, 3), counter-clockwise from outside, none
-    flat. face: (T,) the scene's faces. st: (T, 3, 2) texture coordinates, or None. own_matrix,
+    flat. face: (T,) the scene's faces. st: (T, 3, 2) texture coordinates of the primvar uv, or
+    None. wrap: what pictures are outside of 0 to 1: black, clamp, repeat or mirror. own_matrix,
     stage_matrix: (4, 4), row vectors, from the mesh's own space at rest, and the stage's, to here.
     is_ribbon: whether it is a ribbon along bones or a curve, on which nothing grows. What is asked
     for by name at a place raises InputError where it is not there.
@@ -37,6 +38,8 @@ class SkinSource(Protocol):
     triangles: Indices
     face: Indices
     st: Array | None
+    uv: str
+    wrap: str
     own_matrix: Array
     stage_matrix: Array
     is_ribbon: bool

@@ -20,6 +20,7 @@ from featherfx.groom.skin.field import TurnField, search_tree, size_classes, tur
 # a triangle whose height is below this share of its longest side has no tangent plane
 _THINNEST = 1e-5
 _ROOTS_AT_ONCE = 500
+_ALIKE = 1e-7  # by which distances differ that count as equal: float32 of texture coordinates
 
 
 @dataclass(frozen=True)
@@ -98,13 +99,17 @@ def bind(
     """Bind roots (F, 3) m to the triangles (T, 3), not flat, of a skin with points (V, 3) m.
 
     search: places (F, 3) and corners (T, 3, 3) to find the closest triangle in, such as texture
-    space with a third coordinate 0; by default the roots among the triangles themselves. The roots
-    stay where they are in either case: the offset holds the rest. radius: (F,) m, of the part of
+    space with a third coordinate 0; by default the roots among the triangles themselves. Of several
+    places there the one nearest to the root counts. The roots stay where they are in either case:
+    the offset holds the rest. radius: (F,) m, of the part of
     the skin that turns each root; default 0, the triangles at its own. along: (F, 3) directions
     that a mirrored skin takes with it, default a side of the triangle.
     """
     corners = points[triangles]
-    triangle, barycentric = closest(roots, corners) if search is None else closest(*search)
+    if search is None:
+        triangle, barycentric = closest(roots, corners)
+    else:
+        triangle, barycentric = closest(*search, (roots, corners))
     own = corners[triangle]
     if along is None:
         along = own[:, 1] - own[:, 0]
@@ -139,10 +144,13 @@ def follow(binding: Binding, corners: Array, mirrored: bool = False) -> tuple[Ar
     return surface + np.einsum("fij,fj->fi", rotations, binding.offset), rotations
 
 
-def closest(roots: Array, corners: Array) -> tuple[Indices, Array]:
+def closest(
+    roots: Array, corners: Array, among: tuple[Array, Array] | None = None
+) -> tuple[Indices, Array]:
     """Closest triangle (F,) and barycentric coordinates (F, 3) of the closest point on it.
 
-    roots: (F, 3), corners: (T, 3, 3), T > 0. Of equally close triangles the first is taken.
+    roots: (F, 3), corners: (T, 3, 3), T > 0. among: other roots and corners, by which one of
+    equally close triangles is chosen; of those equally close in both the first is taken.
     """
     search = _Search(corners)
     triangle = np.zeros(len(roots), dtype=np.int64)
@@ -150,7 +158,8 @@ def closest(roots: Array, corners: Array) -> tuple[Indices, Array]:
     # blocks bound the memory: a root far from the skin has many triangles about equally close
     for start in range(0, len(roots), _ROOTS_AT_ONCE):
         block = slice(start, start + _ROOTS_AT_ONCE)
-        triangle[block], barycentric[block] = search.closest(roots[block])
+        other = None if among is None else (among[0][block], among[1])
+        triangle[block], barycentric[block] = search.closest(roots[block], other)
     return triangle, barycentric
 
 
@@ -162,10 +171,17 @@ class _Search:
         self._all = search_tree(corners.mean(axis=1))
         self._classes = size_classes(corners)
 
-    def closest(self, roots: Array) -> tuple[Indices, Array]:
+    def closest(self, roots: Array, among: tuple[Array, Array] | None) -> tuple[Indices, Array]:
         row, candidate = self._candidates(roots)
         weights = _closest_weights(roots[row], self._corners[candidate])
         squared = _squared_distance(roots[row], weights, self._corners[candidate])
+        if among is not None:
+            least = np.full(len(roots), np.inf)
+            np.minimum.at(least, row, squared)
+            alike = np.sqrt(squared) <= np.sqrt(least[row]) + _ALIKE
+            row, candidate, weights = row[alike], candidate[alike], weights[alike]
+            places, corners = among
+            squared = _squared_distance(places[row], weights, corners[candidate])
         order = np.lexsort((candidate, squared, row))
         first = order[np.unique(row[order], return_index=True)[1]]
         return candidate[first], weights[first]
@@ -178,7 +194,7 @@ class _Search:
         _, near = self._all.query(roots)
         weights = _closest_weights(roots, self._corners[near])
         reach = np.sqrt(_squared_distance(roots, weights, self._corners[near]))
-        reach = reach * (1.0 + 1e-9) + 1e-12
+        reach = reach * (1.0 + 1e-9) + _ALIKE
         rows, triangles = [np.arange(len(roots))], [near]
         for members, tree, radii in self._classes:
             hits = tree.query_ball_point(roots, reach + radii.max())

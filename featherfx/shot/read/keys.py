@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from featherfx.groom.keys.groom import GROOM_KEYS, USD_KEYS
-from featherfx.groom.keys.stages import DRAWN_KEYS, SURFACE_KEYS, VARIANT_KEYS
+from featherfx.groom.keys.stages import DRAWN_KEYS, PICTURE_KEYS, SURFACE_KEYS, VARIANT_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,
@@ -93,6 +93,7 @@ _SKIN = {
     "interpolation": _INTERPOLATION,
     **VARIANT_KEYS,
     **SURFACE_KEYS,
+    **PICTURE_KEYS,
 }
 
 WIND_USD = {

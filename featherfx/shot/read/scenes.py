@@ -49,7 +49,10 @@ def read_skin(
         own = {surface.path, ""} if surface is surfaces[0] else {surface.path}
         placed = [f.id for f in groom.feathers if f.skin_uv is not None and f.skin in own]
         if placed and surface.st is None:
-            at.fail(f"{surface.path} has no primvars:st, but '{placed[0]}' is placed by skin uv")
+            at.fail(
+                f"{surface.path} has no primvars:{entry['uv']}, "
+                f"but '{placed[0]}' is placed by skin uv"
+            )
     at.problems.hand_on()
     moving = tuple(_moving(each, entry, checked, clock) for each in surfaces)
     return SkinSurfaces(

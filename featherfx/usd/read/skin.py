@@ -68,17 +68,19 @@ def read_skin(
             warnings.warn(f"{scene.path}: {path}: {message}", InputWarning, stacklevel=2)
     for mesh in opened:
         note_read(StageRead(str(scene.path), mesh.path, "skin to groom", 1))
-    return {path: StageSkin(scene, mesh) for path, mesh in zip(paths, opened, strict=True)}
+    return {
+        path: StageSkin(scene, mesh, skin["wrap"]) for path, mesh in zip(paths, opened, strict=True)
+    }
 
 
 class StageSkin:
     """A mesh as featherfx.groom.skin.points.SkinSource describes it."""
 
-    def __init__(self, scene: SourceScene, mesh: AnimatedMesh) -> None:
+    def __init__(self, scene: SourceScene, mesh: AnimatedMesh, wrap: str) -> None:
         self._scene, self._prim = scene, scene.stage.GetPrimAtPath(mesh.path)
         self.path, self.points = mesh.path, mesh.rest
         self.triangles, self.face, self.st = mesh.triangles, mesh.face, mesh.st
-        self.uv, self._mesh = mesh.uv, mesh
+        self.uv, self.wrap, self._mesh = mesh.uv, wrap, mesh
         self.own_matrix, self.is_ribbon = mesh.rest_matrix, mesh.bones is not None
         self.stage_matrix = to_world_matrix(np.eye(4), scene.to_world)
 
