@@ -137,8 +137,8 @@ def _warn_of_outside(
     named = ", ".join(map(str, sorted(name_tiles(wanted.reshape(-1, 2)[missing]))[:_MAX_NAMED]))
     warnings.warn(
         f"{at.source}: {at.key}: {100.0 * part / surface.areas.sum():.2g} % of "
-        f"{surface.source.path} lies outside of the tiles of {path.name} and counts as 0; its "
-        f"texture coordinates are in tiles {named}",
+        f"{surface.source.path} lies outside of the tiles of {path.name} and counts as 0. "
+        f"Its texture coordinates are in tiles {named}",
         InputWarning,
         stacklevel=2,
     )
