@@ -39,7 +39,10 @@ def test_tiles_are_read_and_outside_of_them_is_nothing(tmp_path):
     sheet(tmp_path, lambda x, y: (3.0 * x, y))
     picture(tmp_path, "m.1001.png", 0)
     picture(tmp_path, "m.1002.png")
-    with pytest.warns(InputWarning, match=r"3\d % of /skin lies outside.*\. Its texture coordinates are in tiles 1003"):
+    with pytest.warns(
+        InputWarning,
+        match=r"3\d % of /skin lies outside.*\. Its texture coordinates are in tiles 1003",
+    ):
         found = roots(grown(tmp_path, region(keys=KEYS.format("m.<UDIM>.png"))))
     assert len(found) == 60
     assert (np.abs(found[:, 0]) < 0.1 / 3.0 + 1e-6).all()
