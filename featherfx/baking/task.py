@@ -186,7 +186,8 @@ def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Seq
     if feathers is None:
         return shot, shot, range(len(shot.groom.feathers))
     from featherfx.shot.detail.guides import uses_guides
-    from featherfx.shot.partition.partition import part_of, share_numbers
+    from featherfx.shot.partition.partition import share_numbers
+    from featherfx.shot.subset import part_of
 
     numbers = share_numbers(shot, *feathers)
     part = part_of(shot, numbers)

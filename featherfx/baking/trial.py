@@ -37,8 +37,8 @@ from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.options import FeatherOptions, ShotOptions, resolve_options
-from featherfx.shot.partition.partition import part_of
 from featherfx.shot.patterns import may_touch
+from featherfx.shot.subset import part_of
 from featherfx.shot.types import Detail, Shot
 from featherfx.usd.write.forms import choose_group
 from featherfx.usd.write.output import unique_prim_names

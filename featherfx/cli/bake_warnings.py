@@ -14,6 +14,7 @@ _TOO_LONG = {
     "substeps_with_hooks_slipping": "{} in which hooks slip by more than a step should",
 }
 _FIXED_STEPS = "[contact] steps"
+_MAX_NAMED = 5  # feathers of a kind that a warning names
 _MAX_CHANGES = 12  # printed of a bake that reused samples of an earlier one
 
 
@@ -43,6 +44,8 @@ def print_warnings(result: dict[str, Any]) -> None:
     promised = result.get("error_promised")
     if promised is not None and result["error_estimated"] > promised:
         tell(_missed(promised, result["error_estimated"]))
+    if result.get("undefined"):
+        tell("\n".join(_undefined(result["undefined"])))
     for text in result.get("bounds_passed", ()):
         tell(f"featherfx: warning: {text}")
 
@@ -87,6 +90,19 @@ def _missed(promised: float, estimated: float) -> str:
         " estimated: feathers bent farther, or erred more in a step, than their loads told;"
         f" ask for {promised * (promised / estimated) ** 1.6:.2g} %"
     )
+
+
+def _undefined(undefined: dict[str, list[str]]) -> Iterator[str]:
+    """The warning of feathers without a unique answer, by kind."""
+    count = sum(map(len, undefined.values()))
+    yield (
+        f"featherfx: warning: {count} feather{'s have' if count > 1 else ' has'} no unique answer:"
+        " finer grids or another start lead elsewhere, as where it flutters or has several rest"
+        " poses. Shelter it from the wind, or make it stiffer"
+    )
+    for kind, names in sorted(undefined.items()):
+        more = f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""
+        yield f"  {kind}: {', '.join(names[:_MAX_NAMED])}{more}"
 
 
 def _too_long(result: dict[str, Any]) -> Iterator[str]:

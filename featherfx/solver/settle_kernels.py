@@ -16,7 +16,13 @@ _SMALL_AREA_CHANGE to a, as in most plumage. Each pose is found with the matrix 
 where that still serves. Taking g(a) itself oscillates from some 3 m/s on, because the vane swings
 through the wind. Source: Anderson 1965; Walker and Ni 2011.
 
-Where that fails the feather is carried along by short steps that start at rest, in air that is
+Such poses may be several. So a feather first comes to rest in calm air. Where the whole wind moves
+it from there by more than _MAX_BRANCH_MOVE of its length, the wind grows from nothing in steps that
+move it by less: it stays on the branch of calm air, which is the same on every grid. Where no step
+is short enough, the branch ends, and the feather jumps. It has several rest poses where the whole
+wind at once leads elsewhere; its status says so.
+
+Where mixing fails the feather is carried along by short steps that start at rest, in air that is
 felt anew before each; they grow while the feather goes on in one way and shrink where it turns
 back. Then mixing is tried once more. A feather that flutters has no rest in wind: it is left in
 the pose that those steps led to.
@@ -33,7 +39,7 @@ from featherfx.jit.compiled import kernel
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
-from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED
+from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED, SEVERAL_RESTS
 from featherfx.solver.step.gap_kernels import slip_gaps, weaken_gaps
 from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import (
@@ -54,6 +60,9 @@ _SMALL_AREA_CHANGE = 0.1
 # part of all areas that counts as no change, and where the pose has not changed by more than it may
 # be wrong; mixing steps; as many as may pass without progress
 _AREA_TOLERANCE, _STILL_AREA_TOLERANCE, _MAX_MIXINGS, _MAX_STALLED_MIXINGS = 1e-5, 1e-4, 60, 12
+# of the length: most that a step of the wind's growth moves a feather, and distance of two rest
+# poses that are different; least part of the wind's speed that a step adds
+_MAX_BRANCH_MOVE, _SAME_REST_RATIO, _MIN_WIND_STEP = 0.15, 0.01, 1.0 / 8.0
 # in wind: of Newton, a step; number of short steps
 _MAX_WIND_ITERATIONS, _MAX_WIND_STEPS = 25, 30
 
@@ -66,7 +75,7 @@ class MixingScratch(NamedTuple):
     guess, change: (MIXING_DEPTH, K), pairs, the next one where the oldest was. next: (K,). normal:
     (MIXING_DEPTH, MIXING_DEPTH) and weight: (MIXING_DEPTH,), of the least squares. before: (R,),
     where nodes were after the last solution or when the last short step began, and way: (R,), where
-    it led.
+    it led. direct: (R,), nodes at rest in the whole wind at once.
     """
 
     guess: Array
@@ -76,6 +85,7 @@ class MixingScratch(NamedTuple):
     weight: Array
     before: Array
     way: Array
+    direct: Array
 
 
 def make_mixing(size: int) -> MixingScratch:
@@ -88,11 +98,13 @@ def make_mixing(size: int) -> MixingScratch:
         weight=np.zeros(MIXING_DEPTH),
         before=np.zeros(size),
         way=np.zeros(size),
+        direct=np.zeros(size),
     )
 
 
 class SettleResult(NamedTuple):
-    """Result of settling, (F,): Newton's status or NO_REST, and Newton's iterations."""
+    """Result of settling, (F,): Newton's status, NO_REST or SEVERAL_RESTS, and Newton's
+    iterations."""
 
     status: Array
     iterations: Array
@@ -174,10 +186,19 @@ def _keep(model, f, state, work):
 
 
 @kernel
-def _feel_wind(model, loads, f, state, work):
-    """Wind, areas and speeds at the pose now."""
+def _scale(array, factor):
+    flat = array.flat
+    for i in range(array.size):
+        flat[i] *= factor
+
+
+@kernel
+def _feel_wind(model, loads, f, part, state, work):
+    """Wind, areas and speeds at the pose now. part: of the wind's speed."""
     time, still = state.time[f], state.velocity.nodes[f]
     blow(work.now.points.nodes, time, loads, f, still, model, work.around)
+    _scale(work.around.wind, part)
+    _scale(work.around.speed, part)
 
 
 @kernel
@@ -203,7 +224,7 @@ def _settle_still(model, loads, f, goal, state, found, work):
     """Two steps that leave hardly any inertia, after ever longer ones if need be; returns Newton's
     status."""
     if loads.air[0] > 0.0:
-        _feel_wind(model, loads, f, state, work)
+        _feel_wind(model, loads, f, 0.0, state, work)
     h, limit, status, rests = STATIC_STEP, _MAX_WIND_ITERATIONS, CONVERGED, False
     for k in range(MAX_SETTLE_STEPS):
         status = _step(model, loads, f, goal, (h, limit), UNKNOWN_CONVERGENCE, found, work).status
@@ -223,23 +244,78 @@ def _settle_still(model, loads, f, goal, state, found, work):
 
 @kernel
 def _settle_in_wind(model, loads, f, goal, state, found, mixing, work):
-    """Bring a feather to rest; returns CONVERGED, Newton's status or NO_REST."""
-    for attempt in range(2):
-        if _mix(model, loads, f, goal, state, found, mixing, work):
+    """Bring a feather to rest; returns CONVERGED, SEVERAL_RESTS, Newton's status or NO_REST."""
+    size, nodes, rests, follows = _size(model, f), work.now.points.nodes, False, False
+    still = _settle_still(model, loads, f, goal, state, found, work)
+    _load(model, f, state, work)
+    if still == CONVERGED:
+        rests = _mix(model, loads, f, 1.0, (goal, found), state, mixing, work)
+        if rests and _largest_way(nodes, state.points.nodes[f]) <= _MAX_BRANCH_MOVE * size:
+            _keep(model, f, state, work)
             return CONVERGED
-        if attempt == 0:
-            _load(model, f, state, work)
-            status = _drift(model, loads, f, goal, state, found, mixing, work)
-            if status != CONVERGED:
-                return status
-    return NO_REST
+        copy_values(nodes, mixing.direct)
+        follows = _follow_branch(model, loads, f, goal, state, found, mixing, work)
+    if not follows:
+        status = _drift(model, loads, f, goal, state, found, mixing, work)
+        if status != CONVERGED:
+            return status
+        if not _mix(model, loads, f, 1.0, (goal, found), state, mixing, work):
+            return NO_REST
+        _keep(model, f, state, work)
+    same = _largest_way(nodes, mixing.direct) <= _SAME_REST_RATIO * size
+    return SEVERAL_RESTS if rests and not same else CONVERGED
 
 
 @kernel
-def _mix(model, loads, f, goal, state, found, mixing, work):
-    """Find areas that the pose in them gives back; whether they were found."""
+def _follow_branch(model, loads, f, goal, state, found, mixing, work):
+    """Let the wind grow from calm, from the pose that was kept last, and keep the poses on the way;
+    whether the feather is at rest in the whole wind."""
+    part, step, nodes, size = 0.0, 0.5, work.now.points.nodes, _size(model, f)
+    while part < 1.0:
+        _load(model, f, state, work)
+        wanted = min(part + step, 1.0)
+        rests = _mix(model, loads, f, wanted, (goal, found), state, mixing, work)
+        near = rests and _largest_way(nodes, state.points.nodes[f]) <= _MAX_BRANCH_MOVE * size
+        if near or (rests and step <= _MIN_WIND_STEP):
+            _keep(model, f, state, work)
+            part, step = wanted, (2.0 if near else 1.0) * step
+        elif step <= _MIN_WIND_STEP:
+            _load(model, f, state, work)
+            return False
+        else:
+            step *= 0.5
+    return True
+
+
+@kernel
+def _size(model, f):
+    """Length of the rachis of feather f (m)."""
+    size = 0.0
+    for i in range(model.length.shape[1]):
+        size += model.length[f, i]
+    return size
+
+
+@kernel
+def _largest_way(nodes, before):
+    """Return the largest distance (m) of nodes from where they were, of which one array may be
+    flat."""
+    own, other, worst = nodes.flat, before.flat, 0.0
+    for i in range(0, nodes.size, 3):
+        square = 0.0
+        for k in range(3):
+            square += (own[i + k] - other[i + k]) ** 2
+        worst = max(worst, square)
+    return sqrt(worst)
+
+
+@kernel
+def _mix(model, loads, f, part, ends, state, mixing, work):
+    """Find areas that the pose in them gives back, in a part of the wind's speed; whether they were
+    found. ends: goal and found, as of settle_feathers."""
+    goal, found = ends
     area, nodes = work.around.area, work.now.points.nodes
-    _feel_wind(model, loads, f, state, work)
+    _feel_wind(model, loads, f, part, state, work)
     copy_values(area, mixing.next)
     least, waited, pace = inf, 0, UNKNOWN_CONVERGENCE
     for k in range(_MAX_MIXINGS):
@@ -252,7 +328,7 @@ def _mix(model, loads, f, goal, state, found, mixing, work):
         if solved.status != CONVERGED:
             return False
         pace = next_convergence(solved.iterations, solved.pace)
-        _feel_wind(model, loads, f, state, work)
+        _feel_wind(model, loads, f, part, state, work)
         left, whole, own = 0.0, 0.0, area.flat
         still = k > 0 and _has_stayed(nodes, mixing.before, goal)
         copy_values(nodes, mixing.before)
@@ -262,7 +338,6 @@ def _mix(model, loads, f, goal, state, found, mixing, work):
             whole += own[i] * own[i]
         left = sqrt(left)
         if left <= (_STILL_AREA_TOLERANCE if still else _AREA_TOLERANCE) * sqrt(whole):
-            _keep(model, f, state, work)
             return True
         waited = 0 if left < 0.9 * least else waited + 1
         least = min(least, left)
@@ -340,7 +415,7 @@ def _drift(model, loads, f, goal, state, found, mixing, work):
     h, best, steps, nodes = FIRST_SETTLE_STEP, NOT_CONVERGED, 0, work.now.points.nodes
     for _ in range(_MAX_WIND_STEPS):
         copy_values(nodes, mixing.before)
-        _feel_wind(model, loads, f, state, work)
+        _feel_wind(model, loads, f, 1.0, state, work)
         status = _step(
             model, loads, f, goal, (h, _MAX_WIND_ITERATIONS), UNKNOWN_CONVERGENCE, found, work
         ).status

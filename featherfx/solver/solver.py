@@ -183,8 +183,8 @@ class Solver:
 
         fraction: 0..1, place within the loads' frame (grips). feathers: indices, all by default.
         Returns the state, and per feather the status (0: at rest within settings.newton and
-        _REST_TOLERANCE_RATIO; NO_REST: it flutters in the wind, and the pose is one on its way) and
-        the Newton iterations.
+        _REST_TOLERANCE_RATIO; NO_REST: it flutters in the wind, and the pose is one on its way;
+        SEVERAL_RESTS: at rest, but the wind at once leads elsewhere) and the Newton iterations.
         """
         from featherfx.solver.settle_kernels import SettleResult, make_mixing, settle_feathers
 

@@ -10,6 +10,8 @@ NOT_DEFINITE = 3
 TOO_MUCH_WORK = 4
 # of statics in wind
 NO_REST = 5
+# of statics in wind: at rest, and another start leads to another rest pose
+SEVERAL_RESTS = 7
 # of a step that Newton has solved
 GREW = 6
 

@@ -100,7 +100,7 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
         (["preview", "f.usd", "-o", "p.png", "--sheet", "3", "--frame", "1"], "do not agree"),
         (["presets", "show"], "Missing argument 'NAME'"),
         (["fly"], "No such command 'fly'"),
-        (["bench", "--front", "--only", "gust"], "--only goes with --skips"),
+        (["bench", "--promise", "1", "--only", "gust"], "--only goes with --skips"),
     ],
 )
 def test_wrong_usage_is_exit_code_two(arguments, told):

@@ -37,9 +37,9 @@ def test_motions_exist():
 
 def test_a_table_asks_for_its_package(shot):
     asked = [each.name for each in PACKAGES if is_asked(each, shot)]
-    assert asked == ["core"]
+    assert asked == ["core", "grips"]
     cycled = replace(shot, cycle=8)
-    assert [each.name for each in PACKAGES if is_asked(each, cycled)] == ["core", "cycles"]
+    assert [each.name for each in PACKAGES if is_asked(each, cycled)] == ["core", "grips", "cycles"]
     assert len(brought(cycled, "stages")) == len(brought(shot, "stages")) + 1
 
 

@@ -24,8 +24,8 @@ from featherfx.shot.options.error_model import (
 )
 from featherfx.shot.options.load_estimate import estimate_deflections, estimate_loads
 from featherfx.shot.options.options import common_tolerance, resolve_options, simulation_quality
-from featherfx.shot.partition.partition import part_of
 from featherfx.shot.read.read import read_shot
+from featherfx.shot.subset import part_of
 
 PULL = SAMPLES / "feather_pull/shot.toml"
 

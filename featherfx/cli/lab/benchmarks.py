@@ -12,18 +12,15 @@ from featherfx._version import __version__
 from featherfx.baking.pipeline import read_shot
 from featherfx.cli.progress import Progress
 from featherfx.lab.bench import experiments, peers
-from featherfx.lab.bench.front import HOW, iteration_times, kept_table, measure, missed
 from featherfx.lab.bench.options import BenchOptions
+from featherfx.lab.bench.promise import measure_promises
 from featherfx.lab.bench.report import (
     ResultTable,
-    Row,
-    as_csv,
     machine,
     page,
     write,
     write_files,
 )
-from featherfx.lab.bench.scenes import SCENES
 from featherfx.lab.bench.skips import skips_table
 from featherfx.lab.bench.stress import (
     CaseOutcome,
@@ -35,7 +32,7 @@ from featherfx.lab.bench.stress import (
     summary,
 )
 
-_TABLES, _PEER_TABLES = 8, 2
+_TABLES, _PEER_TABLES = 7, 2
 _QUICK_ROWS, _MAX_ROWS = 40, 200
 
 
@@ -44,8 +41,8 @@ def run_benchmarks(options: BenchOptions) -> None:
     if options.peers:
         _beside_peers(options)
         return
-    if options.front:
-        _front(options)
+    if options.promise:
+        _promise(options)
         return
     tables: list[ResultTable] = []
     outcome, output, jobs = None, options.output, options.jobs or os.cpu_count() or 1
@@ -54,11 +51,6 @@ def run_benchmarks(options: BenchOptions) -> None:
         with Progress("skips") as progress:
             rest = (options.only, options.frames, options.every)
             tables.append(skips_table(shots, progress, *rest))
-    elif options.promise:
-        shots = [read_shot(path) for path in options.promise]
-        with Progress("lines") as progress:
-            rest_of = options.frames, options.every
-            tables.append(kept_table(shots, options.error, progress, *rest_of))
     elif options.stress:
         rows = _QUICK_ROWS if options.quick else _MAX_ROWS
         outcome = _stress(options, jobs, rows)
@@ -96,26 +88,28 @@ def _beside_peers(options: BenchOptions) -> None:
         click.echo(file)
 
 
-def _front(options: BenchOptions) -> None:
-    """Measure the front, and print or write the file that promises are made by, with the rows."""
-    rows: list[Row] = []
-    with Progress("scenes") as progress:
-        for done, name in enumerate(SCENES, 1):
-            rows += measure(name)
-            progress(done, len(SCENES))
-    record = {
-        "how": HOW,
-        "machine": machine(__version__),
-        "missed": missed(rows, iteration_times()),
-    }
-    text = json.dumps(record, indent=1) + "\n"
-    if options.output is None:
-        click.echo(text, nl=False)
-        return
-    table = ResultTable("front_scenes", "", "", rows)
-    files = {"front.json": text.encode(), "front_scenes.csv": as_csv(table).encode()}
-    for file in write_files(options.output, files):
-        click.echo(file)
+def _promise(options: BenchOptions) -> None:
+    """Measure random shots; print or write counts and cases. Exit code 1 if any is broken."""
+    assert options.promise is not None
+    with Progress("shots") as progress:
+        found = measure_promises(options.promise, options.seed, progress)
+    if options.output is not None:
+        record = {"machine": machine(__version__), "seed": options.seed, **found}
+        text = json.dumps(record, indent=1) + "\n"
+        for file in write_files(options.output, {"promise.json": text.encode()}):
+            click.echo(file)
+    elif options.as_json:
+        click.echo(json.dumps(found))
+    else:
+        for case in found["cases"]:
+            click.echo(
+                f"{case['outcome']:9} shot {case['seed']}, {case['feather']}: reached"
+                f" {case['reached']:.3g} of {case['promised']:g} %"
+            )
+        names = "kept", "broken", "undefined", "told"
+        click.echo(", ".join(f"{found[name]} {name}" for name in names))
+    if found["broken"]:
+        click.get_current_context().exit(1)
 
 
 def _stress(options: BenchOptions, jobs: int, most_rows: int) -> dict[str, Any]:

@@ -4,17 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from featherfx.limits import option
 
 _STRESS_CASES, _QUICK_STRESS_CASES = 10_000, 200
-
-
-def _shots(text: str) -> Any:
-    return option(
-        (), f"{text} a shot; once for each shot.", several=True, there=True, metavar="SHOT"
-    )
 
 
 @dataclass(frozen=True)
@@ -24,21 +17,19 @@ class BenchOptions:
     quick: bool = option(False, "A smaller set of settings, in two minutes of one core.")
     stress: bool = option(False, "Random absurd cases instead of measurements.")
     peers: bool = option(False, 'Beside MuJoCo (extra "peers"): error against time of a strip.')
-    skips: tuple[Path, ...] = _shots("What skipping work saves and costs on")
-    front: bool = option(False, "What rows, columns, coefficients and steps miss and cost.")
-    promise: tuple[Path, ...] = _shots("Whether the promised error is kept by")
-    error: tuple[float, ...] = option(
-        (0.5,),
-        "Of --promise: errors, percent of a feather's length. Repeatable.",
+    skips: tuple[Path, ...] = option(
+        (),
+        "What skipping work saves and costs on a shot; once for each shot.",
         several=True,
-        least=0.01,
-        most=20,
+        there=True,
+        metavar="SHOT",
+    )
+    promise: int | None = option(
+        None, "Number of random shots of which the promised error is measured.", least=1
     )
     only: str = option("*", "Of --skips: names of skips, with * and ?.")
-    frames: int | None = option(None, "Of --skips and --promise: frames of each.", least=2)
-    every: int = option(
-        1, "Of --skips and --promise: every n-th feather of each shot alone.", least=1
-    )
+    frames: int | None = option(None, "Of --skips: frames of each.", least=2)
+    every: int = option(1, "Of --skips: every n-th feather of each shot alone.", least=1)
     cases: int | None = option(
         None,
         f"Number of random cases.  [default: {_STRESS_CASES}, quick: {_QUICK_STRESS_CASES}]",
@@ -46,11 +37,11 @@ class BenchOptions:
     )
     as_json: bool = option(
         False,
-        "Of --stress: counts, times and the cases that stopped, with their causes, as JSON.",
+        "Of --stress and --promise: counts, and cases with their causes or errors, as JSON.",
         flag="--json",
     )
     hooks: bool = option(False, "Of --stress: vanes that slip, split and are zipped up.")
-    seed: int = option(0, "First one.", least=0)
+    seed: int = option(0, "First one, of --stress and --promise.", least=0)
     jobs: int | None = option(None, "Threads.  [default: all cores]", least=1)
     output: Path | None = None
 

@@ -24,5 +24,11 @@ class ErrorStage(Stage):
                 self._estimate.stepped(group, group.report)
 
     def report(self) -> dict[str, Any]:
-        """Error that is estimated and promised, percent of the length."""
-        return self._estimate.report()
+        """Error that is estimated and promised, percent of the length; feathers with several rest
+        poses, ids by kind (undefined)."""
+        undefined: dict[str, list[str]] = {}
+        for group in self.run.groups:
+            for f in group.members[group.several].tolist():
+                placement = self.run.shot.groom.feathers[f]
+                undefined.setdefault(placement.kind.name, []).append(placement.id)
+        return self._estimate.report() | ({"undefined": undefined} if undefined else {})

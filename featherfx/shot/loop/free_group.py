@@ -52,7 +52,7 @@ class FreeGroup:
         """Bring the feathers to rest where the shot begins."""
         group, run = self._group, self._run
         loads = run.loads(group, run.first)
-        group.state = settled(group.solver, group.state, loads, group.names)
+        group.state, group.several = settled(group.solver, group.state, loads, group.names)
 
     def advance(self, index: int) -> Advanced:
         """Bring the feathers from the sample before to a sample. Raises SimulationError."""

@@ -51,7 +51,8 @@ class FeatherGroup:
     to the meshes' grid, where that is another one. own: model without what loads change. start:
     nodes at the first frame. acting: loads beside grips and forces. cycle: of a shot that repeats.
     loads: of the step before. stirred: (F,) feathers that something else than a step has changed
-    since the sample before. report: of the last step, None where none was taken.
+    since the sample before. several: places of those with several rest poses. report: of the last
+    step, None where none was taken.
     """
 
     options: FeatherOptions
@@ -70,6 +71,7 @@ class FeatherGroup:
     acting: list[GroupLoad] = field(default_factory=list)
     cycle: Any = None
     loads: Loads | None = None
+    several: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     report: StepReport | None = None
 
     @property

@@ -13,12 +13,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from featherfx.algebra.types import Indices
 from featherfx.feather.types import turned
 from featherfx.mechanics.model import Loads
 from featherfx.shot.roots import RootFrames
 from featherfx.solver.solver import Solver, State, overload_describer, raise_if_failed
 from featherfx.solver.state import hold_roots
-from featherfx.solver.status import NO_REST
+from featherfx.solver.status import NO_REST, SEVERAL_RESTS
 
 # s of motion before the first frame, and of one of its intervals
 PRE_ROLL, INTERVAL = 0.5, 1.0 / 24.0
@@ -30,16 +31,20 @@ def settled(
     loads: Loads,
     names: Sequence[str],
     feathers: Sequence[int] | None = None,
-) -> State:
+) -> tuple[State, Indices]:
     """The feathers as the first frame finds them under its loads. feathers: indices, default all.
 
-    At rest where there is a rest; else in motion, after PRE_ROLL seconds. Raises SimulationError
-    where one cannot be solved; its time is below 0 in the motion before the first frame.
+    At rest where there is a rest; else in motion, after PRE_ROLL seconds. Returns also the indices
+    of those with several rest poses. Raises SimulationError where one cannot be solved; its time is
+    below 0 in the motion before the first frame.
     """
     state, status, _ = solver.equilibrium(state, loads, feathers=feathers)
-    raise_if_failed(np.where(status == NO_REST, 0, status), state.time, names)
+    rests = np.isin(status, (NO_REST, SEVERAL_RESTS))
+    raise_if_failed(np.where(rests, 0, status), state.time, names)
     fluttering = np.flatnonzero(status == NO_REST)
-    return _in_motion(solver, state, loads, names, fluttering) if len(fluttering) else state
+    if len(fluttering):
+        state = _in_motion(solver, state, loads, names, fluttering)
+    return state, np.flatnonzero(status == SEVERAL_RESTS)
 
 
 def moving_with_roots(state: State, rates: tuple[RootFrames, ...]) -> State:

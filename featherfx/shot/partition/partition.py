@@ -13,7 +13,6 @@ push nothing are dealt out beside them as above.
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.types import Feather
 from featherfx.shot.detail.guides import guide_weights, uses_guides
-from featherfx.shot.skin import BoundSkin
 from featherfx.shot.types import Shot
 
 # work of a feather that follows guides, over that of one that is simulated
@@ -180,27 +178,3 @@ def _none_empty(share: Indices, count: int, free: Flags) -> Indices:
             most = np.argmax(np.bincount(share[free]))
             share[np.flatnonzero((share == most) & free)[-1]] = k
     return share
-
-
-def part_of(shot: Shot, chosen: Indices) -> Shot:
-    """The shot with some of its feathers, by their numbers (K,) in ascending order."""
-    groom = replace(shot.groom, feathers=tuple(shot.groom.feathers[k] for k in chosen))
-    skin = None if shot.skin is None else _skin(shot.skin, chosen)
-    exposure = None if shot.exposure is None else shot.exposure[chosen]
-    return replace(shot, groom=groom, skin=skin, exposure=exposure)
-
-
-def _skin(skin: BoundSkin, chosen: Indices) -> BoundSkin:
-    parts = []
-    for part in skin.parts:
-        kept = np.isin(part.members, chosen)
-        if kept.any():
-            members = np.searchsorted(chosen, part.members[kept])
-            parts.append(replace(part, members=members, binding=part.binding.some(kept)))
-    return BoundSkin(
-        ids=tuple(skin.ids[k] for k in chosen),
-        rotations=skin.rotations[chosen],
-        clock=skin.clock,
-        parts=tuple(parts),
-        roots=tuple(skin.roots[k] for k in chosen),
-    )
