@@ -20,6 +20,8 @@ from featherfx.provenance import StageRead, listen_to_reads
 from featherfx.shot.clock import StageClock
 from featherfx.shot.types import Shot
 
+# frames that depths in the skin are measured in, of the hundredths of a bake that judging may take
+_MAX_SKIN_FRAMES = 24
 _NONE = {"mean": 0.0, "max": 0.0}
 # phases in the seconds of a report; setting_up is all the rest
 _PHASES = {
@@ -131,7 +133,11 @@ def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, A
             from featherfx.baking.frame_loop import simulate_and_write
 
         done, figures = simulate_and_write(task, notify)
-    figures |= usd.judge.judge_cache(task.path, figures.pop("stepped", ()))
+    stepped = figures.pop("stepped", ())
+    judged = usd.judge.judge_cache(task.path, stepped, _MAX_SKIN_FRAMES)
+    if "contact" in figures:
+        figures["contact"]["written_depth"] = judged["skin_depth"]
+    figures |= judged
     first, last = task.frames
     return {
         "version": __version__,

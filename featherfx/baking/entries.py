@@ -274,7 +274,8 @@ def drawn_entries(
 
 def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:
     """Return metadata about the origin of a cache."""
-    return {"featherfx": __version__, "groom": groom.name, "quality": quality.name}
+    told = {"featherfx": __version__, "groom": groom.name, "quality": quality.name}
+    return told | {"thickness": max(p.kind.vane_material.thickness for p in groom.feathers)}
 
 
 def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:

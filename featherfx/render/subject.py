@@ -72,7 +72,7 @@ def scenery_of_shot(cache: Cache, path: Path) -> list[Scenery]:
     """The skin and the colliders that a cache names, and with a skin the meshes beside it under the
     same prim, such as eyes; a warning tells what is not there."""
     found: list[Scenery] = []
-    for each in find_scenery(cache, path, ["skin", "collider"], "drawn"):
+    for each in find_scenery(cache.scenery, path, ["skin", "collider"], "drawn"):
         is_skin = each.role == "skin"
         drawn = {(known.beside.cache.path, f.path) for known in found for f in known.scene.feathers}
         chosen = [*each.chosen, *(_beside(each) if is_skin else ())]

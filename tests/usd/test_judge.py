@@ -213,3 +213,38 @@ def test_check_measures_caches_and_is_strict_where_asked(caches, tmp_path):
     assert strict.exit_code == 1
     assert "featherfx: warning:" in strict.stderr
     assert "(bound 0.5 %)" in strict.stderr
+
+
+@pytest.mark.parametrize("height", [0.002, -5e-5, -0.002])
+def test_vanes_in_the_skin_are_as_deep_as_they_lie(tmp_path, height):
+    skin, path = tmp_path / "skin.usda", tmp_path / "cache.usdc"
+    stage = Usd.Stage.CreateNew(str(skin))
+    mesh = UsdGeom.Mesh.Define(stage, "/skin")
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    side = np.linspace(-0.5, 0.5, 41)
+    grid = np.stack(np.meshgrid(side, side, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    first = (41 * np.arange(40)[:, None] + np.arange(40)).ravel()
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(grid.astype(np.float32)))
+    mesh.CreateFaceVertexCountsAttr([4] * len(first))
+    corners = np.stack([first, first + 41, first + 42, first + 1], axis=1)
+    mesh.CreateFaceVertexIndicesAttr(corners.ravel().tolist())
+    stage.GetRootLayer().Save()
+    named = {"role": "skin", "file": "skin.usda", "prim": "/skin"}
+    named |= dict.fromkeys(("start", "first", "time_codes_per_frame"), 1.0)
+    told = {"scenery": {"0": named}, "thickness": 1e-4}
+    entry = feathers.entries()[0]
+    still = both(np.zeros_like, entry.rest_points)
+    with CacheWriter(path, [entry], (1, 3), RATE, metadata=told) as writer:
+        for number in (1, 2, 3):
+            at = feathers.placed((0.0, 0.0, height if number == 2 else 0.01))
+            writer.write(feathers.frame_of(number, number / RATE, [at], [still]))
+    report = judge_cache(path)
+    depth = report["skin_depth"]
+    assert depth["feathers_over"] == (height < -1e-4)
+    assert depth["thickness"] == 1e-4
+    if height < 0.0:
+        assert depth["worst"]["depth"] == pytest.approx(-height, rel=1e-4)
+        assert depth["worst"]["frame"] == 2.0
+    assert bool([text for text in report["bounds_passed"] if "in the skin" in text]) == (
+        height < -1e-4
+    )

@@ -23,6 +23,9 @@ MAX_VELOCITY_MISMATCH, MAX_UNRESOLVED_SPEED = 0.03, 0.05
 # (Bonser and Purslow 1995, J. exp. Biol. 198, 1029: 2.5 GPa); density, kg/m^3
 KERATIN_MODULUS, KERATIN_DENSITY = 2.5e9, 1150.0
 MAX_STRAIN = 137e6 / KERATIN_MODULUS
+# m, by which a vane may be under the skin where a cache does not tell its thickness (Jouve 2024,
+# Numerical Modeling of Feathers, table 3.1: 103 to 155 micrometres of swans)
+USUAL_THICKNESS = 1.2e-4
 
 
 def list_passed_bounds(report: Mapping[str, Any]) -> Iterator[str]:
@@ -48,6 +51,14 @@ def list_passed_bounds(report: Mapping[str, Any]) -> Iterator[str]:
             f"the rachis of {worst['feather']} is strained by {_percent(worst['strain'])} at frame"
             f" {worst['frame']:g}, {worst['energy']:.0f} J/kg: more than keratin bears"
             f" (bound {_percent(MAX_STRAIN)})"
+        )
+    deep = report["skin_depth"]
+    if deep["feathers_over"]:
+        worst = deep["worst"]
+        yield (
+            f"{_feathers(deep['feathers_over'])} vanes in the skin: {worst['feather']} at frame"
+            f" {worst['frame']:g} is {1e3 * worst['depth']:.3g} mm deep (bound: a thickness,"
+            f" {1e3 * deep['thickness']:.3g} mm)"
         )
     mismatch = report["velocity_mismatch"]
     if mismatch is not None and report["velocity_resolved"] and mismatch > MAX_VELOCITY_MISMATCH:

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import unit
-from featherfx.phases import counted
+from featherfx.phases import phase
 from featherfx.usd.check.bounds import (
     KERATIN_DENSITY,
     KERATIN_MODULUS,
@@ -24,6 +24,7 @@ from featherfx.usd.check.bounds import (
     MAX_SIMULATED_LENGTH_ERROR,
     MAX_UNEXPLAINED_RATIO,
     MAX_UNRESOLVED_SPEED,
+    USUAL_THICKNESS,
     list_passed_bounds,
 )
 from featherfx.usd.check.judge_kernels import (
@@ -41,11 +42,11 @@ from featherfx.usd.check.judge_kernels import (
     strand_lengths,
 )
 from featherfx.usd.check.tracks import BARB, RACHIS, Track, find_tracks
-from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.opening import open_stage, read_scenery
 from featherfx.usd.read.values import usd_errors
 
 _PARTS = {RACHIS: "rachis", BARB: "barb"}
-_JUMP, _UNEXPLAINED, _STRAIN, _KINDS = 2, 3, 4, 5  # columns of Worst
+_JUMP, _UNEXPLAINED, _STRAIN, _DEPTH, _KINDS = 2, 3, 4, 5, 6  # columns of Worst
 _MAX_NAMED = 10
 _LIMITS = np.array([MAX_JUMP, MAX_ROOT_JUMP_RATIO, MAX_UNEXPLAINED_RATIO])
 _ROUNDING = float(np.finfo(np.float32).eps)
@@ -60,19 +61,41 @@ class _Sample(NamedTuple):
     roots: Array
 
 
-def judge_cache(path: str | Path, simulated: Collection[str] = ()) -> dict[str, Any]:
+def judge_cache(
+    path: str | Path, simulated: Collection[str] = (), max_skin_frames: int = 0
+) -> dict[str, Any]:
     """Return the measures of a cache.
 
-    simulated: ids of feathers whose material may stretch. Raises InputError where the file cannot
-    be read.
+    simulated: ids of feathers whose material may stretch. max_skin_frames: in how many frames,
+    evenly, depths in the skin are measured; 0: in all. Raises InputError where the file cannot be
+    read.
     """
     stage, judge = open_stage(path), Judge()
     with usd_errors(stage.GetPseudoRoot()):
         tracks = list(find_tracks(stage))
-    for track in counted("judging", tracks, len(tracks)):
-        judge.add(track, stage.GetTimeCodesPerSecond())
-    found = judge.report(simulated)
+    depths = None
+    if any(each.get("role") == "skin" for each in read_scenery(stage)):
+        from featherfx.usd.check.skins import SkinDepths  # no shot without a skin needs it
+
+        depths = SkinDepths(stage, Path(path), tracks, max_skin_frames)
+    total = len(tracks) + (depths.count if depths else 0)
+    with phase("judging", total) as done:
+        for number, track in enumerate(tracks, 1):
+            judge.add(track, stage.GetTimeCodesPerSecond())
+            done(number)
+        for number, frame in enumerate(depths.frames() if depths else (), len(tracks) + 1):
+            judge.add_depths(*frame)
+            done(number)
+    found = judge.report(simulated, _read_thickness(stage))
+    found["skin_depth"]["frames"] = depths.count if depths else 0
     return found | {"bounds_passed": list(list_passed_bounds(found))}
+
+
+def _read_thickness(stage: Any) -> float:
+    """Return the thickness of vanes, m, that a cache tells of."""
+    told = stage.GetRootLayer().customLayerData.get("featherfx")
+    found = told.get("thickness") if isinstance(told, dict) else None
+    return found if isinstance(found, float) and found > 0.0 else USUAL_THICKNESS
 
 
 class Judge:
@@ -116,6 +139,14 @@ class Judge:
                 self._compare(window, track, sizes, per_second, worst)
         self._keep([each.id for each in track.labels], worst)
 
+    def add_depths(self, code: float, found: Sequence[tuple[Track, Indices, Array]]) -> None:
+        """Keep the largest depths at a time code, as SkinDepths gives them."""
+        for track, feather, depths in found:
+            worst = Worst(*np.zeros((2, len(track.labels), _KINDS)))
+            np.maximum.at(worst.value[:, _DEPTH], feather, depths)
+            worst.at[:] = code
+            self._keep([each.id for each in track.labels], worst)
+
     def _compare(
         self,
         window: Sequence[_Sample],
@@ -153,8 +184,8 @@ class Judge:
             for whole, own in zip(self._worst, worst, strict=True):
                 whole[places[larger], kind] = own[larger, kind]
 
-    def report(self, simulated: Collection[str] = ()) -> dict[str, Any]:
-        """Return all measures. simulated: as of judge_cache."""
+    def report(self, simulated: Collection[str], thickness: float) -> dict[str, Any]:
+        """Return all measures. simulated: as of judge_cache. thickness: m, of vanes."""
         value = self._worst.value
         stretches = value[:, [RACHIS, BARB]].max(axis=1, initial=0.0)
         known = frozenset(simulated)
@@ -182,6 +213,7 @@ class Judge:
                 "worst_unexplained": self._largest(_UNEXPLAINED),
             },
             "strain_worst": self._strain(),
+            "skin_depth": self._depth(thickness),
             "velocity_mismatch": mismatch,
             "velocity_resolved": unresolved is not None and unresolved < MAX_UNRESOLVED_SPEED,
         }
@@ -202,6 +234,17 @@ class Judge:
         strain = worst.pop("of_length")
         energy = 0.5 * KERATIN_MODULUS * strain**2 / KERATIN_DENSITY
         return worst | {"strain": strain, "energy": energy}
+
+    def _depth(self, thickness: float) -> dict[str, Any]:
+        """Return the largest depth of a vane in the skin, m, and how many feathers are too deep."""
+        depths, worst = self._worst.value[:, _DEPTH], self._largest(_DEPTH)
+        found: dict[str, Any] = {
+            "thickness": thickness,
+            "feathers_over": int((depths > thickness).sum()),
+        }
+        if worst is not None:
+            found["worst"] = worst | {"depth": worst.pop("of_length")}
+        return found
 
     def _quantile(self, counts: Any) -> float | None:
         """Return what 99 of 100 errors do not exceed, over the rms speed; None without any."""

@@ -53,10 +53,10 @@ class Strands(NamedTuple):
 
 
 class Worst(NamedTuple):
-    """Largest values so far, (F, 5) of each feather: stretch of its rachis, of a barb, jump, what
-    velocities leave of a jump, and strain of its rachis.
+    """Largest values so far, (F, 6) of each feather: stretch of its rachis, of a barb, jump, jump
+    that velocities do not explain, strain of its rachis, and depth of its vanes in the skin, m.
 
-    at: (F, 5) time codes.
+    at: (F, 6) time codes.
     """
 
     value: Array
@@ -188,7 +188,7 @@ def keep_jumps(samples, owner, sizes, limits, worst):
             explained = scale(0.5 * samples.step, sub(rates[1][v], rates[0][v]))
             left = length(sub(jump, explained))
         if left > limits[2] * size:
-            _keep(left / sizes[f], samples.code, f, 3, worst)
+            _keep(size / sizes[f], samples.code, f, 3, worst)
 
 
 @kernel
@@ -219,3 +219,65 @@ def count_errors(before, after, rates, step, counts):
         _count(error, counts[0])
         _count(wave, counts[1])
     return total
+
+
+@kernel
+def _clamp(value):
+    return min(max(value, 0.0), 1.0)
+
+
+@kernel
+def _on_edge(p, a, b):
+    """Weight of b at the place of an edge that is nearest to p."""
+    along = sub(b, a)
+    square = dot(along, along)
+    return _clamp(dot(sub(p, a), along) / square) if square > 0.0 else 0.0
+
+
+@kernel
+def _nearest_weights(p, a, b, c):
+    """Weights of the corners at the place of a triangle that is nearest to p."""
+    u, v, w = sub(b, a), sub(c, a), sub(p, a)
+    uu, uv, vv, wu, wv = dot(u, u), dot(u, v), dot(v, v), dot(w, u), dot(w, v)
+    square = uu * vv - uv * uv
+    if square > 0.0:
+        s, t = (vv * wu - uv * wv) / square, (uu * wv - uv * wu) / square
+        if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
+            return 1.0 - s - t, s, t
+    one, two, three = _on_edge(p, a, b), _on_edge(p, b, c), _on_edge(p, c, a)
+    best = length(sub(p, add(a, scale(one, u))))
+    weights = 1.0 - one, one, 0.0
+    away = length(sub(p, add(b, scale(two, sub(c, b)))))
+    if away < best:
+        best, weights = away, (0.0, 1.0 - two, two)
+    if length(sub(p, add(c, scale(three, sub(a, c))))) < best:
+        weights = three, 0.0, 1.0 - three
+    return weights
+
+
+@kernel
+def find_depths(places, faces, points, triangles, normals, border, depths):
+    """Depths (P,) of places (P, 3) behind the nearest of their faces (P, k); 0 for others."""
+    for p in range(places.shape[0]):
+        place, best = places[p], 1e300
+        for k in range(faces.shape[1]):
+            corners = triangles[faces[p, k]]
+            a, b, c = points[corners[0]], points[corners[1]], points[corners[2]]
+            weights = _nearest_weights(place, a, b, c)
+            foot = add(add(scale(weights[0], a), scale(weights[1], b)), scale(weights[2], c))
+            away = sub(place, foot)
+            size = length(away)
+            if size >= best:
+                continue
+            best, depths[p] = size, 0.0
+            normal = cross(sub(b, a), sub(c, a))
+            if min(weights[0], min(weights[1], weights[2])) <= 0.0:
+                normal, is_border = (0.0, 0.0, 0.0), True
+                for j in range(3):
+                    if weights[j] > 0.0:
+                        normal = add(normal, scale(weights[j], normals[corners[j]]))
+                        is_border = is_border and border[corners[j]]
+                if is_border:
+                    continue
+            if dot(away, normal) < 0.0:
+                depths[p] = size

@@ -95,7 +95,7 @@ class CrossedPoints:
 def find_scenes(cache: Cache, path: Path) -> list[CachedScene]:
     """Return a cache's own meshes, and the skins that it names."""
     whole = CachedScene(cache, range(len(cache.feathers)))
-    return [whole, *find_scenery(cache, path, ["skin"], "looked at")]
+    return [whole, *find_scenery(cache.scenery, path, ["skin"], "looked at")]
 
 
 def choose_frames(

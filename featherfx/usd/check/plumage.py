@@ -21,13 +21,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, Problem
 from featherfx.feather.crossings import find_intersections, make_patches
 from featherfx.feather.types import RACHIS_PART
 from featherfx.usd.check.judge_kernels import find_nodes
 from featherfx.usd.check.measures import choose_frames
+from featherfx.usd.check.skins import point_normals, sample_triangles
 from featherfx.usd.check.tracks import RACHIS, find_tracks
 from featherfx.usd.read.cache import Cache, CachedScene
 from featherfx.usd.read.opening import open_stage
@@ -130,40 +131,25 @@ def _sample_skin(cache: Cache, file: Path, prim: str, code: float | None) -> _Sk
         raise InputError(
             Problem(str(file), prim, "is no visible mesh. Name a mesh that this file draws")
         )
-    rate = other.frames_per_second / cache.frames_per_second
     known = {each["prim"]: each for each in cache.scenery}.get(prim, {})
-    times = known.get("start", 0.0), known.get("first", 0.0), rate if known else 1.0
-    (points,) = CachedScene(other, chosen, *times, known.get("rest")).points(code)
+    start, first, rate = (
+        known.get(name, usual)
+        for name, usual in (("start", 0.0), ("first", 0.0), ("time_codes_per_frame", 1.0))
+    )
+    scene = CachedScene(other, chosen, start, first, rate, known.get("rest"))
+    (points,) = scene.points(code)
     if other.up_axis != cache.up_axis:
         signs = (1.0, 1.0, -1.0) if cache.up_axis == "Y" else (1.0, -1.0, 1.0)
         points = points[:, [0, 2, 1]] * signs
-    corners = points[other.feathers[chosen[0]].triangles]
-    normals = _point_normals(points, other.feathers[chosen[0]].triangles)
-    sizes = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    random = np.random.default_rng(1)
-    face = np.searchsorted(np.cumsum(sizes), random.random(_SAMPLES) * sizes.sum())
-    face = np.minimum(face, len(sizes) - 1)
-    first, second = np.sqrt(random.random(_SAMPLES)), random.random(_SAMPLES)
-    weights = np.stack([1.0 - first, first * (1.0 - second), first * second], axis=1)
-    own = other.feathers[chosen[0]].triangles[face]
+    triangles = other.feathers[chosen[0]].triangles
+    samples = sample_triangles(points[triangles], _SAMPLES)
+    own = triangles[samples.face]
+    normals = point_normals(points, triangles)
     return _Skin(
-        np.einsum("nk,nkc->nc", weights, corners[face]),
-        unit(np.einsum("nk,nkc->nc", weights, normals[own])),
-        float(sizes.sum()) / _SAMPLES,
+        np.einsum("nk,nkc->nc", samples.weights, points[own]),
+        unit(np.einsum("nk,nkc->nc", samples.weights, normals[own])),
+        samples.area,
     )
-
-
-def _point_normals(points: Array, triangles: Indices) -> Array:
-    """Return (V, 3) unit normals, the mean of those of faces, by their angles at a point."""
-    corners, sums = points[triangles], np.zeros_like(points)
-    normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    for k in range(3):
-        sides = [unit(corners[:, (k + step) % 3] - corners[:, k]) for step in (1, 2)]
-        angle = np.arccos(np.clip(np.sum(sides[0] * sides[1], axis=1), -1.0, 1.0))
-        np.add.at(sums, triangles[:, k], angle[:, None] * normal)
-    return unit(sums)
 
 
 def _intersecting_pairs(cache: Cache, code: float | None) -> list[tuple[str, str]]:

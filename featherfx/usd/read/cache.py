@@ -25,7 +25,7 @@ from featherfx.usd.read.cached_feather import (
     read_mesh_feathers,
 )
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes
-from featherfx.usd.read.opening import locate_file, open_stage
+from featherfx.usd.read.opening import locate_file, open_stage, read_scenery
 from featherfx.usd.read.stage import SourceScene, choose_variants, transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -165,7 +165,7 @@ class Cache:
         self.meters_per_unit = UsdGeom.GetStageMetersPerUnit(self._stage)
         self.up_axis = str(UsdGeom.GetStageUpAxis(self._stage))
         with usd_errors(self._stage.GetPseudoRoot()):
-            self.scenery = tuple(_read_scenery(self._stage))
+            self.scenery = tuple(read_scenery(self._stage))
         found = [(own, feather) for each in _read_meshes(self._stage) for own, feather in each]
         found = found or list(_read_condensed(self._stage))
         if not found:
@@ -436,19 +436,6 @@ def _read_condensed(stage: Any) -> Iterator[tuple[_ValueRanges, CachedFeather]]:
         )
 
 
-def _read_scenery(stage: Any) -> Iterator[dict[str, Any]]:
-    """Yield the scenery of a shot in its cache, without malformed entries."""
-    told = stage.GetRootLayer().customLayerData.get("featherfx")
-    entries = told.get("scenery") if isinstance(told, dict) else None
-    texts, numbers = ("role", "file", "prim"), ("start", "first", "time_codes_per_frame")
-    kinds = {name: str if name in texts else float for name in texts + numbers}
-    for entry in entries.values() if isinstance(entries, dict) else ():
-        if isinstance(entry, dict) and all(
-            isinstance(entry.get(key), kind) for key, kind in kinds.items()
-        ):
-            yield entry if isinstance(entry.get("rest", 0.0), float) else {**entry, "rest": None}
-
-
 def _to_world(points: Floats, matrix: Array) -> Array:
     """Return points in the world, in double precision."""
     exact: Array = points.astype(float)
@@ -481,13 +468,14 @@ class CachedScene(NamedTuple):
 
 
 def find_scenery(
-    cache: Cache, path: Path, roles: Sequence[str], done: str
+    scenery: Sequence[dict[str, Any]], path: Path, roles: Sequence[str], done: str
 ) -> Iterator[CachedScene]:
     """Yield the scenery of some roles, "skin" and "collider", that a cache at a path names.
 
-    A warning tells of missing files. done: what would be done with them, in words.
+    scenery: of the cache. A warning tells of missing files. done: what would be done with them, in
+    words.
     """
-    for entry in cache.scenery:
+    for entry in scenery:
         if entry["role"] not in roles:
             continue
         file, prim, told = (

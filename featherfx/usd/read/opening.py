@@ -133,3 +133,16 @@ def _out_of_range(file: str, name: str, value: Any) -> Iterator[Problem]:
     if not isinstance(value, int | float) or not low <= value <= high:
         told = f"{value:g}" if isinstance(value, int | float) else describe_value(value)
         yield Problem(file, name, f"is {told}. Give {low:g} to {high:g}")
+
+
+def read_scenery(stage: Any) -> Iterator[dict[str, Any]]:
+    """Yield the scenery of a shot in its cache, without malformed entries."""
+    told = stage.GetRootLayer().customLayerData.get("featherfx")
+    entries = told.get("scenery") if isinstance(told, dict) else None
+    texts, numbers = ("role", "file", "prim"), ("start", "first", "time_codes_per_frame")
+    kinds = {name: str if name in texts else float for name in texts + numbers}
+    for entry in entries.values() if isinstance(entries, dict) else ():
+        if isinstance(entry, dict) and all(
+            isinstance(entry.get(key), kind) for key, kind in kinds.items()
+        ):
+            yield entry if isinstance(entry.get("rest", 0.0), float) else {**entry, "rest": None}

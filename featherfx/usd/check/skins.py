@@ -1,0 +1,176 @@
+"""Depths of vanes in the skins that a cache names.
+
+The depth of a point is its distance to the nearest of some faces, where it lies behind that face;
+by the mean normal of the corners where the nearest place is on an edge. A point that is nearest to
+a border of an open skin has none. Faces are those of the eight nearest samples of the skin; these
+are sought anew every sixteenth frame, and wherever a point seems deep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pxr import UsdGeom
+from scipy.spatial import cKDTree
+
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import unit
+from featherfx.usd.check.bounds import USUAL_THICKNESS
+from featherfx.usd.check.judge_kernels import find_depths, find_nodes
+from featherfx.usd.check.tracks import BARB, Track
+from featherfx.usd.read.cache import CachedScene, find_scenery
+from featherfx.usd.read.opening import read_scenery
+
+_SAMPLES, _NEAREST, _RENEWED_AFTER = 100_000, 8, 16
+# of a feather's length from its root, where barbs may be under the skin as its calamus is
+_BASE = 0.2
+
+
+class SkinSamples(NamedTuple):
+    """Places on triangles, evenly by area. face: (N,), weights: (N, 3) of its corners.
+
+    area: of a place.
+    """
+
+    face: Indices
+    weights: Array
+    area: float
+
+
+def sample_triangles(corners: Array, count: int) -> SkinSamples:
+    """Return places on triangles (T, 3, 3)."""
+    sides = corners[:, 1:] - corners[:, :1]
+    sizes = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    random = np.random.default_rng(1)
+    face = np.searchsorted(np.cumsum(sizes), random.random(count) * sizes.sum())
+    first, second = np.sqrt(random.random(count)), random.random(count)
+    weights = np.stack([1.0 - first, first * (1.0 - second), first * second], axis=1)
+    return SkinSamples(np.minimum(face, len(sizes) - 1), weights, float(sizes.sum()) / count)
+
+
+def point_normals(points: Array, triangles: Indices) -> Array:
+    """Return (V, 3) unit normals, the mean of those of faces, by their angles at a point."""
+    corners, sums = points[triangles], np.zeros_like(points)
+    normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    for k in range(3):
+        sides = [unit(corners[:, (k + step) % 3] - corners[:, k]) for step in (1, 2)]
+        angle = np.arccos(np.clip(np.sum(sides[0] * sides[1], axis=1), -1.0, 1.0))
+        for c in range(3):
+            sums[:, c] += np.bincount(triangles[:, k], angle * normal[:, c], len(points))
+    return unit(sums)
+
+
+class SkinDepths:
+    """Depths of the vanes of tracks in skins, frame by frame.
+
+    max_frames: how many are measured at most, evenly; 0: all.
+    """
+
+    def __init__(
+        self, stage: Any, path: Path, tracks: Sequence[Track], max_frames: int = 0
+    ) -> None:
+        scenes = list(find_scenery(tuple(read_scenery(stage)), path, ["skin"], "looked at"))
+        self._scenes: list[CachedScene] = scenes
+        unit = UsdGeom.GetStageMetersPerUnit(stage)
+        self._probes = [_Probe(track, unit) for track in tracks]
+        self._codes = sorted({code for each in tracks for code in each.reader.codes})
+        self._codes = [code for code in self._codes if code == round(code)] if scenes else []
+        if max_frames:
+            self._codes = self._codes[:: -(-len(self._codes) // max_frames) or 1]
+        self.count = len(self._codes)
+
+    def frames(self) -> Iterator[tuple[float, list[tuple[Track, Indices, Array]]]]:
+        """Yield time codes with the feathers (P,) and depths (P,) m of points of each track."""
+        triangles = [s.cache.feathers[k].triangles for s in self._scenes for k in s.chosen]
+        counts: list[int] = []
+        for number, code in enumerate(self._codes):
+            parts = [each for scene in self._scenes for each in scene.points(code)]
+            if number == 0:
+                counts = [0, *np.cumsum([len(each) for each in parts]).tolist()]
+                joined = np.concatenate([t + k for t, k in zip(triangles, counts, strict=False)])
+                border = _border_points(joined, counts[-1])
+            points = np.concatenate(parts)
+            if number % _RENEWED_AFTER == 0:
+                samples = sample_triangles(points[joined], _SAMPLES)
+            skin = _Skin(points, joined, border, samples)
+            found = []
+            for probe in self._probes:
+                places = probe.places(code)
+                if number % _RENEWED_AFTER == 0:
+                    probe.faces = skin.near(places)
+                depths = skin.depths(places, probe.faces)
+                if len(seems := np.flatnonzero(depths > 0.5 * USUAL_THICKNESS)):
+                    probe.faces[seems] = skin.near(places[seems])
+                    depths[seems] = skin.depths(places[seems], probe.faces[seems])
+                found.append((probe.track, probe.feather, depths))
+            yield code, found
+
+
+class _Skin:
+    """A skin at one time. points: (V, 3) m. border: (V,) of points. samples: of its triangles."""
+
+    def __init__(
+        self, points: Array, triangles: Indices, border: Flags, samples: SkinSamples
+    ) -> None:
+        self._points, self._triangles, self._border = points, triangles, border
+        self._samples = samples
+
+    @cached_property
+    def _tree(self) -> Any:
+        corners = self._points[self._triangles[self._samples.face]]
+        return cKDTree(np.einsum("nk,nkc->nc", self._samples.weights, corners))
+
+    @cached_property
+    def _normals(self) -> Array:
+        return point_normals(self._points, self._triangles)
+
+    def near(self, places: Array) -> Indices:
+        """Return (P, 8) faces near places (P, 3)."""
+        return np.asarray(self._samples.face[self._tree.query(places, k=_NEAREST)[1]])
+
+    def depths(self, places: Array, faces: Indices) -> Array:
+        """Return (P,) depths of places, 0 for those that are outside."""
+        depths = np.zeros(len(places))
+        skin = self._points, self._triangles, self._normals, self._border
+        find_depths(places, faces, *skin, depths)
+        return depths
+
+
+class _Probe:
+    """Ends of the barbs of a track, and where they begin, without those at the base."""
+
+    def __init__(self, track: Track, unit: float) -> None:
+        strands, rest = track.strands, track.shape.rest
+        barbs = np.flatnonzero(strands.kind == BARB)
+        ends = [strands.end[strands.first[barbs]], strands.end[strands.first[barbs + 1] - 1]]
+        node, feather = np.concatenate(ends), np.tile(strands.feather[barbs], 2)
+        self._nodes = np.empty((len(strands.node_first) - 1, 3))
+        find_nodes(rest, strands, self._nodes)
+        away = np.linalg.norm(self._nodes[node] - self._nodes[strands.root][feather], axis=1)
+        longest = np.zeros(len(track.labels))
+        np.maximum.at(longest, feather, away)
+        chosen = away > _BASE * longest[feather]
+        self.track, self._node, self.feather = track, node[chosen], feather[chosen]
+        self._matrix = track.reader.at_rest * unit
+        self.faces = np.zeros((0, _NEAREST), dtype=np.int64)
+
+    def places(self, code: float) -> Array:
+        """Return (P, 3) m, at a time code."""
+        track = self.track
+        points = track.reader.read("points", code)
+        find_nodes(track.shape.rest if points is None else points, track.strands, self._nodes)
+        moved = self._nodes[self._node] @ self._matrix[:3, :3] + self._matrix[3, :3]
+        return np.ascontiguousarray(moved)
+
+
+def _border_points(triangles: Indices, count: int) -> Flags:
+    """Return (V,) whether a point is on an edge of one face only."""
+    edges = np.sort(np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
+    each, times = np.unique(edges, axis=0, return_counts=True)
+    border = np.zeros(count, dtype=np.bool_)
+    border[each[times == 1]] = True
+    return border
