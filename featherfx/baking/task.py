@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+import numpy as np
+
 from featherfx import usd
 from featherfx._version import __version__
 from featherfx.api import read_quality, shot_as_written
 from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large, refuse_unfit_form
 from featherfx.baking.options import BakeOptions
-from featherfx.errors import InputError, Problem, all_of
+from featherfx.errors import InputError, InputWarning, Problem, all_of
 from featherfx.files.content import program_digest
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
@@ -45,6 +48,9 @@ from featherfx.usd.write.unfinished_cache import refuse_unfinished
 
 if TYPE_CHECKING:
     from featherfx.usd.write.previous_cache import PreviousCache
+
+# of the shortest feather, what single precision may miss of a point
+_MAX_COARSENESS = 1e-3
 
 Options = TypeVar("Options", bound=StageOptions)
 
@@ -140,7 +146,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
         whole=whole,
         wanted=None if whole is part else numbers,
         taken=None,
-        origin=choose_origin([each.position for each in shot.groom.feathers]),
+        origin=_origin(shot, frames),
         dependences=Dependences(shot, numbers),
     )
 
@@ -221,9 +227,33 @@ def _settings(shot: Shot, frames: tuple[int, int], options: BakeOptions) -> dict
         **{name: json.dumps(getattr(options, name)) for name in sorted(written)},
         "render grid": "{} x {}".format(*options.grid(shot.quality)),
         "barbs": str(options.barbs or "none"),
-        "origin": json.dumps(choose_origin([each.position for each in shot.groom.feathers])),
+        "origin": json.dumps(_origin(shot, frames)),
         **{f"shot.{key}": text for key, text in shot_settings(shot).items()},
     }
+
+
+def _origin(shot: Shot, frames: tuple[int, int]) -> tuple[float, float, float]:
+    """Return the origin of the root prim, beside the feathers from the first frame to the last.
+
+    Warns where single precision is too coarse for the shortest feather even from there.
+    """
+    places = np.array([each.position for each in shot.groom.feathers]).reshape(-1, 3)
+    if shot.skin is not None:
+        ends = [shot.skin.frames(shot.time_of(frame)).positions for frame in frames]
+        places = np.concatenate(ends)
+    origin = choose_origin(places)
+    away = float(np.linalg.norm(places - origin, axis=1).max(initial=0.0))
+    shortest = min((each.kind.length for each in shot.groom.feathers), default=np.inf)
+    coarse = float(np.finfo(np.float32).eps) * away / shortest
+    if coarse > _MAX_COARSENESS:
+        warnings.warn(
+            f"{shot.source}: feathers are up to {away:.3g} m from the origin of the cache, where "
+            f"single precision misses {100.0 * coarse:.2g} % of a feather of {shortest:.2g} m. "
+            "Divide the shot, or move its scene nearer",
+            InputWarning,
+            stacklevel=2,
+        )
+    return origin
 
 
 def part_path(path: Path, feathers: tuple[int, int]) -> Path:

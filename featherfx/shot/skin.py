@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.skin.field import search_tree
-from featherfx.groom.skin.skin import Binding, bound_before, closest, follow, is_flat, may_be_flat
+from featherfx.groom.skin.skin import (
+    Binding,
+    borrow_turns,
+    bound_before,
+    closest,
+    crushed,
+    follow,
+    may_be_crushed,
+)
 from featherfx.groom.types import Groom
 from featherfx.shot.clock import StageClock
 from featherfx.shot.roots import RootFrames
@@ -48,7 +56,7 @@ class BoundSkin:
     """The F roots of a groom on one or more surfaces.
 
     ids: of the feathers. rotations: (F, 3, 3) at rest. parts: surfaces with their roots; every root
-    is on one. roots: of each feather.
+    is on one. roots: of each feather. on_collapse: borrow turns, or error.
     """
 
     ids: tuple[str, ...]
@@ -56,19 +64,26 @@ class BoundSkin:
     clock: StageClock
     parts: tuple[_Part, ...]
     roots: tuple[SkinRoot, ...]
+    on_collapse: str = "borrow"
+    _warned: set[str] = field(default_factory=set)
 
     def frames(self, time: float) -> RootFrames:
         """Root frames at a time in s.
 
-        Raises InputError where a triangle that carries a root has collapsed.
+        Where a triangle that carries a root has collapsed, those around turn it, with a warning.
+        Raises InputError where there are none, or where that is asked for.
         """
         positions, rotations = np.zeros((len(self.ids), 3)), self.rotations.copy()
         for part in self.parts:
             surface, members = part.surface, part.members
             code = self.clock.code(time)
             corners = surface.corners(code, part.triangles)
-            self._check(part, corners, code)
-            moved, carriers = follow(part.binding, corners, surface.is_mirrored(code))
+            binding, sound = part.binding, None
+            if may_be_crushed(corners):
+                binding, sound = self._on_collapsed(part, corners, code)
+            moved, carriers = follow(binding, corners, surface.is_mirrored(code))
+            if sound is not None and not sound.all():
+                moved, carriers = _with_nearest(part, corners, carriers, sound)
             positions[members] = moved
             rotations[members] = carriers @ self.rotations[members]
         return RootFrames(positions, rotations)
@@ -80,25 +95,27 @@ class BoundSkin:
         parts = tuple(replace(part, surface=changed[id(part.surface)]) for part in self.parts)
         return replace(self, parts=parts, clock=clock)
 
-    def _check(self, part: _Part, used: Array, code: float) -> None:
-        if not may_be_flat(used):
-            return
-        corners = used[part.binding.own]
-        own = np.arange(3 * len(corners)).reshape(-1, 3)
-        bad = np.flatnonzero(
-            is_flat(corners.reshape(-1, 3), own) | ~np.isfinite(corners).all(axis=(1, 2))
-        )
-        if len(bad) == 0:
-            return
-        face = part.surface.face[part.binding.triangle[bad[0]]]
-        feather = self.ids[part.members[bad[0]]]
-        more = f" (and {len(bad) - 1} more roots)" if len(bad) > 1 else ""
-        fault = "has no area" if np.isfinite(corners[bad[0]]).all() else "is not finite"
-        message = (
-            f"face {face} {fault} at time code {code:g}. '{feather}' sits on it{more}. "
-            "Keep its area"
-        )
-        raise InputError(Problem(part.surface.path, "points", message))
+    def _on_collapsed(self, part: _Part, used: Array, code: float) -> tuple[Binding, Flags | None]:
+        """The binding with roots on collapsed triangles left to those around, and (R,) which roots
+        have a turn; None: nothing has collapsed. used: (U, 3, 3) m."""
+        rest = part.surface.rest[part.triangles]
+        sound = crushed(used, rest)
+        if (sound == 1.0).all():
+            return part.binding, None
+        bad = np.flatnonzero(sound[part.binding.own] == 0.0)
+        binding, has_turn = borrow_turns(part.binding, sound)
+        if len(bad):
+            face = part.surface.face[part.binding.triangle[bad[0]]]
+            more = f" (and {len(bad) - 1} more roots)" if len(bad) > 1 else ""
+            feather = self.ids[part.members[bad[0]]]
+            told = f"face {face} has no area at time code {code:g}. '{feather}' sits on it{more}. "
+            if self.on_collapse == "error" or not has_turn.any():
+                raise InputError(Problem(part.surface.path, "points", told + "Keep its area"))
+            if part.surface.path not in self._warned:
+                self._warned.add(part.surface.path)
+                told += 'It turns with the skin around it; on_collapse = "error" ends the bake'
+                warnings.warn(f"{part.surface.path}: {told}", InputWarning, stacklevel=2)
+        return binding, has_turn
 
 
 @dataclass(frozen=True)
@@ -107,7 +124,7 @@ class SkinSurfaces:
 
     surfaces: a feather's is the one that it names, else the first. tolerance: m; roots that are
     farther give a warning, which names source and key. radius: m, of the skin that turns a root;
-    None: the distance of roots, at most the feather's width.
+    None: the distance of roots, at most the feather's width. on_collapse: borrow turns, or error.
     """
 
     surfaces: tuple[MovingSurface, ...]
@@ -116,6 +133,7 @@ class SkinSurfaces:
     source: str
     key: str
     radius: float | None = None
+    on_collapse: str = "borrow"
 
     def bind(self, groom: Groom) -> BoundSkin:
         """Bind the roots of a groom; an InputWarning tells those that are far, with distances."""
@@ -145,6 +163,7 @@ class SkinSurfaces:
             clock=self.clock,
             parts=tuple(parts),
             roots=tuple(root for root in roots if root is not None),
+            on_collapse=self.on_collapse,
         )
 
     def _warn(self, groom: Groom, part: _Part) -> None:
@@ -166,6 +185,19 @@ class SkinSurfaces:
             InputWarning,
             stacklevel=2,
         )
+
+
+def _with_nearest(
+    part: _Part, corners: Array, turns: Array, has_turn: Flags
+) -> tuple[Array, Array]:
+    """Positions (R, 3) m and turns (R, 3, 3) of roots, of which those without a turn take that of
+    the nearest root at rest that has one."""
+    binding = part.binding
+    weights = np.einsum("fk,fkc->fc", binding.barycentric, corners[binding.own])
+    rest = part.surface.rest[part.triangles][binding.own].mean(axis=1)
+    nearest = search_tree(rest[has_turn]).query(rest)[1]
+    turns = np.where(has_turn[:, None, None], turns, turns[has_turn][nearest])
+    return weights + np.einsum("fij,fj->fi", turns, binding.offset), turns
 
 
 def _radii(groom: Groom, surface: MovingSurface, members: Indices, given: float | None) -> Array:

@@ -32,4 +32,5 @@ def _skin(skin: BoundSkin, chosen: Indices) -> BoundSkin:
         clock=skin.clock,
         parts=tuple(parts),
         roots=tuple(skin.roots[k] for k in chosen),
+        on_collapse=skin.on_collapse,
     )

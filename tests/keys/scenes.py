@@ -937,6 +937,7 @@ ELSEWHERE = {
     "shot.skin.extrapolation": "tests/usdin/test_usd_skin.py",
     "shot.skin.time": "tests/usdin/test_stage_time.py",
     "shot.cuts": "tests/shot/test_cuts.py",
+    "shot.skin.on_collapse": "tests/usdin/test_collapsed_faces.py",
     "shot.collider.time": "tests/usdin/test_stage_time.py",
     "shot.wind_usd": "tests/usdin/test_usd_wind_and_bake.py",
     "shot.collider.usd": "tests/contact/test_contact_shots.py",

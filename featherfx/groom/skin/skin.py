@@ -7,7 +7,7 @@ that point. It turns with the skin around it: see field.py.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,14 @@ from featherfx.groom.skin.field import TurnField, search_tree, size_classes, tur
 
 # a triangle whose height is below this share of its longest side has no tangent plane
 _THINNEST = 1e-5
+# the same, below which it may have lost the most of its area
+_THIN = 0.02
 _ROOTS_AT_ONCE = 500
 _ALIKE = 1e-7  # by which distances differ that count as equal: float32 of texture coordinates
+# of a triangle's area at rest, below which it turns roots less and less
+_CRUSHED_RATIO = 0.05
+# of the weight around a root, with which it has a turn
+_MIN_WEIGHT = 0.02
 
 
 @dataclass(frozen=True)
@@ -79,13 +85,12 @@ def is_flat(points: Array, triangles: Indices) -> Flags:
     return np.asarray(flat | (longest == 0.0))
 
 
-def may_be_flat(corners: Array) -> bool:
-    """Return True if any of triangles (U, 3, 3) is nearly flat or not finite: what `is_flat` is to
-    be asked about."""
+def may_be_crushed(corners: Array) -> bool:
+    """Return True if any of triangles (U, 3, 3) is thin: what `crushed` is to be asked about."""
     # what is only checked does without compiled code
     from featherfx.groom.skin.field_kernels import has_flat
 
-    return bool(has_flat(corners, _THINNEST))
+    return bool(has_flat(corners, _THIN))
 
 
 def bind(
@@ -130,6 +135,27 @@ def bind(
 def bound_before(*how: Any) -> Binding:
     """As bind; what was bound before is taken from the store."""
     return Binding.of(kept("binding", how, lambda: bind(*how).arrays()))
+
+
+def crushed(corners: Array, rest: Array) -> Array:
+    """(U,) 1 of triangles with an area, falling smoothly to 0 as it vanishes. corners, rest:
+    (U, 3, 3) m."""
+    now, then = (np.linalg.norm(face_products(each), axis=1) for each in (corners, rest))
+    fraction = np.clip(now / (_CRUSHED_RATIO * then), 0.0, 1.0)
+    flat = is_flat(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    return np.where(flat, 0.0, fraction * fraction * (3.0 - 2.0 * fraction))
+
+
+def borrow_turns(binding: Binding, sound: Array) -> tuple[Binding, Flags]:
+    """The binding with the turns of roots on collapsed triangles left to those around, and (F,)
+    which roots still have a turn. sound: (U,) as `crushed` gives it."""
+    field = binding.field
+    weights = np.maximum(field.weights, 0.0) * sound[field.places]
+    total = np.add.reduceat(weights, field.starts)
+    has_turn = total > _MIN_WEIGHT
+    sizes = np.diff(field.starts, append=len(field.places))
+    weights = weights / np.repeat(np.where(has_turn, total, 1.0), sizes)
+    return replace(binding, field=replace(field, weights=weights)), has_turn
 
 
 def follow(binding: Binding, corners: Array, mirrored: bool = False) -> tuple[Array, Array]:

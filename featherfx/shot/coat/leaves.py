@@ -14,7 +14,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.coat.carrier import CoatMesh, make_mesh
 from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.files.background import limit_threads
-from featherfx.groom.skin.skin import closest
+from featherfx.groom.skin.skin import closest, crushed, may_be_crushed
 from featherfx.groom.types import Placement
 from featherfx.shot.coat import leaf_kernels as kernels
 from featherfx.shot.frames import place
@@ -119,7 +119,8 @@ class SkinLeaves:
 
         given: points of the members, as they would be on roots that the skin carries rigidly, and
         their two rates; roots: those, and their two rates. span: s, time of the sample before, and
-        the time. jobs: threads.
+        the time. jobs: threads. Where faces below a leaf collapse, its feather passes to the given
+        points.
         """
         start, end = span
         step = _STEP_RATIO * (end - start)
@@ -130,6 +131,8 @@ class SkinLeaves:
         nodes, directors = (
             tuple(np.ascontiguousarray(each[k]) for each in given) for k in range(2)
         )
+        share = self._share(self._surface.points(end))
+        before = [] if share is None else [each.copy() for each in (*nodes, *directors)]
         turns = tuple(np.ascontiguousarray(each.rotations) for each in roots)
 
         def draw(part: tuple[int, int]) -> None:
@@ -141,7 +144,20 @@ class SkinLeaves:
         parts = pairwise(np.linspace(0, len(self.members), threads + 1).astype(int).tolist())
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(draw, parts))
+        if share is not None:
+            for now, then in zip((*nodes, *directors), before, strict=True):
+                part = share.reshape(-1, *[1] * (now.ndim - 1))
+                now[...] = part * now + (1.0 - part) * then
         return [RowPoints(*each) for each in zip(nodes, directors, strict=True)]
+
+    def _share(self, points: Array) -> Array | None:
+        """(K,) of feathers that their leaves draw on a skin with points (V, 3) m; None: all."""
+        triangles = self._surface.surface.triangles
+        corners = points[triangles]
+        if not may_be_crushed(corners):
+            return None
+        sound = crushed(corners, self._surface.surface.rest[triangles])
+        return np.asarray(sound[self._feet.triangle].min(axis=(1, 2)))
 
     def _carrier(self, points: Array) -> tuple[Array, Array]:
         """Points and normals (V, 3) of a skin (V, 3) m that is smoothed (coat/carrier.py)."""

@@ -8,11 +8,13 @@ import numpy as np
 
 from featherfx.algebra.types import Flags
 from featherfx.feather.types import stacked
+from featherfx.shot.clock import StageClock
 from featherfx.shot.coat.leaves import SkinLeaves
 from featherfx.shot.contact.skin_binding import surfaces_under
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.groups import ALONE
 from featherfx.shot.loop.run import Stage
+from featherfx.shot.motion.cuts import CutRoots
 from featherfx.shot.motion.limbs import limbs_of, moving_limbs
 from featherfx.shot.motion.motion import undirected_motion
 from featherfx.shot.patterns import last_fitting
@@ -43,7 +45,9 @@ class CoatStage(Stage):
                 if len(found.members):
                     self._leaves.append(found)
         plain = undirected_motion(shot)
-        self._motion: Roots = RunUpRoots(plain, shot.run_up) if shot.run_up.duration else plain
+        whole: Roots = RunUpRoots(plain, shot.run_up) if shot.run_up.duration else plain
+        clock = StageClock(0.0, 1.0, shot.frames_per_second, shot.frame_cuts)
+        self._motion = CutRoots(whole, clock)
 
     def _may_lie(self) -> Flags:
         """(F,) feathers that nothing but skin, loads and guides moves."""

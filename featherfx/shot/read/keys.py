@@ -91,6 +91,11 @@ _SKIN = {
         Text(("error", "hold")), "What a shot that is longer than the skin's samples does.", "error"
     ),
     "interpolation": _INTERPOLATION,
+    "on_collapse": Key(
+        Text(("borrow", "error")),
+        "Roots on a face without area: borrow, the skin around turns them, with a warning; error.",
+        "borrow",
+    ),
     **VARIANT_KEYS,
     **SURFACE_KEYS,
     **PICTURE_KEYS,

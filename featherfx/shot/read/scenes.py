@@ -56,7 +56,13 @@ def read_skin(
     at.problems.hand_on()
     moving = tuple(_moving(each, entry, checked, clock) for each in surfaces)
     return SkinSurfaces(
-        moving, clock, entry["tolerance"], at.source, at.key, entry["smoothing_radius"]
+        moving,
+        clock,
+        entry["tolerance"],
+        at.source,
+        at.key,
+        entry["smoothing_radius"],
+        entry["on_collapse"],
     )
 
 
