@@ -10,6 +10,7 @@ from pxr import Usd, UsdGeom
 from usdin_scenes import add_mesh, new_stage, rigid, sheet, vec, write_shot
 
 import featherfx
+from featherfx.baking.task import _origin
 from featherfx.errors import InputError, InputWarning
 
 SKIN = 'usd = "skin.usda"\nprim = "/skin"\n'
@@ -89,22 +90,23 @@ def test_a_skin_without_any_area_is_an_error(tmp_path):
         shot.skin.frames(4.0 / 24.0)
 
 
-@pytest.mark.parametrize(("speed", "warns"), [(0.0, False), (2000.0, True)])
-def test_feathers_on_a_skin_far_away_keep_their_lengths(tmp_path, speed, warns):
+def test_feathers_on_a_skin_far_away_keep_their_lengths(tmp_path):
     write_groom(tmp_path)
-
-    def away(code):
-        return rigid(0.0, (0, 0, 1), (1e4 + speed * code, -2e4, 0.0) if code > 0 else (0, 0, 0))
-
-    write_skin(tmp_path, {}, away, [0, 1, 2, 3, 4])
-    path = write_shot(tmp_path, SKIN + "rest = 0\n", (1, 3), groom="g.toml", more="cuts = []\n")
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always", InputWarning)
-        featherfx.bake(path, tmp_path / "out.usdc")
-    assert any("single precision misses" in str(each.message) for each in told) == warns
+    write_skin(tmp_path, {}, lambda code: rigid(0.0, (0, 0, 1), (1e4, -2e4, 0.0)))
+    featherfx.bake(write_shot(tmp_path, SKIN, (1, 2), groom="g.toml"), tmp_path / "out.usdc")
     stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
     mesh = next(each for each in stage.Traverse() if each.IsA(UsdGeom.Mesh))
-    rest = np.ptp(np.array(mesh.GetAttribute("primvars:rest").Get(), float), axis=0)
-    then = np.ptp(np.array(mesh.GetAttribute("points").Get(2), float), axis=0)
-    if not warns:
-        assert np.linalg.norm(then) == pytest.approx(np.linalg.norm(rest), rel=0.01)
+    points = np.array(mesh.GetAttribute("points").Get(2), float)
+    assert np.linalg.norm(points, axis=1).max() < 1.0
+    matrix = UsdGeom.Xformable(mesh).ComputeLocalToWorldTransform(2)
+    assert np.abs(np.array(matrix)[3, :3] - (1e4, -2e4, 0.0)).max() < 1.0
+
+
+def test_feathers_that_single_precision_misses_are_told(tmp_path):
+    write_groom(tmp_path)
+    far = (tmp_path / "g.toml").read_text().split("[[feather]]")[1].replace('"f"', '"far"')
+    with (tmp_path / "g.toml").open("a") as file:
+        file.write("[[feather]]" + far.replace(str(PLACE.tolist()), "[4000, 0, 0]"))
+    shot = featherfx.read_shot(write_shot(tmp_path, None, (1, 2), groom="g.toml"))
+    with pytest.warns(InputWarning, match="up to 2e[+]03 m from the origin of the cache"):
+        assert _origin(shot, (1, 2)) == (2000.0, 0.0, 0.0)
