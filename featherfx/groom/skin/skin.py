@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import dots
+from featherfx.algebra.vectors import dots, face_products
 from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.field import TurnField, search_tree, size_classes, turn_field
 
