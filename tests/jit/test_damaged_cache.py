@@ -1,5 +1,6 @@
 """Cache folders that are damaged, full, read-only, or open to others."""
 
+import hashlib
 import os
 import shutil
 
@@ -7,6 +8,7 @@ import pytest
 from kernel_runs import ALL, NONE, flip
 
 from featherfx.files.folders import distrust, read_trusted
+from featherfx.jit import code_cache
 
 
 def cut(file):
@@ -55,6 +57,15 @@ def test_a_folder_in_the_place_of_an_entry_does_not_stop_the_work(run_kernels, t
         folder_instead(file)
     assert run_kernels(tmp_path / "here")[1] == ALL
     assert run_kernels.stderr.count("InputWarning") == 1
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\x80\x04\x95", bytes(8), b"\xff" * 40, (2).to_bytes(8, "little") + b"[]machine"],
+)
+def test_sound_entries_of_another_form_count_as_missing(content):
+    stored = hashlib.sha256(content).digest() + content
+    assert code_cache._decode(stored, ("float64", "linux", "x86_64", "any")) is None
 
 
 FULL_DISK = """
