@@ -163,6 +163,7 @@ class Server(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    request_queue_size = 2 * _MAX_CONNECTIONS
 
     def __init__(self, *shown: Played, port: int = 0) -> None:
         self.shown, self.token = shown, secrets.token_urlsafe(24)

@@ -316,6 +316,7 @@ def nearest(points, place):
 
 
 @pytest.mark.usefixtures("wings_as_typed")
+@pytest.mark.nightly
 def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
     thin = ", ".join(f"tracts.{part}.relative_density = 0.3" for part in TRACTS)
     kind = f'type = {{ base = "owl", disc.radius = 0.014, disc.length = 0.005, {thin} }}'
@@ -340,6 +341,7 @@ def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
 
 
 @pytest.mark.usefixtures("wings_as_typed")
+@pytest.mark.nightly
 def test_a_cheek_is_below_and_behind_the_eyes_and_feathers_begin_where_the_bill_ends(tmp_path):
     thin = ", ".join(f"tracts.{part}.relative_density = 3" for part in TRACTS)
     own = 'tracts.cheek = { kind = "contour", length = 0.006 }'
@@ -363,6 +365,7 @@ def test_a_cheek_is_below_and_behind_the_eyes_and_feathers_begin_where_the_bill_
 
 
 @pytest.mark.usefixtures("wings_as_typed")
+@pytest.mark.nightly
 def test_sides_of_a_breast_are_as_the_breast_unless_the_type_says_otherwise(tmp_path):
     """Where wings stand off it, longer and closer ones fill what is between."""
     thin = ", ".join(f"tracts.{part}.relative_density = 3" for part in TRACTS)
@@ -468,6 +471,7 @@ def test_a_bird_has_the_colours_of_its_preset_below_the_overrides(bird, tmp_path
 
 
 @pytest.mark.usefixtures("wings_as_typed")
+@pytest.mark.nightly
 def test_a_crest_grows_from_the_skin_not_within_the_skull(tmp_path):
     bird = read_groom(changed(tmp_path, '"pigeon"', '"parrot"'))
     body = Body(bird.skin, np.eye(3), np.zeros(3))

@@ -43,7 +43,13 @@ def value_at_file(scene, name, path, key):
     return value_at(getattr(scene, name.partition(".")[0]), path, key.default)
 
 
-@pytest.mark.parametrize("name", SCENES)
+# the wing's take as long as all of ten others'
+LONG = {"wing"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.nightly] * (n in LONG)) for n in SCENES]
+)
 def test_every_key_of_a_scene_is_noticed(tmp_path, name):
     write_assets(tmp_path)
     scene = SCENES[name]

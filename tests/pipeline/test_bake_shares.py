@@ -267,7 +267,7 @@ def test_progress_lines_are_json(tmp_path):
     assert [(line["done"], line["total"]) for line in frames] == [(0, 3), (1, 3), (2, 3), (3, 3)]
     phases = list(dict.fromkeys(line["phase"] for line in lines if line["phase"] != "compiling"))
     # roots that move at the first frame are led into their motion
-    told = ["reading", "building", "simulating", "settling", "writing", "finishing"]
+    told = ["reading", "building", "simulating", "settling", "writing", "finishing", "judging"]
     assert [name for name in phases if name != "preroll"] == told
     for before, line in pairwise(lines):
         assert before["seconds"] <= line["seconds"]

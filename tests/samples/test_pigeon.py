@@ -19,7 +19,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
 from featherfx.groom.skin.faults import signed_volume, skin_doubts
 from featherfx.shot.loop.placement import lay_out
-from featherfx.usd.read.animated_mesh import open_mesh
+from featherfx.usd.read.animated_mesh import MeshOptions, open_mesh
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.stage import open_scene
 
@@ -28,7 +28,7 @@ PIGEON = SAMPLES / "pigeon"
 
 def skin_of(path):
     place = Place("", "", Problems())
-    return open_mesh(open_scene(path, place), "/pigeon/body", None, place)
+    return open_mesh(open_scene(path, place), "/pigeon/body", MeshOptions(), place)
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +119,7 @@ def test_toes_end_in_claws_that_go_with_the_legs(skin):
     claw_mesh = open_mesh(
         open_scene(PIGEON / "body.usdc", Place("", "", Problems())),
         "/pigeon/claws",
-        None,
+        MeshOptions(),
         Place("", "", Problems()),
     )
     claws, feet = claw_mesh.rest, skin.rest[skin.rest[:, 2] < 0.06]

@@ -33,6 +33,9 @@ class Sheet:
     triangles, face = np.array([[0, 1, 2], [0, 2, 3]]), np.array([0, 0])
     time_codes_per_second = 24.0
 
+    def locate(self, triangle, barycentric):
+        return self.face[triangle], self.triangles[triangle], barycentric
+
 
 def at(x: float, height: float, turn: tuple[float, float, float] = (0, 0, 0)) -> Placement:
     """A feather whose root is at x on the sheet's middle line, in lengths, turned by rad."""

@@ -19,6 +19,7 @@ CALM, STRONG = 1.0, 30.0
 
 
 @pytest.mark.parametrize("name", ["swan_primary", "covert", "ornamental_plume"])
+@pytest.mark.nightly
 def test_none_of_random_directions_fails(name):
     """Three kinds, 504 directions in all; gravity and wind have one each."""
     _, model = preset_batch(name, rows=7, columns=3, coefficients=1, count=COUNT)
