@@ -16,11 +16,12 @@ _SMALL_AREA_CHANGE to a, as in most plumage. Each pose is found with the matrix 
 where that still serves. Taking g(a) itself oscillates from some 3 m/s on, because the vane swings
 through the wind. Source: Anderson 1965; Walker and Ni 2011.
 
-Such poses may be several. So a feather first comes to rest in calm air. Where the whole wind moves
-it from there by more than _MAX_BRANCH_MOVE of its length, the wind grows from nothing in steps that
-move it by less: it stays on the branch of calm air, which is the same on every grid. Where no step
-is short enough, the branch ends, and the feather jumps. It has several rest poses where the whole
-wind at once leads elsewhere; its status says so.
+Such poses may be several. Where the whole wind moves a feather by no more than _MAX_DIRECT_MOVE of
+its length from where it starts, that pose is taken. Else it first comes to rest in calm air. Where
+the whole wind moves it from there by more than _MAX_BRANCH_MOVE, the wind grows from nothing in
+steps that move it by less: it stays on the branch of calm air, which is the same on every grid.
+Where no step is short enough, the branch ends, and the feather jumps. It has several rest poses
+where the whole wind at once leads elsewhere; its status says so.
 
 Where mixing fails the feather is carried along by short steps that start at rest, in air that is
 felt anew before each; they grow while the feather goes on in one way and shrink where it turns
@@ -60,9 +61,10 @@ _SMALL_AREA_CHANGE = 0.1
 # part of all areas that counts as no change, and where the pose has not changed by more than it may
 # be wrong; mixing steps; as many as may pass without progress
 _AREA_TOLERANCE, _STILL_AREA_TOLERANCE, _MAX_MIXINGS, _MAX_STALLED_MIXINGS = 1e-5, 1e-4, 60, 12
-# of the length: most that a step of the wind's growth moves a feather, and distance of two rest
-# poses that are different; least part of the wind's speed that a step adds
-_MAX_BRANCH_MOVE, _SAME_REST_RATIO, _MIN_WIND_STEP = 0.15, 0.01, 1.0 / 8.0
+# of the length: most that a step of the wind's growth moves a feather, and that loads all at once
+# move one that is not followed from calm air; distance of two rest poses that are different
+_MAX_BRANCH_MOVE, _MAX_DIRECT_MOVE, _SAME_REST_RATIO = 0.15, 0.05, 0.01
+_MIN_WIND_STEP = 1.0 / 8.0  # least part of the wind's speed that a step adds
 # in wind: of Newton, a step; number of short steps
 _MAX_WIND_ITERATIONS, _MAX_WIND_STEPS = 25, 30
 
@@ -245,11 +247,18 @@ def _settle_still(model, loads, f, goal, state, found, work):
 @kernel
 def _settle_in_wind(model, loads, f, goal, state, found, mixing, work):
     """Bring a feather to rest; returns CONVERGED, SEVERAL_RESTS, Newton's status or NO_REST."""
-    size, nodes, rests, follows = _size(model, f), work.now.points.nodes, False, False
+    size, nodes, follows = _size(model, f), work.now.points.nodes, False
+    rests = _mix(model, loads, f, 1.0, (goal, found), state, mixing, work)
+    if rests and _largest_way(nodes, state.points.nodes[f]) <= _MAX_DIRECT_MOVE * size:
+        _keep(model, f, state, work)
+        return CONVERGED
+    _load(model, f, state, work)
     still = _settle_still(model, loads, f, goal, state, found, work)
     _load(model, f, state, work)
-    if still == CONVERGED:
-        rests = _mix(model, loads, f, 1.0, (goal, found), state, mixing, work)
+    if still != CONVERGED:
+        rests = False
+    else:
+        rests = rests and _mix(model, loads, f, 1.0, (goal, found), state, mixing, work)
         if rests and _largest_way(nodes, state.points.nodes[f]) <= _MAX_BRANCH_MOVE * size:
             _keep(model, f, state, work)
             return CONVERGED

@@ -110,14 +110,11 @@ def in_wind(x, y, z):
     return no_loads(1, EARTH)._replace(air=AIR, wind_mean=np.array([x, y, z], dtype=float))
 
 
-@pytest.mark.parametrize("wind", [(0.0, 1.0, 5.0), (10.0, 0.0, 3.0)])
-def test_a_feather_at_rest_in_wind_balances_the_pressure_on_its_own_pose(wind):
-    """Forces of the wind, worked out here: 1/2 rho S C_n |u.n| u.n n and the tangential part."""
-    _, model = preset_batch("swan_primary")
-    loads = in_wind(*wind)
-    with Solver(model, SETTINGS) as solver:
-        settled, status, _ = solver.equilibrium(at_origin(model), loads)
-    assert status[0] == 0
+def unbalanced(model, wind, settled):
+    """Largest force that is left on a pose under the wind there, over the largest at the start.
+
+    Forces of the wind, worked out here: 1/2 rho S C_n |u.n| u.n n and the tangential part.
+    """
     points, pressure = settled.points.nodes[0], np.zeros_like(settled.points.nodes)
     area = np.zeros_like(points)
     vane_areas(model, 0, points, area, np.zeros_like(points), np.zeros(points.shape[:2]))
@@ -133,24 +130,31 @@ def test_a_feather_at_rest_in_wind_balances_the_pressure_on_its_own_pose(wind):
     balanced = no_loads(1, EARTH)._replace(force=pressure)
     _, residual = energy_and_gradient(model, balanced, settled)
     _, pull = energy_and_gradient(model, balanced, at_origin(model))
-    assert np.abs(residual).max() < 1e-4 * np.abs(pull).max()
+    return np.abs(residual).max() / np.abs(pull).max()
+
+
+@pytest.mark.parametrize("wind", [(0.0, 1.0, 5.0), (10.0, 0.0, 3.0)])
+def test_a_feather_at_rest_in_wind_balances_the_pressure_on_its_own_pose(wind):
+    _, model = preset_batch("swan_primary")
+    with Solver(model, SETTINGS) as solver:
+        settled, status, _ = solver.equilibrium(at_origin(model), in_wind(*wind))
+    assert status[0] == 0
+    assert unbalanced(model, wind, settled) < 1e-4
     assert (
         np.linalg.norm(settled.points.nodes - at_origin(model).points.nodes, axis=-1).max() > 0.01
     )
 
 
-@pytest.mark.parametrize("wind", [(0.0, 24.0, 80.0), (80.0, 0.0, 24.0)])
+@pytest.mark.parametrize("wind", [(0.0, 24.0, 80.0), (80.0, 0.0, 24.0), (10.0, 0.0, 3.0)])
 def test_a_feather_without_rest_in_a_storm_is_told_from_one_at_rest(wind):
     _, model = preset_batch("swan_primary")
     with Solver(model, Settings()) as solver:
         state, status, iterations = solver.equilibrium(at_origin(model), in_wind(*wind))
+    print(status, iterations, unbalanced(model, wind, state))
     assert iterations[0] < 1500
     assert np.isfinite(state.points.nodes).all()
     assert not any(rate.any() for rate in state.rates())
-    with Solver(model, Settings()) as solver:
-        again, _, _ = solver.equilibrium(state, in_wind(*wind))
-    moved = np.abs(again.points.nodes - state.points.nodes).max()
-    assert (status[0] == NO_REST) == (moved > 1e-4)
+    assert (status[0] == NO_REST) == (unbalanced(model, wind, state) > 1e-3)
 
 
 def test_mixing_solves_a_linear_problem_that_plain_iteration_does_not():
