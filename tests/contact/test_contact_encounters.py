@@ -17,14 +17,23 @@ PAIR = "right_primary_03", "left_primary_03"
 
 
 def falling():
-    """A feather of the left wing is laid over one of the right, and pressed down through it."""
+    """A feather of the left wing is swept over one of the right, and pressed down through it."""
     shot = bird()
     feathers = tuple(f for f in shot.groom.feathers if f.id in PAIR)
     right, left = (next(f for f in feathers if f.id == name) for name in PAIR)
     over = right.position - left.position + np.array([0.0, -0.08, 0.02])
     down = over - np.array([0.0, 0.0, 0.03])
-    places = (0.0, np.zeros(3)), (0.3, over), (0.4, over), (0.6, down)
-    keys = [{"time": time, "joint": "left_wrist", "position": list(at)} for time, at in places]
+    # s, m, m/s: it swings past and comes back, and is at no time held still
+    places = (
+        (0.0, np.zeros(3), [0.0, 0.0, 0.0]),
+        (0.3, over, [0.0, -1.2, 0.06]),
+        (0.4, over, [0.0, 0.4, -0.095]),
+        (0.6, down, [0.0, 0.0, 0.0]),
+    )
+    keys = [
+        {"time": time, "joint": "left_wrist", "position": list(at), "tangents": rates}
+        for time, at, rates in places
+    ]
     groom = replace(shot.groom, feathers=feathers)
     contact = replace(shot.contact, steps=0)
     quality = replace(shot.quality, tolerance=1e-3, coefficients=1)

@@ -288,7 +288,6 @@ def test_feathers_are_carried_by_a_body_that_moves():
         ('regions = ["wing"]', "regions[0]"),
         ('kinds = ["swan_*", "crow"]', "kinds[1]"),
         ("regions = []", "regions"),
-        ('layered = ["*", "wing"]', "layered[1]"),
     ],
 )
 def test_regions_and_kinds_that_are_not_there_are_named(tmp_path, keys, what):

@@ -131,6 +131,13 @@ def test_thousands_of_feathers_at_one_place_are_refused(tmp_path):
         pipeline.plan(shot, tmp_path / "s.usdc", 2)
     shot.write_text(text)
     assert len(featherfx.read_shot(shot).groom.feathers) == 4000
-    groom.write_text(groom.read_text() + "[layout]\n")
-    with pytest.raises(InputError, match=r"layout: 4000 .* \(beside 'f0' stand 333\)\. Place them"):
+    (tmp_path / "skin.usda").write_text(
+        '#usda 1.0\n(\nmetersPerUnit = 1\nupAxis = "Z"\n)\ndef Mesh "skin"\n{\n'
+        "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n"
+        "point3f[] points = [(-1, -1, 0), (12, -1, 0), (0, 1, 0)]\n}\n"
+    )
+    skin = '[skin]\nusd = "skin.usda"\nprim = "/skin"\n'
+    region = '[[region]]\nid = "r"\nkind = "covert"\ncount = 1\nflow = { direction = [-1, 0, 0] }\n'
+    groom.write_text(groom.read_text() + skin + region + "[layout]\n")
+    with pytest.raises(InputError, match=r"layout: 4001 .* \(beside 'f0' stand 333\)\. Place them"):
         featherfx.read_shot(shot)
