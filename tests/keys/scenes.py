@@ -657,14 +657,17 @@ SCENES = {
         shot(**SKINNED, frames=[1, 3]),
         ("shot.skin",),
         {".prim": ["/patch"], ".rest": [2], ".smoothing_radius": [0.08]},
-        (".usd", ".start", ".tolerance", ".extrapolation"),
+        (
+            *(".usd", ".start", ".tolerance", ".extrapolation", ".time", ".on_collapse"),
+            *(".variant_sets", ".subdivision", ".uv", ".wrap"),
+        ),
     ),
     "wind of a scene": Scene(
         groom(),
         shot(motion="hold", frames=[1, 3], wind_usd={"usd": "scene.usda", "prim": "/air"}),
         ("shot.wind_usd",),
         {".attribute": ["gale"], ".start": [2], ".scale": [3.0]},
-        (".usd", ".prim"),
+        (".usd", ".prim", ".time"),
     ),
     "table": Scene(
         {"name": "groom", "table": {"file": "table.csv"}},
@@ -707,6 +710,9 @@ SCENES = {
             ".left_barbs",
             ".right_barbs",
             ".joint",
+            ".variant_sets",
+            ".purposes",
+            ".invisible",
         ),
     ),
     "region": Scene(
@@ -745,6 +751,7 @@ SCENES = {
             *(".sphere", ".y", ".z", ".nearest", ".facing", ".free_radius", ".angle"),
             *(".soft_angle", ".density", ".away", ".towards", ".curves", ".blend", ".layer"),
             *(".max_length_per_free_radius", "region.0.joint", "region.0.variants"),
+            *(".variant_sets", ".subdivision", ".uv", ".wrap"),
         ),
     ),
     "layout": Scene(
@@ -770,7 +777,7 @@ SCENES = {
         },
         (
             *(".enabled", ".usd", ".prim", ".image_height", ".guided_below", ".outside"),
-            *(".margin", ".motion", ".start"),
+            *(".margin", ".motion", ".start", ".time"),
         ),
     ),
     "levels by camera": Scene(
@@ -793,7 +800,7 @@ SCENES = {
             ".margin": [5.0],
             ".motion": [0.0],
         },
-        (".usd", ".start", ".pixels_per_metre", ".motion", "_below"),
+        (".usd", ".start", ".time", ".pixels_per_metre", ".motion", "_below"),
     ),
     "quality by length": Scene(
         {"name": "groom", "row": [ROW | {"count": 5, "region": "wing"}]},

@@ -155,7 +155,7 @@ def test_a_cache_frame_by_frame(caches):
     [
         (["--crossings", "--frames", "3-9"], "3-9 is out of range. Give 1 to 5"),
         (["--frames", "1-2"], "--frames needs --crossings"),
-        (["--json"], "--json needs --crossings"),
+        (["--json", SAMPLES / "pigeon/body.usdc"], "--json takes one file"),
     ],
 )
 def test_what_cannot_be_counted_is_told(caches, options, message):

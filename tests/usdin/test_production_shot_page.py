@@ -17,7 +17,7 @@ def test_files_of_the_page_fit_the_creature(tmp_path):
     """With a thin coat that is not laid over itself, which would take long."""
     groom, shot = re.findall(r"```toml\n(.*?)```", PAGE, re.S)
     thin = groom.replace("count = 1500", "count = 40")
-    (tmp_path / "groom.toml").write_text(re.sub(r"\[layout\](\n\w.*)+", "", thin))
+    (tmp_path / "groom.toml").write_text(thin.replace("[layout]\n", ""))
     (tmp_path / "shot.toml").write_text(shot)
     creature.skinned(tmp_path / "creature.usda")
     with warnings.catch_warnings():

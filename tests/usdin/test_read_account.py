@@ -152,6 +152,7 @@ def test_inspect_tells_how_a_mesh_is_drawn_and_moves(tmp_path):
     stage = new_stage(tmp_path / "skin.usda", meters_per_unit=0.01)
     points, counts, quads = sheet(2, 2, 4.0)
     mesh = add_mesh(stage, "/b/skin", points, counts, quads)
+    mesh.GetSubdivisionSchemeAttr().Set("catmullClark")
     for code, height in ((1, 0.0), (4, 3.0), (7, -1.0)):
         mesh.GetPointsAttr().Set(vec(points + np.array([0, 0, height])), code)
     UsdGeom.Xform.Define(stage, "/b").AddScaleOp().Set(Gf.Vec3f(-1, 1, 1))
