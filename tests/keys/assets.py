@@ -146,8 +146,10 @@ def write_assets(folder):
     """Write them into a folder."""
     text = HEAD + _mesh("skin", (0, 0, 0), more=SUBSET)
     text += _mesh("patch", (0, 0, 0.05), more=SUBSET)
-    text += _mesh("plate", (0.06, 0, 0.02), size=0.05, count=3)
-    text += _mesh("other_plate", (0.06, 0, 0.004), size=0.05, count=3)
+    # from below into the feather, a different way in each frame
+    rising = ((0, 0, 0), (0, 0, 0.02), (0, 0, 0.05))
+    text += _mesh("plate", (0.06, 0, -0.02), size=0.05, count=3, ways=rising)
+    text += _mesh("other_plate", (0.06, 0, -0.015), size=0.05, count=3, ways=rising)
     text += REST
     for name, numbers in NUMBERS.items():
         text = text.replace(name, numbers)
