@@ -8,6 +8,7 @@ Checking never stops at the first fault: everything that is wrong goes to one li
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from functools import cached_property
@@ -32,10 +33,14 @@ def one_of_types(*schemas: JsonSchema) -> JsonSchema:
     """Return a schema of what fits one of several schemas, each for another type of value.
 
     In one, not as anyOf: keywords apply to values of their own type only, and what does not fit is
-    told by its own message.
+    told by its own message. An enum of texts would apply to all, so it becomes a pattern.
     """
-    types = [schema["type"] for schema in schemas]
-    return {name: each for schema in schemas for name, each in schema.items()} | {"type": types}
+    found: JsonSchema = {}
+    for schema in schemas:
+        found |= schema
+        if choices := found.pop("enum", ()):
+            found["pattern"] = f"^({'|'.join(map(re.escape, choices))})$"
+    return found | {"type": [schema["type"] for schema in schemas]}
 
 
 class ValueType(Protocol):
