@@ -3,7 +3,7 @@
 import numpy as np
 
 from featherfx.feather.crossings import find_intersections, make_patches
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RACHIS_PART
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from places import SAMPLES
 
 from featherfx.feather.crossings import find_intersections, make_patches
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RACHIS_PART
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Motion, Shot

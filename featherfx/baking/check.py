@@ -11,7 +11,7 @@ from featherfx.baking.entries import refuse_too_large
 from featherfx.baking.options import DrawnOptions
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import distinct_shapes
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MAX_TRIED, irregular
 from featherfx.shot.direction.shapes import refuse_other_shapes

@@ -19,7 +19,7 @@ from featherfx.feather.barb_looks import drawn_barbs
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.colours import colour_feather
 from featherfx.feather.density import with_detail
-from featherfx.feather.leaves import build_feathers, lie_on_leaves
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.profiles import hooked_fraction, in_cells
 from featherfx.feather.render import barb_diameters, render_feather
 from featherfx.feather.types import Array, Feather, RowMap
@@ -240,14 +240,16 @@ def drawn_entries(
                 return render_feather(placement.kind, grid, meshes, placement.mirrored)
 
             built = all_of(*(partial(build, *each) for each in enumerate(groom.feathers)))
-            fine = lie_on_leaves(groom.feathers, [feather for feather, _ in built])
-            built = [
-                (
-                    own,
-                    to_fine if to_fine is None or p.leaf is None else with_detail(to_fine, c, own),
-                )
-                for p, own, c, (_, to_fine) in zip(groom.feathers, fine, coarse, built, strict=True)
-            ]
+            if groom.coat is not None:
+                from featherfx.feather.leaves import lie_on_leaves  # only where a groom has a coat
+
+                fine = lie_on_leaves(groom.feathers, [feather for feather, _ in built])
+                built = [
+                    (own, to_fine and with_detail(to_fine, c, own) if p.leaf else to_fine)
+                    for p, own, c, (_, to_fine) in zip(
+                        groom.feathers, fine, coarse, built, strict=True
+                    )
+                ]
     entries = entries_of(groom, [feather for feather, _ in built], static=False, skin=skin)
     for index, (placement, wet) in enumerate(
         zip(groom.feathers, last_fitting(wets, groom.feathers), strict=True)

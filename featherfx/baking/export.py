@@ -17,7 +17,7 @@ from featherfx.baking.options import GroomOptions, takes
 from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import distinct_shapes
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.space import choose_origin
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter

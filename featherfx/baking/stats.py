@@ -19,7 +19,7 @@ from featherfx.baking.entries import entries_of
 from featherfx.baking.trial import expected, time_of, work_of
 from featherfx.errors import InputWarning, all_of
 from featherfx.feather.build import distinct_shapes
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.types import Groom
 from featherfx.phases import account
 from featherfx.shot.loop.run import drawn_feathers

@@ -126,15 +126,6 @@ def plane_forms(placements: Sequence[Placement], feathers: Sequence[Feather]) ->
     )
 
 
-def build_feathers(placements: Sequence[Placement], rows: int, columns: int) -> list[Feather]:
-    """Rest geometry of placed feathers, each in its own frame and on its leaf.
-
-    Feathers of one shape and size share theirs, where they have no leaf. rows, columns: as in
-    build_feather. Raises InputError with the problems of all shapes that cannot be built.
-    """
-    return lie_on_leaves(placements, build_plane_feathers(placements, rows, columns))
-
-
 def lay_out(groom: Groom) -> Groom:
     """The groom with the feathers of its regions on the leaves of one coat, if it has a layout.
 

@@ -8,7 +8,7 @@ from places import SAMPLES
 
 from featherfx.api import scene_readers
 from featherfx.feather.crossings import find_intersections, make_patches
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.anatomy.drape import Body
 from featherfx.shot.loop.simulate import simulate

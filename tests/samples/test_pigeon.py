@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from featherfx.api import scene_readers
 from featherfx.baking.pipeline import bake, check
 from featherfx.errors import InputWarning
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed

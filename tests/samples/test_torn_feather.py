@@ -8,7 +8,7 @@ from places import SAMPLES
 from split_vanes import compliance
 
 from featherfx import read_shot
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Gaps
 from featherfx.shot.loop.simulate import simulate

@@ -9,7 +9,7 @@ import pytest
 from places import SAMPLES
 
 from featherfx.algebra.rotation import vectors_to_frames
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RowPoints, both, stacked
 from featherfx.shot.clock import StageClock
 from featherfx.shot.coat.leaves import SkinLeaves

@@ -10,7 +10,7 @@ from places import SAMPLES
 from featherfx.api import read_quality
 from featherfx.baking.pipeline import bake
 from featherfx.errors import InputError
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.keys.preset import Quality
 from featherfx.lab.bench.front import Setting, at, errors, fine, run
 from featherfx.lab.bench.scenes import scene

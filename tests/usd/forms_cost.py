@@ -15,7 +15,7 @@ import numpy as np
 
 from featherfx.api import read_groom
 from featherfx.baking.entries import entries_of
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.render import barb_curves
 from featherfx.feather.types import both
 from featherfx.shot.frames import FeatherPose, Frame

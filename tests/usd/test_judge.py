@@ -14,7 +14,7 @@ from pxr import Usd, UsdGeom, Vt
 import featherfx
 from featherfx.algebra.rotation import about_x
 from featherfx.baking.entries import entries_of
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RowPoints, both, turned
 from featherfx.usd.check.bounds import MAX_STRAIN, list_passed_bounds
 from featherfx.usd.check.judge import judge_cache

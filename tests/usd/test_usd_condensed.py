@@ -16,7 +16,7 @@ from featherfx.algebra.rotation import about_x
 from featherfx.baking.entries import drawn_entries, entries_of
 from featherfx.baking.options import DrawnOptions
 from featherfx.errors import InputError
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RowPoints, both
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.read.cache import Cache

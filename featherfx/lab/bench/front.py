@@ -23,7 +23,7 @@ from scipy.optimize import least_squares
 
 from featherfx.algebra.types import Array
 from featherfx.feather.density import max_distance
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.lab.bench.scenes import REFERENCE_ROWS, scene

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.files.content import digest
 from featherfx.mechanics.batch import may_slip

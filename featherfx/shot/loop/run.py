@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.types import Indices
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.mechanics.batch import barb_course, has_elastic_clamp
 from featherfx.mechanics.model import Loads

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.feather.leaves import build_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.files.content import digest, digests, members
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import is_guarded

@@ -121,7 +121,7 @@ def shot_islands(shot: Shot) -> Indices:
 
 
 def _drawn(shot: Shot) -> list[Feather]:
-    from featherfx.feather.leaves import build_feathers
+    from featherfx.feather.placed_feathers import build_feathers
 
     return build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
 
