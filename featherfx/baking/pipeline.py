@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from featherfx.baking.shares import join as join
     from featherfx.baking.stats import plumage_stats as plumage_stats
     from featherfx.usd.check.check import is_cache as is_cache
-    from featherfx.usd.check.judge import judge_cache as judge_cache
+    from featherfx.usd.check.check import judge_complete_cache as judge_complete_cache
     from featherfx.usd.check.measures import count_crossings as count_crossings
     from featherfx.usd.check.measures import measure_holes as measure_holes
     from featherfx.usd.check.plumage import measure_plumage as measure_plumage
@@ -46,7 +46,7 @@ _HOMES = {
     "inspect_stage": "featherfx.usd.read.inspect",
     "is_cache": "featherfx.usd.check.check",
     "join": "featherfx.baking.shares",
-    "judge_cache": "featherfx.usd.check.judge",
+    "judge_complete_cache": "featherfx.usd.check.check",
     "measure_holes": "featherfx.usd.check.measures",
     "measure_plumage": "featherfx.usd.check.plumage",
     "plan": "featherfx.baking.plan",

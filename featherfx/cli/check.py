@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,6 +23,7 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
+from featherfx.errors import InputError, Problem
 from featherfx.groom.read.places import located
 
 if TYPE_CHECKING:
@@ -79,10 +80,8 @@ def check(
     files: tuple[Path, ...],
     preset_folders: tuple[Path, ...],
     style: str,
-    explain: bool,
-    feather: str | None,
-    plumage: bool,
-    skin: tuple[Path, str] | None,
+    strict: bool,
+    as_json: bool,
     **options: Any,
 ) -> None:
     """Check grooms, presets and shots (TOML) and USD files.
@@ -90,11 +89,11 @@ def check(
     Prints one line per problem (file, key, what is wrong, allowed range) and exits with 1 if
     there is any.
 
-    Caches without a problem are measured, and a warning names feather, frame and figure where a
-    bound is passed: rachises and barbs within 0.5 % of their length at rest; points that jump from
-    one sample to the next by 10 % of their feather's length, and by three times what its root
-    does; velocities within 3 % of the motion, where samples are close enough to tell. With --json
-    of one cache these are `lengths`, `pops` and `velocity_mismatch`.
+    Caches are measured, and a warning names feather, frame and figure where a bound is passed:
+    rachises and barbs within 0.5 % of their length at rest; points that jump from one sample to the
+    next by 10 % of their feather's length, and by three times what its root does; velocities within
+    3 % of the motion, where samples are close enough to tell. With --json of one cache these are
+    `lengths`, `pops` and `velocity_mismatch`, or `not_measured` has the reasons.
 
     With --crossings, prints for each whole frame of a cache how many pairs of triangles of vanes
     pass through each other, and of how many pairs of feathers they are. The skin of the shot, and
@@ -113,60 +112,101 @@ def check(
     With --explain, prints how each feather of a shot is simulated, and the key, preset, table or
     rule that each option comes from; feathers that are alike share a line.
     """
-    asked, strict = {name: options.pop(name) for name in _TOLD}, options.pop("strict")
-    wanted = [name for name, value in asked.items() if value]
-    wanted += ["explain"] * explain + ["plumage"] * plumage
-    if plumage != (skin is not None):
-        raise click.UsageError("--plumage and --skin FILE PRIM go together")
-    if feather and not explain:
-        raise click.UsageError("--feather needs --explain")
-    if len(wanted) > 1 or (wanted and len(files) != 1):
-        raise click.UsageError(f"--{wanted[0]} takes one file, and nothing else to measure")
-    if explain:
-        if options["frames"] or options["jobs"]:
-            raise click.UsageError("--frames and --jobs do not go with --explain")
-        told = pipeline.explain_options(files[0], preset_folders, feather)
-        whole = json.dumps({"feathers": told}, indent=2)
-        click.echo(whole if options["as_json"] else "\n".join(pipeline.explained_lines(told)))
-        return
-    if skin is not None:
-        if options["jobs"]:
-            raise click.UsageError("--jobs goes with --crossings")
-        with Progress("files", style):
-            tracts = pipeline.measure_plumage(files[0], *skin, options["frames"])
-        lines = (_plumage_line(tract, each) for tract, each in tracts.items())
-        click.echo(json.dumps(tracts, indent=2) if options["as_json"] else "\n".join(lines))
-        return
-    if wanted:
-        _measure(wanted[0], files[0], style, asked["holes"], **options)
-        return
-    as_json = options.pop("as_json")
-    for name, value in options.items():
-        if value:
-            raise click.UsageError(f"--{name} needs --crossings or --holes")
+    measure = _choose_measure(files, as_json, options)
+    if measure == "explain":
+        _explain(files[0], preset_folders, options["feather"], as_json)
+    elif measure == "plumage":
+        _measure_plumage(files[0], style, as_json, options)
+    elif measure:
+        _measure(measure, files[0], style, as_json, options)
+    else:
+        problems, measured = _check_files(files, preset_folders, style)
+        _print_findings(files[0], problems, measured, as_json)
+        if problems or (strict and any(each.get("bounds_passed") for each in measured.values())):
+            ctx.exit(1)
+        click.echo(f"{len(files)} checked, no problems", err=True)
+
+
+_MEASURES = "crossings", "holes", "explain", "plumage"
+# options, and the measures that use them
+_NEEDS = {
+    "skin": ("plumage",),
+    "feather": ("explain",),
+    "frames": ("crossings", "holes", "plumage"),
+    "jobs": ("crossings",),
+}
+
+
+def _choose_measure(files: Sequence[Path], as_json: bool, options: Mapping[str, Any]) -> str:
+    """Return the measure that options name, empty without one. UsageError where they misfit."""
+    measures = [name for name in _MEASURES if options[name]]
+    if len(measures) > 1 or (measures and len(files) != 1):
+        raise click.UsageError(f"--{measures[0]} takes one file, and nothing else to measure")
     if as_json and len(files) != 1:
         raise click.UsageError("--json takes one file")
+    measure = measures[0] if measures else ""
+    for name, users in _NEEDS.items():
+        if options[name] and measure not in users:
+            raise click.UsageError(f"--{name} needs {' or '.join(f'--{each}' for each in users)}")
+    if measure == "plumage" and not options["skin"]:
+        raise click.UsageError("--plumage needs --skin FILE PRIM")
+    return measure
+
+
+def _check_files(
+    files: Sequence[Path], preset_folders: Sequence[Path], style: str
+) -> tuple[list[Problem], dict[Path, dict[str, Any]]]:
+    """Return the problems of files, and the measures of those that are caches."""
+    problems: list[Problem] = []
+    measured: dict[Path, dict[str, Any]] = {}
     with Progress("files", style):
-        found = [problem for file in files for problem in pipeline.check(file, preset_folders)]
-        measured = {} if found else {file: pipeline.judge_cache(file) for file in _caches(files)}
-    problems = [located(problem) for problem in dict.fromkeys(found)]
+        for file in files:
+            found = pipeline.check(file, preset_folders)
+            if file.suffix in (".usd", ".usda", ".usdc") and pipeline.is_cache(file):
+                try:
+                    measured[file] = pipeline.judge_complete_cache(file)
+                except InputError as error:
+                    measured[file] = {"not_measured": [located(each) for each in error.problems]}
+                    known = {each.key for each in found}
+                    found += [each for each in error.problems if each.key not in known]
+            problems += found
+    return list(dict.fromkeys(problems)), measured
+
+
+def _print_findings(
+    file: Path,
+    problems: Sequence[Problem],
+    measured: Mapping[Path, Mapping[str, Any]],
+    as_json: bool,
+) -> None:
+    """Print problems and passed bounds; as JSON those of one file, with its measures."""
+    lines = [located(problem) for problem in problems]
     if as_json:
-        judged = {"file": str(files[0]), "problems": problems, **measured.get(files[0], {})}
-        click.echo(json.dumps(judged, indent=2))
-    elif problems:
-        click.echo("\n".join(problems))
-    passed = [f"{file}: {text}" for file in measured for text in measured[file]["bounds_passed"]]
-    for text in passed:
-        click.echo(f"featherfx: warning: {text}", err=True)
-    if found or (strict and passed):
-        ctx.exit(1)
-    click.echo(f"{len(files)} checked, no problems", err=True)
+        whole = {"file": str(file), "problems": lines, **measured.get(file, {})}
+        click.echo(json.dumps(whole, indent=2))
+    elif lines:
+        click.echo("\n".join(lines))
+    for name, found in measured.items():
+        if "not_measured" in found:
+            click.echo(f"featherfx: warning: {name}: cannot be measured", err=True)
+        for text in found.get("bounds_passed", ()):
+            click.echo(f"featherfx: warning: {name}: {text}", err=True)
 
 
-def _caches(files: Sequence[Path]) -> Iterator[Path]:
-    """Yield the files that are caches of featherfx."""
-    some = [file for file in files if file.suffix in (".usd", ".usda", ".usdc")]
-    return (file for file in some if pipeline.is_cache(file))
+def _explain(
+    file: Path, preset_folders: Sequence[Path], feather: str | None, as_json: bool
+) -> None:
+    told = pipeline.explain_options(file, preset_folders, feather)
+    whole = json.dumps({"feathers": told}, indent=2)
+    click.echo(whole if as_json else "\n".join(pipeline.explained_lines(told)))
+
+
+def _measure_plumage(file: Path, style: str, as_json: bool, options: Mapping[str, Any]) -> None:
+    skin, prim = options["skin"]
+    with Progress("files", style):
+        tracts = pipeline.measure_plumage(file, skin, prim, options["frames"])
+    lines = (_plumage_line(tract, each) for tract, each in tracts.items())
+    click.echo(json.dumps(tracts, indent=2) if as_json else "\n".join(lines))
 
 
 def _plumage_line(tract: str, each: dict[str, float]) -> str:
@@ -206,25 +246,14 @@ _TOLD = {
 }
 
 
-def _measure(
-    what: str,
-    file: Path,
-    style: str,
-    view: str | None,
-    frames: tuple[int, int] | None,
-    as_json: bool,
-    jobs: int | None,
-) -> None:
-    if jobs is not None and what != "crossings":
-        raise click.UsageError("--jobs goes with --crossings")
-    told, counted = _TOLD[what], []
+def _measure(what: str, file: Path, style: str, as_json: bool, options: Mapping[str, Any]) -> None:
+    told, counted, frames = _TOLD[what], [], options["frames"]
     with Progress(what, style) as progress:
         if what == "crossings":
-            found = pipeline.count_crossings(
-                file, frames, jobs=jobs or default_jobs(), on_frame=progress
-            )
+            jobs = options["jobs"] or default_jobs()
+            found = pipeline.count_crossings(file, frames, jobs=jobs, on_frame=progress)
         else:
-            found = pipeline.measure_holes(file, str(view), frames, on_frame=progress)
+            found = pipeline.measure_holes(file, options["holes"], frames, on_frame=progress)
         for each in found:
             counted.append(each)
             if not as_json:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 
 import numpy as np
 import pytest
+from commands import invoke
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from featherfx.usd.check import geometry
@@ -196,6 +198,30 @@ def test_a_planted_defect_is_named(tmp_path, caches, monkeypatch, name, at_once)
     assert matching[0].source == str(path)
 
 
+# defects that keep points, velocities, faces or curves from being followed
+UNMEASURABLE = {
+    "nan", "nan in velocities", "point count", "velocity count", "index out of range",
+    "negative index", "face counts", "curve counts",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_a_cache_with_a_defect_is_measured_or_the_reason_is_given(tmp_path, caches, name):
+    plant, key, _ = DEFECTS[name]
+    path = tmp_path / "planted.usdc"
+    stage = Usd.Stage.Open(Sdf.Layer.OpenAsAnonymous(str(caches["usdc"])))
+    plant(stage)
+    stage.GetRootLayer().Export(str(path))
+    done = invoke("check", path, "--json")
+    told = json.loads(done.stdout)
+    assert done.exit_code == 1
+    assert ("lengths" in told) == (name not in UNMEASURABLE)
+    if name in UNMEASURABLE:
+        assert key in told["not_measured"][0]
+        assert [line for line in told["problems"] if key in line]
+        assert "cannot be measured" in done.stderr
+
+
 def test_files_that_are_no_usd(tmp_path):
     (tmp_path / "text.usda").write_text("not usd")
     assert "cannot open" in check_usd(tmp_path / "text.usda")[0].message
@@ -223,3 +249,5 @@ def test_a_missing_payload_is_named(caches, tmp_path):
     path = copied(caches, tmp_path)
     (path.parent / "clips.payload.usdc").unlink()
     assert any("clips.payload.usdc" in p.key for p in check_usd(path))
+    told = json.loads(invoke("check", path, "--json").stdout)
+    assert told["not_measured"] == told["problems"]

@@ -1,5 +1,6 @@
 """What is taken of a stage: variants, purposes and visibility, by the keys of a table."""
 
+import numpy as np
 import pytest
 from pxr import UsdGeom, UsdUtils
 from usdin_scenes import add_curves, add_mesh, arc, lifted, new_stage, sheet
@@ -55,6 +56,23 @@ def test_a_skin_of_a_variant_is_read_where_it_is_chosen(tmp_path, stage):
     assert collider.surface.rest[:, 2].min() == 1.0
     # the stage stays as it is
     assert stage.GetPrimAtPath("/b").GetVariantSet("look").GetVariantSelection() == "empty"
+
+
+def test_feathers_of_a_variant_are_read_where_it_is_chosen(tmp_path, stage):
+    look = stage.GetPrimAtPath("/b").GetVariantSet("look")
+    for variant, shift in (("bird", 0.0), ("low", 0.5)):
+        look.SetVariantSelection(variant)
+        with look.GetVariantEditContext():
+            add_curves(stage, "/b/curve", [np.add(arc(), (shift, 0.0, 0.0))])
+    stage.GetRootLayer().Save()
+    path = tmp_path / "groom.toml"
+    places = {}
+    for variant in ("bird", "low"):
+        chosen = f'variant_sets = {{ look = "{variant}" }}\n'
+        path.write_text(f'name = "g"\n[[usd]]\nfile = "skin.usda"\n{chosen}')
+        (feather,) = read_groom(path).feathers
+        places[variant] = feather.position[0]
+    assert places["low"] - places["bird"] == pytest.approx(0.5)
 
 
 def test_variants_within_variants_are_chosen_together(tmp_path, stage):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, UsdUtils
 
-from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.errors import InputError, InputWarning, Problem, require
 from featherfx.groom.keys.groom import USD_KEYS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Table
@@ -69,6 +69,14 @@ def is_cache(path: Path) -> bool:
         prim.IsA(UsdGeom.Mesh) and prim.HasAttribute("primvars:featherId")
         for prim in stage.Traverse()
     )
+
+
+def judge_complete_cache(path: Path) -> dict[str, Any]:
+    """Return the measures of a cache; InputError where files are missing or values do not fit."""
+    from featherfx.usd.check.judge import judge_cache  # scenes are checked without it
+
+    require(*missing_files(open_stage(path), path))
+    return judge_cache(path)
 
 
 def check_usd(path: str | Path) -> list[Problem]:

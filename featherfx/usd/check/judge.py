@@ -124,8 +124,6 @@ class Judge:
         window: list[_Sample] = []
         for code in reader.codes or [None]:
             points = reader.read("points", code)
-            if points is None or len(points) != len(track.owner):
-                raise reader.fault(code)
             find_nodes(points, strands, nodes)
             strand_lengths(nodes, strands, lengths)
             rounding = _ROUNDING * float(np.abs(points).max(initial=0.0))

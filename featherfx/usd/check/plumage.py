@@ -114,7 +114,7 @@ def _read_rachises(
     for track in find_tracks(open_stage(path)):
         strands, nodes = track.strands, np.empty((len(track.strands.node_first) - 1, 3))
         points = track.reader.read("points", code)
-        find_nodes(track.shape.rest if points is None else points, strands, nodes)
+        find_nodes(points, strands, nodes)
         matrix = cache.meters_per_unit * track.reader.at_rest
         for k in np.flatnonzero(strands.kind == RACHIS).tolist():
             own = slice(*strands.first[k : k + 2])

@@ -161,8 +161,7 @@ class _Probe:
     def places(self, code: float) -> Array:
         """Return (P, 3) m, at a time code."""
         track = self.track
-        points = track.reader.read("points", code)
-        find_nodes(track.shape.rest if points is None else points, track.strands, self._nodes)
+        find_nodes(track.reader.read("points", code), track.strands, self._nodes)
         moved = self._nodes[self._node] @ self._matrix[:3, :3] + self._matrix[3, :3]
         return np.ascontiguousarray(moved)
 

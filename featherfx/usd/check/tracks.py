@@ -18,7 +18,6 @@ from pxr import Usd, UsdGeom
 
 from featherfx import usd
 from featherfx.algebra.types import Floats, Indices
-from featherfx.errors import InputError
 from featherfx.feather.types import RACHIS_PART
 from featherfx.usd.check.judge_kernels import Strands
 from featherfx.usd.read.values import (
@@ -28,6 +27,7 @@ from featherfx.usd.read.values import (
     PAIR_ARRAY,
     VECTOR_ARRAY,
     ArrayKind,
+    describe_time,
     fault,
     read_array,
     read_matrix,
@@ -117,7 +117,7 @@ def _mesh_track(prim: Any) -> Track:
         st = np.stack([np.full(len(rest), _ON_RACHIS), np.arange(len(rest))], axis=1)
         side = np.zeros(len(counts), dtype=np.int64)
     shape = MeshShape(rest, indices.reshape(-1, 3), side, st)
-    return _track(_read_labels(prim, len(rest)), shape, _Reader(prim))
+    return _track(_read_labels(prim, len(rest)), shape, _Reader(prim, len(rest)))
 
 
 def _condensed_track(stage: Any) -> Track:
@@ -154,11 +154,12 @@ def _curves_track(prim: Any) -> Track:
         end=start + 1,
         feather=owner[last],
         kind=np.full(len(counts), BARB if prim.HasAttribute("primvars:side") else RACHIS),
-        root=np.searchsorted(owner, np.arange(len(labels))),
+        # a feather without curves has the last root, which moves nothing
+        root=np.minimum(np.searchsorted(owner, np.arange(len(labels))), len(rest) - 1),
     )
     none = np.zeros(0, dtype=np.int64)
     shape = MeshShape(rest, none.reshape(0, 3), none, np.zeros((len(rest), 2)))
-    return Track(labels, owner, shape, strands, _Reader(prim))
+    return Track(labels, owner, shape, strands, _Reader(prim, len(rest)))
 
 
 def _read_rest(prim: Any) -> Floats:
@@ -166,6 +167,8 @@ def _read_rest(prim: Any) -> Floats:
     for name in ("primvars:rest", "primvars:Pref", "points"):
         found = read_array(prim.GetAttribute(name), EARLIEST_TIME, VECTOR_ARRAY)
         if found is not None:
+            if not np.isfinite(found.sum(dtype=np.float64)):
+                raise fault(prim.GetAttribute(name), "has values that are not finite at rest")
             return np.ascontiguousarray(found, np.float32)
     raise fault(prim, "has no points")
 
@@ -180,7 +183,7 @@ def _read_labels(prim: Any, count: int) -> list[TrackedFeather]:
     ids = read_texts(prim.GetAttribute("primvars:featherId"))
     table = read_array(prim.GetAttribute(f"{RANGES_PREFIX}:points"), DEFAULT_TIME, _RANGES)
     sizes = [count] if table is None else table[:, 1].tolist()
-    if sum(sizes) != count or len(sizes) != len(ids):
+    if min(sizes) < 0 or sum(sizes) != count or len(sizes) != len(ids):
         message = f"names {len(ids)} feathers of {sum(sizes)} points. The prim has {count}"
         raise fault(prim.GetAttribute("primvars:featherId"), message)
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("region")
@@ -200,30 +203,39 @@ def _find_owners(labels: Sequence[TrackedFeather]) -> Indices:
 
 
 class _Reader:
-    """Values of a prim over time, in its space at rest.
+    """Values of a prim with V points over time, in its space at rest.
 
     codes: time codes of its points, else of its place.
     """
 
-    def __init__(self, prim: Any) -> None:
-        self._prim, self.at_rest = prim, read_matrix(prim, DEFAULT_TIME)
+    def __init__(self, prim: Any, count: int) -> None:
+        self._prim, self._count = prim, count
+        self.at_rest = read_matrix(prim, DEFAULT_TIME)
         self.codes = read_times(prim.GetAttribute("points"))
         self.codes = self.codes or list(UsdGeom.Xformable(prim).GetTimeSamples())
 
-    def fault(self, code: float | None) -> InputError:
-        """Return the error of points that are not as many as at rest."""
-        when = "" if code is None else f" at time code {code:g}"
-        return fault(self._prim.GetAttribute("points"), f"are not as many{when} as at rest")
-
     def read(self, name: str, code: float | None) -> Floats | None:
-        """Return (V, 3) points or velocities; None where there are none."""
+        """Return (V, 3) points or velocities; None where there are no velocities.
+
+        Raises InputError where they are missing, do not fit the points at rest, or are not finite.
+        """
         time = DEFAULT_TIME if code is None else Usd.TimeCode(code)
-        found = read_array(self._prim.GetAttribute(name), time, VECTOR_ARRAY)
+        attribute = self._prim.GetAttribute(name)
+        found = read_array(attribute, time, VECTOR_ARRAY)
         if found is None and name == "velocities":
-            found = read_array(self._prim.GetAttribute(HALF_VELOCITIES), time, VECTOR_ARRAY)
-        matrix = read_matrix(self._prim, time)
-        if found is None:
+            attribute = self._prim.GetAttribute(HALF_VELOCITIES)
+            found = read_array(attribute, time, VECTOR_ARRAY)
+        if found is None and name == "velocities":
             return None
+        if found is None:
+            raise fault(attribute, f"has no value {describe_time(time)}")
+        if len(found) != self._count:
+            message = f"has {len(found)} values {describe_time(time)} and {self._count} at rest"
+            raise fault(attribute, message)
+        # a sum of finite values is finite in double precision
+        if not np.isfinite(found.sum(dtype=np.float64)):
+            raise fault(attribute, f"has values that are not finite {describe_time(time)}")
+        matrix = read_matrix(self._prim, time)
         if (matrix == self.at_rest).all():
             return np.ascontiguousarray(found, np.float32)
         relative = matrix @ np.linalg.inv(self.at_rest)
@@ -257,7 +269,9 @@ def _find_strands(shape: MeshShape, owner: Indices) -> Strands:
     edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     edges = edges[row[edges[:, 0]] == row[edges[:, 1]]]
     out = np.abs(shape.st[:, 0].astype(np.float64) - _ON_RACHIS)
-    edges = np.unique(np.take_along_axis(edges, np.argsort(out[edges], axis=1), axis=1), axis=0)
+    edges = np.sort(edges, axis=1)  # places on a tie by their numbers, so that no chain is a ring
+    order = np.argsort(out[edges], axis=1, kind="stable")
+    edges = np.unique(np.take_along_axis(edges, order, axis=1), axis=0)
     # a point's barb is told by its first point, which follows the rachis
     barb = np.arange(len(row))
     inner = out[edges[:, 0]] > 0.0
