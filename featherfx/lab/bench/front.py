@@ -5,14 +5,12 @@ miss is fitted with powers of the numbers, of the tolerance of steps, and of the
 loads were estimated to cause; featherfx/shot/options/error_model chooses what is simulated of a
 feather from these.
 
-And whether shots keep the error that is promised, measured against fine references.
-
 Powers through what the scenes of the front have missed (featherfx/shot/options/error_model.py).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from time import process_time
@@ -25,10 +23,9 @@ from featherfx.algebra.types import Array
 from featherfx.feather.density import max_distance
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather, RowPoints, stacked
-from featherfx.lab.bench.report import ResultTable, Row
+from featherfx.lab.bench.report import Row
 from featherfx.lab.bench.scenes import REFERENCE_ROWS, scene
 from featherfx.lab.bench.shake import Shake, barb_curvature, swan_primary
-from featherfx.lab.bench.skips import share_of
 from featherfx.shot.loop.error_estimate import barb_bends
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
@@ -198,37 +195,7 @@ def measure(name: str) -> list[Row]:
     return rows
 
 
-_NOTE = """\
-The error that a shot is simulated with, as promised, as the simulation itself estimates it, and as
-measured: of every feather the largest distance of any point that is simulated, at any frame, from
-where a reference has it, percent of the feather's length. References have as many rows and columns
-as were measured at most, three coefficients, and steps of a tolerance of 1e-5 of the median
-length. Points of the meshes between simulated rows are interpolated, and not counted. Seconds are
-processor times of one thread without the first frame."""
 _REFERENCE_ERROR = 0.01
-
-
-def kept_table(
-    shots: Sequence[Shot],
-    promised: Sequence[float],
-    progress: Callable[[int, int], None],
-    frames: int | None,
-    every: int,
-) -> ResultTable:
-    """Every shot at every error (percent). frames: of each shot; None: all. every: n-th
-    feather of each alone."""
-    rows: list[Row] = []
-    total = len(shots) * len(promised)
-    for shot in shots:
-        some = share_of(shot, 1, min(every, len(shot.groom.feathers)))
-        if frames is not None:
-            some = replace(some, last_frame=min(some.last_frame, some.first_frame + frames - 1))
-        some = replace(some, quality=replace(some.quality, max_substeps=4096), details=())
-        reference = run(fine(some))
-        for error in promised:
-            rows.append(_kept(some, error, reference))
-            progress(len(rows), total)
-    return ResultTable("promise", "Promised errors", _NOTE, rows)
 
 
 def fine(shot: Shot) -> Shot:
@@ -246,29 +213,8 @@ def fine(shot: Shot) -> Shot:
     return replace(shot, quality=quality)
 
 
-def _kept(shot: Shot, error: float, reference: FrontRun) -> Row:
-    found = run(replace(shot, quality=shot.quality.with_error(error)))
-    measured = 100.0 * np.array(errors(found, reference))
-    return {
-        "shot": shot.name,
-        "feathers": len(measured),
-        "promised %": error,
-        "estimated %": found.report["error_estimated"],
-        "median %": float(np.median(measured)),
-        "of 95 in 100 %": float(np.quantile(measured, 0.95)),
-        "worst %": float(measured.max()),
-        "kept by": float((measured <= error).mean()),
-        "sub-steps a frame": found.report["substeps"]["mean"],
-        "ms a simulated second": 1e3
-        * found.seconds
-        * shot.frames_per_second
-        / max(shot.last_frame - shot.first_frame, 1)
-        / len(shot.groom.feathers),
-    }
-
-
 HOW = (
-    "Written by featherfx bench --front. On every scene of featherfx/lab/bench/scenes.py rows,"
+    "Written by featherfx lab measure errors. On every scene of featherfx/lab/bench/scenes.py rows,"
     " columns, coefficients and the tolerance of steps are varied and compared with a setting that"
     " is finer in all; error: largest distance of any simulated point at any frame, of the length."
     " What a number misses is factor number^-order d^exponent, d the deflection of barbs, rows by"

@@ -1,7 +1,7 @@
 """The grid and tolerance that keep a feather to an error, and the error that it then has.
 
-`error_model.json` is what `featherfx bench --front` measured on six kinds of scene, as powers: what
-a number of rows, columns or coefficients misses of the finest is
+`featherfx lab measure errors` measured on six kinds of scene what is in `error_model.json`: as
+powers, what a number of rows, columns or coefficients misses of the finest is
 
     factor number^-order bend^exponent
 
@@ -135,7 +135,7 @@ class StepCost(NamedTuple):
 
 
 class ErrorModel(NamedTuple):
-    """Errors that were measured on the scenes (lab/bench/front_fit.py).
+    """Errors that were measured on the scenes (lab/bench/front.py).
 
     before: by how far loads are estimated to bend feathers; after: by how far they did. wrung: of
     rows, of vanes that are pulled within their plane. work: time of an iteration. tolerances: the
