@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import featherfx
 from featherfx.errors import InputWarning
 from featherfx.shot.clock import FrameCuts, StageClock
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
+from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.cuts import CutFinder, CutTrack, NamedCuts, with_cuts
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
@@ -230,6 +232,19 @@ def test_cuts_of_a_stage_of_another_rate_are_those_of_its_own_frames(tmp_path, r
         if not before < own < before + 1:  # where the stage itself is drawn between both
             gap = np.abs(cut[code] - points - np.array(AWAY) * (code >= number)).max()
             assert gap < 1e-4
+
+
+@pytest.mark.filterwarnings("ignore:.*cut to another place")
+def test_velocities_at_a_cut_are_those_of_the_drawn_skin(tmp_path):
+    """A renderer draws the skin along straight lines, also from one side of a cut to the other."""
+    write_skin(tmp_path / "skin.usda", straight, ((1, 1, 1), AWAY))
+    (tmp_path / "groom.toml").write_text(GROOM)
+    (tmp_path / "shot.toml").write_text(SHOT.format(more="", keys="", last=10))
+    frames = list(simulate(featherfx.read_shot(tmp_path / "shot.toml"), subframes=2))
+    for now, after in pairwise(frames):
+        way = after.poses[0].points.nodes - now.poses[0].points.nodes
+        speed = way / (after.time - now.time)
+        np.testing.assert_allclose(now.poses[0].velocities.nodes, speed, atol=0.02)
 
 
 def test_cuts_are_named_and_denied(tmp_path):

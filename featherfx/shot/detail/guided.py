@@ -49,7 +49,7 @@ class Turns(NamedTuple):
 
 
 class FeatherPieces(NamedTuple):
-    """FeatherPieces of F feathers: chords of their rachises and segments of their barbs.
+    """Pieces of F feathers: chords of their rachises and segments of their barbs.
 
     origins: (F, 3) m, first rachis points in the root frames. steps: (F, n - 1, 3, 3) from row
     frame to row frame. chords: (F, n - 1, 3) and segments: (F, 2, n, m, 3) m, in row frames.

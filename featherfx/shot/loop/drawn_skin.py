@@ -17,6 +17,7 @@ from featherfx.feather.types import RowPoints
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.run import ShotRun, Stage
 from featherfx.shot.motion.motion import uncut_motion
+from featherfx.shot.roots import RootFrames, arrived
 from featherfx.shot.skin import BoundSkin
 
 _STEP = 1e-3  # frames, over which the rate of shifts is found
@@ -44,10 +45,11 @@ class DrawnSkinStage(Stage):
         is_own = abs(own - round(own)) < 1e-6
         if self._shown is None or (is_own and run.subframes == 1):
             return poses
-        shifts, rates = self._shifts(time), np.zeros((len(poses), 3))
+        shifts, rates = self._shifts(time, run.motion.frames(time)), np.zeros((len(poses), 3))
         if run.subframes > 1:
             step = _STEP / run.shot.frames_per_second
-            rates = (self._shifts(time + step) - shifts) / step
+            later = self._shifts(time + step, run.motion.frames(time + step))
+            rates = (later - self._shifts(time, arrived(run.motion, time))) / step
         sizes = np.linalg.norm(shifts, axis=1)
         if len(sizes) and sizes.max() > self._largest[0]:
             number = run.shot.first_frame + place
@@ -57,11 +59,10 @@ class DrawnSkinStage(Stage):
             for pose, shift, rate in zip(poses, shifts, rates, strict=True)
         ]
 
-    def _shifts(self, time: float) -> Array:
+    def _shifts(self, time: float, roots: RootFrames) -> Array:
         """(P, 3) m, from the roots of the wanted feathers to those on the skin that is drawn."""
         assert self._shown is not None
-        shifts = self._shown.frames(time).positions - self.run.motion.frames(time).positions
-        return shifts[self.run.wanted]
+        return (self._shown.frames(time).positions - roots.positions)[self.run.wanted]
 
     def report(self) -> dict[str, Any]:
         """Largest shift of a feather, m, with its id and frame."""
