@@ -234,17 +234,20 @@ def test_cuts_of_a_stage_of_another_rate_are_those_of_its_own_frames(tmp_path, r
             assert gap < 1e-4
 
 
+@pytest.mark.parametrize("keys", ["", 'interpolation = "linear"'])
 @pytest.mark.filterwarnings("ignore:.*cut to another place")
-def test_velocities_at_a_cut_are_those_of_the_drawn_skin(tmp_path):
+def test_velocities_at_a_cut_are_those_of_the_drawn_skin(tmp_path, keys):
     """A renderer draws the skin along straight lines, also from one side of a cut to the other."""
     write_skin(tmp_path / "skin.usda", straight, ((1, 1, 1), AWAY))
     (tmp_path / "groom.toml").write_text(GROOM)
-    (tmp_path / "shot.toml").write_text(SHOT.format(more="", keys="", last=10))
+    (tmp_path / "shot.toml").write_text(SHOT.format(more="", keys=keys, last=10))
     frames = list(simulate(featherfx.read_shot(tmp_path / "shot.toml"), subframes=2))
     for now, after in pairwise(frames):
         way = after.poses[0].points.nodes - now.poses[0].points.nodes
         speed = way / (after.time - now.time)
         np.testing.assert_allclose(now.poses[0].velocities.nodes, speed, atol=0.02)
+    halfway = 0.5 * (frames[12].poses[0].points.nodes + frames[14].poses[0].points.nodes)
+    np.testing.assert_allclose(frames[13].poses[0].points.nodes, halfway, atol=1e-4)
 
 
 def test_cuts_are_named_and_denied(tmp_path):

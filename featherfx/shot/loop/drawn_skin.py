@@ -32,8 +32,7 @@ class DrawnSkinStage(Stage):
         self._largest: tuple[float, int, float] = 0.0, 0, float(run.shot.first_frame)
         if not isinstance(skin, BoundSkin):
             return
-        knots = [part.surface.knots for part in skin.parts]
-        if any(each is not None and not each.is_linear for each in knots):
+        if any(part.surface.knots is not None for part in skin.parts):
             drawn = skin.led(lambda each: each.smoothed(None), skin.clock)
             self._shown, self._clock = uncut_motion(replace(run.shot, skin=drawn)), skin.clock
 
@@ -66,9 +65,9 @@ class DrawnSkinStage(Stage):
 
     def report(self) -> dict[str, Any]:
         """Largest shift of a feather, m, with its id and frame."""
-        if self._shown is None:
-            return {}
         distance, k, frame = self._largest
+        if distance == 0.0:
+            return {}
         feather = self.run.shot.groom.feathers[self.run.wanted[k]].id
         return {"drawn_skin": {"distance": distance, "feather": feather, "frame": frame}}
 
