@@ -52,8 +52,6 @@ _CPU_LINES = ("vendor_id", "cpu family", "model", "stepping", "flags")
 _ARM_LINES = ("CPU implementer", "CPU part", "CPU variant", "Features")
 # Linux's names of features, and LLVM's where they are others
 _FEATURE_NAMES = {"bmi1": "bmi", "abm": "lzcnt", "sse4_2": "sse4.2", "asimd": "neon"}
-# folders of code of which some is not trusted, which is told once
-_DISTRUSTED: set[Path] = set()
 # x86-64-v3: Haswell, Zen and later (x86-64 psABI, table 3.1)
 _V3 = ("avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2")
 # by machine: LLVM's name of the processor that code is shipped for, and features that it must have
@@ -81,6 +79,11 @@ def _requested_processor() -> str:
     """The processor and features that the user has numba compile for; empty if none."""
     given = [os.environ.get(f"NUMBA_CPU_{each}") or "" for each in ("NAME", "FEATURES")]
     return " ".join(given).strip()
+
+
+def _own_processor() -> str:
+    """Name of the processor that code is compiled for here."""
+    return _requested_processor() or _inspect_processor()[0]
 
 
 @cache
@@ -200,10 +203,8 @@ class KernelStore:
         for root, file, key in self._find_files(text):
             try:
                 stored = read_trusted(root, (file.parent.name, file.name))
-            except DistrustError as fault:
-                if root not in _DISTRUSTED:
-                    _DISTRUSTED.add(root)
-                    warn_once(f"machine code in {root} is not used: {fault}. Remove it")
+            except DistrustError:
+                warn_once(f"others can change machine code in {root}: it is not used. Remove it")
                 continue
             except OSError:
                 continue
@@ -219,10 +220,10 @@ class KernelStore:
         if fault := explain_unsaved():
             warn_once(fault)
             return
-        file, key = self._locate(
-            code_folder(), text, _requested_processor() or _inspect_processor()[0]
-        )
-        whole = _encode(key, code)
+        file, key = self._locate(code_folder(), text, _own_processor())
+        head = json.dumps([key, code[1:]]).encode()
+        content = len(head).to_bytes(_LENGTH_BYTES, "little") + head + code.machine
+        whole = hashlib.sha256(content).digest() + content
         try:
             make_private_folder(file.parent)
             write_whole(file, lambda stream: write_private(stream, whole))
@@ -236,8 +237,7 @@ class KernelStore:
         if target := shipped_target():
             places.append((SHIPPED, target))
         for root, target in places:
-            processor = target or _requested_processor() or _inspect_processor()[0]
-            file, key = self._locate(root, text, processor)
+            file, key = self._locate(root, text, target or _own_processor())
             if file.is_file():
                 yield root, file, key
 
@@ -246,12 +246,6 @@ class KernelStore:
         key = text, sys.platform, platform.machine(), processor
         digest = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
         return root / self._folder / f"{self._name}.{digest}.code", key
-
-
-def _encode(key: Key, code: StoredKernel) -> bytes:
-    head = json.dumps([key, code[1:]]).encode()
-    content = len(head).to_bytes(_LENGTH_BYTES, "little") + head + code.machine
-    return hashlib.sha256(content).digest() + content
 
 
 def _decode(stored: bytes, key: Key) -> StoredKernel | None:
@@ -265,9 +259,8 @@ def _decode(stored: bytes, key: Key) -> StoredKernel | None:
         named = tuple(KernelLink(*each) for each in links)
     except (ValueError, TypeError):
         return None
-    if tuple(found) != key:
-        return None
-    return StoredKernel(content[end:], entry, own, _as_returned(returns), named)
+    stored_kernel = StoredKernel(content[end:], entry, own, _as_returned(returns), named)
+    return stored_kernel if tuple(found) == key else None
 
 
 def _as_returned(given: list[Any]) -> ReturnType:

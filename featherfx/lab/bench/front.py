@@ -13,21 +13,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from featherfx.algebra.types import Array
-from featherfx.feather.density import max_distance
 from featherfx.feather.placed_feathers import build_feathers
-from featherfx.feather.types import Feather, RowPoints, stacked
+from featherfx.feather.types import stacked
+from featherfx.lab.bench.promise import FineRun, errors, fixed_quality, run
 from featherfx.lab.bench.report import Row
 from featherfx.lab.bench.scenes import REFERENCE_ROWS, scene
 from featherfx.lab.bench.shake import Shake, barb_curvature, swan_primary
 from featherfx.shot.loop.error_estimate import barb_bends
-from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.error_model import (
     CALM_AIR,
@@ -39,7 +37,7 @@ from featherfx.shot.options.error_model import (
     StepError,
 )
 from featherfx.shot.options.load_estimate import estimate_deflections, estimate_loads
-from featherfx.shot.types import Quality, Shot
+from featherfx.shot.types import Shot
 
 # (columns, coefficients)
 _ENDS = ((2, 1), (3, 1), (4, 1), (6, 1), (2, 2), (4, 2))
@@ -76,60 +74,15 @@ def settings(touching: bool) -> Iterator[Setting]:
             yield Setting(n, m, c, tolerance)
 
 
-class FrontRun(NamedTuple):
-    """In the order of numbers, feathers as they are simulated in full, and their points at every
-    frame. seconds: of processor, all but the first frame. report: of the simulation. tolerances: of
-    steps, of the length, of every feather."""
-
-    feathers: dict[int, Feather]
-    points: dict[int, list[RowPoints]]
-    seconds: float
-    report: dict[str, Any]
-    tolerances: list[float]
-
-
-def run(shot: Shot) -> FrontRun:
-    """A shot on one thread."""
-    simulation, begin = simulate(shot), 0.0
-    feathers: dict[int, Feather] = {}
-    points: dict[int, list[RowPoints]] = {}
-    for _ in simulation:
-        begin = begin or process_time()
-        for f, (feather, now) in sorted(simulation.simulated().items()):
-            feathers[f] = feather
-            points.setdefault(f, []).append(RowPoints(now.nodes.copy(), now.directors.copy()))
-    seconds, resolutions = process_time() - begin, simulation.options
-    lengths = [placement.kind.length for placement in shot.groom.feathers]
-    tolerances = [r.tolerance / length for r, length in zip(resolutions, lengths, strict=True)]
-    return FrontRun(feathers, points, seconds, simulation.report, tolerances)
-
-
 def at(shot: Shot, setting: Setting) -> Shot:
     """A shot of which all feathers are simulated alike; where they push each other, tolerances are
     of the median length."""
     lengths = [p.kind.length for p in shot.groom.feathers]
     length = float(np.median(lengths) if shot.contact is not None else np.max(lengths))
-    quality = Quality(
-        name="front",
-        rows=setting.rows,
-        columns=setting.columns,
-        coefficients=setting.coefficients,
-        tolerance=setting.tolerance * length,
-        relative_tolerance=setting.tolerance,
-        max_substeps=4096,
-        spectral_radius=setting.radius,
-    )
+    rest = replace(shot.quality, max_substeps=4096, spectral_radius=setting.radius)
+    grid = setting.rows, setting.columns, setting.coefficients
+    quality = fixed_quality(grid, setting.tolerance, rest, length)
     return replace(shot, quality=quality)
-
-
-def errors(one: FrontRun, reference: FrontRun) -> list[float]:
-    """Per feather the largest distance of any point that one run simulates, at any frame, from
-    where the reference has it, over the feather's length."""
-    return [
-        max_distance(own, reference.feathers[f], one.points[f], reference.points[f])
-        / float(own.station[-1])
-        for f, own in one.feathers.items()
-    ]
 
 
 def estimated_deflections(shot: Shot) -> list[Deflection]:
@@ -143,7 +96,7 @@ def estimated_deflections(shot: Shot) -> list[Deflection]:
     ]
 
 
-def bent(ran: FrontRun) -> list[float]:
+def bent(ran: FineRun) -> list[float]:
     """Per feather, how far barbs did bend, of the feather's length."""
     found = []
     for f, feather in ran.feathers.items():
@@ -175,8 +128,8 @@ def measure(name: str) -> list[Row]:
     for setting in settings(shot.contact is not None):
         each = run(at(shot, setting))
         found = errors(each, finest)
-        parts = zip(shot.groom.feathers, found, each.tolerances, estimated, real, strict=True)
-        for p, error, tolerance, loaded, barb in parts:
+        parts = zip(shot.groom.feathers, found, each.options, estimated, real, strict=True)
+        for p, error, own, loaded, barb in parts:
             rows.append(
                 {
                     "scene": name,
@@ -184,7 +137,7 @@ def measure(name: str) -> list[Row]:
                     "length": p.kind.length,
                     "touching": shot.contact is not None,
                     **vars(setting),
-                    "tolerance": tolerance,
+                    "tolerance": own.tolerance / p.kind.length,
                     **loaded._asdict(),
                     "barb bent": barb,
                     "substeps": each.report["substeps"]["mean"],

@@ -6,8 +6,7 @@ three times the rows, columns and coefficients. A case is
 
     kept        no node is farther from the reference than promised, at any frame
     undefined   the reference and its check are farther from each other than that
-    broken      all others; also where the bake says that it cannot keep the error, unless with the
-                finest settings that there are
+    broken      all others
 
 told counts the undefined cases that the bake named.
 """
@@ -18,6 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,8 +34,8 @@ from featherfx.shot.types import Shot
 
 # of the distribution: errors (percent), fastest wind (m/s), feathers and frames of a shot
 _ERRORS, _MAX_WIND, _FEATHERS, _FRAMES = (3.0, 1.5, 0.5), 20.0, 3, 13
-# rows, columns and coefficients that an error is kept by at most; bound of the quality's key
-_FINEST, MAX_COEFFICIENTS = (57, 12, 3), 6
+# bound of the quality's key
+_MAX_COEFFICIENTS = 6
 # of a shot with contact: distance of its feathers, of their length
 _CLOSE = 0.06
 # finer by, and the check; tolerances tighter by
@@ -43,10 +43,14 @@ _FINER, _CHECK, _TIGHTER = 2, 3, 10.0
 
 
 class FineRun(NamedTuple):
-    """Feathers by number as they were simulated, and their points at every frame."""
+    """Feathers by number as they were simulated, and their points at every frame.
+
+    seconds: of processor, all but the first frame. options: of every feather.
+    """
 
     feathers: dict[int, Feather]
     points: dict[int, list[RowPoints]]
+    seconds: float
     report: dict[str, Any]
     options: Sequence[FeatherOptions]
 
@@ -61,21 +65,22 @@ class PromiseCase:
     promised: float
     reached: float
     checked: float
-    measured: float | None
     outcome: str
     told: bool
 
 
 def run(shot: Shot) -> FineRun:
     """Simulate a shot on one thread."""
-    simulation = simulate(shot)
+    simulation, begin = simulate(shot), 0.0
     feathers: dict[int, Feather] = {}
     points: dict[int, list[RowPoints]] = {}
     for _ in simulation:
+        begin = begin or process_time()
         for f, (feather, now) in sorted(simulation.simulated().items()):
             feathers[f] = feather
             points.setdefault(f, []).append(RowPoints(now.nodes.copy(), now.directors.copy()))
-    return FineRun(feathers, points, simulation.report, simulation.options)
+    seconds = process_time() - begin
+    return FineRun(feathers, points, seconds, simulation.report, simulation.options)
 
 
 def errors(one: FineRun, reference: FineRun) -> list[float]:
@@ -101,7 +106,7 @@ def fixed_quality(
         name="fixed",
         rows=min(rows, 400),
         columns=min(columns, 100),
-        coefficients=min(coefficients, MAX_COEFFICIENTS),
+        coefficients=min(coefficients, _MAX_COEFFICIENTS),
         tolerance=tolerance * length,
         relative_tolerance=max(tolerance, 1e-6),
         max_substeps=rest.max_substeps,
@@ -121,13 +126,9 @@ def measure_promise(seed: int, kinds: Sequence[str]) -> list[PromiseCase]:
         checked = np.array(_beside(shot, found, _CHECK, found, _FINER))
     named = {each for names in found.report.get("undefined", {}).values() for each in names}
     for k, placement in enumerate(shot.groom.feathers):
-        own = found.options[k]
-        is_finest = (own.rows, own.columns, own.coefficients) == _FINEST
         outcome = "kept" if reached[k] <= promised else "broken"
         if outcome == "broken" and checked[k] > promised:
             outcome = "undefined"
-        elif placement.kind.name in found.report.get("over_promised", {}) and not is_finest:
-            outcome = "broken"
         cases.append(
             PromiseCase(
                 seed=seed,
@@ -136,7 +137,6 @@ def measure_promise(seed: int, kinds: Sequence[str]) -> list[PromiseCase]:
                 promised=100.0 * promised,
                 reached=100.0 * float(reached[k]),
                 checked=100.0 * float(checked[k]),
-                measured=found.report.get("error_measured"),
                 outcome=outcome,
                 told=placement.id in named,
             )
@@ -155,7 +155,7 @@ def _beside(shot: Shot, found: FineRun, finer: int, one: FineRun, against: int =
     for f in range(len(shot.groom.feathers)):
         each = np.array([f])
         wanted = run(_finer(shot, found, finer, each))
-        own = FineRun({0: one.feathers[f]}, {0: one.points[f]}, {}, ())
+        own = FineRun({0: one.feathers[f]}, {0: one.points[f]}, 0.0, {}, ())
         if against != 1:
             own = run(_finer(shot, found, against, each))
         worst += errors(own, wanted)
