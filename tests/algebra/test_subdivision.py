@@ -6,21 +6,20 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.subdivision import (
-    Rules,
-    Sharp,
     estimate_cage_distance,
-    make_cage,
-    make_value_cage,
     measure_cage_distance,
     refine,
     refine_within,
 )
+from featherfx.algebra.subdivision_cage import Rules, Sharp, make_cage, make_value_cage
 from featherfx.groom.skin.skin import closest
 
 CUBE = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
 CORNERS = np.array([(x, y, z) for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 # a triangle, a pentagon and quads, two of them folded over an open border
 MIXED = [(0, 1, 2), (0, 2, 3, 4, 5), (2, 1, 6, 7), (3, 2, 7, 8), (4, 3, 8, 9)]
+# point 3 has two faces, which share both its edges
+POCKET = [(0, 1, 2, 3), (0, 3, 2, 4)]
 
 
 def cage(faces, size, **rules):
@@ -110,9 +109,10 @@ SHARP = {
 @pytest.mark.parametrize("name", SHARP)
 @pytest.mark.parametrize("smooth_triangles", [False, True])
 def test_limits_are_those_of_a_level_made_one_point_at_a_time(name, smooth_triangles):
-    creases, corners = SHARP[name]
+    creases, sharp = SHARP[name]
     random = np.random.default_rng(3)
-    for faces, size in ((CUBE, 8), (MIXED, 10)):
+    for faces, size in ((CUBE, 8), (MIXED, 10), (POCKET, 5)):
+        corners = {k: s for k, s in sharp.items() if k < size}
         points = random.normal(size=(size, 3))
         # the only face at a point makes it a corner
         lone = {k: np.inf for k in range(size) if sum(k in face for face in faces) == 1}

@@ -6,7 +6,8 @@ from pxr import Sdf, UsdGeom, Vt
 from regions_skin import SKIN, grown, region, roots
 from usdin_scenes import new_stage
 
-from featherfx.algebra.subdivision import Rules, make_cage, refine
+from featherfx.algebra.subdivision import refine
+from featherfx.algebra.subdivision_cage import Rules, make_cage
 from featherfx.errors import InputError, InputWarning
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import closest

@@ -11,8 +11,8 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 
 from featherfx.errors import Problem
 from featherfx.files.atomic_write import standing
-from featherfx.usd.read.animated_mesh import check_points
 from featherfx.usd.read.cached_feather import has_faces, read_members
+from featherfx.usd.read.mesh_topology import check_points
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.values import compute, fault
 from featherfx.usd.types import OutputError

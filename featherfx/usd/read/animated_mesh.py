@@ -17,12 +17,16 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from featherfx.algebra.interpolation import Knots, Maps, Stencil
-from featherfx.algebra.triangulation import triangulate
-from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.winding import orient
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import closest, is_flat
+from featherfx.usd.read.mesh_topology import (
+    list_topology_faults,
+    read_primvar,
+    read_topology,
+    read_triangles,
+)
 from featherfx.usd.read.skinning import SkinPose, explain_stillness, find_skinning
 from featherfx.usd.read.stage import (
     ScenePrim,
@@ -31,7 +35,6 @@ from featherfx.usd.read.stage import (
     describe_prims,
     find_prim,
     list_motion_times,
-    list_times,
     rest_time,
     transform_points,
 )
@@ -43,20 +46,10 @@ from featherfx.usd.read.subdivision import (
 )
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
-    EARLIEST_TIME,
-    INTEGER_ARRAY,
     PAIR_ARRAY,
     VECTOR_ARRAY,
-    describe_time,
     errors_at,
-    fault,
-    list_elements,
-    read_array,
-    read_flattened,
     read_sized_array,
-    read_text,
-    read_value,
-    to_numpy,
 )
 
 if TYPE_CHECKING:
@@ -362,7 +355,7 @@ def _open_checked(
 ) -> AnimatedMesh:
     prim, problems = mesh.GetPrim(), Problems()
     path = f"{prim.GetPath()}{{}} in {scene.path}: {{}}"
-    for attribute, message in _topology_faults(mesh):
+    for attribute, message in list_topology_faults(mesh):
         problems.add(place.source, place.key, path.format(f".{attribute}", message))
     with problems.collecting():
         check_transforms(scene, prim, place)
@@ -374,132 +367,3 @@ def _open_checked(
     if why and opened.is_still():
         warnings.warn(f"{scene.path}: {prim.GetPath()}: {why}", InputWarning, stacklevel=2)
     return opened
-
-
-def _topology_faults(mesh: Any) -> Iterator[tuple[str, str]]:
-    """(attribute, message) of everything that keeps a mesh from being followed."""
-    attributes = {
-        "faceVertexCounts": mesh.GetFaceVertexCountsAttr(),
-        "faceVertexIndices": mesh.GetFaceVertexIndicesAttr(),
-        "holeIndices": mesh.GetHoleIndicesAttr(),
-    }
-    values = {name: _changing(attribute) for name, attribute in attributes.items()}
-    for name, (_, changed) in values.items():
-        if changed is not None:
-            yield name, f"changes at time code {changed:g}. Topology has to stay the same"
-    counts, indices = values["faceVertexCounts"][0], values["faceVertexIndices"][0]
-    if counts is None or indices is None:
-        yield "faceVertexCounts" if counts is None else "faceVertexIndices", "has no value"
-        return
-    total, size = check_points(mesh.GetPointsAttr())
-    if total:
-        yield "points", total
-        return
-    if (counts < 3).any():
-        face = int(np.flatnonzero(counts < 3)[0])
-        yield "faceVertexCounts", f"face {face} has {counts[face]} sides, expects 3 at least"
-    elif counts.sum() != len(indices):
-        yield "faceVertexIndices", f"has {len(indices)}, the counts add up to {counts.sum()}"
-    elif len(indices) and (indices.min() < 0 or indices.max() >= size):
-        bad = int(indices[(indices < 0) | (indices >= size)][0])
-        yield "faceVertexIndices", f"{bad} is out of range. Give 0 to {size - 1}"
-    holes = values["holeIndices"][0]
-    if holes is not None and len(holes) and (holes.min() < 0 or holes.max() >= len(counts)):
-        bad = int(holes[(holes < 0) | (holes >= len(counts))][0])
-        yield "holeIndices", f"name face {bad} of {len(counts)}"
-
-
-def _changing(attribute: Any) -> tuple[Indices | None, float | None]:
-    """The first value of an integer array, and the time code at which another stands."""
-    known = None
-    for code in list_times(attribute):
-        value = read_array(attribute, code, INTEGER_ARRAY)
-        if known is None and value is not None:
-            known = value.astype(np.int64)
-        elif known is not None and (value is None or not np.array_equal(value, known)):
-            return known, code.GetValue()
-    return known, None
-
-
-def check_points(attribute: Any) -> tuple[str, int]:
-    """Return the first fault of the points of any sample (empty: none), and their number.
-
-    Every sample is read.
-    """
-    size = -1
-    for code in list_times(attribute):
-        where = describe_time(code)
-        points = read_array(attribute, code, VECTOR_ARRAY)
-        if points is None:
-            return f"has no value {where}", 0
-        if size not in (-1, len(points)):
-            return f"has {len(points)} points {where}, {size} before", 0
-        size = len(points)
-        # the sum of finite values is finite here, and one pass over them is enough
-        if not np.isfinite(points.sum(dtype=np.float64)):
-            return f"holds values that are not finite {where}", 0
-    return ("has no value", 0) if size < 0 else ("", size)
-
-
-def read_topology(mesh: Any) -> tuple[Indices, Indices]:
-    """(F,) counts of points of the faces, and the indices of all of them."""
-    counts = read_sized_array(mesh.GetFaceVertexCountsAttr(), EARLIEST_TIME, INTEGER_ARRAY)
-    indices = read_sized_array(mesh.GetFaceVertexIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
-    return counts.astype(np.int64), indices.astype(np.int64)
-
-
-class MeshTriangles(NamedTuple):
-    """Triangles (T, 3) of a mesh. places, face, closed, turned, border: as of AnimatedMesh."""
-
-    triangles: Indices
-    places: Indices
-    face: Indices
-    closed: Flags
-    turned: Flags
-    border: Flags
-
-
-def read_primvar(primvar: Any, kind: Any) -> tuple[Array, str, Indices | None] | None:
-    """Return the values (K, ...) of a primvar, its interpolation and its indices; None without.
-
-    kind: of values.to_numpy.
-    """
-    indexed = bool(primvar) and primvar.IsIndexed()
-    value = read_value(primvar.GetAttr(), EARLIEST_TIME) if indexed else None
-    by_corner = indexed and primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying
-    numbers = None
-    if by_corner and value is not None:
-        numbers = read_sized_array(primvar.GetIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
-        size = len(list_elements(value))
-        if len(numbers) and (numbers.min() < 0 or numbers.max() >= size):
-            raise fault(primvar.GetIndicesAttr(), f"is out of range. Give 0 to {size - 1}")
-        numbers = numbers.astype(np.int64)
-    else:
-        value = read_flattened(primvar, EARLIEST_TIME)
-    if value is None:
-        return None
-    values = to_numpy(list_elements(value), kind, primvar.GetAttr()).astype(np.float64)
-    return values, str(primvar.GetInterpolation()), numbers
-
-
-def read_triangles(
-    mesh: Any, faces: tuple[Indices, Indices, Indices], points: Array, mirrored: bool
-) -> MeshTriangles:
-    """Return the triangles of a mesh with sound topology, the outside counter-clockwise.
-
-    Those of holes are left out. faces: counts of corners, their points, and the faces of the mesh
-    that each is part of. points: (V, 3), at rest. mirrored: whether transforms turn windings round,
-    as a left-handed orientation does.
-    """
-    counts, indices, parent = faces
-    places, face = triangulate(counts, points[indices])
-    holes = read_sized_array(mesh.GetHoleIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
-    corners, face = indices[places], parent[face]
-    sound = (corners != np.roll(corners, 1, axis=1)).all(axis=1) & ~np.isin(face, holes)
-    places, face = places[sound], face[sound]
-    orientation = read_text(mesh.GetOrientationAttr(), EARLIEST_TIME)
-    if (orientation == UsdGeom.Tokens.leftHanded) != mirrored:
-        places = places[:, [0, 2, 1]]
-    triangles, closed, turned, border = orient(indices[places], points)
-    places = np.where(turned[:, None], places[:, [0, 2, 1]], places)
-    return MeshTriangles(triangles, places, face, closed, turned, border)

@@ -19,7 +19,7 @@ from featherfx.algebra.types import Floats, Indices
 from featherfx.errors import InputError, InputWarning
 from featherfx.feather.types import LEADING
 from featherfx.groom.looks import BarbLook, look_of
-from featherfx.usd.read.animated_mesh import read_topology
+from featherfx.usd.read.mesh_topology import read_topology
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,

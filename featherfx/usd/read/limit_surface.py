@@ -11,16 +11,12 @@ from pxr import UsdGeom
 
 from featherfx.algebra.subdivision import (
     MAX_REFINED_FACES,
-    Cage,
-    Rules,
-    Sharp,
     estimate_cage_distance,
-    make_cage,
-    make_value_cage,
     measure_cage_distance,
     refine,
     refine_within,
 )
+from featherfx.algebra.subdivision_cage import Cage, Rules, Sharp, make_cage, make_value_cage
 from featherfx.algebra.types import Array, Indices
 from featherfx.usd.read.values import (
     EARLIEST_TIME,

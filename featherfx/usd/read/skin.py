@@ -16,8 +16,9 @@ from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.skin.faults import skin_doubts
 from featherfx.provenance import StageRead, note_read
-from featherfx.usd.read.animated_mesh import AnimatedMesh, MeshOptions, read_primvar
+from featherfx.usd.read.animated_mesh import AnimatedMesh, MeshOptions
 from featherfx.usd.read.curves import is_curves, read_prim_curves
+from featherfx.usd.read.mesh_topology import read_primvar
 from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.skinning import find_joint_points
