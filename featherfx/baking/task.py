@@ -129,7 +129,8 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
         group=choose_group(options.group, len(every)),
         chunk=options.chunk or (CONTACT_CHUNK_FRAMES if shot.contact else CHUNK_FRAMES),
     )
-    settings = _settings(shot, frames, options)
+    origin = _find_origin(shot, frames)
+    settings = _settings(shot, frames, options) | {"origin": json.dumps(origin)}
     part, whole, numbers = _part(shot, options.feathers)
     refuse_too_large(part.groom, shot.quality, options, str(shot_path))
     refuse_unfit_form(part.groom, options, str(shot_path))
@@ -146,7 +147,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
         whole=whole,
         wanted=None if whole is part else numbers,
         taken=None,
-        origin=_origin(shot, frames),
+        origin=origin,
         dependences=Dependences(shot, numbers),
     )
 
@@ -217,7 +218,7 @@ def in_space(options: Options, groom: Groom, skin: BoundSkin | None) -> Options:
 
 
 def _settings(shot: Shot, frames: tuple[int, int], options: BakeOptions) -> dict[str, str]:
-    """Return all that the frames depend on, as texts."""
+    """Return all that the frames depend on but the origin, as texts."""
     written = {each.name for each in fields(WriteOptions)} - {"overwrite", "resume"}
     return {
         "version": __version__,
@@ -227,12 +228,11 @@ def _settings(shot: Shot, frames: tuple[int, int], options: BakeOptions) -> dict
         **{name: json.dumps(getattr(options, name)) for name in sorted(written)},
         "render grid": "{} x {}".format(*options.grid(shot.quality)),
         "barbs": str(options.barbs or "none"),
-        "origin": json.dumps(_origin(shot, frames)),
         **{f"shot.{key}": text for key, text in shot_settings(shot).items()},
     }
 
 
-def _origin(shot: Shot, frames: tuple[int, int]) -> tuple[float, float, float]:
+def _find_origin(shot: Shot, frames: tuple[int, int]) -> tuple[float, float, float]:
     """Return the origin of the root prim, beside the feathers from the first frame to the last.
 
     Warns where single precision is too coarse for the shortest feather even from there.
