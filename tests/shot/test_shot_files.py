@@ -133,13 +133,15 @@ stiffness = 100
         ('rotation = [0, 9, 0], order = "zyx"', "keyframes[1].order: is 'zyx' after 'xyz' of the"),
         ('rotation = [0, 9, 0], tangents = "auto"', "keyframes[1].tangents: 'auto' is not allowed"),
         ("rotation = [0, 1e6, 0]", "keyframes[1].rotation[1]: 1e+06 is out of range. Give -36000"),
+        ("rotation = [1, 0, 0, 0]", "keyframes[0].rotation: counts turns beside angles only"),
         ("time = 0, rotation = [0, 9, 0]", "keyframes[1].time: 0 s has a rotation of this joint"),
     ],
 )
 def test_faults_of_keyframes(tmp_path: Path, second: str, said: str) -> None:
     second = second if "time" in second else f"time = 1, {second}"
     second = second if "rotation" in second else f"{second}, rotation = [0, 0, 0]"
-    keys = f"[{{ time = 0, rotation = [0, 0, 0] }}, {{ {second} }}]"
+    first = [0, 0, 0] if "[1, 0, 0, 0]" not in second else [0, 270, 0]
+    keys = f"[{{ time = 0, rotation = {first} }}, {{ {second} }}]"
     shot = f'{SHOT}\n[motion]\nkind = "keys"\nkeyframes = {keys}\n'
     (problem,) = found(write(tmp_path, shot))
     assert problem.startswith(f"shot.toml: motion.{said}")

@@ -86,6 +86,7 @@ def _check_keyframes(
     joints = {joint.name for joint in groom.joints} if groom is not None else set()
     taken: set[tuple[str, str, float]] = set()
     orders: dict[str, str] = {}
+    by_quaternion = {each["joint"] for each in keyframes if len(each["rotation"] or ()) == 4}
     for index, frame in enumerate(keyframes):
         at = place.item(index)
         joint, time = frame["joint"], frame["time"]
@@ -104,6 +105,9 @@ def _check_keyframes(
             message = "are rates of one curve, but the keyframe holds position and rotation"
             at.child("tangents").fail(f"{message}. Make two keyframes of it")
         turns = rotation is not None and len(rotation) == 3
+        if turns and joint in by_quaternion and max(map(abs, rotation)) > 180.0:
+            message = "counts turns beside angles only, but another keyframe has a quaternion"
+            at.child("rotation").fail(f"{message}. Give angles, or at most 180 degrees")
         if turns and orders.setdefault(joint, frame["order"]) != frame["order"]:
             message = f"is '{frame['order']}' after '{orders[joint]}' of the same joint"
             at.child("order").fail(f"{message}. Give one order for all its keyframes")
