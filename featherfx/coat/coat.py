@@ -16,6 +16,7 @@ from featherfx.coat.fields import (
     CoatSpacing,
     Fields,
     Follicles,
+    find_headings,
     make_coat_mesh,
     make_fields,
 )
@@ -94,10 +95,8 @@ def grow_coat(
     mesh = make_coat_mesh(points, faces, follicles)
     rest = pose_carrier(mesh, points)
     fields = make_fields(mesh, rest, follicles, spacing)
-    normals = unit(follicles.corners(mesh, rest.normals[:, :3]))
-    heading = unit(follicles.heading - dots(follicles.heading, normals)[:, None] * normals)
     sides = np.linalg.pinv(_sides(rest, mesh, follicles.triangle))
-    own = np.einsum("fij,fj->fi", sides, heading)
+    own = np.einsum("fij,fj->fi", sides, find_headings(mesh, rest, follicles))
     values = follicles.corners(mesh, fields.phi)
     coat = Coat(mesh, rest, fields, follicles, own, values, np.zeros(len(values)))
     return replace(coat, depths=_find_depths(coat))
@@ -115,12 +114,11 @@ def _find_depths(coat: Coat) -> Array:
 class StackReport:
     """Result of the ties of a coat.
 
-    pairs: number of feathers that overlap, in pairs. moved: (F,) m, of the stacking values. shares:
-    (F,) of its gap that a feather has got.
+    pairs: number of feathers that overlap, in pairs. shares: (F,) of its gap that a feather has
+    got.
     """
 
     pairs: int
-    moved: Array
     shares: Array
 
 
@@ -135,8 +133,7 @@ def stack(coat: Coat, footprints: PlaneForms) -> tuple[Coat, StackReport]:
     gain = coat.follicles.corners(coat.mesh, fields.gain)
     found = fit_ties(coat.values, gain, gaps, overlaps)
     stacked = replace(coat, values=found.values)
-    report = StackReport(len(gaps), found.values - coat.values, found.shares)
-    return replace(stacked, depths=_find_depths(stacked)), report
+    return replace(stacked, depths=_find_depths(stacked)), StackReport(len(gaps), found.shares)
 
 
 def _find_bends(coat: Coat) -> Array:
@@ -168,7 +165,6 @@ def draw(
         directors=np.empty((count, rows, 2, 3)),
         feet=np.empty(shape, dtype=np.int64),
         places=np.empty(shape),
-        free=np.empty(count, dtype=np.bool_),
     )
     arrays, roots = coat.arrays(carrier, lift), coat.roots(carrier)
 

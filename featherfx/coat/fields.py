@@ -80,9 +80,9 @@ class Follicles(NamedTuple):
 class Fields(NamedTuple):
     """Fields at the V vertices of a skin.
 
-    phi, gain, thickness, lift, length: m. steepness: k of leaves. gap: in feather lengths. density:
-    1/m^2. strength: (T,) 0 to 1, how well headings around agree. growth: (F,) of phi along the
-    heading at each follicle.
+    phi, gain, thickness, lift, length: m. steepness: k of leaves. gap: in feather lengths.
+    strength: (T,) 0 to 1, how well headings around agree. growth: (F,) of phi along the heading at
+    each follicle.
     """
 
     phi: Array
@@ -92,7 +92,6 @@ class Fields(NamedTuple):
     steepness: Array
     gap: Array
     length: Array
-    density: Array
     strength: Array
     growth: Array
 
@@ -103,6 +102,12 @@ def make_coat_mesh(points: Array, faces: Indices, follicles: Follicles) -> CoatM
     mean = _Means(make_elements(points, faces), faces, np.full(len(faces), reach), follicles)
     length = mean(follicles.length)[faces].mean(axis=1)
     return make_mesh(points, faces, _CARRIER_REACH * length)
+
+
+def find_headings(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Array:
+    """Return (F, 3) unit, of rachises in the planes of the smoothed normals."""
+    normals = unit(follicles.corners(mesh, carrier.normals[:, :3]))
+    return np.asarray(unit(follicles.heading - dots(follicles.heading, normals)[:, None] * normals))
 
 
 class _Means:
@@ -134,8 +139,7 @@ def make_fields(
     reach = _MEAN_REACH * float(np.median(follicles.length))
     mean = _Means(elements, faces, np.full(len(faces), reach), follicles)
     length = mean(follicles.length)
-    normals = unit(follicles.corners(mesh, carrier.normals[:, :3]))
-    heading = unit(follicles.heading - dots(follicles.heading, normals)[:, None] * normals)
+    heading = find_headings(mesh, carrier, follicles)
     flow = mean(heading)[faces].mean(axis=1)
     flow = flow - dots(flow, elements.normals)[:, None] * elements.normals
     strength = np.minimum(np.linalg.norm(flow, axis=1), 1.0)
@@ -153,7 +157,6 @@ def make_fields(
         steepness=steepness,
         gap=gap,
         length=length,
-        density=mean.density,
         strength=strength,
         growth=growth,
     )

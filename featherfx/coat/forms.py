@@ -33,10 +33,6 @@ class PlaneForms(NamedTuple):
     sunk: Array
     bare: Array
 
-    def some(self, chosen: Array | slice) -> PlaneForms:
-        """Those of some feathers."""
-        return PlaneForms(*(each[chosen] for each in self))
-
 
 def make_plane_forms(nodes: Array, directors: Array, bare: Array) -> PlaneForms:
     """Measure plane forms of feathers at rest.

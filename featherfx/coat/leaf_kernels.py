@@ -19,7 +19,7 @@ from __future__ import annotations
 from math import cos, exp, sin, sqrt
 from typing import NamedTuple
 
-from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vector_kernels import (
     combined,
     cross,
@@ -71,14 +71,12 @@ class RootArrays(NamedTuple):
 
 class LeafArrays(NamedTuple):
     """F feathers as drawn. nodes: (F, n, 1 + 2 m, 3) m. directors: (F, n, 2, 3). feet: (F, n,
-    1 + 2 m) triangles beneath, and places: likewise, s. free: (F,) whether some of the rachis has
-    left the carrier."""
+    1 + 2 m) triangles beneath, and places: likewise, s."""
 
     nodes: Array
     directors: Array
     feet: Indices
     places: Array
-    free: Flags
 
 
 @kernel
@@ -300,7 +298,6 @@ def draw_feathers(carrier, roots, forms, numbers, drawn, low, high):
                 way = forms.steps[f, i]
                 foot, point = _advance(carrier, foot, p, point, way, drop, top - _MAX_FALL)
                 top = max(top, foot[6])
-        drawn.free[f] = foot[3]
 
 
 @kernel

@@ -125,13 +125,14 @@ class SkinLeaves:
         start, end = span
         step = _STEP_RATIO * (end - start)
         times = [end - q * step for q in range(3 if step > 0.0 else 1)]
-        carriers = [self._carrier(self._surface.points(time)) for time in times]
+        skin = [self._surface.points(time) for time in times]
+        carriers = [self._carrier(each) for each in skin]
         points, normals = (np.stack(each) for each in zip(*carriers, strict=True))
         skins, own = (points, normals, self._mesh.faces), (self._rest, self._turns)
         nodes, directors = (
             tuple(np.ascontiguousarray(each[k]) for each in given) for k in range(2)
         )
-        share = self._share(self._surface.points(end))
+        share = self._share(skin[0])
         before = [] if share is None else [each.copy() for each in (*nodes, *directors)]
         turns = tuple(np.ascontiguousarray(each.rotations) for each in roots)
 

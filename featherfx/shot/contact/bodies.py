@@ -55,7 +55,7 @@ class Bodies:
         ]
         self._depth = DEPTH * longest
         assert shot.contact is not None
-        self._skins = _skins(shot, feathers, longest) if shot.contact.skin else []
+        self._skins = _skins(shot, feathers) if shot.contact.skin else []
         self.count, self.begun = len(self._bodies) + len(self._skins), False
 
     def approach(self, states: Sequence[State], start: float, end: float, margin: float) -> bool:
@@ -122,11 +122,9 @@ def _contiguous(points: Array) -> Array:
     return np.ascontiguousarray(points, dtype=np.float64)
 
 
-def _skins(
-    shot: Shot, feathers: FeathersOver, least: float
-) -> list[tuple[TimedSurface, SkinMesh, Indices]]:
+def _skins(shot: Shot, feathers: FeathersOver) -> list[tuple[TimedSurface, SkinMesh, Indices]]:
     """The surfaces of a shot's skin, and which triangle each node is over (Ground.under). Ribbons
-    along bones are no bodies. least: m, of a cut."""
+    along bones are no bodies."""
     found = []
     if shot.skin is None:
         return []
