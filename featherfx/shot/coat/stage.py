@@ -44,10 +44,12 @@ class CoatStage(Stage):
                 found = SkinLeaves(surface, placements, [run.drawn[f] for f in some], some)
                 if len(found.members):
                     self._leaves.append(found)
-        plain = undirected_motion(shot)
-        whole: Roots = RunUpRoots(plain, shot.run_up) if shot.run_up.duration else plain
-        clock = StageClock(0.0, 1.0, shot.frames_per_second, shot.frame_cuts)
-        self._motion = CutRoots(whole, clock)
+        self._motion: Roots = run.motion
+        if shot.channels:  # which turn feathers on their leaves
+            plain = undirected_motion(shot)
+            whole: Roots = RunUpRoots(plain, shot.run_up) if shot.run_up.duration else plain
+            clock = StageClock(0.0, 1.0, shot.frames_per_second, shot.frame_cuts)
+            self._motion = CutRoots(whole, clock)
 
     def _may_lie(self) -> Flags:
         """(F,) feathers that nothing but skin, loads and guides moves."""
