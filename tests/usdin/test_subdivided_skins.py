@@ -8,6 +8,7 @@ from usdin_scenes import new_stage
 
 from featherfx.algebra.subdivision import refine
 from featherfx.algebra.subdivision_cage import Rules, make_cage
+from featherfx.api import read_shot
 from featherfx.errors import InputError, InputWarning
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import closest
@@ -74,6 +75,23 @@ def test_roots_grow_on_the_surface_that_is_drawn(tmp_path, scheme):
         flat = roots(grown(tmp_path, region(keys="count = 60\nlength = 0.02"), skin=skin))
     cage = points[np.concatenate([faces[:, [0, k, k + 1]] for k in range(1, faces.shape[1] - 1)])]
     assert distances(flat, cage).max() < 1e-7
+
+
+@pytest.mark.parametrize("key", ["", "subdivision = true\n"])
+def test_a_collider_is_the_surface_that_is_drawn_unless_its_cage_is_chosen(tmp_path, key):
+    write(tmp_path, BOX, CUBE)
+    (tmp_path / "groom.toml").write_text(
+        'name = "g"\n[[feather]]\nid = "f"\nkind = "covert"\nposition = [1, 0, 0]\n'
+    )
+    table = '[contact]\n[[collider]]\nusd = "skin.usda"\nprims = ["/skin"]\n'
+    shot = f'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n{table}'
+    (tmp_path / "shot.toml").write_text(shot + key)
+    (drawn,) = read_shot(tmp_path / "shot.toml").colliders
+    assert distances(drawn.surface.rest, limit(BOX, CUBE, 5)).max() < 1e-4
+    (tmp_path / "shot.toml").write_text(f"{shot}subdivision = false\n")
+    with pytest.warns(InputWarning, match="the cage, which is taken"):
+        (flat,) = read_shot(tmp_path / "shot.toml").colliders
+    np.testing.assert_allclose(flat.surface.rest, BOX, atol=1e-7)
 
 
 def test_creases_corners_and_holes_are_those_of_the_mesh(tmp_path):

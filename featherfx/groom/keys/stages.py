@@ -19,9 +19,9 @@ SURFACE_KEYS = {
         "Whether a mesh is the subdivided surface that renderers draw, or its cage.",
         True,
     ),
-    "uv": Key(Text(), "Primvar of the mesh that holds texture coordinates.", "st"),
 }
 PICTURE_KEYS = {
+    "uv": Key(Text(), "Primvar of the mesh that holds texture coordinates.", "st"),
     "wrap": Key(
         Text(("black", "clamp", "repeat", "mirror")),
         "Pictures outside of 0 to 1: 0, their edge, again, or again turned round. A name with "

@@ -76,7 +76,8 @@ class MeshOptions(NamedTuple):
 
     rest: time code of the rest pose; None: the bind pose of a skinned mesh, the default values or,
     where there are none, the first samples of any other. subdivision: whether the surface is the
-    one that a renderer draws, not the cage. uv: the primvar that holds texture coordinates.
+    one that a renderer draws, not the cage. uv: the primvar that holds texture coordinates, empty
+    for none.
     """
 
     rest: float | None = None
@@ -124,7 +125,7 @@ class AnimatedMesh(ScenePrim):
         sound = ~is_flat(self.rest, found.triangles)
         self.triangles, self.places, self.face = (each[sound] for each in found[:3])
         self.closed, self.border = found.closed[sound], found.border[sound]
-        self.uv, self.st = options.uv, self._read_uv(options.uv)
+        self.uv, self.st = options.uv, self._read_uv(options.uv) if options.uv else None
 
     def _begin(self, scene: SourceScene, prim: Any, skinning: Any, rest: float | None) -> None:
         """The pose at rest of a prim that skinning moves (None: its own points)."""

@@ -70,7 +70,7 @@ def open_meshes(
     if entry.get("collection") is not None:
         with problems.collecting():
             paths |= dict.fromkeys(_by_collection(scene, entry, left, place), place)
-    options = MeshOptions(entry.get("rest"), entry["subdivision"], entry["uv"])
+    options = MeshOptions(entry.get("rest"), entry["subdivision"], entry.get("uv", ""))
     opened = []
     for each, at in paths.items():
         with problems.collecting():
