@@ -352,7 +352,7 @@ class Placement:
     rank: place in the order of the stacking values of its coat, a higher one over a lower; -1
         without a leaf.
     stack: within a region's layer, a higher stack lies over a lower one; 0: where roots lie tells.
-    grown: whether a layout may shorten or drop it, as what regions make.
+    grown: whether a region makes it, so that it may grow in a coat.
     turning: how the root turns where it does not go with its joint alone.
     leaf: its leaf in the groom's coat (feather/leaves.py), None: its shape is that of its kind.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
@@ -115,6 +116,7 @@ class Mouth(Board):
     """A closed box of a metre above the wing that is around all of it two frames later."""
 
     triangles = np.asarray(BOX.faces)
+    closed = np.ones(len(BOX.faces), dtype=bool)
     face = np.zeros(len(BOX.faces), dtype=np.int64)
     rest = np.asarray(BOX.vertices) + np.array([0.0, -0.4, 1.0])
 
@@ -125,8 +127,10 @@ class Mouth(Board):
 @pytest.mark.slow
 def test_a_body_that_swallows_a_wing_ends_with_names_and_not_the_shot():
     shot = replace(half_wing(coarse_bird()), motion=HELD, colliders=timed(Mouth()))
-    with pytest.warns(InputWarning, match=r"'right_primary_\d+' .*contacts yielded"):
+    with pytest.warns(InputWarning, match=r"'right_primary_\d+' .*contacts yielded") as told:
         frames, failed = outcome(shot, 4)
+    names = [name for each in told for name in re.findall(r"feather '(\w+)'", str(each.message))]
+    assert len(names) == len(set(names))
     assert len(frames) == 4
     assert failed is None
 

@@ -141,6 +141,7 @@ class ShotContact:
         self._rules = self._step_rules(own[0].max_substeps)
         self._pace = StepPacing()
         self._unresolved: list[dict[str, Any]] = []
+        self._yielded = np.zeros(len(self.names), dtype=np.bool_)
 
     def _step_rules(self, substeps: int) -> StepRules:
         return StepRules(
@@ -203,7 +204,9 @@ class ShotContact:
             self.tally.repeated += done.tries
             parts.append(reports)
         self._pace = steps.pace
-        _warn_of(steps.tired(), self.names, start)
+        tired = steps.tired()
+        _warn_of(tired & ~self._yielded, self.names, start)
+        self._yielded |= tired
         return current, [_summed(batch) for batch in zip(*parts, strict=True)]
 
     def _meet(self, states: Sequence[State], paths: Sequence[RootPath], duration: float) -> None:
@@ -269,6 +272,7 @@ class ShotContact:
             "steps": tally.intervals,
             "repeated_steps": tally.repeated,
             "steps_with_contacts_off": tally.forced,
+            "feathers_whose_contacts_yielded": int(np.count_nonzero(self._yielded)),
             "shortest_step": tally.shortest if tally.intervals else 0.0,
             "mean_rounds": tally.rounds / max(tally.intervals, 1),
             "feather_solves": tally.solves,
@@ -333,7 +337,7 @@ def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
 
 
 def _warn_of(tired: Flags, names: Sequence[str], time: float) -> None:
-    """Say which feathers (B,) had contacts that yielded in the frame from a time (s) on."""
+    """Warn of feathers (B,) whose contacts yield first in the frame from a time (s) on."""
     if tired.any():
         more = f" and {int(tired.sum()) - 1} more" if tired.sum() > 1 else ""
         warnings.warn(

@@ -169,7 +169,7 @@ class ContactGroup:
 _SUMMED = (
     "nodes_grown_into_bodies", "obstacles", "pairs", "ordered_pairs", "most_contacts", "steps",
     "repeated_steps", "steps_with_contacts_off", "feather_solves", "unresolved_pairs",
-    "crossed_pairs",
+    "crossed_pairs", "feathers_whose_contacts_yielded",
 )  # fmt: skip
 
 

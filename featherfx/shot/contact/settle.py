@@ -62,10 +62,9 @@ MAX_ITERATIONS = 4000
 # pairs named in a warning
 _MAX_NAMED = 3
 # what helps where feathers have no room
-HELP = (
-    "in the groom, [layout] least_size = 0.6 and drop = 0.001 shorten or leave out feathers of"
-    " regions that find no room, and most_tilt and most_lift let them move; or [contact] kinds or"
-    " regions name only what has to push"
+_HELP = (
+    "in the groom, a larger thickness in [layout] gives feathers of regions more room; or let kinds"
+    " or regions in [contact] name only what has to push"
 )
 
 
@@ -316,4 +315,4 @@ def warn_of_unsettled(
             for pair in deep[:_MAX_NAMED]
         )
         said += f". They begin in each other, still {', '.join(pairs)}"
-    warnings.warn(f"{said}: {HELP}", InputWarning, stacklevel=2)
+    warnings.warn(f"{said}: {_HELP}", InputWarning, stacklevel=2)
