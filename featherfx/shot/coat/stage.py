@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +36,7 @@ class CoatStage(Stage):
         """Find the feathers that keep a leaf, with their feet."""
         run, shot = self.run, self.run.shot
         self._leaves: list[SkinLeaves] = []
+        self._without: list[str] = []
         assert shot.skin is not None
         chosen = run.wanted[self._may_lie()[run.wanted]]
         for surface, own in surfaces_under(shot.skin, chosen, shot.run_up):
@@ -42,6 +44,9 @@ class CoatStage(Stage):
                 some = chosen[own]
                 placements = [shot.groom.feathers[f] for f in some]
                 found = SkinLeaves(surface, placements, [run.drawn[f] for f in some], some)
+                self._without += [
+                    shot.groom.feathers[f].id for f in np.setdiff1d(some, found.members)
+                ]
                 if len(found.members):
                     self._leaves.append(found)
         self._motion: Roots = run.motion
@@ -81,3 +86,7 @@ class CoatStage(Stage):
             drawn = [each.each() for each in leaves.follow(given, roots, span, self.run.jobs)]
             for f, pose, *values in zip(members.tolist(), before, *drawn, strict=True):
                 poses[f] = replace(pose, **dict(zip(_RATES, values, strict=True)))
+
+    def report(self) -> dict[str, Any]:
+        """Ids of feathers that stand off the skin, and are written as they were simulated."""
+        return {"without_leaf": self._without} if self._without else {}
