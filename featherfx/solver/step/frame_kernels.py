@@ -104,7 +104,7 @@ _RATE_CHANGE_WEIGHT = 0.5
 
 
 @kernel
-def _go_on(model, f, attempt, state, work):
+def _extrapolate(model, f, attempt, state, work):
     """Predict the end of a step to work.now: the last step's rates go on, and so does a part of
     their change; stretches stay.
 
@@ -167,7 +167,7 @@ def _place(model, f, path, attempt, state, work):
         same_sign(before, now.rotation[0])
         _follow_root(model.length[f], before, now)
     else:
-        _go_on(model, f, attempt, state, work)
+        _extrapolate(model, f, attempt, state, work)
 
 
 @kernel
@@ -208,7 +208,7 @@ def _goal_of(model, f, attempt, settings):
 
 
 @kernel
-def _together(before, solved):
+def _add_work(before, solved):
     """Return the NewtonResult of the last of two solves, with the work of both."""
     iterations, matrices = before.iterations + solved.iterations, before.matrices + solved.matrices
     return NewtonResult(solved.status, iterations, matrices, solved.move, solved.pace)
@@ -227,9 +227,9 @@ def _aim_at_part(part, state, f, around):
 
 
 @kernel
-def _in_parts(model, loads, f, path, attempt, state, settings, work):
-    """Solve a step to work.now as _try does, from the pose before it, with its inertia and the way
-    of its root put on in parts; returns what minimise does of the last one, with all work."""
+def _attempt_in_parts(model, loads, f, path, attempt, state, settings, work):
+    """Solve a step as _attempt_step does, from the pose before it, with inertia and the way of the
+    root put on in parts; returns what minimise does of the last one, with all work."""
     now, around = work.now, work.around
     before, factors = work.trial.rotation[0], _predict(model, loads, f, path, attempt, state, work)
     load_pose(model, f, state, now)
@@ -250,22 +250,22 @@ def _in_parts(model, loads, f, path, attempt, state, settings, work):
             _aim_at_part(share, state, f, around)
             tolerance = max(tolerance, _PART_TOLERANCE_RATIO * settings.coarse)
         goal = NewtonGoal(tolerance, attempt.limit, UNKNOWN_CONVERGENCE, True)
-        solved = _together(solved, minimise(model, loads, f, fraction, factors, goal, work))
+        solved = _add_work(solved, minimise(model, loads, f, fraction, factors, goal, work))
         if solved.status not in (CONVERGED, NOT_CONVERGED):
             break
     return solved
 
 
 @kernel
-def _try(model, loads, f, path, attempt, state, settings, work):
+def _attempt_step(model, loads, f, path, attempt, state, settings, work):
     """Solve a step to work.now and check it; returns its Outcome."""
     h, radius, now, around = attempt.h, attempt.spectral_radius, work.now, work.around
     factors = _predict(model, loads, f, path, attempt, state, work)
     goal = _goal_of(model, f, attempt, settings)
     solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
     if solved.status != CONVERGED and attempt.parts > 0:
-        again = _in_parts(model, loads, f, path, attempt, state, settings, work)
-        solved = _together(solved, again)
+        again = _attempt_in_parts(model, loads, f, path, attempt, state, settings, work)
+        solved = _add_work(solved, again)
     error = step_error(
         radius, h, motion_of(state, f, NODE_POINTS), now.points.nodes, around.target.nodes
     )
@@ -348,7 +348,7 @@ def advance_feather(model, loads, f, path, state, settings, work, report):
         attempt = Attempt(
             step, floor, fraction, way, radius, limit, promise, pace, bend, allowed, parts
         )
-        outcome = _try(model, loads, f, path, attempt, state, settings, work)
+        outcome = _attempt_step(model, loads, f, path, attempt, state, settings, work)
         verdict, h, way = judge_attempt(h, EXTRAPOLATE, attempt, outcome, settings)
         count_attempt(report, f, verdict, attempt, outcome, settings)
         left, found = left - attempt_work(outcome), outcome.pace
