@@ -15,7 +15,8 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.feather.build import build_feather, distinct_shapes, scale_feather
 from featherfx.feather.density import carry_motion, density_map, with_detail
 from featherfx.feather.overlap import segment_distance, shingle_pairs, strips_of
-from featherfx.feather.shapes import build_feathers, build_plane_feathers
+from featherfx.feather.placed_feathers import build_feathers
+from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import RowPoints
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import Change, adjusted, kind_of

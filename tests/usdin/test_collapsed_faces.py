@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom
 from usdin_scenes import add_mesh, new_stage, rigid, sheet, vec, write_shot
 
 import featherfx
-from featherfx.baking.task import _origin
+from featherfx.baking.task import _find_origin
 from featherfx.errors import InputError, InputWarning
 
 SKIN = 'usd = "skin.usda"\nprim = "/skin"\n'
@@ -109,4 +109,4 @@ def test_feathers_that_single_precision_misses_are_told(tmp_path):
         file.write("[[feather]]" + far.replace(str(PLACE.tolist()), "[4000, 0, 0]"))
     shot = featherfx.read_shot(write_shot(tmp_path, None, (1, 2), groom="g.toml"))
     with pytest.warns(InputWarning, match="up to 2e[+]03 m from the origin of the cache"):
-        assert _origin(shot, (1, 2)) == (2000.0, 0.0, 0.0)
+        assert _find_origin(shot, (1, 2)) == (2000.0, 0.0, 0.0)
