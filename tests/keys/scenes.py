@@ -921,6 +921,7 @@ ELSEWHERE = {
     "region.density": "tests/usdin/test_plumage_regions.py",
     "region.blend": "tests/usdin/test_plumage_regions.py",
     "region.layer": "tests/feather/test_layout.py",
+    "ids_from": "tests/usdin/test_lasting_ids.py",
     "row.layer": "tests/feather/test_layout.py",
     "region.joint": "tests/usdin/test_plumage_regions.py",
     "region.variants": "tests/usdin/test_plumage_regions.py",

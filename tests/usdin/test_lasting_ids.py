@@ -7,7 +7,10 @@ from pxr import Gf, UsdGeom, Vt
 from scipy.spatial.transform import Rotation
 from usdin_scenes import new_stage
 
+from featherfx import export_groom
 from featherfx.api import read_groom
+from featherfx.errors import InputError
+from featherfx.provenance import listen_to_reads
 
 TURN = Rotation.from_euler("xyz", [0.3, 0.5, 1.0]).as_matrix()
 WAY = np.array([1.234, -0.567, 0.891])
@@ -29,7 +32,7 @@ def ball():
     return points * (1.0 + 0.2 * np.sin(20.0 * points[:, 1:2])) * (1.0, 0.7, 1.2), mesh.faces
 
 
-def published(folder, points, faces, *, density=3000, matrix=None):
+def published(folder, points, faces, *, density=3000, matrix=None, keys=""):
     """Roots of a region by their ids."""
     folder.mkdir()
     stage = new_stage(folder / "skin.usda", 1.0)
@@ -45,7 +48,7 @@ def published(folder, points, faces, *, density=3000, matrix=None):
     (folder / "groom.toml").write_text(
         "name = 'g'\n[skin]\nusd = 'skin.usda'\nprim = '/body/skin'\n[[region]]\nid = 'r'\n"
         f"kind = 'covert'\ndensity = {density}\nlength = 0.02\n"
-        "flow = { direction = [1, 1, 0.1] }\n"
+        f"flow = {{ direction = [1, 1, 0.1] }}\n{keys}"
     )
     found = read_groom(folder / "groom.toml").feathers
     return {feather.id: np.array(feather.position) for feather in found}
@@ -127,3 +130,44 @@ def test_a_corner_that_is_moved_moves_the_feathers_at_it_alone(tmp_path, shape, 
     assert 0 < len(changed) < 0.15 * len(first)
     # beside the faces at it, a feather may have made room for another
     assert max(changed) < 2.2 * reach
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_feathers_take_the_ids_of_those_that_stood_at_their_places(tmp_path):
+    points, faces = ball()
+    first = published(tmp_path / "first", points, faces)
+    before = tmp_path / "before.usdc"
+    export_groom(tmp_path / "first" / "groom.toml", before, quality="draft")
+    kept, reads = f"ids_from = '{before}'\n", []
+    spacing = (0.5 / 3000) ** 0.5
+    for name, keys in {"same": kept, "others": "seed = 9\n" + kept}.items():
+        with listen_to_reads(reads.append):
+            found = published(tmp_path / name, points, faces, keys=keys)
+        told, stay = reads[-1], found.keys() & first.keys()
+        assert (told.role, told.taken) == ("kept id", len(stay))
+        assert {each.path for each in told.left} == first.keys() - found.keys()
+        assert f"{len(found.keys() - first.keys())} new" in told.motion
+        away = [np.linalg.norm(found[key] - first[key]) for key in stay]
+        assert len(stay) > 0.8 * len(first)
+        assert max(away) < 2.0 * spacing
+    assert 0 < len(stay) < len(first)
+    moved = published(tmp_path / "moved", points + WAY, faces, keys=kept)
+    assert moved.keys() == first.keys()
+    denser = published(tmp_path / "denser", points, faces, density=3300, keys=kept)
+    assert denser.keys() > first.keys()
+    assert all(np.abs(denser[key] - root).max() < 1e-6 for key, root in first.items())
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_ids_come_from_meshes_and_those_of_another_region_are_refused(tmp_path):
+    points, faces = sheet()
+    first = published(tmp_path / "first", points, faces, density=500)
+    groom, before = tmp_path / "first" / "groom.toml", tmp_path / "before.usdc"
+    export_groom(groom, before, quality="draft", instances=False)
+    kept = f"ids_from = '{before}'\n"
+    order = np.random.default_rng(2).permutation(len(faces))
+    again = published(tmp_path / "again", points, faces[order], density=500, keys=kept)
+    assert again.keys() == first.keys()
+    groom.write_text(groom.read_text().replace("id = 'r'", f"id = 'other'\n{kept}"))
+    with pytest.raises(InputError, match="holds no feather of region 'other', known: r"):
+        read_groom(groom)

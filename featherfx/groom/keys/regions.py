@@ -142,6 +142,12 @@ REGION_KEYS = {
         "drawn by their shares.",
     ),
     "prim": Key(Text(), "Path of the mesh; default: that of [skin].", None),
+    "ids_from": Key(
+        Text(),
+        "USD file of an earlier groom or cache, beside the groom: a feather takes the id of the "
+        "one of its region that stood nearest, within their distance from each other.",
+        None,
+    ),
     "where": Key(
         ArrayOf(Table(WHERE_KEYS), 0, 100),
         "How much of the region there is at a place, 0 to 1: the product of all rules; without any "

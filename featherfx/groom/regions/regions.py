@@ -20,7 +20,7 @@ from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.read.drafts import Draft
-from featherfx.groom.read.readers import GroomReaders, SkinsReader
+from featherfx.groom.read.readers import DrawnFeather, GroomReaders
 from featherfx.groom.read.space import Space
 from featherfx.groom.regions.drape import SkinBends, laid_along
 from featherfx.groom.regions.kinds import (
@@ -30,6 +30,7 @@ from featherfx.groom.regions.kinds import (
     region_kinds,
     shapes,
 )
+from featherfx.groom.regions.previous_ids import read_previous, take_ids
 from featherfx.groom.regions.rules import (
     GroomSkin,
     Presence,
@@ -110,7 +111,7 @@ def grow_regions(
         return (), None
     if parts["layout"] is not None:
         entries = [(own, _unbent(entry)) for own, entry in entries]
-    return _region_drafts(skin, entries, at, store, readers.skin, space)
+    return _region_drafts(skin, entries, at, store, readers, space)
 
 
 def _unbent(entry: dict[str, Any]) -> dict[str, Any]:
@@ -124,7 +125,7 @@ def _region_drafts(
     entries: Sequence[tuple[Place, dict[str, Any]]],
     place: Place,
     store: KindStore,
-    read: SkinsReader,
+    readers: GroomReaders,
     space: Space,
 ) -> tuple[tuple[Draft, ...], Array | None]:
     """The drafts of all [[region]]s and the corners (T, 3, 3) m of their meshes.
@@ -140,7 +141,7 @@ def _region_drafts(
             paths.setdefault(entry["prim"], at.child("prim"))
     sources: dict[str, SkinSource] = {}
     with place.problems.collecting():
-        sources = read(skin, paths, folder, place)
+        sources = readers.skin(skin, paths, folder, place)
     for path, source in sources.items():
         if source.is_ribbon:
             paths[path].fail(f"{path} is no Mesh, on which alone regions grow")
@@ -152,11 +153,13 @@ def _region_drafts(
     for path, each in skins.items() if skin["colours"] else ():
         with place.problems.collecting():
             colours[path] = painted_colours(skin["colours"], each, place.child("colours"))
-    regions = []
+    regions, previous = [], []
     for at, entry in entries:
         with place.problems.collecting():
             path = entry["prim"] or skin["prim"]
             regions.append(_region(entry, at, skins[path], store, colours.get(path)))
+        with place.problems.collecting():
+            previous.append(read_previous(entry, folder, at, readers.feathers))
     counts = [_count(region) for region in regions]
     _check_total(regions, counts, skin["max_feathers"], place)
     if len(place.problems) > count:
@@ -164,8 +167,9 @@ def _region_drafts(
     surfaces = [each.surface for each in skins.values()]
     drafts: list[Draft] = []
     with phase("growing", sum(counts)) as done:
-        for region, wanted, grown in zip(regions, counts, accumulate(counts), strict=True):
-            drafts += _grown(region, wanted, regions, region.entry["prim"] or "")
+        totals = accumulate(counts)
+        for region, wanted, earlier, grown in zip(regions, counts, previous, totals, strict=True):
+            drafts += _grown(region, wanted, regions, earlier)
             done(grown)
     return tuple(drafts), np.concatenate([surface.corners for surface in surfaces])
 
@@ -221,7 +225,10 @@ def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, a
     )
 
 
-def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -> list[Draft]:
+def _grown(
+    region: _Region, count: int, regions: Sequence[_Region], previous: Sequence[DrawnFeather]
+) -> list[Draft]:
+    """The drafts of a region. previous: feathers whose ids they take, none to have their own."""
     entry = region.entry
     found = _scattered(region, count)
     points = found.points
@@ -238,6 +245,9 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     points = found.points
     if len(points) == 0:
         return []
+    ids = [_name(entry, number) for number in found.number]
+    if previous:
+        found, ids = take_ids(entry, found, previous, ids)
     own = region.kinds.drawn(points, entry["seed"], found.number)
     blend = _blended(region, [r for r in regions if r.surface is region.surface], points, own)
     mixtures = blend.pop("mixtures")
@@ -258,7 +268,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     paint = None if region.colours is None else region.colours(points).clip(0.0, 1.0)
     return [
         Draft(
-            id=_name(entry, found.number[k]),
+            id=ids[k],
             choice=region.kinds.choices[own[k]],
             position=points.position[k],
             rotation=rotations[k],
@@ -269,7 +279,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
             width=float(width[k]),
             roll=float(entry["roll"] + draws["roll"][k]),
             place=region.place,
-            skin=prim,
+            skin=entry["prim"] or "",
             curl=float(curl[k]),
             hollow=float(hollow[k]),
             layer=entry["layer"],
