@@ -10,16 +10,22 @@ from __future__ import annotations
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import dots, face_products
+from featherfx.algebra.vectors import cross_columns, dots, triangle_edges
 
 # of a polygon's area: a triangle with less, or turned round, is none of it
 _MIN_AREA_RATIO = 1e-9
+# of a quadrangle
+_OTHER_DIAGONAL = np.array([[1, 2, 3], [3, 0, 1]])
 
 
-def triangulate(counts: Indices, corners: Array) -> tuple[Indices, Indices]:
-    """Return (T, 3) places in the list of corners and (T,) faces, in the order of the faces.
+def triangulate(
+    counts: Indices, indices: Indices, points: Array
+) -> tuple[Indices, Indices, Array]:
+    """Return triangles of polygons: (T, 3) places in the list of corners, and (T,) faces, in their
+    order; and (F, 3) normals of the faces, twice their area long.
 
-    counts: (F,) corners of each face. corners: (C, 3), of all faces. Windings stay as they are.
+    counts: (F,) corners of each face. indices: (C,) of these among points (V, 3). Windings stay as
+    they are.
     """
     cuts = np.maximum(counts - 2, 0)
     face = np.repeat(np.arange(len(counts)), cuts)
@@ -29,31 +35,27 @@ def triangulate(counts: Indices, corners: Array) -> tuple[Indices, Indices]:
     places[:, 0] = starts[face]
     places[:, 1] = places[:, 0] + np.arange(1, len(face) + 1) - first[face]
     places[:, 2] = places[:, 1] + 1
-    if counts.max(initial=0) <= 3:
-        return places, face
-    products = face_products(corners[places])
+    products = cross_columns(*triangle_edges(points, indices[places]))
+    normals = np.stack([np.bincount(face, axis, len(counts)) for axis in products], axis=1)
+    products = products.T
     # in a plane, triangles that face as the first one does are those of a fan that fits
-    facing = dots(products, products[first[face]])
-    is_suspect = np.zeros(len(counts), dtype=np.bool_)
-    is_suspect[face[facing <= 0.0]] = True
-    is_suspect &= counts > 3
-    if not is_suspect.any():
-        return places, face
-    own = is_suspect[face]
-    areas = np.stack(
-        [np.bincount(face[own], axis, len(counts)) for axis in products[own].T], axis=1
-    )
-    squares = np.einsum("fc,fc->f", areas, areas)
-    inside = dots(products[own], areas[face[own]])
-    leaving = (inside <= _MIN_AREA_RATIO * squares[face[own]]) & (squares[face[own]] > 0.0)
-    some = np.unique(face[own][leaving])
-    for count in np.unique(counts[some]).tolist():
-        alike = some[counts[some] == count]
-        own = starts[alike][:, None] + np.arange(count)
-        flat = _flatten(corners[own], areas[alike])
-        ears = starts[alike][:, None, None] + _cut_ears(flat)
-        places[first[alike][:, None] + np.arange(count - 2)] = ears
-    return places, face
+    suspects = np.unique(face[dots(products, products[first[face]]) <= 0.0])
+    for count in set(counts[suspects].tolist()) - {3}:
+        alike = suspects[counts[suspects] == count]
+        fans = products[first[alike][:, None] + np.arange(count - 2)]
+        areas = normals[alike]
+        squares = dots(areas, areas)
+        inside = np.einsum("ftc,fc->ft", fans, areas).min(axis=1)
+        leaving = (inside <= _MIN_AREA_RATIO * squares) & (squares > 0.0)
+        alike, areas = alike[leaving], areas[leaving]
+        if not len(alike):
+            continue
+        ears = _OTHER_DIAGONAL
+        if count > 4:
+            own = starts[alike][:, None] + np.arange(count)
+            ears = _cut_ears(_flatten(points[indices[own]], areas))
+        places[first[alike][:, None] + np.arange(count - 2)] = starts[alike][:, None, None] + ears
+    return places, face, normals
 
 
 def _flatten(polygons: Array, normals: Array) -> Array:

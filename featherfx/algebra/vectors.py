@@ -20,7 +20,21 @@ def dots(first: Array, second: Array | Indices) -> Array:
     return np.asarray(np.einsum("nk,nk->n", first, second))
 
 
+def cross_columns(first: Array, second: Array) -> Array:
+    """(3, N) cross products of the columns of (3, N)."""
+    (x, y, z), (u, v, w) = first, second
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u])
+
+
+def triangle_edges(points: Array, triangles: Indices) -> tuple[Array, Array]:
+    """(3, T), (3, T) ways from the first corners of triangles (T, 3) of points (V, 3) to the
+    second and third ones."""
+    columns = np.ascontiguousarray(points.T)
+    a, b, c = (columns.take(corner, axis=1) for corner in np.ascontiguousarray(triangles.T))
+    return b - a, c - a
+
+
 def face_products(corners: Array) -> Array:
     """(T, 3) normals of triangles (T, 3, 3), twice their area long."""
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return np.cross(first, second)
+    a, b, c = (corners[:, k].T for k in range(3))
+    return cross_columns(b - a, c - a).T

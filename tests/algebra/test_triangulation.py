@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from featherfx.algebra.triangulation import triangulate
+from featherfx.algebra.triangulation import triangulate as triangulate_faces
+
+
+
+def triangulate(counts, corners):
+    return triangulate_faces(counts, np.arange(len(corners)), corners)[:2]
+
 
 ARROW = [(0.4, 0.0), (0.2, -0.1), (0.0, 0.0), (0.2, -0.3)]
 HOUSE = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import dots, face_products
+from featherfx.algebra.vectors import cross_columns, dots, face_products, triangle_edges
 from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.field import TurnField, search_tree, size_classes, turn_field
 
@@ -75,13 +75,11 @@ class Binding:
 
 def is_flat(points: Array, triangles: Indices) -> Flags:
     """(T,) whether triangles have no area to speak of. points: (V, 3), triangles: (T, 3)."""
-    a, b, c = (points[corner].T for corner in triangles.T)
-    (x, y, z), (u, v, w), (p, q, r) = b - a, c - a, c - b
-    longest = np.maximum(x * x + y * y + z * z, u * u + v * v + w * w)
-    longest = np.maximum(longest, p * p + q * q + r * r)
-    normal = y * w - z * v, z * u - x * w, x * v - y * u
-    area = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-    flat = area <= _THINNEST * longest
+    first, second = triangle_edges(points, triangles)
+    edges = first, second, second - first, cross_columns(first, second)
+    one, other, third, doubled = (np.einsum("ct,ct->t", each, each) for each in edges)
+    longest = np.maximum(np.maximum(one, other), third)
+    flat = np.sqrt(doubled) <= _THINNEST * longest
     return np.asarray(flat | (longest == 0.0))
 
 

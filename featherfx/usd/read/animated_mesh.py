@@ -20,7 +20,7 @@ from featherfx.algebra.interpolation import Knots, Maps, Stencil
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.skin.skin import closest, is_flat
+from featherfx.groom.skin.skin import closest
 from featherfx.usd.read.mesh_topology import (
     list_topology_faults,
     read_primvar,
@@ -122,9 +122,8 @@ class AnimatedMesh(ScenePrim):
             self.rest, faces = self.limit.move(self.cage), self.limit.faces
         found = read_triangles(mesh, faces, self.rest, self.mirrored)
         self.turned = np.unique(found.face[found.turned])
-        sound = ~is_flat(self.rest, found.triangles)
-        self.triangles, self.places, self.face = (each[sound] for each in found[:3])
-        self.closed, self.border = found.closed[sound], found.border[sound]
+        self.triangles, self.places, self.face = found[:3]
+        self.closed, self.border = found.closed, found.border
         self.uv, self.st = options.uv, self._read_uv(options.uv) if options.uv else None
 
     def _begin(self, scene: SourceScene, prim: Any, skinning: Any, rest: float | None) -> None:

@@ -248,7 +248,7 @@ def _read_whole_mesh(mesh: Any) -> CachedFeather:
     inside = ((indices >= 0) & (indices < total)).all()
     if (counts < 0).any() or counts.sum() != len(indices) or not inside:
         raise fault(mesh.GetFaceVertexIndicesAttr(), "do not fit the mesh's points and counts")
-    corners, face = triangulate(counts, points[indices])
+    corners, face, _ = triangulate(counts, indices, points)
 
     def label(name: str, fallback: str) -> str:
         return read_text(primvars.GetPrimvar(name).GetAttr()) or fallback

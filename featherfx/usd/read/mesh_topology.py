@@ -11,6 +11,7 @@ from pxr import UsdGeom
 from featherfx.algebra.triangulation import triangulate
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.winding import orient
+from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.stage import list_times
 from featherfx.usd.read.values import (
     EARLIEST_TIME,
@@ -139,19 +140,35 @@ def read_triangles(
 ) -> MeshTriangles:
     """Return the triangles of a mesh with sound topology, the outside counter-clockwise.
 
-    Those of holes are left out. faces: counts of corners, their points, and the faces of the mesh
-    that each is part of. points: (V, 3), at rest. mirrored: whether transforms turn windings round,
-    as a left-handed orientation does.
+    Holes, and triangles without area, are left out. faces: counts of corners, their points, and the
+    faces of the mesh that each is part of. points: (V, 3), at rest. mirrored: whether transforms
+    turn windings round, as a left-handed orientation does.
     """
     counts, indices, parent = faces
-    places, face = triangulate(counts, points[indices])
+    places, face, normals = triangulate(counts, indices, points)
+    triangles = indices[places]
+    flat = is_flat(points, triangles)
+    a, b, c = triangles[flat].T
+    # what has two corners in one place of the list is no part of the surface, nor are holes
+    absent = np.zeros(len(face), dtype=np.bool_)
+    absent[flat] = (a == b) | (b == c) | (c == a)
     holes = read_sized_array(mesh.GetHoleIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
-    corners, face = indices[places], parent[face]
-    sound = (corners != np.roll(corners, 1, axis=1)).all(axis=1) & ~np.isin(face, holes)
-    places, face = places[sound], face[sound]
+    if len(holes):
+        absent |= np.isin(parent[face], holes)
+    is_part = np.bincount(face[~absent], minlength=len(counts)) > 0
+    sides = np.zeros((3, len(counts)), dtype=np.bool_)
+    sides[:, is_part] = orient(
+        counts[is_part], indices[np.repeat(is_part, counts)], points, normals[is_part]
+    )
+    if flat.any() or absent.any():
+        sound = ~(flat | absent)
+        places, face = places[sound], face[sound]
+    closed, turned, border = sides[:, face]
     orientation = read_text(mesh.GetOrientationAttr(), EARLIEST_TIME)
-    if (orientation == UsdGeom.Tokens.leftHanded) != mirrored:
-        places = places[:, [0, 2, 1]]
-    triangles, closed, turned, border = orient(indices[places], points)
-    places = np.where(turned[:, None], places[:, [0, 2, 1]], places)
-    return MeshTriangles(triangles, places, face, closed, turned, border)
+    is_reversed = (orientation == UsdGeom.Tokens.leftHanded) != mirrored
+    # the outside of a volume does not depend on its winding
+    turned = turned ^ (closed & is_reversed)
+    swapped = turned ^ is_reversed
+    if swapped.any():
+        places = np.where(swapped[:, None], places[:, [0, 2, 1]], places)
+    return MeshTriangles(indices[places], places, parent[face], closed, turned, border)
