@@ -18,9 +18,7 @@ _MIN_AREA_RATIO = 1e-9
 _OTHER_DIAGONAL = np.array([[1, 2, 3], [3, 0, 1]])
 
 
-def triangulate(
-    counts: Indices, indices: Indices, points: Array
-) -> tuple[Indices, Indices, Array]:
+def triangulate(counts: Indices, indices: Indices, points: Array) -> tuple[Indices, Indices, Array]:
     """Return triangles of polygons: (T, 3) places in the list of corners, and (T,) faces, in their
     order; and (F, 3) normals of the faces, twice their area long.
 
@@ -36,7 +34,8 @@ def triangulate(
     places[:, 1] = places[:, 0] + np.arange(1, len(face) + 1) - first[face]
     places[:, 2] = places[:, 1] + 1
     products = cross_columns(*triangle_edges(points, indices[places]))
-    normals = np.stack([np.bincount(face, axis, len(counts)) for axis in products], axis=1)
+    sums = [np.bincount(face, axis, len(counts)) for axis in products]
+    normals: Array = np.stack(sums, axis=1).astype(float, copy=False)
     products = products.T
     # in a plane, triangles that face as the first one does are those of a fan that fits
     suspects = np.unique(face[dots(products, products[first[face]]) <= 0.0])

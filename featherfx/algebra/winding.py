@@ -57,8 +57,8 @@ def orient(counts: Indices, indices: Indices, points: Array, normals: Array) -> 
     if is_closed.any():
         corners = points[indices[starts]]
         volumes = dots(normals, corners - corners[:1])
-        volumes = np.bincount(component, np.where(turned, -volumes, volumes))
-        turned = turned ^ (is_closed & (volumes < 0.0)[component])
+        outward = np.bincount(component, np.where(turned, -volumes, volumes))
+        turned = turned ^ (is_closed & (outward < 0.0)[component])
     return FaceSides(is_closed, turned, edges.is_border)
 
 

@@ -6,7 +6,6 @@ import pytest
 from featherfx.algebra.triangulation import triangulate as triangulate_faces
 
 
-
 def triangulate(counts, corners):
     return triangulate_faces(counts, np.arange(len(corners)), corners)[:2]
 
