@@ -141,6 +141,7 @@ def new_writer(task: BakeTask) -> CacheWriter:
             "{}of{}".format(*task.options.feathers) if task.options.feathers else "",
             task.origin,
             shot.time_codes_per_second,
+            shot.handles,
         ),
         continuation=Continuation(task.settings, task.shot.inputs, task.frames_each),
     )

@@ -128,7 +128,7 @@ def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None) -> dict[
     drawn = drawn_feathers(shot)
     options = resolve_options(shot, drawn, root_motion(shot)).feathers
     levels = Counter(each.level for each in options)
-    frames = shot.last_frame - shot.first_frame + 1
+    frames = shot.last_frame - shot.first_frame + 1 + 2 * shot.handles
     total = len(shot.groom.feathers)
     learnt = expected(shot, jobs, budget)
     entries = entries_of(shot.groom, drawn, static=False, skin=shot.skin)

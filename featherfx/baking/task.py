@@ -121,7 +121,8 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     """Read and check all inputs of a bake; raises InputError with every problem."""
     refuse_unfit_usd()
     shot, target, path = _checked(shot_path, output, options)
-    frames = options.frames or (shot.first_frame, shot.last_frame)
+    first, last = options.frames or (shot.first_frame, shot.last_frame)
+    frames = first - shot.handles, last + shot.handles
     every = unique_prim_names([p.id for p in shot.groom.feathers])
     options = in_space(options, shot.groom, shot.skin)
     options = replace(

@@ -95,8 +95,10 @@ class StageClock:
         first, distance = self.grid
         return (self.start + place * self.step - first) / distance
 
-    def knots(self, sampled: tuple[float, float], last: int, is_linear: bool = False) -> Knots:
-        """Return the stage's own frames. last: number of the shot's last frame.
+    def knots(
+        self, sampled: tuple[float, float], span: tuple[int, int], is_linear: bool = False
+    ) -> Knots:
+        """Return the stage's own frames. span: first and last frame of the shot, from 0 s on.
 
         Where the shot goes beyond the samples the stage holds the last, and motion comes to rest
         there; else it goes on.
@@ -106,8 +108,8 @@ class StageClock:
         return Knots(
             start,
             distance,
-            math.ceil(low - 1e-6) if low < self.own(0.0) + 1e-6 else None,
-            math.floor(high + 1e-6) if high > self.own(last) - 1e-6 else None,
+            math.ceil(low - 1e-6) if low < self.own(span[0]) + 1e-6 else None,
+            math.floor(high + 1e-6) if high > self.own(span[1]) - 1e-6 else None,
             is_linear=is_linear,
         )
 

@@ -27,33 +27,43 @@ _STEP = 1e-3
 
 
 class RunUp(NamedTuple):
-    """The time before 0 in which what moves is brought up from rest. duration: s. velocity: (3,)
-    m/s, that all of it has in common at 0."""
+    """The time in which what moves is brought up from rest.
+
+    duration: s. velocity: (3,) m/s, that all of it has in common at the end. end: s since the first
+    frame, 0 or before it.
+    """
 
     duration: float = 0.0
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    end: float = 0.0
 
     @property
     def back(self) -> float:
-        """s, how far back the swing goes."""
-        return _BACK * self.duration
+        """Return the time (s) that the swing goes back to."""
+        return self.end - _BACK * self.duration
 
     def own(self, time: float) -> float:
-        """The time (s) whose pose a body has at a time of the shot. From 0 on they are the same;
-        before, it starts and ends at 0, with rates 0 and 1 and no second ones."""
-        if time >= 0.0 or self.duration == 0.0:
+        """Return the time (s) whose pose a body has at a time of the shot.
+
+        From the end on they are the same. Before, it starts and ends there, with rates 0 and 1 and
+        no second ones.
+        """
+        if time >= self.end or self.duration == 0.0:
             return time
-        u = max(1.0 + time / self.duration, 0.0)
-        return self.duration * u**3 * (u * (7.0 - 3.0 * u) - 4.0)
+        u = self._fraction(time)
+        return self.end + self.duration * u**3 * (u * (7.0 - 3.0 * u) - 4.0)
 
     def shift(self, time: float) -> Array:
         """(3,) m, by which that pose is farther back at a time (s), so that the body flies forwards
         only, at a speed that rises as 10 u^3 - 15 u^4 + 6 u^5."""
-        if time >= 0.0 or self.duration == 0.0:
+        if time >= self.end or self.duration == 0.0:
             return np.zeros(3)
-        u = max(1.0 + time / self.duration, 0.0)
-        flown = self.duration * (u**4 * (2.5 + u * (u - 3.0)) - 0.5)
+        u = self._fraction(time)
+        flown = self.end + self.duration * (u**4 * (2.5 + u * (u - 3.0)) - 0.5)
         return (flown - self.own(time)) * np.array(self.velocity)
+
+    def _fraction(self, time: float) -> float:
+        return max(1.0 + (time - self.end) / self.duration, 0.0)
 
 
 # of what begins at rest
@@ -72,11 +82,13 @@ class RunUpRoots(NamedTuple):
         return RootFrames(positions + self.run_up.shift(time), rotations)
 
 
-def run_up_of(motion: Roots, duration: float, tolerance: float) -> RunUp | None:
-    """Find how a motion is brought up within a duration (s) before the first frame; None where no
+def run_up_of(
+    motion: Roots, duration: float, tolerance: float, end: float = 0.0
+) -> RunUp | None:
+    """Find how a motion is brought up within a duration (s) before a time (s, end); None where no
     root moves there by more than a small part of a tolerance (m)."""
     back, middle, last = (
-        motion.frames(-fraction * duration) for fraction in (_BACK, 0.5 * _BACK, 0.0)
+        motion.frames(end - fraction * duration) for fraction in (_BACK, 0.5 * _BACK, 0.0)
     )
     if not any(
         bool(np.abs(now - end).max(initial=0.0) > STILL * tolerance)
@@ -85,7 +97,7 @@ def run_up_of(motion: Roots, duration: float, tolerance: float) -> RunUp | None:
     ):
         return None
     step = _STEP * duration
-    velocities = (last.positions - motion.frames(-step).positions) / step
+    velocities = (last.positions - motion.frames(end - step).positions) / step
     low, high = velocities.min(axis=0), velocities.max(axis=0)
     x, y, z = np.clip(0.0, low, high).tolist()
-    return RunUp(duration, (x, y, z))
+    return RunUp(duration, (x, y, z), end)

@@ -114,8 +114,7 @@ class SceneReaders(GroomReaders):
 
 @dataclass(frozen=True)
 class TimedSurface:
-    """A scene's mesh over the shot's time. run_up: how its motion is brought up from rest before
-    0."""
+    """A scene's mesh over the shot's time. run_up: how its motion is brought up from rest."""
 
     surface: MovingSurface
     clock: StageClock
@@ -133,7 +132,7 @@ class TimedSurface:
     def brought_up(self, run_up: RunUp, tolerance: float) -> TimedSurface:
         """The same, led by a run-up; the ground that moves by less than a small part of a tolerance
         (m) stays where it is."""
-        way = np.abs(self.points(-run_up.back) - self.points(0.0)).max(initial=0.0)
+        way = np.abs(self.points(run_up.back) - self.points(run_up.end)).max(initial=0.0)
         own = run_up if way > STILL * tolerance else run_up._replace(velocity=(0.0, 0.0, 0.0))
         return replace(self, run_up=own)
 

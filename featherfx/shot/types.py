@@ -477,6 +477,12 @@ class Shot:
         "first frame's pose a fifth of these frames back along the way that leads to it, and "
         "forth. 0: feathers begin in balance, carried by their roots.",
     ] = 12
+    handles: Annotated[
+        int,
+        Number(0, 100, "frames", whole=True),
+        "Frames that are written beyond both ends, for shutters that open before a frame or close "
+        "after it. The cache's range stays that of `frames`.",
+    ] = 0
     cuts: Annotated[
         tuple[int, ...] | None,
         ArrayOf(Number(-1_000_000, 1_000_000, whole=True), 0, 1000),

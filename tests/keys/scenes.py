@@ -955,6 +955,7 @@ ELSEWHERE = {
     "shot.sleep": "tests/shot/test_sleep.py",
     "shot.cycle": "tests/shot/test_cycle.py",
     "shot.preroll": "tests/shot/test_preroll.py",
+    "shot.handles": "tests/usdin/test_stage_time.py",
     "shot.wet.hooks": "tests/shot/test_wet.py",
     "shot.channel.soft": "tests/shot/test_channels.py",
     "shot.target.shape": "tests/shot/test_targets.py",

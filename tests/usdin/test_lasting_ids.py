@@ -135,14 +135,14 @@ def test_a_corner_that_is_moved_moves_the_feathers_at_it_alone(tmp_path, shape, 
 @pytest.mark.filterwarnings("ignore")
 def test_feathers_take_the_ids_of_those_that_stood_at_their_places(tmp_path):
     points, faces = ball()
-    first = published(tmp_path / "first", points, faces)
+    first = published(tmp_path / "first", points, faces, density=1000)
     before = tmp_path / "before.usdc"
     export_groom(tmp_path / "first" / "groom.toml", before, quality="draft")
     kept, reads = f"ids_from = '{before}'\n", []
-    spacing = (0.5 / 3000) ** 0.5
+    spacing = (0.5 / 1000) ** 0.5
     for name, keys in {"same": kept, "others": "seed = 9\n" + kept}.items():
         with listen_to_reads(reads.append):
-            found = published(tmp_path / name, points, faces, keys=keys)
+            found = published(tmp_path / name, points, faces, density=1000, keys=keys)
         told, stay = reads[-1], found.keys() & first.keys()
         assert (told.role, told.taken) == ("kept id", len(stay))
         assert {each.path for each in told.left} == first.keys() - found.keys()
@@ -151,9 +151,9 @@ def test_feathers_take_the_ids_of_those_that_stood_at_their_places(tmp_path):
         assert len(stay) > 0.8 * len(first)
         assert max(away) < 2.0 * spacing
     assert 0 < len(stay) < len(first)
-    moved = published(tmp_path / "moved", points + WAY, faces, keys=kept)
+    moved = published(tmp_path / "moved", points + WAY, faces, density=1000, keys=kept)
     assert moved.keys() == first.keys()
-    denser = published(tmp_path / "denser", points, faces, density=3300, keys=kept)
+    denser = published(tmp_path / "denser", points, faces, density=1100, keys=kept)
     assert denser.keys() > first.keys()
     assert all(np.abs(denser[key] - root).max() < 1e-6 for key, root in first.items())
 

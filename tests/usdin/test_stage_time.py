@@ -205,3 +205,53 @@ def test_roots_stay_on_the_skin_that_is_drawn_between_frames(tmp_path, by):
         velocity = np.array(feather.GetAttribute("velocities").Get(code))[root.argmin()]
         way = (there - here)[root.argmin()] * 24.0 / 0.25
         assert np.linalg.norm(velocity - way) < 0.1 * np.linalg.norm(way)
+
+
+def test_handles_are_samples_beyond_both_ends(tmp_path):
+    """The stage's range stays the shot's; shares join, a bake resumes, and the check agrees."""
+    write_skin(tmp_path, 24.0)
+    path = write_shot(tmp_path, SKIN, (2, 4), more="handles = 1\n")
+    cache, skin = tmp_path / "out.usda", tmp_path / "skin.usda"
+    report = featherfx.bake(path, cache, subframes=2, frames=(2, 3))
+    assert report["samples"] == 7
+    assert report["time"]["first_time_code"] == 1.0
+    stage = Usd.Stage.Open(str(cache))
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (2.0, 3.0)
+    mesh = next(each for each in stage.Traverse() if each.IsA(UsdGeom.Mesh))
+    assert mesh.GetAttribute("points").GetTimeSamples() == [1.0 + k / 2 for k in range(7)]
+    gaps = root_gaps(cache, skin, np.arange(1.0, 4.0, 0.25))
+    assert gaps.max() < ROOTS_ABOVE
+    assert np.ptp(gaps, axis=0).max() < 1e-5
+    assert featherfx.check(cache) == []
+    again = featherfx.bake(path, cache, subframes=2, frames=(2, 3), resume=True)
+    assert again["samples_taken_over"] == 7
+    for share in (1, 2):
+        featherfx.bake(path, tmp_path / "whole.usda", feathers=(share, 2))
+    featherfx.join(tmp_path / "whole.usda", 2)
+    assert featherfx.check(tmp_path / "whole.usda") == []
+
+
+@pytest.mark.parametrize("codes", [range(2, 9), range(5)])
+def test_handles_need_samples_of_the_skin(tmp_path, codes):
+    write_skin(tmp_path, 24.0, codes)
+    told = f"has samples from {codes[0]} to {codes[-1]}"
+    with pytest.raises(InputError, match=told):
+        featherfx.read_shot(write_shot(tmp_path, SKIN, (2, 4), more="handles = 1\n"))
+    hold = SKIN + 'extrapolation = "hold"\n'
+    path = write_shot(tmp_path, hold, (2, 4), more="handles = 1\n")
+    featherfx.bake(path, tmp_path / "out.usda")
+    gaps = root_gaps(tmp_path / "out.usda", tmp_path / "skin.usda", range(1, 6))
+    assert np.ptp(gaps, axis=0).max() < 2e-6
+
+
+def test_a_run_up_ends_where_handles_begin(tmp_path):
+    """Feathers are at speed at the first sample that is written."""
+    write_skin(tmp_path, 24.0)
+    runs = []
+    for frames, more in (((2, 4), ""), ((4, 4), "handles = 2\n")):
+        path = write_shot(tmp_path, SKIN, frames, more=more)
+        featherfx.bake(path, tmp_path / "out.usda", overwrite=True)
+        stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
+        mesh = next(each for each in stage.Traverse() if each.IsA(UsdGeom.Mesh))
+        runs.append([np.array(mesh.GetAttribute("points").Get(code)) for code in (2, 3, 4)])
+    np.testing.assert_allclose(runs[1], runs[0], atol=1e-6)

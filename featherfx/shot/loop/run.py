@@ -249,13 +249,13 @@ def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:
 
 def _from_preroll(shot: Shot, motion: Roots, subframes: int) -> tuple[Shot, Roots, int]:
     """Shot, roots and number of the first sample, where what moves is brought up from rest."""
-    tolerance = common_tolerance(shot)
-    run_up = run_up_of(motion, shot.preroll / shot.frames_per_second, tolerance)
+    tolerance, rate = common_tolerance(shot), shot.frames_per_second
+    run_up = run_up_of(motion, shot.preroll / rate, tolerance, -shot.handles / rate)
     if run_up is None:
-        return shot, motion, 0
+        return shot, motion, -shot.handles * subframes
     colliders = tuple(each.brought_up(run_up, tolerance) for each in shot.colliders)
     begun = replace(shot, colliders=colliders, run_up=run_up)
-    return begun, RunUpRoots(motion, run_up), -shot.preroll * subframes
+    return begun, RunUpRoots(motion, run_up), -(shot.handles + shot.preroll) * subframes
 
 
 def under(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:

@@ -104,9 +104,9 @@ class Simulation:
         with ExitStack() as solvers:
             for group in run.groups:
                 solvers.enter_context(group.solver)
-            if self._index < run.first < 0:
+            if self._index < run.first < min(0, self._begin_at):
                 self._simulate(run.first)  # settles, which is a phase of its own
-            preroll = range(self._index + 1, 0)
+            preroll = range(self._index + 1, min(0, self._begin_at))
             for index in counted("preroll", preroll, len(preroll)) if preroll else ():
                 self._simulate(index)
             earlier = range(self._index + 1, self._begin_at)

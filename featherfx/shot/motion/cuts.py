@@ -214,7 +214,7 @@ def _led(surface: MovingSurface, clock: StageClock) -> MovingSurface:
     """A surface that its own frames lead on either side of a cut."""
     if surface.sampled is None:
         return surface
-    knots = surface.knots or clock.knots(surface.sampled, 0, is_linear=True)
+    knots = surface.knots or clock.knots(surface.sampled, (0, 0), is_linear=True)
     return surface.smoothed(replace(knots, ends=clock.ends))
 
 
@@ -223,7 +223,7 @@ def _root_tracks(shot: Shot) -> list[CutTrack]:
         return []
     lengths = np.array([each.kind.length for each in shot.groom.feathers])
     clock, skin = StageClock(0.0, 1.0, shot.frames_per_second), shot.skin
-    first, last = 0.0, float(shot.last_frame - shot.first_frame)
+    first, last = -float(shot.handles), float(shot.last_frame - shot.first_frame + shot.handles)
     if isinstance(skin, BoundSkin):
         clock = skin.clock
         surfaces = [part.surface for part in skin.parts]

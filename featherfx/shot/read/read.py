@@ -135,6 +135,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
         "name",
         "settle",
         "preroll",
+        "handles",
         "cuts",
         "sleep",
         "cycle",

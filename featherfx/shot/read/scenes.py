@@ -200,8 +200,13 @@ def _moving(
     """
     if entry["interpolation"] == "linear" or surface.sampled is None:
         return surface
+    return surface.smoothed(clock.knots(surface.sampled, _span(checked)))
+
+
+def _span(checked: dict[str, Any]) -> tuple[int, int]:
+    """Return the first and last frame of a shot with its handles, counted from its first."""
     first, last = checked["frames"]
-    return surface.smoothed(clock.knots(surface.sampled, last - first))
+    return -checked["handles"], last - first + checked["handles"]
 
 
 def _check_range(
@@ -235,8 +240,7 @@ def _warn_of_range(source: OfScene, checked: dict[str, Any], clock: StageClock, 
 
 def _missing(source: OfScene, checked: dict[str, Any], clock: StageClock) -> str:
     """Tell which samples a shot needs that a scene does not have; empty where it has all."""
-    first, last = checked["frames"]
-    start, end = clock.start, clock.start + (last - first) * clock.step
+    start, end = (clock.start + place * clock.step for place in _span(checked))
     low, high = source.sampled or (start, end)
     if low - 1e-6 <= start and end <= high + 1e-6:
         return ""

@@ -283,7 +283,9 @@ class GeometryCheck:
 
     def _sample_times(self) -> Faults:
         stage = self._prim.GetStage()
-        first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+        told = stage.GetRootLayer().customLayerData.get("featherfx", {})
+        handles = told.get("handles", 0)
+        first, last = stage.GetStartTimeCode() - handles, stage.GetEndTimeCode() + handles
         outside = [code for code in self._codes if not first <= code <= last]
         if outside:
             yield (

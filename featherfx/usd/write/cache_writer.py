@@ -60,12 +60,14 @@ class CachePlace:
     root: name of the root prim; "": the file's. part: suffix of group names, where caches with the
     same groups will be joined. origin: m, world (choose_origin of usd/space.py); all below the root
     prim is written relative to it. time_codes_per_second: of its stage; None: frames_per_second.
+    handles: first and last frames that are no part of the stage's range.
     """
 
     root: str = ""
     part: str = ""
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     time_codes_per_second: float | None = None
+    handles: int = 0
 
 
 @dataclass(frozen=True)
@@ -135,9 +137,10 @@ class CacheWriter:
         self._info = StageInfo(
             prim_name(place.root or self._path.stem),
             space,
-            frames,
+            (frames[0] + place.handles, frames[1] - place.handles) if frames else None,
             frames_per_second,
             {**(metadata or {}), "layout": self._layout}
+            | ({"handles": place.handles} if place.handles else {})
             | ({"chunk": self.chunk} if continuation and frames else {}),
             place.time_codes_per_second,
         )
