@@ -82,9 +82,7 @@ class RunUpRoots(NamedTuple):
         return RootFrames(positions + self.run_up.shift(time), rotations)
 
 
-def run_up_of(
-    motion: Roots, duration: float, tolerance: float, end: float = 0.0
-) -> RunUp | None:
+def run_up_of(motion: Roots, duration: float, tolerance: float, end: float = 0.0) -> RunUp | None:
     """Find how a motion is brought up within a duration (s) before a time (s, end); None where no
     root moves there by more than a small part of a tolerance (m)."""
     back, middle, last = (

@@ -24,7 +24,11 @@ class CutStage(Stage):
     def begin(self, index: int) -> None:
         """Warn of a cut that was found right after the sample before."""
         frame, between = divmod(index - 1, self.run.subframes)
-        if index <= -self.run.shot.handles * self.run.subframes or between or not self._cuts.is_cut(frame):
+        if (
+            index <= -self.run.shot.handles * self.run.subframes
+            or between
+            or not self._cuts.is_cut(frame)
+        ):
             return
         number = self.run.number(index - 1 + self.run.subframes)
         self._numbers.append(number)
