@@ -39,7 +39,7 @@ _CLEAR = 0.2
 # depth at rest, over the shorter feather's length, that an order may ask to be undone
 _DEEP = 0.05
 # the same where the larger half of two that cut through each other is all that tells: some row
-# of feathers came apart at 0.020 (docs/log.md), one at 0.029 found no balance
+# of feathers came apart at 0.020, one at 0.029 found no balance
 LEANING = 0.025
 # cosine between the backs of two feathers that grow on both sides of something; rad, most that such
 # are turned up by

@@ -59,7 +59,7 @@ CHOSEN = -1
 # fewest rows and columns of feathers with less than full detail
 _MIN_ROWS, _MIN_COLUMNS = 6, 2
 # Newton stops at this fraction of the step's tolerance from the step's solution: what is left adds
-# as much to the step's error, and less costs more (docs/log.md)
+# as much to the step's error, and less costs more
 NEWTON_RATIO = 0.1
 # the same where forces of contact follow from the poses, so that feathers in balance come to rest;
 # and m, a small part of what any gap may be off, below which that says nothing
