@@ -22,6 +22,7 @@ from featherfx.groom.skin.field import search_tree
 from featherfx.provenance import LeftOut, StageRead, note_read
 
 _MAX_CANDIDATES = 8  # earlier roots near one that are looked at
+# ids that a warning names
 _MAX_NAMED = 5
 _NUMBER = re.compile(r"_([0-9a-f]{10})$")
 
