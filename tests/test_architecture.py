@@ -73,6 +73,8 @@ def _found(text):
             assert node.level == 0, f"line {node.lineno}: write imports in full"
             for alias in node.names:
                 yield f"{node.module}.{alias.name}", node.lineno
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "KernelModule":
+            yield f"{node.args[0].value}.*", node.lineno
 
 
 def wrong_arrows(room, file):

@@ -158,7 +158,7 @@ def assembled(
     The Hessian is left in work.system.band.
     """
     from featherfx.solver.step.assembly_kernels import assemble
-    from featherfx.solver.vane.line_kernels import STABILISING_STIFFNESS, WHOLE_STIFFNESS
+    from featherfx.solver.types import STABILISING_STIFFNESS, WHOLE_STIFFNESS
 
     wanted = WHOLE_STIFFNESS if signed else STABILISING_STIFFNESS
     assemble(model, loads, 0, fraction, factors, wanted, 0.0, work)

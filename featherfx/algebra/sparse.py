@@ -9,8 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.sparse_kernels import multiply_rows
 from featherfx.algebra.types import Array, Indices
+from featherfx.jit.compiled import KernelModule
+
+sparse_kernels = KernelModule("featherfx.algebra.sparse_kernels")
 
 
 class Rows(NamedTuple):
@@ -24,7 +26,7 @@ class Rows(NamedTuple):
     def __matmul__(self, values: Array) -> Array:
         """(R, D), times values (K, D)."""
         result = np.empty((len(self.first) - 1, values.shape[1]))
-        multiply_rows(self, np.ascontiguousarray(values, dtype=np.float64), result)
+        sparse_kernels.multiply_rows(self, np.ascontiguousarray(values, dtype=np.float64), result)
         return result
 
     def picked(self, rows: Indices) -> Rows:

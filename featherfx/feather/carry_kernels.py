@@ -12,14 +12,9 @@ of barbs that lie against each other, are scaled by that alone.
 """
 
 from math import sqrt
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import lane, load, spread
-from featherfx.algebra.sparse import Rows
 from featherfx.algebra.vector_kernels import (
     accumulate,
     add,
@@ -31,7 +26,7 @@ from featherfx.algebra.vector_kernels import (
     sub,
 )
 from featherfx.algebra.views import shaped, viewed
-from featherfx.feather.types import RowPoints
+from featherfx.feather.types import MovingPoints, RowPoints
 from featherfx.jit.compiled import kernel, loop_kernel
 
 _MAX_STRETCH = 4.0
@@ -69,27 +64,6 @@ def keep_lengths(pieces, nodes, rates, seconds):
                 store(nodes[i, j], after)
                 store(rates[i, j], after1)
                 store(seconds[i, j], after2)
-
-
-class MovingPoints(NamedTuple):
-    """Points of a feather and their first two rates; of several with an axis in front."""
-
-    points: RowPoints
-    velocities: RowPoints
-    accelerations: RowPoints
-
-
-class RowMapArrays(NamedTuple):
-    """A RowMap as kernels take it."""
-
-    nodes: Rows
-    directors: Rows
-    pieces: NDArray[np.float64]
-    detail: NDArray[np.float64]
-
-
-# of a line of what is carried: points, first and second rates, a vector of the processor for each
-LINE_WIDTH = 3 * LANES
 
 
 @kernel

@@ -21,30 +21,40 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.sparse import rows_of
+from featherfx.algebra.lanes import COUNT as LANES
+from featherfx.algebra.sparse import Rows, rows_of
 from featherfx.algebra.views import views_of
-from featherfx.feather.carry_kernels import (
-    LINE_WIDTH,
-    MovingPoints,
-    RowMapArrays,
-    carry_feather,
-    carry_feathers,
-)
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
     Array,
     Feather,
     Indices,
+    MovingPoints,
     PointMap,
     RowMap,
     RowPoints,
     barb_slice,
     both,
 )
+from featherfx.jit.compiled import KernelModule
+
+carry_kernels = KernelModule("featherfx.feather.carry_kernels")
+# of a line of what is carried: points, first and second rates, a vector of the processor for each
+LINE_WIDTH = 3 * LANES
+
+
+class RowMapArrays(NamedTuple):
+    """A RowMap as kernels take it."""
+
+    nodes: Rows
+    directors: Rows
+    pieces: Array
+    detail: Array
 
 
 def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:
@@ -252,7 +262,9 @@ def carry_motion(
     parts = points, velocities, accelerations
     given = MovingPoints(*(both(np.ascontiguousarray, each) for each in parts))
     found = _empty(to_fine)
-    carry_feather(_way(to_fine), given, np.zeros((to_fine.nodes.width, LINE_WIDTH)), found)
+    carry_kernels.carry_feather(
+        _way(to_fine), given, np.zeros((to_fine.nodes.width, LINE_WIDTH)), found
+    )
     return found
 
 
@@ -293,7 +305,7 @@ class PointCarrier:
         found = _empty(self._first, len(some))
         lines = np.zeros((self._first.nodes.width, LINE_WIDTH))
         given = MovingPoints(points, velocities, accelerations)
-        carry_feathers(self._ways.views, some, given, lines, found)
+        carry_kernels.carry_feathers(self._ways.views, some, given, lines, found)
         return found
 
 

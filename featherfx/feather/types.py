@@ -197,6 +197,14 @@ class PointMap:
         return PointMap(self.matrix.picked(points.ravel()), (*points.shape, 3), self.width)
 
 
+class MovingPoints(NamedTuple):
+    """Points of a feather and their first two rates; of several with an axis in front."""
+
+    points: RowPoints
+    velocities: RowPoints
+    accelerations: RowPoints
+
+
 class RowMap(NamedTuple):
     """A linear map to the nodes and directors of another grid.
 

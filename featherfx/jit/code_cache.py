@@ -184,19 +184,17 @@ def is_stored(kernel: str) -> bool:
     if not source.is_file():
         return True
     roots = (code_folder(), SHIPPED) if shipped_target() else (code_folder(),)
-    return any(any((root / hash_source(source)).glob(f"*.{own}-*")) for root in roots)
+    return any(any((root / hash_source(source)).glob(f"*.{own}.py*")) for root in roots)
 
 
 class KernelStore:
     """The stored machine code of one kernel, by the text of its arguments' types."""
 
-    def __init__(self, function: Any) -> None:
-        code = function.__code__
-        source = Path(code.co_filename).resolve()
+    def __init__(self, source: Path, name: str) -> None:
         python = f"py{sys.version_info.major}{sys.version_info.minor}"
-        own = function.__qualname__.replace("<locals>", "locals")
-        self._folder = hash_source(source)
-        self._name = f"{source.stem}.{own}-{code.co_firstlineno}.{python}"
+        own = name.replace("<locals>", "locals")
+        self._folder = hash_source(source.resolve())
+        self._name = f"{source.stem}.{own}.{python}"
 
     def load(self, text: str) -> Iterator[StoredKernel]:
         """Sound code for types: the user's, then what came with the program."""

@@ -1,19 +1,23 @@
 """The decorators of compiled kernels, which are compiled at their first call.
 
 Stored machine code is loaded without numba and LLVM, which take 70 MiB and a quarter of a second
-of a process. `compiler` compiles what is not stored.
+of a process. `compiler` compiles what is not stored. Python names kernels by their modules
+(KernelModule), which are imported only to compile them.
 """
 
 from __future__ import annotations
 
 import functools
 import os
+import sys
 import threading
 from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, Problem
-from featherfx.jit.code_cache import KernelStore
+from featherfx.jit.code_cache import ROOT, KernelStore
 from featherfx.jit.kernel_calls import (
     INLINED,
     LoadedKernel,
@@ -32,16 +36,14 @@ if os.environ.get("NUMBA_DISABLE_JIT", "").strip() not in ("", "0"):
 _LOADING = threading.RLock()
 
 
-class Kernel:
-    """A compiled function as Python calls it.
+class KernelEntry:
+    """A kernel as Python calls it. Stored machine code is loaded without the kernel's module.
 
-    returns: None, bool, int, float or a NamedTuple of these for a shared kernel, else INLINED.
-    compiled: number of types that this process compiled it for.
+    name: module and name.
     """
 
-    def __init__(self, function: Callable[..., Any], returns: Any = INLINED) -> None:
-        functools.update_wrapper(self, function)
-        self.py_func, self.returns, self.compiled = function, returns, 0
+    def __init__(self, name: str) -> None:
+        self.name = name
         self._by_form: dict[tuple[Any, ...], LoadedKernel] = {}
         self._by_text: dict[str, LoadedKernel] = {}
 
@@ -54,14 +56,66 @@ class Kernel:
             if code is None:
                 from featherfx.jit.compiler import find_types
 
-                code = self.compile_for(text, find_types(arguments))
+                code = self._compile(text, find_types(arguments))
             self._by_form[key] = code
         return code(words)
+
+    def _compile(self, text: str, types: tuple[Any, ...]) -> LoadedKernel:
+        code: LoadedKernel = find_kernel(self.name).compile_for(text, types)
+        return code
 
     @functools.cached_property
     def store(self) -> KernelStore:
         """Its stored machine code."""
-        return KernelStore(self.py_func)
+        module, _, own = self.name.rpartition(".")
+        source = ROOT.parent.joinpath(*module.split(".")).with_suffix(".py")
+        if module in sys.modules or not source.is_file():
+            source = Path(import_module(module).__file__ or "")
+        return KernelStore(source, own)
+
+    @property
+    def is_loaded(self) -> bool:
+        """Return whether there is machine code in memory, for whatever types."""
+        return bool(self._by_text)
+
+    def compile_ahead(self, *arguments: Any) -> None:
+        """Let a worker compile a shared kernel that will be called with such arguments."""
+        if not self.is_there(describe_arguments(arguments)):
+            from featherfx.jit.compiler import find_types
+
+            find_kernel(self.name).linked.compile(find_types(arguments))
+
+    def is_there(self, text: str) -> bool:
+        """Return whether there is machine code for types of arguments, loaded or stored."""
+        return text in self._by_text or self.store.holds(text)
+
+    def find_loaded(self, text: str) -> LoadedKernel | None:
+        """Loaded machine code, from the store if need be; None where there is none."""
+        with _LOADING:
+            if text not in self._by_text:
+                for code in self.store.load(text):
+                    if (found := _load(self.name, code)) is not None:
+                        self._by_text[text] = found
+                        break
+            return self._by_text.get(text)
+
+
+class Kernel(KernelEntry):
+    """A compiled function.
+
+    returns: None, bool, int, float or a NamedTuple of these for a shared kernel, else INLINED.
+    compiled: number of types that this process compiled it for.
+    """
+
+    def __init__(self, function: Callable[..., Any], returns: Any = INLINED) -> None:
+        super().__init__(f"{function.__module__}.{function.__qualname__}")
+        functools.update_wrapper(self, function)
+        self.py_func, self.returns, self.compiled = function, returns, 0
+
+    @functools.cached_property
+    def store(self) -> KernelStore:
+        """Its stored machine code."""
+        return KernelStore(Path(self.py_func.__code__.co_filename), self.py_func.__qualname__)
 
     @functools.cached_property
     def linked(self) -> Any:
@@ -71,29 +125,8 @@ class Kernel:
         return make_callee(self)
 
     @property
-    def name(self) -> str:
-        """Module and name."""
-        return f"{self.py_func.__module__}.{self.py_func.__qualname__}"
-
-    @property
     def _numba_type_(self) -> Any:
         return self.linked._numba_type_
-
-    @property
-    def is_requested(self) -> bool:
-        """Return whether it is loaded or compiled ahead, for whatever types."""
-        return bool(self._by_text) or bool("linked" in vars(self) and self.linked.overloads)
-
-    def compile_ahead(self, *arguments: Any) -> None:
-        """Let a worker compile a shared kernel that will be called with such arguments."""
-        if not self.is_there(describe_arguments(arguments)):
-            from featherfx.jit.compiler import find_types
-
-            self.linked.compile(find_types(arguments))
-
-    def is_there(self, text: str) -> bool:
-        """Return whether there is machine code for types of arguments, loaded or stored."""
-        return text in self._by_text or self.store.holds(text)
 
     def compile_for(self, text: str, types: tuple[Any, ...]) -> LoadedKernel:
         """Compile it for numba's types and store it, unless another thread or process has."""
@@ -109,22 +142,30 @@ class Kernel:
                 self._by_text[text] = found
         return found
 
-    def find_loaded(self, text: str) -> LoadedKernel | None:
-        """Loaded machine code, from the store if need be; None where there is none."""
-        with _LOADING:
-            if text not in self._by_text:
-                for code in self.store.load(text):
-                    if (found := _load(code)) is not None:
-                        self._by_text[text] = found
-                        break
-            return self._by_text.get(text)
+    _compile = compile_for
 
 
-def _load(code: StoredKernel) -> LoadedKernel | None:
-    """Load machine code with all that it calls; None where some of that is not stored."""
+class KernelModule:
+    """The kernels of a module, by its name, as attributes."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, own: str) -> KernelEntry:
+        return kernel_entry(f"{self._name}.{own}")
+
+
+@functools.cache
+def kernel_entry(name: str) -> KernelEntry:
+    """The kernel of a module and name, as "featherfx.algebra.sparse_kernels.multiply_rows"."""
+    return KernelEntry(name)
+
+
+def _load(name: str, code: StoredKernel) -> LoadedKernel | None:
+    """Load machine code of a kernel with all that it calls; None where that is not all stored."""
     links: dict[str, int] = {}
     for link in code.links:
-        if (found := find_kernel(link.name).find_loaded(link.text)) is None:
+        if (found := kernel_entry(link.name).find_loaded(link.text)) is None:
             return None
         links[link.symbol] = found.own
     try:
@@ -132,6 +173,7 @@ def _load(code: StoredKernel) -> LoadedKernel | None:
     except CannotBeLoadedError:
         from featherfx.jit.compiler import load_by_llvm
 
+        find_kernel(name)  # its module names the intrinsics that it needs
         places = load_by_llvm(code, links)
     return LoadedKernel(places[code.entry], places[code.own], code.returns)
 

@@ -14,10 +14,15 @@ from numpy.typing import NDArray
 
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps, Model
-from featherfx.solver.step.active_contact_kernels import MAX_FOLLOWED_CONTACTS
-from featherfx.solver.step.banded_kernels import MAX_SECANT_PAIRS, panel_shape
-from featherfx.solver.step.strain_kernels import Strains
-from featherfx.solver.vane.line_kernels import HINGE_SIZE, LANES, STRIP_SIZE
+from featherfx.solver.types import (
+    HINGE_SIZE,
+    LANES,
+    MAX_FOLLOWED_CONTACTS,
+    MAX_SECANT_PAIRS,
+    STRIP_SIZE,
+    Strains,
+    panel_shape,
+)
 
 Array = NDArray[np.float64]
 

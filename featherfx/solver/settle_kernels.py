@@ -30,7 +30,6 @@ the pose that those steps led to.
 """
 
 from math import inf, sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +41,6 @@ from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED, SEVERAL_RESTS
 from featherfx.solver.step.gap_kernels import slip_gaps, weaken_gaps
-from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import (
     UNKNOWN_CONVERGENCE,
     NewtonGoal,
@@ -51,11 +49,12 @@ from featherfx.solver.step.newton_kernels import (
 )
 from featherfx.solver.step.pose_kernels import keep_pose, load_pose
 from featherfx.solver.step.strain_kernels import copy_strains, strains_of
+from featherfx.solver.types import MIXING_DEPTH, IntegratorFactors
 
 FIRST_SETTLE_STEP, MIN_SETTLE_STEP, SETTLE_STEP_GROWTH = 1e-2, 1e-7, 8.0  # step lengths, s
 _MAX_ITERATIONS, MAX_SETTLE_STEPS = 100, 80
 STATIC_STEP = 1e4  # s, a step after which hardly any inertia is left
-MIXING_DEPTH, MIXING_FRACTION, _RIDGE = 6, 0.3, 1e-10
+MIXING_FRACTION, _RIDGE = 0.3, 1e-10
 # part of all areas, change by the first pose that the wind's answer to is small beside it
 _SMALL_AREA_CHANGE = 0.1
 # part of all areas that counts as no change, and where the pose has not changed by more than it may
@@ -69,47 +68,6 @@ _MIN_WIND_STEP = 1.0 / 8.0  # least part of the wind's speed that a step adds
 _MAX_WIND_ITERATIONS, _MAX_WIND_STEPS = 25, 30
 
 Array = NDArray[np.float64]
-
-
-class MixingScratch(NamedTuple):
-    """Scratch of mixing K numbers, of which R are a pose's.
-
-    guess, change: (MIXING_DEPTH, K), pairs, the next one where the oldest was. next: (K,). normal:
-    (MIXING_DEPTH, MIXING_DEPTH) and weight: (MIXING_DEPTH,), of the least squares. before: (R,),
-    where nodes were after the last solution or when the last short step began, and way: (R,), where
-    it led. direct: (R,), nodes at rest in the whole wind at once.
-    """
-
-    guess: Array
-    change: Array
-    next: Array
-    normal: Array
-    weight: Array
-    before: Array
-    way: Array
-    direct: Array
-
-
-def make_mixing(size: int) -> MixingScratch:
-    """Scratch of K = R = size numbers."""
-    return MixingScratch(
-        guess=np.zeros((MIXING_DEPTH, size)),
-        change=np.zeros((MIXING_DEPTH, size)),
-        next=np.zeros(size),
-        normal=np.zeros((MIXING_DEPTH, MIXING_DEPTH)),
-        weight=np.zeros(MIXING_DEPTH),
-        before=np.zeros(size),
-        way=np.zeros(size),
-        direct=np.zeros(size),
-    )
-
-
-class SettleResult(NamedTuple):
-    """Result of settling, (F,): Newton's status, NO_REST or SEVERAL_RESTS, and Newton's
-    iterations."""
-
-    status: Array
-    iterations: Array
 
 
 @kernel

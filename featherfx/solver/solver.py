@@ -13,6 +13,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import SimulationError
 from featherfx.files.background import limit_threads
+from featherfx.jit.compiled import KernelModule
 from featherfx.limits import MAX_JOBS
 from featherfx.mechanics.model import Loads, Model, expand_wind, no_loads
 from featherfx.solver.scratch import SolverScratch, make_scratch
@@ -22,12 +23,13 @@ from featherfx.solver.state import StepReport as StepReport
 from featherfx.solver.state import carry_to, make_report, rest_state
 from featherfx.solver.state import hold_roots as hold_roots
 from featherfx.solver.status import CONVERGED, reason_of
-from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.step.frame_kernels import advance_feather, advance_feathers
-from featherfx.solver.step.start_kernels import start_acceleration
-from featherfx.solver.step.step_control_kernels import StepSettings
+from featherfx.solver.types import StepSettings
 
 _Part = TypeVar("_Part")
+energy_kernels = KernelModule("featherfx.solver.step.energy_kernels")
+frame_kernels = KernelModule("featherfx.solver.step.frame_kernels")
+start_kernels = KernelModule("featherfx.solver.step.start_kernels")
+settle_kernels = KernelModule("featherfx.solver.settle_kernels")
 
 MAX_NEWTON_ITERATIONS = 32
 # the same of one feather in one frame, a bound on work alone; bakes of the samples need 3 to 100,
@@ -94,14 +96,16 @@ def step_settings(settings: Settings, duration: float, length: float = 1.0) -> S
 
 def compile_steps(model: Model) -> None:
     """Have others compile what steps feathers of such a model, unless they were asked before."""
-    if advance_feather.is_requested:
+    if frame_kernels.advance_feather.is_loaded:
         return
     model = model.only(0)
     state, work = rest_state(model, np.zeros((1, 3)), np.eye(3)[None]), make_scratch(model)
     loads, path, report = expand_wind(no_loads(1), 1), hold_roots(state), make_report(1)
     settings = step_settings(Settings(), 1.0)
-    advance_feather.compile_ahead(model, loads, 0, path, state, settings, work, report)
-    start_acceleration.compile_ahead(model, loads, 0, path, settings, state, work)
+    frame_kernels.advance_feather.compile_ahead(
+        model, loads, 0, path, state, settings, work, report
+    )
+    start_kernels.start_acceleration.compile_ahead(model, loads, 0, path, settings, state, work)
 
 
 class Solver:
@@ -167,7 +171,10 @@ class Solver:
         some = range(self.model.feathers) if feathers is None else feathers
 
         def take(piece: Indices) -> None:
-            advance_feathers(self.model, loads, piece, path, state, frame, self._work(), report)
+            work = self._work()
+            frame_kernels.advance_feathers(
+                self.model, loads, piece, path, state, frame, work, report
+            )
 
         self.for_each(take, self._pieces(some, FEATHERS_PER_PIECE, _NODES_PER_PIECE))
         return report
@@ -186,7 +193,7 @@ class Solver:
         _REST_TOLERANCE_RATIO; NO_REST: it flutters in the wind, and the pose is one on its way;
         SEVERAL_RESTS: at rest, but the wind at once leads elsewhere) and the Newton iterations.
         """
-        from featherfx.solver.settle_kernels import SettleResult, make_mixing, settle_feathers
+        from featherfx.solver.types import SettleResult, make_mixing
 
         near = min(self.settings.newton, _REST_TOLERANCE_RATIO * self.settings.tolerance)
         new, loads = state.copy(), expand_wind(loads, self.model.feathers)
@@ -197,7 +204,7 @@ class Solver:
 
         def settle(piece: Indices) -> None:
             mixing, work = make_mixing(new.points.nodes[0].size), self._work()
-            settle_feathers(self.model, loads, piece, goal, new, found, mixing, work)
+            settle_kernels.settle_feathers(self.model, loads, piece, goal, new, found, mixing, work)
 
         self.for_each(settle, self._pieces(some, _SETTLED_PER_PIECE, _SETTLED_NODES_PER_PIECE))
         return new, found.status, found.iterations
@@ -268,7 +275,7 @@ def raise_if_failed(
 def specific_energy(model: Model, state: State, f: int) -> float:
     """Elastic energy of feather f over its mass, J/kg."""
     strains, gaps = state.strains.at(f, 0), state.gaps_of(f)
-    energy = float(elastic_energy(model, f, strains, strains, gaps, 0.0))
+    energy = float(energy_kernels.elastic_energy(model, f, strains, strains, gaps, 0.0))
     return energy / float(model.mass[f].sum())
 
 

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.types import Array, Flags
-from featherfx.algebra.vector_kernels import conjugate, multiply, normalised
 from featherfx.feather.types import RowPoints
+from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Gaps, Model
 from featherfx.solver.scratch import make_gaps, make_points, make_pose, make_scratch, make_strains
-from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rest_pose
-from featherfx.solver.step.strain_kernels import Strains
+from featherfx.solver.types import Strains
+
+vector_kernels = KernelModule("featherfx.algebra.vector_kernels")
+pose_kernels = KernelModule("featherfx.solver.step.pose_kernels")
 
 
 class State(NamedTuple):
@@ -167,7 +169,7 @@ def rest_state(model: Model, positions: Array, rotations: Array) -> State:
     )
     roots = np.ascontiguousarray(positions, dtype=float)
     quats = frames_to_quats(np.asarray(rotations, dtype=float))
-    rest_pose(model, roots, quats, state, make_pose(model))
+    pose_kernels.rest_pose(model, roots, quats, state, make_pose(model))
     return state
 
 
@@ -217,8 +219,8 @@ def set_pose(
     state.step[f] = state.proposal[f] = 0.0
     state.time[f] = time
     work = make_scratch(model)
-    load_pose(model, f, state, work.now)
-    complete_pose(model, f, work.now, work.around.reference)
+    pose_kernels.load_pose(model, f, state, work.now)
+    pose_kernels.complete_pose(model, f, work.now, work.around.reference)
     state.points.at(f).assign(work.now.points)
     for step in range(2):
         state.strains.at(f, step).assign(work.now.strains)
@@ -245,7 +247,8 @@ def carry_to(held: Flags, state: State, path: RootPath) -> None:
 
 
 def _carry(f: int, state: State, path: RootPath) -> None:
-    move = multiply(path.base[f], conjugate(state.rotation[f, 0]))
+    multiply, normalised = vector_kernels.multiply, vector_kernels.normalised
+    move = multiply(path.base[f], vector_kernels.conjugate(state.rotation[f, 0]))
     turn = quats_to_frames(np.array(move))
     old, new = state.centre[f, 0].copy(), path.samples[f, 0, :3]
     state.centre[f] = new + (state.centre[f] - old) @ turn.T

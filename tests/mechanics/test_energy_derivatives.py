@@ -29,7 +29,7 @@ from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
 from featherfx.mechanics.vane_twist_kernels import cell_twist, twist_slopes
 from featherfx.solver.scratch import make_scratch
-from featherfx.solver.step.integrator_kernels import IntegratorFactors
+from featherfx.solver.types import IntegratorFactors
 
 SEEDS = range(5)
 

@@ -19,9 +19,9 @@ from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.resolution import barb_deflection, rachis_deflection
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver
-from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
+from featherfx.solver.types import IntegratorFactors
 
 FALLING = ((0.0, 1.5), (0.6, 0.9), (1.0, 0.25))
 # a thousandth of what it is for, so that deflections are small

@@ -25,9 +25,9 @@ from featherfx.mechanics.vane_guard_kernels import (
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver
-from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import add_increment, load_pose
+from featherfx.solver.types import IntegratorFactors
 
 REST = np.array([1.3, 0.4, 0.8])
 STILL = IntegratorFactors(0.0, 0.0, 0.0)

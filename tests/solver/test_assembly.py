@@ -21,10 +21,9 @@ from featherfx.feather.types import RowPoints
 from featherfx.lab.bench.cases import crumple
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.scratch import make_scratch, make_strains
-from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import copy_pose, evaluate
 from featherfx.solver.step.pose_kernels import add_increment, load_pose
-from featherfx.solver.step.strain_kernels import Strains
+from featherfx.solver.types import IntegratorFactors, Strains
 
 FACTORS = IntegratorFactors(500.0, 30.0, 40.0)
 STILL = IntegratorFactors(0.0, 0.0, 0.0)

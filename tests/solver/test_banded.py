@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import cholesky_banded, solveh_banded
 
-from featherfx.solver.step.banded_kernels import factorise, panel_shape, solve_factored
+from featherfx.solver.step.banded_kernels import factorise, solve_factored
+from featherfx.solver.types import panel_shape
 
 
 def random_band(size, width, seed):

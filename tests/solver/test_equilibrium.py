@@ -9,12 +9,12 @@ from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, r
 from featherfx.mechanics.air_kernels import vane_areas
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.scratch import make_scratch
-from featherfx.solver.settle_kernels import MIXING_DEPTH, MIXING_FRACTION, make_mixing, mix
+from featherfx.solver.settle_kernels import MIXING_FRACTION, mix
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.status import CONVERGED, NO_REST
-from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
+from featherfx.solver.types import MIXING_DEPTH, IntegratorFactors, make_mixing
 
 EARTH = (0.0, 0.0, -9.81)
 STILL = IntegratorFactors(0.0, 0.0, 0.0)

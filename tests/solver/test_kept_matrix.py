@@ -9,14 +9,13 @@ from trial_batches import at_origin, preset_batch
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import RootPath, Settings, Solver, hold_roots
 from featherfx.solver.step.banded_kernels import (
-    MAX_SECANT_PAIRS,
     begin_pair,
     end_pair,
     factorise,
-    panel_shape,
     solve_corrected,
     store_step,
 )
+from featherfx.solver.types import MAX_SECANT_PAIRS, panel_shape
 
 UNLIMITED = 1e30
 

@@ -13,7 +13,6 @@ from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED
 from featherfx.solver.step.energy_kernels import EnergyBound
-from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import (
     MAX_SHIFT,
     STABILISED,
@@ -32,12 +31,12 @@ from featherfx.solver.step.step_control_kernels import (
     TAKEN,
     Attempt,
     Outcome,
-    StepSettings,
     attempt_work,
     judge_attempt,
     min_step_length,
     next_step,
 )
+from featherfx.solver.types import IntegratorFactors, StepSettings
 
 nearer, stiffer = _nearer.py_func, _stiffer.py_func
 

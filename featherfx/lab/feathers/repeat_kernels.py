@@ -6,7 +6,7 @@ from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.assembly_kernels import nodal_assemble
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.vane.line_kernels import WHOLE_STIFFNESS
+from featherfx.solver.types import WHOLE_STIFFNESS
 
 
 @kernel

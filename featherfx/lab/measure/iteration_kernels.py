@@ -22,12 +22,12 @@ from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.solver.solver import Settings, Solver, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.integrator_kernels import IntegratorFactors, integrator_of
+from featherfx.solver.step.integrator_kernels import integrator_of
 from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import add_increment, barb_jacobians
+from featherfx.solver.types import FORCES_ONLY, WHOLE_STIFFNESS, IntegratorFactors
 from featherfx.solver.vane.assembly_kernels import add_rows
-from featherfx.solver.vane.line_kernels import FORCES_ONLY, WHOLE_STIFFNESS
 
 _FEATHERS = {"hero": (41, 10, 2), "production": (21, 6, 2)}
 _STEP, _STEPS = 1.0 / 384.0, 40  # s

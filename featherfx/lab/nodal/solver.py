@@ -31,7 +31,7 @@ from featherfx.solver.solver import HARD_STEP_WORK, RootPath, Settings, StepRepo
 from featherfx.solver.state import make_report
 from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.integrator_kernels import IntegratorFactors
+from featherfx.solver.types import IntegratorFactors
 
 
 def nodal_settle(

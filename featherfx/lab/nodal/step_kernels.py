@@ -27,7 +27,6 @@ from featherfx.solver.step.energy_kernels import EnergyBound
 from featherfx.solver.step.integrator_kernels import (
     EULER,
     NODE_POINTS,
-    IntegratorFactors,
     begin_points,
     end_points,
     integrator_of,
@@ -43,7 +42,6 @@ from featherfx.solver.step.step_control_kernels import (
     TAKEN,
     Attempt,
     Outcome,
-    StepSettings,
     after_step,
     count_attempt,
     judge_attempt,
@@ -51,6 +49,7 @@ from featherfx.solver.step.step_control_kernels import (
     record_failure,
 )
 from featherfx.solver.step.strain_kernels import difference_weights, set_reference
+from featherfx.solver.types import IntegratorFactors, StepSettings
 
 # beside the ways of solver/step/step_control_kernels.py: start at the last pose
 _STAY = -1

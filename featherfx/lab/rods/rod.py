@@ -32,11 +32,10 @@ from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_faile
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.modes import first_frequency, frequencies
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.vane.line_kernels import FORCES_ONLY
+from featherfx.solver.types import FORCES_ONLY, IntegratorFactors
 
 Vector = tuple[float, float, float]
 

@@ -21,7 +21,8 @@ from featherfx.lab.studies.study import Comparisons, StudyResult, independent, p
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings
-from featherfx.solver.step.banded_kernels import factorise, panel_shape, solve_factored
+from featherfx.solver.step.banded_kernels import factorise, solve_factored
+from featherfx.solver.types import panel_shape
 
 # nodes in a row of the lattices; the last has 99,456 unknowns
 _SIZES = (48, 112, 224)

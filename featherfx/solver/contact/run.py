@@ -33,7 +33,7 @@ from featherfx.solver.solver import (
     Solver,
 )
 from featherfx.solver.state import RootPath, State, StepReport, carry_to, make_report
-from featherfx.solver.step.step_control_kernels import StepSettings
+from featherfx.solver.types import StepSettings
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -32,7 +32,8 @@ from featherfx.solver.scratch import SolverScratch, StoredMatrix
 from featherfx.solver.step.frame_kernels import advance_feather
 from featherfx.solver.step.newton_kernels import MAX_REUSE_ITERATIONS
 from featherfx.solver.step.start_kernels import start_acceleration
-from featherfx.solver.step.step_control_kernels import StepSettings, scale_settings
+from featherfx.solver.step.step_control_kernels import scale_settings
+from featherfx.solver.types import StepSettings
 
 # length of the last step of a feather that has none, but its first acceleration
 _BEGUN = -1.0

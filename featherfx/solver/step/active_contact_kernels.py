@@ -31,9 +31,8 @@ from featherfx.mechanics.contact_kernels import (
     add_contact_stiffness,
     press,
 )
+from featherfx.solver.types import MAX_FOLLOWED_CONTACTS
 
-# contacts of a feather that are followed, at most; others are as they are where K is made
-MAX_FOLLOWED_CONTACTS = 16384
 # m, by which a gap must be open or closed to be so
 _GAP_CLEARANCE = 1e-8
 

@@ -26,10 +26,11 @@ from featherfx.mechanics.turn_guard_kernels import (
 )
 from featherfx.solver.step.active_contact_kernels import followed_contacts
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes
+from featherfx.solver.types import FORCES_ONLY, WHOLE_STIFFNESS
 from featherfx.solver.vane.assembly_kernels import add_rows, subtract_barb_forces
 from featherfx.solver.vane.force_kernels import add_vane_forces
 from featherfx.solver.vane.hinge_kernels import add_crushed_hinges
-from featherfx.solver.vane.line_kernels import FORCES_ONLY, WHOLE_STIFFNESS, damped_stress
+from featherfx.solver.vane.line_kernels import damped_stress
 
 
 @kernel

@@ -27,13 +27,7 @@ from featherfx.algebra.lanes import load, put, spread
 from featherfx.algebra.vector_kernels import add_scaled, copy_values, product
 from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
-
-_BLOCK = 8  # columns; `_column` and `_eight` are written out for this many
-
-
-def panel_shape(width):
-    """Shape of the scratch that factorise wants for a band of this width."""
-    return _BLOCK, (_BLOCK + width + LANES) // LANES * LANES + LANES
+from featherfx.solver.types import BLOCK
 
 
 @loop_kernel
@@ -46,7 +40,7 @@ def _line_up(band, start, count, panel):
             panel[s, s + d] = band[start + s, d]
         for r in range(s + width, panel.shape[1]):
             panel[s, r] = 0.0
-    for s in range(count, _BLOCK):
+    for s in range(count, BLOCK):
         panel[s, :] = 0.0
 
 
@@ -113,14 +107,14 @@ def _subtract(panel, count, end, flat, width):
 
     column[r - t] -= sum_s panel[s, t] panel[s, r] for the column of row t.
     """
-    for t in range(_BLOCK, _BLOCK + count, 2):
+    for t in range(BLOCK, BLOCK + count, 2):
         a, b = _column(panel, t), _column(panel, t + 1)
-        column, next_one = (t - _BLOCK) * width - t, (t + 1 - _BLOCK) * width - t - 1
+        column, next_one = (t - BLOCK) * width - t, (t + 1 - BLOCK) * width - t - 1
         square = 0.0
-        for s in range(_BLOCK):
+        for s in range(BLOCK):
             square += panel[s, t] * panel[s, t]
         flat[column + t] -= square
-        if t + 1 == _BLOCK + count:
+        if t + 1 == BLOCK + count:
             for r in range(t + 1, end, LANES):
                 lines = _eight(panel, r)
                 put(flat, column + r, load(flat, column + r) - _product(a, lines))
@@ -157,15 +151,15 @@ def factorise(band, panel):
     if width < LANES:
         return _factorise_narrow(band)
     flat = shaped(band, (band.size,))
-    for start in range(0, size, _BLOCK):
-        count = min(_BLOCK, size - start)
+    for start in range(0, size, BLOCK):
+        count = min(BLOCK, size - start)
         _line_up(band, start, count, panel)
         if not _eliminate(panel, count, min(count + width - 1, size - start)):
             return False
         _put_back(panel, start, count, band)
-        below = start + _BLOCK
+        below = start + BLOCK
         if below < size:
-            after, end = min(width - 1, size - below), min(_BLOCK + width - 1, size - start)
+            after, end = min(width - 1, size - below), min(BLOCK + width - 1, size - start)
             _subtract(panel, after, end, flat[below * width :], width)
     return True
 
@@ -244,7 +238,6 @@ def solve_factored(band, x):
         _backward(band, 4 * block, x)
 
 
-MAX_SECANT_PAIRS = 6
 _STEP, _CHANGE, _SUMS = 0, 1, 2
 
 

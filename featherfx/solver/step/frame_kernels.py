@@ -41,7 +41,6 @@ from featherfx.solver.step.gap_kernels import (
 from featherfx.solver.step.integrator_kernels import (
     EULER,
     NODE_POINTS,
-    IntegratorFactors,
     begin_points,
     end_points,
     integrator_of,
@@ -93,6 +92,7 @@ from featherfx.solver.step.strain_kernels import (
     set_reference_strains,
     strains_of,
 )
+from featherfx.solver.types import IntegratorFactors
 
 # of where Newton ends for a held feather, where it ends for one that flies
 _FREE_TOLERANCE_RATIO = 0.1

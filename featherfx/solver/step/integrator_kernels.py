@@ -35,15 +35,6 @@ class Integrator(NamedTuple):
     g: float
 
 
-class IntegratorFactors(NamedTuple):
-    """Factors of the integrator in a step's energy: inertia (1/s^2), rate of velocities and
-    strain_rate of strains (1/s)."""
-
-    inertia: float
-    rate: float
-    strain_rate: float
-
-
 # places in RowPoints
 NODE_POINTS, DIRECTOR_POINTS = 0, 1
 

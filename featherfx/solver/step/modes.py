@@ -6,17 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.groom.types import FeatherKind
+from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step.assembly_kernels import assemble
-from featherfx.solver.step.banded_kernels import lowest_quotient, panel_shape
-from featherfx.solver.step.integrator_kernels import IntegratorFactors
-from featherfx.solver.step.newton_kernels import evaluate
-from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.vane.line_kernels import STABILISING_STIFFNESS
+from featherfx.solver.types import STABILISING_STIFFNESS, IntegratorFactors, panel_shape
 
 Array = NDArray[np.float64]
+
+assembly_kernels = KernelModule("featherfx.solver.step.assembly_kernels")
+banded_kernels = KernelModule("featherfx.solver.step.banded_kernels")
+newton_kernels = KernelModule("featherfx.solver.step.newton_kernels")
+pose_kernels = KernelModule("featherfx.solver.step.pose_kernels")
 
 _STIFFNESSES = (
     "rachis_stiffness", "barb_stiffness", "cell_stiffness", "hinge_stiffness", "twist_stiffness",
@@ -46,9 +47,9 @@ def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
 def _band(model: Model, inertia: float, state: State, work: SolverScratch) -> Array:
     """Stiffness plus inertia (1/s^2) times mass of the pose of a model's only feather."""
     f, loads, factors, now = 0, no_loads(1), IntegratorFactors(inertia, 0.0, 0.0), work.now
-    load_pose(model, f, state, now)
-    evaluate(model, loads, f, 0.0, factors, now, work.around)
-    assemble(model, loads, f, 0.0, factors, STABILISING_STIFFNESS, 0.0, work)
+    pose_kernels.load_pose(model, f, state, now)
+    newton_kernels.evaluate(model, loads, f, 0.0, factors, now, work.around)
+    assembly_kernels.assemble(model, loads, f, 0.0, factors, STABILISING_STIFFNESS, 0.0, work)
     return work.system.band.copy()
 
 
@@ -57,7 +58,9 @@ def first_frequency(model: Model, feather: int) -> float:
     stiffness, mass = rest_bands(model, feather)
     size, width = stiffness.shape
     scratch = np.zeros_like(stiffness), np.zeros(panel_shape(width))
-    quotient = lowest_quotient(stiffness, mass, *scratch, np.ones(size), np.zeros(size))
+    quotient = banded_kernels.lowest_quotient(
+        stiffness, mass, *scratch, np.ones(size), np.zeros(size)
+    )
     if not quotient > 0.0:
         raise np.linalg.LinAlgError("the stiffness at rest is not positive definite")
     return float(np.sqrt(quotient))

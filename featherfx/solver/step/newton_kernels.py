@@ -46,7 +46,6 @@ from featherfx.solver.step.active_contact_kernels import (
 )
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import (
-    MAX_SECANT_PAIRS,
     begin_pair,
     end_pair,
     factorise,
@@ -61,7 +60,12 @@ from featherfx.solver.step.pose_kernels import (
     turn_rows,
 )
 from featherfx.solver.step.strain_kernels import copy_strains
-from featherfx.solver.vane.line_kernels import FORCES_ONLY, STABILISING_STIFFNESS, WHOLE_STIFFNESS
+from featherfx.solver.types import (
+    FORCES_ONLY,
+    MAX_SECANT_PAIRS,
+    STABILISING_STIFFNESS,
+    WHOLE_STIFFNESS,
+)
 
 # rad, that an increment turns a joint of a barb by at most
 _MAX_JOINT_TURN = pi

@@ -17,7 +17,6 @@ from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of
-from featherfx.solver.step.integrator_kernels import IntegratorFactors
 from featherfx.solver.step.newton_kernels import (
     UNKNOWN_CONVERGENCE,
     NewtonGoal,
@@ -28,6 +27,7 @@ from featherfx.solver.step.newton_kernels import (
 from featherfx.solver.step.pose_kernels import load_pose, root_at
 from featherfx.solver.step.step_control_kernels import min_step_length
 from featherfx.solver.step.strain_kernels import copy_strains, strains_of
+from featherfx.solver.types import IntegratorFactors
 
 # Newton iterations that a first acceleration gets: the second one only corrects for the curved
 # paths of barbs and frames

@@ -28,6 +28,7 @@ from featherfx.jit.compiled import kernel
 from featherfx.solver.status import CONVERGED, GREW
 from featherfx.solver.step.energy_kernels import EnergyBound
 from featherfx.solver.step.newton_kernels import ConvergenceHistory
+from featherfx.solver.types import StepSettings
 
 # what becomes of a try
 TAKEN, _REJECTED, _FAILED = 0, 1, 2
@@ -56,30 +57,6 @@ MIN_ATTEMPTS_LEFT = 16
 # part of a wanted length that its steps are divided by, and of the shortest one that a step is no
 # longer than that is no longer cut: more than one over the former, or it is tried over and over
 _EVEN_STEPS_RATIO, _FLOOR_RATIO = 0.999, 1.01
-
-
-class StepSettings(NamedTuple):
-    """Settings of one feather's steps through one frame.
-
-    duration: s, of the frame. shortest: s, of a frame in as many even steps as it may have.
-    spectral_radius: of the integrator.
-    tolerance: m, error of a step. coarse: m, error that no step may have where it can be shorter.
-    newton: m, distance from a step's solution that counts as converged. iterations: Newton's of a
-    try at most. hard: work beyond which the next step is not made longer. most_iterations: work of
-    the whole frame (attempt_work). unsolved: m, distance from its solution at which a step is taken
-    where the frame must end.
-    """
-
-    duration: float
-    shortest: float
-    spectral_radius: float
-    tolerance: float
-    coarse: float
-    newton: float
-    iterations: int
-    hard: int
-    most_iterations: int
-    unsolved: float
 
 
 @kernel

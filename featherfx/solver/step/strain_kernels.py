@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import follow, lane, load, put, spread, transposed, where_there
 from featherfx.algebra.vector_kernels import copy_values, sub
@@ -16,32 +11,7 @@ from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_bending_kernels import angles_and_openness, wrapped
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 from featherfx.mechanics.vane_twist_kernels import cell_twist
-
-
-class Strains(NamedTuple):
-    """Strains of one feather; those of a state have leading axes.
-
-    rachis: (n-1, 6) of the elements. barb: (2, n, 2 C) rad, coefficients. cell: (2, n-1, m, 2, 2),
-    e_ww and 2 e_vw of triangles A and B. hinge: (2, n, m) rad, dihedral angles. twist:
-    (2, n-1, m), of the cells (vane_twist_kernels). openness: (2, n, m), of the hinges
-    (vane_bending_kernels).
-    """
-
-    rachis: NDArray[np.float64]
-    barb: NDArray[np.float64]
-    cell: NDArray[np.float64]
-    hinge: NDArray[np.float64]
-    twist: NDArray[np.float64]
-    openness: NDArray[np.float64]
-
-    def at(self, *place: int) -> Strains:
-        """Those at a place of the leading axes, the same memory."""
-        return Strains(*(array[place] for array in self))
-
-    def assign(self, other: Strains) -> None:
-        """Set all, in place."""
-        for array, value in zip(self, other, strict=True):
-            array[...] = value
+from featherfx.solver.types import Strains
 
 
 @kernel

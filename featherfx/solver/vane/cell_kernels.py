@@ -19,21 +19,23 @@ from featherfx.mechanics.vane_membrane_kernels import (
     membrane_geometric_stiffness,
     membrane_normal_stiffness,
 )
-from featherfx.solver.vane.line_kernels import (
+from featherfx.solver.types import (
     AXIS_SIZE,
     FORCES_ONLY,
     GEOMETRIC_PLACE,
     HALF_SIZE,
-    PAIR_ALONG,
-    PAIR_OWN,
     PAIR_SIZE,
-    PAIR_SLANT,
-    PAIR_UP,
     STABILISING_STIFFNESS,
     STRAIN_SIZE,
     STRESS_PLACE,
     STRIP_SIZE,
     WEIGHT_PLACE,
+)
+from featherfx.solver.vane.line_kernels import (
+    PAIR_ALONG,
+    PAIR_OWN,
+    PAIR_SLANT,
+    PAIR_UP,
     add_outer,
     block_of,
     damped_stress,

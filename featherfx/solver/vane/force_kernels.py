@@ -8,14 +8,10 @@ few kinds of pairs in line_kernels are all that triangles, hinges and twist coup
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
 from featherfx.mechanics.vane_guard_kernels import is_pressed
 from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, row_of_gaps, twist_hold
+from featherfx.solver.types import FORCES_ONLY
 from featherfx.solver.vane.cell_kernels import Strip, fill_strip
 from featherfx.solver.vane.hinge_kernels import Hinges, Twists, fill_hinges, fill_twists
-from featherfx.solver.vane.line_kernels import (
-    FORCES_ONLY,
-    add_lines_to_nodes,
-    lanes,
-    nodes_to_lines,
-)
+from featherfx.solver.vane.line_kernels import add_lines_to_nodes, lanes, nodes_to_lines
 from featherfx.solver.vane.sum_kernels import add_blocks, add_forces
 
 

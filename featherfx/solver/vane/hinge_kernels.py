@@ -18,22 +18,24 @@ from featherfx.algebra.vector_kernels import accumulate
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.vane_bending_kernels import folded, hinge_gradient, openness_gradient
 from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold
-from featherfx.solver.vane.line_kernels import (
+from featherfx.solver.types import (
     AXIS_SIZE,
     HINGE_SIZE,
     HINGE_STRESS_PLACE,
     HINGE_WEIGHT_PLACE,
     NODE_SIZE,
+    STRESS_PLACE,
+    STRIP_SIZE,
+    TWIST_LANE,
+    WEIGHT_PLACE,
+)
+from featherfx.solver.vane.line_kernels import (
     PAIR_ALONG,
     PAIR_BACK,
     PAIR_OWN,
     PAIR_SKIP,
     PAIR_SLANT,
     PAIR_UP,
-    STRESS_PLACE,
-    STRIP_SIZE,
-    TWIST_LANE,
-    WEIGHT_PLACE,
     damped_stress,
     hinge_gradients,
     lanes,

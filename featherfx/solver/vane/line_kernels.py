@@ -15,13 +15,21 @@ from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.vane_bending_kernels import hinge_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_slopes
 from featherfx.mechanics.vane_twist_kernels import twist_slopes
+from featherfx.solver.types import (
+    AXIS_SIZE,
+    HALF_SIZE,
+    HINGE_SIZE,
+    HINGE_WEIGHT_PLACE,
+    NODE_SIZE,
+    STRAIN_SIZE,
+    STRIP_SIZE,
+    TWIST_PLACE,
+)
 
 # blocks K(p, q) of row i and column j: p, q =
 # (i, j), (i, j), halved; (i, j), (i, j+1); (i+1, j), (i, j); (i+1, j), (i, j+1);
 # (i+1, j), (i, j-1); (i+1, j), (i-1, j)
 PAIR_OWN, PAIR_ALONG, PAIR_UP, PAIR_SLANT, PAIR_BACK, PAIR_SKIP = 0, 1, 2, 3, 4, 5
-# which second derivatives are wanted: none, those without what may be indefinite, all
-FORCES_ONLY, STABILISING_STIFFNESS, WHOLE_STIFFNESS = 0, 1, 2
 
 
 @kernel
@@ -35,21 +43,6 @@ def cell_nodes(i, half, j, near, far):
 @kernel
 def damped_stress(stiffness, strain, reference, damping):
     return stiffness * (strain + damping * (strain - reference))
-
-
-# Places in a block of LANES cells of a strip between two rows: gradients of the strains of
-# triangles A and B (half), by strain, node and axis, and of the twist, by node and axis; the
-# stiffnesses of both strains of A and B and of the twist; their stresses; and the geometric
-# stiffness of the six pairs of nodes of A and B. STRIP_SIZE: all of them.
-AXIS_SIZE = LANES
-NODE_SIZE, STRAIN_SIZE, HALF_SIZE = 3 * AXIS_SIZE, 9 * AXIS_SIZE, 18 * AXIS_SIZE
-TWIST_PLACE, WEIGHT_PLACE, STRESS_PLACE, GEOMETRIC_PLACE, STRIP_SIZE = (
-    LANES * first for first in (36, 48, 53, 58, 70)
-)
-# the twist among WEIGHT_PLACE and STRESS_PLACE, and pairs among GEOMETRIC_PLACE
-TWIST_LANE, PAIR_SIZE = 4 * LANES, 6 * LANES
-# The same of LANES hinges on a barb: gradients of the angle by node and axis, stiffness, stress.
-HINGE_WEIGHT_PLACE, HINGE_STRESS_PLACE, HINGE_SIZE = 12 * LANES, 13 * LANES, 14 * LANES
 
 
 @kernel

@@ -15,7 +15,7 @@ from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import follow, load, put, spread
 from featherfx.algebra.vector_kernels import add, scale
 from featherfx.jit.compiled import loop_kernel
-from featherfx.solver.vane.line_kernels import (
+from featherfx.solver.types import (
     AXIS_SIZE,
     GEOMETRIC_PLACE,
     HALF_SIZE,
@@ -23,19 +23,21 @@ from featherfx.solver.vane.line_kernels import (
     HINGE_STRESS_PLACE,
     HINGE_WEIGHT_PLACE,
     NODE_SIZE,
-    PAIR_ALONG,
-    PAIR_BACK,
-    PAIR_OWN,
     PAIR_SIZE,
-    PAIR_SKIP,
-    PAIR_SLANT,
-    PAIR_UP,
     STRAIN_SIZE,
     STRESS_PLACE,
     STRIP_SIZE,
     TWIST_LANE,
     TWIST_PLACE,
     WEIGHT_PLACE,
+)
+from featherfx.solver.vane.line_kernels import (
+    PAIR_ALONG,
+    PAIR_BACK,
+    PAIR_OWN,
+    PAIR_SKIP,
+    PAIR_SLANT,
+    PAIR_UP,
     block_of,
     vectors,
 )

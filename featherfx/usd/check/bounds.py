@@ -26,6 +26,8 @@ MAX_STRAIN = 137e6 / KERATIN_MODULUS
 # m, by which a vane may be under the skin where a cache does not tell its thickness (Jouve 2024,
 # Numerical Modeling of Feathers, table 3.1: 103 to 155 micrometres of swans)
 USUAL_THICKNESS = 1.2e-4
+# of the histogram of errors: bins of a factor of two, and the exponent that the first is of
+BINS_PER_OCTAVE, MIN_EXPONENT, OCTAVES = 32, -60, 100
 
 
 def list_passed_bounds(report: Mapping[str, Any]) -> Iterator[str]:

@@ -12,10 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
+from featherfx.jit.compiled import KernelModule
 from featherfx.phases import phase
 from featherfx.usd.check.bounds import (
+    BINS_PER_OCTAVE,
     KERATIN_DENSITY,
     KERATIN_MODULUS,
     MAX_JUMP,
@@ -24,32 +26,47 @@ from featherfx.usd.check.bounds import (
     MAX_SIMULATED_LENGTH_ERROR,
     MAX_UNEXPLAINED_RATIO,
     MAX_UNRESOLVED_SPEED,
-    USUAL_THICKNESS,
-    list_passed_bounds,
-)
-from featherfx.usd.check.judge_kernels import (
-    BINS_PER_OCTAVE,
     MIN_EXPONENT,
     OCTAVES,
-    ThreeSamples,
-    Worst,
-    count_errors,
-    find_curvatures,
-    find_nodes,
-    keep_jumps,
-    keep_strains,
-    keep_stretches,
-    strand_lengths,
+    USUAL_THICKNESS,
+    list_passed_bounds,
 )
 from featherfx.usd.check.tracks import BARB, RACHIS, Track, find_tracks
 from featherfx.usd.read.opening import open_stage, read_scenery
 from featherfx.usd.read.values import usd_errors
+
+judge_kernels = KernelModule("featherfx.usd.check.judge_kernels")
 
 _PARTS = {RACHIS: "rachis", BARB: "barb"}
 _JUMP, _UNEXPLAINED, _STRAIN, _DEPTH, _KINDS = 2, 3, 4, 5, 6  # columns of Worst
 _MAX_NAMED = 10
 _LIMITS = np.array([MAX_JUMP, MAX_ROOT_JUMP_RATIO, MAX_UNEXPLAINED_RATIO])
 _ROUNDING = float(np.finfo(np.float32).eps)
+
+
+class Worst(NamedTuple):
+    """Largest values so far, (F, 6) of each feather: stretch of its rachis, of a barb, jump, jump
+    that velocities do not explain, strain of its rachis, and depth of its vanes in the skin, m.
+
+    at: (F, 6) time codes.
+    """
+
+    value: Array
+    at: Array
+
+
+class ThreeSamples(NamedTuple):
+    """Three samples of a track, step s apart.
+
+    points: of (V, 3). roots: of (F, 3). rates: (V, 3) of the first and the last; of length 0 where
+    there are none. code: of the middle one.
+    """
+
+    points: tuple[Floats, Floats, Floats]
+    roots: tuple[Array, Array, Array]
+    rates: tuple[Floats, Floats]
+    step: float
+    code: float
 
 
 class _Sample(NamedTuple):
@@ -113,10 +130,10 @@ class Judge:
         worst = Worst(np.zeros((count, _KINDS)), np.zeros((count, _KINDS)))
         nodes = np.empty((len(strands.node_first) - 1, 3))
         rest, lengths = np.empty((2, len(strands.feather)))
-        find_nodes(track.shape.rest, strands, nodes)
-        strand_lengths(nodes, strands, rest)
+        judge_kernels.find_nodes(track.shape.rest, strands, nodes)
+        judge_kernels.strand_lengths(nodes, strands, rest)
         bent, bent_rest = np.zeros((2, len(nodes), 5))
-        find_curvatures(track.shape.rest, nodes, strands, bent_rest)
+        judge_kernels.find_curvatures(track.shape.rest, nodes, strands, bent_rest)
         heights = _find_heights(track, nodes, bent_rest[:, 4])
         sizes = np.zeros(count)
         away = np.linalg.norm(track.shape.rest - nodes[strands.root][track.owner], axis=1)
@@ -124,12 +141,12 @@ class Judge:
         window: list[_Sample] = []
         for code in reader.codes or [None]:
             points = reader.read("points", code)
-            find_nodes(points, strands, nodes)
-            strand_lengths(nodes, strands, lengths)
+            judge_kernels.find_nodes(points, strands, nodes)
+            judge_kernels.strand_lengths(nodes, strands, lengths)
             rounding = _ROUNDING * float(np.abs(points).max(initial=0.0))
-            keep_stretches(lengths, rest, strands, rounding, code or 0.0, worst)
-            find_curvatures(points, nodes, strands, bent)
-            keep_strains(bent, bent_rest, heights, strands, code or 0.0, worst)
+            judge_kernels.keep_stretches(lengths, rest, strands, rounding, code or 0.0, worst)
+            judge_kernels.find_curvatures(points, nodes, strands, bent)
+            judge_kernels.keep_strains(bent, bent_rest, heights, strands, code or 0.0, worst)
             if code is not None:
                 rates = reader.read("velocities", code)
                 sample = _Sample(code, points, rates, nodes[strands.root])
@@ -166,11 +183,13 @@ class Judge:
                 float(steps[-1]),
                 last[1].code,
             )
-            keep_jumps(samples, track.owner, sizes, _LIMITS, worst)
+            judge_kernels.keep_jumps(samples, track.owner, sizes, _LIMITS, worst)
         if len(window) > 4 and even.all() and (middle := window[2].rates) is not None:
             first, second, _, fourth, fifth = (each.points for each in window)
             near, far = (second, first), (fourth, fifth)
-            self._squares += count_errors(near, far, middle, float(steps[-1]), self._errors)
+            self._squares += judge_kernels.count_errors(
+                near, far, middle, float(steps[-1]), self._errors
+            )
             self._rates += len(middle)
 
     def _keep(self, ids: Sequence[str], worst: Worst) -> None:

@@ -18,63 +18,17 @@ differ by little where samples resolve the motion.
 from __future__ import annotations
 
 from math import log2, sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.vector_kernels import add, cross, dot, length, scale, sub
 from featherfx.jit.compiled import kernel
+from featherfx.usd.check.bounds import BINS_PER_OCTAVE, MIN_EXPONENT
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
-
-# of the histogram of errors: bins of a factor of two, and the exponent that the first is of
-BINS_PER_OCTAVE, MIN_EXPONENT, OCTAVES = 32, -60, 100
-
-
-class Strands(NamedTuple):
-    """K strands of F feathers, over N nodes.
-
-    node_first: (N + 1,) first of each node's points in node_points. first: (K + 1,) first segment
-    of each strand. start, end: (S,) nodes of the segments. feather, kind: (K,) of each strand.
-    root: (F,) node of each feather.
-    """
-
-    node_first: Indices
-    node_points: Indices
-    first: Indices
-    start: Indices
-    end: Indices
-    feather: Indices
-    kind: Indices
-    root: Indices
-
-
-class Worst(NamedTuple):
-    """Largest values so far, (F, 6) of each feather: stretch of its rachis, of a barb, jump, jump
-    that velocities do not explain, strain of its rachis, and depth of its vanes in the skin, m.
-
-    at: (F, 6) time codes.
-    """
-
-    value: Array
-    at: Array
-
-
-class ThreeSamples(NamedTuple):
-    """Three samples of a track, step s apart.
-
-    points: of (V, 3). roots: of (F, 3). rates: (V, 3) of the first and the last; of length 0 where
-    there are none. code: of the middle one.
-    """
-
-    points: tuple[Floats, Floats, Floats]
-    roots: tuple[Array, Array, Array]
-    rates: tuple[Floats, Floats]
-    step: float
-    code: float
 
 
 @kernel

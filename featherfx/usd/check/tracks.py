@@ -19,7 +19,6 @@ from pxr import Usd, UsdGeom
 from featherfx import usd
 from featherfx.algebra.types import Floats, Indices
 from featherfx.feather.types import RACHIS_PART
-from featherfx.usd.check.judge_kernels import Strands
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -57,6 +56,24 @@ class MeshShape:
     triangles: Indices
     part: Indices
     st: NDArray[Any]
+
+
+class Strands(NamedTuple):
+    """K strands of F feathers, over N nodes.
+
+    node_first: (N + 1,) first of each node's points in node_points. first: (K + 1,) first segment
+    of each strand. start, end: (S,) nodes of the segments. feather, kind: (K,) of each strand.
+    root: (F,) node of each feather.
+    """
+
+    node_first: Indices
+    node_points: Indices
+    first: Indices
+    start: Indices
+    end: Indices
+    feather: Indices
+    kind: Indices
+    root: Indices
 
 
 @dataclass(frozen=True)

@@ -32,10 +32,9 @@ from featherfx.usd.types import (
     SHAPE_SIZE_PRIMVAR,
     FeatherEntry,
 )
-from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.layers import StageInfo
+from featherfx.usd.write.poses import ToStage, surface_kernels
 from featherfx.usd.write.prims import author_primvars, author_shared, replace_primvars
-from featherfx.usd.write.surface_kernels import ToStage
 
 if TYPE_CHECKING:
     from featherfx.usd.write.posed_groups import PosedGroup

@@ -41,10 +41,15 @@ from featherfx.usd.types import (
     RATES,
     WET_PRIMVARS,
 )
-from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.forms import AttributeKey, MeshGroup
-from featherfx.usd.write.poses import PosedFeather, Written, read_only
-from featherfx.usd.write.surface_kernels import DrawnSurface, WrittenSurface
+from featherfx.usd.write.poses import (
+    DrawnSurface,
+    PosedFeather,
+    Written,
+    WrittenSurface,
+    read_only,
+    surface_kernels,
+)
 
 # feathers whose poses are computed at once; more would only need more memory for what passes
 _MAX_JOINED = 500

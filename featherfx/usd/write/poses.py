@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from featherfx.feather.types import (
     RowPoints,
     both,
 )
+from featherfx.jit.compiled import KernelModule
 from featherfx.shot.frames import FeatherPose
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (
@@ -44,15 +45,51 @@ from featherfx.usd.types import (
     WET_PRIMVARS,
     FeatherEntry,
 )
-from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.forms import AttributeKey, CacheForm, find_keys
-from featherfx.usd.write.surface_kernels import DrawnSurface, ToStage, WrittenSurface
 
 if TYPE_CHECKING:
     from featherfx.feather.detail import ThinnedGrid
 
+surface_kernels = KernelModule("featherfx.usd.write.surface_kernels")
+
 _ROUNDING = float(np.finfo(np.float32).eps)
 _NONE, _ONE = np.zeros(0), np.ones(1)
+
+
+class DrawnSurface(NamedTuple):
+    """A surface of V points and T triangles; row, node, offset, lips: as in Surface.
+
+    edges: (T, 2), a triangle's along its barb. Scratch: world (V, 3) m, points or rates in double
+    precision, for what is derived of them; sums (V, 3) of normals; parted (L,) whether lips are
+    open, and carried (L, 3) where they are then, or their rates.
+    """
+
+    row: Indices
+    node: Indices
+    offset: Array
+    triangles: Indices
+    edges: NDArray[np.int32]
+    lips: Indices
+    world: Array
+    sums: Array
+    parted: NDArray[np.bool_]
+    carried: Array
+
+
+class ToStage(NamedTuple):
+    """units: stage units per metre. y_up: whether y points up (x, y, z becomes x, z, -y)."""
+
+    units: float
+    y_up: bool
+
+
+class WrittenSurface(NamedTuple):
+    """points, normals: (V, 3). directions: (T, 3) unit, of barbs. rachis: (n, 3) points."""
+
+    points: Floats
+    normals: Floats
+    directions: Floats
+    rachis: Floats
 
 
 # What is written of one feather: the elements of each attribute that are its own.

@@ -13,7 +13,6 @@ e_ww, e_vw Green-Lagrange strain across the barbs and in shear, b thickness, E_w
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,42 +24,6 @@ from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
-
-
-class DrawnSurface(NamedTuple):
-    """A surface of V points and T triangles; row, node, offset, lips: as in Surface.
-
-    edges: (T, 2), a triangle's along its barb. Scratch: world (V, 3) m, points or rates in double
-    precision, for what is derived of them; sums (V, 3) of normals; parted (L,) whether lips are
-    open, and carried (L, 3) where they are then, or their rates.
-    """
-
-    row: Indices
-    node: Indices
-    offset: Array
-    triangles: Indices
-    edges: NDArray[np.int32]
-    lips: Indices
-    world: Array
-    sums: Array
-    parted: NDArray[np.bool_]
-    carried: Array
-
-
-class ToStage(NamedTuple):
-    """units: stage units per metre. y_up: whether y points up (x, y, z becomes x, z, -y)."""
-
-    units: float
-    y_up: bool
-
-
-class WrittenSurface(NamedTuple):
-    """points, normals: (V, 3). directions: (T, 3) unit, of barbs. rachis: (n, 3) points."""
-
-    points: Floats
-    normals: Floats
-    directions: Floats
-    rachis: Floats
 
 
 @kernel
