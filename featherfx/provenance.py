@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 _MAX_NAMED = 3  # prims that are left out for one reason and named in a line
@@ -25,7 +26,8 @@ class LeftOut:
 class StageRead:
     """Account of one reading. file: of the stage. path: prim that was named, or the root.
 
-    role: purpose, such as skin. taken: number of prims. motion: in words.
+    role: purpose, such as skin. taken: number of prims. describe: returns what there is to tell
+    besides, such as its motion; called where the account is shown.
     """
 
     file: str
@@ -33,7 +35,12 @@ class StageRead:
     role: str
     taken: int
     left: tuple[LeftOut, ...] = ()
-    motion: str = ""
+    describe: Callable[[], str] = str
+
+    @cached_property
+    def motion(self) -> str:
+        """Return the motion in words; empty where there is nothing to tell."""
+        return self.describe()
 
     def as_json(self) -> dict[str, Any]:
         """Return the entry of a report."""
@@ -53,6 +60,12 @@ class StageRead:
             named = f"{', '.join(own[:_MAX_NAMED])}{more}"
             parts.append(f"{count} {kind} that {reason} ({named})")
         return f"{line}; left {'; '.join(parts)}" if parts else line
+
+
+def list_entries(reads: Iterable[StageRead]) -> list[dict[str, Any]]:
+    """Return the entries of a report, each once."""
+    entries = {str(each): each.as_json() for each in reads}
+    return list(entries.values())
 
 
 Listener = Callable[[StageRead], object]

@@ -16,7 +16,7 @@ from featherfx.baking.task import BakeTask, prepare
 from featherfx.files.atomic_write import Standing, into, remove_leftovers, standing, write_all
 from featherfx.files.gc_pause import seldom_collected
 from featherfx.phases import Account, account, phase
-from featherfx.provenance import StageRead, listen_to_reads
+from featherfx.provenance import StageRead, list_entries, listen_to_reads
 from featherfx.shot.clock import StageClock
 from featherfx.shot.types import Shot
 
@@ -88,7 +88,7 @@ def _bake(
     is_complete = False
     try:
         report = carry_out(task, notify)
-        report["read"] = [each.as_json() for each in dict.fromkeys(reads)]
+        report["read"] = list_entries(reads)
         is_complete = True
         with phase("finishing", silent=True):
             report |= _seconds(timed)

@@ -21,7 +21,7 @@ from featherfx.cli.options import (
     progress_option,
     readable_path,
 )
-from featherfx.cli.program import Command
+from featherfx.cli.program import Command, print_json
 from featherfx.cli.progress import Progress
 from featherfx.errors import InputError, Problem
 from featherfx.groom.read.places import located
@@ -183,7 +183,7 @@ def _print_findings(
     lines = [located(problem) for problem in problems]
     if as_json:
         whole = {"file": str(file), "problems": lines, **measured.get(file, {})}
-        click.echo(json.dumps(whole, indent=2))
+        print_json(whole)
     elif lines:
         click.echo("\n".join(lines))
     for name, found in measured.items():
@@ -197,8 +197,10 @@ def _explain(
     file: Path, preset_folders: Sequence[Path], feather: str | None, as_json: bool
 ) -> None:
     told = pipeline.explain_options(file, preset_folders, feather)
-    whole = json.dumps({"feathers": told}, indent=2)
-    click.echo(whole if as_json else "\n".join(pipeline.explained_lines(told)))
+    if as_json:
+        print_json({"feathers": told})
+    else:
+        click.echo("\n".join(pipeline.explained_lines(told)))
 
 
 def _measure_plumage(file: Path, style: str, as_json: bool, options: Mapping[str, Any]) -> None:
@@ -261,8 +263,7 @@ def _measure(what: str, file: Path, style: str, as_json: bool, options: Mapping[
                 at = "at rest" if frame is None else f"at frame {frame:g}"
                 click.echo(f"{what}: {told.line(each)} {at}")
     if as_json:
-        whole = {"file": str(file), **told.whole(counted), "frames": counted}
-        click.echo(json.dumps(whole, indent=2))
+        print_json({"file": str(file), **told.whole(counted), "frames": counted})
 
 
 _MAX_SHOWN = 40  # prims of a kind, joints of a skeleton; --json has all
@@ -294,7 +295,10 @@ def inspect(ctx: click.Context, file: Path, as_json: bool) -> None:
     Exits with 1 where something in the file cannot be read; the rest is told all the same.
     """
     report = pipeline.inspect_stage(file)
-    click.echo(json.dumps(asdict(report), indent=2) if as_json else "\n".join(_lines(report)))
+    if as_json:
+        print_json(asdict(report))
+    else:
+        click.echo("\n".join(_lines(report)))
     for problem in report.problems:
         click.echo(f"featherfx: {problem}", err=True)
     if report.problems:

@@ -10,6 +10,7 @@ import atexit
 import contextlib
 import errno
 import io
+import json
 import logging
 import os
 import platform
@@ -30,7 +31,7 @@ import click
 from featherfx._version import __version__
 from featherfx.errors import InputError, InputWarning, Problem, SimulationError, as_sentence
 from featherfx.groom.read.places import located
-from featherfx.provenance import StageRead, listen_to_reads
+from featherfx.provenance import StageRead, list_entries, listen_to_reads
 
 LOGGER = logging.getLogger("featherfx")
 LOGGER.addHandler(logging.NullHandler())  # else Python prints what nobody takes
@@ -100,11 +101,20 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
         tell(text, logging.WARNING)
 
 
+_reads: list[StageRead] = []  # by this run
+
+
 def _show_read(read: StageRead) -> None:
+    _reads.append(read)
     text = f"featherfx: read {read}"
     if text not in _warned:
         _warned.add(text)
         tell(text)
+
+
+def print_json(found: Mapping[str, Any]) -> None:
+    """Print an object with the account of what this run read of stages, as `read`."""
+    click.echo(json.dumps({**found, "read": list_entries(_reads)}, indent=2))
 
 
 def _verbose_option() -> click.Option:
@@ -310,6 +320,7 @@ class Program(CommandGroup):
 
     def invoke(self, ctx: click.Context) -> Any:
         _warned.clear()
+        _reads.clear()
         try:
             with warnings.catch_warnings(), listen_to_reads(_show_read):
                 warnings.simplefilter("always", InputWarning)

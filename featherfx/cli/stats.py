@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from featherfx.cli.options import (
     quality_option,
     readable_path,
 )
-from featherfx.cli.program import Command
+from featherfx.cli.program import Command, print_json
 from featherfx.cli.progress import Progress
 
 
@@ -67,7 +66,10 @@ def stats(
             preset_folders=preset_folders,
             budget=budget,
         )
-    click.echo(json.dumps(found, indent=2) if as_json else "\n".join(_lines(found)))
+    if as_json:
+        print_json(found)
+    else:
+        click.echo("\n".join(_lines(found)))
 
 
 def _lines(stats: dict[str, Any]) -> list[str]:
@@ -170,7 +172,10 @@ def error(
             preset_folders=preset_folders,
         )
     values = plain(found)
-    click.echo(json.dumps(values) if as_json else "\n".join(_error_lines(values)))
+    if as_json:
+        print_json(values)
+    else:
+        click.echo("\n".join(_error_lines(values)))
 
 
 def _error_lines(found: dict[str, Any]) -> list[str]:

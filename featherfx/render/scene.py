@@ -13,6 +13,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import Problem, require
 from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.keys.problems import nearest
+from featherfx.provenance import StageRead, note_read
 from featherfx.render.geometry import vertex_normals
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import CachedFeather
@@ -89,6 +90,7 @@ def load_scene(cache: Cache, chosen: Indices | None = None) -> DrawnScene:
     """The scene of a cache, or of some of its feathers."""
     chosen = np.arange(len(cache.feathers)) if chosen is None else chosen
     feathers = tuple(cache.feathers[k] for k in chosen)
+    note_read(StageRead(str(cache.path), "/", "drawn surface", len(chosen), cache.left))
     to_world = StageSpace(cache.meters_per_unit, cache.up_axis).to_world
     counts = [len(points) for points in cache.points_of(chosen.tolist())]
     starts = np.cumsum([0, *counts])

@@ -6,7 +6,7 @@ answers to the protocols here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,16 +17,25 @@ from featherfx.algebra.interpolation import Knots
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.read.readers import GroomReaders
+from featherfx.provenance import LeftOut
 from featherfx.shot.clock import StageClock
 from featherfx.shot.preroll import NO_RUN_UP, STILL, RunUp
 
 
 class OfScene(Protocol):
     """Something that stands in a scene. path: of its prim. sampled: first and last time code of
-    its samples, None where it does not change."""
+    its samples, None where it does not change. left: prims that were not taken beside it."""
 
     path: str
     sampled: tuple[float, float] | None
+    left: tuple[LeftOut, ...]
+
+    @property
+    def file(self) -> Path:
+        """Return the file that the scene was opened from."""
+
+    def describe_motion(self, codes: Sequence[float]) -> str:
+        """Return how it changes over the time codes of a shot, in words."""
 
     @property
     def time_codes_per_second(self) -> float:
@@ -61,10 +70,6 @@ class MovingSurface(OfScene, Protocol):
     @property
     def space(self) -> tuple[float, str]:
         """Metres per unit and up axis ("Y" or "Z") of the scene itself."""
-
-    @property
-    def file(self) -> Path:
-        """That the scene was opened from."""
 
     @property
     def variant_sets(self) -> Mapping[str, str]:

@@ -138,8 +138,46 @@ def test_a_bake_reports_what_it_read(tmp_path):
     assert code == 0, told
     (entry,) = json.loads(report.read_text())["read"]
     assert (entry["path"], entry["as"], entry["taken"], entry["left"]) == ("/b/skin", "skin", 1, [])
-    assert "moves 0.01 m from time code 1 to 3" in entry["motion"]
+    assert entry["motion"] == "frame 1 is time code 1, 24 a second; moves 0.01 m in the shot"
     assert entry["motion"] in told
+
+
+WIND_AND_CAMERA = """[[collider]]
+usd = "skin.usda"
+prims = ["g*"]
+[wind_usd]
+usd = "skin.usda"
+prim = "/b/air"
+attribute = "speed"
+[level_of_detail]
+usd = "skin.usda"
+prim = "/b/eye"
+"""
+
+
+def test_every_prim_of_a_shot_has_its_line_in_lines_and_json(tmp_path):
+    stage = new_stage(tmp_path / "skin.usda")
+    stage.SetTimeCodesPerSecond(25)
+    add_mesh(stage, "/b/skin", *sheet(2, 2))
+    add_mesh(stage, "/b/ground", *sheet(2, 2))
+    UsdGeom.Imageable(add_mesh(stage, "/b/grass", *sheet(2, 2))).MakeInvisible()
+    air = UsdGeom.Xform.Define(stage, "/b/air").GetPrim()
+    speed = air.CreateAttribute("speed", Sdf.ValueTypeNames.Vector3f)
+    for code in (1, 3):
+        speed.Set(Gf.Vec3f(code, 0, 0), code)
+    UsdGeom.Camera.Define(stage, "/b/eye").AddTranslateOp().Set(Gf.Vec3d(0, 0, 3))
+    stage.GetRootLayer().Save()
+    (tmp_path / "groom.toml").write_text(FEATHER)
+    (tmp_path / "shot.toml").write_text(SHOT + WIND_AND_CAMERA)
+    code, told, lines = run("check", "--json", tmp_path / "shot.toml")
+    assert code == 0, lines
+    found = {each["as"]: each for each in json.loads(told)["read"]}
+    assert set(found) == {"skin", "collider", "wind", "camera"}
+    rate = "frame 1 is time code 1, 25 a second"
+    assert found["collider"]["motion"] == f"{rate}; still"
+    assert [each["path"] for each in found["collider"]["left"]] == ["/b/grass"]
+    assert found["wind"]["motion"] == f"{rate}; changes from time code 1 to 3"
+    assert f"/b/eye: 1 camera, {rate}; still" in lines
 
 
 def mesh_report(stage, path):
@@ -210,7 +248,7 @@ def test_a_skin_that_its_skeleton_does_not_move_is_told(tmp_path, how):
     stage = new_stage(tmp_path / "skin.usda")
     add_skinned(stage)
     unbind(stage, how)
-    with pytest.warns(InputWarning, match="/bird/skin: .* stands still"):
+    with pytest.warns(InputWarning, match="/bird/skin: .* but moves by nothing"):
         assert mesh_report(stage, "/bird/skin")["moves"] is None
 
 
@@ -219,4 +257,4 @@ def test_a_skin_that_moves_is_not_told(tmp_path, recwarn):
     add_skinned(stage)
     found = mesh_report(stage, "/bird/skin")
     assert found["moves"] == (1.0, 25.0)
-    assert not [each for each in recwarn if "stands still" in str(each.message)]
+    assert not [each for each in recwarn if "moves by nothing" in str(each.message)]

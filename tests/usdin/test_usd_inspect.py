@@ -83,7 +83,7 @@ def test_a_mesh_that_usd_does_not_skin_is_told(tmp_path, bird, why):
         skin = read_shot(path).skin
     still = np.allclose(skin.frames(1.0).positions, skin.frames(0.0).positions)
     assert still == bool(why)
-    expected = f"/all/bird/skin: is bound to /all/bird/skeleton and stands still: {why}"
+    expected = f"/all/bird/skin: bound to /all/bird/skeleton but moves by nothing: {why}"
     assert (expected in told) == still
     assert any(expected in str(each.message) for each in caught) == still
 
@@ -146,7 +146,8 @@ def test_what_cannot_be_read_is_told_beside_the_rest(tmp_path):
     assert "/sound: Mesh, 64 faces, 81 points" in out
     assert "/odd:" not in out
     assert "/odd.points" in err
-    assert len(err.splitlines()) == 1
+    assert "/: 1 prim; left 1 Mesh that cannot be read (/odd)" in err
+    assert len(err.splitlines()) == 2
 
 
 def test_what_is_no_stage_is_one_message(tmp_path):

@@ -108,4 +108,4 @@ def _note(entry: dict[str, Any], count: int, new: Sequence[str], gone: Sequence[
     left = tuple(LeftOut(name, "earlier ids", "no feather has") for name in gone)
     fresh = f"{len(new)} new{named}"
     path = f"region '{entry['id']}'"
-    note_read(StageRead(entry["ids_from"], path, "kept id", count, left, fresh))
+    note_read(StageRead(entry["ids_from"], path, "kept id", count, left, lambda: fresh))

@@ -13,12 +13,15 @@ import numpy as np
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.types import Groom
+from featherfx.provenance import StageRead, note_read
 from featherfx.shot.clock import StageClock
 from featherfx.shot.read.clocks import ClockReader
 from featherfx.shot.skin import SkinSurfaces
 from featherfx.shot.sources import MovingSurface, OfScene, SceneReaders, TimedSurface, TimedWind
 from featherfx.shot.types import Channel, LevelOfDetail, Target
 from featherfx.shot.view import TimedCamera
+
+_LOOKS = 5  # frames of the shot that tell how far a surface moves
 
 
 def read_skin(
@@ -43,6 +46,8 @@ def read_skin(
     path = readers.file(Path(place.source).parent, entry["usd"])
     surfaces = readers.meshes(path, needed, entry, at)
     clock = clocks.clock(surfaces[0], entry, at)
+    for surface in surfaces:
+        _note(surface, "skin", checked, clock)
     if entry["extrapolation"] == "error":
         _check_range(surfaces, entry["rest"], checked, clock, at)
     for surface in surfaces:
@@ -136,6 +141,7 @@ def read_wind(
     readers = _needed(given, at)
     source = readers.wind(readers.file(Path(place.source).parent, entry["usd"]), entry, at)
     clock = clocks.clock(source, entry, at)
+    _note(source, "wind", checked, clock)
     _warn_of_range(source, checked, clock, at)
     return TimedWind(source, clock, entry["scale"])
 
@@ -156,6 +162,7 @@ def read_colliders(
                 if mesh.bones is not None:
                     at.fail(f"{mesh.path} is no Mesh, nothing can touch it")
                 clock = clocks.clock(mesh, entry, at)
+                _note(mesh, "collider", checked, clock)
                 _warn_of_range(mesh, checked, clock, at)
                 found.append(TimedSurface(_moving(mesh, entry, checked, clock), clock))
     return tuple(found)
@@ -180,9 +187,23 @@ def read_level_of_detail(
         readers = _needed(given, at)
         source = readers.camera(readers.file(Path(place.source).parent, usd), prim, at)
         camera = TimedCamera(source, clocks.clock(source, values, at))
+        _note(source, "camera", checked, camera.clock)
     left_out = ("enabled", "usd", "prim", "start", "time")
     rules = {name: value for name, value in values.items() if name not in left_out}
     return LevelOfDetail(camera=camera, **rules)
+
+
+def _note(source: OfScene, role: str, checked: dict[str, Any], clock: StageClock) -> None:
+    """Note what was read of a stage; its motion is measured where that is shown."""
+
+    def describe() -> str:
+        first, last = checked["frames"]
+        codes = clock.start + clock.step * np.linspace(0, last - first, _LOOKS).round()
+        rate = f"{source.time_codes_per_second:g} a second"
+        told = f"frame {first} is time code {clock.start:g}, {rate}"
+        return f"{told}; {source.describe_motion(np.unique(codes).tolist())}"
+
+    note_read(StageRead(str(source.file), source.path, role, 1, source.left, describe))
 
 
 def _needed(readers: SceneReaders | None, at: Place) -> SceneReaders:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import warnings
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -67,7 +67,7 @@ class _KnotPose(NamedTuple):
 
 _NO_JOINTS = SkinPose(np.zeros((0, 4, 4)), np.zeros(0), np.zeros((0, 3), dtype=np.float32))
 _MAX_KNOTS = 12  # knots, whose neighbours share most
-_MAX_LOOKS = 25  # samples that are compared to tell how far a mesh moves
+_MAX_LOOKS = 25  # samples that are compared to tell whether a mesh moves
 _MAX_TIMES = 8  # times, at which roots and the skin as a body are asked for
 
 
@@ -98,7 +98,8 @@ class AnimatedMesh(ScenePrim):
     the corners, None where there are none, of the primvar uv. scheme: by which a renderer
     subdivides it, or none. sampled: first and last time code with samples of anything that moves
     it, None where nothing does. bones: (T,) m, length of each triangle's bone or piece of curve,
-    where it is a ribbon along these. knots: where its poses are those of the scene, with smooth
+    where it is a ribbon along these. idle: the skeleton that names it and does not move it, and
+    why, in words. knots: where its poses are those of the scene, with smooth
     motion between them; None: the scene's own motion.
     """
 
@@ -106,6 +107,7 @@ class AnimatedMesh(ScenePrim):
     limit: LimitSurface | None = None
     scheme: str = "none"
     uv: str = ""
+    idle: str = ""
     mirrored: bool
     rest: Array
 
@@ -281,25 +283,35 @@ class AnimatedMesh(ScenePrim):
                 self._poses.popitem(last=False)
         return self._poses[time]
 
-    def displacement(self, looks: int = _MAX_LOOKS) -> float:
-        """Return the largest distance (m) of a point from where it is at its first samples.
+    @property
+    def looks(self) -> list[float]:
+        """Return time codes that tell its motion: its samples, evenly spread where there are
+        many."""
+        count = len(self.times)
+        chosen = np.linspace(0, count - 1, min(count, _MAX_LOOKS)).round()
+        return [self.times[k] for k in chosen.astype(int).tolist()]
 
-        looks: samples that are looked at, evenly spread, the first and the last included.
-        """
-        return max(self._displacements(looks), default=0.0)
+    def displacement(self, codes: Sequence[float]) -> float:
+        """Return the largest distance (m) of a point at time codes from where it is at the
+        first."""
+        places = map(self.points, codes)
+        first = next(places, None)
+        ways = (each - first for each in places if first is not None)
+        squares = (np.einsum("vc,vc->v", way, way).max(initial=0.0) for way in ways)
+        return float(np.sqrt(max(squares, default=0.0)))
+
+    def describe_motion(self, codes: Sequence[float]) -> str:
+        """Return how it moves over the time codes of a shot, in words."""
+        if self.idle or self.sampled is None:
+            return self.idle or "still"
+        return f"moves {self.displacement(codes):.3g} m in the shot"
 
     def is_still(self) -> bool:
         """Return whether no point moves at its samples."""
-        return not any(self._displacements(_MAX_LOOKS))
-
-    def _displacements(self, looks: int) -> Iterator[float]:
-        if len(self.times) < 2:
-            return
-        chosen = np.linspace(0, len(self.times) - 1, min(len(self.times), looks)).round()
-        first = self.points(self.times[0])
-        for k in chosen[1:].astype(int).tolist():
-            way = self.points(self.times[k]) - first
-            yield float(np.sqrt(np.einsum("vc,vc->v", way, way).max(initial=0.0)))
+        poses = map(self._pose, self.looks)
+        first = next(poses, None)
+        pairs = (zip(pose, first, strict=True) for pose in poses if first is not None)
+        return all(np.array_equal(one, other) for pair in pairs for one, other in pair)
 
     def is_mirrored(self, code: float) -> bool:
         """Return whether the transforms mirror the mesh at a time code, and not at rest."""
@@ -363,7 +375,8 @@ def _open_checked(
     opened = AnimatedMesh(scene, mesh, options, find_skinning(scene, mesh, place))
     if len(opened.triangles) == 0:
         place.refuse(path.format("", "no face has any area"))
-    why = explain_stillness(prim)
-    if why and opened.is_still():
-        warnings.warn(f"{scene.path}: {prim.GetPath()}: {why}", InputWarning, stacklevel=2)
+    idle = explain_stillness(prim)
+    if idle and opened.is_still():
+        opened.idle = idle
+        warnings.warn(f"{scene.path}: {prim.GetPath()}: {idle}", InputWarning, stacklevel=2)
     return opened

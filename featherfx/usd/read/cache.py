@@ -18,13 +18,14 @@ from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.problems import Place, Problems
+from featherfx.provenance import LeftOut
 from featherfx.usd.read.cached_feather import (
     CachedFeather,
     FeatherMember,
     range_slice,
     read_mesh_feathers,
 )
-from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes
+from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes, list_undrawn
 from featherfx.usd.read.opening import locate_file, open_stage, read_scenery
 from featherfx.usd.read.stage import SourceScene, choose_variants, transform_points
 from featherfx.usd.read.values import (
@@ -182,6 +183,11 @@ class Cache:
         self.feathers = tuple(
             replace(feather, name=name) for (_, feather), name in zip(found, names, strict=True)
         )
+
+    @property
+    def left(self) -> tuple[LeftOut, ...]:
+        """Return what is not drawn of it."""
+        return tuple(list_undrawn(self._stage))
 
     def codes(self) -> list[float]:
         """Return all time codes at which any mesh has points; else whole frames."""

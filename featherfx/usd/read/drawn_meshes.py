@@ -15,6 +15,7 @@ from pxr import UsdGeom
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.stages import DRAWN_KEYS
+from featherfx.provenance import LeftOut
 from featherfx.usd.read.skinning import Skinning, find_skinning
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
@@ -146,8 +147,10 @@ def find_hidden(prim: Any, keys: Mapping[str, Any], root: Any = None) -> str:
     """
     image = UsdGeom.Imageable(prim)
     purpose = str(compute(prim, image.ComputePurpose))
+    is_chosen = keys is not _RENDERED
     if purpose not in keys["purposes"]:
-        return f'is of purpose {purpose}. Give purposes = ["{purpose}"] to read it'
+        remedy = f'. Give purposes = ["{purpose}"] to read it' if is_chosen else ""
+        return f"is of purpose {purpose}{remedy}"
     if keys["invisible"]:
         return ""
     hidden = UsdGeom.Tokens.invisible
@@ -157,7 +160,20 @@ def find_hidden(prim: Any, keys: Mapping[str, Any], root: Any = None) -> str:
         between = takewhile(lambda path: path.HasPrefix(root.GetPath()), _paths_above(prim))
         above = (UsdGeom.Imageable.Get(prim.GetStage(), path) for path in between)
         is_hidden = any(read_text(each.GetVisibilityAttr()) == hidden for each in above)
-    return "is invisible. Give invisible = true to read it" if is_hidden else ""
+    remedy = ". Give invisible = true to read it" if is_chosen else ""
+    return f"is invisible{remedy}" if is_hidden else ""
+
+
+def list_undrawn(stage: Any) -> Iterator[LeftOut]:
+    """Yield what drawn_meshes leaves out: hidden meshes, and shapes of other types that renderers
+    draw, but for the curves of feathers."""
+    for prim in prims_below(stage.GetPseudoRoot()):
+        is_own = prim.IsA(UsdGeom.Curves) and prim.HasAttribute("primvars:featherId")
+        if not prim.IsA(UsdGeom.Gprim) or is_own:
+            continue
+        reason = find_hidden(prim, _RENDERED)
+        if prim.IsA(UsdGeom.Mesh) == bool(reason):
+            yield LeftOut(str(prim.GetPath()), str(prim.GetTypeName()), reason or "is no mesh")
 
 
 def _paths_above(prim: Any) -> Iterator[Any]:

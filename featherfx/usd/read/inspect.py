@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pxr import UsdGeom, UsdSkel
 
 from featherfx.groom.keys.problems import Place, Problems
+from featherfx.provenance import LeftOut, StageRead, note_read
 from featherfx.usd.read.animated_mesh import AnimatedMesh, MeshOptions, open_mesh
 from featherfx.usd.read.stage import (
     SourceScene,
@@ -128,12 +129,17 @@ def inspect_stage(path: str | Path) -> StageReport:
     """
     problems = Problems()
     place = Place(str(path), "", problems)
-    scene, prims = open_scene(Path(path), place), []
+    scene, prims, left = open_scene(Path(path), place), [], []
     for prim in prims_below(scene.stage.GetPseudoRoot()):
-        kind = prim_kind(prim)
+        kind, told = prim_kind(prim), "neither grooms nor shots read"
         if kind:
+            told = "cannot be read"
             with collect_errors(place):
                 prims.append(_prim_report(scene, prim, kind, place))
+                continue
+        if kind or prim.IsA(UsdGeom.Gprim):
+            left.append(LeftOut(str(prim.GetPath()), str(prim.GetTypeName()), told))
+    note_read(StageRead(str(path), "/", "prim", len(prims), tuple(left)))
     for what, why in (broken_files(scene.stage) | broken_arcs(scene.stage)).items():
         place.child(what).fail(why)
     stage, default = scene.stage, scene.stage.GetDefaultPrim()
@@ -204,7 +210,7 @@ def _open_surface(scene: SourceScene, prim: Any, place: Place) -> AnimatedMesh |
 
 
 def _surface_facts(surface: AnimatedMesh) -> dict[str, Any]:
-    displacement = surface.displacement()
+    displacement = surface.displacement(surface.looks)
     return {
         "triangles": len(surface.triangles),
         "closed": bool(surface.closed.all()),

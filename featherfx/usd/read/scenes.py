@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +47,6 @@ from featherfx.usd.read.values import (
 )
 
 _MAX_NEIGHBOURS = 8
-_LOOKS = 5  # samples that tell how far a surface moves
 PointsById = dict[str, Array]
 
 
@@ -77,18 +75,9 @@ def open_meshes(
             opened.append(open_carrier(scene, each, options, at))
             opened[-1].warn(f"{at.source}: {at.key}")
     problems.raise_any()
-    role = "collider" if "collection" in entry else "skin"
-    for mesh in opened:
-        told = StageRead(str(path), mesh.path, role, 1, motion=_describe_motion(mesh))
-        note_read(told if mesh is not opened[0] else replace(told, left=tuple(left)))
+    for mesh in opened[:1]:
+        mesh.left = tuple(left)
     return opened
-
-
-def _describe_motion(surface: AnimatedMesh) -> str:
-    if surface.sampled is None:
-        return "still"
-    first, last = surface.sampled
-    return f"moves {surface.displacement(_LOOKS):.3g} m from time code {first:g} to {last:g}"
 
 
 def _by_name(
@@ -158,6 +147,7 @@ def read_poses(path: Path, code: float | None, place: Place) -> tuple[PointsById
         low, high = cache.frames if cache.has_frames else (-np.inf, np.inf)
         if code is not None and not low <= code <= high:
             place.refuse(f"{path} has frames {low:g} to {high:g}, not {code:g}")
+        note_read(StageRead(str(path), "/", "posed feather", len(cache.feathers), cache.left))
         return {
             feather.id: cache.pose(index, code).points.astype(np.float64) @ scene.to_world
             for index, feather in enumerate(cache.feathers)

@@ -139,7 +139,7 @@ class StageSkin:
 
     def curves(self, prims: tuple[str, ...], place: Place) -> list[Array]:
         """Polylines (k, 3) m of curves at or below prims."""
-        return _read_curve_prims(self._scene, prims, place)
+        return _read_curve_prims(self._scene, prims, "guide curve", place)
 
     def _primvar(self, name: str, size: int, place: Place) -> Array:
         """(T, 3) or (T, 3, size) values at the corners of the triangles."""
@@ -175,14 +175,18 @@ def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array
         if not root.IsA(UsdSkel.Skeleton):
             if entry["joints"]:
                 place.child("joints").refuse(f"{entry['prim']} in {scene.path} is no Skeleton")
-            return _read_curve_prims(scene, (entry["prim"],), place.child("prim"))
+            return _read_curve_prims(scene, (entry["prim"],), "line", place.child("prim"))
         if len(entry["joints"]) < 2:
             known = ", ".join(read_texts(UsdSkel.Skeleton(root).GetJointsAttr()))
             place.child("joints").refuse(f"expects two or more of {entry['prim']}, known: {known}")
-        return [joint_line(scene, root, entry["joints"], place, entry["tail"])]
+        lines = [joint_line(scene, root, entry["joints"], place, entry["tail"])]
+        note_read(StageRead(str(scene.path), entry["prim"], "line of joints", 1))
+        return lines
 
 
-def _read_curve_prims(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Array]:
+def _read_curve_prims(
+    scene: SourceScene, prims: tuple[str, ...], role: str, place: Place
+) -> list[Array]:
     """Lines of at least two points. Raises InputError with all problems of curves."""
     found: list[Array] = []
     problems = Problems()
@@ -200,6 +204,7 @@ def _read_curve_prims(scene: SourceScene, prims: tuple[str, ...], place: Place) 
     if not found:
         there = describe_prims(scene, ("curves",), prims[0])
         place.refuse(f"no curves at {', '.join(prims)} or below in {scene.path}{there}")
+    note_read(StageRead(str(scene.path), ", ".join(prims), role, len(found)))
     return found
 
 

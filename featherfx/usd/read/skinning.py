@@ -285,8 +285,8 @@ def explain_stillness(prim: Any) -> str:
             above = above.GetParent()
         if above != root.GetPrim():
             why = f"USD skins nothing below {above.GetPath()}, which is no Xform or Scope"
-    bound = f"is bound to {skeleton.GetPath()}" if skeleton else f"has {named[0]}"
-    return f"{bound} and stands still: {why}"
+    bound = f"bound to {skeleton.GetPath()}" if skeleton else f"has {named[0]}"
+    return f"{bound} but moves by nothing: {why}"
 
 
 def _lacks_schema(prim: Any) -> bool:

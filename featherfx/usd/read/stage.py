@@ -18,6 +18,7 @@ from pxr import Pcp, Sdf, Usd, UsdGeom, UsdSkel
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, InputWarning
 from featherfx.groom.keys.problems import Place, Problems, closest
+from featherfx.provenance import LeftOut
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -94,7 +95,13 @@ class SourceScene:
 
 
 class ScenePrim:
-    """A prim of a scene, as the base of readers of its motion. path: of the prim."""
+    """A prim of a scene, as the base of readers of its motion.
+
+    path: of the prim. left: prims that were not taken beside it.
+    """
+
+    left: tuple[LeftOut, ...] = ()
+    sampled: tuple[float, float] | None
 
     def __init__(self, scene: SourceScene, prim: Any) -> None:
         self._scene, self._prim, self.path = scene, prim, str(prim.GetPath())
@@ -107,6 +114,12 @@ class ScenePrim:
     def has_rate(self) -> bool:
         names = ("timeCodesPerSecond", "framesPerSecond")
         return any(self._scene.stage.HasAuthoredMetadata(name) for name in names)
+
+    def describe_motion(self, codes: Sequence[float]) -> str:
+        """Return how it changes over the time codes of a shot, in words."""
+        if self.sampled is None:
+            return "still"
+        return f"changes from time code {self.sampled[0]:g} to {self.sampled[1]:g}"
 
     @property
     def origin(self) -> tuple[str, tuple[Path, ...]]:
