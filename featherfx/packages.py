@@ -128,7 +128,7 @@ PACKAGES = (
     Package(
         "coat",
         "Feathers on a moving skin that keep their leaves over it.",
-        tables=("skin",),
+        tables=("has_coat_on_skin",),
         stages=("coat.stage:CoatStage",),
     ),
 )

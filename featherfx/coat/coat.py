@@ -19,6 +19,7 @@ from featherfx.coat.fields import (
     find_headings,
     make_coat_mesh,
     make_fields,
+    slope_of_leaf,
 )
 from featherfx.coat.forms import PlaneForms
 from featherfx.coat.leaf_kernels import (
@@ -34,6 +35,8 @@ from featherfx.coat.ties import find_gaps, find_overlaps, fit_ties
 _MIN_STRENGTH = 0.3
 # share of the curvature's sagitta that gaps make room for: chords of neighbours are bent alike
 _SAGITTA_SHARE = 0.5
+# of the rise of leaves at their ends, by which their tips may be pressed down: half the gap is left
+_PRESSED_SHARE = 0.25
 _FEATHERS_AT_ONCE = 64  # that a thread draws
 _USUAL_SPACING = CoatSpacing()
 
@@ -64,10 +67,14 @@ class Coat:
         return RootArrays(own.triangle, own.place, ways, self.values, self.depths)
 
     def arrays(self, carrier: Carrier, lift: Array | None = None) -> CarrierArrays:
-        """The carrier in a pose as kernels take it. lift: (V,) m, besides the coat's own."""
+        """The carrier in a pose as kernels take it. lift: (V, 2) m, a and b besides the coat's
+        own. What presses the coat down keeps a part of the space between leaves."""
         own, mesh = self.fields, self.mesh
-        raised = own.lift if lift is None else own.lift + lift
-        columns = own.phi, own.gain, own.thickness, own.steepness, raised
+        tips, bases = np.zeros((2, len(own.phi))) if lift is None else lift.T
+        room = own.thickness * slope_of_leaf(np.ones(1), own.steepness)
+        pressed = _PRESSED_SHARE * room * np.expm1(np.minimum(tips, 0.0) / (_PRESSED_SHARE * room))
+        tips = own.lift + np.maximum(tips, 0.0) + pressed
+        columns = own.phi, own.gain, own.thickness, own.steepness, tips, bases
         return CarrierArrays(
             points=carrier.points,
             normals=carrier.normals,
@@ -154,8 +161,8 @@ def draw(
 ) -> LeafArrays:
     """Draw feathers on their leaves over a carrier.
 
-    forms: of K feathers. numbers: (K,) their follicles, default all. lift: (V,) m, besides
-    the coat's own. Returns arrays for K.
+    forms: of K feathers. numbers: (K,) their follicles, default all. lift: (V, 2) m, a and b
+    besides the coat's own. Returns arrays for K.
     """
     chosen = np.arange(len(forms.steps)) if numbers is None else numbers
     count, _, rows, columns = forms.angles.shape

@@ -54,6 +54,13 @@ class CoatSpacing(NamedTuple):
     gap: float = 0.0025
 
 
+class SkinPlaces(NamedTuple):
+    """Places on a skin. triangle: (N,) and place: (N, 3) barycentric."""
+
+    triangle: Indices
+    place: Array
+
+
 class Follicles(NamedTuple):
     """F follicles on a skin.
 
@@ -99,7 +106,7 @@ class Fields(NamedTuple):
 def make_coat_mesh(points: Array, faces: Indices, follicles: Follicles) -> CoatMesh:
     """Prepare a skin for its coat: creases shorter than its feathers are smoothed."""
     reach = _MEAN_REACH * float(np.median(follicles.length))
-    mean = _Means(make_elements(points, faces), faces, np.full(len(faces), reach), follicles)
+    mean = SkinMeans(make_elements(points, faces), faces, reach, follicles)
     length = mean(follicles.length)[faces].mean(axis=1)
     return make_mesh(points, faces, _CARRIER_REACH * length)
 
@@ -110,20 +117,29 @@ def find_headings(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Arr
     return np.asarray(unit(follicles.heading - dots(follicles.heading, normals)[:, None] * normals))
 
 
-class _Means:
-    """Means over a skin of what feathers have at their follicles. density: (V,) 1/m^2."""
+class SkinMeans:
+    """Means over a skin of what N places on it have. density: (V,) 1/m^2, of their weights.
+
+    reach: m. places: triangle (N,) and place (N, 3). weights: (N,), default 1.
+    """
 
     def __init__(
-        self, elements: TriangleElements, faces: Indices, reach: Array, follicles: Follicles
+        self,
+        elements: TriangleElements,
+        faces: Indices,
+        reach: float,
+        places: SkinPlaces | Follicles,
+        weights: Array | float = 1.0,
     ) -> None:
         from scipy.sparse import csr_array, diags_array
 
-        smooth = diags_array(elements.masses) + make_stiffness(elements, faces, reach**2)
-        self._solve: Callable[[Array], Array] = factorise(smooth)
-        count = len(follicles.length)
-        rows = np.repeat(np.arange(count), 3), faces[follicles.triangle].ravel()
+        stiff = make_stiffness(elements, faces, np.full(len(faces), reach**2))
+        self._solve: Callable[[Array], Array] = factorise(diags_array(elements.masses) + stiff)
+        count = len(places.triangle)
+        rows = np.repeat(np.arange(count), 3), faces[places.triangle].ravel()
         shape = count, len(elements.masses)
-        self._spread = csr_array((follicles.place.ravel(), rows), shape=shape).T
+        values = np.broadcast_to(weights, count)[:, None] * places.place
+        self._spread = csr_array((values.ravel(), rows), shape=shape).T
         self.density = np.maximum(self._solve(self._spread @ np.ones(count)), _MIN_DENSITY)
 
     def __call__(self, data: Array) -> Array:
@@ -137,7 +153,7 @@ def make_fields(
     """Solve for the fields of a coat on its skin at rest."""
     faces, elements = mesh.faces, carrier.elements
     reach = _MEAN_REACH * float(np.median(follicles.length))
-    mean = _Means(elements, faces, np.full(len(faces), reach), follicles)
+    mean = SkinMeans(elements, faces, reach, follicles)
     length = mean(follicles.length)
     heading = find_headings(mesh, carrier, follicles)
     flow = mean(heading)[faces].mean(axis=1)

@@ -2,7 +2,7 @@
 
 Leaf of the stacking value p, with n the smoothed normal over the foot x:
 
-    y = x + h n,   h = T (d + g(s)) + a w(s),   s = (phi - p) / q
+    y = x + h n,   h = T (d + g(s)) + a w(s) + b,   s = (phi - p) / q
     g = (1 - exp(-k s)) / (1 - exp(-k)) for s > 0, and straight on below;   w = s^2 for s > 0
 
 x lies on the carrier rounded over its facets (Phong tessellation, Boubekeur and Alexa 2008). A line
@@ -46,7 +46,7 @@ _TINY = 1e-12  # of unit vectors and barycentric coordinates
 class CarrierArrays(NamedTuple):
     """A carrier as kernels take it; shapes as of CoatMesh, Carrier and TriangleElements.
 
-    fields: (V, 5) phi (m), q (m), T (m), k and a (m).
+    fields: (V, 6) phi (m), q (m), T (m), k, a (m) and b (m).
     """
 
     points: Array
@@ -184,17 +184,17 @@ def leaf_point(carrier, triangle, b, p):
     normal = _unit(_mixed(b, carrier.normals, face, 0))
     x = _round(carrier, triangle, b, _mixed(b, carrier.points, face, 0))
     phi, gain, thickness = _mixed(b, carrier.fields, face, 0)
-    _, steepness, lift = _mixed(b, carrier.fields, face, 2)
+    steepness, lift, base = _mixed(b, carrier.fields, face, 3)
     s = (phi - p) / gain
     g, rate = _shape(s, steepness)
     ahead = max(s, 0.0)
-    height = thickness * (DOWN_SHARE + g) + lift * ahead * ahead
+    height = thickness * (DOWN_SHARE + g) + lift * ahead * ahead + base
     by_s = (thickness * rate + 2.0 * lift * ahead) / gain
     slope = 0.0, 0.0, 0.0
     for k in range(3):
         own, hat = carrier.fields[face[k]], carrier.gradients[triangle, k]
-        change = (DOWN_SHARE + g) * own[2] + ahead * ahead * own[4] + by_s * (own[0] - s * own[1])
-        slope = combined(1.0, slope, change, hat)
+        change = (DOWN_SHARE + g) * own[2] + ahead * ahead * own[4] + own[5]
+        slope = combined(1.0, slope, change + by_s * (own[0] - s * own[1]), hat)
     return combined(1.0, x, height, normal), normal, slope, s
 
 
@@ -283,8 +283,9 @@ def draw_feathers(carrier, roots, forms, numbers, drawn, low, high):
             store(drawn.nodes[f, i, 0], point)
             drawn.feet[f, i, 0], drawn.places[f, i, 0] = foot[0], foot[6]
             triangle, b, d, off, n, slope, s = foot
-            if i > 0:
-                d = _turned(d, n, slope, -forms.behind[f, i - 1])
+            back = forms.behind[f, i - 1] if i > 0 else -forms.turn[f]
+            if back != 0.0:
+                d = _turned(d, n, slope, -back)
             foot = triangle, b, d, off, n, slope, s
             tangent, normal = _lifted(d, n, slope)
             tangent, normal = _rising(tangent, normal, n, depth, forms.sunk[f, i], forms.bare[f])

@@ -508,6 +508,11 @@ class Shot:
     inputs: Mapping[str, str] = field(default_factory=dict)
 
     @property
+    def has_coat_on_skin(self) -> bool:
+        """Return whether feathers lie on the leaves of a coat, on a skin."""
+        return self.skin is not None and self.groom.coat is not None
+
+    @property
     def has_moving_roots(self) -> bool:
         """Return whether anything moves roots."""
         return self.skin is not None or self.motion.kind != "hold" or bool(self.channels)

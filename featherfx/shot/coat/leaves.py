@@ -1,210 +1,198 @@
-"""Leaves of feathers on a skin: where their nodes are over it at rest, and poses drawn there."""
+"""A coat in motion: feathers drawn on their leaves over the skin of each frame.
+
+The solver sees feathers on roots that the skin carries rigidly. With y their nodes, seen from these
+roots, and y0 those at rest, a feather deviates from its leaf
+
+    within the vane     by the angles and lengths of its plane form, which it keeps,
+    across it           by z = (y - y0) . n0,  n0 the normal of its rows at rest.
+
+What all feathers deviate across their vanes is one field of lift over the coat (coat/coat.py), so
+that leaves stay in order:
+
+    h = T (d + g(s)) + a w(s) + b,   a = mean of (z - z_root) / w,  b = mean of z_root,
+
+means over the skin, of a by the weights w(s)^2. Rates are differences of what is drawn.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.coat.carrier import CoatMesh, make_mesh
-from featherfx.feather.types import Feather, RowPoints, stacked
-from featherfx.files.background import limit_threads
+from featherfx.algebra.vectors import dots, face_products, unit
+from featherfx.coat.carrier import Carrier, pose_carrier
+from featherfx.coat.coat import Coat, draw
+from featherfx.coat.fields import SkinMeans, SkinPlaces
+from featherfx.coat.forms import PlaneForms, make_plane_forms
+from featherfx.feather.leaves import plane_forms
+from featherfx.feather.shapes import build_plane_feathers
+from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.groom.skin.skin import closest, crushed, may_be_crushed
 from featherfx.groom.types import Placement
-from featherfx.shot.coat import leaf_kernels as kernels
-from featherfx.shot.frames import place
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.sources import TimedSurface
 
-# of its length, height of a feather's nodes over the skin up to which it is on a leaf
-MAX_HEIGHT_RATIO = 0.3
-# cosine of the angle between a feather's dorsal side and the skin's normal, at least, on a leaf
-_MIN_FACING = 0.5
-# of the diagonal of the skin's box, reach of the smoothing of the skin that images stand on
-_REACH_RATIO = 0.008
+# of the median length of the feathers, reach of the means of their lifts
+_LIFT_REACH = 0.5
 # of the time between two samples, by which the times are apart from which rates are found
 _STEP_RATIO = 0.02
+_FEATHERS_AT_ONCE = 2000  # that are drawn, to bound the memory
+_NO_HEIGHT = 1e-9  # m, of the coat's points over the skin of the shot
 
 
-class Feet(NamedTuple):
-    """Feet of F feathers' nodes. triangle: (F, n, 1 + 2 m) of the skin. weight: (F, n, 1 + 2 m, 2)
-    of its second and third corner. height: (F, n, 1 + 2 m) m over it."""
+class CarriedPoints:
+    """Points of a coat's skin (V, 3) m, carried by the surfaces of a shot."""
 
-    triangle: NDArray[np.int32]
-    weight: NDArray[np.float32]
-    height: NDArray[np.float32]
+    def __init__(self, points: Array, surfaces: Sequence[TimedSurface]) -> None:
+        self._surfaces = surfaces
+        rest = [each.surface.rest for each in surfaces]
+        first = np.cumsum([0, *map(len, rest[:-1])])
+        triangles = np.concatenate(
+            [each.surface.triangles + start for each, start in zip(surfaces, first, strict=True)]
+        )
+        corners = np.concatenate(rest)[triangles]
+        triangle, self._weights = closest(points, corners)
+        self._corners = triangles[triangle]
+        own = corners[triangle]
+        away = points - np.einsum("vk,vkc->vc", self._weights, own)
+        height = dots(away, unit(face_products(own)))
+        self._height = np.where(np.abs(height) > _NO_HEIGHT, height, 0.0)
 
-    def some(self, chosen: Flags) -> Feet:
-        """Those of some feathers, (F,)."""
-        return Feet(self.triangle[chosen], self.weight[chosen], self.height[chosen])
-
-
-class DrawnRachis(NamedTuple):
-    """A feather over a skin. image: (n, 1 + 2 m, 3) m, of its nodes. up: (n, 3) normals at the
-    rachis. rachis: (n, 3) m, in its own lengths. row: (n,) image before each row, and part: (n,)
-    how far on to the next one it is."""
-
-    image: Array
-    up: Array
-    rachis: Array
-    row: Indices
-    part: Array
-
-
-class Room(NamedTuple):
-    """Scratch memory of one thread: a feather's nodes, directors and root at one time, and what was
-    drawn at three times."""
-
-    drawn: DrawnRachis
-    nodes: Array
-    directors: Array
-    root: Array
-    made: Array
-    turned: Array
+    def at(self, time: float) -> Array:
+        """The points at a time, s."""
+        skin = np.concatenate([each.points(time) for each in self._surfaces])[self._corners]
+        found = np.einsum("vk,vkc->vc", self._weights, skin)
+        if self._height.any():
+            found += self._height[:, None] * unit(face_products(skin))
+        return np.asarray(found)
 
 
-class SkinLeaves:
-    """Feathers on leaves of one surface.
+@dataclass(frozen=True)
+class PosedFeathers:
+    """Feathers on their roots at one time: points (K) in the world, and roots (K)."""
 
-    members: (K,) their numbers in the groom, ascending. placements, drawn: of the feathers that may
-    be, given: (F,) their numbers.
-    """
+    points: RowPoints
+    roots: RootFrames
+
+
+class MovingCoat:
+    """Some feathers of a coat on a skin that moves. placements, drawn: of the K feathers."""
 
     def __init__(
         self,
-        surface: TimedSurface,
+        coat: Coat,
+        skin: CarriedPoints,
         placements: Sequence[Placement],
         drawn: Sequence[Feather],
-        given: Indices,
     ) -> None:
-        self._surface = surface
-        lengths = np.array([feather.station[-1] for feather in drawn])
-        rest, faces = surface.surface.rest, surface.surface.triangles
-        self._mesh = make_mesh(
-            rest, faces, _REACH_RATIO * float(np.linalg.norm(np.ptp(rest, axis=0)))
-        )
-        points, normals = self._carrier(rest)
-        local = stacked([feather.rest for feather in drawn]).nodes
-        nodes = stacked(
-            [
-                place(feather.rest, own.position, own.rotation)
-                for feather, own in zip(drawn, placements, strict=True)
-            ]
-        ).nodes
-        feet, found = _feet_of(nodes, points, normals, self._mesh)
-        dorsal = np.array([own.rotation[:, 2] for own in placements]).reshape(-1, 3)
-        found &= _lies(feet, lengths, dorsal, normals, self._mesh)
-        self.members: Indices = given[found]
-        self._feet, self._rest = feet.some(found), np.ascontiguousarray(local[found])
-        self._rows, self._width = local.shape[1:3]
-        rotations = np.array([own.rotation for own in placements]).reshape(-1, 3, 3)[found]
-        self._turns = np.empty((len(rotations), self._rows, 3, 3))
-        skin = points, normals, self._mesh.faces
-        room = self._room().drawn
-        kernels.find_rest_turns(self._feet, skin, self._rest, rotations, room, self._turns)
+        self._coat, self._skin = coat, skin
+        self._numbers: Indices = np.array([each.leaf.number for each in placements])
+        plane = build_plane_feathers(placements, drawn[0].rows, drawn[0].columns)
+        forms = plane_forms(placements, plane)
+        rest = stacked([feather.rest for feather in drawn])
+        self._rachis, self._dorsal = rest.nodes[:, :, 0], rest.directors[:, :, 1]
+        self._bare, lain = forms.bare, make_plane_forms(rest.nodes, rest.directors, forms.bare)
+        # what a leaf leaves of the angles in projection
+        self._angles = [
+            getattr(forms, name) - getattr(lain, name) for name in ("ahead", "behind", "angles")
+        ]
+        on_leaf = draw(coat, coat.rest, forms, self._numbers)
+        self._feet = on_leaf.feet
+        place = np.maximum(on_leaf.places[:, :, 0], 0.0)
+        self._place = np.where(place > 0.0, place, 1.0)
+        self._tips = self._means(on_leaf.feet[:, :, 0].ravel(), place.ravel() ** 4)
+        self._bases = self._means(coat.follicles.triangle[self._numbers], 1.0)
+
+    def _means(self, triangle: Indices, weights: Array | float) -> SkinMeans:
+        coat = self._coat
+        reach = _LIFT_REACH * float(np.median(coat.follicles.length))
+        middle = SkinPlaces(triangle, np.full((len(triangle), 3), 1.0 / 3.0))
+        return SkinMeans(coat.rest.elements, coat.mesh.faces, reach, middle, weights)
 
     def follow(
-        self,
-        given: Sequence[RowPoints],
-        roots: Sequence[RootFrames],
-        span: tuple[float, float],
-        jobs: int,
-    ) -> Sequence[RowPoints]:
-        """Poses of the members on their leaves at a time, with their rates.
+        self, given: Sequence[RowPoints], roots: Sequence[RootFrames], span: tuple[float, float]
+    ) -> list[RowPoints]:
+        """Feathers on their leaves at the end of a span of time (s), and their two rates.
 
-        given: points of the members, as they would be on roots that the skin carries rigidly, and
-        their two rates; roots: those, and their two rates. span: s, time of the sample before, and
-        the time. jobs: threads. Where faces below a leaf collapse, its feather passes to the given
-        points.
+        given: points on roots that the skin carries rigidly, and their two rates; roots: those, and
+        their two rates. Where faces below a leaf collapse, its feather passes to the given points.
         """
-        start, end = span
-        step = _STEP_RATIO * (end - start)
-        times = [end - q * step for q in range(3 if step > 0.0 else 1)]
-        skin = [self._surface.points(time) for time in times]
-        carriers = [self._carrier(each) for each in skin]
-        points, normals = (np.stack(each) for each in zip(*carriers, strict=True))
-        skins, own = (points, normals, self._mesh.faces), (self._rest, self._turns)
-        nodes, directors = (
-            tuple(np.ascontiguousarray(each[k]) for each in given) for k in range(2)
-        )
-        share = self._share(skin[0])
-        before = [] if share is None else [each.copy() for each in (*nodes, *directors)]
-        turns = tuple(np.ascontiguousarray(each.rotations) for each in roots)
-
-        def draw(part: tuple[int, int]) -> None:
-            kernels.follow_skin(
-                self._feet, own, skins, (nodes, directors), turns, step, self._room(), part
+        step = _STEP_RATIO * (span[1] - span[0])
+        times = [-q * step for q in range(3)]
+        posed = [
+            PosedFeathers(
+                RowPoints(*(_extrapolated(rates, time) for rates in zip(*given, strict=True))),
+                RootFrames(*(_extrapolated(rates, time) for rates in zip(*roots, strict=True))),
             )
+            for time in times
+        ]
+        skins = [self._skin.at(span[1] + time) for time in times]
+        carriers = [pose_carrier(self._coat.mesh, each) for each in skins]
+        lifts = [self._lift(each) for each in posed]
+        found = [both(np.empty_like, given[0]) for _ in range(3)]
+        for start in range(0, len(self._numbers), _FEATHERS_AT_ONCE):
+            some = slice(start, start + _FEATHERS_AT_ONCE)
+            drawn = [
+                self._draw(carrier, each, lift, some)
+                for carrier, each, lift in zip(carriers, posed, lifts, strict=True)
+            ]
+            for part, values in enumerate(zip(*drawn, strict=True)):
+                for rate, value in zip(found, _differences(values, step), strict=True):
+                    rate[part][some] = value
+        share = self._share(skins[0])
+        if share is None:
+            return found
 
-        threads = limit_threads(jobs)
-        parts = pairwise(np.linspace(0, len(self.members), threads + 1).astype(int).tolist())
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(draw, parts))
-        if share is not None:
-            for now, then in zip((*nodes, *directors), before, strict=True):
-                part = share.reshape(-1, *[1] * (now.ndim - 1))
-                now[...] = part * now + (1.0 - part) * then
-        return [RowPoints(*each) for each in zip(nodes, directors, strict=True)]
+        def mixed(now: Array, then: Array) -> Array:
+            part = share.reshape(-1, *[1] * (now.ndim - 1))
+            return np.asarray(part * now + (1.0 - part) * then)
+
+        return [both(mixed, now, then) for now, then in zip(found, given, strict=True)]
+
+    def _lift(self, posed: PosedFeathers) -> Array:
+        """(V, 2) m, a and b of the coat."""
+        position, rotation = posed.roots
+        local = (posed.points.nodes[:, :, 0] - position[:, None]) @ rotation
+        across = np.einsum("fnk,fnk->fn", local - self._rachis, self._dorsal)
+        tips = self._tips(((across - across[:, :1]) / self._place**2).ravel())
+        return np.stack([tips, self._bases(across[:, 0])], axis=1)
+
+    def _draw(self, carrier: Carrier, posed: PosedFeathers, lift: Array, some: slice) -> RowPoints:
+        """Some feathers on their leaves in one pose."""
+        own = posed.points.at(some)
+        forms = make_plane_forms(own.nodes, own.directors, self._bare[some])
+        ahead, behind, angles = (
+            now + then[some]
+            for now, then in zip((forms.ahead, forms.behind, forms.angles), self._angles, strict=True)
+        )
+        forward = np.cross(*own.directors[:, 0].swapaxes(0, 1))
+        x, y = (dots(forward, posed.roots.rotations[some, :, k]) for k in range(2))
+        forms = forms._replace(ahead=ahead, behind=behind, angles=angles, turn=np.arctan2(y, x))
+        drawn = draw(self._coat, carrier, forms, self._numbers[some], lift)
+        return RowPoints(drawn.nodes, drawn.directors)
 
     def _share(self, points: Array) -> Array | None:
         """(K,) of feathers that their leaves draw on a skin with points (V, 3) m; None: all."""
-        triangles = self._surface.surface.triangles
-        corners = points[triangles]
+        mesh = self._coat.mesh
+        corners = points[mesh.faces]
         if not may_be_crushed(corners):
             return None
-        sound = crushed(corners, self._surface.surface.rest[triangles])
-        return np.asarray(sound[self._feet.triangle].min(axis=(1, 2)))
-
-    def _carrier(self, points: Array) -> tuple[Array, Array]:
-        """Points and normals (V, 3) of a skin (V, 3) m that is smoothed (coat/carrier.py)."""
-        soft = self._mesh.smooth(self._mesh.masses[:, None] * points)
-        normals = np.empty_like(soft)
-        kernels.average_normals(soft, self._mesh.faces, normals)
-        return soft, normals
-
-    def _room(self) -> Room:
-        rows, width = self._rows, self._width
-        drawn = DrawnRachis(
-            image=np.empty((rows, width, 3)),
-            up=np.empty((rows, 3)),
-            rachis=np.empty((rows, 3)),
-            row=np.zeros(rows, dtype=np.int64),
-            part=np.empty(rows),
-        )
-        return Room(
-            drawn=drawn,
-            nodes=np.empty((rows, width, 3)),
-            directors=np.empty((rows, 2, 3)),
-            root=np.empty((3, 3)),
-            made=np.empty((3, rows, width, 3)),
-            turned=np.empty((3, rows, 2, 3)),
-        )
+        sound = crushed(corners, mesh.points[mesh.faces])
+        return np.asarray(sound[self._feet].min(axis=(1, 2)))
 
 
-def _feet_of(nodes: Array, points: Array, normals: Array, mesh: CoatMesh) -> tuple[Feet, Flags]:
-    """Feet of nodes (F, n, 1 + 2 m, 3) m, and (F,) of which feathers all nodes have one."""
-    shape = nodes.shape[:3]
-    feet = Feet(
-        np.empty(shape, dtype=np.int32),
-        np.empty((*shape, 2), dtype=np.float32),
-        np.empty(shape, dtype=np.float32),
-    )
-    found = np.zeros(len(nodes), dtype=np.int64)
-    if len(nodes):
-        starts, _ = closest(np.ascontiguousarray(nodes[:, 0, 0]), points[mesh.faces])
-        skin = points, normals, mesh.faces, mesh.neighbours
-        kernels.find_feet(nodes, starts, skin, feet, found)
-    return feet, found == 1
+def _extrapolated(rates: Sequence[Array], time: float) -> Array:
+    """Values at a time (s) from now on, from those now and their two rates."""
+    now, rate, second = rates
+    if time == 0.0:
+        return now
+    return np.asarray(now + time * rate + 0.5 * time * time * second)
 
 
-def _lies(feet: Feet, lengths: Array, dorsal: Array, normals: Array, mesh: CoatMesh) -> Flags:
-    """(F,) which feathers lie on the skin, face up."""
-    height = np.abs(feet.height).max(axis=(1, 2))
-    up = normals[mesh.faces[feet.triangle[:, 0, 0], 0]]
-    facing = np.einsum("fk,fk->f", up, dorsal)
-    return np.asarray((height < MAX_HEIGHT_RATIO * lengths) & (facing > _MIN_FACING))
+def _differences(values: Sequence[Array], step: float) -> tuple[Array, Array, Array]:
+    """Values and their two rates at the latest of three times, step (s) apart, latest first."""
+    x, y, z = values
+    return x, (3.0 * x - 4.0 * y + z) / (2.0 * step), (x - 2.0 * y + z) / (step * step)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from featherfx.algebra.types import Flags
 from featherfx.feather.types import stacked
 from featherfx.shot.clock import StageClock
-from featherfx.shot.coat.leaves import SkinLeaves
+from featherfx.shot.coat.leaves import CarriedPoints, MovingCoat
 from featherfx.shot.contact.skin_binding import surfaces_under
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.groups import ALONE
@@ -33,22 +32,18 @@ class CoatStage(Stage):
     """
 
     def prepare(self) -> None:
-        """Find the feathers that keep a leaf, with their feet."""
+        """Find the feathers that keep a leaf."""
         run, shot = self.run, self.run.shot
-        self._leaves: list[SkinLeaves] = []
-        self._without: list[str] = []
         assert shot.skin is not None
-        chosen = run.wanted[self._may_lie()[run.wanted]]
-        for surface, own in surfaces_under(shot.skin, chosen, shot.run_up):
-            if surface.surface.bones is None and surface.surface.sampled is not None:
-                some = chosen[own]
-                placements = [shot.groom.feathers[f] for f in some]
-                found = SkinLeaves(surface, placements, [run.drawn[f] for f in some], some)
-                self._without += [
-                    shot.groom.feathers[f].id for f in np.setdiff1d(some, found.members)
-                ]
-                if len(found.members):
-                    self._leaves.append(found)
+        self._coat: MovingCoat | None = None
+        self._members = run.wanted[self._may_lie()[run.wanted]]
+        surfaces = [each for each, _ in surfaces_under(shot.skin, self._members, shot.run_up)]
+        if not len(self._members) or all(each.surface.sampled is None for each in surfaces):
+            return
+        own = [shot.groom.feathers[f] for f in self._members]
+        coat = shot.groom.coat.coat
+        skin = CarriedPoints(coat.mesh.points, surfaces)
+        self._coat = MovingCoat(coat, skin, own, [run.drawn[f] for f in self._members])
         self._motion: Roots = run.motion
         if shot.channels:  # which turn feathers on their leaves
             plain = undirected_motion(shot)
@@ -57,36 +52,28 @@ class CoatStage(Stage):
             self._motion = CutRoots(whole, clock)
 
     def _may_lie(self) -> Flags:
-        """(F,) feathers that nothing but skin, loads and guides moves."""
+        """(F,) feathers of the coat that nothing but skin, loads, guides and channels moves."""
         run, shot = self.run, self.run.shot
         placements = shot.groom.feathers
         led = {each.feather for each in shot.grips}
         rules = last_fitting((*shot.detachments, *shot.targets), placements)
         free = [
-            each.id not in led and rule < 0 for each, rule in zip(placements, rules, strict=True)
+            each.leaf is not None and each.id not in led and rule < 0
+            for each, rule in zip(placements, rules, strict=True)
         ]
         limbs = limbs_of(shot.groom) if shot.motion.of_limbs else moving_limbs(shot)
-        if shot.groom.coat is not None:  # wings and tails stand on what the coat is not
-            free = [
-                own and each.leaf is not None for own, each in zip(free, placements, strict=True)
-            ]
         return np.array(free) & (run.islands == ALONE) & np.equal(limbs, 0)
 
     def follow(self, index: int, poses: dict[int, FeatherPose]) -> None:
         """Draw the feathers on their leaves at a sample."""
-        if not self._leaves:
+        if self._coat is None:
             return
         span = self.run.time(index - 1), self.run.time(index)
+        members = self._members.tolist()
+        before = [poses[f] for f in members]
+        given = [stacked([getattr(pose, name) for pose in before]) for name in _RATES]
         rates = root_rates(self._motion, *span)
-        for leaves in self._leaves:
-            members = leaves.members
-            before = [poses[f] for f in members.tolist()]
-            given = [stacked([getattr(pose, name) for pose in before]) for name in _RATES]
-            roots = [RootFrames(*(values[members] for values in each)) for each in rates]
-            drawn = [each.each() for each in leaves.follow(given, roots, span, self.run.jobs)]
-            for f, pose, *values in zip(members.tolist(), before, *drawn, strict=True):
-                poses[f] = replace(pose, **dict(zip(_RATES, values, strict=True)))
-
-    def report(self) -> dict[str, Any]:
-        """Ids of feathers that stand off the skin, and are written as they were simulated."""
-        return {"without_leaf": self._without} if self._without else {}
+        roots = [RootFrames(*(values[self._members] for values in each)) for each in rates]
+        drawn = [each.each() for each in self._coat.follow(given, roots, span)]
+        for f, pose, *values in zip(members, before, *drawn, strict=True):
+            poses[f] = replace(pose, **dict(zip(_RATES, values, strict=True)))
