@@ -46,7 +46,7 @@ def make_plane_forms(nodes: Array, directors: Array, bare: Array) -> PlaneForms:
     def angle(ways: Array, rows: slice) -> Array:
         extra = (1,) * (ways.ndim - 3)
         axes = [each[:, rows].reshape(len(each), -1, *extra, 3) for each in (lateral, forward)]
-        return np.asarray(np.arctan2(*((ways * each).sum(axis=-1) for each in axes)))
+        return np.asarray(np.arctan2(*(_dots(ways, each) for each in axes)))
 
     chords = np.diff(nodes[:, :, 0], axis=1)
     columns = (nodes.shape[2] - 1) // 2
@@ -54,7 +54,7 @@ def make_plane_forms(nodes: Array, directors: Array, bare: Array) -> PlaneForms:
     for side in range(2):
         own = nodes[:, :, 1 + side * columns : 1 + (side + 1) * columns]
         sides.append(np.diff(np.concatenate([nodes[:, :, :1], own], axis=2), axis=2))
-    ways, steps = np.stack(sides, axis=1), np.linalg.norm(chords, axis=2)
+    ways, steps = np.stack(sides, axis=1), np.sqrt(_dots(chords, chords))
     station = np.concatenate([np.zeros((len(steps), 1)), np.cumsum(steps, axis=1)], axis=1)
     ahead = np.maximum(1.0 - station / np.where(bare > 0.0, bare, 1.0)[:, None], 0.0)
     # rounding of the row where the vane begins
@@ -64,8 +64,13 @@ def make_plane_forms(nodes: Array, directors: Array, bare: Array) -> PlaneForms:
         ahead=angle(chords, slice(None, -1)),
         behind=angle(chords, slice(1, None)),
         angles=np.stack([angle(way, slice(None)) for way in sides], axis=1),
-        pieces=np.linalg.norm(ways, axis=-1),
+        pieces=np.sqrt(_dots(ways, ways)),
         sunk=sunk,
         bare=bare,
         turn=np.zeros(len(bare)),
     )
+
+
+def _dots(first: Array, second: Array) -> Array:
+    """(...) dot products of vectors (..., 3)."""
+    return np.asarray(np.einsum("...k,...k->...", first, second))

@@ -38,8 +38,8 @@ _ROUNDING = 0.75
 # of a feather's length that s may fall along a rachis, and along a barb, before it leaves the skin
 _MAX_FALL, _MAX_BARB_FALL = 0.05, 0.5
 _MAX_TRIANGLES = 400  # that one chord passes over
-_MAX_CHORDS = 6  # that are drawn for one of the right length
-_CHORD_TOLERANCE = 2e-5  # relative, of a chord before it is scaled to its length
+_CHORDS = 2  # that are drawn for one of the right length; always as many: shapes move smoothly
+_MIN_CHORD = 0.05  # of its length, that a chord on the carrier has
 _TINY = 1e-12  # of unit vectors and barycentric coordinates
 
 
@@ -223,16 +223,15 @@ def _advance(carrier, foot, p, at, way, drop, least):
     """
     triangle, b, d, off, n, slope, s = foot
     if not off:
-        step = way
-        for _ in range(_MAX_CHORDS):
+        rise = dot(slope, d)
+        step = way / sqrt(1.0 + rise * rise)
+        for _ in range(_CHORDS):
             there, c, e, left = trace(carrier, triangle, b, d, step)
             point, m, up, t = leaf_point(carrier, there, c, p)
             chord = sub(combined(1.0, point, -drop, m), at)
-            gone = length(chord)
-            if left > 0.0 or gone < 0.05 * way or abs(gone - way) < _CHORD_TOLERANCE * way:
-                break
+            gone = max(length(chord), _MIN_CHORD * way)
             step *= way / gone
-        if left <= 0.0 and t >= least and gone > 0.05 * way:
+        if left <= 0.0 and t >= least and gone > _MIN_CHORD * way:
             return (there, c, e, False, m, up, t), combined(1.0, at, way / gone, chord)
         d, n = _lifted(d, n, slope)
         slope = 0.0, 0.0, 0.0

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from places import SAMPLES
 
 from featherfx.algebra.rotation import vectors_to_frames
+from featherfx.feather.leaves import lay_out
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RowPoints, both, stacked
+from featherfx.groom.types import Groom, Layout
 from featherfx.shot.clock import StageClock
-from featherfx.shot.coat.leaves import SkinLeaves
+from featherfx.shot.coat.leaves import CarriedPoints, MovingCoat
 from featherfx.shot.frames import place
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.roots import RootFrames
@@ -55,30 +59,33 @@ def bent(points, time):
 
 
 def plumage(moved):
-    """Two feathers, the first of which starts upstream, and their leaves."""
+    """Feathers in rows that point along x, as they lie on a sheet, and their coat in motion."""
     one = read_shot(SAMPLES / "feather_pull" / "shot.toml").groom.feathers[0]
-    tilt = vectors_to_frames(np.array([0.0, -0.03, 0.0]))
-    placements = [
-        replace(one, id=f"f{k}", position=np.array([-0.1 + 0.05 * k, 0.0, 1e-3]), rotation=tilt)
-        for k in range(2)
-    ]
-    drawn = build_feathers(tuple(placements), 11, 4)
-    surface = TimedSurface(Sheet(moved), StageClock())
-    leaves = SkinLeaves(surface, placements, drawn, np.arange(2))
-    assert leaves.members.tolist() == [0, 1]
-    return placements, drawn, leaves
+    sheet, size = Sheet(moved), one.kind.length
+    x, y = np.meshgrid(np.arange(-0.3, 0.31, 0.4 * size), [-0.3 * size, 0.0, 0.25 * size])
+    places = np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
+    feathers = tuple(
+        replace(one, id=f"f{k}", position=place, grown=True) for k, place in enumerate(places)
+    )
+    corners = sheet.rest[sheet.triangles]
+    groom = lay_out(Groom("rows", Path("rows.toml"), feathers, skin=corners, layout=Layout()))
+    drawn = build_feathers(groom.feathers, 11, 4)
+    skin = CarriedPoints(groom.coat.coat.mesh.points, [TimedSurface(sheet, StageClock())])
+    return groom.feathers, drawn, MovingCoat(groom.coat.coat, skin, groom.feathers, drawn)
 
 
-def drawn_at(parts, time, roots=None, step=1e-2):
-    """Points and rates of rigid feathers at a time. roots: positions, rotations; default: rest."""
-    placements, drawn, leaves = parts
+def drawn_at(parts, time, roots=None, step=1e-2, bend=None):
+    """Points and rates of feathers at a time. roots: positions, rotations; default: rest. bend:
+    changes their points (RowPoints) on these roots."""
+    placements, drawn, coat = parts
     still = np.array([p.position for p in placements]), np.array([p.rotation for p in placements])
     position, rotation = still if roots is None else roots
     rest = stacked([place(f.rest, p, r) for f, p, r in zip(drawn, position, rotation, strict=True)])
+    rest = rest if bend is None else bend(rest)
     still_rates = [both(np.zeros_like, rest) for _ in range(2)]
     held = RootFrames(*map(np.zeros_like, (position, rotation)))
     frames = [RootFrames(position, rotation), held, held]
-    return leaves.follow([rest, *still_rates], frames, (time - step, time), 2)
+    return coat.follow([rest, *still_rates], frames, (time - step, time))
 
 
 def lengths(points: RowPoints) -> np.ndarray:
@@ -112,35 +119,88 @@ def test_a_skin_that_turns_turns_feathers_with_it():
         np.array([turn @ p.position + shift for p in placements]),
         np.array([turn @ p.rotation for p in placements]),
     )
-    found = drawn_at(parts, 0.4, roots, step=0.0)[0]
+    found = drawn_at(parts, 0.4, roots)[0]
     for k, feather in enumerate(drawn):
         rest = place(feather.rest, roots[0][k], roots[1][k])
         np.testing.assert_allclose(found.nodes[k], rest.nodes, atol=1e-7)
         np.testing.assert_allclose(found.directors[k], rest.directors, atol=1e-6)
 
 
-@pytest.mark.parametrize("time", [0.2, 0.5, 0.9, 1.3])
-def test_lengths_hold_and_heights_go_with_places_of_the_skin(time):
-    """A node that comes to lie over another place of the skin has the height of its leaf there."""
-    parts = plumage(bent)
-    placements, _, _ = parts
+def heights(points: RowPoints, time: float) -> np.ndarray:
+    """(F, n) m, of rachises over the bent sheet, and (F, n) m, x of the sheet beneath."""
     curvature, stretch = 2.0 * np.sin(2.0 * time), 1.0 + 0.15 * np.sin(3.0 * time)
-    radius, roots = 1.0 / curvature, np.array([p.position for p in placements])
-    angle = curvature * stretch * roots[:, 0]
-    turn = vectors_to_frames(np.stack([0.0 * angle, angle, 0.0 * angle], axis=1))
-    position = bent(roots * [1.0, 1.0, 0.0], time) + roots[:, 2:] * turn[:, :, 2]
-    rotation = turn @ np.array([p.rotation for p in placements])
-    rest = drawn_at(parts, 0.0, step=0.0)[0]
-    found = drawn_at(parts, time, (position, rotation), step=0.0)[0]
+    radius = 1.0 / curvature
+    x, _, z = np.moveaxis(points.nodes[:, :, 0], -1, 0)
+    height = np.sign(radius) * (np.hypot(x, z + radius) - abs(radius))
+    return height, np.arctan2(
+        x * np.sign(radius), (z + radius) * np.sign(radius)
+    ) * radius / stretch
+
+
+@pytest.mark.parametrize("time", [0.2, 0.5, 0.9, 1.3])
+def test_lengths_and_the_order_of_leaves_hold_on_a_bent_skin(time):
+    parts = plumage(bent)
+    rest = drawn_at(parts, 0.0)[0]
+    found = drawn_at(parts, time)[0]
     np.testing.assert_allclose(lengths(found), lengths(rest), rtol=1e-6, atol=1e-12)
-    x, _, z = np.moveaxis(found.nodes[:, :, 0], -1, 0)
-    height = np.hypot(x, z + radius) - radius if radius > 0 else -np.hypot(x, z + radius) - radius
-    at = np.arctan2(x * np.sign(radius), (z + radius) * np.sign(radius)) * radius / stretch
-    for k in range(2):
-        own = rest.nodes[k, :, 0]
-        inside = at[k] <= own[-1, 0]
-        leaf = np.interp(at[k], own[:, 0], own[:, 2])
-        np.testing.assert_allclose(height[k][inside], leaf[inside], atol=2.5e-4)
+    assert_in_order(parts[0], *heights(found, time))
+
+
+def assert_in_order(placements, height, at):
+    """Whoever is ranked higher lies higher along the same line of the sheet."""
+    rows = np.unique([p.position[1].round(6) for p in placements])
+    for row in rows:
+        own = [k for k, p in enumerate(placements) if p.position[1].round(6) == row]
+        own.sort(key=lambda k: placements[k].rank)
+        for low, high in pairwise(own):
+            inside = (at[high] > at[low, 1]) & (at[high] < at[low, -1])
+            under = np.interp(at[high][inside], at[low], height[low])
+            assert inside.any()
+            assert (height[high][inside] > under).all()
+
+
+@pytest.mark.parametrize("rise", [-0.2, 0.3, 0.6])
+def test_what_bends_one_feather_lifts_those_around_in_their_order(rise):
+    """One feather is turned about its root, up or into the skin."""
+    parts = plumage(lambda points, time: points)
+    placements = parts[0]
+    one = len(placements) // 2
+
+    def bend(points: RowPoints) -> RowPoints:
+        turn = vectors_to_frames(np.array([0.0, -rise, 0.0]))
+        nodes, directors = points.nodes.copy(), points.directors.copy()
+        root = nodes[one, 0, 0].copy()
+        nodes[one] = (nodes[one] - root) @ turn.T + root
+        directors[one] = directors[one] @ turn.T
+        return RowPoints(nodes, directors)
+
+    rest, found = drawn_at(parts, 0.0)[0], drawn_at(parts, 0.0, bend=bend)[0]
+    np.testing.assert_allclose(lengths(found), lengths(rest), rtol=1e-6, atol=1e-12)
+    rachis = found.nodes[:, :, 0]
+    assert np.sign(rise) * (rachis[one, -1, 2] - rest.nodes[one, -1, 0, 2]) > 1e-5
+    assert_in_order(placements, rachis[:, :, 2], rachis[:, :, 0])
+    assert rachis[:, :, 2].min() > rest.nodes[:, :, 0, 2].min() - 1e-9
+
+
+def test_a_turn_within_the_vane_stays_on_the_leaf():
+    parts, angle = plumage(lambda points, time: points), 0.2
+    one = len(parts[0]) // 2
+
+    def bend(points: RowPoints) -> RowPoints:
+        position, rotation = parts[0][one].position, parts[0][one].rotation
+        turn = rotation @ vectors_to_frames(np.array([0.0, 0.0, angle])) @ rotation.T
+        nodes, directors = points.nodes.copy(), points.directors.copy()
+        nodes[one] = (nodes[one] - position) @ turn.T + position
+        directors[one] = directors[one] @ turn.T
+        return RowPoints(nodes, directors)
+
+    rest, found = drawn_at(parts, 0.0)[0], drawn_at(parts, 0.0, bend=bend)[0]
+    ways = [each.nodes[one, -1, 0] - each.nodes[one, 0, 0] for each in (rest, found)]
+    before, after = (np.arctan2(way[1], way[0]) for way in ways)
+    assert after - before == pytest.approx(angle, abs=0.02)
+    np.testing.assert_allclose(
+        np.delete(found.nodes, one, 0), np.delete(rest.nodes, one, 0), atol=2e-4
+    )
 
 
 def test_velocities_are_derivatives_of_what_is_drawn():

@@ -166,7 +166,9 @@ class MovingCoat:
         forms = make_plane_forms(own.nodes, own.directors, self._bare[some])
         ahead, behind, angles = (
             now + then[some]
-            for now, then in zip((forms.ahead, forms.behind, forms.angles), self._angles, strict=True)
+            for now, then in zip(
+                (forms.ahead, forms.behind, forms.angles), self._angles, strict=True
+            )
         )
         forward = np.cross(*own.directors[:, 0].swapaxes(0, 1))
         x, y = (dots(forward, posed.roots.rotations[some, :, k]) for k in range(2))
