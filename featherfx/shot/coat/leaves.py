@@ -21,12 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.coat.carrier import Carrier, pose_carrier
 from featherfx.coat.coat import Coat, draw
 from featherfx.coat.fields import SkinMeans, SkinPlaces
-from featherfx.coat.forms import PlaneForms, make_plane_forms
+from featherfx.coat.forms import make_plane_forms
 from featherfx.feather.leaves import plane_forms
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, RowPoints, both, stacked
