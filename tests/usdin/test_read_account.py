@@ -252,6 +252,17 @@ def test_a_skin_that_its_skeleton_does_not_move_is_told(tmp_path, how):
         assert mesh_report(stage, "/bird/skin")["moves"] is None
 
 
+@pytest.mark.parametrize("binder", ["skeleton", "skin"])
+def test_of_two_animations_the_one_that_moves_a_skin_is_told(tmp_path, binder):
+    stage = new_stage(tmp_path / "skin.usda")
+    add_skinned(stage)
+    UsdSkel.Animation.Define(stage, "/bird/other")
+    binding = UsdSkel.BindingAPI(stage.GetPrimAtPath(f"/bird/{binder}"))
+    binding.CreateAnimationSourceRel().AddTarget("/bird/other")
+    with pytest.warns(InputWarning, match="moved by /bird/motion, not by /bird/other"):
+        assert mesh_report(stage, "/bird/skin")["moves"] == (1.0, 25.0)
+
+
 def test_a_skin_that_moves_is_not_told(tmp_path, recwarn):
     stage = new_stage(tmp_path / "skin.usda")
     add_skinned(stage)

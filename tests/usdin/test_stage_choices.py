@@ -8,7 +8,7 @@ from usdin_scenes import add_curves, add_mesh, arc, lifted, new_stage, sheet
 from featherfx.api import read_groom, read_shot
 from featherfx.baking.export import export_groom
 from featherfx.errors import InputError, InputWarning
-from featherfx.usd.read.cache import Cache
+from featherfx.usd.read.cache import Cache, find_scenery
 
 FEATHER = '[[feather]]\nid = "f"\nkind = "covert"\nposition = [0, 0, 0]\n'
 SHOT = 'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n'
@@ -177,13 +177,23 @@ def test_a_stage_is_found_by_the_names_that_programs_write(tmp_path, name):
     assert len(skin.parts[0].surface.triangles) == 8
 
 
+def test_a_body_in_a_package_is_drawn_beside_its_feathers(tmp_path):
+    write_body(tmp_path / "b.usda")
+    package = tmp_path / "a.usdz"
+    UsdUtils.CreateNewUsdzPackage(str(tmp_path / "b.usda"), str(package))
+    entry = {"role": "skin", "file": f"{package.name}[b.usda]", "prim": "/b/skin", "start": 0.0}
+    entry |= {"first": 0.0, "time_codes_per_frame": 1.0}
+    (scene,) = find_scenery([entry], tmp_path / "cache.usda", ("skin",), "drawn")
+    assert len(scene.chosen) == 1
+
+
 @pytest.mark.parametrize("name", ["a.usdz[c.usda]", "no.usdz[b.usda]", "sub\\\\c.usda"])
 def test_a_stage_that_is_not_there_is_one_message(tmp_path, name):
     write_body(tmp_path / "b.usda")
     UsdUtils.CreateNewUsdzPackage(str(tmp_path / "b.usda"), str(tmp_path / "a.usdz"))
     (tmp_path / "groom.toml").write_text(f'name = "g"\n{FEATHER}')
     with pytest.raises(
-        InputError, match=r"skin\.usd: .*(USD cannot open|does not exist)"
+        InputError, match=r"skin\.usd: .*(a.usdz has no c.usda. It has b.usda|does not exist)"
     ) as caught:
         read_table(tmp_path, f'[skin]\nusd = "{name}"\nprim = "/b/skin"\n')
     assert len(caught.value.problems) == 1
@@ -192,7 +202,7 @@ def test_a_stage_that_is_not_there_is_one_message(tmp_path, name):
 @pytest.mark.parametrize("arc", ["sublayer", "reference", "payload"])
 @pytest.mark.parametrize(
     ("file", "message"),
-    [("no.usda", "no.usda is missing"), ("cm.usda", r"cm.usda has 0.01 m per unit, the stage 1")],
+    [("no.usda", "no.usda: is missing"), ("cm.usda", r"cm.usda has 0.01 m per unit, the stage 1")],
 )
 def test_layers_that_are_missing_or_of_other_units_are_told(tmp_path, arc, file, message):
     write_body(tmp_path / "cm.usda", 0.01)

@@ -374,7 +374,7 @@ def _open_checked(
     problems.hand_on()
     opened = AnimatedMesh(scene, mesh, options, find_skinning(scene, mesh, place))
     if len(opened.triangles) == 0:
-        place.refuse(path.format("", "no face has any area"))
+        place.refuse(path.format("", "no face has any area. Name a mesh with faces"))
     idle = explain_stillness(prim)
     if idle and opened.is_still():
         opened.idle = idle

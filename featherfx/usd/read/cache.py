@@ -26,7 +26,7 @@ from featherfx.usd.read.cached_feather import (
     read_mesh_feathers,
 )
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes, list_undrawn
-from featherfx.usd.read.opening import locate_file, open_stage, read_scenery
+from featherfx.usd.read.opening import locate_file, locate_package, open_stage, read_scenery
 from featherfx.usd.read.stage import SourceScene, choose_variants, transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -489,7 +489,7 @@ def find_scenery(
             entry["prim"],
             "is not there and",
         )
-        if file.is_file():
+        if locate_package(file)[0].is_file():
             other = Cache(file, entry.get("variant_sets"))
             chosen = [k for k, each in enumerate(other.feathers) if each.path == prim]
             if chosen:

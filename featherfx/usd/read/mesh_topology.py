@@ -39,7 +39,9 @@ def list_topology_faults(mesh: Any) -> Iterator[tuple[str, str]]:
     values = {name: _read_constant(attribute) for name, attribute in attributes.items()}
     for name, (_, changed) in values.items():
         if changed is not None:
-            yield name, f"changes at time code {changed:g}. Topology has to stay the same"
+            told = f"changes at time code {changed:g}. Export a mesh whose faces stay the same"
+            yield name, told
+            return
     counts, indices = values["faceVertexCounts"][0], values["faceVertexIndices"][0]
     if counts is None or indices is None:
         yield "faceVertexCounts" if counts is None else "faceVertexIndices", "has no value"
@@ -86,7 +88,8 @@ def check_points(attribute: Any) -> tuple[str, int]:
         if points is None:
             return f"has no value {where}", 0
         if size not in (-1, len(points)):
-            return f"has {len(points)} points {where}, {size} before", 0
+            told = f"has {len(points)} points {where}, {size} before"
+            return f"{told}. Export a mesh that keeps its points", 0
         size = len(points)
         # the sum of finite values is finite here, and one pass over them is enough
         if not np.isfinite(points.sum(dtype=np.float64)):

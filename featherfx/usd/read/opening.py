@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile, is_zipfile
 
 from pxr import Ar, Sdf, Usd, UsdGeom
 
@@ -38,6 +39,12 @@ def locate_file(folder: Path, name: str) -> Path:
     return Path(found) if found else own
 
 
+def locate_package(path: Path) -> tuple[Path, str]:
+    """Return the file on disk, and what is named in it: a.usdz and b.usda of a.usdz[b.usda]."""
+    package, inner = Ar.SplitPackageRelativePathOuter(str(path))
+    return Path(package), inner
+
+
 # (low, high) of what a stage says of itself; far beyond any stage in use, far within float32
 _METADATA_RANGES = {
     "metersPerUnit": (1e-9, 1e9),
@@ -55,9 +62,7 @@ def open_stage(path: str | Path) -> Any:
     time range.
     """
     path = locate_file(Path(), str(path))
-    # of a file in a package, such as a.usdz[b.usda], the package is on disk
-    package, inner = Ar.SplitPackageRelativePathOuter(str(path))
-    file = Path(package)
+    file, inner = locate_package(path)
     if not file.is_file():
         told = irregular(file) or "file does not exist. Check its name and folder"
         raise InputError(Problem(str(path), "", told))
@@ -70,6 +75,12 @@ def open_stage(path: str | Path) -> Any:
             more = ". `featherfx groom` and `featherfx bake` write one"
         raise InputError(Problem(str(path), "", f"is {told}, expects .usd, .usda or .usdc{more}"))
     refuse_unfit_usd()
+    if inner and is_zipfile(file):
+        with ZipFile(file) as package:
+            names = package.namelist()
+        if Ar.SplitPackageRelativePathOuter(inner)[0] not in names:
+            told = f"{file.name} has no {inner}. It has {', '.join(names) or 'no files'}"
+            raise InputError(Problem(str(path), "", told))
     opened = str(path)
     try:
         stage = Usd.Stage.Open(opened)

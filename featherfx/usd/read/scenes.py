@@ -29,7 +29,6 @@ from featherfx.usd.read.stage import (
     describe_prims,
     find_prim,
     open_chosen,
-    open_scene,
     prims_below,
     sampled_range,
     transform_points,
@@ -136,7 +135,7 @@ def read_poses(path: Path, code: float | None, place: Place) -> tuple[PointsById
     The first table has (V, 3) points of meshes, the second (k, 3) of rachises, where the file holds
     curves and no mesh. Raises InputError.
     """
-    scene = open_scene(path, place)
+    scene = open_chosen(path, {}, place, place)
     with errors_at(place):
         if _has_curves_alone(scene):
             keys = {"file": str(path), "time": code} if code is not None else {"file": str(path)}
@@ -207,7 +206,7 @@ class SampledWind(ScenePrim):
 
 def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | SampledWind:
     """Return the wind that checked keys of [wind_usd] name. Raises InputError."""
-    scene, at = open_scene(path, place.child("usd")), place.child("prim")
+    scene, at = open_chosen(path, {}, place.child("usd"), place), place.child("prim")
     prim = find_prim(scene, entry["prim"], at, "points")
     with errors_at(place):
         check_transforms(scene, prim, at)
@@ -287,7 +286,7 @@ class SceneCamera(ScenePrim):
 
 def open_camera(path: Path, prim: str, place: Place) -> SceneCamera:
     """Return the camera at a prim path of a file. Raises InputError."""
-    scene, at = open_scene(path, place.child("usd")), place.child("prim")
+    scene, at = open_chosen(path, {}, place.child("usd"), place), place.child("prim")
     found = find_prim(scene, prim, at, "camera")
     if not found.IsA(UsdGeom.Camera):
         at.refuse(f"{prim} is no camera in {path}{describe_prims(scene, ('camera',), prim)}")

@@ -27,7 +27,6 @@ from featherfx.usd.read.stage import (
     describe_prims,
     find_prim,
     open_chosen,
-    open_scene,
     prims_below,
     rest_time,
     to_world_matrix,
@@ -169,7 +168,7 @@ def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array
 
     entry: checked keys of the curve of a row. Raises InputError.
     """
-    scene = open_scene(locate_file(folder, entry["usd"]), place.child("usd"))
+    scene = open_chosen(locate_file(folder, entry["usd"]), entry, place.child("usd"), place)
     root = find_prim(scene, entry["prim"], place.child("prim"), "curves", "skeleton")
     with errors_at(place):
         if not root.IsA(UsdSkel.Skeleton):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel, Vt
 
 from featherfx.algebra.types import Array, Floats, Indices
+from featherfx.errors import InputWarning
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
@@ -289,6 +291,19 @@ def explain_stillness(prim: Any) -> str:
     return f"{bound} but moves by nothing: {why}"
 
 
+def _warn_of_animations(mesh: Any, skeleton: Any, path: str) -> None:
+    """Warn where a mesh and its skeleton (a query) name several animations; USD takes one."""
+    named: list[Any] = []
+    for prim in (skeleton.GetPrim(), mesh.GetPrim()):
+        named += read_targets(UsdSkel.BindingAPI(prim).GetAnimationSourceRel())
+    query = skeleton.GetAnimQuery()
+    own = query.GetPrim().GetPath() if query else None
+    others = ", ".join(sorted({str(each) for each in named if each != own}))
+    if own and others:
+        told = f"{path}: moved by {own}, not by {others}. Bind the skeleton to one animation"
+        warnings.warn(told, InputWarning, stacklevel=2)
+
+
 def _lacks_schema(prim: Any) -> bool:
     has_any = any(prim.GetProperty(name) for name in _BINDINGS)
     return has_any and not prim.HasAPI(UsdSkel.BindingAPI)
@@ -309,6 +324,7 @@ def _find_skeleton(scene: SourceScene, mesh: Any, place: Place) -> Skinning | No
     if not skeleton:
         place.refuse(f"{path}: has joint influences, but skel:skeleton names no valid skeleton")
     skinning = Skinning(mesh, skeleton, query, cache)
+    _warn_of_animations(mesh, skeleton, path)
     if query.HasJointInfluences():
         transforms = skeleton.ComputeSkinningTransforms(EARLIEST_TIME)
         points = skinning.earliest()

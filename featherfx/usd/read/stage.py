@@ -177,7 +177,10 @@ def _opening_fault(path: str) -> str:
     if os.path.isfile(path) and not os.access(path, os.R_OK):
         return "no permission to read it"
     try:
-        return "" if Sdf.Layer.FindOrOpen(path) else "is missing"
+        if Sdf.Layer.FindOrOpen(path):
+            return ""
+        is_turned = os.path.isfile(path.replace("\\", "/"))
+        return "is missing; write / where its name has a backslash" if is_turned else "is missing"
     except USD_ERRORS as error:
         return f"USD cannot open it: {describe_error(error)}"
 
@@ -238,7 +241,10 @@ def transform_points(points: NDArray[Any], matrix: Array) -> Array:
 
 
 def open_scene(path: Path, place: Place) -> SourceScene:
-    """Open a stage with its payloads. Raises InputError at the place that names it."""
+    """Open a stage with its payloads. Raises InputError at the place that names it.
+
+    Layers that have other units than the stage are InputWarnings.
+    """
     try:
         stage = open_stage(path)
         clips = broken_clips(stage)
@@ -254,26 +260,28 @@ def open_scene(path: Path, place: Place) -> SourceScene:
         warnings.warn(
             f"{path}: metersPerUnit is not authored, which means centimetres", InputWarning, 2
         )
-    return SourceScene(path, stage)
+    scene = SourceScene(path, stage)
+    unit = scene.meters_per_unit
+    for layer in stage.GetUsedLayers():
+        own = layer.pseudoRoot.GetInfo("metersPerUnit")
+        if layer.pseudoRoot.HasInfo("metersPerUnit") and own != unit:
+            told = f"has {own:g} m per unit, the stage {unit:g}. USD does not convert"
+            message = f"{path}: {layer.realPath} {told}: scale what it holds by {own / unit:g}"
+            warnings.warn(message, InputWarning, 2)
+    return scene
 
 
 def open_chosen(path: Path, entry: Mapping[str, Any], file: Place, place: Place) -> SourceScene:
     """Open the stage of a table with the variants that it chooses.
 
-    Layers that are missing, or have other units than the stage, are InputWarnings. entry: checked
-    keys. file: of the key that names the stage. place: of the table.
+    Layers that are missing are InputWarnings. entry: checked keys. file: of the key that names the
+    stage. place: of the table.
     """
     scene = open_scene(path, file)
-    doubts = {name: f"{why}; what it holds is not read" for name, why in _broken(scene).items()}
-    unit = scene.meters_per_unit
-    for layer in scene.stage.GetUsedLayers():
-        own = layer.pseudoRoot.GetInfo("metersPerUnit")
-        if layer.pseudoRoot.HasInfo("metersPerUnit") and own != unit:
-            told = f"has {own:g} m per unit, the stage {unit:g}. USD does not convert"
-            doubts[layer.realPath] = f"{told}: scale what it holds by {own / unit:g}"
-    for name, told in doubts.items():
-        warnings.warn(f"{path}: {name} {told}", InputWarning, 2)
-    return choose_variants(scene, entry["variant_sets"], place.child("variant_sets"))
+    for name, why in _broken(scene).items():
+        told = "What it holds is not read: mend it, or remove what names it"
+        warnings.warn(f"{path}: {name}: {why}. {told}", InputWarning, 2)
+    return choose_variants(scene, entry.get("variant_sets", {}), place.child("variant_sets"))
 
 
 def _broken(scene: SourceScene) -> dict[str, str]:
