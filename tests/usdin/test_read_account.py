@@ -204,10 +204,13 @@ def test_inspect_tells_how_a_mesh_is_drawn_and_moves(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(Usd.Attribute, "HasSpline"), reason="USD knows no splines")
-def test_a_transform_that_is_a_spline_moves_a_mesh(tmp_path):
+@pytest.mark.parametrize("end", [5.0, 8.0])
+def test_a_transform_that_is_a_spline_moves_a_mesh(tmp_path, end):
     from pxr import Ts
 
     stage = new_stage(tmp_path / "skin.usda")
+    stage.SetStartTimeCode(2)
+    stage.SetEndTimeCode(8)
     add_mesh(stage, "/b/skin", *sheet(2, 2))
     turn = UsdGeom.Xform.Define(stage, "/b").AddRotateXOp(UsdGeom.XformOp.PrecisionDouble)
     spline = Ts.Spline("double")
@@ -217,11 +220,16 @@ def test_a_transform_that_is_a_spline_moves_a_mesh(tmp_path):
         knot.SetValue(degrees)
         knot.SetNextInterpolation(Ts.InterpLinear)
         spline.SetKnot(knot)
+    if end > 5.0:  # goes on by another 60 degrees
+        beyond = Ts.Extrapolation()
+        beyond.mode = Ts.ExtrapLinear
+        spline.SetPostExtrapolation(beyond)
     turn.GetAttr().SetSpline(spline)
     found = mesh_report(stage, "/b/skin")
-    assert found["moves"] == (2.0, 5.0)
-    # by 60 degrees about x, points 0.2 m from it
-    assert found["displacement"] == pytest.approx(0.2, rel=1e-6)
+    assert found["moves"] == (2.0, end)
+    # a turn about x of points 0.2 m from it
+    half = np.radians(10.0 * (end - 2.0))
+    assert found["displacement"] == pytest.approx(0.4 * np.sin(half), rel=1e-6)
 
 
 def unbind(stage, how):

@@ -86,7 +86,7 @@ def check_points(attribute: Any) -> tuple[str, int]:
         where = describe_time(code)
         points = read_array(attribute, code, VECTOR_ARRAY)
         if points is None:
-            return f"has no value {where}", 0
+            return f"has no value {where}. Give points at every sample", 0
         if size not in (-1, len(points)):
             told = f"has {len(points)} points {where}, {size} before"
             return f"{told}. Export a mesh that keeps its points", 0

@@ -79,8 +79,8 @@ def open_stage(path: str | Path) -> Any:
         with ZipFile(file) as package:
             names = package.namelist()
         if Ar.SplitPackageRelativePathOuter(inner)[0] not in names:
-            told = f"{file.name} has no {inner}. It has {', '.join(names) or 'no files'}"
-            raise InputError(Problem(str(path), "", told))
+            known = ", ".join(names) or "nothing"
+            raise InputError(Problem(str(path), "", f"{file.name} has no {inner}. Give {known}"))
     opened = str(path)
     try:
         stage = Usd.Stage.Open(opened)

@@ -223,21 +223,30 @@ def read_texts(attribute: Any, code: Any = DEFAULT_TIME) -> list[str]:
 def read_times(attribute: Any) -> list[float]:
     """Return time codes of the samples of an attribute, in order; none without it.
 
-    A spline has its knots; a value that USD finds elsewhere has the ends of the stage's range.
+    A spline has its knots, and where it goes on beyond them the ends of the stage's range, which a
+    value has, too, that USD finds elsewhere.
     """
     if not attribute:
         return []
     with usd_errors(attribute):
         times = list(attribute.GetTimeSamples())
         if not times and attribute.ValueMightBeTimeVarying():
-            if hasattr(attribute, "HasSpline") and attribute.HasSpline():
-                times = list(attribute.GetSpline().GetKnots())
-            else:
-                stage = attribute.GetStage()
-                times = [stage.GetStartTimeCode(), stage.GetEndTimeCode()]
+            stage = attribute.GetStage()
+            ends = [stage.GetStartTimeCode(), stage.GetEndTimeCode()]
+            has_spline = hasattr(attribute, "HasSpline") and attribute.HasSpline()
+            times = _read_spline_times(attribute.GetSpline(), ends) if has_spline else ends
     if times and not np.isfinite(times).all():
         raise fault(attribute, f"has samples at time codes that are no numbers: {times}")
     return times
+
+
+def _read_spline_times(spline: Any, ends: list[float]) -> list[float]:
+    from pxr import Ts
+
+    knots = list(spline.GetKnots())
+    modes = (each.mode for each in (spline.GetPreExtrapolation(), spline.GetPostExtrapolation()))
+    goes_on = any(mode not in (Ts.ExtrapHeld, Ts.ExtrapValueBlock) for mode in modes)
+    return sorted({*knots, *ends}) if goes_on else knots
 
 
 def read_targets(relationship: Any) -> list[Any]:
