@@ -136,8 +136,8 @@ PACKAGES = (
 # what moves the roots of a shot, by the kind of its motion: (motion, shot, skeleton) -> poses
 MOTION_SOURCES = {
     "hold": "motion.joints:held",
-    "shake": "motion.joints:shaken",
-    "swing": "motion.joints:swung",
+    "shake": "motion.swings:shaken",
+    "swing": "motion.swings:swung",
     "flap": "motion.flap:flapping",
     "fold": "motion.flap:folded",
     "keys": "motion.keys:keyed",

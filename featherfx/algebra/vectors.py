@@ -20,6 +20,11 @@ def dots(first: Array, second: Array | Indices) -> Array:
     return np.asarray(np.einsum("nk,nk->n", first, second))
 
 
+def applied(matrices: Array, vectors: Array) -> Array:
+    """(K, 3, 3) matrices times (K, 3) vectors."""
+    return np.asarray((matrices @ vectors[:, :, None])[..., 0])
+
+
 def cross_columns(first: Array, second: Array) -> Array:
     """(3, N) cross products of the columns of (3, N)."""
     (x, y, z), (u, v, w) = first, second

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-import fnmatch
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.interpolation import smooth_step
 from featherfx.algebra.rotation import (
-    from_rotation_vector,
-    motions,
-    rotation_vectors,
     shared_turns,
     vectors_to_frames,
 )
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import dots
-from featherfx.errors import InputError, Problem
-from featherfx.groom.frames import bow_fraction
+from featherfx.algebra.vectors import applied
 from featherfx.groom.types import Groom
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.types import Motion, Shot
 
-_TILTED = 0.5  # of a forearm's tilt, that a feather beside the elbow takes; measured on an owl
+if TYPE_CHECKING:
+    from featherfx.shot.motion.wing_turns import Bows, Tilts
 
 
 class JointPoses(NamedTuple):
@@ -76,10 +69,10 @@ class Skeleton:
         """Rotations (J, 3, 3) and shifts (J, 3) such that a point x of the groom at rest that is
         carried by joint j goes to rotation x + shift."""
         rotations = self.turned(poses).copy()
-        shifts = self.pivots + poses.displacements - _applied(rotations, self.pivots)
+        shifts = self.pivots + poses.displacements - applied(rotations, self.pivots)
         for joints, parents in self.levels:
             carrier = rotations[parents]
-            shifts[joints] = _applied(carrier, shifts[joints]) + shifts[parents]
+            shifts[joints] = applied(carrier, shifts[joints]) + shifts[parents]
             rotations[joints] = carrier @ rotations[joints]
         return rotations, shifts
 
@@ -90,8 +83,8 @@ class Skeleton:
         for joints, parents in self.levels:
             back = rotations[parents].swapaxes(1, 2)
             own[joints] = back @ rotations[joints]
-            away[joints] = _applied(back, shifts[joints] - shifts[parents])
-        return free_poses(own, away - self.pivots + _applied(own, self.pivots))
+            away[joints] = applied(back, shifts[joints] - shifts[parents])
+        return free_poses(own, away - self.pivots + applied(own, self.pivots))
 
 
 def skeleton_of(groom: Groom) -> Skeleton:
@@ -108,120 +101,6 @@ def skeleton_of(groom: Groom) -> Skeleton:
     hinges = [np.zeros(3) if j.hinge is None else np.asarray(j.hinge) for j in groom.joints]
     below = tuple((joints, parents[joints]) for joints in levels)
     return Skeleton(names, pivots, below, np.vstack([np.zeros(3), *hinges]))
-
-
-@dataclass(frozen=True)
-class Bows:
-    """Bows of B of the feathers, which bend with their wings.
-
-    members: (B,). joints: (B,) whose fold counts, carriers: (B,) that carry the bow. screws: (B, 6)
-    of the whole bow at rest. hinges: (J, 3) 1/rad, of all joints, by which a turn since rest is
-    more fold. folds: (J,) at rest.
-    """
-
-    members: Indices
-    joints: Indices
-    carriers: Indices
-    screws: Array
-    hinges: Array
-    folds: Array
-
-    def straightened(self, at_rest: RootFrames) -> RootFrames:
-        """The roots at rest without the bow."""
-        fraction = -bow_fraction(self.folds)[self.joints, None]
-        still = np.tile(np.eye(3), (len(self.folds), 1, 1)), np.zeros((len(self.folds), 3))
-        return self._bent(at_rest, fraction, *still)
-
-    def bent(self, roots: RootFrames, turned: Array, rotations: Array, shifts: Array) -> RootFrames:
-        """Roots of flat wings, bent as those of joints that are turned, (J, 3, 3), against their
-        parents. rotations, shifts: of carriers."""
-        turned = rotation_vectors(turned)
-        folds = self.folds + dots(turned, self.hinges)
-        return self._bent(roots, bow_fraction(folds)[self.joints, None], rotations, shifts)
-
-    def _bent(
-        self, roots: RootFrames, fraction: Array, rotations: Array, shifts: Array
-    ) -> RootFrames:
-        turns, ways = motions(fraction * self.screws)
-        carrier, origin = rotations[self.carriers], shifts[self.carriers]
-        turns = carrier @ turns @ carrier.swapaxes(1, 2)
-        positions, frames = roots.positions.copy(), roots.rotations.copy()
-        away = positions[self.members] - origin
-        positions[self.members] = origin + _applied(turns, away) + _applied(carrier, ways)
-        frames[self.members] = turns @ frames[self.members]
-        return RootFrames(positions, frames)
-
-
-def _bows(groom: Groom, index: dict[str, int]) -> Bows | None:
-    found = [
-        (number, index[turning.joints[1]], index[turning.joints[0]], turning.bow)
-        for number, feather in enumerate(groom.feathers)
-        if (turning := feather.turning) is not None and turning.bow is not None
-    ]
-    if not found:
-        return None
-    members, joints, carriers, screws = (np.array(each) for each in zip(*found, strict=True))
-    hinges, folds = np.zeros((len(index), 3)), np.zeros(len(index))
-    for number, joint in enumerate(groom.joints, 1):
-        if joint.hinge is not None and joint.hinge.any():
-            hinges[number] = joint.hinge / (joint.hinge @ joint.hinge)
-            folds[number] = joint.fold
-    return Bows(members, joints, carriers, screws, hinges, folds)
-
-
-@dataclass(frozen=True)
-class Tilts:
-    """Tilts of T of the feathers, on the upper arms of wings, with forearms that leave the plane.
-
-    In that plane they turn with the forearm, as all feathers do. Out of it each turns by its share
-    alone: with the whole tilt, roots that stay in the upper arm's plane, side by side, would swap
-    the order in which their vanes lie.
-
-    members: (T,). arms, forearms: (T,) joints. dorsal: (T, 3) units at rest. shares: (T,).
-    """
-
-    members: Indices
-    arms: Indices
-    forearms: Indices
-    dorsal: Array
-    shares: Array
-
-    def lessened(self, turns: Array, rotations: Array) -> Array:
-        """Turns (F, 3, 3) without what is not theirs. rotations: (J, 3, 3), as carriers have."""
-        arm, forearm = rotations[self.arms], rotations[self.forearms]
-        relative = rotation_vectors(arm.swapaxes(1, 2) @ forearm)
-        within = dots(relative, self.dorsal)[:, None] * self.dorsal
-        own = within + self.shares[:, None] * (relative - within)
-        own, _ = motions(np.concatenate([own, np.zeros_like(own)], axis=1))
-        result = turns.copy()
-        result[self.members] = arm @ own @ forearm.swapaxes(1, 2) @ turns[self.members]
-        return result
-
-
-def _tilts(groom: Groom, skeleton: Skeleton, index: dict[str, int]) -> Tilts | None:
-    joints = {joint.name: joint for joint in groom.joints}
-    members, arms, forearms, dorsal, shares = [], [], [], [], []
-    for number, feather in enumerate(groom.feathers):
-        if feather.turning is None:
-            continue
-        forearm = joints.get(feather.turning.joints[0])
-        if forearm is None or forearm.role != "elbow" or forearm.parent != feather.joint:
-            continue
-        arm, there = index[feather.joint], index[forearm.name]
-        if forearm.hinge is None or not forearm.hinge.any():
-            continue
-        bone = skeleton.pivots[there] - skeleton.pivots[arm]
-        way = (feather.turning.anchor - skeleton.pivots[arm]) @ bone / (bone @ bone)
-        members.append(number)
-        arms.append(arm)
-        forearms.append(there)
-        dorsal.append(forearm.hinge / np.linalg.norm(forearm.hinge))
-        shares.append(_TILTED * float(np.clip(way, 0.0, 1.0)))
-    if not members:
-        return None
-    return Tilts(
-        np.array(members), np.array(arms), np.array(forearms), np.array(dorsal), np.array(shares)
-    )
 
 
 @dataclass(frozen=True)
@@ -257,8 +136,8 @@ class JointRoots:
         )
         if self.tilts is not None:
             turns = self.tilts.lessened(turns, rotations)
-        positions = _applied(rotations[self.joints], self.anchors) + shifts[self.joints]
-        positions += _applied(turns, self.at_rest.positions - self.anchors)
+        positions = applied(rotations[self.joints], self.anchors) + shifts[self.joints]
+        positions += applied(turns, self.at_rest.positions - self.anchors)
         flat = RootFrames(positions, turns @ self.at_rest.rotations)
         if self.bows is None:
             return flat
@@ -277,10 +156,12 @@ def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> Joint
             between[number] = [index[name] for name in feather.turning.joints]
             fractions[number] = feather.turning.fraction
             anchors[number] = feather.turning.anchor
-    bows = _bows(groom, index)
-    if bows is not None:
-        at_rest = bows.straightened(at_rest)
-    tilts = _tilts(groom, skeleton, index)
+    bows, tilts = None, None
+    if any(feather.turning is not None for feather in groom.feathers):
+        from featherfx.shot.motion.wing_turns import find_bows, find_tilts
+
+        bows, tilts = find_bows(groom, index), find_tilts(groom, skeleton.pivots, index)
+        at_rest = at_rest if bows is None else bows.straightened(at_rest)
     return JointRoots(skeleton, joints, between, fractions, anchors, at_rest, poses, bows, tilts)
 
 
@@ -297,47 +178,6 @@ def held(_motion: Motion, _shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     return lambda time: still
 
 
-def shaken(motion: Motion, _shot: Shot, skeleton: Skeleton) -> PosesOverTime:
-    """Poses of a groom that swings along a line as a whole, from rest."""
-    values, joints = motion.values, len(skeleton.names)
-    axis = np.asarray(values["direction"], dtype=np.float64)
-    way = values["amplitude"] / np.linalg.norm(axis) * axis
-
-    def poses(time: float) -> JointPoses:
-        found = still_poses(joints)
-        periods = max(time, 0.0) * values["frequency"]
-        swing = math.sin(2.0 * math.pi * periods) * smooth_step(periods / values["ramp_periods"])
-        found.displacements[0] = swing * way
-        return found
-
-    return poses
-
-
-def swung(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
-    """Poses of joints that swing about an axis, from rest.
-
-    Raises InputError where none of the joints is there.
-    """
-    values = motion.values
-    pattern = values["joints"]
-    moved = [k for k, name in enumerate(skeleton.names) if fnmatch.fnmatchcase(name, pattern)]
-    if not moved:
-        known = ", ".join(skeleton.names[1:]) or "none"
-        message = f"'{pattern}' is no joint of the groom. There are: {known}"
-        raise InputError(Problem(str(shot.source), "motion.joints", message))
-    axis = math.radians(values["angle"]) * np.asarray(values["axis"], dtype=np.float64)
-
-    def poses(time: float) -> JointPoses:
-        found = still_poses(len(skeleton.names))
-        swings = max(time, 0.0) * values["frequency"]
-        way = math.sin(2.0 * math.pi * (swings - values["phase"]))
-        way *= smooth_step(swings / values["ramp_periods"])
-        found.rotations[moved] = from_rotation_vector(way * axis)
-        return found
-
-    return poses
-
-
 def still_poses(joints: int) -> JointPoses:
     """The poses at rest."""
     return free_poses(np.tile(np.eye(3), (joints, 1, 1)), np.zeros((joints, 3)))
@@ -346,8 +186,3 @@ def still_poses(joints: int) -> JointPoses:
 def free_poses(rotations: Array, displacements: Array) -> JointPoses:
     """Poses of joints that do not turn about their hinges."""
     return JointPoses(rotations, displacements, *np.zeros((4, len(rotations))))
-
-
-def _applied(matrices: Array, vectors: Array) -> Array:
-    """(K, 3, 3) matrices times (K, 3) vectors."""
-    return np.asarray((matrices @ vectors[:, :, None])[..., 0])

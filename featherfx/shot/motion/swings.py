@@ -1,0 +1,55 @@
+"""Poses of joints that swing: a groom along a line, or joints about an axis."""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+
+import numpy as np
+
+from featherfx.algebra.interpolation import smooth_step
+from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.errors import InputError, Problem
+from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
+from featherfx.shot.types import Motion, Shot
+
+
+def shaken(motion: Motion, _shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    """Poses of a groom that swings along a line as a whole, from rest."""
+    values, joints = motion.values, len(skeleton.names)
+    axis = np.asarray(values["direction"], dtype=np.float64)
+    way = values["amplitude"] / np.linalg.norm(axis) * axis
+
+    def poses(time: float) -> JointPoses:
+        found = still_poses(joints)
+        periods = max(time, 0.0) * values["frequency"]
+        swing = math.sin(2.0 * math.pi * periods) * smooth_step(periods / values["ramp_periods"])
+        found.displacements[0] = swing * way
+        return found
+
+    return poses
+
+
+def swung(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    """Poses of joints that swing about an axis, from rest.
+
+    Raises InputError where none of the joints is there.
+    """
+    values = motion.values
+    pattern = values["joints"]
+    moved = [k for k, name in enumerate(skeleton.names) if fnmatch.fnmatchcase(name, pattern)]
+    if not moved:
+        known = ", ".join(skeleton.names[1:]) or "none"
+        message = f"'{pattern}' is no joint of the groom. There are: {known}"
+        raise InputError(Problem(str(shot.source), "motion.joints", message))
+    axis = math.radians(values["angle"]) * np.asarray(values["axis"], dtype=np.float64)
+
+    def poses(time: float) -> JointPoses:
+        found = still_poses(len(skeleton.names))
+        swings = max(time, 0.0) * values["frequency"]
+        way = math.sin(2.0 * math.pi * (swings - values["phase"]))
+        way *= smooth_step(swings / values["ramp_periods"])
+        found.rotations[moved] = from_rotation_vector(way * axis)
+        return found
+
+    return poses
