@@ -16,11 +16,11 @@ from featherfx.feather.types import Feather
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.read.read import read_groom as read_groom_file
+from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.phases import phase
 from featherfx.shot.loop.placement import lay_out, place_feathers
 from featherfx.shot.read.read import read_shot as read_shot_file
-from featherfx.shot.sources import SceneReaders
 from featherfx.shot.types import Quality, Shot
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,14 +15,11 @@ from featherfx import usd
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, DrawnOptions
 from featherfx.errors import Problem, all_of, require
-from featherfx.feather.barb_looks import drawn_barbs
 from featherfx.feather.build import distinct_shapes
-from featherfx.feather.colours import colour_feather
 from featherfx.feather.density import with_detail
 from featherfx.feather.placed_feathers import build_feathers
-from featherfx.feather.profiles import hooked_fraction, in_cells
-from featherfx.feather.render import barb_diameters, render_feather
-from featherfx.feather.types import Array, Feather, RowMap
+from featherfx.feather.profiles import barb_diameters, hooked_fraction, in_cells
+from featherfx.feather.types import Array, BarbCurves, Feather, RowMap
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.looks import look_text
 from featherfx.groom.materials import Profile
@@ -32,10 +29,13 @@ from featherfx.mechanics.batch import may_slip
 from featherfx.phases import phase
 from featherfx.shot.frames import place
 from featherfx.shot.patterns import last_fitting
-from featherfx.shot.skin import BoundSkin
 from featherfx.shot.types import Quality, Shot, Wet
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.options import BOTH_FORMS, CONDENSED_FORM, CURVES_FORM
+
+if TYPE_CHECKING:
+    from featherfx.feather.colours import FeatherColours
+    from featherfx.shot.skin import BoundSkin
 
 # bytes of a mesh point and of a barb, measured: while one feather is built, of a feather and of its
 # map from the simulated grid, which feathers of one shape share, and of its poses on their way
@@ -70,11 +70,7 @@ def entries_of(
             stiffened=_stiffened(placement.kind, feather),
             held=held[id(shape[0]), shape[1]],
             hooked=not static and may_slip(placement.kind),
-            colours=(
-                colour_feather(placement.kind, feather, None, placement.id, film)
-                if coloured
-                else None
-            ),
+            colours=_colour(placement, feather, None, film) if coloured else None,
             shape=shape,
             look=look_text(placement.kind.drawn_look),
             barb_count=placement.kind.barb_count,
@@ -92,6 +88,14 @@ def _shape(placement: Placement) -> tuple[FeatherKind, bool, float]:
         if kind is None
         else (kind, placement.mirrored, size)
     )
+
+
+def _colour(
+    placement: Placement, feather: Feather, barbs: BarbCurves | None, film: bool
+) -> FeatherColours:
+    from featherfx.feather.colours import colour_feather
+
+    return colour_feather(placement.kind, feather, barbs, placement.id, film)
 
 
 def _coloured(groom: Groom) -> bool:
@@ -237,6 +241,8 @@ def drawn_entries(
 
             def build(number: int, placement: Placement) -> tuple[Feather, RowMap | None]:
                 done(number)
+                from featherfx.feather.render import render_feather
+
                 return render_feather(placement.kind, grid, meshes, placement.mirrored)
 
             built = all_of(*(partial(build, *each) for each in enumerate(groom.feathers)))
@@ -256,14 +262,16 @@ def drawn_entries(
     ):
         barbs = None
         if count:
+            from featherfx.feather.barb_looks import drawn_barbs
+
             barbs = drawn_barbs(placement.kind, grid, count, placement.mirrored, placement.id)
             if placement.leaf is not None:
                 barbs = replace(barbs, points=barbs.points_map(coarse[index].rest))
             points = barbs.points @ placement.rotation.T + placement.position
             barbs = replace(barbs, points=points)
             if entries[index].colours is not None:
-                own = placement.kind, built[index][0], barbs, placement.id, _with_film(groom)
-                entries[index] = replace(entries[index], colours=colour_feather(*own))
+                colours = _colour(placement, built[index][0], barbs, _with_film(groom))
+                entries[index] = replace(entries[index], colours=colours)
         entries[index] = replace(
             entries[index],
             name=names[index],

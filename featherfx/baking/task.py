@@ -24,7 +24,6 @@ from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
 from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.loop.placement import place_feathers
-from featherfx.shot.skin import BoundSkin
 from featherfx.shot.types import Shot
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.space import choose_origin
@@ -47,6 +46,7 @@ from featherfx.usd.write.output import (
 from featherfx.usd.write.unfinished_cache import refuse_unfinished
 
 if TYPE_CHECKING:
+    from featherfx.shot.skin import BoundSkin
     from featherfx.usd.write.previous_cache import PreviousCache
 
 # of the shortest feather, what single precision may miss of a point

@@ -30,7 +30,6 @@ import click
 
 from featherfx._version import __version__
 from featherfx.errors import InputError, InputWarning, Problem, SimulationError, as_sentence
-from featherfx.groom.read.places import located
 from featherfx.provenance import StageRead, list_entries, listen_to_reads
 
 LOGGER = logging.getLogger("featherfx")
@@ -332,6 +331,8 @@ class Program(CommandGroup):
             LOGGER.error("%s", error.format_message())
             raise
         except InputError as error:
+            from featherfx.groom.read.places import located
+
             self._fail(ctx, "\n".join(map(located, error.problems)), error)
         except SimulationError as error:
             self._fail(ctx, as_sentence(str(error)), error)

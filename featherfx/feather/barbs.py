@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -30,11 +30,12 @@ from featherfx.feather.outline import (
     ray_lengths,
 )
 from featherfx.feather.rachis import Rachis
-from featherfx.feather.splits import splay, strips_of
 from featherfx.feather.types import LEADING, Array
 from featherfx.groom.course import BARB_PIECES, bends, chord, turn, turned, wound
-from featherfx.groom.splits import Split
 from featherfx.groom.types import BarbGuide, FeatherKind
+
+if TYPE_CHECKING:
+    from featherfx.groom.splits import Split
 
 # Shares of the feather's length: shorter barbs are dropped, and this much of a barb may bulge
 # over the outline between its root and its end.
@@ -141,6 +142,8 @@ def _splay(
     kind: FeatherKind, splits: Sequence[Split], x: Array, angles: Array, curve: Array
 ) -> Array:
     """(n,) rad, curl that splits add to barbs with roots at x (n,) m; angles: as in _place."""
+    from featherfx.feather.splits import splay, strips_of
+
     straight = angles[0] - 0.5 * angles[1]
     length = ray_lengths(curve, x, straight, 1e-9 * kind.length)
     grown = (x >= 0.0) & (length >= _MIN_BARB_LENGTH * kind.length)

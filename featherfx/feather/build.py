@@ -13,7 +13,6 @@ import numpy as np
 from featherfx.errors import Problem, require
 from featherfx.feather.outline import describe_outline_fault
 from featherfx.feather.rachis import build_rachis
-from featherfx.feather.splits import open_cells, strips_of
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
@@ -24,7 +23,6 @@ from featherfx.feather.types import (
     barb_slice,
 )
 from featherfx.feather.vane import barb_span, build_surface, build_vane
-from featherfx.groom.splits import splits_of
 from featherfx.groom.types import FeatherKind, Placement, VaneShape
 
 _SIDES = ((LEADING, "leading"), (TRAILING, "trailing"))
@@ -80,16 +78,17 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
     split = np.zeros_like(cell)
     problems: list[Problem] = []
     for side, name in _SIDES:
-        splits = splits_of(getattr(kind, name).splits, side)
-        vane = build_vane(kind, side, rachis, columns, splits)
-        nodes[:, barb_slice(side, columns)] = vane.nodes[:, 1:]
-        if splits:
-            whole = build_vane(kind, side, rachis, columns)
+        vane = whole = build_vane(kind, side, rachis, columns)
+        if (shape := getattr(kind, name)).is_split:
+            from featherfx.feather.splits import open_cells, strips_of
+            from featherfx.groom.splits import splits_of
+
+            splits = splits_of(shape.splits, side)
+            vane = build_vane(kind, side, rachis, columns, splits)
             strips = strips_of(splits, place, vane.barb_length > 0.0)
             split[side] = open_cells(strips, vane.cell)
-            unsplit[:, barb_slice(side, columns)] = whole.nodes[:, 1:]
-        else:
-            unsplit[:, barb_slice(side, columns)] = vane.nodes[:, 1:]
+        nodes[:, barb_slice(side, columns)] = vane.nodes[:, 1:]
+        unsplit[:, barb_slice(side, columns)] = whole.nodes[:, 1:]
         cell[side], barb_length[side] = vane.cell, vane.barb_length
         spans[side] = barb_span(rachis.station, vane.barb_length, rachis.first_vane_row)
         problems += [_problem(kind, f"{name}.guides", message) for message in vane.problems]

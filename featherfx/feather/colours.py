@@ -25,11 +25,16 @@ from featherfx.algebra.types import Array
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, BarbCurves, Feather, barb_slice
 from featherfx.files.content import stable_number
-from featherfx.groom.looks import DEFAULT_PATTERN_SIZES, Colour, Pattern, linear
+from featherfx.groom.looks import (
+    DEFAULT_PATTERN_SIZES,
+    RACHIS_COLOUR,
+    VANE_COLOUR,
+    Colour,
+    Pattern,
+    linear,
+)
 from featherfx.groom.types import FeatherKind
 
-# linear, of keratin without colours
-VANE_COLOUR, RACHIS_COLOUR = (0.80, 0.76, 0.69), (0.42, 0.33, 0.24)
 # of the vanes' colour, what a rachis without one of its own has; chosen by eye
 _RACHIS_SHADE = 0.55
 

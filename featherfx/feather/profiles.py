@@ -94,3 +94,15 @@ def in_series(curve: Curve, ends: Array) -> Array:
     compliance = np.bincount(strip, np.diff(places) * mean, minlength=len(ends) - 1)
     found = np.diff(ends) / compliance
     return np.where(found < _NOTHING, 0.0, found)
+
+
+# A barb's stiffness is floored at 5 % of its root's, and goes with its diameter to the fourth.
+_THINNEST = 0.05**0.25
+
+
+def barb_diameters(kind: FeatherKind, along: Array) -> Array:
+    """(K,) m, diameters of a barb at places (K,) from 0, its root, to 1."""
+    material = kind.vane_material
+    thinning = np.maximum((1.0 - along) ** (0.25 * material.barb_taper), _THINNEST)
+    thick = at_places(material.thickness_profile.barb, along)
+    return np.asarray(material.thickness * thinning * thick)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
-from featherfx.feather.profiles import at_places
-from featherfx.feather.splits import SplitBarbs
+from featherfx.feather.profiles import barb_diameters
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
@@ -24,10 +24,11 @@ from featherfx.feather.types import (
 )
 from featherfx.groom.types import FeatherKind, Splits
 
+if TYPE_CHECKING:
+    from featherfx.feather.splits import SplitBarbs
+
 # Straight pieces that a barb is drawn with.
 BARB_SEGMENTS = 8
-# A barb's stiffness is floored at 5 % of its root's, and goes with its diameter to the fourth.
-_THINNEST = 0.05**0.25
 
 
 @lru_cache(maxsize=1024)
@@ -78,6 +79,8 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
     to_dense = density_map(build_feather(whole, *grid, mirrored), dense, kind.may_part)
     points_map, strands = to_dense.nodes.picked(picked), None
     if kind.may_part:
+        from featherfx.feather.splits import SplitBarbs
+
         each = (np.repeat(station, len(along)), np.repeat(side, len(along)))
         flat = points.reshape(-1, 3)
         strands = SplitBarbs.from_curves(feather, *each, np.tile(along, len(station)), flat)
@@ -90,14 +93,6 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
         points_map=points_map,
         strands=strands,
     )
-
-
-def barb_diameters(kind: FeatherKind, along: Array) -> Array:
-    """(K,) m, diameters of a barb at places (K,) from 0, its root, to 1."""
-    material = kind.vane_material
-    thinning = np.maximum((1.0 - along) ** (0.25 * material.barb_taper), _THINNEST)
-    thick = at_places(material.thickness_profile.barb, along)
-    return np.asarray(material.thickness * thinning * thick)
 
 
 def _without_splits(kind: FeatherKind) -> FeatherKind:

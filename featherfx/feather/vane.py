@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,8 +23,10 @@ from featherfx.feather.types import (
     Indices,
     barb_slice,
 )
-from featherfx.groom.splits import Split
 from featherfx.groom.types import FeatherKind
+
+if TYPE_CHECKING:
+    from featherfx.groom.splits import Split
 
 # A barb at the end of a vane that is shorter than its neighbour by this factor may be dropped.
 _SHORT_END = 0.5

@@ -18,6 +18,8 @@ _FILM = Number(0, 3e-6, "m")
 _COLOUR = ArrayOf(Number(0, 1), 3, 3)
 Shade = tuple[float, float, float]
 # of patterns that name none; chosen by eye
+# linear, of keratin without colours
+VANE_COLOUR, RACHIS_COLOUR = (0.80, 0.76, 0.69), (0.42, 0.33, 0.24)
 DEFAULT_PATTERN_SIZES = {"bars": 0.4, "spots": 0.02, "eye": 0.08, "fringe": 0.01, "streak": 0.01}
 _DEFAULTS = ", ".join(f"{size:g} of {kind}" for kind, size in DEFAULT_PATTERN_SIZES.items())
 

@@ -56,8 +56,6 @@ def _drawn(splits: Splits, side: int) -> list[Split]:
 def split_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
     """(key, message) of splits that the vane has no room for."""
     splits = vane.splits
-    if not vane.is_split:
-        return []
     if not vane.outline:
         key = "places" if splits.places else "count"
         return [(f"splits.{key}", "there is no vane on this side to be split")]

@@ -9,8 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.feather.colours import VANE_COLOUR
-from featherfx.groom.looks import linear
+from featherfx.groom.looks import VANE_COLOUR, linear
 from featherfx.render.scene import DrawnPose, DrawnScene
 
 # linear: of shafts, and of other meshes without a colour of their own

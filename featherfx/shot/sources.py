@@ -6,17 +6,15 @@ answers to the protocols here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from featherfx.algebra.interpolation import Knots
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.groom.keys.problems import Place
-from featherfx.groom.read.readers import GroomReaders
 from featherfx.provenance import LeftOut
 from featherfx.shot.clock import StageClock
 from featherfx.shot.preroll import NO_RUN_UP, STILL, RunUp
@@ -98,23 +96,6 @@ class WindSource(OfScene, Protocol):
 
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s at points (N, 3) m, at a time code."""
-
-
-@dataclass(frozen=True)
-class SceneReaders(GroomReaders):
-    """Readers of scenes. Each raises InputError, of what stands at the place.
-
-    feathers, skin: see GroomReaders. meshes: (file, prim paths or names with the key that names
-    each, checked keys of [skin] or [[collider]], place) to surfaces. wind: (file, checked keys of
-    [wind_usd], place). camera: (file, prim path, place) to a featherfx.shot.view.Camera. poses:
-    (file, time code or None, place) to the points (V, 3) m of the feathers' meshes there, or else
-    of their shafts' curves (k, 3), by id.
-    """
-
-    meshes: Callable[[Path, Mapping[str, Place], Mapping[str, Any], Place], Any]
-    wind: Callable[[Path, dict[str, Any], Place], Any]
-    camera: Callable[[Path, str, Place], Any]
-    poses: Callable[[Path, float | None, Place], Any]
 
 
 @dataclass(frozen=True)

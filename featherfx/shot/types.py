@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,11 @@ from featherfx.groom.types import Groom
 from featherfx.limits import MAX_CLUMPS
 from featherfx.shot.clock import MAX_RATE, MIN_RATE, NO_CUTS, FrameCuts
 from featherfx.shot.preroll import NO_RUN_UP, RunUp
-from featherfx.shot.skin import BoundSkin, SkinSurfaces
-from featherfx.shot.sources import TimedSurface, TimedWind
-from featherfx.shot.view import TimedCamera
+
+if TYPE_CHECKING:
+    from featherfx.shot.skin import BoundSkin, SkinSurfaces
+    from featherfx.shot.sources import TimedSurface, TimedWind
+    from featherfx.shot.view import TimedCamera
 
 LEVELS = ("full", "coarse", "rachis", "guided", "rigid")
 

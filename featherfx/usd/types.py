@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError
-from featherfx.feather.colours import FeatherColours
 from featherfx.feather.types import BarbCurves, Feather, RowMap, RowPoints
 from featherfx.groom.types import FeatherKind
-from featherfx.shot.skin import SkinRoot
+
+if TYPE_CHECKING:
+    from featherfx.feather.colours import FeatherColours
+    from featherfx.shot.skin import SkinRoot
 
 # What may be written of a pose besides, by the names that users ask for.
 ACCELERATIONS = "accelerations"

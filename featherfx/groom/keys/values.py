@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from functools import cached_property
 from importlib import import_module
-from typing import Annotated, Any, Protocol, get_args, get_origin, get_type_hints
+from types import SimpleNamespace
+from typing import Any, Protocol, get_args, get_type_hints
 
 from featherfx.errors import CONTROL
 from featherfx.groom.keys.problems import INVALID, Place
@@ -275,11 +277,19 @@ def keys_of(declared: type) -> dict[str, Key]:
     A field is a key where it is Annotated with its meaning, and with a value type unless it is a
     bool, a text or a dataclass of keys. Its default is the field's, or that of a Default.
     """
-    hints = get_type_hints(declared, include_extras=True)
+    hints: dict[str, Any] = {}
+    for base in reversed(declared.__mro__):
+        annotated = {
+            name: text
+            for name, text in vars(base).get("__annotations__", {}).items()
+            if str(text).startswith("Annotated[")
+        }
+        own, names = SimpleNamespace(__annotations__=annotated), vars(sys.modules[base.__module__])
+        hints |= get_type_hints(own, names, include_extras=True)
     return {
         each.name: _declared_key(each, hints[each.name])
         for each in fields(declared)
-        if get_origin(hints[each.name]) is Annotated
+        if each.name in hints
     }
 
 

@@ -23,7 +23,6 @@ from featherfx.groom.materials import (
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
 from featherfx.groom.presets.scaling import dialled, materials_resized, varied
-from featherfx.groom.splits import split_faults
 from featherfx.groom.types import (
     BARB_ANGLE,
     BarbGuide,
@@ -207,9 +206,14 @@ def _check_ribbon(kind: FeatherKind, tree: Tree, place: Place) -> None:
 
 def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
     """(key, message) of everything that keeps one vane from being built."""
+    faults: list[tuple[str, str]] = []
+    if vane.is_split:
+        from featherfx.groom.splits import split_faults
+
+        faults = split_faults(kind, vane)
     if not vane.outline:
-        return split_faults(kind, vane)
-    faults = _outline_faults(vane) + _hooked_faults(vane) + split_faults(kind, vane)
+        return faults
+    faults = _outline_faults(vane) + _hooked_faults(vane) + faults
     positions = [guide.position for guide in vane.guides]
     if not positions:
         faults.append(("guides", "there is an outline but no guide, expects one at least"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,3 +75,20 @@ class GroomReaders:
     skin: SkinsReader
     curves: CurveReader
     file: Callable[[Path, str], Path]
+
+
+@dataclass(frozen=True)
+class SceneReaders(GroomReaders):
+    """Readers of scenes. Each raises InputError, of what stands at the place.
+
+    feathers, skin: see GroomReaders. meshes: (file, prim paths or names with the key that names
+    each, checked keys of [skin] or [[collider]], place) to surfaces. wind: (file, checked keys of
+    [wind_usd], place). camera: (file, prim path, place) to a featherfx.shot.view.Camera. poses:
+    (file, time code or None, place) to the points (V, 3) m of the feathers' meshes there, or else
+    of their shafts' curves (k, 3), by id.
+    """
+
+    meshes: Callable[[Path, Mapping[str, Place], Mapping[str, Any], Place], Any]
+    wind: Callable[[Path, dict[str, Any], Place], Any]
+    camera: Callable[[Path, str, Place], Any]
+    poses: Callable[[Path, float | None, Place], Any]

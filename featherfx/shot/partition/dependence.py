@@ -9,7 +9,7 @@ island (islands.py).
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,8 +23,10 @@ from featherfx.shot.motion.motion import prepare_cuts, uncut_motion
 from featherfx.shot.options.options import ShotOptions, resolve_options
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.roots import Roots
-from featherfx.shot.skin import BoundSkin
 from featherfx.shot.types import Shot
+
+if TYPE_CHECKING:
+    from featherfx.shot.skin import BoundSkin
 
 # of a shot, what does not count, and what counts for each feather by itself
 _NOT_COMMON = {

@@ -13,11 +13,13 @@ differ by less than the rounding of rates such as 24000/1001.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from featherfx.groom.keys.problems import Place
 from featherfx.shot.clock import MAX_RATE, MIN_RATE, StageClock
-from featherfx.shot.sources import OfScene
+
+if TYPE_CHECKING:
+    from featherfx.shot.sources import OfScene
 
 DEFAULT_RATE = 24.0  # 1/s, where neither shot nor stage gives one
 # of a rate: a quarter of what is between 24 and 24000/1001, above the rounding of 23.98

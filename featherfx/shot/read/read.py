@@ -17,6 +17,7 @@ from featherfx.groom.keys.problems import INVALID, Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.presets.presets import check_preset
 from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
+from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.read.toml_file import file_kind, load_toml
 from featherfx.groom.read.value_diff import told
 from featherfx.groom.types import Groom
@@ -24,15 +25,6 @@ from featherfx.shot.patterns import fits
 from featherfx.shot.read.clocks import DEFAULT_RATE, ClockReader
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.motion import read_motion
-from featherfx.shot.read.scenes import (
-    read_colliders,
-    read_level_of_detail,
-    read_skin,
-    read_wind,
-    with_maps,
-    with_shapes,
-)
-from featherfx.shot.sources import SceneReaders
 from featherfx.shot.types import (
     CHANNELS,
     Channel,
@@ -126,8 +118,11 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
             "stands beside [skin], which moves the roots. A fold, flap or act of wings, tails "
         )
         place.child("motion").fail(message + "and crests may, where the groom has any")
-    loads["channels"] = with_maps(loads["channels"], groom, parts, place, readers)
-    loads["targets"] = with_shapes(loads["targets"], place, readers)
+    if loads["channels"] or loads["targets"]:
+        from featherfx.shot.read.scenes import with_maps, with_shapes
+
+        loads["channels"] = with_maps(loads["channels"], groom, parts, place, readers)
+        loads["targets"] = with_shapes(loads["targets"], place, readers)
     if len(problems) or motion is None:
         return None
     first, last = parts["frames"]
@@ -167,16 +162,21 @@ def _scenes(
 ) -> dict[str, Any]:
     """Fields of a shot that stand in scenes; None after adding problems."""
     clocks = ClockReader(parts["frames"][0], parts["frames_per_second"])
-    ways: dict[str, Callable[[], Any]] = {
-        "surfaces": lambda: read_skin(parts, groom, place, readers, clocks),
-        "colliders": lambda: read_colliders(parts, place, readers, clocks),
-        "wind_source": lambda: read_wind(parts, place, readers, clocks),
-        "level_of_detail": lambda: read_level_of_detail(parts, place, readers, clocks),
-    }
-    found: dict[str, Any] = dict.fromkeys(ways)
-    for name, way in ways.items():
-        with place.problems.collecting():
-            found[name] = way()
+    found: dict[str, Any] = {"surfaces": None, "colliders": (), "wind_source": None}
+    found["level_of_detail"] = None
+    if any(parts[name] for name in ("skin", "collider", "wind_usd", "level_of_detail")):
+        from featherfx.shot.read import scenes
+
+        ways: dict[str, Callable[[], Any]] = {
+            "surfaces": lambda: scenes.read_skin(parts, groom, place, readers, clocks),
+            "colliders": lambda: scenes.read_colliders(parts, place, readers, clocks),
+            "wind_source": lambda: scenes.read_wind(parts, place, readers, clocks),
+            "level_of_detail": lambda: scenes.read_level_of_detail(parts, place, readers, clocks),
+        }
+        for name, way in ways.items():
+            found[name] = None
+            with place.problems.collecting():
+                found[name] = way()
     rate = clocks.frames_per_second or DEFAULT_RATE
     written = clocks.written_rate or rate
     return found | {"frames_per_second": rate, "time_codes_per_second": written}

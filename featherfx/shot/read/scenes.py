@@ -12,12 +12,13 @@ import numpy as np
 
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.provenance import StageRead, note_read
 from featherfx.shot.clock import StageClock
 from featherfx.shot.read.clocks import ClockReader
 from featherfx.shot.skin import SkinSurfaces
-from featherfx.shot.sources import MovingSurface, OfScene, SceneReaders, TimedSurface, TimedWind
+from featherfx.shot.sources import MovingSurface, OfScene, TimedSurface, TimedWind
 from featherfx.shot.types import Channel, LevelOfDetail, Target
 from featherfx.shot.view import TimedCamera
 

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from featherfx import usd
 from featherfx.algebra.types import Array, Floats, Indices
-from featherfx.feather.barb_looks import clumped
 from featherfx.feather.density import carry_motion
-from featherfx.feather.splits import SplitEdges, difference_rates
 from featherfx.feather.types import (
     RACHIS_PART,
     Feather,
@@ -49,6 +47,7 @@ from featherfx.usd.write.forms import AttributeKey, CacheForm, find_keys
 
 if TYPE_CHECKING:
     from featherfx.feather.detail import ThinnedGrid
+    from featherfx.feather.splits import SplitEdges
 
 surface_kernels = KernelModule("featherfx.usd.write.surface_kernels")
 
@@ -243,12 +242,16 @@ class PosedFeather:
         self, out: Written, points: RowPoints, rates: Mapping[str, RowPoints], given: FeatherPose
     ) -> bool:
         """Write barbs of a pose, and their rates; return whether all are finite."""
+        from featherfx.feather.barb_looks import clumped
+
         barbs = self._entry.barbs
         assert barbs is not None
         hooked = self._hooked(given)
         strands = None if hooked is None or barbs.strands is None else barbs.strands.parted(hooked)
         curves, finite = _barb_points(barbs.points_map, points), True
         if strands is not None:
+            from featherfx.feather.splits import difference_rates
+
             curves = strands.joined(curves, strands.positions(points))
         finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PRIM, "points"])
         for name, values in rates.items():
@@ -376,7 +379,11 @@ class _SharedSurface:
             parted=np.zeros(len(lips), dtype=np.bool_),
             carried=np.zeros((len(lips), 3)),
         )
-        self._lips = SplitEdges.from_feather(feather) if len(lips) else None
+        self._lips: SplitEdges | None = None
+        if len(lips):
+            from featherfx.feather.splits import SplitEdges
+
+            self._lips = SplitEdges.from_feather(feather)
 
     @property
     def cells(self) -> NDArray[np.int64]:
@@ -399,6 +406,8 @@ class _SharedSurface:
     ) -> None:
         """Set their velocities, or their accelerations where those are given."""
         if self._lips and self.drawn.parted.any():
+            from featherfx.feather.splits import difference_rates
+
             self.drawn.carried[:] = difference_rates(
                 self._lips.positions, points, velocities, accelerations
             )

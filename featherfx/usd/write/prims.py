@@ -24,8 +24,8 @@ from pxr import Gf, Sdf, UsdGeom, UsdShade
 
 from featherfx import usd
 from featherfx.algebra.types import Array, Indices
-from featherfx.feather.colours import RACHIS_COLOUR, VANE_COLOUR
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING
+from featherfx.groom.looks import RACHIS_COLOUR, VANE_COLOUR
 from featherfx.usd import arrays
 from featherfx.usd.types import (
     BARB_COLOUR_PRIMVARS,

@@ -24,9 +24,9 @@ from pxr import Gf, Sdf, UsdShade
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import Problem
-from featherfx.feather.colours import VANE_COLOUR, brightness, charted
+from featherfx.feather.colours import brightness, charted
 from featherfx.files.atomic_write import Store
-from featherfx.groom.looks import displayed
+from featherfx.groom.looks import VANE_COLOUR, displayed
 from featherfx.usd.types import FeatherEntry, OutputError
 from featherfx.usd.write.prims import (
     MATERIAL_COLOURS,
