@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -157,12 +158,10 @@ def draw(
     carrier: Carrier,
     forms: PlaneForms,
     numbers: Indices | None = None,
-    lift: Array | None = None,
 ) -> LeafArrays:
     """Draw feathers on their leaves over a carrier.
 
-    forms: of K feathers. numbers: (K,) their follicles, default all. lift: (V, 2) m, a and b
-    besides the coat's own. Returns arrays for K.
+    forms: of K feathers. numbers: (K,) their follicles, default all. Returns arrays for K.
     """
     chosen = np.arange(len(forms.steps)) if numbers is None else numbers
     count, _, rows, columns = forms.angles.shape
@@ -171,17 +170,22 @@ def draw(
         nodes=np.empty((*shape, 3)),
         directors=np.empty((count, rows, 2, 3)),
         feet=np.empty(shape, dtype=np.int64),
+        weights=np.empty((*shape, 3)),
         places=np.empty(shape),
     )
-    arrays, roots = coat.arrays(carrier, lift), coat.roots(carrier)
+    arrays, roots = coat.arrays(carrier), coat.roots(carrier)
 
-    def draw_some(low: int) -> None:
-        high = min(low + _FEATHERS_AT_ONCE, count)
-        draw_feathers(arrays, roots, forms, chosen, drawn, low, high)
-
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        list(pool.map(draw_some, range(0, count, _FEATHERS_AT_ONCE)))
+    share_out(
+        lambda low, high: draw_feathers(arrays, roots, forms, chosen, drawn, low, high), count
+    )
     return drawn
+
+
+def share_out(draw_some: Callable[[int, int], None], count: int) -> None:
+    """Draw feathers 0 to count - 1, some at a time, on all threads."""
+    starts = range(0, count, _FEATHERS_AT_ONCE)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        list(pool.map(lambda low: draw_some(low, min(low + _FEATHERS_AT_ONCE, count)), starts))
 
 
 def describe_doubts(coat: Coat) -> list[str]:

@@ -22,7 +22,7 @@ class PlaneForms(NamedTuple):
     frames of the rows where it begins and ends, towards d2. angles: (F, 2, n, m) rad, of the
     barbs' pieces to their row, and pieces: (F, 2, n, m) m. sunk: (F, n) share u of the calamus that
     is still ahead, squared: how much of the follicle's depth each row lies under its leaf. bare:
-    (F,) m, length of the calamus. turn: (F,) rad, of the first row to the follicle's heading.
+    (F,) m, length of the calamus.
     """
 
     steps: Array
@@ -32,7 +32,6 @@ class PlaneForms(NamedTuple):
     pieces: Array
     sunk: Array
     bare: Array
-    turn: Array
 
 
 def make_plane_forms(nodes: Array, directors: Array, bare: Array) -> PlaneForms:
@@ -67,7 +66,6 @@ def make_plane_forms(nodes: Array, directors: Array, bare: Array) -> PlaneForms:
         pieces=np.sqrt(_dots(ways, ways)),
         sunk=sunk,
         bare=bare,
-        turn=np.zeros(len(bare)),
     )
 
 

@@ -71,11 +71,12 @@ class RootArrays(NamedTuple):
 
 class LeafArrays(NamedTuple):
     """F feathers as drawn. nodes: (F, n, 1 + 2 m, 3) m. directors: (F, n, 2, 3). feet: (F, n,
-    1 + 2 m) triangles beneath, and places: likewise, s."""
+    1 + 2 m) triangles beneath, weights: (F, n, 1 + 2 m, 3) barycentric, and places: s."""
 
     nodes: Array
     directors: Array
     feet: Indices
+    weights: Array
     places: Array
 
 
@@ -95,13 +96,13 @@ def _mixed(b, array, face, first):
 
 
 @kernel
-def _unit(a):
+def unit(a):
     size = length(a)
     return over(a, size if size > _TINY else 1.0)
 
 
 @kernel
-def _without(a, n):
+def without(a, n):
     """The part of a vector that is square to a unit vector."""
     return combined(1.0, a, -dot(a, n), n)
 
@@ -114,7 +115,7 @@ def trace(carrier, triangle, b, d, way):
     """
     entry = -1
     for _ in range(_MAX_TRIANGLES):
-        own = _unit(_without(d, carrier.planes[triangle]))
+        own = unit(without(d, carrier.planes[triangle]))
         hats = carrier.gradients[triangle]
         rates = dot(hats[0], own), dot(hats[1], own), dot(hats[2], own)
         least, leaving = way, -1
@@ -132,7 +133,7 @@ def trace(carrier, triangle, b, d, way):
         b = over(b, b[0] + b[1] + b[2])
         way -= least
         face = carrier.faces[triangle]
-        d = _unit(_without(d, _unit(_mixed(b, carrier.normals, face, 0))))
+        d = unit(without(d, unit(_mixed(b, carrier.normals, face, 0))))
         if leaving < 0:
             return triangle, b, d, 0.0
         other = carrier.neighbours[triangle, leaving]
@@ -181,7 +182,7 @@ def _round(carrier, triangle, b, x):
 def leaf_point(carrier, triangle, b, p):
     """The point of leaf p over a foot, n, the gradient of h (3,) and s."""
     face = carrier.faces[triangle]
-    normal = _unit(_mixed(b, carrier.normals, face, 0))
+    normal = unit(_mixed(b, carrier.normals, face, 0))
     x = _round(carrier, triangle, b, _mixed(b, carrier.points, face, 0))
     phi, gain, thickness = _mixed(b, carrier.fields, face, 0)
     steepness, lift, base = _mixed(b, carrier.fields, face, 3)
@@ -201,9 +202,9 @@ def leaf_point(carrier, triangle, b, p):
 @kernel
 def _lifted(d, n, slope):
     """The unit tangent of the leaf over a direction, and the leaf's unit normal."""
-    normal = _unit(sub(n, slope))
+    normal = unit(sub(n, slope))
     tangent = combined(1.0, d, -dot(d, normal) / max(dot(n, normal), _TINY), n)
-    return _unit(tangent), normal
+    return unit(tangent), normal
 
 
 @kernel
@@ -211,7 +212,7 @@ def _turned(d, n, slope, angle):
     """The direction over the carrier whose tangent of the leaf is d's, turned by an angle (rad)."""
     tangent, normal = _lifted(d, n, slope)
     turned = combined(cos(angle), tangent, sin(angle), cross(normal, tangent))
-    return _unit(_without(turned, n))
+    return unit(without(turned, n))
 
 
 @kernel
@@ -240,6 +241,13 @@ def _advance(carrier, foot, p, at, way, drop, least):
 
 
 @kernel
+def _note(drawn, f, i, column, point, foot):
+    store(drawn.nodes[f, i, column], point)
+    store(drawn.weights[f, i, column], foot[1])
+    drawn.feet[f, i, column], drawn.places[f, i, column] = foot[0], foot[6]
+
+
+@kernel
 def _draw_barb(carrier, forms, f, i, side, foot, p, drawn):
     """Draw a barb from its row's foot, whose d is that of the row's frame."""
     columns, at = forms.pieces.shape[3], drawn.nodes[f, i, 0]
@@ -252,16 +260,15 @@ def _draw_barb(carrier, forms, f, i, side, foot, p, drawn):
             foot = triangle, b, _turned(d, n, slope, angle - last), off, n, slope, s
             last = angle
             foot, point = _advance(carrier, foot, p, point, piece, 0.0, least)
-        store(drawn.nodes[f, i, column], point)
-        drawn.feet[f, i, column], drawn.places[f, i, column] = foot[0], foot[6]
+        _note(drawn, f, i, column, point, foot)
 
 
 @kernel
 def _rising(tangent, normal, n, depth, sunk, bare):
     """Tangent and normal of a rachis that rises through the skin: its depth falls as u^2."""
     if sunk > 0.0 and depth > 0.0:
-        tangent = _unit(combined(1.0, tangent, 2.0 * depth * sqrt(sunk) / bare, n))
-        normal = _unit(_without(normal, tangent))
+        tangent = unit(combined(1.0, tangent, 2.0 * depth * sqrt(sunk) / bare, n))
+        normal = unit(without(normal, tangent))
     return tangent, normal
 
 
@@ -275,16 +282,14 @@ def draw_feathers(carrier, roots, forms, numbers, drawn, low, high):
         triangle, b, p = roots.triangle[r], (place[0], place[1], place[2]), roots.value[r]
         depth = roots.depth[r] if forms.sunk[f, 0] > 0.0 else 0.0
         x, n, slope, s = leaf_point(carrier, triangle, b, p)
-        d = _unit(_without((heading[0], heading[1], heading[2]), n))
+        d = unit(without((heading[0], heading[1], heading[2]), n))
         point = combined(1.0, x, -depth, n)
         foot, top = (triangle, b, d, False, n, slope, s), s
         for i in range(rows):
-            store(drawn.nodes[f, i, 0], point)
-            drawn.feet[f, i, 0], drawn.places[f, i, 0] = foot[0], foot[6]
+            _note(drawn, f, i, 0, point, foot)
             triangle, b, d, off, n, slope, s = foot
-            back = forms.behind[f, i - 1] if i > 0 else -forms.turn[f]
-            if back != 0.0:
-                d = _turned(d, n, slope, -back)
+            if i > 0:
+                d = _turned(d, n, slope, -forms.behind[f, i - 1])
             foot = triangle, b, d, off, n, slope, s
             tangent, normal = _lifted(d, n, slope)
             tangent, normal = _rising(tangent, normal, n, depth, forms.sunk[f, i], forms.bare[f])

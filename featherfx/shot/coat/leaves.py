@@ -3,7 +3,7 @@
 The solver sees feathers on roots that the skin carries rigidly. With y their nodes, seen from these
 roots, and y0 those at rest, a feather deviates from its leaf
 
-    within the vane     by the angles and lengths of its plane form, which it keeps,
+    within the vane     by the angles of its plane form, which it keeps,
     across it           by z = (y - y0) . n0,  n0 the normal of its rows at rest.
 
 What all feathers deviate across their vanes is one field of lift over the coat (coat/coat.py), so
@@ -16,22 +16,25 @@ means over the skin, of a by the weights w(s)^2. Rates are differences of what i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
-from featherfx.coat.carrier import Carrier, pose_carrier
-from featherfx.coat.coat import Coat, draw
+from featherfx.coat.carrier import pose_carrier
+from featherfx.coat.coat import Coat, draw, share_out
 from featherfx.coat.fields import SkinMeans, SkinPlaces
 from featherfx.coat.forms import make_plane_forms
+from featherfx.coat.leaf_kernels import CarrierArrays
 from featherfx.feather.leaves import plane_forms
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, RowPoints, both, stacked
-from featherfx.groom.skin.skin import closest, crushed, may_be_crushed
+from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Placement
+from featherfx.shot.coat import leaf_kernels as kernels
+from featherfx.shot.coat.leaf_kernels import ImageRoom, LeafFeet, VaneTurns
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.sources import TimedSurface
 
@@ -39,7 +42,6 @@ from featherfx.shot.sources import TimedSurface
 _LIFT_REACH = 0.5
 # of the time between two samples, by which the times are apart from which rates are found
 _STEP_RATIO = 0.02
-_FEATHERS_AT_ONCE = 2000  # that are drawn, to bound the memory
 _NO_HEIGHT = 1e-9  # m, of the coat's points over the skin of the shot
 
 
@@ -89,22 +91,33 @@ class MovingCoat:
         drawn: Sequence[Feather],
     ) -> None:
         self._coat, self._skin = coat, skin
-        self._numbers: Indices = np.array([each.leaf.number for each in placements])
+        numbers: Indices = np.array([each.leaf.number for each in placements])
         plane = build_plane_feathers(placements, drawn[0].rows, drawn[0].columns)
         forms = plane_forms(placements, plane)
         rest = stacked([feather.rest for feather in drawn])
         self._rachis, self._dorsal = rest.nodes[:, :, 0], rest.directors[:, :, 1]
-        self._bare, lain = forms.bare, make_plane_forms(rest.nodes, rest.directors, forms.bare)
-        # what a leaf leaves of the angles in projection
-        self._angles = [
-            getattr(forms, name) - getattr(lain, name) for name in ("ahead", "behind", "angles")
-        ]
-        on_leaf = draw(coat, coat.rest, forms, self._numbers)
-        self._feet = on_leaf.feet
-        place = np.maximum(on_leaf.places[:, :, 0], 0.0)
+        self._lain = make_plane_forms(rest.nodes, rest.directors, forms.bare)
+        lain = draw(coat, coat.rest, forms, numbers)
+        own = np.broadcast_to(np.eye(3)[1:], lain.directors.shape)
+        self._leaves = LeafFeet(
+            values=coat.values[numbers],
+            feet=lain.feet,
+            weights=lain.weights,
+            offsets=np.empty_like(lain.nodes),
+            directors=own,
+            steps=forms.steps,
+            pieces=forms.pieces,
+        )
+        arrays = coat.arrays(coat.rest)
+        kernels.find_offsets(arrays, self._leaves, lain.nodes, 0, len(numbers))
+        turns = VaneTurns(np.zeros(forms.sunk.shape), 0.0 * forms.ahead, 0.0 * forms.angles)
+        side, normal = self._draw(arrays, turns).directors.swapaxes(0, 2).swapaxes(1, 2)
+        axes = np.stack([np.cross(side, normal), side, normal], axis=-2)
+        self._leaves = self._leaves._replace(directors=lain.directors @ axes.swapaxes(-1, -2))
+        place = np.maximum(lain.places[:, :, 0], 0.0)
         self._place = np.where(place > 0.0, place, 1.0)
-        self._tips = self._means(on_leaf.feet[:, :, 0].ravel(), place.ravel() ** 4)
-        self._bases = self._means(coat.follicles.triangle[self._numbers], 1.0)
+        self._tips = self._means(lain.feet[:, :, 0].ravel(), place.ravel() ** 4)
+        self._bases = self._means(coat.follicles.triangle[numbers], 1.0)
 
     def _means(self, triangle: Indices, weights: Array | float) -> SkinMeans:
         coat = self._coat
@@ -118,7 +131,7 @@ class MovingCoat:
         """Feathers on their leaves at the end of a span of time (s), and their two rates.
 
         given: points on roots that the skin carries rigidly, and their two rates; roots: those, and
-        their two rates. Where faces below a leaf collapse, its feather passes to the given points.
+        their two rates.
         """
         step = _STEP_RATIO * (span[1] - span[0])
         times = [-q * step for q in range(3)]
@@ -129,28 +142,12 @@ class MovingCoat:
             )
             for time in times
         ]
-        skins = [self._skin.at(span[1] + time) for time in times]
-        carriers = [pose_carrier(self._coat.mesh, each) for each in skins]
-        lifts = [self._lift(each) for each in posed]
-        found = [both(np.empty_like, given[0]) for _ in range(3)]
-        for start in range(0, len(self._numbers), _FEATHERS_AT_ONCE):
-            some = slice(start, start + _FEATHERS_AT_ONCE)
-            drawn = [
-                self._draw(carrier, each, lift, some)
-                for carrier, each, lift in zip(carriers, posed, lifts, strict=True)
-            ]
-            for part, values in enumerate(zip(*drawn, strict=True)):
-                for rate, value in zip(found, _differences(values, step), strict=True):
-                    rate[part][some] = value
-        share = self._share(skins[0])
-        if share is None:
-            return found
-
-        def mixed(now: Array, then: Array) -> Array:
-            part = share.reshape(-1, *[1] * (now.ndim - 1))
-            return np.asarray(part * now + (1.0 - part) * then)
-
-        return [both(mixed, now, then) for now, then in zip(found, given, strict=True)]
+        drawn = []
+        for time, each in zip(times, posed, strict=True):
+            carrier = pose_carrier(self._coat.mesh, self._skin.at(span[1] + time))
+            arrays = self._coat.arrays(carrier, self._lift(each))
+            drawn.append(self._draw(arrays, self._turns(each)))
+        return [both(rate, *drawn) for rate in _rates(step)]
 
     def _lift(self, posed: PosedFeathers) -> Array:
         """(V, 2) m, a and b of the coat."""
@@ -160,30 +157,35 @@ class MovingCoat:
         tips = self._tips(((across - across[:, :1]) / self._place**2).ravel())
         return np.stack([tips, self._bases(across[:, 0])], axis=1)
 
-    def _draw(self, carrier: Carrier, posed: PosedFeathers, lift: Array, some: slice) -> RowPoints:
-        """Some feathers on their leaves in one pose."""
-        own = posed.points.at(some)
-        forms = make_plane_forms(own.nodes, own.directors, self._bare[some])
-        ahead, behind, angles = (
-            now + then[some]
-            for now, then in zip(
-                (forms.ahead, forms.behind, forms.angles), self._angles, strict=True
-            )
-        )
-        forward = np.cross(*own.directors[:, 0].swapaxes(0, 1))
-        x, y = (dots(forward, posed.roots.rotations[some, :, k]) for k in range(2))
-        forms = forms._replace(ahead=ahead, behind=behind, angles=angles, turn=np.arctan2(y, x))
-        drawn = draw(self._coat, carrier, forms, self._numbers[some], lift)
-        return RowPoints(drawn.nodes, drawn.directors)
+    def _turns(self, posed: PosedFeathers) -> VaneTurns:
+        """Turns within the vanes, from rest."""
+        nodes, directors = posed.points
+        now, rest = make_plane_forms(nodes, directors, self._lain.bare), self._lain
+        forward = np.cross(directors[:, 0, 0], directors[:, 0, 1])
+        x, y = (dots(forward, posed.roots.rotations[:, :, k]) for k in range(2))
+        ahead, behind = now.ahead - rest.ahead, now.behind - rest.behind
+        rows = np.cumsum(np.column_stack([np.arctan2(y, x), ahead - behind]), axis=1)
+        pieces = rows[:, None, :, None] + now.angles - rest.angles
+        return VaneTurns(rows, rows[:, :-1] + ahead, pieces)
 
-    def _share(self, points: Array) -> Array | None:
-        """(K,) of feathers that their leaves draw on a skin with points (V, 3) m; None: all."""
-        mesh = self._coat.mesh
-        corners = points[mesh.faces]
-        if not may_be_crushed(corners):
-            return None
-        sound = crushed(corners, mesh.points[mesh.faces])
-        return np.asarray(sound[self._feet].min(axis=(1, 2)))
+    def _draw(self, arrays: CarrierArrays, turns: VaneTurns) -> RowPoints:
+        """The feathers over a carrier."""
+        leaves = self._leaves
+        made = RowPoints(np.empty_like(leaves.offsets), np.empty(leaves.directors.shape))
+        shape = made.nodes.shape[1:]
+
+        def draw_some(low: int, high: int) -> None:
+            room = ImageRoom(
+                image=np.empty(shape),
+                up=np.empty((shape[0], 3)),
+                rachis=np.empty((shape[0], 3)),
+                row=np.zeros(shape[0], dtype=np.int64),
+                part=np.empty(shape[0]),
+            )
+            kernels.draw_over(arrays, leaves, turns, made, room, low, high)
+
+        share_out(draw_some, len(made.nodes))
+        return made
 
 
 def _extrapolated(rates: Sequence[Array], time: float) -> Array:
@@ -194,7 +196,10 @@ def _extrapolated(rates: Sequence[Array], time: float) -> Array:
     return np.asarray(now + time * rate + 0.5 * time * time * second)
 
 
-def _differences(values: Sequence[Array], step: float) -> tuple[Array, Array, Array]:
+def _rates(step: float) -> Sequence[Callable[[Array, Array, Array], Array]]:
     """Values and their two rates at the latest of three times, step (s) apart, latest first."""
-    x, y, z = values
-    return x, (3.0 * x - 4.0 * y + z) / (2.0 * step), (x - 2.0 * y + z) / (step * step)
+    return (
+        lambda x, y, z: x,
+        lambda x, y, z: (3.0 * x - 4.0 * y + z) / (2.0 * step),
+        lambda x, y, z: (x - 2.0 * y + z) / (step * step),
+    )

@@ -1,0 +1,190 @@
+"""Feathers on their leaves over a skin that moves, each node over its own place of the skin.
+
+A node at rest has a foot on the carrier and a place o in the frame of its leaf y there. Its image
+over a pose is
+
+    y(foot) + F o,   F = (t, n x t, n),  t along a side of the triangle
+
+Images are stretched as the skin is, so they give directions. The rachis runs along the polyline of
+its images in chords of its own lengths. A barb goes along with its row to where that comes to lie,
+in pieces of its own lengths. Turns within the vane are about the normals of the rows.
+"""
+
+from math import cos, sin, sqrt
+from typing import NamedTuple
+
+from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vector_kernels import add, combined, cross, dot, length, scale, store, sub
+from featherfx.coat.leaf_kernels import leaf_point, unit, without
+from featherfx.jit.compiled import kernel
+
+_NO_LENGTH = 1e-12  # m, of a piece that has no direction
+
+
+class LeafFeet(NamedTuple):
+    """Feathers over a carrier at rest, F of them.
+
+    values: (F,) m, p. feet: (F, n, 1 + 2 m) triangles, weights: (F, n, 1 + 2 m, 3) barycentric, and
+    offsets: (F, n, 1 + 2 m, 3) m, o. directors: (F, n, 2, 3) in the frames of their rows. steps:
+    (F, n - 1) m and pieces: (F, 2, n, m) m, lengths.
+    """
+
+    values: Array
+    feet: Indices
+    weights: Array
+    offsets: Array
+    directors: Array
+    steps: Array
+    pieces: Array
+
+
+class VaneTurns(NamedTuple):
+    """Turns within the vanes of F feathers from rest, rad: of rows (F, n), chords of the rachis
+    (F, n - 1) and pieces of barbs (F, 2, n, m)."""
+
+    rows: Array
+    chords: Array
+    pieces: Array
+
+
+class ImageRoom(NamedTuple):
+    """Scratch memory. image: (n, 1 + 2 m, 3) m. up: (n, 3) normals at the rachis. rachis: (n, 3) m,
+    in its own lengths. row: (n,) image before each row. part: (n,) how far on to the next it is."""
+
+    image: Array
+    up: Array
+    rachis: Array
+    row: Indices
+    part: Array
+
+
+@kernel
+def _leaf_frame(carrier, leaves, f, i, j):
+    """Point of the leaf at a node's foot, the frame F there, and the leaf's normal."""
+    b, t = leaves.weights[f, i, j], leaves.feet[f, i, j]
+    point, n, slope, _ = leaf_point(carrier, t, (b[0], b[1], b[2]), leaves.values[f])
+    face = carrier.faces[t]
+    side = unit(without(sub(carrier.points[face[1]], carrier.points[face[0]]), n))
+    return point, (side, cross(n, side), n), unit(sub(n, slope))
+
+
+@kernel
+def find_offsets(carrier, leaves, nodes, low, high):
+    """Places of nodes (F, n, 1 + 2 m, 3) m in the frames of their leaves. Written: offsets."""
+    for f in range(low, high):
+        for i in range(nodes.shape[1]):
+            for j in range(nodes.shape[2]):
+                point, axes, _ = _leaf_frame(carrier, leaves, f, i, j)
+                away = sub(nodes[f, i, j], point)
+                store(leaves.offsets[f, i, j], _seen(away, axes))
+
+
+@kernel
+def _seen(vector, axes):
+    """A vector's components along three axes."""
+    return dot(vector, axes[0]), dot(vector, axes[1]), dot(vector, axes[2])
+
+
+@kernel
+def _from_axes(parts, axes):
+    """The inverse of _seen."""
+    return add(combined(parts[0], axes[0], parts[1], axes[1]), scale(parts[2], axes[2]))
+
+
+@kernel
+def _draw_images(carrier, leaves, f, room):
+    for i in range(room.image.shape[0]):
+        for j in range(room.image.shape[1]):
+            point, axes, up = _leaf_frame(carrier, leaves, f, i, j)
+            store(room.image[i, j], add(point, _from_axes(leaves.offsets[f, i, j], axes)))
+            if j == 0:
+                store(room.up[i], up)
+
+
+@kernel
+def _direction(vector, other):
+    """Unit vector along a vector, or another one where that has no length."""
+    size = length(vector)
+    return scale(1.0 / size, vector) if size > _NO_LENGTH else other
+
+
+@kernel
+def _draw_rachis(steps, room):
+    """Rachis along the polyline of its images, in chords of its own lengths (n - 1)."""
+    rows, k, way = room.rachis.shape[0], 0, (1.0, 0.0, 0.0)
+    store(room.rachis[0], room.image[0, 0])
+    room.row[0], room.part[0] = 0, 0.0
+    for i in range(1, rows):
+        at, size = room.rachis[i - 1], steps[i - 1]
+        while k < rows - 2 and length(sub(room.image[k + 1, 0], at)) < size:
+            k += 1
+        start = room.image[k, 0]
+        along, away = sub(room.image[k + 1, 0], start), sub(start, at)
+        # |away + part along| = size
+        a, b, c = dot(along, along), dot(away, along), dot(away, away) - size * size
+        part = 1.0
+        if a > _NO_LENGTH * _NO_LENGTH:
+            part = (sqrt(max(b * b - a * c, 0.0)) - b) / a
+        way = _direction(combined(1.0, away, part, along), way)
+        store(room.rachis[i], combined(1.0, at, size, way))
+        room.row[i], room.part[i] = k, part
+
+
+@kernel
+def _frame(along, up):
+    """Tangent, side and normal, unit vectors."""
+    along = unit(along)
+    side = unit(cross(up, along))
+    return along, side, cross(along, side)
+
+
+@kernel
+def _row_frames(room, i):
+    """Frames of a row of the drawn rachis, and of its image."""
+    rows, k, part = room.up.shape[0], room.row[i], min(room.part[i], 1.0)
+    low, high = max(i - 1, 0), min(i + 1, rows - 1)
+    up = combined(1.0 - part, room.up[k], part, room.up[k + 1])
+    drawn = _frame(sub(room.rachis[high], room.rachis[low]), up)
+    own = room.up[i]
+    along = sub(room.image[high, 0], room.image[low, 0])
+    return drawn, _frame(along, (own[0], own[1], own[2]))
+
+
+@kernel
+def _turned(vector, axes, angle):
+    """A vector turned about the third of three axes by an angle, rad."""
+    x, y, z = _seen(vector, axes)
+    c, s = cos(angle), sin(angle)
+    return _from_axes((c * x - s * y, s * x + c * y, z), axes)
+
+
+@kernel
+def draw_over(carrier, leaves, turns, made, room, low, high):
+    """Draw feathers low to high - 1 over a carrier. turns: VaneTurns. room: ImageRoom. Written:
+    made, nodes (F, n, 1 + 2 m, 3) m and directors (F, n, 2, 3)."""
+    nodes, directors = made
+    rows, m = nodes.shape[1], leaves.pieces.shape[3]
+    for f in range(low, high):
+        _draw_images(carrier, leaves, f, room)
+        _draw_rachis(leaves.steps[f], room)
+        first = room.rachis[0]
+        at = first[0], first[1], first[2]
+        for i in range(rows):
+            axes, imaged = _row_frames(room, i)
+            store(nodes[f, i, 0], at)
+            for k in range(2):
+                own = _from_axes(leaves.directors[f, i, k], axes)
+                store(directors[f, i, k], _turned(own, axes, turns.rows[f, i]))
+            for side in range(2):
+                end, before, way = at, 0, axes[1]
+                for j in range(m):
+                    column = 1 + side * m + j
+                    own = sub(room.image[i, column], room.image[i, before])
+                    way = _direction(_from_axes(_seen(own, imaged), axes), way)
+                    piece = _turned(way, axes, turns.pieces[f, side, i, j])
+                    end = combined(1.0, end, leaves.pieces[f, side, i, j], piece)
+                    store(nodes[f, i, column], end)
+                    before = column
+            if i + 1 < rows:
+                way = sub(room.rachis[i + 1], room.rachis[i])
+                at = add(at, _turned(way, axes, turns.chords[f, i]))
