@@ -299,6 +299,7 @@ def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
         [
             _scenery(path, role, surface.file, surface.path, surface.variant_sets)
             | {"start": clock.start, "time_codes_per_frame": float(clock.step)}
+            | ({} if surface.subdivision else {"subdivision": False})
             for role, surface, clock in reversed(known.values())
         ],
         float(shot.first_frame),
@@ -309,8 +310,8 @@ def scenery_of_groom(groom: Groom, path: Path) -> dict[str, Any]:
     """Return metadata of a groom at rest at a path about its mesh, for images."""
     if groom.skin_keys is None:
         return {}
-    keys = ("usd", "prim", "rest", "variant_sets")
-    name, prim, rest, variants = (groom.skin_keys[key] for key in keys)
+    keys = ("usd", "prim", "rest", "variant_sets", "subdivision")
+    name, prim, rest, variants, subdivision = (groom.skin_keys[key] for key in keys)
     file = usd.opening.locate_file(groom.source.parent, name)
     place = Place(str(groom.source), "skin.variant_sets", Problems())
     scene = usd.stage.SourceScene(file, usd.opening.open_stage(file))
@@ -319,6 +320,7 @@ def scenery_of_groom(groom: Groom, path: Path) -> dict[str, Any]:
         return {}
     # at rest a mesh is drawn in the pose that was groomed
     at = {} if rest is None else {"rest": float(rest)}
+    at |= {} if subdivision else {"subdivision": False}
     entry = _scenery(path, "skin", file, prim, variants)
     return _told_scenery([entry | {"start": 0.0, "time_codes_per_frame": 1.0} | at], 0.0)
 

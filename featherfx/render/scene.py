@@ -17,7 +17,6 @@ from featherfx.provenance import StageRead, note_read
 from featherfx.render.geometry import vertex_normals
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import CachedFeather
-from featherfx.usd.space import StageSpace
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,6 @@ def load_scene(cache: Cache, chosen: Indices | None = None) -> DrawnScene:
     chosen = np.arange(len(cache.feathers)) if chosen is None else chosen
     feathers = tuple(cache.feathers[k] for k in chosen)
     note_read(StageRead(str(cache.path), "/", "drawn surface", len(chosen), cache.left))
-    to_world = StageSpace(cache.meters_per_unit, cache.up_axis).to_world
     counts = [len(points) for points in cache.points_of(chosen.tolist())]
     starts = np.cumsum([0, *counts])
     triangles = np.concatenate(
@@ -110,7 +108,7 @@ def load_scene(cache: Cache, chosen: Indices | None = None) -> DrawnScene:
         owner=np.repeat(np.arange(len(counts)), [len(f.triangles) for f in feathers]),
         regions=tuple(f.region for f in feathers),
         along_feather=np.concatenate(heights).astype(float)[triangles].mean(axis=1),
-        to_world=to_world,
+        to_world=cache.to_world,
     )
 
 

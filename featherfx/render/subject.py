@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from featherfx.algebra.types import Array, Floats, Indices
+from featherfx.algebra.types import Array, Indices
+from featherfx.provenance import StageRead, note_read
 from featherfx.render.camera import Eye
 from featherfx.render.colour import (
     COLLIDER_COLOUR,
@@ -32,83 +33,45 @@ from featherfx.render.scene import (
     load_scene,
 )
 from featherfx.render.vanes import DrawnPlumage, plumage_of
-from featherfx.usd.read.cache import Cache, CachedScene, find_scenery
+from featherfx.usd.read.cache import Cache
+from featherfx.usd.read.scenery import SceneryMesh, find_scenery, list_beside, list_meshes
 
 
-@dataclass(frozen=True)
-class Scenery:
-    """Meshes of one file. beside: those, in the time of the cache. scene: as they are drawn.
-    colour: (3,) of those without one. framed: whether cameras are to see all of it. Eyes, told by
-    their names, shine."""
-
-    beside: CachedScene
-    scene: DrawnScene
-    colour: Array
-    framed: bool = True
-
-    def points(self, time: float | None) -> Array:
-        """(V, 3) m at a time code of the cache; None: at rest."""
-        return load_points(self.beside.cache, self.scene, self.beside.code(time))
-
-    def colours(self) -> Array:
-        """(V, 3) of its points."""
-        starts = self.scene.starts
-        colours: list[Floats] = [
-            np.broadcast_to(self.colour, (end - start, 3)) if each.colour is None else each.colour
-            for each, start, end in zip(self.scene.feathers, starts[:-1], starts[1:], strict=True)
-        ]
-        return np.concatenate(colours)
-
-    def geometry(self, time: float | None) -> Geometry:
-        """At a time code of the cache."""
-        points, triangles = self.points(time), self.scene.triangles
-        normals = vertex_normals(points, triangles)
-        is_eye = np.array(["eye" in f.path.rpartition("/")[2].lower() for f in self.scene.feathers])
-        material = np.where(is_eye[self.scene.owner], EYE, SKIN_MATERIAL)
-        return geometry_of(points, triangles, material, normals, self.colours())
+def scenery_colours(mesh: SceneryMesh) -> Array:
+    """Return (V, 3) colours of the points of a mesh beside the feathers."""
+    return mesh.colours(np.array(SKIN_COLOUR if mesh.is_framed else COLLIDER_COLOUR))
 
 
-def scenery_of_shot(cache: Cache, path: Path) -> list[Scenery]:
-    """The skin and the colliders that a cache names, and with a skin the meshes beside it under the
-    same prim, such as eyes; a warning tells what is not there."""
-    found: list[Scenery] = []
+def scenery_geometry(mesh: SceneryMesh, time: float | None) -> Geometry:
+    """Return a mesh beside the feathers at a time code of the cache. Eyes, told by their names,
+    shine."""
+    points, triangles = mesh.points(time), mesh.surface.triangles
+    is_eye = "eye" in mesh.surface.path.rpartition("/")[2].lower()
+    material = EYE if is_eye else SKIN_MATERIAL
+    normals = vertex_normals(points, triangles)
+    return geometry_of(points, triangles, material, normals, scenery_colours(mesh))
+
+
+def scenery_of_shot(cache: Cache, path: Path) -> list[SceneryMesh]:
+    """Return the skin and the colliders that a cache names, and with a skin the meshes beside it
+    under the same prim, such as eyes. A warning tells what is not there."""
+    found: dict[tuple[Path, str], SceneryMesh] = {}
     for each in find_scenery(cache.scenery, path, ["skin", "collider"], "drawn"):
-        is_skin = each.role == "skin"
-        drawn = {(known.beside.cache.path, f.path) for known in found for f in known.scene.feathers}
-        chosen = [*each.chosen, *(_beside(each) if is_skin else ())]
-        meshes = [(each.cache.path, each.cache.feathers[k].path) for k in chosen]
-        chosen = [k for k, mesh in zip(chosen, meshes, strict=True) if mesh not in drawn]
-        if chosen:
-            scene = load_scene(each.cache, np.array(chosen))
-            colour = np.array(SKIN_COLOUR if is_skin else COLLIDER_COLOUR)
-            found.append(Scenery(each._replace(chosen=chosen), scene, colour, is_skin))
-    return found
-
-
-def _beside(scene: CachedScene) -> list[int]:
-    """Meshes of the file that are no feathers and stand under the same prim as one of a scene."""
-    meshes = scene.cache.feathers
-    parents = {meshes[k].path.rpartition("/")[0] for k in scene.chosen} - {""}
-    return [
-        k
-        for k, mesh in enumerate(meshes)
-        if not mesh.is_feather and k not in scene.chosen and mesh.path.rpartition("/")[0] in parents
-    ]
+        for mesh in (each, *(list_beside(each) if each.is_framed else ())):
+            found.setdefault(mesh.name, mesh)
+    for file, prim in found:
+        note_read(StageRead(str(file), prim, "drawn surface", 1))
+    return list(found.values())
 
 
 def scenery_of_files(
-    cache: Cache, files: Iterable[Path], known: Iterable[Scenery]
-) -> list[Scenery]:
-    """All meshes of other files, at the same seconds. known: what is drawn already."""
-    found = []
-    drawn = {(each.beside.cache.path, f.path) for each in known for f in each.scene.feathers}
+    cache: Cache, files: Iterable[Path], known: Iterable[SceneryMesh]
+) -> list[SceneryMesh]:
+    """Return all meshes of other files, at the same seconds. known: what is drawn already."""
+    found, drawn = [], {each.name for each in known}
     for file in files:
-        other = Cache(file)
-        rate = other.frames_per_second / cache.frames_per_second
-        left = [k for k, each in enumerate(other.feathers) if (other.path, each.path) not in drawn]
-        if left:
-            scene = load_scene(other, np.array(left))
-            found.append(Scenery(CachedScene(other, left, rate=rate), scene, np.array(SKIN_COLOUR)))
+        meshes = list(list_meshes(file, cache.frames_per_second))
+        found += [each for each in meshes if each.name not in drawn]
     return found
 
 
@@ -127,7 +90,7 @@ class Subject:
     cache: Cache
     scene: DrawnScene
     close: DrawnScene
-    scenery: Sequence[Scenery]
+    scenery: Sequence[SceneryMesh]
     plumage: DrawnPlumage | None = None
     values: dict[float | None, Array] = field(default_factory=dict)
 
@@ -144,7 +107,7 @@ class Subject:
     def reach(self, times: Sequence[float | None]) -> list[tuple[float, Array]]:
         """Hulls (N, 3) m of what is looked at, with their time codes; at rest the time is 0."""
         whole = len(self.close.chosen) == len(self.cache.feathers)
-        framed = [each for each in self.scenery if each.framed and whole]
+        framed = [each for each in self.scenery if each.is_framed and whole]
         return [
             (
                 time or 0.0,
@@ -186,7 +149,7 @@ class Subject:
 
     def geometry(self, time: float | None) -> Geometry:
         """All that is drawn at a time code."""
-        others = [each.geometry(time) for each in self.scenery]
+        others = [scenery_geometry(each, time) for each in self.scenery]
         if self.plumage is None:
             pose = load_pose(self.cache, self.scene, time)
             colours = self.values[time]
@@ -226,7 +189,7 @@ def open_subject(path: Path, options: PictureOptions) -> Subject:
     close = load_scene(cache, near)
     every = options.surroundings and len(near) < len(cache.feathers)
     scene = load_scene(cache) if every else close
-    scenery: list[Scenery] = []
+    scenery: list[SceneryMesh] = []
     if len(near) == len(cache.feathers) or options.surroundings:
         scenery = [] if options.bare else scenery_of_shot(cache, path)
         scenery += scenery_of_files(cache, [Path(file) for file in options.scenery], scenery)

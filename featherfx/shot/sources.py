@@ -54,7 +54,8 @@ class MovingSurface(OfScene, Protocol):
     triangles: (T, 3) point indices, seen from outside. closed: (T,) whether they bound a volume;
     others are sheets. face: (T,) the scene's faces. rest: (V, 3) m. st: (T, 3, 2) texture
     coordinates, or None. bones: (T,) m, length of each triangle's bone, where it is a ribbon along
-    those of a skeleton; else None.
+    those of a skeleton; else None. subdivision: whether it is the subdivided surface of its cage,
+    where it has one.
     """
 
     triangles: Indices
@@ -64,6 +65,7 @@ class MovingSurface(OfScene, Protocol):
     st: Array | None
     knots: Knots | None
     bones: Array | None
+    subdivision: bool
 
     @property
     def space(self) -> tuple[float, str]:

@@ -34,7 +34,7 @@ from featherfx.render.colour import (
     value_limits,
 )
 from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_scene
-from featherfx.render.subject import scenery_of_shot
+from featherfx.render.subject import scenery_colours, scenery_of_shot
 from featherfx.usd.check.measures import CrossedPoints
 from featherfx.usd.convert.levels import ThinnedMesh, make_levels, thin_feathers
 from featherfx.usd.read.cache import Cache
@@ -65,8 +65,8 @@ class SceneryMeshes:
 
     def __init__(self, cache: Cache, path: Path) -> None:
         # what the camera is to see of it comes first
-        self._meshes = sorted(scenery_of_shot(cache, path), key=lambda each: not each.framed)
-        self._counts = [int(each.scene.starts[-1]) for each in self._meshes]
+        self._meshes = sorted(scenery_of_shot(cache, path), key=lambda each: not each.is_framed)
+        self._counts = [len(each.surface.rest) for each in self._meshes]
 
     @property
     def points(self) -> int:
@@ -80,17 +80,17 @@ class SceneryMeshes:
         pairs = zip(self._meshes, self._counts, strict=True)
         return {
             "points": self.points,
-            "triangles": sum(len(each.scene.triangles) for each in self._meshes),
+            "triangles": sum(len(each.surface.triangles) for each in self._meshes),
             "levels": [],
-            "framed": sum(count for each, count in pairs if each.framed),
+            "framed": sum(count for each, count in pairs if each.is_framed),
         }
 
     def constant(self) -> bytes:
         """Corners (3 uint32 a triangle) and a colour a point (3 bytes)."""
         starts = np.cumsum([0, *self._counts])
         pairs = zip(self._meshes, starts[:-1], strict=True)
-        corners = np.concatenate([each.scene.triangles + start for each, start in pairs])
-        colours = np.concatenate([each.colours() for each in self._meshes])
+        corners = np.concatenate([each.surface.triangles + start for each, start in pairs])
+        colours = np.concatenate([scenery_colours(each) for each in self._meshes])
         return corners.astype("<u4").tobytes() + packed_colours(colours)
 
     def frame(self, code: float | None) -> bytes:

@@ -372,9 +372,8 @@ def test_skin_and_colliders_of_the_shot_are_drawn(skinned, tmp_path):
     assert bare[0, 0, 0] < bare[0, 0, 2]
     assert covered(bare).mean() < 0.9
     subject = open_subject(skinned, PictureOptions())
-    assert [each.framed for each in subject.scenery] == [True, False]
-    drawn = [[mesh.path for mesh in each.scene.feathers] for each in subject.scenery]
-    assert drawn == [["/bird/body", "/bird/eyes"], ["/floor"]]
+    drawn = [(each.surface.path, each.is_framed) for each in subject.scenery]
+    assert drawn == [("/bird/body", True), ("/bird/eyes", True), ("/floor", False)]
     assert np.abs(whole_reach(subject)[:, :2]).max() < 0.5
 
 

@@ -19,9 +19,9 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
 from featherfx.groom.skin.faults import signed_volume, skin_doubts
 from featherfx.shot.loop.placement import lay_out
-from featherfx.usd.read.animated_mesh import MeshOptions, open_mesh
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.stage import open_scene
+from featherfx.usd.read.surface import MeshOptions, open_mesh
 
 PIGEON = SAMPLES / "pigeon"
 

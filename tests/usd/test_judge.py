@@ -221,6 +221,7 @@ def test_vanes_in_the_skin_are_as_deep_as_they_lie(tmp_path, height):
     stage = Usd.Stage.CreateNew(str(skin))
     mesh = UsdGeom.Mesh.Define(stage, "/skin")
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, "Z")
     side = np.linspace(-0.5, 0.5, 41)
     grid = np.stack(np.meshgrid(side, side, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
     first = (41 * np.arange(40)[:, None] + np.arange(40)).ravel()

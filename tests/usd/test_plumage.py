@@ -91,5 +91,5 @@ def test_what_is_missing_is_told(tmp_path):
         "no contour feathers" in invoke("check", "--plumage", path, "--skin", skin, "/skin").stderr
     )
     gone = invoke("check", "--plumage", path, "--skin", skin, "/body")
-    assert "/body: is no visible mesh" in gone.stderr
+    assert "no prim /body" in gone.stderr
     assert invoke("check", "--plumage", path).exit_code == 2

@@ -8,7 +8,8 @@ from usdin_scenes import add_curves, add_mesh, arc, lifted, new_stage, sheet
 from featherfx.api import read_groom, read_shot
 from featherfx.baking.export import export_groom
 from featherfx.errors import InputError, InputWarning
-from featherfx.usd.read.cache import Cache, find_scenery
+from featherfx.usd.read.cache import Cache
+from featherfx.usd.read.scenery import find_scenery, open_scenery
 
 FEATHER = '[[feather]]\nid = "f"\nkind = "covert"\nposition = [0, 0, 0]\n'
 SHOT = 'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n'
@@ -107,8 +108,8 @@ def test_a_picture_of_a_groom_shows_the_variant_that_was_groomed(tmp_path, stage
     (tmp_path / "grown.toml").write_text(f'name = "g"\n{SKIN}{CHOSEN}{region}')
     export_groom(tmp_path / "grown.toml", tmp_path / "out.usda")
     (entry,) = Cache(tmp_path / "out.usda").scenery
-    other = Cache(tmp_path / entry["file"], entry["variant_sets"])
-    assert other.points(0)[:, 2].min() == 1.0
+    skin = open_scenery(tmp_path / entry["file"], entry)
+    assert skin.points(None)[:, 2].min() == 1.0
 
 
 def add_hidden(stage):
@@ -184,7 +185,7 @@ def test_a_body_in_a_package_is_drawn_beside_its_feathers(tmp_path):
     entry = {"role": "skin", "file": f"{package.name}[b.usda]", "prim": "/b/skin", "start": 0.0}
     entry |= {"first": 0.0, "time_codes_per_frame": 1.0}
     (scene,) = find_scenery([entry], tmp_path / "cache.usda", ("skin",), "drawn")
-    assert len(scene.chosen) == 1
+    assert scene.surface.path == "/b/skin"
 
 
 @pytest.mark.parametrize("name", ["a.usdz[c.usda]", "no.usdz[b.usda]", "sub\\\\c.usda"])

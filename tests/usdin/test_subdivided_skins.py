@@ -1,5 +1,7 @@
 """Skins and colliders that renderers subdivide: roots, motion and primvars on the limit surface."""
 
+import warnings
+
 import numpy as np
 import pytest
 from pxr import Sdf, UsdGeom, Vt
@@ -8,13 +10,19 @@ from usdin_scenes import new_stage
 
 from featherfx.algebra.subdivision import refine
 from featherfx.algebra.subdivision_cage import Rules, make_cage
-from featherfx.api import read_shot
+from featherfx.api import read_groom, read_shot
+from featherfx.baking.export import export_groom
 from featherfx.errors import InputError, InputWarning
 from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.skin.faults import signed_volume
 from featherfx.groom.skin.skin import closest
-from featherfx.usd.read.animated_mesh import MeshOptions, open_mesh
+from featherfx.render.options import PictureOptions
+from featherfx.render.subject import open_subject
+from featherfx.usd.check.measures import MeasuredMeshes
+from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.inspect import inspect_stage
 from featherfx.usd.read.stage import open_scene
+from featherfx.usd.read.surface import MeshOptions, open_mesh
 
 CUBE = np.array(
     [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
@@ -210,3 +218,30 @@ def test_a_mesh_that_is_dense_is_taken_as_it_is(tmp_path):
     skin = opened(tmp_path)
     assert skin.limit is None
     assert len(skin.triangles) == 2 * size**2
+
+
+@pytest.mark.parametrize("key", ["", "subdivision = false\n"])
+def test_pictures_and_checks_take_the_surface_that_roots_stand_on(tmp_path, key):
+    """Of a body that is mirrored and wound inwards, too."""
+    stage, mesh = write(tmp_path, BOX, CUBE[:, ::-1])
+    mesh.AddScaleOp().Set((-1.0, 1.0, 1.0))
+    mesh.CreateDisplayColorPrimvar("uniform").Set([(0.1 * k, 0.0, 0.0) for k in range(6)])
+    stage.GetRootLayer().Save()
+    groom, cache = tmp_path / "groom.toml", tmp_path / "out.usdc"
+    text = region(keys="count = 60\nlength = 0.02")
+    groom.write_text(f"{SKIN.replace('prim =', key + 'prim =')}{text}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        export_groom(groom, cache, quality="draft")
+    (drawn,) = open_subject(cache, PictureOptions()).scenery
+    corners = drawn.points(None)[drawn.surface.triangles]
+    surface = BOX[CUBE][:, [0, 1, 2]] if key else limit(BOX, CUBE, 5, scheme="catmullClark")
+    if not key:
+        assert distances(corners.reshape(-1, 3), surface).max() < 1e-4
+    assert signed_volume(corners) > (0.0079 if key else 0.001)
+    assert (
+        distances(np.array([f.position for f in read_groom(groom).feathers]), corners).max() < 1e-6
+    )
+    assert np.ptp(drawn.colours(np.zeros(3))[:, 0]) > 0.1
+    patches = MeasuredMeshes(Cache(cache), cache)
+    np.testing.assert_allclose(patches.points(None)[-1], drawn.points(None))

@@ -22,7 +22,6 @@ from featherfx.groom.keys.values import Table
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.phases import counted
 from featherfx.usd.check.geometry import geometry_problems
-from featherfx.usd.read.animated_mesh import MeshOptions, open_mesh
 from featherfx.usd.read.curves import CURVE_KINDS
 from featherfx.usd.read.groom import read_feathers
 from featherfx.usd.read.opening import open_stage
@@ -34,6 +33,7 @@ from featherfx.usd.read.stage import (
     open_scene,
     prims_below,
 )
+from featherfx.usd.read.surface import MeshOptions, open_mesh
 from featherfx.usd.read.values import (
     EARLIEST_TIME,
     INTEGER_ARRAY,

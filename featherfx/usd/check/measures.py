@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.raster import nodes_within
-from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, Problem
 from featherfx.feather.crossings import (
     BODY,
@@ -23,7 +23,8 @@ from featherfx.feather.crossings import (
     make_patches,
 )
 from featherfx.feather.types import RACHIS_PART
-from featherfx.usd.read.cache import Cache, CachedScene, find_scenery
+from featherfx.usd.read.cache import Cache
+from featherfx.usd.read.scenery import find_scenery
 
 # pairs that are named
 _MAX_PAIRS = 10
@@ -50,23 +51,20 @@ def count_crossings(
         raise InputError(
             Problem(str(path), "", "holds no mesh with a feather's id. Give a cache of featherfx")
         )
-    scenes = find_scenes(cache, path)
+    meshes = MeasuredMeshes(cache, path)
     codes = choose_frames(cache, str(path), frames)
-    patches = make_patches(list(_meshes(scenes, codes[0])))
+    patches = meshes.patches(codes[0])
     names = [feather.id for feather in cache.feathers]
     on_frame(0, len(codes))
 
-    def read(code: float | None) -> Array:
-        return np.concatenate([each for scene in scenes for each in scene.points(code)])
-
     # the next frame is read while one is looked at
     with ThreadPoolExecutor(1) as reader:
-        following = reader.submit(read, codes[0])
+        following = reader.submit(meshes.points, codes[0])
         for done, code in enumerate(codes, 1):
             points = following.result()
             if done < len(codes):
-                following = reader.submit(read, codes[done])
-            found = find_intersections(points, patches, jobs)
+                following = reader.submit(meshes.points, codes[done])
+            found = find_intersections(np.concatenate(points), patches, jobs)
             on_frame(done, len(codes))
             yield _frame_report(found, names, code)
 
@@ -78,24 +76,48 @@ class CrossedPoints:
     """
 
     def __init__(self, cache: Cache, path: Path) -> None:
-        self._scenes = find_scenes(cache, path)
+        self._meshes, self._feathers = MeasuredMeshes(cache, path), len(cache.feathers)
         code = cache.whole_frames()[0] if cache.has_frames else None
-        self._patches = make_patches(list(_meshes(self._scenes, code)))
-        self._count = sum(map(len, self._scenes[0].points(code)))
+        self._patches = self._meshes.patches(code)
 
     def at(self, code: float | None) -> Flags:
         """Return (V,) whether a triangle around a point intersects another feather or the body."""
-        points = np.concatenate([each for scene in self._scenes for each in scene.points(code)])
+        parts = self._meshes.points(code)
+        points = np.concatenate(parts)
         crossed = crossed_triangles(points, self._patches)
         found = np.zeros(len(points), dtype=bool)
         found[self._patches.triangles[crossed]] = True
-        return found[: self._count]
+        return found[: sum(map(len, parts[: self._feathers]))]
 
 
-def find_scenes(cache: Cache, path: Path) -> list[CachedScene]:
-    """Return a cache's own meshes, and the skins that it names."""
-    whole = CachedScene(cache, range(len(cache.feathers)))
-    return [whole, *find_scenery(cache.scenery, path, ["skin"], "looked at")]
+class MeasuredMeshes:
+    """A cache's own meshes, then the skins that it names. triangles: (T, 3) of each. owner: number
+    of each feather, BODY of others."""
+
+    def __init__(self, cache: Cache, path: Path) -> None:
+        self._cache = cache
+        self._skins = list(find_scenery(cache.scenery, path, ["skin"], "looked at"))
+        skins = [each.surface.triangles for each in self._skins]
+        self.triangles = [each.triangles for each in cache.feathers] + skins
+        own = [k if each.is_feather else BODY for k, each in enumerate(cache.feathers)]
+        self.owner = own + [BODY] * len(skins)
+
+    def points(self, code: float | None) -> list[Array]:
+        """Return (V, 3) m of each at a time code of the cache; None: at rest."""
+        every = self._cache.points_of(range(len(self._cache.feathers)), code)
+        skins = [each.points(code) for each in self._skins]
+        return [each @ self._cache.to_world for each in every] + skins
+
+    def patches(self, code: float | None) -> Any:
+        """Return the patches of all meshes, at a time code."""
+        found, feathers = [], self._cache.feathers
+        each = zip(self.points(code), self.triangles, self.owner, strict=True)
+        for points, triangles, owner in each:
+            is_rachis = np.zeros(len(triangles), dtype=np.bool_)
+            if owner != BODY:
+                is_rachis = np.asarray(feathers[owner].side == RACHIS_PART)
+            found.append((points, triangles, is_rachis, owner))
+        return make_patches(found)
 
 
 def choose_frames(
@@ -114,17 +136,6 @@ def choose_frames(
         message = f"{first}-{last} is out of range. Give {every[0]:g} to {every[-1]:g}"
         raise InputError(Problem(path, "frames", message))
     return [float(code) for code in range(first, last + 1)]
-
-
-def _meshes(
-    scenes: Sequence[CachedScene], code: float | None
-) -> Iterator[tuple[Array, Indices, Flags, int]]:
-    for scene in scenes:
-        for index, points in zip(scene.chosen, scene.points(code), strict=True):
-            feather = scene.cache.feathers[index]
-            own = scene is scenes[0] and feather.is_feather
-            rachis = np.asarray((feather.side == RACHIS_PART) & own)
-            yield points, feather.triangles, rachis, index if own else BODY
 
 
 def _frame_report(found: Intersections, names: Sequence[str], code: float | None) -> dict[str, Any]:
@@ -150,7 +161,6 @@ def _frame_report(found: Intersections, names: Sequence[str], code: float | None
 
 
 OUTLINE_VIEWS = {"top": (0, 1), "side": (0, 2), "front": (1, 2)}  # axes of a picture, z up
-_Y_UP = (0, 2, 1)  # where x forward, y left and z up stand in a stage whose y is up
 _PIXEL = 1e-4  # m
 _MAX_PIXELS = 6000  # along the longer side of an outline
 _LEGS = "thigh"  # the part of a [bird] that grows on legs
@@ -178,20 +188,18 @@ def measure_holes(
     InputError as count_crossings does.
     """
     cache = Cache(path)
-    scenes = find_scenes(cache, Path(path))
-    chosen = [k if cache.up_axis == "Z" else _Y_UP[k] for k in OUTLINE_VIEWS[view]]
+    meshes, chosen = MeasuredMeshes(cache, Path(path)), list(OUTLINE_VIEWS[view])
     codes = choose_frames(cache, str(path), frames)
     on_frame(0, len(codes))
     for done, code in enumerate(codes, 1):
         skin: list[Array] = []
         coat: list[Array] = []
         legs: list[Array] = []
-        for scene in scenes:
-            for index, points in zip(scene.chosen, scene.points(code), strict=True):
-                feather = scene.cache.feathers[index]
-                own = scene is scenes[0] and feather.is_feather
-                sort = skin if not own else legs if feather.region == _LEGS else coat
-                sort.append(points[feather.triangles][:, :, chosen])
+        each = zip(meshes.points(code), meshes.triangles, meshes.owner, strict=True)
+        for points, triangles, owner in each:
+            is_leg = owner != BODY and cache.feathers[owner].region == _LEGS
+            sort = skin if owner == BODY else legs if is_leg else coat
+            sort.append(points[triangles][:, :, chosen])
         none = np.zeros((0, 3, 2))
         found = _holes([np.concatenate([none, *each]) for each in (skin, coat, legs)])
         on_frame(done, len(codes))

@@ -30,8 +30,10 @@ from featherfx.usd.check.judge_kernels import find_nodes
 from featherfx.usd.check.measures import choose_frames
 from featherfx.usd.check.skins import point_normals, sample_triangles
 from featherfx.usd.check.tracks import RACHIS, find_tracks
-from featherfx.usd.read.cache import Cache, CachedScene
+from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.scenery import open_scenery
+from featherfx.usd.read.stage import to_world_matrix
 
 _SAMPLES, _NEAREST, _NEIGHBOURS = 200_000, 8, 3
 _NO_AREA = 1e-12  # m^2
@@ -115,7 +117,7 @@ def _read_rachises(
         strands, nodes = track.strands, np.empty((len(track.strands.node_first) - 1, 3))
         points = track.reader.read("points", code)
         find_nodes(points, strands, nodes)
-        matrix = cache.meters_per_unit * track.reader.at_rest
+        matrix = to_world_matrix(track.reader.at_rest, cache.to_world)
         for k in np.flatnonzero(strands.kind == RACHIS).tolist():
             own = slice(*strands.first[k : k + 2])
             chain = np.append(strands.start[own], strands.end[own][-1])
@@ -125,23 +127,10 @@ def _read_rachises(
 
 def _sample_skin(cache: Cache, file: Path, prim: str, code: float | None) -> _Skin:
     """Return samples of a skin at a time code of a cache, evenly by area."""
-    other = Cache(file)
-    chosen = [k for k, each in enumerate(other.feathers) if each.path == prim]
-    if not chosen:
-        raise InputError(
-            Problem(str(file), prim, "is no visible mesh. Name a mesh that this file draws")
-        )
-    known = {each["prim"]: each for each in cache.scenery}.get(prim, {})
-    start, first, rate = (
-        known.get(name, usual)
-        for name, usual in (("start", 0.0), ("first", 0.0), ("time_codes_per_frame", 1.0))
-    )
-    scene = CachedScene(other, chosen, start, first, rate, known.get("rest"))
-    (points,) = scene.points(code)
-    if other.up_axis != cache.up_axis:
-        signs = (1.0, 1.0, -1.0) if cache.up_axis == "Y" else (1.0, -1.0, 1.0)
-        points = points[:, [0, 2, 1]] * signs
-    triangles = other.feathers[chosen[0]].triangles
+    usual = {"prim": prim, "role": "skin", "start": 0.0, "first": 0.0, "time_codes_per_frame": 1.0}
+    known = [each for each in cache.scenery if each["prim"] == prim]
+    skin = open_scenery(file, known[0] if known else usual)
+    points, triangles = skin.points(code), skin.surface.triangles
     samples = sample_triangles(points[triangles], _SAMPLES)
     own = triangles[samples.face]
     normals = point_normals(points, triangles)

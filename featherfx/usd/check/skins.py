@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from pxr import UsdGeom
 from scipy.spatial import cKDTree
 
 from featherfx.algebra.types import Array, Flags, Indices
@@ -22,8 +21,10 @@ from featherfx.algebra.vectors import unit
 from featherfx.usd.check.bounds import USUAL_THICKNESS
 from featherfx.usd.check.judge_kernels import find_depths, find_nodes
 from featherfx.usd.check.tracks import BARB, Track
-from featherfx.usd.read.cache import CachedScene, find_scenery
 from featherfx.usd.read.opening import read_scenery
+from featherfx.usd.read.scenery import find_scenery
+from featherfx.usd.read.stage import read_stage_space, to_world_matrix
+from featherfx.usd.space import StageSpace
 
 _SAMPLES, _NEAREST, _RENEWED_AFTER = 100_000, 8, 16
 # of a feather's length from its root, where barbs may be under the skin as its calamus is
@@ -73,22 +74,22 @@ class SkinDepths:
     def __init__(
         self, stage: Any, path: Path, tracks: Sequence[Track], max_frames: int = 0
     ) -> None:
-        scenes = list(find_scenery(tuple(read_scenery(stage)), path, ["skin"], "looked at"))
-        self._scenes: list[CachedScene] = scenes
-        unit = UsdGeom.GetStageMetersPerUnit(stage)
-        self._probes = [_Probe(track, unit) for track in tracks]
+        entries = tuple(read_scenery(stage))
+        self._skins = list(find_scenery(entries, path, ["skin"], "looked at"))
+        to_world = StageSpace(*read_stage_space(stage)).to_world
+        self._probes = [_Probe(track, to_world) for track in tracks]
         self._codes = sorted({code for each in tracks for code in each.reader.codes})
-        self._codes = [code for code in self._codes if code == round(code)] if scenes else []
+        self._codes = [code for code in self._codes if code == round(code)] if self._skins else []
         if max_frames:
             self._codes = self._codes[:: -(-len(self._codes) // max_frames) or 1]
         self.count = len(self._codes)
 
     def frames(self) -> Iterator[tuple[float, list[tuple[Track, Indices, Array]]]]:
         """Yield time codes with the feathers (P,) and depths (P,) m of points of each track."""
-        triangles = [s.cache.feathers[k].triangles for s in self._scenes for k in s.chosen]
+        triangles = [each.surface.triangles for each in self._skins]
         counts: list[int] = []
         for number, code in enumerate(self._codes):
-            parts = [each for scene in self._scenes for each in scene.points(code)]
+            parts = [each.points(code) for each in self._skins]
             if number == 0:
                 counts = [0, *np.cumsum([len(each) for each in parts]).tolist()]
                 joined = np.concatenate([t + k for t, k in zip(triangles, counts, strict=False)])
@@ -143,7 +144,7 @@ class _Skin:
 class _Probe:
     """Ends of the barbs of a track, and where they begin, without those at the base."""
 
-    def __init__(self, track: Track, unit: float) -> None:
+    def __init__(self, track: Track, to_world: Array) -> None:
         strands, rest = track.strands, track.shape.rest
         barbs = np.flatnonzero(strands.kind == BARB)
         ends = [strands.end[strands.first[barbs]], strands.end[strands.first[barbs + 1] - 1]]
@@ -155,7 +156,7 @@ class _Probe:
         np.maximum.at(longest, feather, away)
         chosen = away > _BASE * longest[feather]
         self.track, self._node, self.feather = track, node[chosen], feather[chosen]
-        self._matrix = track.reader.at_rest * unit
+        self._matrix = to_world_matrix(track.reader.at_rest, to_world)
         self.faces = np.zeros((0, _NEAREST), dtype=np.int64)
 
     def places(self, code: float) -> Array:

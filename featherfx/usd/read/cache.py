@@ -1,9 +1,8 @@
-"""Caches as numpy arrays, with the scenery that they name."""
+"""Caches as numpy arrays."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -16,8 +15,7 @@ from pxr import Usd, UsdGeom
 from featherfx import usd
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
-from featherfx.errors import InputError, InputWarning, Problem
-from featherfx.groom.keys.problems import Place, Problems
+from featherfx.errors import InputError, Problem
 from featherfx.provenance import LeftOut
 from featherfx.usd.read.cached_feather import (
     CachedFeather,
@@ -26,8 +24,8 @@ from featherfx.usd.read.cached_feather import (
     read_mesh_feathers,
 )
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes, list_undrawn
-from featherfx.usd.read.opening import locate_file, locate_package, open_stage, read_scenery
-from featherfx.usd.read.stage import SourceScene, choose_variants, transform_points
+from featherfx.usd.read.opening import open_stage, read_scenery
+from featherfx.usd.read.stage import transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -39,6 +37,7 @@ from featherfx.usd.read.values import (
     read_times,
     usd_errors,
 )
+from featherfx.usd.space import StageSpace
 from featherfx.usd.types import HALF_VELOCITIES, WET_PRIMVARS
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.prims import SUBSETS
@@ -146,7 +145,8 @@ class _ValueRanges(NamedTuple):
 class Cache:
     """Meshes of a USD file, or its condensed feathers where it has no mesh.
 
-    Purposes other than default and render are left out. feathers: one entry per mesh, or instance
+    Purposes other than default and render are left out. to_world: (3, 3), row vectors, from its
+    stage to metres and z up. feathers: one entry per mesh, or instance
     of one, or feather of a shared one, in the order of the stage. frames: start and end time code.
     scenery: skins and colliders of its shot: role, file from its own folder, prim, time code
     `start` of that file at time code `first`, and `rest`, its time code at rest, where that is not
@@ -154,17 +154,15 @@ class Cache:
     opened or holds no mesh.
     """
 
-    def __init__(self, path: str | Path, variant_sets: Mapping[str, str] | None = None) -> None:
+    def __init__(self, path: str | Path) -> None:
         self._path, self.path = str(path), Path(path).resolve()
         self._stage = open_stage(path)
-        if variant_sets:
-            place = Place(str(path), "", Problems())
-            choose_variants(SourceScene(self.path, self._stage), variant_sets, place)
         self.frames = (self._stage.GetStartTimeCode(), self._stage.GetEndTimeCode())
         self.has_frames = self._stage.HasAuthoredTimeCodeRange()
         self.frames_per_second = self._stage.GetTimeCodesPerSecond()
         self.meters_per_unit = UsdGeom.GetStageMetersPerUnit(self._stage)
         self.up_axis = str(UsdGeom.GetStageUpAxis(self._stage))
+        self.to_world = StageSpace(self.meters_per_unit, self.up_axis).to_world
         with usd_errors(self._stage.GetPseudoRoot()):
             self.scenery = tuple(read_scenery(self._stage))
         found = [(own, feather) for each in _read_meshes(self._stage) for own, feather in each]
@@ -446,57 +444,3 @@ def _to_world(points: Floats, matrix: Array) -> Array:
     """Return points in the world, in double precision."""
     exact: Array = points.astype(float)
     return transform_points(exact, matrix) if (matrix != np.eye(4)).any() else exact
-
-
-class CachedScene(NamedTuple):
-    """Meshes of a file. chosen: their numbers.
-
-    start, first: time code of the file at a time code of the cache; rate: time codes of the file in
-    one of the cache. rest: time code of the file at rest; None: its rest pose. role: in the cache.
-    """
-
-    cache: Cache
-    chosen: Sequence[int]
-    start: float = 0.0
-    first: float = 0.0
-    rate: float = 1.0
-    rest: float | None = None
-    role: str = ""
-
-    def code(self, time: float | None) -> float | None:
-        """Return the time code of the file at one of the cache; None: at rest."""
-        return self.rest if time is None else self.start + self.rate * (time - self.first)
-
-    def points(self, time: float | None) -> list[Array]:
-        """Return (V, 3) m, of each mesh at a time code of the cache; None: at rest."""
-        unit = self.cache.meters_per_unit
-        return [unit * each for each in self.cache.points_of(self.chosen, self.code(time))]
-
-
-def find_scenery(
-    scenery: Sequence[dict[str, Any]], path: Path, roles: Sequence[str], done: str
-) -> Iterator[CachedScene]:
-    """Yield the scenery of some roles, "skin" and "collider", that a cache at a path names.
-
-    scenery: of the cache. A warning tells of missing files. done: what would be done with them, in
-    words.
-    """
-    for entry in scenery:
-        if entry["role"] not in roles:
-            continue
-        file, prim, told = (
-            locate_file(path.parent, entry["file"]),
-            entry["prim"],
-            "is not there and",
-        )
-        if locate_package(file)[0].is_file():
-            other = Cache(file, entry.get("variant_sets"))
-            chosen = [k for k, each in enumerate(other.feathers) if each.path == prim]
-            if chosen:
-                rate = entry["time_codes_per_frame"]
-                times = entry["start"], entry["first"], rate, entry.get("rest")
-                yield CachedScene(other, chosen, *times, entry["role"])
-                continue
-            told = f"has no {prim} and is"
-        message = f"{path}: its {entry['role']} {file} {told} not {done}"
-        warnings.warn(message, InputWarning, stacklevel=2)

@@ -71,9 +71,13 @@ def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
             yield from _instanced_meshes(prim)
         elif prim.IsA(UsdGeom.Mesh) and is_drawn(prim):
             mesh = UsdGeom.Mesh(prim)
-            skinning = _find_skinning(mesh)
-            space = prim if skinning is None else skinning.space
-            yield DrawnMesh(mesh, partial(read_matrix, space), None, skinning)
+            yield place_mesh(mesh, _find_skinning(mesh))
+
+
+def place_mesh(mesh: Any, skinning: Skinning | None) -> DrawnMesh:
+    """Return a mesh where its prim stands, or the skeleton that moves it."""
+    space = mesh.GetPrim() if skinning is None else skinning.space
+    return DrawnMesh(mesh, partial(read_matrix, space), None, skinning)
 
 
 def _find_skinning(mesh: Any) -> Skinning | None:

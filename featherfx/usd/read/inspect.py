@@ -12,7 +12,6 @@ from pxr import UsdGeom, UsdSkel
 
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.provenance import LeftOut, StageRead, note_read
-from featherfx.usd.read.animated_mesh import AnimatedMesh, MeshOptions, open_mesh
 from featherfx.usd.read.stage import (
     SourceScene,
     broken_arcs,
@@ -24,6 +23,7 @@ from featherfx.usd.read.stage import (
     sampled_range,
     transform_points,
 )
+from featherfx.usd.read.surface import MeshOptions, Surface, open_mesh
 from featherfx.usd.read.values import (
     EARLIEST_TIME,
     INTEGER_ARRAY,
@@ -200,7 +200,7 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str, place: Place) -> Prim
     )
 
 
-def _open_surface(scene: SourceScene, prim: Any, place: Place) -> AnimatedMesh | None:
+def _open_surface(scene: SourceScene, prim: Any, place: Place) -> Surface | None:
     """Return a mesh as skins and colliders are read; None, after adding problems, if it is not."""
     if not prim.IsDefined() or prim.IsAbstract():
         return None
@@ -209,7 +209,7 @@ def _open_surface(scene: SourceScene, prim: Any, place: Place) -> AnimatedMesh |
     return None
 
 
-def _surface_facts(surface: AnimatedMesh) -> dict[str, Any]:
+def _surface_facts(surface: Surface) -> dict[str, Any]:
     displacement = surface.displacement(surface.looks)
     return {
         "triangles": len(surface.triangles),

@@ -105,7 +105,7 @@ def read_topology(mesh: Any) -> tuple[Indices, Indices]:
 
 
 class MeshTriangles(NamedTuple):
-    """Triangles (T, 3) of a mesh. places, face, closed, turned, border: as of AnimatedMesh."""
+    """Triangles (T, 3) of a mesh. places, face, closed, turned, border: as of Surface."""
 
     triangles: Indices
     places: Indices

@@ -14,6 +14,7 @@ along. A curve does not define its twist; transforms of its prim do, and are fol
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,6 @@ from featherfx.algebra.rotation import transported
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
-from featherfx.usd.read.animated_mesh import AnimatedMesh, MeshOptions, open_mesh
 from featherfx.usd.read.curves import read_prim_curves
 from featherfx.usd.read.skinning import SkinPose, animation_attributes, bind_to_pose
 from featherfx.usd.read.stage import (
@@ -33,7 +33,8 @@ from featherfx.usd.read.stage import (
     list_times,
     rest_time,
 )
-from featherfx.usd.read.values import describe_time, usd_errors
+from featherfx.usd.read.surface import MeshOptions, Surface, open_mesh
+from featherfx.usd.read.values import describe_time, read_matrix, usd_errors
 
 _MIN_HINGE_SINE = 0.05  # sine of the angle from which on two bones have a hinge
 _HALF_WIDTH_RATIO = 0.2  # half of a ribbon's, in lengths of the bone or of a piece of the curve
@@ -42,7 +43,7 @@ _SINGLE_BONE_LENGTH = 0.1  # length of the bone of a skeleton's only joint, in u
 
 
 class Ribbons(ABC):
-    """Interface of ribbons in the own space of a prim, as AnimatedMesh uses a skinning.
+    """Interface of ribbons in the own space of a prim, as Surface uses a skinning.
 
     space: the prim. rest: (V, 3) in the bind pose. triangles: (T, 3), faces: (T,) bones or pieces
     of a curve and lengths: (T,) of these.
@@ -296,7 +297,7 @@ def _across(way: Array, onwards: Array, before: Array | None) -> Array:
     return -found if before is not None and found @ before < 0.0 else found
 
 
-class RibbonMesh(AnimatedMesh):
+class RibbonMesh(Surface):
     """Ribbons as a mesh that roots follow. Faces are bones, or pieces of a curve."""
 
     def __init__(
@@ -306,7 +307,7 @@ class RibbonMesh(AnimatedMesh):
         ribbons: BoneRibbons | CurveRibbon,
         rest: float | None,
     ) -> None:
-        self._begin(scene, prim, ribbons, rest)
+        self._begin(scene, prim, ribbons, partial(read_matrix, ribbons.space), rest)
         self._find_times(ribbons.attributes())
         sound = ~is_flat(self.rest, ribbons.triangles)
         self.triangles, self.st = ribbons.triangles[sound], None
@@ -318,7 +319,7 @@ class RibbonMesh(AnimatedMesh):
         self.bones = scale * ribbons.lengths[sound]
 
 
-def open_carrier(scene: SourceScene, path: str, options: MeshOptions, place: Place) -> AnimatedMesh:
+def open_carrier(scene: SourceScene, path: str, options: MeshOptions, place: Place) -> Surface:
     """Return a mesh, or the ribbons of a skeleton or a curve, by its path; as open_mesh."""
     prim = scene.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
     for kind, opener in ((UsdSkel.Skeleton, open_bones), (UsdGeom.Curves, open_curve)):

@@ -17,7 +17,6 @@ from featherfx.groom.keys.values import Table
 from featherfx.groom.skin.field import search_tree
 from featherfx.provenance import LeftOut, StageRead, note_read
 from featherfx.shot.view import View
-from featherfx.usd.read.animated_mesh import AnimatedMesh, MeshOptions
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.drawn_meshes import drawn_meshes, find_hidden
 from featherfx.usd.read.groom import read_feathers
@@ -33,6 +32,7 @@ from featherfx.usd.read.stage import (
     sampled_range,
     transform_points,
 )
+from featherfx.usd.read.surface import MeshOptions, Surface
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -51,7 +51,7 @@ PointsById = dict[str, Array]
 
 def open_meshes(
     path: Path, prims: Mapping[str, Place], entry: Mapping[str, Any], place: Place
-) -> list[AnimatedMesh]:
+) -> list[Surface]:
     """Return meshes of a file by prim path, by name with wild cards, and by collection.
 
     prims: with the key that names each. entry: checked keys of [skin] or [[collider]]. place: of

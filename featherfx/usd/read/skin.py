@@ -16,7 +16,6 @@ from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.skin.faults import skin_doubts
 from featherfx.provenance import StageRead, note_read
-from featherfx.usd.read.animated_mesh import AnimatedMesh, MeshOptions
 from featherfx.usd.read.curves import is_curves, read_prim_curves
 from featherfx.usd.read.mesh_topology import read_primvar
 from featherfx.usd.read.opening import locate_file
@@ -32,6 +31,7 @@ from featherfx.usd.read.stage import (
     to_world_matrix,
     transform_points,
 )
+from featherfx.usd.read.surface import MeshOptions, Surface
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -76,7 +76,7 @@ def read_skin(
 class StageSkin:
     """A mesh as featherfx.groom.skin.points.SkinSource describes it."""
 
-    def __init__(self, scene: SourceScene, mesh: AnimatedMesh, wrap: str) -> None:
+    def __init__(self, scene: SourceScene, mesh: Surface, wrap: str) -> None:
         self._scene, self._prim = scene, scene.stage.GetPrimAtPath(mesh.path)
         self.path, self.points = mesh.path, mesh.rest
         self.triangles, self.face, self.st = mesh.triangles, mesh.face, mesh.st

@@ -1,4 +1,6 @@
-"""Animated meshes of any stage as triangles that move: skins and colliders.
+"""Surfaces of stages as renderers draw them, as triangles that move.
+
+Skins, colliders, maps and the scenery of pictures and checks are read here.
 
 Topology, and the points of every time sample, are checked when a mesh is opened; points are read
 again when they are asked for, so that memory does not grow with the number of frames.
@@ -21,6 +23,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import closest
+from featherfx.usd.read.drawn_meshes import DrawnMesh, MatrixAt, place_mesh
 from featherfx.usd.read.mesh_topology import (
     list_topology_faults,
     read_primvar,
@@ -36,6 +39,7 @@ from featherfx.usd.read.stage import (
     find_prim,
     list_motion_times,
     rest_time,
+    to_world_matrix,
     transform_points,
 )
 from featherfx.usd.read.subdivision import (
@@ -48,6 +52,7 @@ from featherfx.usd.read.values import (
     DEFAULT_TIME,
     PAIR_ARRAY,
     VECTOR_ARRAY,
+    ArrayKind,
     errors_at,
     read_sized_array,
 )
@@ -85,8 +90,8 @@ class MeshOptions(NamedTuple):
     uv: str = "st"
 
 
-class AnimatedMesh(ScenePrim):
-    """A mesh of T triangles and V points in the world: metres, z up.
+class Surface(ScenePrim):
+    """A drawn mesh of T triangles and V points in the world: metres, z up.
 
     path: of the prim. triangles: (T, 3) point indices, outside counter-clockwise; holes and faces
     without area are left out. places: (T, 3) of their corners in faceVertexIndices. face: (T,)
@@ -96,14 +101,15 @@ class AnimatedMesh(ScenePrim):
     subdivided surface of the triangles. topology: as of read_topology. rest_matrix: (4, 4), row
     vectors, from the prim's own space to the world at rest. st: (T, 3, 2) texture coordinates of
     the corners, None where there are none, of the primvar uv. scheme: by which a renderer
-    subdivides it, or none. sampled: first and last time code with samples of anything that moves
-    it, None where nothing does. bones: (T,) m, length of each triangle's bone or piece of curve,
-    where it is a ribbon along these. idle: the skeleton that names it and does not move it, and
-    why, in words. knots: where its poses are those of the scene, with smooth
-    motion between them; None: the scene's own motion.
+    subdivides it, or none; subdivision: whether that is asked for. sampled: first and last time
+    code with samples of anything that moves it, None where nothing does. bones: (T,) m, length of
+    each triangle's bone or piece of curve, where it is a ribbon along these. idle: the skeleton
+    that names it and does not move it, and why, in words. knots: where its poses are those of the
+    scene, with smooth motion between them; None: the scene's own motion.
     """
 
     bones: Array | None = None
+    subdivision: bool = True
     limit: LimitSurface | None = None
     scheme: str = "none"
     uv: str = ""
@@ -111,12 +117,12 @@ class AnimatedMesh(ScenePrim):
     mirrored: bool
     rest: Array
 
-    def __init__(self, scene: SourceScene, mesh: Any, options: MeshOptions, skinning: Any) -> None:
-        self._mesh = mesh
-        self._begin(scene, mesh.GetPrim(), skinning, options.rest)
-        moving = [] if skinning is None else skinning.attributes()
+    def __init__(self, scene: SourceScene, drawn: DrawnMesh, options: MeshOptions) -> None:
+        self._mesh = mesh = drawn.mesh
+        self._begin(scene, mesh.GetPrim(), drawn.skinning, drawn.matrix, options.rest)
+        moving = [] if drawn.skinning is None else drawn.skinning.attributes()
         self._find_times([*moving, mesh.GetPointsAttr()])
-        self.scheme = read_scheme(mesh)
+        self.scheme, self.subdivision = read_scheme(mesh), options.subdivision
         counts, indices = self.topology = read_topology(mesh)
         self.cage, faces = self.rest, (counts, indices, np.arange(len(counts)))
         self.limit = open_limit(mesh, counts, indices, self.rest) if options.subdivision else None
@@ -126,12 +132,16 @@ class AnimatedMesh(ScenePrim):
         self.turned = np.unique(found.face[found.turned])
         self.triangles, self.places, self.face = found[:3]
         self.closed, self.border = found.closed, found.border
-        self.uv, self.st = options.uv, self._read_uv(options.uv) if options.uv else None
+        self.uv, self.st = options.uv, None
+        if options.uv:
+            self.st = self.read_corners(options.uv, PAIR_ARRAY)
 
-    def _begin(self, scene: SourceScene, prim: Any, skinning: Any, rest: float | None) -> None:
-        """The pose at rest of a prim that skinning moves (None: its own points)."""
+    def _begin(
+        self, scene: SourceScene, prim: Any, skinning: Any, matrix: MatrixAt, rest: float | None
+    ) -> None:
+        """Read the pose at rest. skinning, matrix: as of DrawnMesh."""
         super().__init__(scene, prim)
-        self._skinning = skinning
+        self._skinning, self._to_stage = skinning, matrix
         self.knots: Knots | None = None
         self._poses: OrderedDict[float, _KnotPose] = OrderedDict()
         self._asked: OrderedDict[float, tuple[NDArray[Any], Array]] = OrderedDict()
@@ -200,13 +210,13 @@ class AnimatedMesh(ScenePrim):
             return values[self.places] if len(values) == len(indices) else None
         return values[self.triangles] if len(values) == len(self.cage) else None
 
-    def _read_uv(self, name: str) -> Array | None:
-        """(T, 3, 2) a uv set at the corners; None where there is none, or none that fits."""
+    def read_corners(self, name: str, kind: ArrayKind) -> Array | None:
+        """Return (T, 3, ...) a primvar at the corners; None where there is none that fits."""
         primvar = UsdGeom.PrimvarsAPI(self._prim).FindPrimvarWithInheritance(name)
-        values = read_primvar(primvar, PAIR_ARRAY)
+        values = read_primvar(primvar, kind)
         return None if values is None else self.spread(*values)
 
-    def smoothed(self, knots: Knots | None) -> AnimatedMesh:
+    def smoothed(self, knots: Knots | None) -> Surface:
         """The same mesh, moving smoothly between the poses that it has at knots (time codes); None:
         as the scene has it."""
         if self.sampled is None:
@@ -244,8 +254,7 @@ class AnimatedMesh(ScenePrim):
 
     def _posed(self, code: float) -> tuple[NDArray[Any], Array]:
         if self.knots is None or not self.knots.leads(code):
-            local, prim = self._local_points(Usd.TimeCode(code))
-            return local, self._scene.matrix(prim, Usd.TimeCode(code))
+            return self._local_points(Usd.TimeCode(code)), self._matrix(Usd.TimeCode(code))
         stencil = self.knots.stencil(code)
         poses = [self._at_knot(time) for time in stencil.times.tolist()]
         matrix = stencil.matrix(np.stack([each.matrix for each in poses]))
@@ -271,14 +280,13 @@ class AnimatedMesh(ScenePrim):
         if time not in self._poses:
             code = Usd.TimeCode(time)
             if self._skinning is None:
-                local, prim = self._local_points(code)
-                pose = _NO_JOINTS._replace(points=local)
+                pose = _NO_JOINTS._replace(points=self._local_points(code))
             else:
-                pose, prim = self._skinning.pose(code), self._skinning.space
+                pose = self._skinning.pose(code)
             last = next(reversed(self._poses.values()), None)
             if last is not None and np.array_equal(last.points, pose.points):
                 pose = pose._replace(points=last.points)
-            self._poses[time] = _KnotPose(*pose, self._scene.matrix(prim, code))
+            self._poses[time] = _KnotPose(*pose, self._matrix(code))
             if len(self._poses) > _MAX_KNOTS:
                 self._poses.popitem(last=False)
         return self._poses[time]
@@ -325,32 +333,35 @@ class AnimatedMesh(ScenePrim):
             raise InputError(Problem(str(self._scene.path), self.path, message))
         return points
 
-    def _local_points(self, code: Any) -> tuple[NDArray[Any], Any]:
-        """Points, and the prim in whose space they are."""
+    def _local_points(self, code: Any) -> NDArray[Any]:
+        """Return points in the space that _matrix is of."""
         if self._skinning is not None:
-            return self._skinning.points(code), self._skinning.space
-        return read_sized_array(self._mesh.GetPointsAttr(), code, VECTOR_ARRAY), self._prim
+            found: NDArray[Any] = self._skinning.points(code)
+            return found
+        return read_sized_array(self._mesh.GetPointsAttr(), code, VECTOR_ARRAY)
+
+    def _matrix(self, code: Any) -> Array:
+        """Return (4, 4) from the space of the points to the world, row vectors."""
+        return to_world_matrix(self._to_stage(code), self._scene.to_world)
 
     def _at_rest(self, is_default: bool) -> Array:
-        prim = self._prim
         if is_default and self._skinning is not None:
-            local, prim = self._skinning.bind_points(), self._skinning.space
+            local = self._skinning.bind_points()
         elif is_default:
             self._rest_code = rest_time(self._mesh.GetPointsAttr())
             local = read_sized_array(self._mesh.GetPointsAttr(), self._rest_code, VECTOR_ARRAY)
         else:
-            local, prim = self._local_points(self._rest_code)
-        matrix = self._scene.matrix(prim, self._rest_code)
+            local = self._local_points(self._rest_code)
+        matrix = self._matrix(self._rest_code)
         bound = np.eye(4) if self._skinning is None else self._skinning.bind_matrix
         self.rest_matrix = bound @ matrix
         return self._finite(transform_points(local, matrix), None)
 
     def _sign(self, code: Any) -> bool:
-        prim = self._prim if self._skinning is None else self._skinning.space
-        return bool(np.linalg.det(self._scene.matrix(prim, code)[:3, :3]) < 0.0)
+        return bool(np.linalg.det(self._matrix(code)[:3, :3]) < 0.0)
 
 
-def open_mesh(scene: SourceScene, path: str, options: MeshOptions, place: Place) -> AnimatedMesh:
+def open_mesh(scene: SourceScene, path: str, options: MeshOptions, place: Place) -> Surface:
     """A mesh by its prim path. Raises InputError with all problems, which name the prim."""
     prim = find_prim(scene, path, place, "mesh")
     if not prim.IsA(UsdGeom.Mesh):
@@ -359,20 +370,21 @@ def open_mesh(scene: SourceScene, path: str, options: MeshOptions, place: Place)
         hint = hint or describe_prims(scene, ("mesh",), path)
         place.refuse(f"{path} is a {prim.GetTypeName() or 'prim without type'}, no Mesh{hint}")
     with errors_at(place):
-        return _open_checked(scene, UsdGeom.Mesh(prim), options, place)
+        mesh = UsdGeom.Mesh(prim)
+        skinning = find_skinning(scene, mesh, place)
+        return open_drawn(scene, place_mesh(mesh, skinning), options, place)
 
 
-def _open_checked(
-    scene: SourceScene, mesh: Any, options: MeshOptions, place: Place
-) -> AnimatedMesh:
-    prim, problems = mesh.GetPrim(), Problems()
+def open_drawn(scene: SourceScene, drawn: DrawnMesh, options: MeshOptions, place: Place) -> Surface:
+    """Return the surface of a drawn mesh of a scene. Raises InputError with all problems."""
+    mesh, prim, problems = drawn.mesh, drawn.mesh.GetPrim(), Problems()
     path = f"{prim.GetPath()}{{}} in {scene.path}: {{}}"
     for attribute, message in list_topology_faults(mesh):
         problems.add(place.source, place.key, path.format(f".{attribute}", message))
     with problems.collecting():
         check_transforms(scene, prim, place)
     problems.hand_on()
-    opened = AnimatedMesh(scene, mesh, options, find_skinning(scene, mesh, place))
+    opened = Surface(scene, drawn, options)
     if len(opened.triangles) == 0:
         place.refuse(path.format("", "no face has any area. Name a mesh with faces"))
     idle = explain_stillness(prim)
