@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 from test_contact_shots import THICKNESS, baked, bird
 
+from featherfx.shot.contact.pairs import joined, meeting
 from featherfx.shot.loop.checkpoint import Checkpoint
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.types import Motion
-from featherfx.solver.contact.meeting_kernels import cover_ways, joined, meeting
+from featherfx.solver.contact.meeting_kernels import cover_ways
 
 PAIR = "right_primary_03", "left_primary_03"
 

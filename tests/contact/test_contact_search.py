@@ -9,8 +9,9 @@ import pytest
 from contact_cases import THICKNESS, free_feathers
 from scipy.spatial.transform import Rotation
 
-from featherfx.solver.contact.colour_kernels import colour_island, colour_some, neighbours
-from featherfx.solver.contact.run import islands_before, no_colours
+from featherfx.solver.contact.colour_kernels import colour_island, colour_some
+from featherfx.solver.contact.interval import neighbours
+from featherfx.solver.contact.run import Marks, islands_before, no_colours
 from featherfx.solver.contact.search import Searcher
 from featherfx.solver.contact.search_kernels import guest_place
 from featherfx.solver.contact.surfaces import (
@@ -20,7 +21,6 @@ from featherfx.solver.contact.surfaces import (
     no_memory,
     surfaces_of,
 )
-from featherfx.solver.contact.sweep_kernels import Marks
 from featherfx.solver.contact.types import Candidates, SearchSettings
 from featherfx.solver.contact.wall import wall_of
 

@@ -19,7 +19,7 @@ from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.files.content import digest
 from featherfx.mechanics.batch import may_slip
-from featherfx.shot.contact.pairs import PAIR_REACH_RATIO
+from featherfx.shot.contact.pairs import PAIR_REACH_RATIO, joined, meeting
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.frames import place
 from featherfx.shot.loop.groups import ALONE
@@ -28,7 +28,6 @@ from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.roots import Roots
 from featherfx.shot.types import Shot
-from featherfx.solver.contact.meeting_kernels import joined, meeting
 
 # feathers of an island that is put together with others, and into how many islands at most
 SMALL, MAX_OF_SMALL = 8, 16

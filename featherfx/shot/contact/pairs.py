@@ -21,11 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.files.disk_cache import kept
-from featherfx.solver.contact.meeting_kernels import cover_ways, meeting
+from featherfx.jit.compiled import KernelModule
 from featherfx.solver.contact.search import Searcher
 from featherfx.solver.contact.surfaces import WALL_FIT, Grids, moving_bodies, no_memory
 from featherfx.solver.contact.types import Candidates, SearchSettings, VaneSurfaces
 from featherfx.solver.state import RootPath, State
+
+meeting_kernels = KernelModule("featherfx.solver.contact.meeting_kernels")
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -118,7 +120,9 @@ class Encounters:
         for state, path in zip(states, paths, strict=True):
             nodes, velocity = state.points.nodes, state.velocity.nodes
             own = slice(first, first := first + len(nodes))
-            cover_ways(nodes, velocity, path.samples, duration, margin, low[own], high[own])
+            meeting_kernels.cover_ways(
+                nodes, velocity, path.samples, duration, margin, low[own], high[own]
+            )
         fresh = meeting(low, high)
         codes = self._codes(fresh)
         place = np.minimum(np.searchsorted(self._known, codes), len(self._known) - 1)
@@ -291,3 +295,32 @@ def _reachable(start: int, over: dict[int, set[int]], steps: int = 8) -> set[int
         edge = {lower for upper in edge for lower in over.get(upper, ())} - found
         found |= edge
     return found
+
+
+def meeting(low: Array, high: Array) -> Indices:
+    """(N, 2) pairs of boxes that meet, the smaller number first, in ascending order.
+
+    low, high: (B, 3) m, corners of the boxes.
+    """
+    order = np.argsort(low[:, 0], kind="stable")
+    found = np.zeros((max(1024, 8 * len(low)), 2), dtype=np.int64)
+    count = meeting_kernels.list_meeting(order, low, high, found)
+    if count > len(found):
+        found = np.zeros((count, 2), dtype=np.int64)
+        meeting_kernels.list_meeting(order, low, high, found)
+    # as one number each, which sorts many times as fast
+    codes = np.sort(found[:count, 0] * len(low) + found[:count, 1])
+    return np.stack(np.divmod(codes, max(len(low), 1)), axis=1)
+
+
+def joined(parts: Indices, low: Array, high: Array) -> Indices:
+    """(B,) part of each box, in the order of their first, those made one of which boxes meet.
+
+    Boxes that meet are not listed: of thousands at one place there are millions of pairs.
+    parts: (B,) of each box before. low, high: (B, 3) m, corners of the boxes.
+    """
+    _, first, number = np.unique(parts, return_index=True, return_inverse=True)
+    leader = first[number]
+    order = np.argsort(low[:, 0], kind="stable")
+    meeting_kernels.join_meeting(order, low, high, leader, np.empty_like(order))
+    return np.unique(leader, return_inverse=True)[1]

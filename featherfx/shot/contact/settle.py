@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputWarning
+from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Loads
 from featherfx.phases import phase
 from featherfx.shot.contact.bodies import Bodies
@@ -29,9 +30,10 @@ from featherfx.solver.contact.interval import (
     IntervalOptions,
     LedMotion,
 )
-from featherfx.solver.contact.meeting_kernels import largest_moves
 from featherfx.solver.solver import raise_if_failed
 from featherfx.solver.state import RootPath, State
+
+meeting_kernels = KernelModule("featherfx.solver.contact.meeting_kernels")
 
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
@@ -280,7 +282,7 @@ def _moves(after: Sequence[State], before: Sequence[State]) -> NDArray[np.float6
     moves = [np.zeros(len(state.time)) for state in after]
     for own, now, then in zip(moves, after, before, strict=True):
         every = np.ones(len(own), dtype=np.bool_)
-        largest_moves(now.points.nodes, then.points.nodes, every, own)
+        meeting_kernels.largest_moves(now.points.nodes, then.points.nodes, every, own)
     return np.concatenate(moves)
 
 

@@ -8,11 +8,13 @@ import numpy as np
 
 from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.field import search_tree
+from featherfx.jit.compiled import KernelModule
 from featherfx.shot.preroll import NO_RUN_UP, RunUp
 from featherfx.shot.skin import BoundSkin
 from featherfx.shot.sources import TimedSurface
-from featherfx.solver.contact.ground_kernels import bind_nodes
 from featherfx.solver.contact.types import Array, Indices, SkinMesh
+
+ground_kernels = KernelModule("featherfx.solver.contact.ground_kernels")
 
 # distance at rest, over a feather's length, from which on a node is not held off the skin
 NEAR = 0.3
@@ -70,7 +72,7 @@ def _over(rest: Array, given: Indices, points: Array, up: Array) -> dict[str, An
         a, b, c = (rest[triangles[near, k]] for k in range(3))
         fits = np.einsum("pik,pk->pi", np.cross(b - a, c - a), up[facing]) > 0.0
         triangle[facing] = near[np.arange(len(facing)), fits.argmax(axis=1)]
-    bind_nodes(points, rest, mesh, triangle, height)
+    ground_kernels.bind_nodes(points, rest, mesh, triangle, height)
     return {**mesh._asdict(), "triangle": triangle, "height": height}
 
 

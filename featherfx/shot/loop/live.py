@@ -10,6 +10,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.types import Array
+from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Model
 from featherfx.shot.loads.forces import grip_node
 from featherfx.shot.loop.groups import FeatherGroup, grips_of
@@ -17,7 +18,8 @@ from featherfx.shot.loop.simulate import Simulation
 from featherfx.shot.types import Grip, Wind
 from featherfx.solver.scratch import make_gaps
 from featherfx.solver.state import State, rest_state, set_pose
-from featherfx.solver.step.energy_kernels import elastic_energy
+
+energy_kernels = KernelModule("featherfx.solver.step.energy_kernels")
 
 
 class Energy(NamedTuple):
@@ -38,7 +40,7 @@ def energy_of(model: Model, state: State, gravity: Array) -> Energy:
     elastic = 0.0
     for f in range(model.feathers):
         strains = state.strains.at(f, 0)
-        elastic += elastic_energy(model, f, strains, strains, state.gaps_of(f), 0.0)
+        elastic += energy_kernels.elastic_energy(model, f, strains, strains, state.gaps_of(f), 0.0)
     return Energy(0.5 * float(moving + turning), elastic, -float(fallen))
 
 

@@ -2,30 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from featherfx.jit.compiled import kernel
-from featherfx.solver.contact.types import ByBody, Indices
-
-
-def neighbours(pairs: Indices, bodies: int) -> ByBody:
-    """List which bodies each touches. pairs: (N, 2) bodies that touch."""
-    both = np.concatenate([pairs, pairs[:, ::-1]])
-    body, other = np.divmod(np.unique(both[:, 0] * bodies + both[:, 1]), bodies)
-    return ByBody(np.searchsorted(body, np.arange(bodies + 1)).astype(np.int64), other)
-
-
-def islands_of(touching: ByBody) -> tuple[int, Indices]:
-    """Count the islands of bodies that touch, directly or through others; return also (B,) in which
-    each body is."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
-    bodies = len(touching.first) - 1
-    parts = np.ones(len(touching.items)), touching.items, touching.first
-    graph = csr_array(parts, shape=(bodies, bodies))
-    count, island = connected_components(graph, directed=False)
-    return int(count), island.astype(np.int64)
 
 
 @kernel

@@ -18,11 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.files.background import limit_threads
+from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Loads
-from featherfx.solver.contact.colour_kernels import islands_of, neighbours
-from featherfx.solver.contact.list_kernels import add_forces, list_by_body, soften
-from featherfx.solver.contact.meeting_kernels import largest_moves
-from featherfx.solver.contact.run import BatchRun, Team, islands_before, no_colours
+from featherfx.solver.contact.run import (
+    BatchRun,
+    RoundRules,
+    Sweep,
+    Team,
+    islands_before,
+    no_colours,
+)
 from featherfx.solver.contact.search import ContactSearch, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
     NEAR_ROOT_OF_OBSTACLE,
@@ -35,7 +40,6 @@ from featherfx.solver.contact.surfaces import (
     no_memory,
     surfaces_of,
 )
-from featherfx.solver.contact.sweep_kernels import RoundRules, Sweep
 from featherfx.solver.contact.types import (
     Array,
     ByBody,
@@ -50,7 +54,10 @@ from featherfx.solver.contact.types import (
 )
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import RootPath, State
-from featherfx.solver.step.integrator_kernels import integrator_of
+
+list_kernels = KernelModule("featherfx.solver.contact.list_kernels")
+meeting_kernels = KernelModule("featherfx.solver.contact.meeting_kernels")
+integrator_kernels = KernelModule("featherfx.solver.step.integrator_kernels")
 
 Flags = NDArray[np.bool_]
 
@@ -249,12 +256,12 @@ class ContactSolver:
             looked = stale if number else free
             self._find(run, walls, (memory, before), looked, margin, (turns, number > 0))
             if yielding is not None:
-                soften(*self.found, soft, looked.astype(np.int8), _SOFT)
+                list_kernels.soften(*self.found, soft, looked.astype(np.int8), _SOFT)
             if number:
                 stale = self._changed(stale, forces, soft) & free
             solved = self._solve(run, stale & (off == 0.0), soft, off > 0.0)
             rounds += int(solved.islands.rounds.max(initial=0))
-            largest_moves(run.now, searched, free, moved)
+            meeting_kernels.largest_moves(run.now, searched, free, moved)
             worst = solved.marks.worst
             off = np.where(worst > lost, worst, off)
             stale, before = (moved >= margin) & ~run.failed() & (off == 0.0), self.found
@@ -262,7 +269,7 @@ class ContactSolver:
                 break
             # the bodies did not go where they were headed: look again where they went, and wider
             margin[stale] = np.minimum(_WIDER * moved[stale], self.settings.margin)
-            add_forces(*self.found, forces)
+            list_kernels.add_forces(*self.found, forces)
             order = self.candidates.order
             memory = self.found.remembered(order, self._found_in, self.memory)
         # what is not where contacts were searched may have missed some, unless they yield anyway
@@ -375,7 +382,7 @@ class ContactSolver:
         if len(self._listed.items) < 2 * found.number:
             room = np.zeros(4 * found.number, dtype=np.int64)
             self._listed = self._listed._replace(items=room)
-        list_by_body(*found, self._listed)
+        list_kernels.list_by_body(*found, self._listed)
 
     def _followed(self, duration: float) -> Array:
         """(B, n, 1 + 2 m) part of what its root goes, beyond where a node is headed, that the node
@@ -388,14 +395,14 @@ class ContactSolver:
     def _inertia(self, duration: float) -> float:
         """1/s^2, stiffness of an implicit step over the mass."""
         radius = self.solvers[0].settings.spectral_radius
-        return float(integrator_of(radius, duration).inertia)
+        return float(integrator_kernels.integrator_of(radius, duration).inertia)
 
     def _changed(self, stale: Flags, forces: Array, soft: Bytes) -> Flags:
         """(B,) bodies that feel other forces (N) than before: what was found then, of another body
         or at another place, pressed as well; and those that are stale and pressed, by planes that
         may have turned. Whether others have new contacts their gaps tell."""
         found = np.zeros_like(forces)
-        add_forces(*self.found, found)
+        list_kernels.add_forces(*self.found, found)
         pressed = (found > 0.0) | (forces > 0.0) | (soft != 0)
         return np.asarray((np.abs(found - forces) > 1e-9 * forces) | (stale & pressed))
 
@@ -450,3 +457,23 @@ class ContactSolver:
             near = neighbours(self.candidates.pairs[touching], self.grids.bodies)
             self._touching = touching, near
         return self._touching[1]
+
+
+def neighbours(pairs: Indices, bodies: int) -> ByBody:
+    """List which bodies each touches. pairs: (N, 2) bodies that touch."""
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    body, other = np.divmod(np.unique(both[:, 0] * bodies + both[:, 1]), bodies)
+    return ByBody(np.searchsorted(body, np.arange(bodies + 1)).astype(np.int64), other)
+
+
+def islands_of(touching: ByBody) -> tuple[int, Indices]:
+    """Count the islands of bodies that touch, directly or through others; return also (B,) in which
+    each body is."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    bodies = len(touching.first) - 1
+    parts = np.ones(len(touching.items)), touching.items, touching.first
+    graph = csr_array(parts, shape=(bodies, bodies))
+    count, island = connected_components(graph, directed=False)
+    return int(count), island.astype(np.int64)

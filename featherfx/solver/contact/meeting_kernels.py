@@ -8,39 +8,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
-
 from featherfx.jit.compiled import kernel
-from featherfx.solver.contact.types import Array, Indices
-
-
-def meeting(low: Array, high: Array) -> Indices:
-    """(N, 2) pairs of boxes that meet, the smaller number first, in ascending order.
-
-    low, high: (B, 3) m, corners of the boxes.
-    """
-    order = np.argsort(low[:, 0], kind="stable")
-    found = np.zeros((max(1024, 8 * len(low)), 2), dtype=np.int64)
-    count = _meeting(order, low, high, found)
-    if count > len(found):
-        found = np.zeros((count, 2), dtype=np.int64)
-        _meeting(order, low, high, found)
-    # as one number each, which sorts many times as fast
-    codes = np.sort(found[:count, 0] * len(low) + found[:count, 1])
-    return np.stack(np.divmod(codes, max(len(low), 1)), axis=1)
-
-
-def joined(parts: Indices, low: Array, high: Array) -> Indices:
-    """(B,) part of each box, in the order of their first, those made one of which boxes meet.
-
-    Boxes that meet are not listed: of thousands at one place there are millions of pairs.
-    parts: (B,) of each box before. low, high: (B, 3) m, corners of the boxes.
-    """
-    _, first, number = np.unique(parts, return_index=True, return_inverse=True)
-    leader = first[number]
-    order = np.argsort(low[:, 0], kind="stable")
-    _join(order, low, high, leader, np.empty_like(order))
-    return np.unique(leader, return_inverse=True)[1]
 
 
 @kernel
@@ -82,7 +50,7 @@ def _farthest(samples, f, k):
 
 
 @kernel
-def _meeting(order, low, high, found):
+def list_meeting(order, low, high, found):
     """Write pairs to found, as many as it has room for; returns how many there are."""
     count = 0
     for at in range(order.shape[0]):
@@ -123,7 +91,7 @@ def _leader_of(leader, box):
 
 
 @kernel
-def _join(order, low, high, leader, kept):
+def join_meeting(order, low, high, leader, kept):
     """Make one of the parts whose boxes meet; leader: of each box one before it in its part, or
     itself, at the end the first. kept: (B,) room for those that later ones are compared with.
 

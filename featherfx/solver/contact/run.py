@@ -5,26 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.algebra.thread_team import new_team
-from featherfx.algebra.views import ViewedTuples, views_of
+from featherfx.algebra.views import ViewedTuples, Views, views_of
 from featherfx.files.background import limit_threads
+from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Contacts, Loads, expand_wind
 from featherfx.solver.contact.state_rooms import StateBuffers, put
 from featherfx.solver.contact.surfaces import Grids
-from featherfx.solver.contact.sweep_kernels import (
-    STEP_KINDS,
-    Batches,
-    BodyColours,
-    Islands,
-    Marks,
-    Sweep,
-    solve_rounds,
-)
+from featherfx.solver.contact.types import ByBody, HandoverRules
 from featherfx.solver.scratch import make_matrices, make_scratch
 from featherfx.solver.solver import (
     COARSE_ERROR_RATIO,
@@ -34,6 +28,8 @@ from featherfx.solver.solver import (
 )
 from featherfx.solver.state import RootPath, State, StepReport, carry_to, make_report
 from featherfx.solver.types import StepSettings
+
+sweep_kernels = KernelModule("featherfx.solver.contact.sweep_kernels")
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -46,6 +42,108 @@ Bytes = NDArray[np.int8]
 _UNEVEN, _UNEVEN_OF_FEW, _MANY = 0.75, 1.2, 32
 # bodies from which on threads make states of batches ready, and those of a batch at once
 _WORTH_IT, _AT_ONCE = 300, 256
+
+# what a team takes tickets for: two kinds, in turns
+STEP_KINDS = 2
+
+
+class Batches(NamedTuple):
+    """Batches of feathers as the sweep takes them. batch, place: (B,) of each body. Views: model,
+    old and new states, rows_old and rows_new (theirs, by feather), path, report and kept (matrices)
+    by batch; loads and work by thread and batch, loads with room for the contacts of one
+    feather."""
+
+    batch: Indices
+    place: Indices
+    model: Views
+    old: Views
+    new: Views
+    rows_old: Views
+    rows_new: Views
+    path: Views
+    report: Views
+    kept: Views
+    loads: Views
+    work: Views
+
+
+class Marks(NamedTuple):
+    """B bodies of an interval. mine: which are solved, as long as they can be. island: (B,) of
+    those, -1 of others. fresh: to be solved in the first round, whatever contacts. soft: whose
+    contacts yield. active: to be solved in this round. moved: or what they touch, since worst and
+    depth, m, of their contacts were looked at. solves: of each. status: of the solves. fixed:
+    led for good (LedMotion)."""
+
+    mine: Bytes
+    island: Indices
+    fresh: Bytes
+    soft: Bytes
+    active: Bytes
+    moved: Bytes
+    worst: Array
+    depth: Array
+    solves: Indices
+    status: Array
+    fixed: Bytes
+
+
+class Islands(NamedTuple):
+    """I islands. rounds: taken. worst: m. open: whether rounds go on. bodies: of island i
+    bodies[first[i]] to bodies[first[i + 1] - 1], ascending. alone: those that one thread solves by
+    itself, the largest first."""
+
+    rounds: Indices
+    worst: Array
+    open: Bytes
+    bodies: Indices
+    first: Indices
+    alone: Indices
+
+
+class BodyColours(NamedTuple):
+    """The bodies of a round by colours: bodies[first[c]] to bodies[first[c + 1] - 1]; first
+    (B + 2,), number: (1,) of colours. colour: (B,) of each, -1 of others. done: (B,) whether it is
+    solved in this round. taken_by: (B + 1,) scratch."""
+
+    bodies: Indices
+    first: Indices
+    number: Indices
+    colour: Indices
+    done: Indices
+    taken_by: Indices
+
+
+class RoundRules(NamedTuple):
+    """rounds: most of an island. tolerance: m, residual of a solved island, and of a body that is
+    not solved again. reach: m, gap beyond which contacts without a force are left out after the
+    first round. friction: whether there is any. thinnest: m, least thickness of vanes, between
+    which the tolerance holds; others may be off by more."""
+
+    rounds: int
+    tolerance: float
+    reach: float
+    friction: bool
+    thinnest: float
+
+
+class Sweep(NamedTuple):
+    """Data that the team works on. step, alone: settings of a body, and of one that nothing
+    presses."""
+
+    batches: Batches
+    step: StepSettings
+    alone: StepSettings
+    touch: NDArray[np.void]
+    contacts: int
+    listed: ByBody
+    touching: ByBody
+    handing: HandoverRules
+    rules: RoundRules
+    start: Array
+    now: Array
+    marks: Marks
+    islands: Islands
+    colours: BodyColours
 
 
 class Team:
@@ -99,9 +197,11 @@ class Team:
         counters, size = new_team(STEP_KINDS), limit_threads(self.jobs)
         pool = self._pool
         others = [
-            pool.submit(solve_rounds, k, counters, size, sweep) for k in range(1, size) if pool
+            pool.submit(sweep_kernels.solve_rounds, k, counters, size, sweep)
+            for k in range(1, size)
+            if pool
         ]
-        solve_rounds(0, counters, size, sweep)
+        sweep_kernels.solve_rounds(0, counters, size, sweep)
         for other in others:
             other.result()
 

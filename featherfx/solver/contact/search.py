@@ -13,9 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.solver.contact.find_kernels import find_contacts, refit
-from featherfx.solver.contact.ground_kernels import find_ground_contacts
-from featherfx.solver.contact.list_kernels import remember
+from featherfx.jit.compiled import KernelModule
 from featherfx.solver.contact.types import (
     CONTACT_DTYPE,
     WALL_BITS,
@@ -31,7 +29,11 @@ from featherfx.solver.contact.types import (
     VaneSurfaces,
     Wall,
 )
-from featherfx.solver.contact.wall_kernels import find_wall_contacts
+
+find_kernels = KernelModule("featherfx.solver.contact.find_kernels")
+ground_kernels = KernelModule("featherfx.solver.contact.ground_kernels")
+list_kernels = KernelModule("featherfx.solver.contact.list_kernels")
+wall_kernels = KernelModule("featherfx.solver.contact.wall_kernels")
 
 _FIRST_CAPACITY = 1024
 # points of guests that are one piece of work, at the least, and pieces for each thread
@@ -66,7 +68,9 @@ class ContactSearch(NamedTuple):
         """
         wall, number = np.zeros_like(memory.wall), self.number
         key, force, side = np.empty(number, "i8"), np.empty((number, 2)), np.empty(number, "i1")
-        count = remember(self.touch, number, order, start is not None, key, force, side, wall)
+        count = list_kernels.remember(
+            self.touch, number, order, start is not None, key, force, side, wall
+        )
         key, force, side = key[:count], force[:count], side[:count]
         if start is not None:
             idle = ~np.isin(start.key, key)
@@ -145,12 +149,12 @@ class Searcher:
         clearance, bodies, spans = self._clearance, self._bodies, self._spans
 
         def fit(k: int) -> None:
-            refit(search, clearance, near, bodies[k], bodies[k + 1])
+            find_kernels.refit(search, clearance, near, bodies[k], bodies[k + 1])
 
         def look(k: int) -> None:
             low, high = spans[k], spans[k + 1]
             while True:
-                counts[k] = find_contacts(
+                counts[k] = find_kernels.find_contacts(
                     self.candidates, search, earlier, clearance, low, high, self._rooms[k]
                 )
                 if counts[k, 0] <= len(self._rooms[k]):
@@ -194,9 +198,9 @@ class Searcher:
             low, high = self._bodies[piece], self._bodies[piece + 1]
             for number, wall in enumerate(walls):
                 k, bit = number * pieces + piece, 1 << WALL_BITS * min(number, _MAX_WALLS)
-                find = (
-                    find_ground_contacts if isinstance(wall, GroundSurface) else find_wall_contacts
-                )
+                find = wall_kernels.find_wall_contacts
+                if isinstance(wall, GroundSurface):
+                    find = ground_kernels.find_ground_contacts
                 while True:
                     counts[k] = find(wall, bit, search, free, low, high, self._on_walls[k])
                     if counts[k] <= len(self._on_walls[k]):

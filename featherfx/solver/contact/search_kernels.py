@@ -12,9 +12,8 @@ from math import sqrt
 from featherfx.algebra.vector_kernels import add, dot, length, normal_of, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
+from featherfx.solver.contact.types import RIM_SAMPLES
 
-# parts into which the rim between two rows is divided
-RIM_SAMPLES = 4
 # what the square of a guessed distance is rounded up by, of itself
 _GUESSED = 1e-9
 

@@ -14,8 +14,8 @@ import numpy as np
 from featherfx.algebra.types import Flags
 from featherfx.feather.types import barb_slice
 from featherfx.mechanics.model import Model
-from featherfx.solver.contact.search_kernels import RIM_SAMPLES
 from featherfx.solver.contact.types import (
+    RIM_SAMPLES,
     Array,
     Bytes,
     ContactMemory,

@@ -8,14 +8,11 @@ island) has rounds of its own: it is done when all its contacts are solved, or a
 A body that cannot be solved stays where it was last, and the others meet it as they meet a wall.
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.algebra.thread_team import forget_tickets, meet, say_done, ticket, wait_for
 from featherfx.algebra.vector_kernels import copy_values
-from featherfx.algebra.views import Views, viewed
+from featherfx.algebra.views import viewed
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.colour_kernels import colour_island, colour_some
 from featherfx.solver.contact.list_kernels import (
@@ -27,13 +24,12 @@ from featherfx.solver.contact.list_kernels import (
     share_pinch,
     update,
 )
-from featherfx.solver.contact.types import Array, ByBody, Bytes, HandoverRules, Indices
+from featherfx.solver.contact.types import HandoverRules
 from featherfx.solver.scratch import SolverScratch, StoredMatrix
 from featherfx.solver.step.frame_kernels import advance_feather
 from featherfx.solver.step.newton_kernels import MAX_REUSE_ITERATIONS
 from featherfx.solver.step.start_kernels import start_acceleration
 from featherfx.solver.step.step_control_kernels import scale_settings
-from featherfx.solver.types import StepSettings
 
 # length of the last step of a feather that has none, but its first acceleration
 _BEGUN = -1.0
@@ -41,107 +37,6 @@ _BEGUN = -1.0
 _CONTACTS, _BODIES = 1024, 64
 # rounds after which what pinches a body shares the depth that is left
 _PATIENCE = 4
-# what a team takes tickets for: two kinds, in turns
-STEP_KINDS = 2
-
-
-class Batches(NamedTuple):
-    """Batches of feathers as the sweep takes them. batch, place: (B,) of each body. Views: model,
-    old and new states, rows_old and rows_new (theirs, by feather), path, report and kept (matrices)
-    by batch; loads and work by thread and batch, loads with room for the contacts of one
-    feather."""
-
-    batch: Indices
-    place: Indices
-    model: Views
-    old: Views
-    new: Views
-    rows_old: Views
-    rows_new: Views
-    path: Views
-    report: Views
-    kept: Views
-    loads: Views
-    work: Views
-
-
-class Marks(NamedTuple):
-    """B bodies of an interval. mine: which are solved, as long as they can be. island: (B,) of
-    those, -1 of others. fresh: to be solved in the first round, whatever contacts. soft: whose
-    contacts yield. active: to be solved in this round. moved: or what they touch, since worst and
-    depth, m, of their contacts were looked at. solves: of each. status: of the solves. fixed:
-    led for good (LedMotion)."""
-
-    mine: Bytes
-    island: Indices
-    fresh: Bytes
-    soft: Bytes
-    active: Bytes
-    moved: Bytes
-    worst: Array
-    depth: Array
-    solves: Indices
-    status: Array
-    fixed: Bytes
-
-
-class Islands(NamedTuple):
-    """I islands. rounds: taken. worst: m. open: whether rounds go on. bodies: of island i
-    bodies[first[i]] to bodies[first[i + 1] - 1], ascending. alone: those that one thread solves by
-    itself, the largest first."""
-
-    rounds: Indices
-    worst: Array
-    open: Bytes
-    bodies: Indices
-    first: Indices
-    alone: Indices
-
-
-class BodyColours(NamedTuple):
-    """The bodies of a round by colours: bodies[first[c]] to bodies[first[c + 1] - 1]; first
-    (B + 2,), number: (1,) of colours. colour: (B,) of each, -1 of others. done: (B,) whether it is
-    solved in this round. taken_by: (B + 1,) scratch."""
-
-    bodies: Indices
-    first: Indices
-    number: Indices
-    colour: Indices
-    done: Indices
-    taken_by: Indices
-
-
-class RoundRules(NamedTuple):
-    """rounds: most of an island. tolerance: m, residual of a solved island, and of a body that is
-    not solved again. reach: m, gap beyond which contacts without a force are left out after the
-    first round. friction: whether there is any. thinnest: m, least thickness of vanes, between
-    which the tolerance holds; others may be off by more."""
-
-    rounds: int
-    tolerance: float
-    reach: float
-    friction: bool
-    thinnest: float
-
-
-class Sweep(NamedTuple):
-    """Data that the team works on. step, alone: settings of a body, and of one that nothing
-    presses."""
-
-    batches: Batches
-    step: StepSettings
-    alone: StepSettings
-    touch: NDArray[np.void]
-    contacts: int
-    listed: ByBody
-    touching: ByBody
-    handing: HandoverRules
-    rules: RoundRules
-    start: Array
-    now: Array
-    marks: Marks
-    islands: Islands
-    colours: BodyColours
 
 
 @kernel

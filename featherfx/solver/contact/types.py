@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Bytes = NDArray[np.int8]
 
+# parts into which the rim between two rows is divided
+RIM_SAMPLES = 4
 # One contact of a guest's node with a host, a body or a wall (host -1). pair: its number, -1 for a
 # wall. row, column: of the guest's points (search_kernels.guest_point); point, fraction: node
 # there, and how far it lies towards the next row. side: of the host where the guest belongs;

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from featherfx.jit.compiled import KernelModule
 from featherfx.solver.contact.types import Array, CubeGrid, Indices, Wall
-from featherfx.solver.contact.wall_kernels import count_cells, fill_cells
+
+wall_kernels = KernelModule("featherfx.solver.contact.wall_kernels")
 
 _MAX_CUBES = 200_000
 
@@ -32,10 +34,10 @@ def wall_of(
     cubes = np.maximum(np.ceil(size / edge), 1.0).astype(np.int64)
     grid = CubeGrid(low, edge, float(reach), cubes)
     counts = np.zeros(int(cubes.prod()), dtype=np.int64)
-    count_cells(start, triangles, grid, counts)
+    wall_kernels.count_cells(start, triangles, grid, counts)
     first = np.concatenate([[0], np.cumsum(counts)])
     items = np.zeros(int(first[-1]), dtype=np.int64)
-    fill_cells(start, triangles, grid, first[:-1].copy(), items)
+    wall_kernels.fill_cells(start, triangles, grid, first[:-1].copy(), items)
     return Wall(
         np.ascontiguousarray(start, dtype=float),
         np.ascontiguousarray(end, dtype=float),
