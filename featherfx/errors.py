@@ -34,6 +34,11 @@ def as_sentence(text: str) -> str:
     return text if text.endswith((".", "?", "!", ":")) else f"{text}."
 
 
+def as_figure(value: float, digits: int = 2) -> str:
+    """Write a number with so many figures, or all of those before its point."""
+    return f"{value:.0f}" if abs(value) >= 10.0 ** (digits - 1) else f"{value:.{digits}g}"
+
+
 class InputError(Exception):
     """An input is wrong; holds every problem that was found, not the first only."""
 

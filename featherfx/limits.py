@@ -41,6 +41,8 @@ MAX_KEPT_BYTES = 2e9  # of layouts, models and the like in the cache folder (fil
 MAX_PIXELS = 100_000_000  # of all pictures that are drawn at a time
 
 MEMORY_VARIABLE = "FEATHERFX_MEMORY"
+# of a bake of one feather, bytes; OpenUSD alone reserves 0.8 GB for names of prims and properties
+MIN_ADDRESS_SPACE = 1.25e9
 
 
 def option(default: Any, text: str, **limits: Any) -> Any:
@@ -88,14 +90,21 @@ def memory_limit() -> tuple[float, str]:
 
 def _memory_there() -> float:
     """Bytes of the machine, or that the process may have; infinite where neither is told."""
+    if os.name != "posix":
+        return math.inf
+    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return min(machine, process_limit("RLIMIT_AS"), process_limit("RLIMIT_DATA"))
+
+
+def process_limit(name: str) -> float:
+    """Return a limit of this process by its name in `resource`; infinite where there is none."""
     try:
         # not on Windows
         import resource
     except ImportError:
         return math.inf
-    own = [resource.getrlimit(each)[0] for each in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
-    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    return float(min([machine, *(limit for limit in own if limit != resource.RLIM_INFINITY)]))
+    limit = resource.getrlimit(getattr(resource, name))[0]
+    return math.inf if limit == resource.RLIM_INFINITY else float(limit)
 
 
 def refuse_beyond_memory(needed: float, source: str, key: str, what: str) -> None:
@@ -105,10 +114,11 @@ def refuse_beyond_memory(needed: float, source: str, key: str, what: str) -> Non
     """
     limit, whose = memory_limit()
     if needed > limit:
-        sizes = f"about {_as_size(needed)} of memory, more than the {_as_size(limit)} {whose}"
+        sizes = f"about {as_size(needed)} of memory, more than the {as_size(limit)} {whose}"
         raise InputError(Problem(source, key, f"{what} would need {sizes}"))
 
 
-def _as_size(size: float) -> str:
+def as_size(size: float) -> str:
+    """Write a number of bytes with its unit."""
     power = min(max(int(math.log10(max(size, 1.0)) // 3), 1), 5)
     return f"{size / 1000.0**power:.3g} {' kMGTP'[power]}B"

@@ -18,7 +18,7 @@ from featherfx._version import __version__
 from featherfx.api import read_quality, shot_as_written
 from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large, refuse_unfit_form
 from featherfx.baking.options import BakeOptions
-from featherfx.errors import InputError, InputWarning, Problem, all_of
+from featherfx.errors import InputError, InputWarning, Problem, all_of, as_figure
 from featherfx.files.content import program_digest
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
@@ -249,8 +249,8 @@ def _find_origin(shot: Shot, frames: tuple[int, int]) -> tuple[float, float, flo
     if coarse > _MAX_COARSENESS:
         warnings.warn(
             f"{shot.source}: feathers are up to {away:.3g} m from the origin of the cache, where "
-            f"single precision misses {100.0 * coarse:.2g} % of a feather of {shortest:.2g} m. "
-            "Divide the shot, or move its scene nearer",
+            f"single precision misses {as_figure(100.0 * coarse)} % of a feather of"
+            f" {shortest:.2g} m. Divide the shot, or move its scene nearer",
             InputWarning,
             stacklevel=2,
         )

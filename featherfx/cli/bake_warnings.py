@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import fields
 from typing import Any
 
+from featherfx.baking.options import BakeOptions
 from featherfx.cli.program import tell
+from featherfx.errors import as_figure
 
 # counts of a report's substeps that were too long, and what for
 _TOO_LONG = {
@@ -13,6 +16,8 @@ _TOO_LONG = {
     "substeps_with_barbs_passing": "{} in which loose barbs pass through each other",
     "substeps_with_hooks_slipping": "{} in which hooks slip by more than a step should",
 }
+# percent; no bake can be asked for less
+_MIN_ERROR = next(each for each in fields(BakeOptions) if each.name == "error").metadata["least"]
 _FIXED_STEPS = "[contact] steps"
 _MAX_NAMED = 5  # feathers of a kind that a warning names
 _MAX_CHANGES = 12  # printed of a bake that reused samples of an earlier one
@@ -53,7 +58,7 @@ def print_warnings(result: dict[str, Any]) -> None:
 def print_missing_promise(result: dict[str, Any]) -> None:
     """Print why a report promises no error, if it says so."""
     if why := result.get("error_not_promised"):
-        found = f"{result['error_estimated']:.2g} % is estimated for each feather by itself"
+        found = f"{as_figure(result['error_estimated'])} % is estimated for each feather by itself"
         tell(f"featherfx: no error is promised: {why}; {found}")
 
 
@@ -66,7 +71,7 @@ def _unsolved(result: dict[str, Any]) -> Iterator[str]:
         " how roots move, at grips, forces and stiffness"
     )
     for each in result["worst_unsolved"]:
-        far = f"{1e3 * each['distance']:.3g} mm"
+        far = f"{as_figure(1e3 * each['distance'], 3)} mm"
         yield f"  {each['feather']} at frame {each['frame']:g}: {far} from the solution"
 
 
@@ -74,9 +79,10 @@ def _at_limit(each: dict[str, Any]) -> str:
     """The warning of a grip whose point stayed behind."""
     return (
         f"featherfx: warning: the grip on '{each['feather']}' at row = {each['row']:g} pulls with"
-        f" its largest force of {each['force']:.3g} N from frame {each['frame']:g} on: its point is"
-        f" {1e3 * each['distance']:.3g} mm behind, and the rachis is stretched by"
-        f" {100.0 * each['strain']:.2g} %. Shorten its displacement, or give max_force"
+        f" its largest force of {as_figure(each['force'], 3)} N from frame {each['frame']:g} on:"
+        f" its point is {as_figure(1e3 * each['distance'], 3)} mm behind, and the rachis is"
+        f" stretched by {as_figure(100.0 * each['strain'])} %. Shorten its displacement, or"
+        " give max_force"
     )
 
 
@@ -85,10 +91,14 @@ def _missed(promised: float, estimated: float) -> str:
 
     What is estimated goes with about the power 0.6 of what is asked for (docs/detail.md).
     """
+    asked = promised * (promised / estimated) ** 1.6
+    advice = f"Ask for {as_figure(asked)} %"
+    if asked < _MIN_ERROR:
+        advice = "Look at how roots move, at grips, forces and stiffness"
     return (
-        f"featherfx: warning: an error of {promised:g} % was asked for, {estimated:.2g} % is"
-        " estimated: feathers bent farther, or erred more in a step, than their loads told;"
-        f" ask for {promised * (promised / estimated) ** 1.6:.2g} %"
+        f"featherfx: warning: an error of {promised:g} % was asked for, {as_figure(estimated)} %"
+        " is estimated: feathers bent farther, or erred more in a step, than their loads told."
+        f" {advice}"
     )
 
 
@@ -131,8 +141,8 @@ def _why(each: dict[str, Any]) -> Iterator[str]:
     if count := each["substeps"]:
         over = each["error"] / each["tolerance"]
         yield (
-            f"error of {1e3 * each['error']:.3g} mm, {over:.3g} times the tolerance, in"
-            f" {_substeps(count)}"
+            f"error of {as_figure(1e3 * each['error'], 3)} mm, {as_figure(over, 3)} times the"
+            f" tolerance, in {_substeps(count)}"
         )
     if count := each["substeps_with_barbs_passing"]:
         yield f"loose barbs pass through each other in {_substeps(count)}"

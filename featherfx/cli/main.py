@@ -8,7 +8,7 @@ from importlib import import_module
 import click
 
 from featherfx._version import __version__
-from featherfx.cli.program import Program, leave
+from featherfx.cli.program import Program, leave, use_utf8
 
 # module of featherfx.cli that holds each command
 _MODULES = {
@@ -63,6 +63,7 @@ def main() -> None:
 
 def run() -> None:
     """Run the command as a process of its own."""
+    use_utf8()
     try:
         main(prog_name="featherfx")
     except SystemExit as end:

@@ -30,6 +30,7 @@ import click
 
 from featherfx._version import __version__
 from featherfx.errors import InputError, InputWarning, Problem, SimulationError, as_sentence
+from featherfx.files.address_space import refuse_small_address_space, spare_address_space
 from featherfx.provenance import StageRead, list_entries, listen_to_reads
 
 LOGGER = logging.getLogger("featherfx")
@@ -37,6 +38,9 @@ LOGGER.addHandler(logging.NullHandler())  # else Python prints what nobody takes
 _FORMAT = "%(asctime)s [%(process)d] %(levelname)s %(message)s"
 _OURS = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} \[\d+\] [A-Z]+ ")
 _VERBOSE = "featherfx.verbose"
+_NO_MEMORY = "there is not enough memory. Raise its limits, or take fewer threads"
+# commands that read and write no USD
+_WITHOUT_USD = {"completion", "plugins", "presets", "sample", "schema", "trace"}
 
 
 class _LogFile(logging.FileHandler):
@@ -169,7 +173,8 @@ class Command(_WithExamples):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """As always, where no output is an option by mistake, or an input of the work."""
+        """As always, where no output is an option by mistake, or an input of the work, and there is
+        address space for it."""
         outputs, inputs = self._paths(ctx)
         for path in outputs:
             if str(path).startswith("-"):
@@ -179,6 +184,8 @@ class Command(_WithExamples):
             from featherfx.usd.write.output import refuse_inputs
 
             refuse_inputs(outputs, inputs)
+        if ctx.find_root().invoked_subcommand not in _WITHOUT_USD:
+            refuse_small_address_space()
         return super().invoke(ctx)
 
     def _paths(self, ctx: click.Context) -> tuple[list[Path], list[Path]]:
@@ -222,6 +229,15 @@ class _Forgiving(io.FileIO):
             return len(data)
 
 
+def use_utf8() -> None:
+    """Start this process again in Python's UTF-8 mode where the locale has another encoding: names
+    in USD and TOML files are UTF-8."""
+    if sys.getfilesystemencoding() == "utf-8" or os.environ.get("PYTHONUTF8") == "1":
+        return
+    os.environ["PYTHONUTF8"] = "1"
+    os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
+
+
 def _secure_streams() -> None:
     """Let a bake outlive a stderr that is closed or full, and keep its number from files."""
     for number in range(3):
@@ -229,6 +245,8 @@ def _secure_streams() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout is sys.__stdout__:
+        sys.stdout.reconfigure(errors="backslashreplace")
     if sys.stderr is sys.__stderr__:
         raw = io.BufferedWriter(_Forgiving(2, "w", closefd=False))
         encoding = sys.stderr.encoding if sys.stderr else "utf-8"
@@ -311,6 +329,7 @@ class Program(CommandGroup):
         # with arguments it is called by a program that has been running for a while
         own = not args and options.get("args") is None
         _begun[0] = _process_begin() if own else time.perf_counter()
+        spare_address_space()
         _secure_streams()
         given = args[0] if args else options.get("args")
         self.context_settings["obj"] = list(sys.argv[1:] if given is None else given)
@@ -344,12 +363,14 @@ class Program(CommandGroup):
             place = f"{error.filename}: " if error.filename else ""
             self._fail(ctx, f"{place}{error.strerror or error}", error)
         except MemoryError as error:
-            self._fail(ctx, f"{ctx.invoked_subcommand}: there is not enough memory", error)
+            self._fail(ctx, f"{ctx.invoked_subcommand}: {_NO_MEMORY}", error)
         except ModuleNotFoundError as error:
             if error.name != "pxr":
                 raise
             self._fail(ctx, "USD is not installed: pip install usd-core, or use a host's", error)
         except Exception as error:
+            if str(error) == "can't start new thread":
+                self._fail(ctx, f"{ctx.invoked_subcommand}: {_NO_MEMORY}", error)
             if not _came:
                 LOGGER.exception("a fault of the program")
                 raise

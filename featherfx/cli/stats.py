@@ -21,6 +21,7 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command, print_json
 from featherfx.cli.progress import Progress
+from featherfx.errors import as_figure
 
 
 @click.command(
@@ -97,33 +98,29 @@ def _lines(stats: dict[str, Any]) -> list[str]:
 def _bake_lines(bake: dict[str, Any]) -> list[str]:
     lines = [
         f"bake of {bake['frames']} frames: {bake['unknowns']} unknowns,"
-        f" {_short(1e3 * bake['seconds_of_a_feather_and_frame'])} ms a feather and frame"
+        f" {as_figure(1e3 * bake['seconds_of_a_feather_and_frame'])} ms a feather and frame"
         f" (by {bake['tried_feathers']} feathers and {bake['tried_frames']} frames)",
     ]
     if len(bake["levels"]) > 1:
         levels = ", ".join(f"{count:.0f} {level}" for level, count in bake["levels"].items())
         lines.append(f"  levels: {levels}")
     parts = ", ".join(
-        f"{name.replace('_', ' ')} {_short(seconds)}" for name, seconds in bake["seconds"].items()
+        f"{name.replace('_', ' ')} {as_figure(seconds)}"
+        for name, seconds in bake["seconds"].items()
     )
     lines.append(
-        f"  about {_short(bake['wall_seconds'])} s with {bake['jobs']} jobs ({parts};"
-        f" learnt in {_short(bake['trial_seconds'])} s)"
+        f"  about {as_figure(bake['wall_seconds'])} s with {bake['jobs']} jobs ({parts};"
+        f" learnt in {as_figure(bake['trial_seconds'])} s)"
     )
     lines.append(
-        f"  about {_short(bake['processor_seconds'])} s of processor time, whatever else is"
-        f" running: meanwhile its threads had {bake['cores']:.2g} cores"
+        f"  about {as_figure(bake['processor_seconds'])} s of processor time, whatever else is"
+        f" running: meanwhile its threads had {as_figure(bake['cores'])} cores"
     )
     lines.append(
-        f"  about {_short(bake['memory_bytes'] / 1e6)} MB of memory,"
-        f" {_short(bake['bytes_of_the_cache'] / 1e6)} MB of samples"
+        f"  about {as_figure(bake['memory_bytes'] / 1e6)} MB of memory,"
+        f" {as_figure(bake['bytes_of_the_cache'] / 1e6)} MB of samples"
     )
     return lines
-
-
-def _short(number: float) -> str:
-    """Two figures, or as many as the number has before its point."""
-    return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
 
 @click.command(

@@ -65,6 +65,9 @@ def write_beside(path: Path, store: Store) -> WrittenFile:
     file = WrittenFile(_beside(path, "tmp"), path)
     try:
         with _named(path):
+            if not path.parent.is_dir():
+                # USD would make it again
+                raise FileNotFoundError(errno.ENOENT, "its folder is gone")
             store(file.temporary)
     except BaseException:
         file.discard()

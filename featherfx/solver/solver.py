@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import SimulationError
+from featherfx.errors import SimulationError, as_figure
 from featherfx.files.background import limit_threads
 from featherfx.jit.compiled import KernelModule
 from featherfx.limits import MAX_JOBS
@@ -284,8 +284,8 @@ def describe_overload(held: float) -> str:
     if not held > _BREAKING_ENERGY:
         return ""
     return (
-        f"its pose holds {held:.2g} J/kg, {held / _BREAKING_ENERGY:.2g} times what keratin breaks "
-        "at: look at how its root moves, at grips and forces, and at its stiffness"
+        f"its pose holds {as_figure(held)} J/kg, {as_figure(held / _BREAKING_ENERGY)} times what"
+        " keratin breaks at: look at how its root moves, at grips and forces, and at its stiffness"
     )
 
 

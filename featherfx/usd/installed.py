@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from featherfx.errors import Problem, require
+from featherfx.files.address_space import refuse_small_address_space
 
 MIN_USD_VERSION = (0, 24, 3)
 # the library that every program with USD loads first; all in one, or with the others beside it
@@ -21,6 +22,7 @@ def refuse_unfit_usd() -> None:
     Two libraries of USD share neither layers nor types, and crash the process sooner or later. Only
     Linux lists the loaded libraries.
     """
+    refuse_small_address_space()
     from pxr import Usd
 
     problems = []

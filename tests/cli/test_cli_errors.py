@@ -5,6 +5,7 @@ import errno
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from featherfx.baking import pipeline
 from featherfx.baking.options import BakeOptions, GroomOptions
 from featherfx.cli.main import main
 from featherfx.errors import InputError, Problem, SimulationError
+from featherfx.limits import MIN_ADDRESS_SPACE
 
 SHOT = SAMPLES / "feather_pull/shot.toml"
 GROOM = SHOT.with_name("groom.toml")
@@ -275,26 +277,53 @@ def test_a_stderr_that_takes_nothing_ends_no_work(tmp_path, stream):
     assert Usd.Stage.Open(str(output)).GetDefaultPrim()
 
 
-@pytest.mark.parametrize(
-    ("variables", "told"),
-    [
-        ({"NUMBA_DISABLE_JIT": "1"}, "NUMBA_DISABLE_JIT: is set, but"),
-        (
-            {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
-            "has letters that this locale does not know. Set LC_ALL=C.UTF-8",
-        ),
-    ],
-)
-def test_an_environment_that_cannot_work_is_one_message(tmp_path, variables, told):
-    output = tmp_path / "h\u00e9ron.usdc"
-    command = [sys.executable, "-m", "featherfx", "bake", str(SHOT), "-o", str(output)]
-    done = subprocess.run(
-        command, env=os.environ | variables, capture_output=True, text=True, check=False
+def run_featherfx(*arguments, variables=None, address_space=None):
+    """Run a command in a process of its own, with variables and bytes of address space."""
+
+    def limit():
+        if address_space is not None:
+            resource.setrlimit(resource.RLIMIT_AS, (address_space, address_space))
+
+    return subprocess.run(
+        [sys.executable, "-m", "featherfx", *map(str, arguments)],
+        env=os.environ | (variables or {}),
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
+        preexec_fn=limit,
     )
+
+
+def test_an_environment_that_cannot_work_is_one_message(tmp_path):
+    variables = {"NUMBA_DISABLE_JIT": "1"}
+    done = run_featherfx("bake", SHOT, "-o", tmp_path / "a.usdc", variables=variables)
     assert done.returncode == 1
     assert done.stderr.startswith("featherfx: ")
-    assert told in done.stderr.splitlines()[-1]
+    assert "NUMBA_DISABLE_JIT: is set, but" in done.stderr.splitlines()[-1]
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("variables", [{"PYTHONUTF8": "0"}, {"PYTHONIOENCODING": "ascii"}])
+def test_names_are_utf8_in_every_locale(tmp_path, variables):
+    cache = tmp_path / "h\u00e9ron.usda"
+    assert invoke("groom", GROOM, "-o", cache, "--quality", "draft").exit_code == 0
+    variables = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0"} | variables
+    done = run_featherfx("inspect", cache, variables=variables)
+    assert done.returncode == 0, done.stderr
+    assert "h\u00e9ron.usda" in done.stderr
+    assert "ron.usda" in done.stdout.splitlines()[0]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such limit")
+def test_a_small_address_space_is_told_before_the_work(tmp_path):
+    bake = ("bake", SHOT, "-o", tmp_path / "a.usdc", "--frames", "1-2", "--quality", "draft")
+    done = run_featherfx(*bake, address_space=900_000_000)
+    assert done.returncode == 1
+    assert "(ulimit -v): allows 900 MB, but at least 1.25 GB are needed" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+    assert run_featherfx("presets", "list", address_space=900_000_000).returncode == 0
+    done = run_featherfx(*bake, address_space=int(MIN_ADDRESS_SPACE))
+    assert done.returncode == 0, done.stderr
 
 
 def test_problems_name_the_line_and_the_entry(tmp_path):

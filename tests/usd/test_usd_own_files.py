@@ -302,7 +302,10 @@ def test_an_interrupt_among_renames_waits_for_the_last(tmp_path, monkeypatch):
 @pytest.mark.parametrize("layout", ["clips", "flat", "payload"])
 @pytest.mark.parametrize("gone", ["output", "chunks"])
 @pytest.mark.parametrize("when", ["early", "late"])
-def test_a_folder_that_is_removed_in_mid_bake_is_one_message(tmp_path, layout, gone, when):
+@pytest.mark.parametrize("made_again", [False, True])
+def test_a_folder_that_is_removed_in_mid_bake_is_one_message(
+    tmp_path, layout, gone, when, made_again
+):
     path = tmp_path / "out" / "o.usdc"
     path.parent.mkdir()
     own = {"output": path.parent, "chunks": parts_folder(path, layout)}[gone]
@@ -315,8 +318,10 @@ def test_a_folder_that_is_removed_in_mid_bake_is_one_message(tmp_path, layout, g
                 if number == {"early": 1, "late": 3}[when]:
                     assert writer.samples_done == number
                     shutil.rmtree(own)
+                    if made_again:
+                        own.mkdir()
 
     with pytest.raises(OutputError) as caught:
         run()
     assert len(caught.value.problems) == 1
-    assert not path.exists()
+    assert [each for each in tmp_path.rglob("*") if each.is_file()] == []

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Array, Flags
-from featherfx.errors import InputWarning
+from featherfx.errors import InputWarning, as_figure
 from featherfx.mechanics.model import Loads
 from featherfx.shot.loop.run import Arrays, Stage, prefixed, under
 from featherfx.solver.state import RootPath, State
@@ -218,11 +218,12 @@ def _warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> No
         changes = changes[np.isfinite(changes)]
         # what only sleeps needs no word
         if changes.any():
+            low, high = (as_figure(1e3 * change) for change in (changes.min(), changes.max()))
             message = (
                 f"cycle: no feather is replayed: within {done} frames none has become periodic."
-                f" Over the last {frames} they changed by {1e3 * changes.min():.2g} to"
-                f" {1e3 * changes.max():.2g} mm, more than {1e3 * known[0].tolerance:.2g} (the"
-                " tolerance of the quality), all of those that may touch together"
+                f" Over the last {frames} they changed by {low} to {high} mm, more than"
+                f" {as_figure(1e3 * known[0].tolerance)} (the tolerance of the quality),"
+                " all of those that may touch together"
             )
             warnings.warn(InputWarning(message), stacklevel=2)
 

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputWarning
+from featherfx.errors import InputWarning, as_figure
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.direction.channels import Curve
 from featherfx.shot.direction.shapes import refuse_other_shapes, shape_of
@@ -251,8 +251,9 @@ class TargetStage(Stage):
             allowed = self._shot.targets[number].tolerance
             if 100.0 * worst > allowed:
                 message = (
-                    f"{self._shot.source}: target[{number}]: '{name}' is {100.0 * worst:.2g} % of"
-                    f" its length off at frame {frame:g}, tolerance = {allowed:g}. A smaller"
+                    f"{self._shot.source}: target[{number}]: '{name}' is"
+                    f" {as_figure(100.0 * worst)} % of its length off at frame {frame:g},"
+                    f" tolerance = {allowed:g}. A smaller"
                     " tolerance pulls harder, but no shape is reached that stretches shaft or barbs"
                 )
                 warnings.warn(message, InputWarning, stacklevel=2)

@@ -173,6 +173,11 @@ _LIMITS = (
         "that of the machine",
         f"the environment variable `{limits.MEMORY_VARIABLE}`, in GB, sets another limit",
     ),
+    (
+        "Address space of a process (`ulimit -v`)",
+        f"no less than {limits.MIN_ADDRESS_SPACE / 1e9:g} GB",
+        "OpenUSD reserves most of it",
+    ),
 )
 
 

@@ -20,7 +20,7 @@ from scipy.interpolate import PchipInterpolator
 
 from featherfx.algebra.types import Array, Floats
 from featherfx.algebra.vectors import unit
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, as_figure
 from featherfx.phases import counted
 from featherfx.usd.arrays import vec3f
 from featherfx.usd.convert.merge import begin_export, copy_layer, flatten_stage
@@ -391,8 +391,8 @@ def _check_roots(
             worst = float(apart.max())
             if worst > _ROOT_TOLERANCE:
                 message = (
-                    f"a root in {prim.path} is {100.0 * worst:.2g} % of its feather's length away"
-                    f" at frame {code + frames:g} from where it is at {code:g}, more"
+                    f"a root in {prim.path} is {as_figure(100.0 * worst)} % of its feather's length"
+                    f" away at frame {code + frames:g} from where it is at {code:g}, more"
                     f" than {100.0 * _ROOT_TOLERANCE:g} %. Give the period of the motion"
                 )
                 raise InputError(Problem(source, "loop", message))

@@ -20,7 +20,7 @@ from pxr import Usd, UsdGeom
 
 from featherfx.algebra.interpolation import Knots, Maps, Stencil
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.errors import InputError, InputWarning, Problem, as_figure
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import closest
 from featherfx.usd.read.drawn_meshes import DrawnMesh, MatrixAt, place_mesh
@@ -174,8 +174,12 @@ class Surface(ScenePrim):
         if self.limit is None and self.scheme != "none":
             off, of = self.cage_distance(), "the cage, which is taken,"
         if off > MAX_UNTOLD_DISTANCE:
-            message = f"{at}: {self.path}: {of} are up to {1e3 * off:.2g} mm off the {self.scheme} "
-            warnings.warn(f"{message}surface that renderers draw", InputWarning, stacklevel=3)
+            message = f"{at}: {self.path}: {of} are up to {as_figure(1e3 * off)} mm off"
+            warnings.warn(
+                f"{message} the {self.scheme} surface that renderers draw",
+                InputWarning,
+                stacklevel=3,
+            )
 
     def locate(self, triangle: Indices, barycentric: Array) -> tuple[Indices, Indices, Array]:
         """Return (R,) faces of the prim, (R, 3) its points, and (R, 3) their weights, of places.
