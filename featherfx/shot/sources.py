@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -44,8 +44,8 @@ class OfScene(Protocol):
         """Return whether the scene gives them itself."""
 
     @property
-    def origin(self) -> tuple[str, tuple[Path, ...]]:
-        """Path in the scene, and every file that the scene is made of."""
+    def origin(self) -> tuple[Any, ...]:
+        """Path in the scene, every file that the scene is made of, and how it is read."""
 
 
 class MovingSurface(OfScene, Protocol):
@@ -87,6 +87,9 @@ class MovingSurface(OfScene, Protocol):
 
     def is_mirrored(self, code: float) -> bool:
         """Return whether it is mirrored at a time code against rest."""
+
+    def masked(self, chosen: Flags) -> MovingSurface:
+        """The same with some of its triangles (T,) alone."""
 
     def smoothed(self, knots: Knots | None) -> MovingSurface:
         """The same, moving smoothly between the poses that it has at knots (time codes); None: as

@@ -751,7 +751,7 @@ SCENES = {
             *(".sphere", ".y", ".z", ".nearest", ".facing", ".free_radius", ".angle"),
             *(".soft_angle", ".density", ".away", ".towards", ".curves", ".blend", ".layer"),
             *(".max_length_per_free_radius", "region.0.joint", "region.0.variants"),
-            *(".variant_sets", ".subdivision", ".uv", ".wrap"),
+            *(".variant_sets", ".subdivision", ".uv", ".wrap", ".ids_from"),
         ),
     ),
     "layout": Scene(
@@ -948,6 +948,7 @@ ELSEWHERE = {
     "shot.skin.on_collapse": "tests/usdin/test_collapsed_faces.py",
     "shot.collider.time": "tests/usdin/test_stage_time.py",
     "shot.wind_usd": "tests/usdin/test_usd_wind_and_bake.py",
+    "shot.collider.map": "tests/usdin/test_texture_space.py",
     "shot.collider.usd": "tests/contact/test_contact_shots.py",
     "shot.collider.interpolation": "tests/contact/test_contact_shots.py",
     "shot.contact.skin": "tests/contact/test_contact_shots.py",

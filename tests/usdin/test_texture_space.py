@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
-from pxr import Sdf, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 from regions_skin import SKIN, grown, problems, region, roots
 from usdin_scenes import add_mesh, new_stage
 
-from featherfx.errors import InputWarning
+from featherfx.api import read_shot
+from featherfx.errors import InputError, InputWarning
 from featherfx.groom.regions.tiles import find_tiles, sample_tiles
 from featherfx.groom.skin.skin import bind
 
@@ -125,3 +127,73 @@ def test_of_places_with_one_uv_the_nearest_is_taken(charts):
     given = meant + random.normal(scale=0.05, size=(40, 3))
     found = bind(given, np.array(points), np.array(triangles), (uv, np.array(st)))
     np.testing.assert_allclose(given - found.offset, meant, atol=1e-9)
+
+
+SHOT = """name = "s"
+groom = "plain.toml"
+frames = [1, 2]
+[contact]
+[[collider]]
+usd = "skin.usda"
+prims = ["/skin"]
+"""
+
+
+def read_collider(folder, keys):
+    feather = '[[feather]]\nid = "f"\nkind = "covert"\nposition = [0, 0, 1]\n'
+    (folder / "plain.toml").write_text(f'name = "g"\n{feather}')
+    (folder / "shot.toml").write_text(SHOT + keys)
+    (collider,) = read_shot(folder / "shot.toml").colliders
+    surface = collider.surface
+    return surface.rest[surface.triangles].mean(axis=1), surface
+
+
+@pytest.mark.parametrize(
+    ("keys", "axis", "low"),
+    [
+        ('map = "half.png"', 0, 0.0),
+        ('map = "half.png"\nuv = "turned"', 1, 0.0),
+        ('map = "half.png"\nuv = "twice"\nwrap = "clamp"', 0, -0.05),
+        ('map = "weight"', 1, 0.05),
+    ],
+)
+def test_a_map_says_which_part_of_a_collider_is_touched(tmp_path, keys, axis, low):
+    sheet(tmp_path, lambda x, y: (x, y))
+    stage = Usd.Stage.Open(str(tmp_path / "skin.usda"))
+    api = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/skin"))
+    st = np.array(api.GetPrimvar("st").Get())
+    for name, values in (("turned", st[:, ::-1]), ("twice", 2.0 * st)):
+        kind = Sdf.ValueTypeNames.TexCoord2fArray
+        api.CreatePrimvar(name, kind, "vertex").Set([tuple(each) for each in values.tolist()])
+    weights = np.clip(2.0 * st[:, 1] - 1.0, 0.0, 1.0).tolist()
+    api.CreatePrimvar("weight", Sdf.ValueTypeNames.FloatArray, "vertex").Set(weights)
+    stage.Save()
+    picture(tmp_path, "half.png", np.where(np.arange(8) < 4, 0, 255).astype(np.uint8)[None])
+    whole, _ = read_collider(tmp_path, "")
+    middles, surface = read_collider(tmp_path, keys)
+    is_left = whole[:, axis] > low
+    assert np.array_equal(middles, whole[is_left])
+    assert len(surface.closed) == len(surface.border) == len(surface.face) == is_left.sum()
+
+
+def test_a_volume_of_which_a_part_is_touched_is_a_sheet(tmp_path):
+    stage = new_stage(tmp_path / "skin.usda", 1.0)
+    box = trimesh.creation.box((0.2, 0.2, 0.2))
+    for mesh in (add_mesh(stage, "/skin", box.vertices, [3] * 12, box.faces),):
+        weights = (box.vertices[:, 2] > 0.0).astype(float).tolist()
+        primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+            "weight", Sdf.ValueTypeNames.FloatArray, "vertex"
+        )
+        primvar.Set(weights)
+    stage.GetRootLayer().Save()
+    assert read_collider(tmp_path, "")[1].closed.all()
+    middles, surface = read_collider(tmp_path, 'map = "weight"')
+    assert 2 <= len(middles) < 12
+    assert not surface.closed.any()
+
+
+def test_a_map_that_leaves_nothing_to_touch_is_refused(tmp_path):
+    sheet(tmp_path, lambda x, y: (x, y))
+    picture(tmp_path, "black.png", 0)
+    with pytest.raises(InputError, match=r"map: leaves no face of /skin"):
+        read_collider(tmp_path, 'map = "black.png"')

@@ -119,8 +119,12 @@ _COLLIDER = {
     "start": _START,
     "time": _TIME,
     "interpolation": _INTERPOLATION,
+    "map": Key(
+        Text(), "Primvar, or picture, of what is touched: faces below a half are not.", None
+    ),
     **DRAWN_KEYS,
     **SURFACE_KEYS,
+    **PICTURE_KEYS,
 }
 
 CONTACT = {

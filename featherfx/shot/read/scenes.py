@@ -22,6 +22,7 @@ from featherfx.shot.sources import MovingSurface, OfScene, TimedSurface, TimedWi
 from featherfx.shot.types import Channel, LevelOfDetail, Target
 from featherfx.shot.view import TimedCamera
 
+_MIN_MAP = 0.5  # value of a map at the middle of a triangle from which on it is touched
 _LOOKS = 5  # frames of the shot that tell how far a surface moves
 
 
@@ -96,22 +97,45 @@ def with_maps(
 def _factors(
     name: str, groom: Groom, entry: dict[str, Any], at: Place, readers: SceneReaders
 ) -> dict[str, float]:
-    from featherfx.groom.regions.rules import painted
-    from featherfx.groom.skin.points import SkinSurface
     from featherfx.groom.skin.skin import closest
 
-    folder, prims = Path(at.source).parent, {entry["prim"]: at}
-    with warnings.catch_warnings():
-        # holes matter to what grows on it, not to what is painted on it
-        warnings.simplefilter("ignore", InputWarning)
-        skins = readers.skin(entry, prims, folder, at)
-    surface = SkinSurface(skins[entry["prim"]])
-    kind = "image" if "." in name else "primvar"
-    rule, _ = painted(kind, name, surface, folder, at)
+    surface, rule = _read_map(name, entry["prim"], entry, at, readers)
     roots = np.array([each.position for each in groom.feathers])
     values = rule(surface.at(*closest(roots, surface.corners)))
     ids = [each.id for each in groom.feathers]
     return dict(zip(ids, np.clip(values, 0.0, 1.0).tolist(), strict=True))
+
+
+def _read_map(
+    name: str, prim: str, entry: dict[str, Any], at: Place, readers: SceneReaders
+) -> tuple[Any, Any]:
+    """Return a mesh at rest and the rule of a primvar or picture on it."""
+    from featherfx.groom.regions.rules import painted
+    from featherfx.groom.skin.points import SkinSurface
+
+    folder = Path(at.source).parent
+    with warnings.catch_warnings():
+        # holes matter to what grows on it, not to what is painted on it
+        warnings.simplefilter("ignore", InputWarning)
+        skins = readers.skin(entry, {prim: at}, folder, at)
+    surface = SkinSurface(skins[prim])
+    rule, _ = painted("image" if "." in name else "primvar", name, surface, folder, at)
+    return surface, rule
+
+
+def _mask(
+    surface: MovingSurface, entry: dict[str, Any], at: Place, readers: SceneReaders
+) -> MovingSurface:
+    """Return the part of a collider that its map says is touched."""
+    if entry["map"] is None or surface.bones is not None:
+        return surface
+    whole = {**entry, "rest": None}
+    mesh, rule = _read_map(entry["map"], surface.path, whole, at.child("map"), readers)
+    count = len(surface.triangles)
+    chosen = rule(mesh.at(np.arange(count), np.full((count, 3), 1.0 / 3.0))) >= _MIN_MAP
+    if not chosen.any():
+        at.child("map").refuse(f"leaves no face of {surface.path}. Paint 1 where feathers touch")
+    return surface.masked(chosen)
 
 
 def with_shapes(
@@ -165,7 +189,8 @@ def read_colliders(
                 clock = clocks.clock(mesh, entry, at)
                 _note(mesh, "collider", checked, clock)
                 _warn_of_range(mesh, checked, clock, at)
-                found.append(TimedSurface(_moving(mesh, entry, checked, clock), clock))
+                part = _mask(mesh, entry, at, readers)
+                found.append(TimedSurface(_moving(part, entry, checked, clock), clock))
     return tuple(found)
 
 

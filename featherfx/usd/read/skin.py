@@ -67,7 +67,7 @@ def read_skin(
         for message in skin_doubts(mesh):
             warnings.warn(f"{scene.path}: {path}: {message}", InputWarning, stacklevel=2)
     for mesh in opened:
-        note_read(StageRead(str(scene.path), mesh.path, "skin to groom", 1))
+        note_read(StageRead(str(scene.path), mesh.path, "skin at rest", 1))
     return {
         path: StageSkin(scene, mesh, skin["wrap"]) for path, mesh in zip(paths, opened, strict=True)
     }

@@ -19,7 +19,7 @@ from featherfx.algebra.types import Array
 from featherfx.errors import InputError, InputWarning
 from featherfx.groom.keys.problems import Place, Problems, closest
 from featherfx.provenance import LeftOut
-from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.opening import locate_package, open_stage
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -78,7 +78,7 @@ class SourceScene:
     def files(self) -> tuple[Path, ...]:
         """Return every file that the open stage is made of, clips included; no textures."""
         layers = {layer.realPath for layer in self.stage.GetUsedLayers()} | clip_files(self.stage)
-        return tuple(Path(path) for path in sorted(layers) if path)
+        return tuple(sorted({locate_package(Path(path))[0] for path in layers if path}))
 
     @cached_property
     def paths(self) -> dict[str, list[str]]:
@@ -122,8 +122,8 @@ class ScenePrim:
         return f"changes from time code {self.sampled[0]:g} to {self.sampled[1]:g}"
 
     @property
-    def origin(self) -> tuple[str, tuple[Path, ...]]:
-        return self.path, self._scene.files
+    def origin(self) -> tuple[Any, ...]:
+        return self.path, self._scene.files, dict(self.variant_sets)
 
     @property
     def file(self) -> Path:

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from featherfx.algebra.interpolation import Knots, Maps, Stencil
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import cross_columns, triangle_edges
+from featherfx.algebra.winding import orient
 from featherfx.errors import InputError, InputWarning, Problem, as_figure
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import closest
@@ -104,8 +106,9 @@ class Surface(ScenePrim):
     subdivides it, or none; subdivision: whether that is asked for. sampled: first and last time
     code with samples of anything that moves it, None where nothing does. bones: (T,) m, length of
     each triangle's bone or piece of curve, where it is a ribbon along these. idle: the skeleton
-    that names it and does not move it, and why, in words. knots: where its poses are those of the
-    scene, with smooth motion between them; None: the scene's own motion.
+    that names it and does not move it, and why, in words. mask: which of its triangles it has,
+    None for all. knots: where its poses are those of the scene, with smooth motion between them;
+    None: the scene's own motion.
     """
 
     bones: Array | None = None
@@ -114,6 +117,7 @@ class Surface(ScenePrim):
     scheme: str = "none"
     uv: str = ""
     idle: str = ""
+    mask: Flags | None = None
     mirrored: bool
     rest: Array
 
@@ -163,6 +167,10 @@ class Surface(ScenePrim):
     def skeleton(self) -> Any:
         """Return the prim of the skeleton that moves it, None without one."""
         return None if self._skinning is None else self._skinning.space
+
+    @property
+    def origin(self) -> tuple[Any, ...]:
+        return (*super().origin, self.limit is not None, self.mask)
 
     def cage_distance(self) -> float:
         """Return the largest distance (m) of its points to the subdivided surface."""
@@ -219,6 +227,20 @@ class Surface(ScenePrim):
         primvar = UsdGeom.PrimvarsAPI(self._prim).FindPrimvarWithInheritance(name)
         values = read_primvar(primvar, kind)
         return None if values is None else self.spread(*values)
+
+    def masked(self, chosen: Flags) -> Surface:
+        """The same mesh with some of its triangles (T,) alone."""
+        found = copy.copy(self)
+        found.mask = chosen
+        found.triangles, found.places, found.face = (
+            each[chosen] for each in (self.triangles, self.places, self.face)
+        )
+        found.st = None if self.st is None else self.st[chosen]
+        normals = cross_columns(*triangle_edges(self.rest, found.triangles)).T
+        counts = np.full(len(found.triangles), 3)
+        sides = orient(counts, found.triangles.ravel(), self.rest, normals)
+        found.closed, found.border = sides.closed, sides.border
+        return found
 
     def smoothed(self, knots: Knots | None) -> Surface:
         """The same mesh, moving smoothly between the poses that it has at knots (time codes); None:
