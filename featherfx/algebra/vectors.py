@@ -35,8 +35,10 @@ def triangle_edges(points: Array, triangles: Indices) -> tuple[Array, Array]:
     """(3, T), (3, T) ways from the first corners of triangles (T, 3) of points (V, 3) to the
     second and third ones."""
     columns = np.ascontiguousarray(points.T)
-    a, b, c = (columns.take(corner, axis=1) for corner in np.ascontiguousarray(triangles.T))
-    return b - a, c - a
+    start, first, second = (columns.take(corner, axis=1) for corner in triangles.T)
+    first -= start
+    second -= start
+    return first, second
 
 
 def face_products(corners: Array) -> Array:

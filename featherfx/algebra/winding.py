@@ -90,10 +90,12 @@ def _pair_up(start: Indices, end: Indices) -> tuple[Indices, Indices, Indices]:
     start, end: (E,) points of the edges. Where four or six faces meet at an edge, two or three
     volumes touch.
     """
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    key = low * (int(high.max(initial=0)) + 1) + high
+    key, high = np.minimum(start, end), np.maximum(start, end)
+    key *= int(high.max(initial=0)) + 1
+    key += high
     order = np.argsort(key, kind="stable")
-    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+    key = key[order]
+    starts = np.flatnonzero(np.append(True, key[1:] != key[:-1])[: len(key)])
     uses = np.diff(starts, append=len(order))
     twice = starts[uses == 2]
     alone = np.zeros(0, dtype=np.int64)

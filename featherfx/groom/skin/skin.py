@@ -76,11 +76,16 @@ class Binding:
 def is_flat(points: Array, triangles: Indices) -> Flags:
     """(T,) whether triangles have no area to speak of. points: (V, 3), triangles: (T, 3)."""
     first, second = triangle_edges(points, triangles)
-    edges = first, second, second - first, cross_columns(first, second)
-    one, other, third, doubled = (np.einsum("ct,ct->t", each, each) for each in edges)
-    longest = np.maximum(np.maximum(one, other), third)
+    doubled = _square(cross_columns(first, second))
+    longest = np.maximum(_square(first), _square(second))
+    second -= first
+    longest = np.maximum(longest, _square(second))
     flat = np.sqrt(doubled) <= _THINNEST * longest
     return np.asarray(flat | (longest == 0.0))
+
+
+def _square(columns: Array) -> Array:
+    return np.asarray(np.einsum("ct,ct->t", columns, columns))
 
 
 def may_be_crushed(corners: Array) -> bool:
