@@ -199,8 +199,8 @@ def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Seq
 
     numbers = share_numbers(shot, *feathers)
     part = part_of(shot, numbers)
-    # followers need guides, which may be of another share; islands are those of the whole
-    shared = uses_guides(shot) or shot.contact is not None
+    # guides may be of another share; islands and measured errors are those of the whole
+    shared = uses_guides(shot) or shot.contact is not None or shot.quality.promised is not None
     return part, (shot if shared else part), numbers.tolist()
 
 

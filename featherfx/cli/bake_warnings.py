@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields
 from typing import Any
 
-from featherfx.baking.options import BakeOptions
 from featherfx.cli.program import tell
 from featherfx.errors import as_figure
 
@@ -16,8 +14,6 @@ _TOO_LONG = {
     "substeps_with_barbs_passing": "{} in which loose barbs pass through each other",
     "substeps_with_hooks_slipping": "{} in which hooks slip by more than a step should",
 }
-# percent; no bake can be asked for less
-_MIN_ERROR = next(each for each in fields(BakeOptions) if each.name == "error").metadata["least"]
 _FIXED_STEPS = "[contact] steps"
 _MAX_NAMED = 5  # feathers of a kind that a warning names
 _MAX_CHANGES = 12  # printed of a bake that reused samples of an earlier one
@@ -46,9 +42,8 @@ def print_warnings(result: dict[str, Any]) -> None:
         tell("\n".join(_unsolved(result)))
     for each in result.get("grips_at_limit", ()):
         tell(_at_limit(each))
-    promised = result.get("error_promised")
-    if promised is not None and result["error_estimated"] > promised:
-        tell(_missed(promised, result["error_estimated"]))
+    if over := result.get("over_promised"):
+        tell(_over(result["error_promised"], over))
     if result.get("undefined"):
         tell("\n".join(_undefined(result["undefined"])))
     for text in result.get("bounds_passed", ()):
@@ -58,8 +53,7 @@ def print_warnings(result: dict[str, Any]) -> None:
 def print_missing_promise(result: dict[str, Any]) -> None:
     """Print why a report promises no error, if it says so."""
     if why := result.get("error_not_promised"):
-        found = f"{as_figure(result['error_estimated'])} % is estimated for each feather by itself"
-        tell(f"featherfx: no error is promised: {why}; {found}")
+        tell(f"featherfx: no error is promised: {why}")
 
 
 def _unsolved(result: dict[str, Any]) -> Iterator[str]:
@@ -86,19 +80,13 @@ def _at_limit(each: dict[str, Any]) -> str:
     )
 
 
-def _missed(promised: float, estimated: float) -> str:
-    """The warning of an error that is estimated to be more than was asked for, both percent.
-
-    What is estimated goes with about the power 0.6 of what is asked for (docs/detail.md).
-    """
-    asked = promised * (promised / estimated) ** 1.6
-    advice = f"Ask for {as_figure(asked)} %"
-    if asked < _MIN_ERROR:
-        advice = "Look at how roots move, at grips, forces and stiffness"
+def _over(promised: float, over: dict[str, float]) -> str:
+    """The warning of kinds that the finest grids and tolerances do not bring to what was asked
+    for, percent."""
+    kinds = ", ".join(f"{as_figure(each)} % by {kind}" for kind, each in sorted(over.items()))
     return (
-        f"featherfx: warning: an error of {promised:g} % was asked for, {as_figure(estimated)} %"
-        " is estimated: feathers bent farther, or erred more in a step, than their loads told."
-        f" {advice}"
+        f"featherfx: warning: an error of {promised:g} % was asked for and cannot be kept: measured"
+        f" were {kinds}. Ask for that, or give numbers (rows, tolerance) instead of an error"
     )
 
 

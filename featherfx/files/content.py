@@ -9,6 +9,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from operator import attrgetter
 from pathlib import Path
+from types import MethodType
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ def digest(*values: Any) -> str:
 
     Records count by their fields, but those whose name begins with "_"; arrays by their bytes;
     paths by the content of their file. What has an `origin` (a mesh or wind of a scene) counts by
-    that. Raises TypeError for anything else.
+    that; methods count by their name and object. Raises TypeError for anything else.
     """
     return _digest(_Walk().of(values))
 
@@ -101,6 +102,8 @@ class _Walk:
             if _PLAIN.issuperset(map(type, value)):
                 return f"plain {tuple(value)!r};".encode()
             return f"list {len(value)} ".encode() + b"".join(map(self.of, value))
+        if isinstance(value, frozenset):
+            return self.of(sorted(value))
         if isinstance(value, Mapping):
             self._changing += 1
             pairs = sorted((str(key), part) for key, part in value.items())
@@ -136,6 +139,9 @@ class _Walk:
                 found = self._fields(value)
             elif hasattr(value, "origin"):
                 found = self.of((*value.origin, getattr(value, "knots", None)))
+                self._changing += 1
+            elif isinstance(value, MethodType):
+                found = self.of((value.__name__, value.__self__))
                 self._changing += 1
             else:
                 raise TypeError(f"a {type(value).__name__} has no digest")

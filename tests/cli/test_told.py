@@ -125,37 +125,39 @@ def test_a_warning_of_steps_says_what_was_exceeded_where_and_what_helps(
     ]
 
 
-@pytest.mark.parametrize(
-    ("promised", "estimated", "told"),
-    [
-        (1.0, 1.45, "an error of 1 % was asked for, 1.4 % is estimated: * Ask for 0.55 %"),
-        (0.5, 1e9, "*, 1000000000 % is estimated: * Look at how roots move, at grips, forces and*"),
-        (1.5, 1.45, ""),
-        (None, 1.45, ""),
-    ],
-)
-def test_an_error_that_is_not_kept_is_told(monkeypatch, promised, estimated, told):
+@pytest.mark.parametrize("over", [{}, {"down": 2.31, "covert": 1.2}])
+def test_an_error_that_cannot_be_kept_is_told(monkeypatch, over):
     def bake(shot, **options):
         figures = {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
-        asked = {} if promised is None else {"error_promised": promised}
-        return figures | asked | {"error_estimated": estimated}
+        return figures | {"error_promised": 1.0, "over_promised": over}
 
     monkeypatch.setattr(pipeline, "bake", bake)
     lines = invoke("bake", "s.toml").stderr.splitlines()
-    assert len(lines) == 1 + bool(told)
-    assert not told or fnmatch(lines[1], f"featherfx: warning: {told}")
+    assert len(lines) == 1 + bool(over)
+    if over:
+        assert "an error of 1 % was asked for and cannot be kept" in lines[1]
+        assert "1.2 % by covert, 2.3 % by down" in lines[1]
+
+
+def test_feathers_without_a_unique_answer_are_named_by_kind(monkeypatch):
+    def bake(shot, **options):
+        figures = {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
+        return figures | {"undefined": {"down": [f"d{k}" for k in range(7)], "covert": ["c"]}}
+
+    monkeypatch.setattr(pipeline, "bake", bake)
+    lines = invoke("bake", "s.toml").stderr.splitlines()
+    assert "8 feathers have no unique answer" in lines[1]
+    assert lines[2:] == ["  covert: c", "  down: d0, d1, d2, d3, d4 and 2 more"]
 
 
 def test_what_promises_no_error_says_why(monkeypatch):
     def bake(shot, **options):
         figures = {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
-        why = {"error_promised": None, "error_not_promised": "feathers push each other"}
-        return figures | why | {"error_estimated": 1.45}
+        return figures | {"error_promised": None, "error_not_promised": "feathers push each other"}
 
     monkeypatch.setattr(pipeline, "bake", bake)
     assert invoke("bake", "s.toml").stderr.splitlines()[1:] == [
-        "featherfx: no error is promised: feathers push each other; 1.4 % is estimated for each"
-        " feather by itself"
+        "featherfx: no error is promised: feathers push each other"
     ]
 
 

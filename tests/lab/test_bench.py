@@ -105,9 +105,6 @@ def test_tables_and_files(tmp_path, monkeypatch):
     small = replace(COARSE, duration=1.0 / 24.0)
     for name in ("PRODUCTION", "HERO"):
         monkeypatch.setattr(experiments, name, small)
-    monkeypatch.setattr(
-        experiments, "preset_shake", lambda kind, name: replace(COARSE, duration=0.5)
-    )
     made = list(experiments.all_tables(TINY, 2))
     files = report.write(tmp_path / "measured", made, None, "1.2.3")
     assert {"benchmark.md", "benchmark.json", "front.csv"} <= {file.name for file in files}

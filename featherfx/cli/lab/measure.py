@@ -14,16 +14,11 @@ from typing import Any
 import click
 import numpy as np
 
-from featherfx._version import __version__
 from featherfx.baking.pipeline import bake
 from featherfx.cli.lab.show import show
 from featherfx.cli.options import json_option, readable_path
 from featherfx.cli.program import Command, CommandGroup
-from featherfx.cli.progress import Progress
 from featherfx.files.folders import shipped
-from featherfx.lab.bench import front
-from featherfx.lab.bench.report import machine
-from featherfx.lab.bench.scenes import SCENES
 from featherfx.lab.measure import accuracy, compiling, house, iteration_kernels, plumage
 
 _SAMPLES = shipped("samples")
@@ -84,18 +79,6 @@ def measure_scaling(preset: str) -> None:
             for rule, size, tip, barbs, rate in accuracy.scaling_rows(preset)
         ),
     )
-
-
-@measure.command("errors", cls=Command)
-def measure_errors() -> None:
-    """Errors of rows, columns, coefficients and steps on scenes, for error_model.json."""
-    rows: list[Any] = []
-    with Progress("scenes") as progress:
-        for done, name in enumerate(SCENES, 1):
-            rows += front.measure(name)
-            progress(done, len(SCENES))
-    found = {"how": front.HOW, "missed": front.missed(rows, front.iteration_times())}
-    click.echo(json.dumps(found | {"machine": machine(__version__)}, indent=1))
 
 
 @measure.command("hooks", cls=Command)

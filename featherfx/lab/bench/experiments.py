@@ -18,13 +18,9 @@ import numpy as np
 from scipy.linalg.lapack import dpbtrf
 
 from featherfx.errors import SimulationError
-from featherfx.feather.build import build_feather
-from featherfx.groom.presets.library import plain
-from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.lab.bench.shake import (
-    ACCELERATION,
     EULER,
     Method,
     Shake,
@@ -34,10 +30,6 @@ from featherfx.lab.bench.shake import (
     swan_primary,
     trajectory_error,
 )
-from featherfx.mechanics.resolution import barb_load, rachis_deflection
-from featherfx.shot.options.error_model import Deflection
-from featherfx.shot.options.options import NEWTON_RATIO, choose_grid, given_by_quality
-from featherfx.shot.types import Quality
 
 _UNKNOWNS, _HALF_BANDWIDTH = 2583, 131
 _FACTORISATIONS = 15
@@ -89,9 +81,6 @@ _RATIOS = tuple(10.0**k for k in range(2, 9))
 # 1/s, fixed steps of the table of steps
 _STEP_RATES = (24, 96, 384, 480)
 _COST = "ms a simulated second"
-_QUALITIES = ("draft", "preview", "final")
-# percent of the length
-_PROMISED = (2.0, 1.0, 0.5, 0.25)
 
 
 def all_tables(extent: Extent, jobs: int) -> Iterator[ResultTable]:
@@ -103,7 +92,6 @@ def all_tables(extent: Extent, jobs: int) -> Iterator[ResultTable]:
     yield steps_table(kind, extent, reference)
     yield methods_table(kind, extent)
     yield stiffness_table(kind, extent)
-    yield presets_table(kind, reference)
     yield front_table(kind, extent, reference)
     yield threads_table(kind, extent, jobs)
     yield batches_table(kind, extent)
@@ -234,51 +222,6 @@ def front_shakes(extent: Extent) -> Iterator[Shake]:
         tolerance = ratio * swan_primary().length
         newton = min(1e-6, 1e-3 * tolerance)
         yield Shake(rows, columns, 2, 0.0, tolerance, radius, newton)
-
-
-def preset_shake(kind: FeatherKind, name: str) -> Shake:
-    """The shake with the settings of a quality preset, as a bake uses them."""
-    quality = Quality(name=name, **plain(load_preset(f"quality/{name}")[1]))
-    return quality_shake(kind, quality)
-
-
-def quality_shake(kind: FeatherKind, quality: Quality) -> Shake:
-    """The shake as a bake of that quality simulates it."""
-    feather = build_feather(kind, quality.rows, quality.columns)
-    pressure = kind.vane_material.surface_density * ACCELERATION
-    bent = Deflection(
-        rachis=rachis_deflection(feather, kind, ACCELERATION, 0.0),
-        barb=barb_load(feather, kind, pressure),
-        air=0.0,
-    )
-    own = choose_grid(given_by_quality(quality), quality, feather, kind, bent, pressure)
-    return Shake(
-        rows=own.rows,
-        columns=own.columns,
-        coefficients=own.coefficients,
-        step=0.0,
-        tolerance=own.tolerance,
-        radius=quality.spectral_radius,
-        newton=NEWTON_RATIO * own.tolerance,
-        max_substeps=quality.max_substeps,
-    )
-
-
-def presets_table(kind: FeatherKind, reference: ShakeRun) -> ResultTable:
-    """Cost and error of the quality presets."""
-    rows: list[Row] = []
-    shakes = {name: preset_shake(kind, name) for name in _QUALITIES}
-    for error in _PROMISED:
-        shakes[f"error = {error:g}"] = quality_shake(kind, Quality(name="", error=error))
-    for name, shake in shakes.items():
-        row = _front_row(kind, "barb-curvature", barb_curvature, shake, reference)
-        names = ("rows", "columns", "coefficients", "tolerance", "radius", "error", _COST)
-        rows.append({"preset": name, **{key: row[key] for key in names}, "steps": row["steps"]})
-    note = (
-        "The same shake and the same measure of error as below, with the steps that the presets'"
-        " error control chooses; steps are those of half a second."
-    )
-    return ResultTable("presets", "Quality presets", note, rows)
 
 
 def front_table(kind: FeatherKind, extent: Extent, reference: ShakeRun) -> ResultTable:

@@ -27,15 +27,13 @@ from featherfx.feather.types import Feather, RowPoints
 from featherfx.groom.keys.preset import Quality
 from featherfx.groom.presets.presets import list_presets, load_preset
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.options.options import FeatherOptions
+from featherfx.shot.options.options import MAX_COEFFICIENTS, FeatherOptions
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.subset import part_of
 from featherfx.shot.types import Shot
 
 # of the distribution: errors (percent), fastest wind (m/s), feathers and frames of a shot
 _ERRORS, _MAX_WIND, _FEATHERS, _FRAMES = (3.0, 1.5, 0.5), 20.0, 3, 13
-# bound of the quality's key
-_MAX_COEFFICIENTS = 6
 # of a shot with contact: distance of its feathers, of their length
 _CLOSE = 0.06
 # finer by, and the check; tolerances tighter by
@@ -106,7 +104,7 @@ def fixed_quality(
         name="fixed",
         rows=min(rows, 400),
         columns=min(columns, 100),
-        coefficients=min(coefficients, _MAX_COEFFICIENTS),
+        coefficients=min(coefficients, MAX_COEFFICIENTS),
         tolerance=tolerance * length,
         relative_tolerance=max(tolerance, 1e-6),
         max_substeps=rest.max_substeps,

@@ -1,34 +1,40 @@
-"""The error that a simulation is estimated to have, in the frame loop."""
+"""The error that was promised and measured, in the report of a bake."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from featherfx.shot.loop.error_estimate import ErrorEstimate
 from featherfx.shot.loop.run import Stage
 
 
 class ErrorStage(Stage):
-    """Estimated error of the feathers that are simulated in full."""
-
-    def prepare(self) -> None:
-        """Keep rest shapes and lengths of the feathers of each batch."""
-        self._estimate = ErrorEstimate(self.run.options, self.run.groups)
-
-    def note(self, index: int) -> None:
-        """Take the poses of a frame, and the steps on the way to it, into account."""
-        if index >= 0:
-            self._estimate.note()
-        for group in self.run.groups:
-            if group.report is not None:
-                self._estimate.stepped(group, group.report)
+    """Promised and measured error of the feathers that are simulated in full."""
 
     def report(self) -> dict[str, Any]:
-        """Error that is estimated and promised, percent of the length; feathers with several rest
-        poses, ids by kind (undefined)."""
-        undefined: dict[str, list[str]] = {}
-        for group in self.run.groups:
-            for f in group.members[group.several].tolist():
-                placement = self.run.shot.groom.feathers[f]
+        """Return error_promised and error_measured, percent of the length; feathers that have no
+        unique answer, ids by kind (undefined); kinds that cannot keep the error (over_promised)."""
+        run, found, undefined = self.run, dict[str, Any](), dict[str, list[str]]()
+        options, placements = run.options, run.shot.groom.feathers
+        several = {int(f) for g in run.groups for f in g.members[g.several]}
+        worst = dict[str, float]()
+        for f in sorted(int(f) for g in run.groups for f in g.members):
+            placement = placements[f]
+            measured = options.measured[f] if options.measured else None
+            if f in several or (measured is not None and not measured.is_unique):
                 undefined.setdefault(placement.kind.name, []).append(placement.id)
-        return self._estimate.report() | ({"undefined": undefined} if undefined else {})
+            elif measured is not None and options.feathers[f].level == "full":
+                name = placement.kind.name
+                worst[name] = max(worst.get(name, 0.0), 100.0 * measured.error)
+        error = options.promised_error
+        if error is None:
+            found = {"error_promised": None, "error_not_promised": options.why_not_promised}
+        else:
+            found = {"error_promised": 100.0 * error}
+        if worst:
+            found["error_measured"] = max(worst.values())
+        over = {k: each for k, each in worst.items() if error is not None and each > 100.0 * error}
+        return (
+            found
+            | ({"undefined": undefined} if undefined else {})
+            | ({"over_promised": over} if over else {})
+        )

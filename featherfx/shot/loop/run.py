@@ -59,11 +59,11 @@ class ShotRun:
     """A shot while it is simulated.
 
     shot: with its colliders brought up from rest. first: number of the first sample, below 0 where
-    the motion does not begin at rest. motion: of the roots, brought up from rest, with cuts. drawn:
-    all feathers on the meshes' grid. wanted: numbers of those in the frames; solved: of those that
-    are stepped if they are simulated. islands: (F,) contact group of each, or ALONE. rigid, guided:
-    number of wanted feathers that are not simulated. groups: batches; step_groups: the same, as
-    they are stepped together.
+    the motion does not begin at rest, or `begin`. motion: of the roots, brought up from rest, with
+    cuts. drawn: all feathers on the meshes' grid. wanted: numbers of those in the frames; solved:
+    of those that are stepped if they are simulated. islands: (F,) contact group of each, or ALONE.
+    rigid, guided: number of wanted feathers that are not simulated. groups: batches; step_groups:
+    the same, as they are stepped together.
     """
 
     def __init__(
@@ -72,10 +72,13 @@ class ShotRun:
         subframes: int,
         jobs: int,
         wanted: Sequence[int] | None,
+        begin: int | None = None,
     ) -> None:
         self.subframes, self.jobs = subframes, jobs
         shot = prepare_cuts(shot)
-        self.shot, self.motion, self.first = _from_preroll(shot, root_motion(shot), subframes)
+        self.shot, self.motion, self.first = shot, root_motion(shot), begin or 0
+        if begin is None:
+            self.shot, self.motion, self.first = _from_preroll(shot, self.motion, subframes)
         self.drawn = drawn_feathers(shot)
         every: Indices = np.arange(len(self.drawn))
         self.wanted: Indices = every if wanted is None else np.array(wanted, dtype=np.int64)

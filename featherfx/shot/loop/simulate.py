@@ -45,8 +45,9 @@ class Simulation:
         subframes: int = 1,
         start: Checkpoint | None = None,
         wanted: Sequence[int] | None = None,
+        begin: int | None = None,
     ) -> None:
-        self._run = run = ShotRun(shot, subframes, jobs, wanted)
+        self._run = run = ShotRun(shot, subframes, jobs, wanted, begin)
         self._stages: list[Stage] = [make(run) for make in brought(shot, "stages")]
         run.groups = make_groups(run)
         for stage in self._stages:
@@ -254,6 +255,7 @@ def simulate(
     subframes: int = 1,
     start: Checkpoint | None = None,
     wanted: Sequence[int] | None = None,
+    begin: int | None = None,
 ) -> Simulation:
     """Simulate a shot.
 
@@ -262,7 +264,7 @@ def simulate(
     frame, at evenly spaced times from the first frame to the last. start: where a simulation of
     the same shot and subframes stood; goes on after it. wanted: numbers of the feathers in the
     frames, ascending, None: all; others are simulated only where they guide some of these or may
-    touch them. Raises InputError where a feather cannot be built and, while iterating,
-    SimulationError.
+    touch them. begin: sample at which feathers settle, with no preroll. Raises InputError where a
+    feather cannot be built and, while iterating, SimulationError.
     """
-    return Simulation(shot, jobs, frames, subframes, start, wanted)
+    return Simulation(shot, jobs, frames, subframes, start, wanted, begin)

@@ -158,6 +158,11 @@ class CutFinder(FrameCuts):
         self._tracks, self._certain = tracks, certain
         self.found: dict[int, Cut | None] = {}
 
+    @property
+    def origin(self) -> tuple[str, list[int]]:
+        """What tells these cuts apart; the tracks follow from the shot."""
+        return "cuts", sorted(self._certain)
+
     def is_cut(self, k: int) -> bool:
         if k not in self.found:
             self.found[k] = next((cut for each in self._tracks if (cut := each.cut(k))), None)

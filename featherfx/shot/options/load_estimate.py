@@ -11,8 +11,7 @@ from featherfx.algebra.types import Array
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.resolution import barb_load, rachis_deflection
-from featherfx.shot.loads.wind import exposures
-from featherfx.shot.options.error_model import Deflection
+from featherfx.shot.loads.wind import exposures, wind_field
 from featherfx.shot.roots import Roots, sampled_rates
 from featherfx.shot.types import Shot
 
@@ -24,10 +23,23 @@ _PLACE = 0.7
 
 
 class LoadEstimate(NamedTuple):
-    """Largest loads on every feather. acceleration: (F,) m/s^2. pressure: (F,) of the air, Pa."""
+    """Largest loads on every feather. acceleration: (F,) m/s^2. pressure: (F,) of the air, Pa.
+    peak: (F,) s since the first frame, when root and wind load it most."""
 
     acceleration: Array
     pressure: Array
+    peak: Array
+
+
+class Deflection(NamedTuple):
+    """Deflection of a rachis by its loads, and of the barbs if they bent in proportion, m.
+
+    is_pulled: whether a grip or a force acts on it.
+    """
+
+    rachis: float
+    barb: float
+    is_pulled: bool = False
 
 
 def vane_pressure(kind: FeatherKind, loads: LoadEstimate, feather: int) -> float:
@@ -44,26 +56,14 @@ def estimate_deflections(
     # a grip bends the shaft as far as it reaches
     reach = {grip.feather: float(np.linalg.norm(grip.displacement)) for grip in shot.grips}
     reach |= {force.feather: np.inf for force in shot.forces}
-    wrung = _wrung(shot)
     found = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
         kind = placement.kind
-        inert = rachis_deflection(feather, kind, loads.acceleration[f], 0.0)
-        blown = rachis_deflection(feather, kind, 0.0, loads.pressure[f])
-        share = blown / max(inert + blown, 1e-12)
-        sag = min(max(inert + blown, reach.get(placement.id, 0.0)), kind.length)
+        sag = rachis_deflection(feather, kind, loads.acceleration[f], loads.pressure[f])
+        sag = min(max(sag, reach.get(placement.id, 0.0)), kind.length)
         barb = barb_load(feather, kind, vane_pressure(kind, loads, f))
-        found.append(Deflection(sag, barb, share, placement.id in wrung))
+        found.append(Deflection(sag, barb, placement.id in reach))
     return found
-
-
-def _wrung(shot: Shot) -> set[str]:
-    """Return the ids of the feathers that a grip pulls across the rachis within the plane of the
-    vane, by half of what it does out of it at least, or a force pulls."""
-    axes = {each.id: each.rotation for each in shot.groom.feathers}
-    across = {each.feather: axes[each.feather].T @ each.displacement for each in shot.grips}
-    pulled = {name for name, way in across.items() if abs(way[1]) > 0.5 * abs(way[2])}
-    return pulled | {force.feather for force in shot.forces}
 
 
 def estimate_loads(shot: Shot, motion: Roots) -> LoadEstimate:
@@ -80,9 +80,16 @@ def estimate_loads(shot: Shot, motion: Roots) -> LoadEstimate:
     along = _PLACE * np.array([p.kind.length for p in shot.groom.feathers])[:, None]
     poses = [motion.frames(float(time)) for time in times]
     places = np.stack([each.positions + along * each.rotations[:, :, 0] for each in poses])
-    speed, acceleration = (
-        np.linalg.norm(rate, axis=2).max(axis=0) for rate in sampled_rates(places, moments, shot)
-    )
+    velocity, rate = sampled_rates(places, moments, shot)
+    speed, acceleration = (np.linalg.norm(each, axis=2) for each in (velocity, rate))
+    gravity = float(np.linalg.norm(shot.gravity))
+    field = wind_field(wind)
+    seen = [field.velocity(place, float(time)) for place, time in zip(places, times, strict=True)]
+    against = np.linalg.norm(np.stack(seen) - velocity, axis=2)
+    felt = exposures(shot) * against
+    still = max(wind.speed, 1.0) ** 2
+    peak = times[np.argmax(acceleration / max(gravity, 1.0) + felt**2 / still, axis=0)]
+    speed, acceleration = speed.max(axis=0), acceleration.max(axis=0)
     through_air = wind.speed * (1.0 + 2.0 * wind.gust) + speed
     if shot.wind_source is not None:
         blowing = [
@@ -91,5 +98,4 @@ def estimate_loads(shot: Shot, motion: Roots) -> LoadEstimate:
         ]
         through_air = through_air + np.max(blowing, axis=0)
     air = 0.5 * wind.air_density * wind.drag_normal * (exposures(shot) * through_air) ** 2
-    gravity = float(np.linalg.norm(shot.gravity))
-    return LoadEstimate(_LOAD_FACTOR * gravity + acceleration, air)
+    return LoadEstimate(_LOAD_FACTOR * gravity + acceleration, air, peak)

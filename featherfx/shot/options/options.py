@@ -16,28 +16,22 @@ is carried over to them (featherfx/feather/density.py). Levels of detail:
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.types import Flags, Indices
 from featherfx.errors import Problem, require
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.batch import may_slip
 from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for, rows_for
-from featherfx.packages import brought
-from featherfx.shot.options.error_model import (
-    Deflection,
-    choose_for_error,
-    error_model,
-    rounded_down,
-    rounded_up,
-    stepped_down,
-)
+from featherfx.packages import brought, load_name
 from featherfx.shot.options.load_estimate import (
+    Deflection,
     estimate_deflections,
     estimate_loads,
     vane_pressure,
@@ -66,6 +60,26 @@ NEWTON_RATIO = 0.1
 _CONTACT_NEWTON_RATIO, _MIN_CONTACT_NEWTON = 1e-3, 2e-7
 # what a gap may be off, over the tolerance of steps; least and most, over the vane's thickness
 _GAP_RATIO, _MIN_GAP_RATIO, _MAX_GAP_RATIO = 0.05, 0.1, 0.4
+# rows, columns and coefficients that keep an error: each errs by about half of the one before
+SPACE = (
+    (6, 2, 1), (8, 3, 1), (11, 4, 1), (15, 4, 2), (21, 6, 2), (29, 8, 2), (41, 10, 3), (57, 12, 3),
+)  # fmt: skip
+# tolerances over the length, likewise
+TIME = (8e-3, 3e-3, 1.2e-3, 4.5e-4, 1.7e-4, 6.5e-5, 2.5e-5, 1e-5)
+# bound of the quality's key; to begin with, an error times the square of intervals of rows, and the
+# tolerance over the error; tolerances per octave, so
+# that feathers of about one length stay together
+MAX_COEFFICIENTS, _ROW_RATIO, _STEP_RATIO, _TOLERANCES_PER_OCTAVE = 6, 2.0, 0.1, 2
+
+
+class MeasuredGrid(NamedTuple):
+    """Levels of SPACE and TIME that a feather was measured to need, its error there over the
+    length, and whether finer settings come nearer to each other."""
+
+    space: int
+    time: int
+    error: float
+    is_unique: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,14 +138,14 @@ class ShotOptions:
     """The options of all feathers of a shot.
 
     feathers: of each. full: of each as it would be in full detail. free: (F,) which leave their
-    roots. air: (F,) the air's fraction of what bends their rachises, 0 where nothing is chosen by
-    that. promised_error: over a feather's length, None: none is promised, and why_not_promised.
+    roots. measured: of each, what was found on the sample of its stratum; empty where no error is
+    promised. promised_error: over a feather's length, None: none is promised, and why_not_promised.
     """
 
     feathers: tuple[FeatherOptions, ...]
     full: tuple[FeatherOptions, ...]
     free: Flags
-    air: Array
+    measured: tuple[MeasuredGrid, ...]
     promised_error: float | None
     why_not_promised: str
 
@@ -158,23 +172,30 @@ def resolve_options(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> S
     quality, placements = simulation_quality(shot), shot.groom.feathers
     source_of = _QualitySources(shot)
     free = np.array(last_fitting(shot.detachments, placements), dtype=np.int64) >= 0
-    air, full = np.zeros(len(feathers)), [given_by_quality(quality, source_of)] * len(feathers)
+    full = [given_by_quality(quality, source_of)] * len(feathers)
+    measured: Sequence[MeasuredGrid] = ()
     if quality.promised is not None or CHOSEN in (quality.coefficients, quality.simulated_rows):
         loads = estimate_loads(shot, motion)
         deflections = estimate_deflections(shot, feathers, loads)
-        air = np.array([each.air for each in deflections])
-        pulled = _pulled(shot)
+        if quality.promised is not None:
+            measure = load_name("loop.calibration:measure_grids")
+            measured = measure(shot, loads, deflections, free)
+            why = f"measured for an error of {100.0 * quality.promised:g} % ({source_of('error')})"
         for f, (feather, placement) in enumerate(zip(feathers, placements, strict=True)):
-            kind, pressure = placement.kind, vane_pressure(placement.kind, loads, f)
-            own = choose_grid(full[f], quality, feather, kind, deflections[f], pressure, source_of)
+            kind, bent = placement.kind, deflections[f]
+            if measured:
+                own = _measured_options(full[f], quality, kind.length, measured[f], why)
+            else:
+                pressure = vane_pressure(kind, loads, f)
+                own = choose_grid(full[f], quality, feather, kind, bent, pressure)
             if may_slip(kind):
                 own = own.by(f"hooks that slip ({source_of('columns')})", columns=quality.columns)
             if quality.coefficients == CHOSEN and not kind.vane_material.ribbon:
                 # the vane's shear bends barbs as well, and what pulls or bears them bends them more
-                least = 2 if placement.id in pulled or free[f] else 1
+                least = 2 if bent.is_pulled or free[f] else 1
                 if own.coefficients < least:
-                    why = "grip, force or free flight" if least > 1 else "shear of the vane"
-                    own = own.by(why, coefficients=least)
+                    source = "grip, force or free flight" if least > 1 else "shear of the vane"
+                    own = own.by(source, coefficients=least)
             full[f] = own
     full = [_of_kind(own, shot, p.kind, source_of) for own, p in zip(full, placements, strict=True)]
     pushing = np.zeros(len(feathers), dtype=np.bool_)
@@ -192,21 +213,36 @@ def resolve_options(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> S
         each.at_level(level, quality).by(source, level=level)
         for each, (level, source) in zip(full, levels, strict=True)
     )
-    return ShotOptions(resolved, tuple(full), free, air, *_promise(shot))
+    return ShotOptions(resolved, tuple(full), free, tuple(measured), *_promise(shot))
 
 
 def common_tolerance(shot: Shot) -> float:
     """Return the tolerance (m) of what concerns all feathers of a shot: contact, and whether roots
-    begin at rest. Without one, what half the error asked for leaves a feather of median length."""
+    begin at rest. Without one, that of a feather of median length to begin with."""
     quality = shot.quality.pushing
     if quality.tolerance is not None:
         return quality.tolerance
     error = quality.promised
     assert error is not None
     length = float(np.median([each.kind.length for each in shot.groom.feathers] or [1.0]))
-    known = error_model()
-    tolerance = known.steps.tolerance_for(0.5 * error, 0.0)
-    return length * float(np.clip(tolerance, *known.tolerances))
+    return length * TIME[first_time(error)]
+
+
+def first_space(error: float) -> int:
+    """Return the level of SPACE to begin with for an error over the length."""
+    fits = (k for k, (rows, _, _) in enumerate(SPACE) if error * (rows - 1) ** 2 >= _ROW_RATIO)
+    return next(fits, len(SPACE) - 1)
+
+
+def first_time(error: float) -> int:
+    """Return the level of TIME to begin with for an error over the length."""
+    return next((k for k, each in enumerate(TIME) if each <= _STEP_RATIO * error), len(TIME) - 1)
+
+
+def stepped_down(tolerance: float) -> float:
+    """Return the next lower of the tolerances (m) that there are."""
+    octaves = math.floor(_TOLERANCES_PER_OCTAVE * math.log2(tolerance)) / _TOLERANCES_PER_OCTAVE
+    return float(2.0**octaves)
 
 
 class _QualitySources:
@@ -268,7 +304,7 @@ def given_by_quality(quality: Quality, source_of: Any = str) -> FeatherOptions:
         rows=min(quality.simulated_rows, quality.rows) if few_rows else quality.rows,
         columns=quality.own_columns,
         coefficients=quality.coefficients,
-        # where an error is promised, choose_grid gives it
+        # where an error is promised, it is measured
         tolerance=quality.tolerance or 0.0,
         max_substeps=quality.max_substeps,
         spectral_radius=quality.spectral_radius,
@@ -283,40 +319,40 @@ def choose_grid(
     kind: FeatherKind,
     deflection: Deflection,
     pressure: float,
-    source_of: Any = str,
 ) -> FeatherOptions:
-    """Choose the grid and tolerance of a feather where a quality leaves them open.
+    """Choose the rows and coefficients of a feather where a quality leaves them open (-1).
 
-    Where it promises an error, the cheapest that keeps to that. Else, where a number is -1, the
-    fewest rows and coefficients whose error stays below GRID_SCALE tolerances. given: by the
-    numbers of the quality. feather: as the meshes have it. deflection: m. pressure: Pa, on its
-    vane.
+    The fewest whose error stays below GRID_SCALE tolerances. given: by the numbers of the quality.
+    feather: as the meshes have it. deflection: m. pressure: Pa, on its vane.
     """
-    error, tolerance, own = quality.promised, quality.tolerance, given
-    if error is not None:
-        rachis, barb = (rounded_up(each / kind.length) for each in deflection[:2])
-        shape = Deflection(rachis, barb, rounded_down(deflection.air), deflection.wrung)
-        rows, columns, coefficients, fraction = choose_for_error(error, shape)
-        why = f"error of {100.0 * error:g} % ({source_of('error')})"
-        own = own.by(why, rows=rows, columns=columns, coefficients=coefficients)
-        if not tolerance:
-            own = own.by(why, tolerance=stepped_down(fraction * kind.length))
-        if quality.simulated_columns:
-            own = own.by(given.sources["columns"], columns=quality.own_columns)
-    else:
-        assert tolerance is not None
-        most = GRID_SCALE * tolerance
-        if quality.simulated_rows == CHOSEN:
-            rows = rows_for(deflection.rachis, most, quality.rows)
-            own = own.by("deflection and tolerance", rows=rows)
-        if quality.coefficients == CHOSEN:
-            count = coefficients_for(feather, kind, _doubled(pressure), most)
-            own = own.by("deflection and tolerance", coefficients=count)
-    if quality.simulated_rows > 0:
-        own = own.by(given.sources["rows"], rows=given.rows)
-    if quality.coefficients != CHOSEN:
-        own = own.by(given.sources["coefficients"], coefficients=quality.coefficients)
+    assert quality.tolerance is not None
+    own, most = given, GRID_SCALE * quality.tolerance
+    if quality.simulated_rows == CHOSEN:
+        rows = rows_for(deflection.rachis, most, quality.rows)
+        own = own.by("deflection and tolerance", rows=rows)
+    if quality.coefficients == CHOSEN:
+        count = coefficients_for(feather, kind, _doubled(pressure), most)
+        own = own.by("deflection and tolerance", coefficients=count)
     return own
+
+
+def _measured_options(
+    given: FeatherOptions, quality: Quality, length: float, measured: MeasuredGrid, why: str
+) -> FeatherOptions:
+    """Return the options that were measured for a feather of a length (m), but for what the
+    quality's own numbers say. why: source of the error that is asked for."""
+    rows, columns, coefficients = SPACE[measured.space]
+    found: dict[str, Any] = {"rows": rows, "columns": columns, "coefficients": coefficients}
+    if not quality.tolerance:
+        found["tolerance"] = stepped_down(TIME[measured.time] * length)
+    for name, is_given in (
+        ("rows", quality.simulated_rows > 0),
+        ("columns", quality.simulated_columns > 0),
+        ("coefficients", quality.coefficients != CHOSEN),
+    ):
+        if is_given:
+            found.pop(name)
+    return given.by(why, **found)
 
 
 def _doubled(pressure: float) -> float:

@@ -1,0 +1,325 @@
+"""The promise as a measurement: grids and tolerances that keep an error, found on a sample.
+
+Feathers are alike in strata by kind, size and load (options/strata.py). Of each stratum a sample is
+simulated before the first frame: where the shot begins, settling included, and where its loads are
+largest. What a setting errs by follows from what finer ones differ by,
+
+    e = e_space + e_time,     e_space = 4/3 |x - x_s|,     e_time = 5/4 |x - x_t|
+
+largest distance of any node at any frame, over the length. x_s has twice the rows and columns, of
+which errors are of second order, and one coefficient more; x_t a tenth of the tolerance, of which
+they go with the power 0.7. Each part is raised by as many levels of SPACE or TIME as it is too
+large for, and measured again; where it is far below, it is lowered once. Where the finest settings
+do not keep the error, the report has the figure. Where finer settings do not come nearer to each
+other, the feather has no unique answer, as where it has several rest poses or flutters; the report
+names it.
+
+What is found depends on the shot alone: no share, thread or frame range changes it. Feathers push
+nothing here, and shapes of meshes, which fit one grid, do not draw them.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.errors import SimulationError
+from featherfx.feather.density import max_distance
+from featherfx.feather.types import Feather, RowPoints
+from featherfx.files.content import digest
+from featherfx.files.disk_cache import kept, nothing_kept
+from featherfx.groom.keys.preset import Quality
+from featherfx.shot.fingerprint import shot_settings
+from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.options.load_estimate import Deflection, LoadEstimate
+from featherfx.shot.options.options import (
+    MAX_COEFFICIENTS,
+    SPACE,
+    TIME,
+    MeasuredGrid,
+    first_space,
+    first_time,
+)
+from featherfx.shot.options.strata import Stratum, stratify
+from featherfx.shot.preroll import NO_RUN_UP
+from featherfx.shot.subset import part_of
+from featherfx.shot.types import Shot
+
+# of what is promised, what a sample may err by; of that, the parts of grids and of steps
+_MARGIN, _SHARES = 0.5, {"space": 0.6, "time": 0.4}
+# by how much an error falls from one level of SPACE and TIME to the next
+_FALL = 2.0
+# the error over the difference from what is finer: of second order, and of the power 0.7
+_REST = {"space": 4.0 / 3.0, "time": 5.0 / 4.0}
+# what is finer: columns and intervals of rows, coefficients, tolerance
+_FINER, _MORE_COEFFICIENTS, _TIGHTER = 2, 1, 10.0
+# rounds of measuring; levels at once; of a part's goal, to which it is lowered
+_ROUNDS, _MAX_STEPS, _LOW = 5, 2, 0.5
+# of its goal, error of steps from which on these are refined alone
+_RESTLESS = 4.0
+# least fall of an error from round to round, that shows that finer settings come nearer
+_MIN_FALL = 0.7
+# m, a tolerance that binds no feather
+_LARGEST = 0.1
+# s, of each window; frames of what is pulled, at most
+_WINDOW, _MAX_PULLED_FRAMES = 0.17, 36
+
+# of SPACE and TIME, and which of them is finer
+Level = tuple[int, int, str]
+# (first, last) sample
+Window = tuple[int, int]
+
+
+class _Run(NamedTuple):
+    """A feather as it was simulated, and its points at every sample of its windows; None where a
+    step failed."""
+
+    feather: Feather | None
+    points: list[RowPoints]
+
+
+_FAILED = _Run(None, [])
+
+
+def measure_grids(
+    shot: Shot, loads: LoadEstimate, deflections: Sequence[Deflection], free: Flags
+) -> list[MeasuredGrid]:
+    """Measure the grid of every feather of a shot that promises an error.
+
+    deflections: m, of each. free: (F,) which leave their roots.
+    """
+    shot = replace(shot, run_up=NO_RUN_UP, contact=None, colliders=(), preroll=0)
+    # shapes of meshes fit one grid alone
+    targets = tuple(each for each in shot.targets if each.points is None)
+    shot = replace(shot, details=(), level_of_detail=None, cycle=0, targets=targets)
+    key = digest(shot_settings(shot))
+    found = _known.get(key)
+    if found is None:
+        strata = stratify(shot, deflections, free)
+        arrays = kept("calibrations", [key], lambda: _measured(shot, strata, loads, deflections))
+        found = _known[key] = _by_feather(strata, arrays, len(deflections))
+        while len(_known) > _MAX_KNOWN:
+            _known.pop(next(iter(_known)))
+    return found
+
+
+# of the shots that this process measured last, and how many
+_known: dict[str, list[MeasuredGrid]] = {}
+_MAX_KNOWN = 8  # as many as a test or a tuner goes between
+
+
+def _by_feather(
+    strata: Sequence[Stratum], arrays: Mapping[str, Any], count: int
+) -> list[MeasuredGrid]:
+    found: list[Any] = [None] * count
+    for stratum, space, time, error, unique in zip(
+        strata, arrays["space"], arrays["time"], arrays["error"], arrays["unique"], strict=True
+    ):
+        grid = MeasuredGrid(int(space), int(time), float(error), bool(unique))
+        for f in stratum.members:
+            found[f] = grid
+    return found
+
+
+def _measured(
+    shot: Shot,
+    strata: Sequence[Stratum],
+    loads: LoadEstimate,
+    deflections: Sequence[Deflection],
+) -> dict[str, Array]:
+    """Arrays of every stratum: its levels, the error over the length, whether it is unique."""
+    error = shot.quality.promised
+    assert error is not None
+    sample = np.unique(np.concatenate([each.sample for each in strata]))
+    leaving = {f for each in strata if each.is_free for f in each.sample.tolist()}
+    windows = [_windows(shot, loads, deflections, f, f in leaving) for f in sample.tolist()]
+    search = _Search(shot, sample, error, windows)
+    with nothing_kept(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the bake itself warns
+        search.go()
+    place = {f: k for k, f in enumerate(sample.tolist())}
+    rows = []
+    for stratum in strata:
+        own = [search.found[place[f]] for f in stratum.sample.tolist()]
+        rows.append(
+            (
+                max(each.space for each in own),
+                max(each.time for each in own),
+                max(each.error for each in own),
+                all(each.is_unique for each in own),
+            )
+        )
+    names = "space", "time", "error", "unique"
+    return dict(zip(names, (np.array(each) for each in zip(*rows, strict=True)), strict=True))
+
+
+def _windows(
+    shot: Shot, loads: LoadEstimate, deflections: Sequence[Deflection], f: int, is_free: bool
+) -> tuple[Window, ...]:
+    """Samples at which a feather is measured: at the start, and at its largest load; of what is
+    pulled or leaves its root, one window from the start on."""
+    last, rate = shot.last_frame - shot.first_frame, shot.frames_per_second
+    long = max(2, round(_WINDOW * rate))
+    if is_free or deflections[f].is_pulled:
+        return ((0, min(last, _MAX_PULLED_FRAMES)),)
+    peak = min(max(round(float(loads.peak[f]) * rate) - long // 2, 0), max(last - long, 0))
+    if peak <= long:
+        return ((0, min(last, peak + long)),)
+    return (0, min(last, long)), (peak, min(last, peak + long))
+
+
+class _Search:
+    """Search for the levels of a sample of feathers, all at once."""
+
+    def __init__(
+        self, shot: Shot, sample: Indices, error: float, windows: Sequence[tuple[Window, ...]]
+    ) -> None:
+        self._shot, self._sample, self._windows = shot, sample, windows
+        self._goal, self._promised = _MARGIN * error, error
+        self._runs: list[dict[Level, _Run]] = [{} for _ in sample]
+        self._lengths = np.array([shot.groom.feathers[f].kind.length for f in sample])
+        first = first_space(error), first_time(error)
+        self._levels = [first for _ in sample]
+        # what of each is measured next, by which parts: none where finer runs are known
+        self._wanted: list[tuple[str, ...]] = [("space", "time") for _ in sample]
+        self._parts: list[dict[str, float]] = [{} for _ in sample]
+        self.found: list[MeasuredGrid] = [MeasuredGrid(*first, math.inf, True) for _ in sample]
+
+    def go(self) -> None:
+        """Measure until all have their levels."""
+        left = list(range(len(self._sample)))
+        for number in range(_ROUNDS):
+            self._run(left)
+            left = [k for k in left if self._step(k, number)]
+            if not left:
+                return
+
+    def _step(self, k: int, number: int) -> bool:
+        """Take what was measured of a feather into account; whether it goes on."""
+        space, time = self._levels[k]
+        if not self._wanted[k]:
+            # lowered: what is finer is known
+            fine = (run for (*_, finer), run in self._runs[k].items() if finer)
+            error = _REST["space"] * max(self._distance(k, each) for each in fine)
+            if error <= self._goal:
+                self.found[k] = MeasuredGrid(space, time, error, True)
+            return False
+        before, parts = dict(self._parts[k]), self._parts[k]
+        for name in self._wanted[k]:
+            parts[name] = _REST[name] * self._distance(k, self._runs[k][space, time, name])
+        error, known = sum(parts.values()), self.found[k]
+        over = {name: parts[name] / (share * self._goal) for name, share in _SHARES.items()}
+        if error < known.error:
+            self.found[k] = MeasuredGrid(space, time, error, True)
+        if error <= self._goal:
+            lower = {name: _steps(_LOW / max(each, 1e-9)) for name, each in over.items()}
+            self._wanted[k] = ()
+            return self._move(k, {name: -each for name, each in lower.items()})
+        worse = max(self._wanted[k], key=lambda name: over[name])
+        if number and not parts[worse] <= _MIN_FALL * before[worse]:
+            # finer settings do not come nearer to each other
+            self.found[k] = self.found[k]._replace(is_unique=error <= self._promised)
+            return False
+        raised = {name: _steps(each) for name, each in over.items()}
+        if over["time"] > _RESTLESS:
+            raised["space"] = 0  # whether steps converge shows at less cost
+        self._wanted[k] = tuple(name for name, each in raised.items() if each)
+        return self._move(k, raised)
+
+    def _move(self, k: int, steps: Mapping[str, int]) -> bool:
+        """Go to other levels of a feather; whether there are any."""
+        ladders = zip(self._levels[k], steps.values(), (SPACE, TIME), strict=True)
+        space, time = (min(max(a + step, 0), len(each) - 1) for a, step, each in ladders)
+        going, self._levels[k] = (space, time) != self._levels[k], (space, time)
+        return going
+
+    def _distance(self, k: int, other: _Run) -> float:
+        """Distance of a feather at its levels from a finer run of it, over its length."""
+        here = self._runs[k][*self._levels[k], ""]
+        if here.feather is None or other.feather is None:
+            return math.inf
+        way = max_distance(here.feather, other.feather, here.points, other.points)
+        return way / float(self._lengths[k])
+
+    def _run(self, chosen: Iterable[int]) -> None:
+        """Simulate what is not known yet of some feathers, all of one level together."""
+        wanted: dict[tuple[Level, Window], list[int]] = {}
+        for k in chosen:
+            for finer in ("", *self._wanted[k]):
+                level = (*self._levels[k], finer)
+                for window in self._windows[k] if level not in self._runs[k] else ():
+                    wanted.setdefault((level, window), []).append(k)
+        for (level, window), members in sorted(wanted.items()):
+            for k, run in zip(members, self._simulated(level, window, members), strict=True):
+                known = self._runs[k].get(level)
+                if known is not None:
+                    failed = known.feather is None or run.feather is None
+                    run = _FAILED if failed else _Run(run.feather, [*known.points, *run.points])
+                self._runs[k][level] = run
+
+    def _simulated(self, level: Level, window: Window, members: Sequence[int]) -> list[_Run]:
+        order = np.argsort(self._sample[list(members)])
+        part = part_of(self._shot, self._sample[list(members)][order])
+        part = replace(part, quality=quality_at(part.quality, level))
+        try:
+            runs = _simulated(part, window)
+        except SimulationError:
+            if len(members) == 1:
+                return [_FAILED]
+            return [run for k in members for run in self._simulated(level, window, [k])]
+        return [runs[place] for place in np.argsort(order)]
+
+
+def _simulated(shot: Shot, window: Window) -> list[_Run]:
+    """Simulate the feathers of a shot in a window that they begin at rest."""
+    first, last = (shot.first_frame + each for each in window)
+    simulation = simulate(shot, frames=(first, last), begin=window[0])
+    points: list[list[RowPoints]] = [[] for _ in shot.groom.feathers]
+    for _ in simulation:
+        for f, (_, now) in simulation.simulated().items():
+            points[f].append(RowPoints(now.nodes.copy(), now.directors.copy()))
+    feathers = simulation.simulated()
+    return [_Run(feathers[f][0], own) for f, own in enumerate(points)]
+
+
+def quality_at(quality: Quality, level: Level) -> Quality:
+    """Return the quality that simulates all feathers at one level; its own numbers overrule it."""
+    rows, columns, coefficients = SPACE[level[0]]
+    rows = quality.simulated_rows if quality.simulated_rows > 0 else rows
+    columns = quality.simulated_columns or columns
+    coefficients = quality.coefficients if quality.coefficients >= 0 else coefficients
+    tolerance, relative = (
+        quality.tolerance or _LARGEST,
+        1.0 if quality.tolerance else TIME[level[1]],
+    )
+    if level[2] == "space":
+        rows, columns = _FINER * (rows - 1) + 1, _FINER * columns
+        coefficients = min(coefficients + _MORE_COEFFICIENTS, MAX_COEFFICIENTS)
+    if level[2] == "time":
+        tolerance, relative = tolerance / _TIGHTER, relative / _TIGHTER
+    return replace(
+        quality,
+        error=None,
+        rows=rows,
+        columns=columns,
+        simulated_rows=0,
+        simulated_columns=0,
+        coefficients=coefficients,
+        tolerance=tolerance,
+        relative_tolerance=relative,
+        coarse_below=0.0,
+        rachis_below=0.0,
+        guided_below=0.0,
+        rigid_below=0.0,
+    )
+
+
+def _steps(ratio: float) -> int:
+    """Return by how many levels an error falls by a ratio."""
+    return math.ceil(min(math.log(max(ratio, 1.0)) / math.log(_FALL), _MAX_STEPS))
