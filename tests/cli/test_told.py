@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 import time
-from fnmatch import fnmatch
 
 import pytest
 from commands import invoke
