@@ -160,7 +160,7 @@ class CutFinder(FrameCuts):
 
     @property
     def origin(self) -> tuple[str, list[int]]:
-        """What tells these cuts apart; the tracks follow from the shot."""
+        """Return the frames that tell these cuts apart: tracks follow from the shot."""
         return "cuts", sorted(self._certain)
 
     def is_cut(self, k: int) -> bool:
