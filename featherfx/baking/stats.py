@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import tomllib
 import warnings
 from collections import Counter
@@ -16,7 +17,7 @@ from featherfx.algebra.types import Array
 from featherfx.api import Folders, read_groom, read_quality, read_shot
 from featherfx.baking.bake import in_parts, peak_memory_bytes
 from featherfx.baking.entries import entries_of
-from featherfx.baking.trial import expected, time_of, work_of
+from featherfx.baking.trial import MAX_TRIAL_SECONDS, expected, has_time_for, sum_unknowns, time_of
 from featherfx.errors import InputWarning, all_of
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
@@ -44,23 +45,27 @@ def plumage_stats(
 
     quality: preset instead of the shot's; for a groom, that its meshes are counted at (default
     final). jobs: threads of the bake. Its cost is measured by bakes of a part of the shot, which
-    take about budget seconds of processor time, None: as featherfx/baking/trial.py has it. SI
-    units, bytes. Raises InputError, and SimulationError where one of these feathers cannot be
-    simulated.
+    take about budget seconds of CPU time with reading, at most a minute for None. SI units, bytes.
+    Raises InputError, and SimulationError where one of these feathers cannot be simulated.
     """
     path, folders = Path(path), tuple(preset_folders)
+    until = time.process_time() + (MAX_TRIAL_SECONDS if budget is None else budget)
     if _is_shot(path):
         read = partial(
             all_of,
             lambda: read_shot(path, folders),
             lambda: read_quality(quality, folders) if quality else None,
         )
-        shot, chosen = read()
+        found: list[Any] = []
+        first = time_of(lambda: found.extend(read()))
+        shot, chosen = found
         shot = replace(shot, quality=chosen) if chosen else shot
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)
-            reading = time_of(read)  # as the bake finds it, with what is kept of the first time
-        cost = bake_cost(shot, jobs, _starting() + reading, budget)
+            reading = first
+            if has_time_for(2.0 * first[1], until):
+                reading = time_of(read)  # as the bake finds it, with what is kept of the first time
+        cost = bake_cost(shot, jobs, _starting() + reading, until, budget)
         return _of_groom(shot.groom, shot.quality) | {"bake": cost}
     groom, grid = all_of(
         lambda: read_groom(path, folders), lambda: read_quality(quality or "final", folders)
@@ -118,19 +123,21 @@ def _starting() -> Array:
     return np.array([each.get("starting", 0.0) for each in told] or [0.0, 0.0])
 
 
-def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None) -> dict[str, Any]:
+def bake_cost(
+    shot: Shot, jobs: int, read: Array, until: float, budget: float | None
+) -> dict[str, Any]:
     """Estimate time and memory of a bake of a shot on this machine as it is now.
 
     read: (2,) s of starting and reading the shot, on the clock and of the processors. The rest of
-    the time is what bakes of a part of it (trial.py) tell of all. budget: s of processor time for
-    these. Memory is that of the process so far and of what the bake adds; an estimate.
+    the time is what bakes of a part of it (trial.py) tell of all. until, budget: of these. Memory
+    is that of the process so far and of what the bake adds; an estimate.
     """
     drawn = drawn_feathers(shot)
     options = resolve_options(shot, drawn, root_motion(shot)).feathers
     levels = Counter(each.level for each in options)
     frames = shot.last_frame - shot.first_frame + 1 + 2 * shot.handles
     total = len(shot.groom.feathers)
-    learnt = expected(shot, jobs, budget)
+    learnt = expected(shot, options, jobs, until, budget)
     entries = entries_of(shot.groom, drawn, static=False, skin=shot.skin)
     sample = sum(feather.bytes_per_sample for feather in make_posed_feathers(entries, StageSpace()))
     # frames of a chunk that the trial did not have
@@ -140,16 +147,21 @@ def bake_cost(shot: Shot, jobs: int, read: Array, budget: float | None) -> dict[
     memory = learnt.memory + sample * max(chunk - learnt.trial.frames, 0)
     phases = {"reading": float(read[0]), **learnt.phases}
     seconds = in_parts(phases)
+    whole = {
+        "wall_seconds": sum(seconds.values()),
+        "processor_seconds": float(read[1]) + learnt.processor,
+    }
     return {
         "frames": frames,
         "tried_feathers": learnt.trial.feathers,
         "tried_frames": learnt.trial.frames,
         "trial_seconds": learnt.seconds,
         "levels": {name: float(levels[name]) for name in LEVELS if levels[name]},
-        "unknowns": round(work_of(shot)),
+        "unknowns": round(sum_unknowns(options)),
         "seconds_of_a_feather_and_frame": phases["simulating"] * jobs / max(frames - 1, 1) / total,
-        "wall_seconds": sum(seconds.values()),
-        "processor_seconds": float(read[1]) + learnt.processor,
+        **whole,
+        "low": {name: learnt.low * value for name, value in whole.items()},
+        "high": {name: learnt.high * value for name, value in whole.items()},
         "cores": learnt.processor / sum(learnt.phases.values()),
         "seconds": seconds,
         "jobs": jobs,

@@ -15,11 +15,14 @@ from __future__ import annotations
 
 import gc
 import mmap
+import signal
 import tempfile
+import threading
 import time
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -30,13 +33,14 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.baking.bake import peak_memory_bytes
 from featherfx.baking.options import TRIAL_SECONDS, BakeOptions
 from featherfx.baking.task import BakeTask
-from featherfx.errors import InputWarning
+from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.files.memory import give_back_memory
 from featherfx.phases import Account, phase
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.options import FeatherOptions, ShotOptions, resolve_options
+from featherfx.shot.partition.partition import shot_islands
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.subset import part_of
 from featherfx.shot.types import Detail, Shot
@@ -50,7 +54,10 @@ _COURSE, _OF_COURSE = 32, 0.25
 # neighbours that are tried together
 _TOGETHER = 16
 # share of a bake's processor time that a trial may take where TRIAL_SECONDS are less, up to s of it
-_OF_BAKE, _MAX_SECONDS = 1.0 / 6.0, 60.0
+_OF_BAKE, MAX_TRIAL_SECONDS = 1.0 / 6.0, 60.0
+# of a time, what it is off by if it is measured again
+_REPEATABILITY = 0.1
+_TICK = 0.01  # s of CPU time that a system tells apart
 # over the feathers of the last trial, those that make a larger one worth its time
 _WORTH = 1.5
 # phases that go with what is solved, and those of the frames
@@ -85,46 +92,142 @@ class Trial:
 class ExpectedCost:
     """Expected cost of a bake. phases: s of wall time of each. processor: s of CPU time of all.
     memory: bytes of the process. trial: the largest that this was learnt from. seconds: that all of
-    it took."""
+    it took. low, high: fractions of both times, between which they are expected."""
 
     phases: dict[str, float]
     processor: float
     memory: float
     trial: Trial
     seconds: float
+    low: float
+    high: float
 
 
-def expected(shot: Shot, jobs: int, budget: float | None = None) -> ExpectedCost:
+class OutOfTimeError(InputError):
+    """The time for trials ended before one of them told anything."""
+
+    def __init__(self) -> None:
+        text = "is over before two frames of a few feathers were simulated. Give more"
+        super().__init__(Problem("stats", "--seconds", text))
+
+
+@contextmanager
+def stopped_at(until: float) -> Iterator[None]:
+    """Interrupt the block when this process has taken so many s of CPU time, as Ctrl-C does.
+
+    Interrupts come to main threads only; elsewhere, and on Windows, trials stop between frames.
+    """
+    if threading.current_thread() is not threading.main_thread() or not hasattr(
+        signal, "setitimer"
+    ):
+        yield
+        return
+
+    def interrupt(*_: object) -> None:
+        left = until - time.process_time()
+        if left <= 0.0:
+            raise KeyboardInterrupt
+        signal.setitimer(signal.ITIMER_PROF, left + _TICK)  # it counts in ticks, roughly
+
+    usual = signal.signal(signal.SIGPROF, interrupt)
+    signal.setitimer(signal.ITIMER_PROF, max(until - time.process_time(), 0.0) + _TICK)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, usual)
+
+
+def expected(
+    shot: Shot,
+    options: Sequence[FeatherOptions],
+    jobs: int,
+    until: float,
+    budget: float | None = None,
+) -> ExpectedCost:
     """Estimate the time of the phases of a bake on this machine as it is now.
 
-    budget: s of processor time for the trials, None: TRIAL_SECONDS, or a share of the bake's.
-    Raises SimulationError where one of the feathers that are tried cannot be simulated.
+    options: of all feathers. until: s of CPU time of this process when the last trial is stopped.
+    budget: s of CPU time after which no other trial begins; None: TRIAL_SECONDS, or a share of the
+    bake's. Raises SimulationError where one of the feathers that are tried cannot be simulated,
+    OutOfTimeError where there is no time for any.
     """
     begin = time.perf_counter()
     # the solver takes its time to load, here as in a bake
     once = {"starting": time_of(lambda: import_module("featherfx.baking.frame_loop"))}
     held = resident_bytes(release=True)
     with phase("building"):
-        simulate(shot, jobs)
         once["building"] = time_of(lambda: simulate(shot, jobs))
-    trials, course = _tried(shot, jobs, budget)
-    once = _whole(shot, trials, course) | once
+        if has_time_for(3.0 * once["building"][1], until):
+            once["building"] = time_of(lambda: simulate(shot, jobs))
+    work = sum_unknowns(options)
+    trials, course = _tried(shot, work, jobs, until, budget)
+    fixed = float(sum(seconds[1] for seconds in once.values()))
+    once = _whole(shot, work, trials, course) | once
+    processor = float(sum(seconds[1] for seconds in once.values()))
+    low, high = _range(shot, work, trials, course)
+    share = (processor - fixed) / processor
     return ExpectedCost(
         phases={name: float(seconds[0]) for name, seconds in once.items()},
-        processor=float(sum(seconds[1] for seconds in once.values())),
+        processor=processor,
         memory=held + _memory(trials, len(shot.groom.feathers)),
         trial=trials[-1],
         seconds=time.perf_counter() - begin,
+        low=1.0 - share * (1.0 - low),
+        high=1.0 + share * (high - 1.0),
     )
 
 
-def _whole(shot: Shot, trials: Sequence[Trial], course: TrialCourse | None) -> dict[str, Array]:
+def has_time_for(seconds: float, until: float) -> bool:
+    """Return whether so many s of CPU time are left until then."""
+    return time.process_time() + seconds < until
+
+
+def _range(
+    shot: Shot, work: float, trials: Sequence[Trial], course: TrialCourse | None
+) -> tuple[float, float]:
+    """Return the lowest and the highest cost of all trials' phases, over the expected.
+
+    They lie between an extrapolation by feathers and one by unknowns, between frames that are as
+    hard as the first and as those that the course shows, and differ by twice the standard error of
+    a frame's cost.
+    """
+    last, total = trials[-1], len(shot.groom.feathers)
+    ratios = [1.0]
+    if total > last.feathers:
+        by_feathers, by_work = total / last.feathers, work / last.work
+        ratios.append(by_feathers / by_work)
+        if _pushing(shot).any():
+            # a contact group that is tried in part
+            ratios.append(max(_largest_group(shot) / last.feathers, 1.0) ** 0.5)
+    spread = _REPEATABILITY
+    if course is not None:
+        ratios.append(1.0 / course.harder(last))
+        costs = course.seconds
+        spread += 2.0 * float(costs.std() / (costs.mean() * len(costs) ** 0.5))
+        seen = len(costs) / max(shot.last_frame - shot.first_frame, 1)
+        # frames that were not reached may all be like the hardest or the easiest
+        ratios += [
+            1.0 + (1.0 - seen) * (each / costs.mean() - 1.0) for each in np.sort(costs)[[0, -1]]
+        ]
+    return min(ratios) / (1.0 + spread), max(ratios) * (1.0 + spread)
+
+
+def _largest_group(shot: Shot) -> int:
+    """Return the number of feathers of the largest contact group."""
+    groups = shot_islands(shot)
+    return int(np.bincount(groups[groups >= 0], minlength=1).max())
+
+
+def _whole(
+    shot: Shot, work: float, trials: Sequence[Trial], course: TrialCourse | None
+) -> dict[str, Array]:
     """(2,) s that the phases of the whole take, by the first trial, which is done twice, and the
-    last."""
+    last. work: unknowns of a frame of the whole."""
     first, again, last = trials[0], trials[1], trials[-1]
     solved, others = 1.0, len(shot.groom.feathers) / last.feathers
     if others > 1.0:
-        solved = work_of(shot) / last.work
+        solved = work / last.work
     once = {
         name: np.maximum(first.of(name) - again.of(name), 0.0)
         + (solved if name in _OF_WORK else others) * seconds
@@ -134,7 +237,7 @@ def _whole(shot: Shot, trials: Sequence[Trial], course: TrialCourse | None) -> d
     if course is not None:
         frame = frame * course.harder(last)
         if others > 1.0 and _pushing(shot).any():
-            frame = frame * max(course.denser(last, work_of(shot)), 1.0)
+            frame = frame * max(course.denser(last, work), 1.0)
     once["simulating"] = once["simulating"] + frame * (shot.last_frame - shot.first_frame)
     return once
 
@@ -146,26 +249,39 @@ def time_of(work: Callable[[], object]) -> Array:
     return np.array([time.perf_counter(), time.process_time()]) - begin
 
 
-def _tried(shot: Shot, jobs: int, budget: float | None) -> tuple[list[Trial], TrialCourse | None]:
-    """The trials that s of processor time suffice for, and the course of all frames, None where
-    they tried them all."""
+def _tried(
+    shot: Shot, work: float, jobs: int, until: float, budget: float | None
+) -> tuple[list[Trial], TrialCourse | None]:
+    """Return the trials that the time suffices for, and the course of all frames, None where they
+    tried them all. until, budget: as of expected."""
     total, frames = len(shot.groom.feathers), shot.last_frame - shot.first_frame + 1
     few, begin = (min(total, _FEW), min(frames, _FRAMES)), time.process_time()
     most = TRIAL_SECONDS if budget is None else budget
     with phase("measuring") as done:
-        trials = [_trial(shot, *few, jobs), _trial(shot, *few, jobs)]
+        first = _trial(shot, *few, jobs, until)
+        if first is None:
+            raise OutOfTimeError
+        again = None
+        if has_time_for(2.0 * first.cost, until):
+            again = _trial(shot, *few, jobs, until)
+        trials = [first, again or first]
         done(2)
-        course = _course(shot, jobs, _OF_COURSE * most) if frames > _FRAMES else None
+        course = None
+        if frames > _FRAMES:
+            end = min(time.process_time() + _OF_COURSE * most, until)
+            course = _course(shot, jobs, end, until)
         done(3)
         while trials[-1].feathers < total:
             left = most - (time.process_time() - begin)
             if budget is None:
-                cost = float(sum(_whole(shot, trials, course).values(), np.zeros(2))[1])
-                left = max(left, min(_OF_BAKE * cost, _MAX_SECONDS))
+                cost = float(sum(_whole(shot, work, trials, course).values(), np.zeros(2))[1])
+                left = max(left, min(_OF_BAKE * cost, MAX_TRIAL_SECONDS))
+            left = min(left, until - time.process_time())
             count = _larger(trials, left, total)
-            if count is None:
+            larger = None if count is None else _trial(shot, count, few[1], jobs, until)
+            if larger is None:
                 break
-            trials.append(_trial(shot, count, few[1], jobs))
+            trials.append(larger)
             done(len(trials) + 1)
     return trials, course
 
@@ -193,7 +309,8 @@ def _memory(trials: Sequence[Trial], total: int) -> float:
     return max(first.memory, few.memory) + each * (total - few.feathers)
 
 
-def _trial(shot: Shot, count: int, frames: int, jobs: int) -> Trial:
+def _trial(shot: Shot, count: int, frames: int, jobs: int, until: float) -> Trial | None:
+    """Bake some feathers; None where the time ends before the second frame."""
     from featherfx.baking.frame_loop import simulate_and_write
 
     part = part_of(shot, _some(shot, count))
@@ -207,6 +324,8 @@ def _trial(shot: Shot, count: int, frames: int, jobs: int) -> Trial:
     def mark(*_: object) -> None:
         look()
         marks.append(_spent(timed, _LOOP))
+        if not has_time_for(0.0, until):
+            raise KeyboardInterrupt
 
     with tempfile.TemporaryDirectory(prefix="featherfx-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
@@ -231,7 +350,15 @@ def _trial(shot: Shot, count: int, frames: int, jobs: int) -> Trial:
             dependences=None,
         )
         with Account(look) as timed:
-            simulate_and_write(task, mark)
+            try:
+                with stopped_at(until):
+                    simulate_and_write(task, mark)
+            except KeyboardInterrupt:
+                if has_time_for(0.0, until):
+                    raise
+                frames = len(marks) - 1
+                if frames < 2:
+                    return None
             once = {name: _spent(timed, (name,)) for name in timed.seconds()}
     # until the first frame is handed on, what others need is loaded; what comes after the last is
     # what nothing goes on beside
@@ -241,7 +368,7 @@ def _trial(shot: Shot, count: int, frames: int, jobs: int) -> Trial:
     return Trial(
         feathers=len(part.groom.feathers),
         frames=frames,
-        work=work_of(part),
+        work=_work_of(part),
         once=once,
         frame=(marks[-1] - marks[1]) / max(frames - 1, 1),
         memory=held - before,
@@ -301,21 +428,32 @@ class TrialCourse:
         return own / (alike * work)
 
 
-def _course(shot: Shot, jobs: int, most: float) -> TrialCourse:
-    """A few feathers through the frames of a shot, or the first of them that s of processor time
-    suffice for."""
+def _course(shot: Shot, jobs: int, end: float, until: float) -> TrialCourse | None:
+    """Simulate a few feathers through the frames of a shot, or the first of them; None where there
+    is time for less than three.
+
+    end, until: s of CPU time of this process, after which no frame begins, and when it is stopped.
+    """
     part = _pinned(shot)
-    begin = time.process_time()
     marks, iterations = [], []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
-        simulation = simulate(part, jobs)
-        for _ in simulation.frames(lambda sample: False):
-            iterations.append(sum(float(r.iterations.sum()) for r in simulation.counted().reports))
-            marks.append(time.process_time())
-            if marks[-1] - begin > most and len(marks) > _FRAMES:
-                break
-    return TrialCourse(np.array(iterations[1:]), np.diff(marks), work_of(part))
+        try:
+            with stopped_at(until):
+                simulation = simulate(part, jobs)
+                for _ in simulation.frames(lambda sample: False):
+                    reports = simulation.counted().reports
+                    iterations.append(sum(float(r.iterations.sum()) for r in reports))
+                    marks.append(time.process_time())
+                    if marks[-1] > end and len(marks) > _FRAMES:
+                        break
+        except KeyboardInterrupt:
+            if has_time_for(0.0, until):
+                raise
+            iterations = iterations[: len(marks)]
+    if len(marks) < 3:
+        return None
+    return TrialCourse(np.array(iterations[1:]), np.diff(marks), _work_of(part))
 
 
 def _pinned(shot: Shot) -> Shot:
@@ -355,10 +493,28 @@ def _some(shot: Shot, count: int) -> Indices:
     for f, each in enumerate(feathers):
         alike[each.region, bool(push[f])].append(f)
     share = count / len(feathers)
-    chosen = [
-        _neighbours(shot, np.array(own), max(round(share * len(own)), 1)) for own in alike.values()
+    groups = _whole_groups(shot, np.flatnonzero(push), round(share * push.sum()))
+    chosen = [groups] + [
+        _neighbours(shot, np.array(own), max(round(share * len(own)), 1))
+        for (_, pushes), own in alike.items()
+        if not (pushes and len(groups))
     ]
     return np.sort(np.concatenate(chosen))
+
+
+def _whole_groups(shot: Shot, push: Indices, count: int) -> Indices:
+    """Return at least so many of the feathers that push others, in whole contact groups evenly
+    among those that are small enough; none where all are larger."""
+    if not len(push):
+        return push
+    group = shot_islands(shot)[push]
+    sizes = np.bincount(group)
+    small = np.flatnonzero((sizes > 0) & (sizes <= max(count, 1)))
+    if sizes[small].sum() < count:
+        return push[:0]
+    order = small[np.argsort(np.arange(len(small)) * 0.6180339887 % 1.0)]
+    last = int(np.searchsorted(np.cumsum(sizes[order]), count))
+    return push[np.isin(group, order[: last + 1])]
 
 
 def _neighbours(shot: Shot, numbers: Indices, count: int) -> Indices:
@@ -380,9 +536,13 @@ def _options(shot: Shot) -> ShotOptions:
     return resolve_options(shot, drawn_feathers(shot), root_motion(shot))
 
 
-def work_of(shot: Shot) -> float:
-    """Unknowns of a frame."""
-    return 1.0 + sum(map(unknowns, _options(shot).feathers))
+def _work_of(shot: Shot) -> float:
+    return sum_unknowns(_options(shot).feathers)
+
+
+def sum_unknowns(options: Sequence[FeatherOptions]) -> float:
+    """Return the unknowns of a frame of some feathers, and one."""
+    return 1.0 + sum(map(unknowns, options))
 
 
 def unknowns(options: FeatherOptions) -> int:

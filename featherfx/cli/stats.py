@@ -41,8 +41,9 @@ from featherfx.errors import as_figure
     "--seconds",
     "budget",
     type=click.FloatRange(0.1, 3600.0),
-    help="Processor time for trying a part of the shot, from which the rest is predicted; more is"
-    f" surer.  [default: {TRIAL_SECONDS:g}, or a sixth of the bake's, up to a minute]",
+    help="Processor time for reading and for trying a part of the shot, from which the rest is"
+    f" predicted; more is surer.  [default: {TRIAL_SECONDS:g}, or a sixth of the bake's, up to a"
+    " minute]",
 )
 @progress_option
 def stats(
@@ -109,11 +110,14 @@ def _bake_lines(bake: dict[str, Any]) -> list[str]:
         for name, seconds in bake["seconds"].items()
     )
     lines.append(
-        f"  about {as_figure(bake['wall_seconds'])} s with {bake['jobs']} jobs ({parts};"
+        f"  about {as_figure(bake['wall_seconds'])} s ({as_figure(bake['low']['wall_seconds'])} to"
+        f" {as_figure(bake['high']['wall_seconds'])}) with {bake['jobs']} jobs ({parts};"
         f" learnt in {as_figure(bake['trial_seconds'])} s)"
     )
     lines.append(
-        f"  about {as_figure(bake['processor_seconds'])} s of processor time, whatever else is"
+        f"  about {as_figure(bake['processor_seconds'])} s"
+        f" ({as_figure(bake['low']['processor_seconds'])} to"
+        f" {as_figure(bake['high']['processor_seconds'])}) of processor time, whatever else is"
         f" running: meanwhile its threads had {as_figure(bake['cores'])} cores"
     )
     lines.append(

@@ -218,10 +218,11 @@ def test_stats_write_large_numbers_out(monkeypatch):
     )  # fmt: skip
     counts = dict.fromkeys(("frames", "unknowns", "tried_feathers", "tried_frames", "jobs"), 7)
     bake = large | counts | {"levels": {"full": 1}, "cores": 0.5, "seconds": {"settling": 810.4}}
+    bake |= {"low": large, "high": large}
     monkeypatch.setattr(pipeline, "plumage_stats", lambda *_, **__: groom | {"bake": bake})
     told = invoke("stats", PULL).stdout
     assert "settling 810;" in told
-    assert "about 1234567890 s with 7 jobs" in told
+    assert "about 1234567890 s (1234567890 to 1234567890) with 7 jobs" in told
     assert "e+" not in told
 
 

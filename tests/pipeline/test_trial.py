@@ -1,5 +1,6 @@
 """What bakes of a part of a shot say of the whole bake."""
 
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +8,20 @@ import numpy as np
 import pytest
 
 from featherfx.api import read_shot
-from featherfx.baking.trial import _FEW, _MORE, Trial, TrialCourse, _larger, _memory, _some, _whole
+from featherfx.baking import trial as baking_trial
+from featherfx.baking.stats import plumage_stats
+from featherfx.baking.trial import (
+    _FEW,
+    _MORE,
+    Trial,
+    TrialCourse,
+    _larger,
+    _memory,
+    _some,
+    _whole,
+    _whole_groups,
+)
+from featherfx.errors import InputError
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 
@@ -61,7 +75,9 @@ def test_of_feathers_that_push_the_course_counts():
     few = replace(trial(4), work=200.0)
     course = TrialCourse(np.full(20, 7.0), np.full(20, 10.0), work=400.0)
     alone = replace(touching, contact=None)
-    found, free = (_whole(each, [few, few], course)["simulating"][1] for each in (touching, alone))
+    found, free = (
+        _whole(each, 2000.0, [few, few], course)["simulating"][1] for each in (touching, alone)
+    )
     frames = touching.last_frame - touching.first_frame
     assert found > 10.0 * frames > free
 
@@ -69,7 +85,7 @@ def test_of_feathers_that_push_the_course_counts():
 def test_of_a_shot_that_is_tried_whole_frames_are_added():
     shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
     own = trial(len(shot.groom.feathers))
-    of_all = _whole(shot, [own, own], None)
+    of_all = _whole(shot, own.work, [own, own], None)
     assert of_all["settling"] == pytest.approx(own.once["settling"])
     assert of_all["simulating"] == pytest.approx(own.frame * (shot.last_frame - shot.first_frame))
 
@@ -78,7 +94,7 @@ def test_what_every_process_loads_comes_once():
     shot = read_shot(SAMPLES / "swan_wing" / "shot.toml")
     few = trial(2, work=1.0)
     cold = replace(few, once=few.once | {"settling": few.once["settling"] + 3.0})
-    warm, loaded = (_whole(shot, [first, few], None)["settling"] for first in (few, cold))
+    warm, loaded = (_whole(shot, few.work, [first, few], None)["settling"] for first in (few, cold))
     assert loaded - warm == pytest.approx(3.0)
 
 
@@ -104,3 +120,36 @@ def test_each_region_has_its_share_of_a_trial_and_neighbours_stay_together():
     everyone = np.arange(len(feathers))
     assert nearest(chosen) < 2.0 * nearest(everyone)
     assert _some(shot, len(feathers)).tolist() == everyone.tolist()
+
+
+def test_contact_groups_are_tried_whole(monkeypatch):
+    sizes = [3, 4, 2, 3, 4, 2, 3, 30]
+    group = np.repeat(np.arange(len(sizes)), sizes)
+    monkeypatch.setattr(baking_trial, "shot_islands", lambda shot: group)
+    for count in (4, 5, 12, 20):
+        chosen = _whole_groups(None, np.arange(len(group)), count)
+        assert count <= len(chosen) < count + max(sizes[:-1])
+        for number in set(group[chosen]):
+            assert np.isin(np.flatnonzero(group == number), chosen).all()
+    # none is small enough, and 21 are in all that are
+    for count in (1, 25):
+        assert len(_whole_groups(None, np.arange(len(group)), count)) == 0
+
+
+def test_the_time_for_trials_holds(monkeypatch):
+    """A quarter of what the trials take: some are left out, or stopped, and the range is wider."""
+    shot = SAMPLES / "breeze" / "shot.toml"
+    begin = time.process_time()
+    cost = plumage_stats(shot, budget=60.0)["bake"]
+    spent = time.process_time() - begin
+    begin = time.process_time()
+    least = plumage_stats(shot, budget=0.4 * spent)["bake"]
+    assert time.process_time() - begin < 0.6 * spent + 0.5
+    for each in (cost, least):
+        for key in ("wall_seconds", "processor_seconds"):
+            assert each["low"][key] < each[key] < each["high"][key]
+
+
+def test_no_time_for_any_trial_is_told():
+    with pytest.raises(InputError, match=r"--seconds: is over before two frames .* Give more"):
+        plumage_stats(SAMPLES / "breeze" / "shot.toml", budget=0.1)
