@@ -68,7 +68,7 @@ class ContactRun:
 def run_contact(test: ContactTest) -> ContactRun:
     """Run a test. Raises InputError with every wrong value."""
     require(*out_of_range(test))
-    plates = _plates(test)
+    plates = make_plates(test)
     shot = make_shot(plates, test.thickness, test.quality, 1, _GRAVITY, _LOSS)
     simulation = simulate(shot)
     settled = _tips(simulation, plates)
@@ -85,7 +85,8 @@ def run_contact(test: ContactTest) -> ContactRun:
     )
 
 
-def _plates(test: ContactTest) -> list[Plate]:
+def make_plates(test: ContactTest) -> list[Plate]:
+    """Return the plates of a test, the lowest first."""
     t = test.thickness
     if test.case == "plates":
         return [Plate(4.0 * BENDING, _DENSITY, 0.0), Plate(BENDING, _DENSITY, t)]

@@ -123,6 +123,7 @@ class ShotContact:
             margin=MARGIN * float(thickness.max()),
             tolerance=min(each.contact_tolerance or 0.0 for each in own),
             newton=own[0].unpressed_newton_tolerance or 0.0,
+            frame=1.0 / shot.frames_per_second,
         )
         self.solver = ContactSolver(solvers, candidates, halves, settings)
         led = np.arange(len(order)) >= len(order) - obstacles.count

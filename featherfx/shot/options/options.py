@@ -58,8 +58,8 @@ NEWTON_RATIO = 0.1
 # the same where forces of contact follow from the poses, so that feathers in balance come to rest;
 # and m, a small part of what any gap may be off, below which that says nothing
 _CONTACT_NEWTON_RATIO, _MIN_CONTACT_NEWTON = 1e-3, 2e-7
-# what a gap may be off, over the tolerance of steps; least and most, over the vane's thickness
-_GAP_RATIO, _MIN_GAP_RATIO, _MAX_GAP_RATIO = 0.05, 0.1, 0.4
+# displacement that one more round of contact may cause, over the tolerance of steps
+_CONTACT_RATIO = 0.05
 # rows, columns and coefficients that keep an error: each errs by about half of the one before
 SPACE = (
     (6, 2, 1), (8, 3, 1), (11, 4, 1), (15, 4, 2), (21, 6, 2), (29, 8, 2), (41, 10, 3), (57, 12, 3),
@@ -202,9 +202,9 @@ def resolve_options(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> S
     if shot.contact is not None:
         pushing = np.array(may_touch(shot, shot.contact), dtype=np.bool_)
     common = common_tolerance(shot) if pushing.any() else 0.0
-    for f, placement in enumerate(placements):
+    for f in range(len(placements)):
         if pushing[f]:
-            full[f] = _in_contact(full[f], shot, placement.kind, common)
+            full[f] = _in_contact(full[f], shot, common)
         else:
             newton = NEWTON_RATIO * full[f].tolerance
             full[f] = full[f].by(f"{NEWTON_RATIO:g} of tolerance", newton_tolerance=newton)
@@ -376,18 +376,13 @@ def _of_kind(
     return own
 
 
-def _in_contact(
-    own: FeatherOptions, shot: Shot, kind: FeatherKind, common: float
-) -> FeatherOptions:
+def _in_contact(own: FeatherOptions, shot: Shot, common: float) -> FeatherOptions:
     """Return the options of a feather that pushes others. common: m, tolerance of all of these."""
     assert shot.contact is not None
     newton = max(_CONTACT_NEWTON_RATIO * own.tolerance, _MIN_CONTACT_NEWTON)
     newton = min(NEWTON_RATIO * own.tolerance, newton)
-    thickness = shot.contact.thickness or kind.vane_material.thickness
-    least, most = _MIN_GAP_RATIO * thickness, _MAX_GAP_RATIO * thickness
-    gap = float(np.clip(_GAP_RATIO * common, least, most))
     own = own.by("tolerance, in contact", newton_tolerance=newton)
-    own = own.by("tolerance and thickness of the vane", contact_tolerance=gap)
+    own = own.by(f"{_CONTACT_RATIO:g} of tolerance", contact_tolerance=_CONTACT_RATIO * common)
     own = own.by("tolerance", unpressed_newton_tolerance=NEWTON_RATIO * common)
     if shot.contact.max_steps <= own.max_substeps:
         own = own.by("[contact] max_steps", max_substeps=shot.contact.max_steps)

@@ -84,9 +84,9 @@ class ContactSettings:
     friction: Coulomb's coefficient. smoothing: m/s, slip speed below which friction is partial.
     margin: m, gap below which nodes of the thickest vane are followed, and the most of any; of
     others in proportion to their thickness, and of those that do not go where they were headed
-    more. tolerance: m, what a gap that should be closed
-    may be off. rounds: most rounds over all feathers in an interval. recovery: m/s, speed at which
-    what begins too deep comes apart. newton: m, distance from its step's solution to which a
+    more. tolerance: m, that another round may move anything over a frame (s), or over an interval
+    where frame is 0. rounds: most rounds over all feathers in an interval. recovery: m/s, speed at
+    which what begins too deep comes apart. newton: m, distance from its step's solution to which a
     feather is solved that nothing presses, where that may be more than for others.
     """
 
@@ -97,6 +97,7 @@ class ContactSettings:
     rounds: int = 12
     recovery: float = 0.1
     newton: float = 0.0
+    frame: float = 0.0
 
 
 class LedMotion(NamedTuple):
@@ -191,7 +192,6 @@ class ContactSolver:
         self._searcher = Searcher(candidates, self.surfaces, widest.jobs, widest.for_each)
         self._team = Team(solvers, self.grids)
         self._colours = no_colours(bodies)
-        self._thinnest = 2.0 * float(np.min(halves, initial=np.inf))
         thickest = float(np.max(halves, initial=np.finfo(float).tiny))
         self._margin = settings.margin / thickest * np.asarray(halves)
         self._touching: tuple[Indices, ByBody] | None = None
@@ -362,13 +362,14 @@ class ContactSolver:
         grows. margin: of Search; manner: turns and again (Search)."""
         settings, (memory, before), (turns, again) = self.settings, known, manner
         inertia = self._inertia(run.duration) * self._mass
-        impedance, firm = _FIT * (inertia + self._elastic), _FIT * (inertia + self._firm)
+        whole, firm = _FIT * (inertia + self._elastic), _FIT * (inertia + self._firm)
+        impedance = _FIT * (inertia + self._elastic / self._pressing(memory)[:, None, None])
         impedance[~self._free] = _RIGID
         bodies = moving_bodies(run.start, run.now, impedance)
         self._found_in = memory._replace(inside=memory.inside.copy())
         search = SearchSettings(
             self.surfaces,
-            bodies._replace(firm=firm, fixed=self._fixed),
+            bodies._replace(whole=whole, firm=firm, fixed=self._fixed),
             self._found_in,
             margin,
             settings.margin,
@@ -383,6 +384,17 @@ class ContactSolver:
             room = np.zeros(4 * found.number, dtype=np.int64)
             self._listed = self._listed._replace(items=room)
         list_kernels.list_by_body(*found, self._listed)
+
+    def _pressing(self, memory: ContactMemory) -> Array:
+        """(B,) contacts that press each body together and share its elasticity, 1 at least.
+
+        With a spring as stiff as the whole body for each of N, a round would remove an N-th of what
+        is amiss.
+        """
+        _, rows, columns = memory.wall.shape
+        pair = memory.key[memory.force.max(axis=1, initial=0.0) > 0.0] // (rows * columns)
+        bodies = self.candidates.pairs[pair].ravel()
+        return np.maximum(np.bincount(bodies, minlength=self.grids.bodies), 1.0)
 
     def _followed(self, duration: float) -> Array:
         """(B, n, 1 + 2 m) part of what its root goes, beyond where a node is headed, that the node
@@ -430,10 +442,9 @@ class ContactSolver:
             handing=self._handing(run),
             rules=RoundRules(
                 rounds=settings.rounds,
-                tolerance=settings.tolerance,
+                tolerance=self._tolerance(run.duration),
                 reach=_FAR * settings.margin,
                 friction=settings.friction > 0.0,
-                thinnest=self._thinnest,
             ),
             start=run.start,
             now=run.now,
@@ -443,6 +454,13 @@ class ContactSolver:
         )
         self._team.solve(sweep)
         return sweep
+
+    def _tolerance(self, duration: float) -> float:
+        """m, residual of a solved island over a duration (s): what rounds leave may add up over the
+        intervals of a frame. Solves of feathers tell no less than their own tolerance."""
+        newton = min(solver.settings.newton for solver in self.solvers)
+        part = duration / max(duration, self.settings.frame)
+        return max(self.settings.tolerance * part, newton)
 
     def _handing(self, run: BatchRun) -> HandoverRules:
         slip = self.settings.smoothing * run.duration

@@ -118,12 +118,13 @@ def update(body, touch, listed, now):
 
 
 @kernel
-def residual(body, touch, listed, soft, thinnest):
+def residual(body, touch, listed, soft):
     """Largest distance of a body's contacts from complementarity, and deepest penetration, m.
 
-    A gap that is closed (g < 0) or held shut from both sides with a force counts by its size, that
-    of thicker vanes as much less as they are thicker than the thinnest (m). Contacts that yield,
-    with a body that is soft (B,), are as they are, and only deep.
+    A gap that is closed (g < 0) or held shut from both sides with a force counts by its size, a
+    misfit of forces by what it would move another round: the springs of what presses a body are
+    together about as stiff as the body. Contacts that yield, with a body that is soft (B,), are as
+    they are, and only deep.
     """
     worst, depth = 0.0, 0.0
     for at in range(listed.first[body], listed.first[body + 1]):
@@ -134,7 +135,7 @@ def residual(body, touch, listed, soft, thinnest):
         force = min(contact.guest_force, contact.host_force)
         wrong = abs(min(contact.gap, force / contact.stiffness))
         mismatch = abs(contact.guest_force - contact.host_force) / contact.stiffness
-        worst = max(worst, max(wrong, mismatch) * thinnest / contact.thickness)
+        worst = max(worst, max(wrong, mismatch))
     return worst, depth
 
 

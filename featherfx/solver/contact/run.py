@@ -116,14 +116,12 @@ class BodyColours(NamedTuple):
 class RoundRules(NamedTuple):
     """rounds: most of an island. tolerance: m, residual of a solved island, and of a body that is
     not solved again. reach: m, gap beyond which contacts without a force are left out after the
-    first round. friction: whether there is any. thinnest: m, least thickness of vanes, between
-    which the tolerance holds; others may be off by more."""
+    first round. friction: whether there is any."""
 
     rounds: int
     tolerance: float
     reach: float
     friction: bool
-    thinnest: float
 
 
 class Sweep(NamedTuple):

@@ -200,7 +200,7 @@ def _look(body, number, sweep):
         marks.moved[body] = 0
         if number >= _PATIENCE:
             share_pinch(body, sweep.touch, sweep.listed, marks.fixed, sweep.rules.tolerance)
-        worst, depth = residual(body, sweep.touch, sweep.listed, marks.soft, sweep.rules.thinnest)
+        worst, depth = residual(body, sweep.touch, sweep.listed, marks.soft)
         marks.worst[body], marks.depth[body] = worst, depth
     again = marks.worst[body] > sweep.rules.tolerance
     if number == 0:

@@ -49,17 +49,19 @@ class VaneSurfaces(NamedTuple):
 
 class MovingBodies(NamedTuple):
     """B bodies in an interval. start: (B, n, 1 + 2 m, 3) m, nodes at its begin; ahead: where they
-    will be about its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance:
-    (B, n, 1 + 2 m) N/m, of led bodies more than of any other; firm: the same towards bodies that
-    are fixed (B,), obstacles. way: (B,) m, farthest that a node goes; swing: (B,) m, beyond its
-    root. slab: (B, 5), a normal and the lowest and highest along it, m, of all nodes ahead, between
-    which no triangle is turned over; endless where there is none."""
+    will be about its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, 1 +
+    2 m) N/m, for each contact that presses a body, of led bodies more than of any other; whole,
+    firm: for all of it, towards walls and towards bodies that are fixed (B,), obstacles. way: (B,)
+    m, farthest that a node goes; swing: (B,) m, beyond its root. slab: (B, 5), a normal and the
+    lowest and highest along it, m, of all nodes ahead, between which no triangle is turned over;
+    endless where there is none."""
 
     start: Array
     ahead: Array
     boxes: Array
     bounds: Array
     impedance: Array
+    whole: Array
     firm: Array
     fixed: Bytes
     way: Array

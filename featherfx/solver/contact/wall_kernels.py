@@ -142,7 +142,7 @@ def meet_triangle(node, found, wall_and_open, bit, search, touch, count):
     store(contact.place_now, new)
     set_gaps(contact, thickness, along, search.recovery)
     contact.guest_force = contact.host_force = search.memory.wall[body, i, node.column]
-    contact.stiffness = search.wall_fit * bodies.impedance[body, i, p]
+    contact.stiffness = search.wall_fit * bodies.whole[body, i, p]
     return count + 1
 
 
