@@ -38,7 +38,7 @@ _MIN_STRENGTH = 0.3
 _SAGITTA_SHARE = 0.5
 # of the rise of leaves at their ends, by which their tips may be pressed down: half the gap is left
 _PRESSED_SHARE = 0.25
-_FEATHERS_AT_ONCE = 64  # that a thread draws
+_FEATHERS_AT_ONCE = 256  # that a thread draws
 _USUAL_SPACING = CoatSpacing()
 
 
