@@ -149,3 +149,13 @@ def test_clips_that_are_cut_short_or_missing(tmp_path):
     assert any(str(file) in f"{each.key} {each.message}" for each in found)
     file.unlink()
     assert "/bird/skin.points" in refused(shot)
+
+
+def test_a_file_of_a_newer_usd_is_refused_with_a_remedy(tmp_path):
+    inner(tmp_path)
+    file = tmp_path / "inner.usdc"
+    content = bytearray(file.read_bytes())
+    content[8:10] = 0, 250  # major and minor version, after the name of the format
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=r"version mismatch.*Update usd-core"):
+        pipeline.inspect_stage(file)

@@ -27,9 +27,8 @@ from featherfx.usd.read.groom import read_feathers
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import (
     SourceScene,
-    broken_arcs,
     broken_clips,
-    broken_files,
+    list_broken,
     open_scene,
     prims_below,
 )
@@ -208,7 +207,7 @@ def _feathers(scene: SourceScene, path: Path, place: Place) -> None:
 def missing_files(stage: Any, path: Path) -> list[Problem]:
     """Return a problem for each sublayer, payload, reference, clip or image that is missing."""
     named = (*SCENE_SUFFIXES, ".png")
-    found = broken_files(stage) | broken_clips(stage) | broken_arcs(stage)
+    found = list_broken(stage) | broken_clips(stage)
     if not found:  # USD 24.3 ends the process where it looks into a file that it cannot open
         try:
             _, _, unresolved = UsdUtils.ComputeAllDependencies(str(path))

@@ -14,8 +14,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.provenance import LeftOut, StageRead, note_read
 from featherfx.usd.read.stage import (
     SourceScene,
-    broken_arcs,
-    broken_files,
+    list_broken,
     open_scene,
     prim_kind,
     prims_below,
@@ -140,7 +139,7 @@ def inspect_stage(path: str | Path) -> StageReport:
         if kind or prim.IsA(UsdGeom.Gprim):
             left.append(LeftOut(str(prim.GetPath()), str(prim.GetTypeName()), told))
     note_read(StageRead(str(path), "/", "prim", len(prims), tuple(left)))
-    for what, why in (broken_files(scene.stage) | broken_arcs(scene.stage)).items():
+    for what, why in list_broken(scene.stage).items():
         place.child(what).fail(why)
     stage, default = scene.stage, scene.stage.GetDefaultPrim()
     return StageReport(

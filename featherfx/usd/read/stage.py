@@ -136,8 +136,9 @@ class ScenePrim:
         return self._scene.variant_sets
 
 
-def broken_files(stage: Any) -> dict[str, str]:
-    """Return layers that a stage names and that cannot be opened, and why."""
+def list_broken(stage: Any) -> dict[str, str]:
+    """Return layers that a stage names and that cannot be opened, prims with missing or cyclic
+    references, and why."""
     found: dict[str, str] = {}
     for layer in stage.GetUsedLayers():
         if fault := _variant_fault(layer):
@@ -147,7 +148,7 @@ def broken_files(stage: Any) -> dict[str, str]:
         for name in filter(None, layer.GetCompositionAssetDependencies()):
             path = Sdf.ComputeAssetPathRelativeToLayer(layer, name)
             found[path] = _opening_fault(path)
-    return {path: reason for path, reason in found.items() if reason}
+    return {path: reason for path, reason in found.items() if reason} | _list_broken_arcs(stage)
 
 
 def _variant_fault(layer: Any) -> str:
@@ -185,8 +186,7 @@ def _opening_fault(path: str) -> str:
         return f"USD cannot open it: {describe_error(error)}"
 
 
-def broken_arcs(stage: Any) -> dict[str, str]:
-    """Return prims with missing or cyclic references, and why; files are in broken_files."""
+def _list_broken_arcs(stage: Any) -> dict[str, str]:
     return {
         str(prim.GetPath()): _arc_fault(error)
         for prim in stage.TraverseAll()
@@ -278,14 +278,10 @@ def open_chosen(path: Path, entry: Mapping[str, Any], file: Place, place: Place)
     stage. place: of the table.
     """
     scene = open_scene(path, file)
-    for name, why in _broken(scene).items():
+    for name, why in list_broken(scene.stage).items():
         told = "What it holds is not read: mend it, or remove what names it"
         warnings.warn(f"{path}: {name}: {why}. {told}", InputWarning, 2)
     return choose_variants(scene, entry.get("variant_sets", {}), place.child("variant_sets"))
-
-
-def _broken(scene: SourceScene) -> dict[str, str]:
-    return broken_files(scene.stage) | broken_arcs(scene.stage)
 
 
 def choose_variants(scene: SourceScene, chosen: Mapping[str, str], place: Place) -> SourceScene:
@@ -389,7 +385,7 @@ def find_prim(scene: SourceScene, path: str, place: Place, *kinds: str) -> Any:
 
 def describe_broken(scene: SourceScene) -> str:
     """Return broken files and arcs as the end of a message about a missing prim."""
-    return "".join(f"; {what}: {why}" for what, why in _broken(scene).items())
+    return "".join(f"; {what}: {why}" for what, why in list_broken(scene.stage).items())
 
 
 def _absent(scene: SourceScene, path: Any) -> str:

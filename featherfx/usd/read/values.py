@@ -73,7 +73,9 @@ def describe_error(error: BaseException) -> str:
     except UnicodeDecodeError:
         return "holds bytes that are no UTF-8 text"
     # of a damaged file it may quote gigabytes
-    return " ".join(told[:_MAX_TOLD].split())
+    text = " ".join(told[:_MAX_TOLD].split())
+    is_newer = "version mismatch" in text or "'spline'" in text
+    return f"{text}. Update usd-core, or save it without splines" if is_newer else text
 
 
 @contextmanager
