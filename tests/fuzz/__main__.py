@@ -1,9 +1,10 @@
 """Damaged inputs by the thousand: `python -m tests.fuzz --cases 300 --seed 0 usd`.
 
-And bakes that are killed: `python -m tests.fuzz --cases 30 kill`, and scenes in which feathers are
-thrown together: `python -m tests.fuzz --cases 1000 contact`. Several kinds, one after another, each
-cut among processes: `python -m tests.fuzz --cases 2500 --jobs 16 --json found.json toml usd`. How
-far it is, is told every 25 cases; interrupted (Ctrl-C), it tells what was found so far.
+And commands that are killed: `python -m tests.fuzz --cases 200 kill`, scenes in which feathers are
+thrown together: `... --cases 1000 contact`, and extreme shots: `... --cases 1000 extreme`. Several
+kinds, one after another, each cut among processes:
+`python -m tests.fuzz --cases 2500 --jobs 16 --json found.json toml usd`. How far it is, is told
+every 25 cases; interrupted (Ctrl-C), it tells what was found so far.
 """
 
 from __future__ import annotations
@@ -22,14 +23,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tests.fuzz import contact, kill, toml, usd
+from tests.fuzz import contact, extreme, kill, pictures, toml, usd
 from tests.fuzz.cases import FINE, Failure, Found, nothing, run
 
 Run = Callable[[Sequence[int], int, Path | None], Iterator[Found]]
 KINDS: dict[str, Run] = {
     "toml": partial(run, toml.KIND),
     "usd": partial(run, usd.KIND),
+    "pictures": partial(run, pictures.KIND),
     "contact": lambda cases, seed, _: contact.run(cases, seed),
+    "extreme": extreme.run,
     "kill": kill.run,
 }
 # of the cases for each job, so that those which end early take more; most of a piece, and between
@@ -45,6 +48,7 @@ def main() -> int:
     parser.add_argument("--cases", type=int, default=300, metavar="N", help="of each kind")
     parser.add_argument("--first", type=int, default=0, metavar="N", help="number of the first")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
+    parser.add_argument("--seconds", type=float, help="after which no other case of a kind begins")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="for inputs that fail")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes at a time")
     parser.add_argument("--json", type=Path, metavar="FILE", help="for what was found")
@@ -74,7 +78,7 @@ def _gathered(kind: str, given: argparse.Namespace, whole: Found) -> bool:
     some = (
         _in_pieces(kind, given) if given.jobs > 1 else KINDS[kind](numbers, given.seed, given.keep)
     )
-    told = 0
+    told, begin = 0, time.monotonic()
     try:
         for part in some:
             _print_bad(part, given.seed)
@@ -82,6 +86,8 @@ def _gathered(kind: str, given: argparse.Namespace, whole: Found) -> bool:
             whole.failures.extend(part.failures)
             whole.scenes.extend(part.scenes)
             whole.through.extend(part.through)
+            if given.seconds and time.monotonic() - begin > given.seconds:
+                return False
             if len(whole.through) // OFTEN > told // OFTEN:
                 told = len(whole.through)
                 print(_line(kind, whole, f"of {given.cases} so far"), flush=True)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import click
 import numpy as np
 
 SECONDS = 60  # of processor time, beyond which a case hangs
@@ -174,6 +175,8 @@ def _execute(command: Command, folder: Path, log: int) -> None:
         )
         refused = told or command.arguments[0] == "check"
         outcome = "done" if not code else "refused" if refused else f"silent {text}"
+    except click.UsageError:
+        outcome = "refused"
     except MemoryError:
         outcome = "memory"
     except BaseException:

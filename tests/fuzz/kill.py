@@ -1,60 +1,81 @@
-"""Bakes killed at seeded times and resumed, compared byte by byte with undisturbed ones."""
+"""Commands killed at seeded times and run again, compared byte by byte with undisturbed ones.
+
+Bakes go on with --resume, in three layouts; the others begin again.
+"""
 
 from __future__ import annotations
 
-import json
 import random
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from .cases import Failure, Found, nothing
 
-SHOT = Path(__file__).resolve().parents[2] / "samples/feather_pull/shot.toml"
-LAYOUTS = ("clips", "flat", "payload")
-MAX_KILLS = 3  # of one bake before it is left in peace
-SECONDS = 120  # beyond which a bake hangs
+SAMPLES = Path(__file__).resolve().parents[2] / "samples"
+SHOT = SAMPLES / "feather_pull/shot.toml"
+WING = SAMPLES / "swan_wing"
+MAX_KILLS = 3  # of one command before it is left in peace
+SECONDS = 240  # beyond which a command hangs
+
+
+class Job(NamedTuple):
+    """A command in a folder that holds the inputs. again: options of the second run."""
+
+    arguments: tuple[str, ...]
+    again: tuple[str, ...] = ("--overwrite",)
+
+
+BAKE = ("bake", str(SHOT), "-o", "o.usdc", "--quality", "draft", "--chunk", "2", "--jobs", "1")
+JOBS = {
+    "clips": Job((*BAKE, "--resume", "--layout", "clips"), ()),
+    "export": Job(("export", "in.usdc", "-o", "o.usda")),
+    "flat": Job((*BAKE, "--resume", "--layout", "flat"), ()),
+    "join": Job(("join", "share.usdc", "--shares", "2")),
+    "payload": Job((*BAKE, "--resume", "--layout", "payload"), ()),
+    "retime": Job(("retime", "in.usdc", "-o", "o.usdc", "--speed", "0.25")),
+    "groom": Job(("groom", str(WING / "groom.toml"), "-o", "o.usdc")),
+    "meshes": Job(("export", "in.usdc", "-o", "o.ply")),
+    "view": Job(("view", "in.usdc", "--html", "o.html")),
+}
 
 
 def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Iterator[Found]:
     """Outcomes of each case by name.
 
-    done: a bake that was killed and resumed is the same, byte by byte, with no file more. killed:
-    bakes that a kill hit. differs, stray, refused, hang: what must not be. keep: takes the folders
-    of such cases.
+    done: a command that was killed and run again leaves the same files, byte by byte, and no other.
+    killed: commands that a kill hit. differs, stray, refused, hang: what must not be. keep: takes
+    the folders of such cases.
     """
     with tempfile.TemporaryDirectory() as name:
         whole = Path(name)
-        expected, seconds = {}, {}
-        for layout in LAYOUTS:
-            folder = whole / layout
-            folder.mkdir()
-            _bake(folder, layout)  # compiles what is not compiled yet
-            shutil.rmtree(folder)
-            folder.mkdir()
-            begin = time.monotonic()
-            assert _bake(folder, layout) == 0
-            seconds[layout] = time.monotonic() - begin
-            expected[layout] = _tree(folder)
+        inputs = whole / "inputs"
+        make_inputs(inputs)
+        expected: dict[str, tuple[float, dict[str, bytes]]] = {}
         for number in cases:
             result = nothing()
-            outcomes = result.outcomes
             chance = random.Random(f"{seed} {number}")
-            layout = LAYOUTS[number % len(LAYOUTS)]
-            folder = whole / f"case{number}"
-            folder.mkdir()
-            for _ in range(chance.randint(1, MAX_KILLS)):
-                outcomes["killed"] += _killed(folder, layout, chance, seconds[layout])
-            end = _end(folder, layout, expected[layout])
-            outcomes[end] += 1
+            job = list(JOBS)[number % len(JOBS)]
+            if job not in expected:
+                expected[job] = undisturbed(whole / job, inputs, JOBS[job])
+            seconds, files = expected[job]
+            # of one name, since caches tell their own
+            folder = whole / job
+            shutil.copytree(inputs, folder)
+            for time_over in range(chance.randint(1, MAX_KILLS)):
+                result.outcomes["killed"] += is_killed(
+                    folder, JOBS[job], bool(time_over), chance, seconds
+                )
+            end = compare_second_run(folder, JOBS[job], files)
+            result.outcomes[end] += 1
             if end != "done":
-                result.failures.append(Failure(number, f"{layout}: {end}"))
+                result.failures.append(Failure(number, f"{job}: {end}"))
                 if keep is not None:
                     shutil.copytree(folder, keep / f"{seed}_{number}", dirs_exist_ok=True)
             shutil.rmtree(folder)
@@ -62,56 +83,63 @@ def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Iterator[F
             yield result
 
 
-def _command(folder: Path, layout: str) -> list[str]:
-    arguments = ["bake", str(SHOT), "-o", str(folder / "o.usdc"), "--layout", layout, "--resume"]
-    arguments += ["--quality", "draft", "--chunk", "2", "--jobs", "1", "--progress", "json"]
-    return [sys.executable, "-m", "featherfx", *arguments]
+def make_inputs(folder: Path) -> None:
+    """Write a cache, and the shares of another."""
+    folder.mkdir()
+    bake = ("--quality", "draft", "--frames", "1-6", "--jobs", "1")
+    assert start(folder, ("bake", str(SHOT), "-o", "in.usdc", *bake)).wait() == 0
+    for share in ("1/2", "2/2"):
+        own = ("bake", str(WING / "shot.toml"), "-o", "share.usdc", "--feathers", share, *bake)
+        assert start(folder, own).wait() == 0
 
 
-def _bake(folder: Path, layout: str) -> int:
-    done = subprocess.run(
-        _command(folder, layout), capture_output=True, text=True, timeout=SECONDS, check=False
-    )
-    if done.returncode:
-        print(done.stderr, flush=True)
-    return done.returncode
+def start(folder: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+    """Start a command in a folder."""
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen([sys.executable, "-m", "featherfx", *arguments], cwd=folder, **silent)
 
 
-def _killed(folder: Path, layout: str, chance: random.Random, seconds: float) -> bool:
-    """Whether a kill hit: at any time of a bake, or more often after its first frames."""
-    process = subprocess.Popen(_command(folder, layout), stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    if chance.random() < 0.75:
-        wanted = chance.randint(1, 25)
-        for line in process.stderr:
-            if line.startswith("{") and json.loads(line)["done"] >= wanted:
-                break
-        wait = chance.uniform(0.0, 0.1 * seconds)
-    else:
-        wait = chance.uniform(0.0, seconds)
-    # so that a full pipe does not hold it up
-    threading.Thread(target=process.stderr.read, daemon=True).start()
+def undisturbed(folder: Path, inputs: Path, job: Job) -> tuple[float, dict[str, bytes]]:
+    """Seconds of a command, and the files that it leaves; run twice, since the first compiles."""
+    for _ in range(2):
+        shutil.copytree(inputs, folder)
+        begin = time.monotonic()
+        assert start(folder, job.arguments).wait() == 0, job
+        seconds, files = time.monotonic() - begin, tree(folder)
+        shutil.rmtree(folder)
+    return seconds, files
+
+
+def is_killed(
+    folder: Path, job: Job, is_again: bool, chance: random.Random, seconds: float
+) -> bool:
+    """Run a command and kill it at any time, more often in its second half."""
+    process = start(folder, job.arguments + (job.again if is_again else ()))
     try:
-        process.wait(wait)
+        process.wait(seconds * chance.choice([chance.uniform(0.0, 1.0), chance.uniform(0.5, 1.0)]))
     except subprocess.TimeoutExpired:
         process.send_signal(signal.SIGKILL)
     return process.wait() == -signal.SIGKILL
 
 
-def _end(folder: Path, layout: str, expected: dict[str, bytes]) -> str:
-    """What a resumed bake comes to."""
+def compare_second_run(folder: Path, job: Job, expected: dict[str, bytes]) -> str:
+    """Run a command to its end and compare what it leaves."""
+    process = start(folder, job.arguments + job.again)
     try:
-        if _bake(folder, layout):
+        if process.wait(SECONDS):
             return "refused"
     except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
         return "hang"
-    found = _tree(folder)
+    found = tree(folder)
     if found.keys() != expected.keys():
         print(sorted(found.keys() ^ expected.keys()), flush=True)
         return "stray"
     return "done" if found == expected else "differs"
 
 
-def _tree(folder: Path) -> dict[str, bytes]:
+def tree(folder: Path) -> dict[str, bytes]:
+    """Contents of all files by their names."""
     files = (file for file in sorted(folder.rglob("*")) if file.is_file())
     return {str(file.relative_to(folder)): file.read_bytes() for file in files}

@@ -155,6 +155,8 @@ COMMANDS = {
             ("out.0001.ply", "out.0002.ply", "out.0003.ply", "out.ply"),
         ),
         Command(("export", "cache.usda", "-o", "flat.usda"), ("flat.usda",)),
+        Command(("retime", "cache.usda", "-o", "slow.usda", "--speed", "0.5"), ("slow.usda",)),
+        Command(("view", "cache.usda", "--html", "page.html"), ("page.html",)),
         Command(("export", "cache.usda", "-o", "drawn.usda", "--condensed"), ("drawn.usda",)),
         Command(
             ("preview", "cache.usda", "-o", "cache.png", "--frame", "2", "--size", "40x30"),
@@ -366,6 +368,8 @@ KIND = Kind(
         "featherfx.usd.check.check",
         "featherfx.usd.convert.condensed",
         "featherfx.usd.convert.mesh_files",
+        "featherfx.usd.convert.retime",
+        "featherfx.view.page",
         "featherfx.usd.read.groom",
         "featherfx.usd.read.scenes",
         "featherfx.usd.read.skin",
