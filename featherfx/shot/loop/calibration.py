@@ -9,10 +9,10 @@ largest. What a setting errs by follows from what finer ones differ by,
 largest distance of any node at any frame, over the length. x_s has twice the rows and columns, of
 which errors are of second order, and one coefficient more; x_t a tenth of the tolerance, of which
 they go with the power 0.7. Each part is raised by as many levels of SPACE or TIME as it is too
-large for, and measured again; where it is far below, it is lowered once. Where the finest settings
-do not keep the error, the report has the figure. Where finer settings do not come nearer to each
-other, the feather has no unique answer, as where it has several rest poses or flutters; the report
-names it.
+large for, and measured again in the windows where it is large; where it is far below, it is lowered
+once. Where the finest settings do not keep the error, the report has the figure. Where finer
+settings do not come nearer to each other, the feather has no unique answer, as where it has several
+rest poses or flutters; the report names it.
 
 What is found depends on the shot alone: no share, thread or frame range changes it. Feathers push
 nothing here, and shapes of meshes, which fit one grid, do not draw them.
@@ -24,6 +24,7 @@ import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,6 +62,8 @@ _REST = {"space": 4.0 / 3.0, "time": 5.0 / 4.0}
 _FINER, _MORE_COEFFICIENTS, _TIGHTER = 2, 1, 10.0
 # rounds of measuring; levels at once; of a part's goal, to which it is lowered
 _ROUNDS, _MAX_STEPS, _LOW = 5, 2, 0.5
+# of its largest error in any window, below which a window is measured no more
+_FAR = 0.25
 # of its goal, error of steps from which on these are refined alone
 _RESTLESS = 4.0
 # least fall of an error from round to round, that shows that finer settings come nearer
@@ -180,9 +183,9 @@ class _Search:
     def __init__(
         self, shot: Shot, sample: Indices, error: float, windows: Sequence[tuple[Window, ...]]
     ) -> None:
-        self._shot, self._sample, self._windows = shot, sample, windows
+        self._shot, self._sample, self._windows = shot, sample, list(windows)
         self._goal, self._promised = _MARGIN * error, error
-        self._runs: list[dict[Level, _Run]] = [{} for _ in sample]
+        self._runs: list[dict[tuple[Level, Window], _Run]] = [{} for _ in sample]
         self._lengths = np.array([shot.groom.feathers[f].kind.length for f in sample])
         first = first_space(error), first_time(error)
         self._levels = [first for _ in sample]
@@ -205,14 +208,14 @@ class _Search:
         space, time = self._levels[k]
         if not self._wanted[k]:
             # lowered: what is finer is known
-            fine = (run for (*_, finer), run in self._runs[k].items() if finer)
+            fine = {level for level, _ in self._runs[k] if level[2]}
             error = _REST["space"] * max(self._distance(k, each) for each in fine)
             if error <= self._goal:
                 self.found[k] = MeasuredGrid(space, time, error, True)
             return False
         before, parts = dict(self._parts[k]), self._parts[k]
         for name in self._wanted[k]:
-            parts[name] = _REST[name] * self._distance(k, self._runs[k][space, time, name])
+            parts[name] = _REST[name] * self._distance(k, (space, time, name))
         error, known = sum(parts.values()), self.found[k]
         over = {name: parts[name] / (share * self._goal) for name, share in _SHARES.items()}
         if error < known.error:
@@ -226,6 +229,10 @@ class _Search:
             # finer settings do not come nearer to each other
             self.found[k] = self.found[k]._replace(is_unique=error <= self._promised)
             return False
+        # where it errs by far less, finer settings are not measured
+        by_window = {each: self._error(k, each) for each in self._windows[k]}
+        most = _FAR * max(by_window.values())
+        self._windows[k] = tuple(each for each, own in by_window.items() if own >= most)
         raised = {name: _steps(each) for name, each in over.items()}
         if over["time"] > _RESTLESS:
             raised["space"] = 0  # whether steps converge shows at less cost
@@ -239,29 +246,33 @@ class _Search:
         going, self._levels[k] = (space, time) != self._levels[k], (space, time)
         return going
 
-    def _distance(self, k: int, other: _Run) -> float:
+    def _error(self, k: int, window: Window) -> float:
+        """Return the error of a feather in one window, over its length, at its levels."""
+        names = self._wanted[k]
+        return max(self._distance(k, (*self._levels[k], name), [window]) for name in names)
+
+    def _distance(self, k: int, level: Level, windows: Sequence[Window] = ()) -> float:
         """Distance of a feather at its levels from a finer run of it, over its length."""
-        here = self._runs[k][*self._levels[k], ""]
-        if here.feather is None or other.feather is None:
-            return math.inf
-        way = max_distance(here.feather, other.feather, here.points, other.points)
-        return way / float(self._lengths[k])
+        most, own = 0.0, (*self._levels[k], "")
+        for window in windows or self._windows[k]:
+            here, other = (self._runs[k][each, window] for each in (own, level))
+            if here.feather is None or other.feather is None:
+                return math.inf
+            way = max_distance(here.feather, other.feather, here.points, other.points)
+            most = max(most, way / float(self._lengths[k]))
+        return most
 
     def _run(self, chosen: Iterable[int]) -> None:
         """Simulate what is not known yet of some feathers, all of one level together."""
         wanted: dict[tuple[Level, Window], list[int]] = {}
         for k in chosen:
-            for finer in ("", *self._wanted[k]):
-                level = (*self._levels[k], finer)
-                for window in self._windows[k] if level not in self._runs[k] else ():
-                    wanted.setdefault((level, window), []).append(k)
+            for finer, window in product(("", *self._wanted[k]), self._windows[k]):
+                each = (*self._levels[k], finer), window
+                if each not in self._runs[k]:
+                    wanted.setdefault(each, []).append(k)
         for (level, window), members in sorted(wanted.items()):
             for k, run in zip(members, self._simulated(level, window, members), strict=True):
-                known = self._runs[k].get(level)
-                if known is not None:
-                    failed = known.feather is None or run.feather is None
-                    run = _FAILED if failed else _Run(run.feather, [*known.points, *run.points])
-                self._runs[k][level] = run
+                self._runs[k][level, window] = run
 
     def _simulated(self, level: Level, window: Window, members: Sequence[int]) -> list[_Run]:
         order = np.argsort(self._sample[list(members)])

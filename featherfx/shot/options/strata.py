@@ -14,7 +14,7 @@ from featherfx.shot.options.load_estimate import Deflection
 from featherfx.shot.types import Shot
 
 # strata a shot may have at least, and one for so many feathers
-_MIN_STRATA, _FEATHERS_PER_STRATUM = 8, 12
+_MIN_STRATA, _FEATHERS_PER_STRATUM = 8, 20
 # powers of two within which sizes and deflections are alike, from fine to coarse
 _WIDTHS = (1.0, 2.0, 4.0, 100.0)
 # of a feather's length, deflection below which all are alike
