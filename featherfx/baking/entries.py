@@ -285,7 +285,11 @@ def drawn_entries(
 def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:
     """Return metadata about the origin of a cache."""
     told = {"featherfx": __version__, "groom": groom.name, "quality": quality.name}
-    return told | {"thickness": max(p.kind.vane_material.thickness for p in groom.feathers)}
+    x, y, _ = groom.forward
+    heading = {} if x == 1.0 else {"heading": float(np.degrees(np.arctan2(y, x)))}
+    return (
+        told | heading | {"thickness": max(p.kind.vane_material.thickness for p in groom.feathers)}
+    )
 
 
 def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:

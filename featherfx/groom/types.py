@@ -402,7 +402,8 @@ class Groom:
     layout makes (feather/leaves.py), None without. skin: corners (T, 3, 3) m of the meshes that
     regions grow on, None where there are none. drawn_gravity: (3,) m/s^2, under which the
     drawn pose is the balance, None where it is the unloaded shape. inputs: what its files say, by
-    key (value_diff.py), for messages. skin_keys: checked keys of [skin], None without it.
+    key (value_diff.py), for messages. skin_keys: checked keys of [skin], None without it. forward:
+    (3,) of the creature, level.
     """
 
     name: str
@@ -415,3 +416,4 @@ class Groom:
     drawn_gravity: Array | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)
     skin_keys: Mapping[str, Any] | None = None
+    forward: tuple[float, float, float] = (1.0, 0.0, 0.0)

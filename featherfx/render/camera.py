@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array, Indices
 from featherfx.render.light_kernels import Lens
 from featherfx.shot.view import View
@@ -24,7 +25,7 @@ _TILE, _LEAST, _MOST = 480 * 320, 0.5, 2.0  # pixels of a tile, and its width ov
 # high; unless they look the same way on the whole, as raised wings do (at 35 degrees 0.82)
 _ROUND, _ONE_WAY = 0.78, 0.7
 _ASIDE, _RAISED = math.radians(25), math.radians(12)
-# (right, up) of the fixed views: top, from -y, and from +x.
+# (right, up) of the fixed views of a creature that looks to +x: top, from -y, and from +x.
 _FIXED = {
     "top": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
     "side": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
@@ -99,14 +100,18 @@ class Eye:
 
 
 def axes_of(
-    view: str, points: Array, triangles: Indices, stands: bool = False
+    view: str, points: Array, triangles: Indices, stands: bool = False, heading: float = 0.0
 ) -> tuple[Array, Array]:
-    """(right, up) of one of VIEWS; "auto" sees triangles (T, 3) of points (V, 3) from their broad
-    side, or upright what stands."""
+    """Return (right, up) of one of VIEWS.
+
+    "auto" sees triangles (T, 3) of points (V, 3) from their broad side, or upright what stands.
+    heading: deg, of the creature's forward from x about z, by which the others go.
+    """
     if view == "auto":
         return _upright(points) if stands else _three_quarter(points, triangles)
-    right, up = _FIXED[view]
-    return np.array(right), np.array(up)
+    turn = from_rotation_vector(np.array([0.0, 0.0, np.radians(heading)]))
+    right, up = (turn @ axis for axis in _FIXED[view])
+    return right, up
 
 
 def _three_quarter(points: Array, triangles: Indices) -> tuple[Array, Array]:

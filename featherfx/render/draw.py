@@ -155,7 +155,8 @@ def _shots(
     if options.framing not in (None, "follow") or not (options.framing or travels(way, reach)):
         way = still_path()
     points = np.concatenate([hull - way(code) for code, hull in reach])
-    right, up = axes_of(options.view, *subjects[0].shape(kept), options.floor)
+    heading = subjects[0].cache.heading
+    right, up = axes_of(options.view, *subjects[0].shape(kept), options.floor, heading)
     is_shaped = options.sheet and options.size is None
     pixels = tile_size(right, up, points) if is_shaped else options.pixels
     if options.turntable:

@@ -355,7 +355,8 @@ def skinned(cache, tmp_path):
     copy.TransferContent(layer)
     told = dict(copy.customLayerData.get("featherfx", {}))
     told["scenery"] = {
-        str(k): {"role": role, "file": "body.usda", "prim": prim, "start": 1.0, "first": 1.0}
+        str(k): {"role": role, "file": "body.usda", "prim": prim}
+        | dict.fromkeys(("start", "first", "time_codes_per_frame"), 1.0)
         for k, (role, prim) in enumerate((("skin", "/bird/body"), ("collider", "/floor")))
     }
     copy.customLayerData = {"featherfx": told}

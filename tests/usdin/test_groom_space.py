@@ -1,11 +1,17 @@
 """Grooms written in the space of their skin, and points that are landmarks of it."""
 
+import warnings
+
 import creature
 import numpy as np
 import pytest
 import trimesh
 from pxr import Gf, Usd, UsdGeom, Vt
-from regions_skin import RADIUS, SKIN, grown, problems, roots, skin_folder, write_skin
+from regions_skin import RADIUS, SKIN, grown, problems, region, roots, skin_folder, write_skin
+
+from featherfx.baking.export import export_groom
+from featherfx.render.camera import axes_of
+from featherfx.usd.read.cache import Cache
 
 __all__ = ["skin_folder"]
 
@@ -256,3 +262,26 @@ last = { position = [0, 0, 0], direction = [1, 0, 0], up = [0, 0, 1] }
     found = problems(folder, row, skin=SKIN.replace("/skin", "/skim"))
     assert "no prim /skim" in found
     assert len(found.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("tables", "forward"),
+    [
+        ("", (1, 0, 0)),
+        ("[space]\nof = 'stage'\nleft = 'x'\n", (0, -1, 0)),
+        ("[space]\nleft = '-y'\n", (-1, 0, 0)),
+    ],
+)
+def test_the_front_of_a_picture_is_the_creatures(tmp_path, tables, forward):
+    write_skin(tmp_path)
+    stage = Usd.Stage.Open(str(tmp_path / "skin.usda"))
+    UsdGeom.SetStageUpAxis(stage, "Y")
+    stage.GetRootLayer().Save()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        (tmp_path / "groom.toml").write_text(SKIN + tables + region(keys="count = 3"))
+        export_groom(tmp_path / "groom.toml", tmp_path / "out.usda", quality="draft")
+    heading = Cache(tmp_path / "out.usda").heading
+    for view, seen in (("front", 1.0), ("side", 0.0), ("top", 0.0)):
+        right, up = axes_of(view, np.zeros((1, 3)), np.zeros((0, 3), int), False, heading)
+        assert np.cross(right, up) @ forward == pytest.approx(seen, abs=1e-9)

@@ -14,6 +14,7 @@ from typing import Any
 import click
 import numpy as np
 
+from featherfx.baking import corpus
 from featherfx.baking.pipeline import bake
 from featherfx.cli.lab.show import show
 from featherfx.cli.options import json_option, readable_path
@@ -66,6 +67,22 @@ def measure_shot(shots: tuple[Path, ...], as_json: bool) -> None:
     """
     for shot in shots or [_SAMPLES / name / "shot.toml" for name in _QUICK]:
         show(accuracy.shot_figures(shot), as_json)
+
+
+@measure.command("corpus", cls=Command)
+@click.argument("paths", type=readable_path(), nargs=-1, required=True)
+@json_option()
+def measure_corpus(paths: tuple[Path, ...], as_json: bool) -> None:
+    """Try foreign USD files: inspect, groom each mesh, bake three frames, check.
+
+    PATHS: files, and folders with all below them.
+    """
+    outcomes = corpus.try_files(corpus.list_files(paths))
+    if as_json:
+        show(list(outcomes), True)
+        return
+    titles = "file, meshes, moving, inspect, groom, bake, check, root error (mm), crashes"
+    _table(titles, corpus.outcome_rows(outcomes))
 
 
 @measure.command("scaling", cls=Command)

@@ -151,6 +151,9 @@ def groom_of(
     is_balance = parts["drawn_pose"] == "equilibrium" and parts["gravity"] is not INVALID
     gravity = np.array(parts["gravity"], dtype=float) if is_balance else None
     keys = None if parts["skin"] is INVALID else parts["skin"]
+    wings = [entry["forward"] for _, entry in parts["wing"]]
+    x, y = np.array(wings[-1] if wings else space.forward)[:2].tolist()
+    size = float(np.hypot(x, y))
     return Groom(
         name=name,
         source=path,
@@ -161,6 +164,7 @@ def groom_of(
         drawn_gravity=gravity,
         inputs=inputs,
         skin_keys=keys,
+        forward=(x / size, y / size, 0.0) if size > 0.0 else (1.0, 0.0, 0.0),
     )
 
 

@@ -62,6 +62,11 @@ class Space:
         """(N,) whether points (N, 3) m of the groom's frame are on the body's left."""
         return np.asarray(self.local(points) @ self.left > 0.0)
 
+    @property
+    def forward(self) -> Array:
+        """Return (3,) the body's forward in the groom's frame, level; 0 where left is upright."""
+        return np.cross(self.axes @ self.left, [0.0, 0.0, 1.0])
+
     def mirror(self, axis: str) -> Mirror:
         """The plane at 0 of an axis, "x", "y" or "z"."""
         normal = self.axes[:, "xyz".index(axis)]

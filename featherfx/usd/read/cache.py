@@ -146,12 +146,12 @@ class Cache:
     """Meshes of a USD file, or its condensed feathers where it has no mesh.
 
     Purposes other than default and render are left out. to_world: (3, 3), row vectors, from its
-    stage to metres and z up. feathers: one entry per mesh, or instance
-    of one, or feather of a shared one, in the order of the stage. frames: start and end time code.
-    scenery: skins and colliders of its shot: role, file from its own folder, prim, time code
-    `start` of that file at time code `first`, and `rest`, its time code at rest, where that is not
-    its rest pose, and `variant_sets` that are chosen in it. Raises InputError if the file cannot be
-    opened or holds no mesh.
+    stage to metres and z up. heading: deg, of the creature's forward from x about z, there.
+    feathers: one entry per mesh, or instance of one, or feather of a shared one, in the order of
+    the stage. frames: start and end time code. scenery: skins and colliders of its shot: role, file
+    from its own folder, prim, time code `start` of that file at time code `first`, and `rest`, its
+    time code at rest, where that is not its rest pose, and `variant_sets` that are chosen in it.
+    Raises InputError if the file cannot be opened or holds no mesh.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -163,6 +163,8 @@ class Cache:
         self.meters_per_unit = UsdGeom.GetStageMetersPerUnit(self._stage)
         self.up_axis = str(UsdGeom.GetStageUpAxis(self._stage))
         self.to_world = StageSpace(self.meters_per_unit, self.up_axis).to_world
+        told = self._stage.GetRootLayer().customLayerData.get("featherfx")
+        self.heading = float(told.get("heading", 0.0)) if isinstance(told, dict) else 0.0
         with usd_errors(self._stage.GetPseudoRoot()):
             self.scenery = tuple(read_scenery(self._stage))
         found = [(own, feather) for each in _read_meshes(self._stage) for own, feather in each]
