@@ -1,8 +1,6 @@
-"""Pairs of feathers that may overlap at rest, in the order of shingles.
+"""Pairs of feathers that may overlap at rest.
 
-A feather lies over another if its layer is higher, else if its root is upstream, as water would run
-off the plumage; rows whose roots are lifted one over the other keep that order. Feathers are taken
-as strips about their shafts for this; what is found may meet, what is left out cannot.
+Feathers are taken as strips about their shafts: what is found may meet, what is left out cannot.
 """
 
 from __future__ import annotations
@@ -20,8 +18,6 @@ from featherfx.groom.types import Placement, RachisShape
 
 # cosine of the angle between two dorsal sides from which on feathers do not count as layered
 _MIN_FACING = 0.5
-# of a stacked pair against one that flows, and of the hold against a pair
-_STACK_WEIGHT, _HOLD = 10.0, 1e-7
 
 
 @dataclass(frozen=True)
@@ -29,19 +25,13 @@ class Strips:
     """F feathers as straight strips.
 
     root: (F, 3) m. shaft: (F, 3) m, root to tip. dorsal: (F, 3) unit. reach: (F,) m, how far the
-    vanes go from the straight line to the tip. layer: (F,). group, stack:
-    (F,) within a group, a higher stack lies over a lower one; group -1 for none. rank: (F,) the
-    order of a layout, which goes before all else, -1 where there is none.
+    vanes go from the straight line to the tip.
     """
 
     root: Array
     shaft: Array
     dorsal: Array
     reach: Array
-    layer: Indices
-    group: Indices
-    stack: Indices
-    rank: Indices
 
 
 def _ends(shapes: Sequence[RachisShape]) -> tuple[Array, Array]:
@@ -63,7 +53,6 @@ def _ends(shapes: Sequence[RachisShape]) -> tuple[Array, Array]:
 def strips_of(placements: Sequence[Placement]) -> Strips:
     """The feathers of a groom as strips."""
     kinds = [p.kind for p in placements]
-    labels = {name: k for k, name in enumerate(dict.fromkeys(p.region for p in placements))}
     outlines = [k.leading.outline + k.trailing.outline for k in kinds]
     widest = [max((y for _, y in outline), default=0.0) for outline in outlines]
     straight, bow = _ends([k.rachis for k in kinds])
@@ -75,89 +64,25 @@ def strips_of(placements: Sequence[Placement]) -> Strips:
         shaft=length[:, None] * np.einsum("fij,fj->fi", rotation, straight),
         dorsal=rotation[:, :, 2],
         reach=length * (np.array(widest) + bow),
-        layer=np.array([p.layer for p in placements], dtype=np.int64),
-        group=np.array([labels[p.region] if p.stack else -1 for p in placements], dtype=np.int64),
-        stack=np.array([p.stack for p in placements], dtype=np.int64),
-        rank=np.array([p.rank for p in placements], dtype=np.int64),
     )
 
 
-def shingle_pairs(strips: Strips, facing: float = _MIN_FACING) -> tuple[Indices, Indices]:
-    """(K, 2) feathers that may meet, the one that lies over the other first; sorted by it.
-
-    facing: least cosine of the angle between their dorsal sides.
-
-    And (F,) all feathers in an order in which those beneath come first.
+def near_pairs(strips: Strips) -> Indices:
+    """(K, 2) feathers that may meet, in no order of theirs.
 
     Neighbours come from search trees by classes of length, so that the work grows with the number
     of pairs.
     """
-    pairs = near_pairs(strips, facing)
-    if len(strips.rank) and strips.rank.min() >= 0:
-        beneath = np.argsort(strips.rank, kind="stable")
-    else:
-        beneath = np.lexsort((-flow_potential(strips, pairs), strips.layer))
-    rank = np.empty(len(beneath), dtype=np.int64)
-    rank[beneath] = np.arange(len(beneath))
-    over = rank[pairs[:, 0]] > rank[pairs[:, 1]]
-    ordered = np.where(over[:, None], pairs, pairs[:, ::-1])
-    return ordered[np.lexsort((ordered[:, 1], ordered[:, 0]))], beneath
-
-
-def near_pairs(strips: Strips, facing: float = _MIN_FACING) -> Indices:
-    """(K, 2) feathers that may meet, in no order of theirs; facing as of shingle_pairs."""
     pairs = _near(strips)
     first, second = pairs.T
     cosine = dots(strips.dorsal[first], strips.dorsal[second])
-    pairs = pairs[cosine > facing]
+    pairs = pairs[cosine > _MIN_FACING]
     first, second = pairs.T
     shaft = strips.shaft
     distance = segment_distance(
         strips.root[first], shaft[first], strips.root[second], shaft[second]
     )
     return np.asarray(pairs[distance <= strips.reach[first] + strips.reach[second]])
-
-
-def flow_potential(strips: Strips, pairs: Indices) -> Array:
-    """(F,) m, how far downstream every root is, by least squares over neighbours of one layer.
-
-    Between two neighbours it grows as their roots lie apart along their shafts; so it is an order
-    without rings wherever the shafts flow. Rows that are stacked count by their stack instead.
-    """
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.sparse.linalg import cg  # heavy, and only for this
-
-    first, second = pairs[strips.layer[pairs[:, 0]] == strips.layer[pairs[:, 1]]].T
-    shaft = strips.shaft / np.linalg.norm(strips.shaft, axis=1, keepdims=True)
-    count = len(shaft)
-    way = strips.root[second] - strips.root[first]
-    ahead = 0.5 * dots(way, shaft[first] + shaft[second])
-    stacked = (strips.group[first] == strips.group[second]) & (strips.group[first] >= 0)
-    higher = (strips.stack[first] - strips.stack[second]) * np.linalg.norm(way, axis=1)
-    ahead = np.where(stacked, higher, ahead)
-    weight = np.where(stacked, _STACK_WEIGHT, 1.0)
-    rows = np.concatenate([first, second, first, second])
-    columns = np.concatenate([first, second, second, first])
-    values = np.concatenate([weight, weight, -weight, -weight])
-    # a faint hold of every value at 0 makes the matrix regular
-    held = np.arange(count)
-    matrix = csr_array(
-        (
-            np.concatenate([values, np.full(count, _HOLD)]),
-            (np.concatenate([rows, held]), np.concatenate([columns, held])),
-        ),
-        shape=(count, count),
-    )
-    right = np.zeros(count)
-    np.add.at(right, second, weight * ahead)
-    np.add.at(right, first, -weight * ahead)
-    # what does not hang together is solved apart, so that it has nothing of the others' round-off
-    _, part = connected_components(matrix, directed=False)
-    potential = np.empty(count)
-    for own in np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1]):
-        potential[own], _ = cg(matrix[own][:, own], right[own], rtol=1e-6, maxiter=2000)
-    return potential
 
 
 def _near(strips: Strips) -> Indices:

@@ -15,7 +15,7 @@ from featherfx.api import scene_readers
 from featherfx.errors import InputError, InputWarning
 from featherfx.feather.build import build_feather, distinct_shapes, scale_feather
 from featherfx.feather.density import carry_motion, density_map, with_detail
-from featherfx.feather.overlap import segment_distance, shingle_pairs, strips_of
+from featherfx.feather.overlap import near_pairs, segment_distance, strips_of
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import RowPoints
@@ -53,64 +53,15 @@ def placed(kind, name, position, direction=(-1, 0, 0), **more):
     return Placement(name, kind, "body", np.array(position, float), rotation, **more)
 
 
-def field(kind, rows=8, columns=6, step=0.008):
-    """Feathers on a plane in staggered rows, combed along -x."""
-    return [
-        placed(kind, f"f{i}_{j}", (-step * i, 0.9 * step * (j + 0.5 * (i % 2)), 0.0))
-        for i in range(rows)
-        for j in range(columns)
-    ]
-
-
-def test_the_upstream_feather_lies_over(kind):
-    feathers = [placed(kind, "down", (-0.01, 0, 0)), placed(kind, "up", (0, 0.001, 0))]
-    pairs, order = shingle_pairs(strips_of(feathers))
-    assert pairs.tolist() == [[1, 0]]
-    assert order.tolist() == [0, 1]
-
-
-def test_layers_and_stacks_go_before_places(kind):
-    feathers = [
-        placed(kind, "down", (-0.01, 0, 0), layer=1),
-        placed(kind, "up", (0, 0.001, 0)),
-    ]
-    assert shingle_pairs(strips_of(feathers))[0].tolist() == [[0, 1]]
-    feathers = [placed(kind, f"row{k}", (-0.001 * k, 0.004 * k, 0), stack=k + 1) for k in range(4)]
-    assert all(upper > lower for upper, lower in shingle_pairs(strips_of(feathers))[0])
-
-
-def test_what_lies_in_another_layer_does_not_disturb_the_order_within_one(kind):
-    feathers = field(kind)
-    x = np.array([each.position[0] for each in feathers])
-    # combed against the others, over all of them
-    against = [
-        placed(kind, f"x{k}", (-0.008 * k, 0.02, 0.002), direction=(1, 0, 0), layer=1)
-        for k in range(8)
-    ]
-    pairs, _ = shingle_pairs(strips_of([*feathers, *against]))
-    upper, lower = pairs[(pairs < len(feathers)).all(axis=1)].T
-    assert (np.abs(x[upper] - x[lower]) > 1e-3).sum() > 100
-    assert (x[upper] > x[lower] - 1e-9).all()
-
-
-def test_an_order_without_rings_and_no_far_pairs(kind):
-    feathers = field(kind)
-    pairs, order = shingle_pairs(strips_of(feathers))
-    rank = np.argsort(order)
-    assert (rank[pairs[:, 0]] > rank[pairs[:, 1]]).all()
-    positions = np.array([f.position for f in feathers])
-    way = positions[pairs[:, 1]] - positions[pairs[:, 0]]
-    assert np.linalg.norm(way, axis=1).max() < 2 * kind.length
-    # rows are 8 mm apart: whoever is a row further upstream lies over
-    apart = np.abs(way[:, 0]) > 0.004
-    assert (way[apart, 0] < 0).all()
-
-
-def test_opposite_sides_of_a_wing_do_not_lie_over_each_other(kind):
-    above = placed(kind, "above", (0, 0, 0.001))
-    rotation = frames_from((-1, 0, 0), (0, 0, -1))
-    below = replace(above, id="below", position=np.array([0, 0, -0.001]), rotation=rotation)
-    assert len(shingle_pairs(strips_of([above, below]))[0]) == 0
+def test_feathers_that_may_meet_are_near_and_on_one_side(kind):
+    below = placed(kind, "below", (0, 0, -0.001))
+    below = replace(below, rotation=frames_from((-1, 0, 0), (0, 0, -1)))
+    row = [placed(kind, f"f{k}", (-0.4 * kind.length * k, 0, 0)) for k in range(8)]
+    pairs = near_pairs(strips_of([*row, below]))
+    places = np.array([each.position for each in row])
+    assert {(k, k + 1) for k in range(7)} <= set(map(tuple, pairs.tolist()))
+    assert pairs.max() < len(row)
+    assert np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1).max() < 2 * kind.length
 
 
 @pytest.fixture(scope="module")
