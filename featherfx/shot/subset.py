@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from featherfx.algebra.types import Indices
-from featherfx.shot.skin import BoundSkin
 from featherfx.shot.types import Shot
+
+if TYPE_CHECKING:
+    from featherfx.shot.skin import BoundSkin
 
 
 def part_of(shot: Shot, chosen: Indices) -> Shot:
