@@ -42,7 +42,7 @@ JOBS = {
     "retime": Job(("retime", "in.usdc", "-o", "o.usdc", "--speed", "0.25")),
     "groom": Job(("groom", str(WING / "groom.toml"), "-o", "o.usdc")),
     "meshes": Job(("export", "in.usdc", "-o", "o.ply")),
-    "view": Job(("view", "in.usdc", "--html", "o.html")),
+    "preview": Job(("preview", "in.usdc", "-o", "o.png", "--frame", "3", "--size", "64x48")),
 }
 
 

@@ -19,10 +19,13 @@ LENGTHS = ("nan", "inf", "0", "-1", "1e-300", "0.2")
 
 def prepare(folder: Path) -> None:
     """A feather on a plain ground, in several formats."""
-    picture = Image.new("RGB", (80, 120), (240, 240, 235))
+    picture = Image.new("RGB", (120, 300), (240, 240, 235))
     draw = ImageDraw.Draw(picture)
-    draw.ellipse((28, 8, 52, 96), fill=(90, 80, 70))
-    draw.line((40, 90, 40, 114), fill=(120, 110, 90), width=2)
+    along = np.linspace(0.0, 1.0, 60)
+    half, row = np.sin(np.pi * along**0.6) ** 0.6, 240.0 - 220.0 * along
+    left, right = np.stack([60.0 - 14.0 * half, row], 1), np.stack([60.0 + 26.0 * half, row], 1)
+    draw.polygon([tuple(place) for place in (*left, *right[::-1])], fill=(110, 100, 90))
+    draw.line((60, 285, 60, 24), fill=(40, 30, 25), width=3)
     for name in NAMES:
         picture.save(folder / name)
 

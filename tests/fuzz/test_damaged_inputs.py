@@ -35,6 +35,7 @@ def test_killed_commands_leave_what_undisturbed_ones_leave(tmp_path):
 
 @pytest.mark.nightly
 def test_extreme_shots_pass_no_bound_without_a_word(tmp_path):
-    found = find_outcomes(tmp_path, "extreme", "--cases", "1000", "--jobs", "2", "--seed", "13")
+    hour = "--cases", "1000", "--jobs", "2", "--seconds", "3600", "--seed", "13"
+    found = find_outcomes(tmp_path, "extreme", *hour)
     assert set(found["outcomes"]) <= {"done", "named"}
-    assert found["outcomes"]["done"] > 500
+    assert found["outcomes"]["done"] > 0.5 * found["cases"]
