@@ -29,11 +29,11 @@ def _skin(skin: BoundSkin, chosen: Indices) -> BoundSkin:
         if kept.any():
             members = np.searchsorted(chosen, part.members[kept])
             parts.append(replace(part, members=members, binding=part.binding.some(kept)))
-    return BoundSkin(
+    return replace(
+        skin,
         ids=tuple(skin.ids[k] for k in chosen),
         rotations=skin.rotations[chosen],
-        clock=skin.clock,
         parts=tuple(parts),
         roots=tuple(skin.roots[k] for k in chosen),
-        on_collapse=skin.on_collapse,
+        _warned=set(),
     )
