@@ -14,7 +14,7 @@ from featherfx.algebra.vectors import cross_columns, dots, triangle_edges
 
 # of a polygon's area: a triangle with less, or turned round, is none of it
 _MIN_AREA_RATIO = 1e-9
-# of a quadrangle
+# of a quadrangle; where it leaves it farther than the fan does, the fan stays
 _OTHER_DIAGONAL = np.array([[1, 2, 3], [3, 0, 1]])
 
 
@@ -46,6 +46,11 @@ def triangulate(counts: Indices, indices: Indices, points: Array) -> tuple[Indic
         squares = dots(areas, areas)
         inside = np.einsum("ftc,fc->ft", fans, areas).min(axis=1)
         leaving = (inside <= _MIN_AREA_RATIO * squares) & (squares > 0.0)
+        if count == 4:
+            other = starts[alike][:, None, None] + _OTHER_DIAGONAL
+            turned = cross_columns(*triangle_edges(points, indices[other.reshape(-1, 3)])).T
+            turned = turned.reshape(-1, 2, 3)
+            leaving &= np.einsum("ftc,fc->ft", turned, areas).min(axis=1) > inside
         alike, areas = alike[leaving], areas[leaving]
         if not len(alike):
             continue

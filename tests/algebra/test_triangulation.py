@@ -75,3 +75,18 @@ def test_faces_without_area_still_have_triangles():
     places, face = triangulate(np.array([5, 0, 2]), np.vstack([corners, corners[:2]]))
     assert len(places) == 3
     assert face.tolist() == [0, 0, 0]
+
+
+def test_quadrangles_that_no_diagonal_fits_are_cut_where_they_are_left_least():
+    bent = np.random.default_rng(2).normal(size=(300, 4, 3))
+    ways, left = ([[0, 1, 2], [0, 2, 3]], [[1, 2, 3], [3, 0, 1]]), 0
+    for corners in bent:
+        places, _ = triangulate(np.array([4]), corners)
+        area = np.cross(corners[2] - corners[0], corners[3] - corners[1])
+        fan, other, own = (
+            min(float(np.cross(b - a, c - a) @ area) for a, b, c in corners[np.asarray(way)])
+            for way in (*ways, places)
+        )
+        left += max(fan, other) < 0.0 and fan > other
+        assert own > 0.0 or own == max(fan, other)
+    assert left > 10
