@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from places import SAMPLES
+from pxr import Usd, UsdGeom
 
+import featherfx
 from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.feather.leaves import lay_out
 from featherfx.feather.placed_feathers import build_feathers
@@ -211,3 +213,40 @@ def test_velocities_are_derivatives_of_what_is_drawn():
     rms = np.sqrt((five**2).sum(axis=-1).mean())
     off = np.linalg.norm(speed - five, axis=-1)
     assert np.percentile(off, 99) < 0.03 * rms
+
+
+def test_a_channel_rolls_feathers_of_a_coat(tmp_path):
+    side = np.linspace(0.0, 0.1, 6)
+    stage = Usd.Stage.CreateNew(str(tmp_path / "skin.usda"))
+    UsdGeom.SetStageUpAxis(stage, "Z")
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetTimeCodesPerSecond(24)
+    mesh = UsdGeom.Mesh.Define(stage, "/skin")
+    x, y = (each.ravel() for each in np.meshgrid(side, side, indexing="ij"))
+    corner = (np.arange(5)[:, None] * 6 + np.arange(5)).ravel()
+    mesh.CreateFaceVertexCountsAttr([4] * 25)
+    mesh.CreateFaceVertexIndicesAttr(
+        np.stack([corner, corner + 6, corner + 7, corner + 1], axis=1).ravel().tolist()
+    )
+    mesh.CreateSubdivisionSchemeAttr("none")
+    points = mesh.CreatePointsAttr()
+    for frame in range(1, 4):
+        z = 0.02 * (frame - 1) * x
+        points.Set(np.stack([x, y, z], axis=1).astype(np.float32), frame)
+    stage.Save()
+    (tmp_path / "groom.toml").write_text(
+        "name = 'g'\n[skin]\nusd = 'skin.usda'\nprim = '/skin'\n[layout]\n[[region]]\nid = 'r'\n"
+        "kind = 'body_contour'\ncount = 20\nlength = 0.03\nflow = { direction = [1, 0, 0] }\n"
+    )
+    turned = {}
+    for angle in (0, 40):
+        shot = tmp_path / "shot.toml"
+        shot.write_text(
+            "name = 's'\ngroom = 'groom.toml'\nframes = [1, 3]\nquality = 'draft'\n"
+            "[skin]\nusd = 'skin.usda'\nprim = '/skin'\n[[detail]]\nlevel = 'rigid'\n"
+            f"[[channel]]\nname = 'turn'\nkeys = [[1, {angle}]]\n"
+        )
+        *_, last = featherfx.simulate(featherfx.read_shot(shot))
+        turned[angle] = [pose.points.directors[1, 1] for pose in last.poses]
+    roll = [np.degrees(np.arccos(a @ b)) for a, b in zip(*turned.values(), strict=True)]
+    assert np.median(roll) == pytest.approx(40.0, abs=4.0)

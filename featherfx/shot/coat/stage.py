@@ -56,7 +56,9 @@ class CoatStage(Stage):
         run, shot = self.run, self.run.shot
         placements = shot.groom.feathers
         led = {each.feather for each in shot.grips}
-        rules = last_fitting((*shot.detachments, *shot.targets), placements)
+        # leaves have no room for feathers that are rolled about their rachis
+        rolled = [each for each in shot.channels if each.name == "turn"]
+        rules = last_fitting((*shot.detachments, *shot.targets, *rolled), placements)
         free = [
             each.leaf is not None and each.id not in led and rule < 0
             for each, rule in zip(placements, rules, strict=True)
