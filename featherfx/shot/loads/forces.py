@@ -35,8 +35,10 @@ def force_weights(force: Force, feather: Feather) -> Array:
         return weights
     side = LEADING if force.side == "leading" else TRAILING
     reach = feather.barb_length[side]
-    if not np.all(reach[rows > 0.0] > 0.0):
+    rows = np.where(reach > 0.0, rows, 0.0)  # beside the first barb of a grid and the last one
+    if not rows.any():
         raise InputError(Problem("shot", "force", _no_barb(force, stations, reach)))
+    rows /= rows.sum()
     columns = np.linspace(0.0, 1.0, feather.columns + 1)
     if force.line == "barb":
         rows, along = rows * reach, hat_integrals(columns, *force.span)
