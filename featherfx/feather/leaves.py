@@ -137,7 +137,7 @@ def lay_out(groom: Groom) -> Groom:
         return groom
     chosen = [groom.feathers[k] for k in members]
     laid, forms = _grow(groom, chosen)
-    doubts = *describe_doubts(laid.coat), *_describe_crowds(laid, chosen), *_describe_layers(chosen)
+    doubts = *describe_doubts(laid.coat), *_describe_crowds(laid, chosen)
     for message in doubts:
         warnings.warn(f"{groom.source}: layout: {message}", InputWarning, stacklevel=3)
     roots = draw(laid.coat, laid.coat.rest, forms)
@@ -213,16 +213,4 @@ def _describe_crowds(laid: LaidCoat, chosen: Sequence[Placement]) -> list[str]:
         f"{len(crowded)} feathers find no room between those around them and may pass through "
         f"them, as '{chosen[crowded[0]].id}'. Lower the density or the length of their regions, or "
         "raise layout.thickness"
-    ]
-
-
-def _describe_layers(chosen: Sequence[Placement]) -> list[str]:
-    """Tell which regions have a layer, which a coat does not take."""
-    layers = {each.region: each.layer for each in chosen}
-    own = [f"'{region}' ({layer})" for region, layer in layers.items() if layer]
-    if not own or len(set(layers.values())) == 1:
-        return []
-    return [
-        f"a coat orders feathers by where they start, not by the layer of {', '.join(own)}. Drop "
-        "layer from these regions"
     ]

@@ -348,10 +348,8 @@ class Placement:
         space, instead of the closest one.
     prototype, size: the kind is the prototype `size` times as large; feathers that share a
         prototype differ in size only (None: kind itself).
-    layer: feathers of a higher layer lie over those of a lower one.
     rank: place in the order of the stacking values of its coat, a higher one over a lower; -1
         without a leaf.
-    stack: within a region's layer, a higher stack lies over a lower one; 0: where roots lie tells.
     grown: whether a region makes it, so that it may grow in a coat.
     turning: how the root turns where it does not go with its joint alone.
     leaf: its leaf in the groom's coat (feather/leaves.py), None: its shape is that of its kind.
@@ -368,8 +366,6 @@ class Placement:
     skin_uv: tuple[float, float] | None = None
     prototype: FeatherKind | None = None
     size: float = 1.0
-    layer: int = 0
-    stack: int = 0
     rank: int = -1
     grown: bool = False
     turning: Turning | None = None

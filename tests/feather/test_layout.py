@@ -1,6 +1,5 @@
 """Feathers of regions laid over each other at rest, and the order of those that are not."""
 
-import warnings
 from dataclasses import replace
 from operator import attrgetter
 
@@ -85,21 +84,6 @@ def test_feathers_of_a_region_bend_onto_their_skin_without_crossing(patch):
     egg = np.linalg.norm(np.array(ends) / (0.45, 0.22, 0.2), axis=1) - 1.0
     heights = 0.2 * egg / np.array([f.kind.length for f in laid.feathers])
     assert 0.02 < np.median(heights) < 0.12
-
-
-@pytest.mark.parametrize(("layers", "count"), [((0, 0), 0), ((2, 2), 0), ((0, 1), 1)])
-def test_layers_that_a_coat_does_not_take_are_reported(patch, layers, count):
-    placed_groom = patch[1]
-    feathers = tuple(
-        replace(each, region=f"part{k % 2}", layer=layers[k % 2])
-        for k, each in enumerate(placed_groom.feathers)
-    )
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        lay_out(replace(placed_groom, feathers=feathers))
-    messages = [str(each.message) for each in caught if "Drop layer" in str(each.message)]
-    assert len(messages) == count
-    assert all("'part1' (1)" in each and "part0" not in each for each in messages)
 
 
 @pytest.mark.parametrize("grid", [(9, 2), (21, 6)])

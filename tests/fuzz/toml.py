@@ -135,7 +135,6 @@ first = { position = { vertex = 0 }, direction = [-1, 0.1, 0], up = [0, 1, 0] }
 last = { position = { vertex = 2 }, direction = [-1, 0.1, 0.5], up = [0, 1, 0] }
 path = [{ vertex = 0, offset = [0, 0.3, 1] }, { vertex = 1 }, { vertex = 2 }]
 scale = [0.5, 0.4]
-layer = 1
 mirror = "z"
 [[region]]
 id = "coat"
@@ -143,7 +142,6 @@ kind = "body_contour"
 count = 8
 length = 0.03
 max_length_per_free_radius = 0.9
-layer = 2
 where = [
     { sphere = { centre = { vertex = 4 }, radius = 30 }, soft = 2 },
     { primvar = "edge" },

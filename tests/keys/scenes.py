@@ -350,7 +350,7 @@ SCENES = {
             ".region": ["wing"],
             ".overrides": [{"length": 0.05}],
         },
-        (".turn_with_path", ".layer", ".joint", ".mirror"),
+        (".turn_with_path", ".joint", ".mirror"),
     ),
     "row on a curve": Scene(
         {"name": "groom", "row": [ROW | {"curve": EDGE}]},
@@ -381,7 +381,6 @@ SCENES = {
             "wing.0.elbow",
             "wing.0.wrist",
             "wing.0.tip",
-            ".layer",
             ".skeleton",
         ),
     ),
@@ -409,7 +408,7 @@ SCENES = {
             ".up": [[0, 0.3, 1]],
             ".count": [4],
         },
-        (".layer", ".joint"),
+        (".joint",),
     ),
     "crest": Scene(
         {"name": "groom", "crest": [CREST], "joint": [BODY]},
@@ -423,7 +422,7 @@ SCENES = {
             ".direction": [[-1, 0, 0.3]],
             ".up": [[0, 0.3, 1]],
         },
-        (".layer", ".joint"),
+        (".joint",),
     ),
     "joints": Scene(
         WINGED,
@@ -749,7 +748,7 @@ SCENES = {
         (
             *("skin.usd", ".max_feathers", "kind.0.where", ".primvar", ".subset", ".image", ".box"),
             *(".sphere", ".y", ".z", ".nearest", ".facing", ".free_radius", ".angle"),
-            *(".soft_angle", ".density", ".away", ".towards", ".curves", ".blend", ".layer"),
+            *(".soft_angle", ".density", ".away", ".towards", ".curves", ".blend"),
             *(".max_length_per_free_radius", "region.0.joint", "region.0.variants"),
             *(".variant_sets", ".subdivision", ".uv", ".wrap", ".ids_from"),
         ),
@@ -920,9 +919,7 @@ ELSEWHERE = {
     ".flow.": "tests/usdin/test_plumage_regions.py",
     "region.density": "tests/usdin/test_plumage_regions.py",
     "region.blend": "tests/usdin/test_plumage_regions.py",
-    "region.layer": "tests/feather/test_layout.py",
     "ids_from": "tests/usdin/test_lasting_ids.py",
-    "row.layer": "tests/feather/test_layout.py",
     "region.joint": "tests/usdin/test_plumage_regions.py",
     "region.variants": "tests/usdin/test_plumage_regions.py",
     "layout.m": "tests/feather/test_layout.py",

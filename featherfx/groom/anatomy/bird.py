@@ -38,17 +38,6 @@ from featherfx.groom.keys.values import Key
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.readers import SkinsReader
 
-# of what lies over what, wings being -4 to 9: breast, neck and mantle over the wings' roots, what
-# wings lie on below; chosen by eye
-_LAYERS = {
-    **dict.fromkeys(("face", "cheek", "crown", "throat", "nape"), 30),
-    **dict.fromkeys(("foreneck", "breast", "mantle", "wrist"), 30),
-    "rim": 31,
-    "disc": 32,
-    "scapular": 20,
-    **dict.fromkeys(("back", "flank", "belly", "thigh", "rump", "vent", "breast_side"), -20),
-}
-_TAIL_LAYER = -30
 _TAIL_LIFT = 0.006  # of the longest, from pair to pair: the pigeon's as counted free of crossings
 _TAIL_DEEP = 0.4  # of the width of the root, all pairs together at most, as in trains; by eye
 _SIDE_TILT = 15.0  # deg, that the breast's sides stand up more before folded wings; by eye
@@ -246,7 +235,6 @@ def _tail(
         root_width=scale * kind["root_width"],
         fan=entry["fan"],
         lift=scale * lift,
-        layer=_TAIL_LAYER,
         joint=entry["joint"],
         **own,
     )
@@ -277,7 +265,6 @@ def _crest(
         direction=tuple(-axes[:, 0]),
         up=tuple(axes[:, 2]),
         lengths=tuple(scale * np.array(kind["lengths"])),
-        layer=_LAYERS["crown"] + 5,
         joint=entry["joint"],
         **{"raise": entry["raise"]},
         **own,
@@ -380,7 +367,6 @@ def _coat(
         density=relative_density / length**2,
         where=where,
         flow=_filled(FLOW_KEYS, **flow),
-        layer=_LAYERS[name],
         follow=1.0,
         max_length_per_free_radius=1.0,
         variants=4,

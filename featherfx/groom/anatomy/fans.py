@@ -49,7 +49,6 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
         width=entry["width"],
         region=entry["region"],
         name=f"{entry['id']}_{{}}_",
-        layer=entry["layer"],
         lift=entry["lift"],
     )
     drafts = _tail_row(entry, place, store, frame, row)
@@ -94,7 +93,6 @@ class _TailRow:
     width: float
     region: str
     name: str
-    layer: int
     lift: float
     length: float = 1.0
     covert: bool = False
@@ -119,7 +117,7 @@ def _tail_coverts(entry: dict[str, Any]) -> list[_TailRow]:
     for side in ("above", "below"):
         own = [each for each in entry["coverts"] if each["side"] == side]
         outer = _Plane(0.0 if side == "above" else pairs * entry["lift"])
-        for level, each in enumerate(own, 1):
+        for each in own:
             ahead, length = longest * each["ahead"], longest * each["length"]
             clear, thick = longest * _CLEAR, pairs * lift
             gap = longest * max(each["height"], _CLEAR)
@@ -132,7 +130,6 @@ def _tail_coverts(entry: dict[str, Any]) -> list[_TailRow]:
                     width=each["width"],
                     region=f"{each['name']}s",
                     name=f"{entry['id']}_{{}}_{each['name']}_",
-                    layer=entry["layer"] + level,
                     lift=lift,
                     covert=True,
                     length=each["length"],
@@ -202,9 +199,6 @@ def _tail_row(
                     place=place,
                     # all are curved alike, so that they nest
                     curl=kind.rachis.camber * (length / lengths.max() - 1.0),
-                    layer=row.layer,
-                    stack=2 * (number + 1 if row.below else pairs - number)
-                    + int((sign > 0.0) != row.below),
                     turning=turning,
                     wrap=(wrap, wrap),
                 )
@@ -266,7 +260,6 @@ def crest(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[D
                 scale=float(lengths[number]) / kind.length,
                 roll=0.0,
                 left=sign < 0.0,
-                stack=count - number,
                 turning=Turning((f"{name}_base", name), float(fraction), root),
             )
         )
@@ -290,6 +283,5 @@ def _draft(entry: dict[str, Any], place: Place, kind: FeatherKind, **own: Any) -
         place=place,
         # all are curved alike, so that they nest
         curl=kind.rachis.camber * (length / longest - 1.0),
-        layer=entry["layer"],
         **own,
     )

@@ -188,7 +188,6 @@ class _Row:
     name: str
     region: str
     width: float
-    layer: int
     height: float
     own: Indices
     lengths: Array
@@ -205,7 +204,6 @@ def _flight(wing: _Wing, remiges: Remiges) -> Iterator[Draft]:
             name=_SINGULAR[name],
             region=name,
             width=row.width,
-            layer=1 - number,  # tertials over secondaries over primaries
             height=0.0,
             own=own,
             lengths=remiges.lengths[own],
@@ -218,7 +216,7 @@ def _flight(wing: _Wing, remiges: Remiges) -> Iterator[Draft]:
 def _coverts(wing: _Wing, remiges: Remiges, number: int) -> Iterator[Draft]:
     """number: of the row in the type."""
     row = wing.kind.coverts[number]
-    level, height = _stacked(wing, row.side, number + 1)
+    _, height = _stacked(wing, row.side, number + 1)
     sign = 1 if row.side == "above" else -1
     arm = int((remiges.bone < 2).sum())
     count = len(remiges.rows) if row.hand > 0.0 else arm
@@ -228,7 +226,6 @@ def _coverts(wing: _Wing, remiges: Remiges, number: int) -> Iterator[Draft]:
         name=row.name,
         region=f"{row.name}s",
         width=row.width,
-        layer=sign * (level + 1),
         height=sign * height,
         own=np.arange(count),
         lengths=(1.0 + (row.hand - 1.0) * np.clip(hand, 0.0, 1.0))
@@ -260,7 +257,6 @@ def _alula(wing: _Wing) -> Iterator[Draft]:
         name="alula",
         region="alula",
         width=row.width,
-        layer=level + 2,
         height=(1.0 + 0.5 / max(level, 1)) * height,
         own=np.arange(row.count),
         lengths=thumb.lengths,
@@ -327,9 +323,7 @@ def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
             place=wing.place,
             curl=math.degrees(curvature_of(wing.kind, wing.scale) * length) - kind.rachis.camber,
             wrap=(float(wraps[k, 0]), float(wraps[k, 1])),
-            layer=entry["layer"] + row.layer,
             grown=row.loose,
-            stack=len(remiges.rows) - int(remex),
             turning=Turning(
                 joints=(wing.joint(1), wing.joint(2)),
                 fraction=float(remiges.fractions[remex]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from featherfx.groom.keys.places import POINT, SPACE_KEYS, Direction
-from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, LAYER_KEY, names_or_list
+from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, names_or_list
 from featherfx.groom.keys.stages import DRAWN_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
@@ -163,7 +163,6 @@ ROW_KEYS = {
         "Distance of the last two roots over that of the first two; between, it changes evenly.",
         1.0,
     ),
-    "layer": LAYER_KEY,
     **_BELONGS,
     "mirror": MIRROR_KEY,
     "overrides": Key(_SOME_FEATHER_KEYS, "Any key of a feather preset, for this row.", {}),

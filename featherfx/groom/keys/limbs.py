@@ -5,7 +5,7 @@ from __future__ import annotations
 from featherfx.groom.keys.anatomy import MAX_ROW_FEATHERS, TAIL_COVERTS
 from featherfx.groom.keys.groom import FEATHER_FACTORS, LABEL_TEXT, MIRROR_KEY, SIZE_FACTOR
 from featherfx.groom.keys.places import POINT, Direction
-from featherfx.groom.keys.preset import LAYER_KEY, PRESET_FAMILIES
+from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.regions import WHERE_KEYS
 from featherfx.groom.keys.values import ArrayOf, Flag, Key, Number, Table, Text
 
@@ -32,7 +32,6 @@ WING_KEYS = {
     "forward": Key(Direction(), "Where the body looks.", (1.0, 0.0, 0.0)),
     "up": Key(Direction(), "The body's upper side.", (0.0, 0.0, 1.0)),
     "scale": Key(SIZE_FACTOR, "Factor of all lengths of the type.", 1.0),
-    "layer": LAYER_KEY,
     "joint": Key(LABEL_TEXT, "Joint that carries the shoulder; empty: the groom itself.", ""),
     "side": Key(Text(("left", "right")), "Side of the bird.", "right"),
     "below": Key(Flag(), "Coverts below the wing, too; one that stays folded does without.", True),
@@ -65,7 +64,6 @@ TAIL_KEYS = {
     "coverts": Key(
         TAIL_COVERTS, "Rows of coverts; on either side each lies over the one before it.", ()
     ),
-    "layer": LAYER_KEY,
     "region": Key(LABEL_TEXT, "Free label, written to USD.", "tail"),
     "joint": Key(LABEL_TEXT, "Joint that carries the tail; empty: the groom itself.", ""),
 }
@@ -87,7 +85,6 @@ CREST_KEYS = {
     "raise": Key(Number(0, 1), "Flat (0) to raised (1).", 0.0),
     "aside": Key(Number(0, 90, "deg"), "By how much feathers point left and right.", 4.0),
     "roll": Key(Number(-90, 90, "deg"), "Lean of the vanes to either side.", 0.0),
-    "layer": LAYER_KEY,
     "region": Key(LABEL_TEXT, "Free label, written to USD.", "crest"),
     "joint": Key(LABEL_TEXT, "Joint that carries the crest; empty: the groom itself.", ""),
 }

@@ -212,10 +212,6 @@ DIAL_KEYS = {
     "weight": Key(_DIAL, "Factor of all masses together: shaft and vane.", 1.0),
 }
 
-LAYER_KEY = Key(
-    Number(-1000, 1000, whole=True), "Feathers of a higher layer lie over those of a lower.", 0
-)
-
 FEATHER_KEYS = keys_of(FeatherKind) | DIAL_KEYS
 
 KEYFRAME_KEYS = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from featherfx.groom.keys.places import POINT, RADIUS_LENGTH, Direction, Sphere
-from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, LAYER_KEY, names_or_list
+from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, names_or_list
 from featherfx.groom.keys.stages import PICTURE_KEYS, SURFACE_KEYS, VARIANT_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
@@ -185,7 +185,6 @@ REGION_KEYS = {
         "they overlap, in proportion to how much of each there is.",
         True,
     ),
-    "layer": LAYER_KEY,
     "joint": Key(Text(empty=True), "Joint that carries the roots; empty: the groom itself.", ""),
     "side": Key(
         Text(("auto", "left", "right")),

@@ -69,6 +69,11 @@ REMOVED = {
     "layout.most_lift": "Delete it: feathers bend onto their leaves (layout.thickness).",
     "layout.least_size": "Delete it: no feather of a layout is shortened.",
     "layout.drop": "Delete it: no feather of a layout is left out.",
+    "region.layer": "Delete it: feathers lie over each other by where they start along the flow.",
+    "wing.layer": "Delete it: its feathers stay as they are placed.",
+    "row.layer": "Delete it: its feathers stay as they are placed.",
+    "tail.layer": "Delete it: its feathers stay as they are placed.",
+    "crest.layer": "Delete it: its feathers stay as they are placed.",
 }
 
 _INDEX = re.compile(r"\[\d+\]")

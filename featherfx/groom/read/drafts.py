@@ -45,7 +45,7 @@ class Draft:
 
     position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
     scale, width, stiffness, weight: factors. place: where it was written, for problems. shape: of
-    a drawn feather. skin, skin_uv, layer, stack, grown, turning: as in Placement. curl, hollow:
+    a drawn feather. skin, skin_uv, grown, turning: as in Placement. curl, hollow:
     deg, added to the camber of the shaft and of the barbs. wrap: of barbs, as in Change. mixture:
     regions between which it stands, and how much there is of each; empty within one. paint: sRGB
     of the skin where it stands; empty where this has no colours.
@@ -68,8 +68,6 @@ class Draft:
     curl: float = 0.0
     hollow: float = 0.0
     wrap: tuple[float, float] = (0.0, 0.0)
-    layer: int = 0
-    stack: int = 0
     grown: bool = False
     stiffness: float = 1.0
     weight: float = 1.0
@@ -272,8 +270,6 @@ def row(
             rotation=frames[1][number],
             scale=float(scales[number]),
             place=place,
-            layer=entry["layer"],
-            stack=(number + 1) * int(np.sign(entry["lift"])),
             **belonging(entry),
         )
         for number in range(count)

@@ -405,8 +405,6 @@ def _placement(draft: Draft, rotation: Array, change: list[float], store: KindSt
         skin_uv=draft.skin_uv,
         prototype=prototype,
         size=scale,
-        layer=draft.layer,
-        stack=draft.stack,
         grown=draft.grown,
         turning=draft.turning,
     )

@@ -282,7 +282,6 @@ def _grown(
             skin=entry["prim"] or "",
             curl=float(curl[k]),
             hollow=float(hollow[k]),
-            layer=entry["layer"],
             grown=True,
             stiffness=entry["stiffness"],
             weight=entry["weight"],

@@ -126,7 +126,7 @@ def add_islands(shot: Shot, options: ShotOptions, own: Sequence[str]) -> list[st
     for number in np.unique(islands[islands != ALONE]).tolist():
         members = np.flatnonzero(islands == number).tolist()
         some = [placements[f] for f in members]
-        labels = [(each.id, each.region, each.kind.name, each.layer, each.stack) for each in some]
+        labels = [(each.id, each.region, each.kind.name) for each in some]
         # places in the order of the layout, as far as these feathers go
         order = np.unique([each.rank for each in some], return_inverse=True)[1]
         laid = order, [each.rank < 0 for each in some]

@@ -35,7 +35,7 @@ _NOT_COMMON = {
     "channels", "targets", "frame_cuts",
 }  # fmt: skip
 # of a feather, what only the output has, or contact asks for
-_NOT_MOVING = {"id", "region", "layer", "stack", "rank", "grown", "skin", "skin_uv"}
+_NOT_MOVING = {"id", "region", "rank", "grown", "skin", "skin_uv"}
 
 
 def motion_dependences(shot: Shot) -> list[str]:
