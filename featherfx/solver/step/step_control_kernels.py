@@ -42,7 +42,7 @@ _LOST_ERROR_RATIO = 30.0
 _MAX_CUT_RATIO, _STEP_CUT = 1e6, 0.25
 # length of the next step over that whose error is the tolerance, and most over the last: more of
 # either costs more in steps that are done again than it saves, as a vibration that turns round has
-# no error for a moment (docs/log.md)
+# no error for a moment (docs/decisions/tried.md)
 _STEP_SAFETY, _MAX_STEP_GROWTH = 0.7, 1.5
 # part that the last step's work has in the mean of the last ones
 RECENT_WORK_WEIGHT = 0.5
