@@ -8,7 +8,7 @@ a wave of wave number k, over which the wind goes along the rachis at U, is fed 
 
 a square metre and metre of its height: the shorter, the more, and nothing but the vane's bending
 across its barbs holds it, nothing where they are loose. A plume then flutters in waves of 17 mm on
-grids that have them, and the edge of a swan's vane snaps over otherwise on each grid (docs/decisions/tried.md).
+grids that have them, and the edge of a swan's vane snaps over otherwise on each grid.
 A strip of width c that moves across itself by cos(k s) turns aside, in potential flow, all of
 pi rho c^2 / 4 a metre where waves are long and half of it at k c = 3.76, as air goes from crest to
 trough instead of around the edges. So normals n are evened out along the rachis (arc length s),
