@@ -272,21 +272,7 @@ def finer_quality(quality: Quality, grid: FeatherOptions, finer: frozenset[str])
     if "time" in finer:
         tolerance = max(tolerance / _TIGHTER, _MIN_TOLERANCE)
         substeps = min(_MORE_SUBSTEPS * substeps, _MAX_SUBSTEPS)
-    return replace(
-        quality,
-        rows=rows,
-        columns=columns,
-        coefficients=count,
-        simulated_rows=0,
-        simulated_columns=0,
-        error=None,
-        tolerance=tolerance,
-        max_substeps=substeps,
-        coarse_below=0.0,
-        rachis_below=0.0,
-        guided_below=0.0,
-        rigid_below=0.0,
-    )
+    return quality.on_grid(rows, columns, count, tolerance=tolerance, max_substeps=substeps)
 
 
 def _ways(fine: _Run, coarse: _Run) -> Array:

@@ -135,6 +135,23 @@ class Quality:
             return None if self.tolerance else _DEFAULT_ERROR / 100.0
         return self.error / 100.0
 
+    def on_grid(self, rows: int, columns: int, coefficients: int, **others: Any) -> Quality:
+        """Return one that simulates every feather in full, on this grid; others: more keys."""
+        return replace(
+            self,
+            error=None,
+            rows=rows,
+            columns=columns,
+            coefficients=coefficients,
+            simulated_rows=0,
+            simulated_columns=0,
+            coarse_below=0.0,
+            rachis_below=0.0,
+            guided_below=0.0,
+            rigid_below=0.0,
+            **others,
+        )
+
     @property
     def pushing(self) -> Quality:
         """The quality of feathers that push each other."""

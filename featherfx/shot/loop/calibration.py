@@ -314,20 +314,8 @@ def quality_at(quality: Quality, level: Level) -> Quality:
         coefficients = min(coefficients + _MORE_COEFFICIENTS, MAX_COEFFICIENTS)
     if level[2] == "time":
         tolerance, relative = tolerance / _TIGHTER, relative / _TIGHTER
-    return replace(
-        quality,
-        error=None,
-        rows=rows,
-        columns=columns,
-        simulated_rows=0,
-        simulated_columns=0,
-        coefficients=coefficients,
-        tolerance=tolerance,
-        relative_tolerance=relative,
-        coarse_below=0.0,
-        rachis_below=0.0,
-        guided_below=0.0,
-        rigid_below=0.0,
+    return quality.on_grid(
+        rows, columns, coefficients, tolerance=tolerance, relative_tolerance=relative
     )
 
 
