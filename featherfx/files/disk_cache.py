@@ -46,6 +46,10 @@ _CHECKSUM_BYTES = hashlib.sha256().digest_size
 _PATIENCE = 300.0
 # part of the limit that is left after the oldest entries were removed
 _LEFT = 0.8
+# part of the limit that a process saves before it looks through all entries once more
+_UNSEEN_RATIO = 0.05
+# bytes that this process has saved in a folder since it looked through it
+_unseen_bytes: dict[Path, float] = {}
 _keeps: ContextVar[bool] = ContextVar("keeps", default=True)
 
 
@@ -167,7 +171,7 @@ def _save(file: Path, arrays: Arrays) -> None:
         with temporary.open("wb") as out:
             write_private(out, hashlib.sha256(content).digest(), content)
         os.replace(temporary, file)
-        _remove_oldest(file.parent)
+        _limit(file.parent, len(content))
     except OSError:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -194,20 +198,30 @@ def _alone(file: Path) -> Iterator[None]:
         lock.release()
 
 
+def _limit(folder: Path, saved: int) -> None:
+    """Hold a folder near its limit; all its files are looked through only now and then."""
+    unseen = _unseen_bytes.get(folder, room()) + saved
+    if unseen > _UNSEEN_RATIO * room():
+        unseen = 0.0
+        _remove_oldest(folder)
+    _unseen_bytes[folder] = unseen
+
+
 def _remove_oldest(folder: Path) -> None:
     """Keep to the limit: entries that were used least lately go, and what killed processes left."""
     entries = []
-    for file in folder.iterdir():
-        with contextlib.suppress(OSError):
-            found = file.lstat()
+    with os.scandir(folder) as files:
+        for file in files:
             if _ENTRY.fullmatch(file.name.strip(".").partition(".arrays")[0] + ".arrays"):
-                entries.append((found.st_mtime_ns, found.st_size, file))
+                with contextlib.suppress(OSError):
+                    found = file.stat(follow_symlinks=False)
+                    entries.append((found.st_mtime_ns, found.st_size, file.path))
     total, limit = sum(size for _, size, _ in entries), room()
     if total <= limit:
         return
-    for _, size, file in sorted(entries):
+    for _, size, path in sorted(entries):
         if total <= _LEFT * limit:
             break
         with contextlib.suppress(OSError):
-            file.unlink()
+            os.unlink(path)
             total -= size
