@@ -1,14 +1,24 @@
-"""Plates that touch: one alone has the closed forms of a cantilever."""
+"""Plates that touch, beside closed forms that share no line with the solver."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-from featherfx.api import simulate
 from featherfx.errors import InputError
-from featherfx.lab.contact.experiments import ContactTest, make_plates, run_contact
-from featherfx.lab.contact.plates import BENDING, Plate, droop_of, frequency_of, make_shot
+from featherfx.lab.contact.experiments import ContactTest, energy_gain, run_contact
+from featherfx.lab.contact.plates import (
+    BENDING,
+    Plate,
+    PlateSetup,
+    droop_of,
+    frequency_of,
+    pressed_tip,
+)
+from featherfx.lab.contact.touching import TouchingPlates
+
+
+def at_rest(**test):
+    return run_contact(ContactTest(at_rest=True, **test))
 
 
 @pytest.mark.parametrize("quality", ["preview", "final"])
@@ -16,27 +26,77 @@ def test_one_plate_droops_and_swings_as_a_cantilever(quality):
     found = run_contact(ContactTest(case="stack", n=1, quality=quality))
     assert found.droop == pytest.approx(found.droop_exact, rel=2e-3)
     assert found.frequency == pytest.approx(found.frequency_exact, rel=0.02)
+    assert found.reaction_sum == pytest.approx(found.weight, rel=1e-3)
+    assert found.energy_gain < 1e-6
     assert found.depth == 0.0
 
 
 @pytest.mark.parametrize("quality", ["preview", "final"])
 def test_plates_of_different_stiffness_bear_their_load_together(quality):
-    found = run_contact(ContactTest(case="plates", quality=quality))
+    found = at_rest(case="plates", quality=quality)
     assert found.droop == pytest.approx(found.droop_exact, rel=0.01)
-    assert found.frequency == pytest.approx(found.frequency_exact, rel=0.05)
+    assert found.reaction_sum == pytest.approx(found.weight, rel=2e-3)
 
 
+@pytest.mark.parametrize("case", ["stack", "graded"])
 @pytest.mark.parametrize("n", [3, pytest.param(8, marks=pytest.mark.nightly)])
-def test_a_stack_bears_the_load_of_its_top_plate(n):
+def test_a_stack_bears_the_load_of_all_its_plates(case, n):
     """The plates beneath weigh next to nothing: what does not reach them leaves them straight."""
-    test = ContactTest(case="stack", n=n)
-    plates = make_plates(test)
-    shot = make_shot(plates, test.thickness, test.quality, 1, 1.0)
-    (frame,) = simulate(shot)
-    heights = [
-        points[-1, 0, 2] - plate.height for points, plate in zip(frame.points, plates, strict=True)
-    ]
-    assert np.mean(heights) == pytest.approx(droop_of(plates, 1.0), rel=0.02)
+    found = at_rest(case=case, n=n)
+    assert found.droop == pytest.approx(found.droop_exact, rel=0.02)
+    assert found.reaction_sum == pytest.approx(found.weight, rel=5e-3)
+
+
+def test_an_edge_presses_a_plate_down_and_feels_as_much():
+    """Roots bear nothing in sum, without weight; each bears 3 EI d / a^3."""
+    found = at_rest(case="wedge")
+    assert found.droop == pytest.approx(found.droop_exact, rel=0.01)
+    assert abs(found.reaction_sum) < 0.01 * 3.0 * BENDING * 0.005 / 0.15**3
+
+
+def test_droop_comes_nearer_to_the_closed_form_with_the_tolerance():
+    errors = []
+    for tolerance in (6e-4, 1.5e-4, 2e-5):
+        found = at_rest(case="plates", tolerance=tolerance)
+        errors.append(abs(found.droop / found.droop_exact - 1.0))
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < 2e-3
+
+
+def test_a_plate_sticks_on_a_flat_slope_and_slides_down_a_steep_one():
+    found = run_contact(ContactTest(case="slide"))
+    assert 0.0 <= found.creep < found.creep_most < found.acceleration
+    assert found.energy_gain == 0.0
+
+
+# forces on the two sides of a contact differ by up to the tolerance of its rounds
+_MISFIT = pytest.mark.xfail(strict=True, reason="misfits of forces add up from step to step")
+
+
+@_MISFIT
+@pytest.mark.parametrize("steps", [0, 16, 64])
+@pytest.mark.parametrize(
+    ("case", "figure", "most"),
+    [("slide", "acceleration", 0.02), ("collide", "momentum", 1e-3), ("plates", "frequency", 0.02)],
+)
+def test_plates_move_as_their_closed_forms_say(case, figure, most, steps):
+    found = run_contact(ContactTest(case=case, steps=steps))
+    assert getattr(found, figure) == pytest.approx(getattr(found, f"{figure}_exact"), rel=most)
+    assert found.energy_gain < 1e-3
+
+
+def test_a_gain_of_energy_is_found_after_a_loss():
+    plates = TouchingPlates([Plate(BENDING, 0.1, is_free=True)], PlateSetup(5e-4, "preview"))
+    (sample,) = plates.go(0)
+    energies = [(2.0, 1.0), (1.0, 0.5), (1.5, 2.0)]
+    assert energy_gain([sample._replace(energy=e, kinetic=t) for e, t in energies]) == 0.25
+
+
+def test_what_flies_falls_and_bears_no_root():
+    plates = TouchingPlates([Plate(BENDING, 0.1, is_free=True)], PlateSetup(5e-4, "preview"))
+    *_, last = plates.go(12)
+    assert last.velocity[0, 2] == pytest.approx(-0.5, rel=1e-6)
+    assert not last.reactions.any()
 
 
 def test_a_stack_is_a_beam_of_the_sum_of_its_plates():
@@ -45,6 +105,8 @@ def test_a_stack_is_a_beam_of_the_sum_of_its_plates():
     assert droop_of(plates, 1.0) == pytest.approx(-2.59e-3, rel=1e-3)
     assert droop_of(plates, 1.0) == pytest.approx(droop_of(one, 1.0), rel=1e-3)
     assert frequency_of(plates) == pytest.approx(frequency_of(one), rel=1e-3)
+    # an edge at the tip leads it
+    assert pressed_tip(0.2, 0.01) == pytest.approx(-0.01)
 
 
 def test_a_stack_without_plates_is_refused():

@@ -262,7 +262,8 @@ EXPERIMENTS = {
         ContactTest,
         lambda test: [run_contact(test)],
         "--case plates --quality final",
-        "--case stack --n 8 --json",
+        "--case stack --n 8 --at-rest --json",
+        "--case slide --steps 64",
     ),
     "ribbon": Experiment(
         HangTest,

@@ -13,7 +13,7 @@ _EXPERIMENTS = {
     "feather": "Shake a feather or pull at its tip.",
     "strip": "Let a clamped strip fall, as other simulators do.",
     "plate": "Bend a rectangular vane of any bending moduli by its weight.",
-    "contact": "Stack plates: how far contact carries their load, beside one beam.",
+    "contact": "Stack, slide and throw plates: how contact carries load, beside closed forms.",
     "ribbon": "Hang a ribbon of natural curvature by one end.",
     "fullfeather": "Pull a whole feather in its plane, with one of three vane materials.",
     "unitcell": "Moduli of a vane from its barbs and barbules.",

@@ -1,111 +1,221 @@
-"""Plates that lie on each other and bear each other's load, beside their closed forms.
+"""Plates that touch, case by case, beside the closed forms of plates.py.
 
-The tips of a stack droop and swing as that of one beam (plates.py), if contact carries.
+A case brings its plates, and what is measured of them; all are solved as a shot solves feathers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import atan, cos, radians, sin
+from typing import Any, Literal
 
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.api import simulate
 from featherfx.errors import require
 from featherfx.lab.contact.plates import (
     BENDING,
+    FRAMES_PER_SECOND,
+    LENGTH,
     Plate,
+    PlateSetup,
     droop_of,
     frequency_of,
-    make_shot,
+    pressed_tip,
+    sliding_of,
 )
+from featherfx.lab.contact.touching import PlateSample, TouchingPlates
 from featherfx.lab.declare import Range, out_of_range, value
-from featherfx.shot.frames import Frame
 
-Case = Literal["plates", "stack"]
+Case = Literal["plates", "stack", "graded", "wedge", "slide", "collide"]
 
-_GRAVITY, _DENSITY = 1.0, 0.1
-# kg/m^2, of plates of a stack that weigh next to nothing
-_LIGHT = 1e-4
-# steps a frame and frames of plates that are let go, and their loss factor
-_STEPS, _FRAMES, _LOSS = 16, 48, 0.1
-_FRAMES_PER_SECOND = 24.0
+# kg/m^2; of plates of a stack that weigh next to nothing; bending of rigid plates, over BENDING
+_DENSITY, _LIGHT, _RIGID = 0.1, 1e-4, 1e3
+# frames of plates that are let go, and of those that slide, of which the first half is left out
+_SWING_FRAMES, _SLIDE_FRAMES = 48, 12
+# friction of plates that slide, and tangents of slopes over it: it slides, it sticks
+_FRICTION, _STEEP, _FLAT = 0.3, 1.5, 0.8
+# m/s, of a plate that is thrown at another; m, between them, and from root to root; frames
+_SPEED, _GAP, _ASIDE, _COLLIDE_FRAMES = 1.0, 1e-3, 0.1, 3
+# degrees, of a plate whose edge presses another; m, by which it does, and from root to root
+_WEDGE_SLOPE, _WEDGE_DEPTH, _WEDGE_ASIDE = 5.0, 5e-3, -0.05
 
 
 @dataclass(frozen=True)
 class ContactTest:
-    """Let plates droop on each other, and let them go.
+    """Let plates droop, swing, slide and collide in contact, beside closed forms."""
 
-    plates: a soft one on one four times as stiff. stack: n alike, of which the top one alone weighs
-    anything.
-    """
-
-    case: Case = value("plates: two of different stiffness. stack: n, the top one loaded.")
+    case: Case = value(
+        "plates: two of different stiffness. stack: n, the top one loaded. graded: n of graded"
+        " stiffness and weight. wedge: a rigid edge presses one down. slide: one on a slope."
+        " collide: two in free flight."
+    )
     n: int = value("Plates of a stack.", 2, Range(1, 50))
     thickness: float = value("m, of a plate.", 5e-4, Range(1e-6, 0.01, unit="m"))
     quality: str = value("Preset of the quality.", "preview")
+    tolerance: float | None = value(
+        "m, local error of a step; by default that of the quality.", None, Range(1e-9, 0.1)
+    )
+    steps: int = value(
+        "Common steps a frame; 0: as many as the tolerance asks.", 16, Range(0, 1000)
+    )
+    at_rest: bool = value("Stacks only hang, and are not let go.", False)
 
 
 @dataclass(frozen=True)
 class ContactRun:
-    """Outcome of a ContactTest.
+    """Outcome of a ContactTest; None where a case has no such figure.
 
     droop: m, mean height of the tips over their rest once settled; droop_exact: of one beam.
     frequency: Hz, of the tips once let go from the straight pose; frequency_exact: of one beam.
-    weight: N, of all plates. depth: m, deepest that settled plates are in each other.
+    reaction_sum: N, what all roots bear against gravity at rest; weight: of all plates.
+    acceleration: m/s^2, down a steep slope; creep: m/s, of a plate that sticks on a flat one, and
+    creep_most: slip speed below which friction sets in. momentum: N s, after a collision.
+    energy_gain: most that T + U rises above what it was before, over the largest T. depth: m,
+    deepest that plates are in each other, settled or in motion.
     """
 
-    droop: float
-    droop_exact: float
-    frequency: float
-    frequency_exact: float
-    weight: float
-    depth: float
+    droop: float | None = None
+    droop_exact: float | None = None
+    frequency: float | None = None
+    frequency_exact: float | None = None
+    reaction_sum: float | None = None
+    weight: float | None = None
+    acceleration: float | None = None
+    acceleration_exact: float | None = None
+    creep: float | None = None
+    creep_most: float | None = None
+    momentum: float | None = None
+    momentum_exact: float | None = None
+    energy_gain: float | None = None
+    depth: float = 0.0
 
 
 def run_contact(test: ContactTest) -> ContactRun:
     """Run a test. Raises InputError with every wrong value."""
     require(*out_of_range(test))
-    plates = make_plates(test)
-    shot = make_shot(plates, test.thickness, test.quality, 1, _GRAVITY, _LOSS)
-    simulation = simulate(shot)
-    settled = _tips(simulation, plates)
-    free = make_shot(
-        plates, test.thickness, test.quality, _FRAMES, _GRAVITY, _LOSS, settle=False, steps=_STEPS
+    setup = PlateSetup(
+        thickness=test.thickness, quality=test.quality, tolerance=test.tolerance, steps=test.steps
     )
-    return ContactRun(
-        droop=float(settled[0].mean()),
-        droop_exact=droop_of(plates, _GRAVITY),
-        frequency=_measure_frequency(_tips(simulate(free), plates).mean(axis=1)),
-        frequency_exact=frequency_of(plates),
-        weight=_GRAVITY * sum(plate.mass for plate in plates),
-        depth=float(simulation.report["contact"]["depth_after_settling"]),
-    )
+    plates, frames = make_plates(test), 0 if test.at_rest else _SWING_FRAMES
+    others = {"slide": _slide, "collide": _collide, "wedge": _press}
+    if test.case in others:
+        return others[test.case](plates, setup)
+    return _hang(plates, setup, frames)
 
 
 def make_plates(test: ContactTest) -> list[Plate]:
     """Return the plates of a test, the lowest first."""
-    t = test.thickness
+    t, rigid = test.thickness, _RIGID * BENDING
     if test.case == "plates":
-        return [Plate(4.0 * BENDING, _DENSITY, 0.0), Plate(BENDING, _DENSITY, t)]
-    loaded = 0.4 * _DENSITY * test.n
-    density = [*(_LIGHT for _ in range(test.n - 1)), loaded]
+        return [Plate(4.0 * BENDING, _DENSITY), Plate(BENDING, _DENSITY, t)]
+    if test.case == "slide":
+        return [Plate(rigid, _DENSITY), Plate(rigid, _DENSITY, t, is_free=True)]
+    if test.case == "collide":
+        upper = Plate(BENDING, _DENSITY, t + _GAP, _ASIDE, is_free=True)
+        return [Plate(BENDING, _DENSITY, is_free=True), upper]
+    if test.case == "wedge":
+        height = LENGTH * sin(radians(_WEDGE_SLOPE)) + t - _WEDGE_DEPTH
+        wedge = Plate(rigid, _DENSITY, height, _WEDGE_ASIDE, _WEDGE_SLOPE)
+        return [Plate(BENDING, _DENSITY), wedge]
+    if test.case == "graded":
+        # the stiffest below, the heaviest above
+        grades = [(1.0 + k) / test.n for k in range(test.n)]
+        pairs = zip(reversed(grades), grades, range(test.n), strict=True)
+        return [Plate(a * BENDING, b * _DENSITY, k * t) for a, b, k in pairs]
+    density = [*(_LIGHT for _ in range(test.n - 1)), 0.4 * _DENSITY * test.n]
     return [Plate(BENDING, each, k * t) for k, each in enumerate(density)]
 
 
-def _tips(frames: Iterable[Frame], plates: list[Plate]) -> Array:
-    """(T, P) m, heights of the plates' tips over their rest in all frames."""
-    rest = [plate.height for plate in plates]
-    return np.array([[points[-1, 0, 2] for points in frame.points] for frame in frames]) - rest
+def _hang(plates: Sequence[Plate], setup: PlateSetup, frames: int) -> ContactRun:
+    """Plates that hang as one beam, and swing as one for so many frames once they are let go."""
+    hanging = TouchingPlates(plates, setup)
+    settled = hanging.settle()
+    found = ContactRun(
+        droop=float(settled.tips.mean()),
+        droop_exact=droop_of(plates, setup.gravity),
+        depth=hanging.contact_report().get("depth_after_settling", 0.0),
+        **_borne(settled, plates, setup),
+    )
+    if not frames:
+        return found
+    samples = list(TouchingPlates(plates, setup).go(frames))
+    return replace(
+        found,
+        frequency=_measure_frequency(np.array([each.tips.mean() for each in samples])),
+        frequency_exact=frequency_of(plates),
+        energy_gain=energy_gain(samples),
+    )
+
+
+def _press(plates: Sequence[Plate], setup: PlateSetup) -> ContactRun:
+    """A plate that the edge of a rigid one presses down, without weight."""
+    setup = replace(setup, gravity=0.0)
+    pressing = TouchingPlates(plates, setup)
+    settled = pressing.settle()
+    at = _WEDGE_ASIDE + LENGTH * cos(radians(_WEDGE_SLOPE))
+    return ContactRun(
+        droop=float(settled.tips[0]),
+        droop_exact=pressed_tip(at, _WEDGE_DEPTH),
+        depth=pressing.contact_report()["depth_after_settling"],
+        **_borne(settled, plates, setup),
+    )
+
+
+def _slide(plates: Sequence[Plate], setup: PlateSetup) -> ContactRun:
+    """A plate on one that is held, on a slope that is steeper than friction, and on a flat one."""
+    setup = replace(setup, friction=_FRICTION)
+    slopes = [atan(each * _FRICTION) for each in (_STEEP, _FLAT)]
+    runs = [TouchingPlates(plates, replace(setup, incline=each)) for each in slopes]
+    steep, flat = (list(run.go(_SLIDE_FRAMES)) for run in runs)
+    speeds, flat_setup = [each.velocity[1, 0] for each in steep], replace(setup, incline=slopes[1])
+    begin = _SLIDE_FRAMES // 2
+    return ContactRun(
+        acceleration=float(speeds[-1] - speeds[begin])
+        * FRAMES_PER_SECOND
+        / (_SLIDE_FRAMES - begin),
+        acceleration_exact=sliding_of(slopes[0], _FRICTION, setup.gravity),
+        creep=abs(float(flat[-1].velocity[1, 0])),
+        creep_most=runs[1].slip_speed,
+        energy_gain=energy_gain(steep),
+        depth=runs[0].contact_report()["worst_depth"],
+        **_borne(flat[-1], plates, flat_setup),
+    )
+
+
+def _collide(plates: Sequence[Plate], setup: PlateSetup) -> ContactRun:
+    """A free plate that is thrown at another, without weight."""
+    flying = TouchingPlates(plates, replace(setup, gravity=0.0))
+    flying.throw(1, (0.0, 0.0, -_SPEED))
+    samples = list(flying.go(_COLLIDE_FRAMES))
+    return ContactRun(
+        momentum=float(samples[-1].momentum[2]),
+        momentum_exact=-_SPEED * plates[1].mass,
+        energy_gain=energy_gain(samples),
+        depth=flying.contact_report()["worst_depth"],
+    )
+
+
+def _borne(sample: PlateSample, plates: Sequence[Plate], setup: PlateSetup) -> dict[str, Any]:
+    """Sum of what roots bear against gravity (N), and the weight."""
+    up = np.array([-sin(setup.incline), 0.0, cos(setup.incline)])
+    weight = setup.gravity * sum(plate.mass for plate in plates)
+    return {"reaction_sum": float(sample.reactions.sum(axis=0) @ up), "weight": weight}
+
+
+def energy_gain(samples: Sequence[PlateSample]) -> float:
+    """Return the most that the energy rises above what it was before, over the largest T."""
+    energy = np.array([each.energy for each in samples])
+    gain = float((energy - np.minimum.accumulate(energy)).max())
+    return gain / max(each.kinetic for each in samples)
 
 
 def _measure_frequency(heights: Array) -> float:
     """Return the frequency (Hz) of a damped swing (T,) m that begins at rest."""
     from scipy.optimize import curve_fit
 
-    times = np.arange(len(heights)) / _FRAMES_PER_SECOND
+    times = np.arange(len(heights)) / FRAMES_PER_SECOND
 
     def swing(t: Array, middle: float, decay: float, frequency: float) -> Array:
         swung = np.exp(-decay * t) * np.cos(2.0 * np.pi * frequency * t)

@@ -1,30 +1,37 @@
-"""Flat plates as feathers, and shots of them.
+"""Flat plates as feathers, shots of them, and closed forms of how they bend and slide.
 
 A plate is a straight shaft that carries all bending stiffness EI, with a rectangular vane of rigid
-barbs that carries all mass, clamped at x = 0. Plates of a stack lie on each other, a thickness
-apart, and bend as one beam of the sum of their stiffnesses. With line weight q and length L, the
-tip of a slender cantilever droops by
+barbs that carries all mass, clamped at x = 0 unless it is free. Plates of a stack lie on each other
+without friction, a thickness apart, and bend as one beam of the sum of their stiffnesses. With line
+weight q, line mass m and length L,
 
-    w = q L^4 / (8 EI),     and swings at     f = 1.8751^2 / (2 pi) sqrt(EI / (m L^4))
+    w = q L^4 / (8 EI)                              tip of a slender cantilever
+    f = 1.8751^2 / (2 pi) sqrt(EI / (m L^4))        its first frequency
+    w = d (3 L - a) / (2 a),  P = 3 EI d / a^3      tip, where an edge at x = a presses it down by d
 
-(Timoshenko and Young 1961), m its line mass.
+(Timoshenko and Young 1961; Gere and Timoshenko 1997, appendix G). A plate slides on a slope s where
+tan s > mu, and then with (Coulomb 1785)
+
+    a = g (sin s - mu cos s)
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import pi, sqrt
+from dataclasses import dataclass, replace
+from math import cos, pi, radians, sin, sqrt
 from pathlib import Path
 
 import numpy as np
 
+from featherfx.algebra.types import Array
 from featherfx.api import read_quality
 from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, Groom, Placement, RachisShape, VaneShape
 from featherfx.shot.types import Contact, Motion, Shot, Wind
 
 LENGTH, WIDTH = 0.2, 0.04
+FRAMES_PER_SECOND = 24.0
 # N m^2; m, diameter of the shaft that has it; kg/m^3, of a shaft that weighs nothing
 BENDING = 1.2355e-4
 _DIAMETER, _WEIGHTLESS = 1e-3, 1.0
@@ -36,11 +43,15 @@ _FIRST_MODE = 1.8751040687
 
 @dataclass(frozen=True)
 class Plate:
-    """A plate. bending: N m^2. density: kg/m^2. height: m, of its middle at rest."""
+    """A plate. bending: N m^2. density: kg/m^2. height: m, of its middle at the root. x: m, of its
+    root. slope: degrees, by which it falls. is_free: whether it flies."""
 
     bending: float
     density: float
-    height: float
+    height: float = 0.0
+    x: float = 0.0
+    slope: float = 0.0
+    is_free: bool = False
 
     @property
     def line_mass(self) -> float:
@@ -63,6 +74,16 @@ def frequency_of(plates: Sequence[Plate]) -> float:
     """Return the first frequency (Hz) of plates that bend as one."""
     mass, stiffness = sum(p.line_mass for p in plates), sum(p.bending for p in plates)
     return _FIRST_MODE**2 / (2.0 * pi) * sqrt(stiffness / (mass * LENGTH**4))
+
+
+def sliding_of(slope: float, friction: float, gravity: float) -> float:
+    """Return the acceleration (m/s^2) down a slope (rad)."""
+    return gravity * max(0.0, sin(slope) - friction * cos(slope))
+
+
+def pressed_tip(at: float, depth: float) -> float:
+    """Return the height (m) of the tip of a plate that an edge at x (m) presses down (m)."""
+    return -depth * (3.0 * LENGTH - at) / (2.0 * at)
 
 
 def make_kind(plate: Plate, thickness: float, loss: float) -> FeatherKind:
@@ -99,27 +120,41 @@ def make_kind(plate: Plate, thickness: float, loss: float) -> FeatherKind:
     )
 
 
-def make_shot(
-    plates: Sequence[Plate],
-    thickness: float,
-    quality: str,
-    frames: int,
-    gravity: float,
-    loss: float = 0.1,
-    steps: int = 0,
-    settle: bool = True,
-) -> Shot:
-    """Return a shot of plates in vacuum, without friction, each over those before it.
+@dataclass(frozen=True)
+class PlateSetup:
+    """Surroundings of plates, and how they are solved.
 
-    steps: common ones a frame, 0 by tolerance. settle: whether they hang in balance at first.
+    thickness: m. gravity: m/s^2. incline: rad, of x below the horizon. loss: loss factor.
+    tolerance: m, of a step, None: the quality's. steps: common ones a frame, 0: by tolerance.
     """
+
+    thickness: float
+    quality: str
+    gravity: float = 1.0
+    incline: float = 0.0
+    friction: float = 0.0
+    loss: float = 0.1
+    tolerance: float | None = None
+    steps: int = 0
+
+    @property
+    def weight(self) -> Array:
+        """(3,) m/s^2."""
+        return self.gravity * np.array([sin(self.incline), 0.0, -cos(self.incline)])
+
+
+def make_shot(plates: Sequence[Plate], setup: PlateSetup) -> Shot:
+    """Return a shot of plates in vacuum, each over those before it."""
+    quality = read_quality(setup.quality)
+    if setup.tolerance is not None:
+        quality = replace(quality, tolerance=setup.tolerance)
     placements = tuple(
         Placement(
             id=f"plate_{k}",
-            kind=make_kind(plate, thickness, loss),
+            kind=make_kind(plate, setup.thickness, setup.loss),
             region="plates",
-            position=np.array([0.0, 0.0, plate.height]),
-            rotation=np.eye(3),
+            position=np.array([plate.x, 0.0, plate.height]),
+            rotation=_tilted(radians(plate.slope)),
             rank=k,
         )
         for k, plate in enumerate(plates)
@@ -129,12 +164,18 @@ def make_shot(
         source=Path("plates"),
         groom=Groom("plates", Path("plates"), placements),
         first_frame=1,
-        last_frame=frames,
+        last_frame=1000,
         wind=Wind(direction=np.array([1.0, 0.0, 0.0]), speed=0.0, air_density=0.0),
-        quality=read_quality(quality),
-        gravity=np.array([0.0, 0.0, -gravity]),
+        quality=quality,
+        gravity=setup.weight,
         motion=Motion("hold", {}),
-        contact=Contact(friction=0.0, steps=steps),
-        frames_per_second=24.0,
-        settle=settle,
+        contact=Contact(friction=setup.friction, steps=setup.steps),
+        frames_per_second=FRAMES_PER_SECOND,
+        sleep=False,
     )
+
+
+def _tilted(slope: float) -> Array:
+    """(3, 3) frame of a plate that falls by a slope (rad)."""
+    s, c = sin(slope), cos(slope)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])

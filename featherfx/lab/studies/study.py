@@ -378,6 +378,10 @@ tissue_laws tissue:laws Laws of soft tissue with the parameters printed for skin
     Jacquemoud 2007, sections 2.4 to 2.6, tables 2-1, 2-2 and A5-3
 unit_cell unit_cell:lattice The vane as a lattice of barbs and barbules
     Houghton 2020, applied to the moduli of Jouve 2024, tables 5.1 and 5.2
+contact_rest contact:plates_at_rest Plates that bear each other's load
+    Timoshenko and Young 1961
+contact_motion contact:plates_in_motion Plates that swing, slide and collide
+    Timoshenko and Young 1961; Coulomb's friction
 """
 
 
