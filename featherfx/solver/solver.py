@@ -35,6 +35,8 @@ MAX_NEWTON_ITERATIONS = 32
 # the same of one feather in one frame, a bound on work alone; bakes of the samples need 3 to 100,
 # crumpled feathers that are flung about up to 13,000
 MAX_FRAME_ITERATIONS = 20_000
+# the same of a bake, times the unknowns of the feather: about half a second of CPU time; fewest
+_MAX_FRAME_WORK, _MIN_FRAME_ITERATIONS = 400_000, 2000
 # Newton iterations beyond which the next step is not made longer
 HARD_STEP_WORK = 12
 # of the feather's length, error that a step may not exceed where it can be shorter
@@ -73,6 +75,15 @@ class Settings:
     max_substeps: int = MAX_FRAME_ITERATIONS
     spectral_radius: float = 0.0
     max_iterations: int = MAX_FRAME_ITERATIONS
+
+
+def limit_iterations(unknowns: int) -> int:
+    """Return the Newton iterations that a bake allows a feather of so many unknowns in a frame.
+
+    What flutters faster than frames show, or is crumpled, would take all that it may.
+    """
+    fitting = _MAX_FRAME_WORK // max(unknowns, 1)
+    return min(MAX_FRAME_ITERATIONS, max(_MIN_FRAME_ITERATIONS, fitting))
 
 
 def step_settings(settings: Settings, duration: float, length: float = 1.0) -> StepSettings:

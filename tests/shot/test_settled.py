@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,8 +11,14 @@ from trial_batches import at_origin, preset_batch
 
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, no_loads
-from featherfx.shot.loop.settled import settled, standing
-from featherfx.solver.solver import Settings, Solver, hold_roots
+from featherfx.shot.loop.settled import _in_motion, settled, standing
+from featherfx.solver.solver import (
+    MAX_FRAME_ITERATIONS,
+    Settings,
+    Solver,
+    hold_roots,
+    limit_iterations,
+)
 from featherfx.solver.status import NO_REST
 
 AIR = np.array([1.2, 1.2, 0.02, 1.1])
@@ -40,9 +47,10 @@ def tips(solver, state, loads, frames):
 
 
 def test_in_a_breeze_feathers_start_at_rest(solver):
-    state, _ = settled(solver, at_origin(solver.model), in_wind(*BREEZE), ["a", "b"])
+    state, _, fluttering = settled(solver, at_origin(solver.model), in_wind(*BREEZE), ["a", "b"])
     assert not any(rate.any() for rate in state.rates())
     assert not state.time.any()
+    assert not len(fluttering)
 
 
 @pytest.mark.slow
@@ -53,7 +61,8 @@ def test_where_there_is_no_rest_feathers_start_in_motion_and_without_a_warning(s
     assert (status == NO_REST).all()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        state, _ = settled(solver, start, loads, ["a", "b"])
+        state, _, fluttering = settled(solver, start, loads, ["a", "b"])
+    assert fluttering.tolist() == [0, 1]
     assert (state.time == 7.0).all()
     assert np.abs(state.velocity.nodes[:, :, 1:]).max() > 1e-2
     assert not any(rate.any() for rate in start.rates())
@@ -62,6 +71,28 @@ def test_where_there_is_no_rest_feathers_start_in_motion_and_without_a_warning(s
     middle = 0.5 * (after.max(axis=0) + after.min(axis=0))
     reach = np.linalg.norm(after - middle, axis=1).max()
     assert np.linalg.norm(state.points.nodes[0, -1, 0] - middle) < 2.0 * reach
+
+
+def test_a_small_feather_flutters_through_its_own_time(monkeypatch):
+    """Of 14 mm in 80 m/s: 100 L/U are 18 ms, which are halved steps of half a second."""
+    _, model = preset_batch("down", count=2)
+    lengths, stepped = model.length.sum(axis=1), []
+
+    def step(solver, state, loads, path, duration, members):
+        stepped.append(duration)
+        return Solver.step(solver, state, loads, path, duration / 100.0, members)
+
+    with Solver(model, Settings(tolerance=1e-3, spectral_radius=0.5)) as solver:
+        state = at_origin(model)
+        monkeypatch.setattr(solver, "step", partial(step, solver))
+        _in_motion(solver, state, in_wind(0.0, 0.0, 80.0), ["a", "b"], np.arange(2))
+    assert 0.5 < sum(stepped) / (100.0 * lengths[0] / 80.0) <= 1.0
+
+
+def test_a_bake_bounds_the_work_of_a_frame_by_what_an_iteration_costs():
+    few, more, most = (limit_iterations(unknowns) for unknowns in (1, 120, 2000))
+    assert few == MAX_FRAME_ITERATIONS
+    assert few > more > most
 
 
 def test_gusts_that_stand_are_those_of_their_time_at_any_other():
@@ -84,7 +115,7 @@ def test_gusts_that_stand_are_those_of_their_time_at_any_other():
 
 def test_only_chosen_feathers_are_touched(solver):
     start = at_origin(solver.model)
-    state, _ = settled(solver, start, in_wind(*STORM), ["a", "b"], [1])
+    state = settled(solver, start, in_wind(*STORM), ["a", "b"], [1]).state
     np.testing.assert_array_equal(state.points.nodes[0], start.points.nodes[0])
     assert np.abs(state.points.nodes[1] - start.points.nodes[1]).max() > 1e-3
 

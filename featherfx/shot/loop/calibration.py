@@ -2,7 +2,8 @@
 
 Feathers are alike in strata by kind, size and load (options/strata.py). Of each stratum a sample is
 simulated before the first frame: where the shot begins, settling included, and where its loads are
-largest. What a setting errs by follows from what finer ones differ by,
+largest. A feather that finds no rest there flutters: its way is chaotic, and is not measured. What
+a setting errs by follows from what finer ones differ by,
 
     e = e_space + e_time,     e_space = 4/3 |x - x_s|,     e_time = 5/4 |x - x_t|
 
@@ -80,14 +81,15 @@ Window = tuple[int, int]
 
 
 class _Run(NamedTuple):
-    """A feather as it was simulated, and its points at every sample of its windows; None where a
-    step failed."""
+    """A feather as it was simulated, and its points at every sample of its windows, None where a
+    step failed; whether it found no rest at the first."""
 
     feather: Feather | None
     points: list[RowPoints]
+    flutters: bool
 
 
-_FAILED = _Run(None, [])
+_FAILED = _Run(None, [], False)
 
 
 def measure_grids(
@@ -206,6 +208,9 @@ class _Search:
     def _step(self, k: int, number: int) -> bool:
         """Take what was measured of a feather into account; whether it goes on."""
         space, time = self._levels[k]
+        if self._flutters(k):
+            self.found[k] = self.found[k]._replace(is_unique=False)
+            return False
         if not self._wanted[k]:
             # lowered: what is finer is known
             fine = {level for level, _ in self._runs[k] if level[2]}
@@ -239,6 +244,11 @@ class _Search:
         self._wanted[k] = tuple(name for name, each in raised.items() if each)
         return self._move(k, raised)
 
+    def _flutters(self, k: int) -> bool:
+        """Return whether a feather flutters at its levels where one of its windows begins."""
+        own = (((*self._levels[k], ""), each) for each in self._windows[k])
+        return any(self._runs[k][each].flutters for each in own if each in self._runs[k])
+
     def _move(self, k: int, steps: Mapping[str, int]) -> bool:
         """Go to other levels of a feather; whether there are any."""
         ladders = zip(self._levels[k], steps.values(), (SPACE, TIME), strict=True)
@@ -270,7 +280,11 @@ class _Search:
                 each = (*self._levels[k], finer), window
                 if each not in self._runs[k]:
                     wanted.setdefault(each, []).append(k)
-        for (level, window), members in sorted(wanted.items()):
+        for (level, window), left in sorted(wanted.items()):
+            # finer runs come after those that show it
+            members = [k for k in left if not self._flutters(k)]
+            if not members:
+                continue
             for k, run in zip(members, self._simulated(level, window, members), strict=True):
                 self._runs[k][level, window] = run
 
@@ -295,8 +309,8 @@ def _simulated(shot: Shot, window: Window) -> list[_Run]:
     for _ in simulation:
         for f, (_, now) in simulation.simulated().items():
             points[f].append(RowPoints(now.nodes.copy(), now.directors.copy()))
-    feathers = simulation.simulated()
-    return [_Run(feathers[f][0], own) for f, own in enumerate(points)]
+    feathers, fluttering = simulation.simulated(), simulation.fluttering()
+    return [_Run(feathers[f][0], own, f in fluttering) for f, own in enumerate(points)]
 
 
 def quality_at(quality: Quality, level: Level) -> Quality:

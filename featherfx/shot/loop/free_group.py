@@ -52,7 +52,8 @@ class FreeGroup:
         """Bring the feathers to rest where the shot begins."""
         group, run = self._group, self._run
         loads = run.loads(group, run.first)
-        group.state, group.several = settled(group.solver, group.state, loads, group.names)
+        found = settled(group.solver, group.state, loads, group.names)
+        group.state, group.several, group.fluttering = found
 
     def advance(self, index: int) -> Advanced:
         """Bring the feathers from the sample before to a sample. Raises SimulationError."""
@@ -73,7 +74,8 @@ class FreeGroup:
             cycle.keep(group.state, path, loads)
         group.loads, group.report = loads, report
         cause_of = overload_describer(group.solver.model, group.state)
-        raise_if_failed(report.status, group.state.time, group.names, cause_of=cause_of)
+        most = group.solver.settings.max_iterations
+        raise_if_failed(report.status, group.state.time, group.names, most, cause_of)
         return Advanced(int(sleeping.sum()), int(repeating.sum()))
 
     def _sleeping(self, path: RootPath, loads: Loads, duration: float) -> Flags:

@@ -51,8 +51,8 @@ class FeatherGroup:
     to the meshes' grid, where that is another one. own: model without what loads change. start:
     nodes at the first frame. acting: loads beside grips and forces. cycle: of a shot that repeats.
     loads: of the step before. stirred: (F,) feathers that something else than a step has changed
-    since the sample before. several: places of those with several rest poses. report: of the last
-    step, None where none was taken.
+    since the sample before. several: places of those with several rest poses; fluttering: of those
+    that found none. report: of the last step, None where none was taken.
     """
 
     options: FeatherOptions
@@ -72,6 +72,7 @@ class FeatherGroup:
     cycle: Any = None
     loads: Loads | None = None
     several: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    fluttering: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     report: StepReport | None = None
 
     @property

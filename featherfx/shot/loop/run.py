@@ -33,7 +33,7 @@ from featherfx.shot.options.options import (
 from featherfx.shot.preroll import RunUpRoots, run_up_of
 from featherfx.shot.roots import Roots
 from featherfx.shot.types import Shot
-from featherfx.solver.solver import Solver
+from featherfx.solver.solver import Solver, limit_iterations
 from featherfx.solver.state import rest_state
 
 Arrays = dict[str, NDArray[Any]]
@@ -218,7 +218,8 @@ def _make_group(
     positions, rotations = run.motion.frames(time)
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
-    solver = Solver(model, options, run.jobs)
+    settings = replace(options, max_iterations=limit_iterations(model.unknowns))
+    solver = Solver(model, settings, run.jobs)
     if shot.groom.drawn_gravity is not None:
         state = load_name("loop.drawn_pose:hang_as_drawn")(shot, placements, solver, state)
     names = [each.id for each in placements]

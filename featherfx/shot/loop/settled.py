@@ -1,15 +1,19 @@
 """Feathers in balance before the first frame, or in full flutter where the wind allows no balance.
 
 Across a wind of 20 m/s a swan primary flutters for good: no pose is at rest, and one that starts
-from any pose in mid-wind is thrown. Such feathers live through PRE_ROLL seconds before the first
-frame, their roots held, in the wind of the first frame: its gusts stand still, as they do for
-feathers that find a balance, so that one that just misses it starts where it would have been. After
-half a second the flutter is as strong as two seconds later.
+from any pose in mid-wind is thrown. Such feathers live through some time before the first frame,
+their roots held, in the wind of the first frame: its gusts stand still, as they do for feathers
+that find a balance, so that one that just misses it starts where it would have been.
+
+That time is PRE_ROLL seconds, after which the flutter of a primary is as strong as two seconds
+later, and no more than _MAX_CONVECTIVE_TIMES L/U, of a feather's length and the wind's speed: a
+flapping sheet has a period of about 2 to 5 L/U. Source: Shelley and Zhang 2011.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +27,19 @@ from featherfx.solver.status import NO_REST, SEVERAL_RESTS
 
 # s of motion before the first frame, and of one of its intervals
 PRE_ROLL, INTERVAL = 0.5, 1.0 / 24.0
+# L/U, of that motion at most; ratio of the time of one that takes the same steps as another
+_MAX_CONVECTIVE_TIMES, _TIME_RATIO = 100.0, 2.0
+# of the length, way in an INTERVAL at the end of that motion that shows that a feather flutters
+_MIN_FLUTTER_RATIO = 0.05
+
+
+class SettledFeathers(NamedTuple):
+    """Feathers as the first frame finds them: state, and indices of those with several rest poses,
+    and of those that have none and flutter."""
+
+    state: State
+    several: Indices
+    fluttering: Indices
 
 
 def settled(
@@ -31,20 +48,22 @@ def settled(
     loads: Loads,
     names: Sequence[str],
     feathers: Sequence[int] | None = None,
-) -> tuple[State, Indices]:
+) -> SettledFeathers:
     """The feathers as the first frame finds them under its loads. feathers: indices, default all.
 
-    At rest where there is a rest; else in motion, after PRE_ROLL seconds. Returns also the indices
-    of those with several rest poses. Raises SimulationError where one cannot be solved; its time is
-    below 0 in the motion before the first frame.
+    At rest where there is a rest; else in motion. Raises SimulationError where one cannot be
+    solved; its time is below 0 in the motion before the first frame.
     """
     state, status, _ = solver.equilibrium(state, loads, feathers=feathers)
     rests = np.isin(status, (NO_REST, SEVERAL_RESTS))
     raise_if_failed(np.where(rests, 0, status), state.time, names)
-    fluttering = np.flatnonzero(status == NO_REST)
-    if len(fluttering):
-        state = _in_motion(solver, state, loads, names, fluttering)
-    return state, np.flatnonzero(status == SEVERAL_RESTS)
+    restless = np.flatnonzero(status == NO_REST)
+    if len(restless):
+        state = _in_motion(solver, state, loads, names, restless)
+    speed = np.linalg.norm(state.velocity.nodes[restless], axis=-1).max(axis=(1, 2), initial=0.0)
+    way = INTERVAL * speed
+    flutters = way > _MIN_FLUTTER_RATIO * solver.model.length[restless].sum(axis=1)
+    return SettledFeathers(state, np.flatnonzero(status == SEVERAL_RESTS), restless[flutters])
 
 
 def moving_with_roots(state: State, rates: tuple[RootFrames, ...]) -> State:
@@ -70,12 +89,19 @@ def standing(loads: Loads, time: float) -> Loads:
 def _in_motion(
     solver: Solver, state: State, loads: Loads, names: Sequence[str], chosen: np.ndarray
 ) -> State:
-    start, path, members = state.time[chosen].copy(), hold_roots(state), chosen.tolist()
+    start, path = state.time[chosen].copy(), hold_roots(state)
     loads = standing(loads, float(start.max(initial=0.0)))
-    state.time[chosen] -= PRE_ROLL
-    for _ in range(round(PRE_ROLL / INTERVAL)):
-        state, report = solver.step(state, loads, path, INTERVAL, members)
-        most, cause_of = solver.settings.max_iterations, overload_describer(solver.model, state)
-        raise_if_failed(report.status, state.time, names, most, cause_of)
+    wind = np.broadcast_to(np.linalg.norm(loads.wind_mean, axis=-1), solver.model.feathers)[chosen]
+    most_times = _MAX_CONVECTIVE_TIMES * solver.model.length[chosen].sum(axis=1)
+    share = np.minimum(1.0, most_times / np.maximum(PRE_ROLL * wind, 1e-300))
+    halvings = np.floor(np.log(1.0 / share) / np.log(_TIME_RATIO)).astype(int)
+    most, steps = solver.settings.max_iterations, round(PRE_ROLL / INTERVAL)
+    for number in np.unique(halvings):
+        members, interval = chosen[halvings == number], INTERVAL * _TIME_RATIO**-number
+        state.time[members] -= steps * interval
+        for _ in range(steps):
+            state, report = solver.step(state, loads, path, interval, members.tolist())
+            cause_of = overload_describer(solver.model, state)
+            raise_if_failed(report.status, state.time, names, most, cause_of)
     state.time[chosen] = start
     return state

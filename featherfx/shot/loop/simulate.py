@@ -231,6 +231,10 @@ class Simulation:
             if int(f) in wanted
         }
 
+    def fluttering(self) -> set[int]:
+        """Return the numbers of the feathers that found no rest where the simulation began."""
+        return {int(f) for group in self._run.groups for f in group.members[group.fluttering]}
+
     def take_over(self, start: Checkpoint) -> None:
         """Stand where another simulation of the shot stood. Raises InputError for one of others."""
         run = self._run
