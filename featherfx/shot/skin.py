@@ -88,6 +88,14 @@ class BoundSkin:
             rotations[members] = carriers @ self.rotations[members]
         return RootFrames(positions, rotations)
 
+    def carriers(self, time: float) -> Array:
+        """(F, 3) m, points of the skin that roots stand over at a time in s."""
+        points, code = np.zeros((len(self.ids), 3)), self.clock.code(time)
+        for part in self.parts:
+            corners = part.surface.corners(code, part.triangles[part.binding.own])
+            points[part.members] = np.einsum("rk,rkc->rc", part.binding.barycentric, corners)
+        return points
+
     def led(self, change: Callable[[MovingSurface], MovingSurface], clock: StageClock) -> BoundSkin:
         """The same roots on changed surfaces, under another clock."""
         surfaces = {id(part.surface): part.surface for part in self.parts}

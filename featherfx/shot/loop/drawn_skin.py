@@ -2,7 +2,8 @@
 
 Roots are simulated on a skin that moves smoothly between its own frames. A renderer draws it as its
 stage has it, points along straight lines from sample to sample. Between own frames feathers are
-therefore shifted, each as a whole, by what is between their roots on the one and on the other.
+therefore shifted, each as a whole, by what is between the points of the one and of the other below
+their roots. Faces may collapse there, as those of a skin that is cut to a half turn do.
 """
 
 from __future__ import annotations
@@ -12,12 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.types import Array
 from featherfx.feather.types import RowPoints
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.run import ShotRun, Stage
-from featherfx.shot.motion.motion import uncut_motion
-from featherfx.shot.roots import RootFrames, arrived
 from featherfx.shot.skin import BoundSkin
 
 _STEP = 1e-3  # frames, over which the rate of shifts is found
@@ -28,27 +26,31 @@ class DrawnSkinStage(Stage):
 
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
-        skin, self._shown = run.shot.skin, None
+        skin = run.shot.skin
         self._largest: tuple[float, int, float] = 0.0, 0, float(run.shot.first_frame)
-        if not isinstance(skin, BoundSkin):
-            return
-        if any(part.surface.knots is not None for part in skin.parts):
-            drawn = skin.led(lambda each: each.smoothed(None), skin.clock)
-            self._shown, self._clock = uncut_motion(replace(run.shot, skin=drawn)), skin.clock
+        self._skins: tuple[BoundSkin, BoundSkin] | None = None
+        if isinstance(skin, BoundSkin) and any(each.surface.knots for each in skin.parts):
+            self._skins = skin, skin.led(lambda each: each.smoothed(None), skin.clock)
 
     def show(self, time: float, poses: list[FeatherPose]) -> list[FeatherPose]:
         """Shift feathers to the skin as it is drawn; with several samples a frame, their rates so
         that they go on along its straight lines."""
         run, place = self.run, time * self.run.shot.frames_per_second
-        own = 0.0 if self._shown is None else self._clock.own(place)
-        is_own = abs(own - round(own)) < 1e-6
-        if self._shown is None or (is_own and run.subframes == 1):
+        if self._skins is None:
             return poses
-        shifts, rates = self._shifts(time, run.motion.frames(time)), np.zeros((len(poses), 3))
+        smooth, drawn = self._skins
+        own = smooth.clock.own(place)
+        if abs(own - round(own)) < 1e-6 and run.subframes == 1:
+            return poses
+        shifts = (drawn.carriers(time) - smooth.carriers(time))[run.wanted]
+        rates = np.zeros_like(shifts)
         if run.subframes > 1:
             step = _STEP / run.shot.frames_per_second
-            later = self._shifts(time + step, run.motion.frames(time + step))
-            rates = (later - self._shifts(time, arrived(run.motion, time))) / step
+            ways = [
+                skin.carriers(time + step) - skin.carriers(start)
+                for skin, start in ((drawn, time), (smooth, smooth.clock.after(time)))
+            ]
+            rates = (ways[0] - ways[1])[run.wanted] / step
         sizes = np.linalg.norm(shifts, axis=1)
         if len(sizes) and sizes.max() > self._largest[0]:
             number = run.shot.first_frame + place
@@ -57,11 +59,6 @@ class DrawnSkinStage(Stage):
             _shifted(pose, shift, rate)
             for pose, shift, rate in zip(poses, shifts, rates, strict=True)
         ]
-
-    def _shifts(self, time: float, roots: RootFrames) -> Array:
-        """(P, 3) m, from the roots of the wanted feathers to those on the skin that is drawn."""
-        assert self._shown is not None
-        return (self._shown.frames(time).positions - roots.positions)[self.run.wanted]
 
     def report(self) -> dict[str, Any]:
         """Largest shift of a feather, m, with its id and frame."""
