@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -234,20 +233,23 @@ def test_cuts_of_a_stage_of_another_rate_are_those_of_its_own_frames(tmp_path, r
             assert gap < 1e-4
 
 
+@pytest.mark.parametrize("turn", [(1, 1, 1), HALF_TURNS["z"]])
 @pytest.mark.parametrize("keys", ["", 'interpolation = "linear"'])
 @pytest.mark.filterwarnings("ignore:.*cut to another place")
-def test_velocities_at_a_cut_are_those_of_the_drawn_skin(tmp_path, keys):
-    """A renderer draws the skin along straight lines, also from one side of a cut to the other."""
-    write_skin(tmp_path / "skin.usda", straight, ((1, 1, 1), AWAY))
+def test_velocities_at_a_cut_are_those_of_the_drawn_skin(tmp_path, keys, turn):
+    """A renderer draws the skin along straight lines, also from one side of a cut to the other.
+
+    Halfway of a half turn no face of it has any area.
+    """
+    write_skin(tmp_path / "skin.usda", straight, (turn, AWAY))
     (tmp_path / "groom.toml").write_text(GROOM)
     (tmp_path / "shot.toml").write_text(SHOT.format(more="", keys=keys, last=10))
     frames = list(simulate(featherfx.read_shot(tmp_path / "shot.toml"), subframes=2))
-    for now, after in pairwise(frames):
-        way = after.poses[0].points.nodes - now.poses[0].points.nodes
-        speed = way / (after.time - now.time)
-        np.testing.assert_allclose(now.poses[0].velocities.nodes, speed, atol=0.02)
-    halfway = 0.5 * (frames[12].poses[0].points.nodes + frames[14].poses[0].points.nodes)
-    np.testing.assert_allclose(frames[13].poses[0].points.nodes, halfway, atol=1e-4)
+    roots = [each.poses[0].points.nodes[0].mean(axis=0) for each in frames]
+    for now, here, there in zip(frames, roots, roots[1:], strict=False):
+        speed = now.poses[0].velocities.nodes[0].mean(axis=0)
+        np.testing.assert_allclose(speed, (there - here) * 48.0, atol=0.02)
+    np.testing.assert_allclose(roots[13], 0.5 * (roots[12] + roots[14]), atol=1e-4)
 
 
 def test_cuts_are_named_and_denied(tmp_path):

@@ -199,9 +199,16 @@ def test_instancers_in_instancers_place_feathers(tmp_path):
     assert len({f.id for f in feathers}) == 4
 
 
-def test_instancers_in_instancers_are_in_pictures(tmp_path):
+@pytest.mark.parametrize("is_sampled", [False, True])
+def test_instancers_in_instancers_are_in_pictures(tmp_path, is_sampled):
+    """Also those whose places have only samples, and go on with a speed."""
     stage = new_stage(tmp_path / "set.usda")
-    add_nested(stage)
+    inner, _ = add_nested(stage)
+    if is_sampled:
+        places = inner.GetPositionsAttr().Get()
+        inner.GetPositionsAttr().Clear()
+        inner.GetPositionsAttr().Set(places, 2.0)
+        inner.CreateVelocitiesAttr().Set([(0, 0, 24.0)] * 3, 2.0)
     add_mesh(stage, "/b/out/inner/t/leaf", *sheet(1, 1))
     hidden = add_mesh(stage, "/b/out/inner/t/hidden", *sheet(1, 1))
     hidden.MakeInvisible()

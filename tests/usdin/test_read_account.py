@@ -204,8 +204,9 @@ def test_inspect_tells_how_a_mesh_is_drawn_and_moves(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(Usd.Attribute, "HasSpline"), reason="USD knows no splines")
-@pytest.mark.parametrize("end", [5.0, 8.0])
-def test_a_transform_that_is_a_spline_moves_a_mesh(tmp_path, end):
+@pytest.mark.filterwarnings("ignore:.*inner looping")
+@pytest.mark.parametrize(("end", "is_loop"), [(5.0, False), (8.0, False), (8.0, True)])
+def test_a_transform_that_is_a_spline_moves_a_mesh(tmp_path, end, is_loop):
     from pxr import Ts
 
     stage = new_stage(tmp_path / "skin.usda")
@@ -220,7 +221,11 @@ def test_a_transform_that_is_a_spline_moves_a_mesh(tmp_path, end):
         knot.SetValue(degrees)
         knot.SetNextInterpolation(Ts.InterpLinear)
         spline.SetKnot(knot)
-    if end > 5.0:  # goes on by another 60 degrees
+    if is_loop:  # once more, from where it ended
+        loop = Ts.LoopParams()
+        loop.protoStart, loop.protoEnd, loop.numPostLoops, loop.valueOffset = 2.0, 5.0, 1, 60.0
+        spline.SetInnerLoopParams(loop)
+    elif end > 5.0:  # goes on by another 60 degrees
         beyond = Ts.Extrapolation()
         beyond.mode = Ts.ExtrapLinear
         spline.SetPostExtrapolation(beyond)

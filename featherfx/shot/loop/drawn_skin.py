@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from featherfx.algebra.types import Array
 from featherfx.feather.types import RowPoints
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.run import ShotRun, Stage
@@ -46,11 +47,10 @@ class DrawnSkinStage(Stage):
         rates = np.zeros_like(shifts)
         if run.subframes > 1:
             step = _STEP / run.shot.frames_per_second
-            ways = [
-                skin.carriers(time + step) - skin.carriers(start)
-                for skin, start in ((drawn, time), (smooth, smooth.clock.after(time)))
-            ]
-            rates = (ways[0] - ways[1])[run.wanted] / step
+            onwards = drawn.carriers(time + step) - drawn.carriers(time)
+            # feathers arrive with the speed that the smooth skin has until then
+            arrived = smooth.carriers(time) - smooth.carriers(time - step)
+            rates = (onwards - arrived)[run.wanted] / step
         sizes = np.linalg.norm(shifts, axis=1)
         if len(sizes) and sizes.max() > self._largest[0]:
             number = run.shot.first_frame + place

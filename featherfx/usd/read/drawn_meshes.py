@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import UsdGeom
+from pxr import Usd, UsdGeom
 
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place, Problems
@@ -31,6 +31,8 @@ from featherfx.usd.read.values import (
     read_sized_array,
     read_targets,
     read_text,
+    read_times,
+    read_value,
 )
 
 _RENDERED = {name: key.default for name, key in DRAWN_KEYS.items()}
@@ -187,8 +189,20 @@ def _paths_above(prim: Any) -> Iterator[Any]:
 
 
 def instance_matrices(instancer: Any, code: Any) -> Array:
-    """(N, 4, 4) from each prototype's own space to the instancer's at a time code, row vectors."""
+    """(N, 4, 4) from each prototype's own space to the instancer's at a time code, row vectors.
+
+    By default, where places, turns or sizes have only samples, all are at the first of these.
+    """
     instances = UsdGeom.PointInstancer
+    if code.IsDefault():
+        moving = (
+            instancer.GetPositionsAttr,
+            instancer.GetOrientationsAttr,
+            instancer.GetScalesAttr,
+        )
+        sampled = [each() for each in moving if read_value(each()) is None]
+        times = [code for each in sampled for code in read_times(each)[:1]]
+        code = Usd.TimeCode(min(times)) if times else code
     found = compute(
         instancer.GetPrim(),
         instancer.ComputeInstanceTransformsAtTime,

@@ -245,7 +245,8 @@ def read_times(attribute: Any) -> list[float]:
 def _read_spline_times(spline: Any, ends: list[float]) -> list[float]:
     from pxr import Ts
 
-    knots = list(spline.GetKnots())
+    has_loops = getattr(spline, "HasInnerLoops", bool)()
+    knots = list(spline.GetKnotsWithInnerLoopsBaked() if has_loops else spline.GetKnots())
     modes = (each.mode for each in (spline.GetPreExtrapolation(), spline.GetPostExtrapolation()))
     goes_on = any(mode not in (Ts.ExtrapHeld, Ts.ExtrapValueBlock) for mode in modes)
     return sorted({*knots, *ends}) if goes_on else knots
