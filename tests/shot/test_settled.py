@@ -74,7 +74,7 @@ def test_where_there_is_no_rest_feathers_start_in_motion_and_without_a_warning(s
 
 
 def test_a_small_feather_flutters_through_its_own_time(monkeypatch):
-    """Of 14 mm in 80 m/s: 100 L/U are 18 ms, which are halved steps of half a second."""
+    """Of 18 mm in 80 m/s: 100 L/U are about 20 ms; half a second is halved until it is less."""
     _, model = preset_batch("down", count=2)
     lengths, stepped = model.length.sum(axis=1), []
 

@@ -94,7 +94,7 @@ def _in_motion(
     wind = np.broadcast_to(np.linalg.norm(loads.wind_mean, axis=-1), solver.model.feathers)[chosen]
     most_times = _MAX_CONVECTIVE_TIMES * solver.model.length[chosen].sum(axis=1)
     share = np.minimum(1.0, most_times / np.maximum(PRE_ROLL * wind, 1e-300))
-    halvings = np.floor(np.log(1.0 / share) / np.log(_TIME_RATIO)).astype(int)
+    halvings = np.ceil(np.log(1.0 / share) / np.log(_TIME_RATIO)).astype(int)
     most, steps = solver.settings.max_iterations, round(PRE_ROLL / INTERVAL)
     for number in np.unique(halvings):
         members, interval = chosen[halvings == number], INTERVAL * _TIME_RATIO**-number
