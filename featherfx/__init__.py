@@ -1,10 +1,10 @@
 """featherfx: from feather grooms to simulated, time-sampled USD geometry.
 
-`featherfx.bake`, `bake_many`, `check`, `export`, `export_groom`, `join`, `plan` and `retime` do
-what the commands of the same kind do; `read_groom`, `read_shot`, `build` and `simulate` are the
-steps between; `expand` makes meshes and barbs of condensed feathers. All are loaded when first
-asked for, so that `import featherfx` stays light.
-docs/usd_in.md, docs/dcc.md and docs/farm.md show them at work.
+`read_shot` and `read_groom` read files; a `Shot` or `Groom` may be made and changed in memory, too.
+`simulate` gives frames as arrays; `bake` writes a cache and opens it, `open_cache` opens an earlier
+one. `bake_many`, `check`, `stats`, `export`, `export_groom`, `join`, `plan` and `retime` do what
+the commands of the same kind do; `build` and `expand` make meshes. All are loaded when first asked
+for, so that `import featherfx` stays light. docs/python.md shows them at work.
 """
 
 from __future__ import annotations
@@ -16,19 +16,52 @@ from featherfx._version import __version__
 
 if TYPE_CHECKING:
     from featherfx.api import build, read_groom, read_quality, read_shot, simulate
-    from featherfx.baking.pipeline import bake, check, export, export_groom, join, plan, retime
+    from featherfx.baking.open_bake import bake
+    from featherfx.baking.pipeline import check, export, export_groom, join, plan, retime
+    from featherfx.baking.stats import stats
+    from featherfx.errors import InputError, InputWarning, SimulationError
     from featherfx.farm.bake_many import bake_many
+    from featherfx.feather.types import Feather
+    from featherfx.groom.keys.preset import Quality
+    from featherfx.groom.types import Groom
+    from featherfx.shot.frames import Frame
+    from featherfx.shot.loop.checkpoint import Checkpoint
+    from featherfx.shot.loop.simulate import Simulation
+    from featherfx.shot.types import Shot
     from featherfx.usd.read.expand import expand
+    from featherfx.usd.read.feather_cache import FeatherCache, FeatherTrack, open_cache
 
-_HOMES = dict.fromkeys(
-    ("build", "read_groom", "read_quality", "read_shot", "simulate"), "featherfx.api"
-) | dict.fromkeys(
-    ("bake", "check", "export", "export_groom", "join", "plan", "retime"),
-    "featherfx.baking.pipeline",
-)
-_HOMES["bake_many"] = "featherfx.farm.bake_many"
-_HOMES["expand"] = "featherfx.usd.read.expand"
+_HOMES = {
+    "api": "build read_groom read_quality read_shot simulate",
+    "baking.open_bake": "bake",
+    "baking.pipeline": "check export export_groom join plan retime",
+    "baking.stats": "stats",
+    "errors": "InputError InputWarning SimulationError",
+    "farm.bake_many": "bake_many",
+    "feather.types": "Feather",
+    "groom.keys.preset": "Quality",
+    "groom.types": "Groom",
+    "shot.frames": "Frame",
+    "shot.loop.checkpoint": "Checkpoint",
+    "shot.loop.simulate": "Simulation",
+    "shot.types": "Shot",
+    "usd.read.expand": "expand",
+    "usd.read.feather_cache": "FeatherCache FeatherTrack open_cache",
+}
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
 __all__ = [
+    "Checkpoint",
+    "Feather",
+    "FeatherCache",
+    "FeatherTrack",
+    "Frame",
+    "Groom",
+    "InputError",
+    "InputWarning",
+    "Quality",
+    "Shot",
+    "Simulation",
+    "SimulationError",
     "__version__",
     "bake",
     "bake_many",
@@ -38,16 +71,22 @@ __all__ = [
     "export",
     "export_groom",
     "join",
+    "open_cache",
     "plan",
     "read_groom",
     "read_quality",
     "read_shot",
     "retime",
     "simulate",
+    "stats",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
+    if name in _HOME_OF:
+        return getattr(import_module(f"featherfx.{_HOME_OF[name]}"), name)
     raise AttributeError(f"module 'featherfx' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -7,18 +7,21 @@ the process has, and only where a file is a USD file or names one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
-from featherfx.groom.presets.library import plain
-from featherfx.groom.presets.presets import load_preset
+from featherfx.groom.document import Document
+from featherfx.groom.presets.presets import read_quality as read_quality
+from featherfx.groom.read.read import load_tables
 from featherfx.groom.read.read import read_groom as read_groom_file
 from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.phases import phase
+from featherfx.provenance import StageRead, listen_to_reads
 from featherfx.shot.loop.placement import lay_out, place_feathers
 from featherfx.shot.read.read import read_shot as read_shot_file
 from featherfx.shot.types import Quality, Shot
@@ -30,56 +33,67 @@ if TYPE_CHECKING:
 Folders = Iterable[str | Path]
 
 
-def read_groom(
-    path: str | Path,
-    preset_folders: Folders = (),
-    note: Callable[[Path], object] = lambda path: None,
-) -> Groom:
+def read_groom(path: str | Path, preset_folders: Folders = ()) -> Groom:
     """The groom of a TOML or USD file: which feathers, where, metres and z up; laid over each other
     where it asks for that.
 
-    preset_folders: searched before the user's and the shipped presets. note: is told every USD
-    file that is read. Raises InputError with all problems of the file, of the tables and scenes
-    that it names, and of the presets.
+    preset_folders: searched before the user's and the shipped presets. Raises InputError with all
+    problems of the file, of the tables and scenes that it names, and of the presets.
     """
-    return lay_out(groom_as_written(path, preset_folders, note))
+    groom: Groom = open_document("groom", path, preset_folders).read()
+    return groom
 
 
-def read_shot(
-    path: str | Path,
-    preset_folders: Folders = (),
-    note: Callable[[Path], object] = lambda path: None,
-) -> Shot:
+def read_shot(path: str | Path, preset_folders: Folders = ()) -> Shot:
     """The shot of a TOML file with its groom, its feathers laid over each other where the groom
     asks for it, and its roots bound to the skin where it has one.
 
-    preset_folders, note: as in read_groom. Raises InputError with all problems of shot, groom,
-    scenes and presets; InputWarning for roots that are far from the skin, and for feathers that
-    the layout leaves out or cannot part.
+    preset_folders: as in read_groom. Raises InputError with all problems of shot, groom, scenes and
+    presets; InputWarning for roots that are far from the skin, and for feathers that the layout
+    leaves out or cannot part.
     """
-    return place_feathers(shot_as_written(path, preset_folders, note))
+    shot: Shot = open_document("shot", path, preset_folders).read()
+    return shot
+
+
+def open_document(kind: str, path: str | Path, preset_folders: Folders = ()) -> Document:
+    """The tables of a groom or shot file, not yet checked. Raises InputError."""
+    source = Path(path)
+    return Document(kind, load_tables(source), source, tuple(preset_folders))
+
+
+def read_document(document: Document) -> Groom | Shot:
+    """The groom or shot of a document, which it has with what was read. Raises InputError."""
+    files: list[Path] = []
+    reads: list[StageRead] = []
+    with listen_to_reads(reads.append):
+        read: Groom | Shot = (
+            lay_out(groom_as_written(document, files.append))
+            if document.kind == "groom"
+            else place_feathers(shot_as_written(document, files.append))
+        )
+    return read.documented(replace(document, files=tuple(files), reads=tuple(reads)))
 
 
 def groom_as_written(
-    path: str | Path, preset_folders: Folders, note: Callable[[Path], object] = lambda path: None
+    document: Document, note: Callable[[Path], object] = lambda path: None
 ) -> Groom:
-    """The groom before its feathers are laid over each other, which costs most; as read_groom."""
+    """The groom before its feathers are laid over each other, which costs most.
+
+    note: is told every USD file that is read. Raises InputError.
+    """
     with phase("reading", 1.0):
-        return read_groom_file(path, preset_folders, scene_readers(note))
+        return read_groom_file(*_arguments(document, note))
 
 
-def shot_as_written(
-    path: str | Path, preset_folders: Folders, note: Callable[[Path], object] = lambda path: None
-) -> Shot:
-    """The shot before its feathers are placed, which costs most; as read_shot."""
+def shot_as_written(document: Document, note: Callable[[Path], object] = lambda path: None) -> Shot:
+    """The shot before its feathers are placed, which costs most; as groom_as_written."""
     with phase("reading", 1.0):
-        return read_shot_file(path, preset_folders, scene_readers(note))
+        return read_shot_file(*_arguments(document, note))
 
 
-def read_quality(name: str, preset_folders: Folders = ()) -> Quality:
-    """A quality preset by its name. Raises InputError."""
-    _, tree = load_preset(f"quality/{name}", preset_folders)
-    return Quality(name=name, **plain(tree))
+def _arguments(document: Document, note: Callable[[Path], object]) -> tuple[Any, ...]:
+    return document.source, document.preset_folders, scene_readers(note), document.tables
 
 
 def build(groom: Groom, quality: Quality | str = "final") -> tuple[Feather, ...]:

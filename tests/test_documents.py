@@ -26,7 +26,7 @@ def ran(tmp_path_factory):
     copy_sample("feather_pull", folder / "feather_pull")
     text = (ROOT / "docs/python.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
-    assert len(blocks) == 4
+    assert len(blocks) == 6
     known = {}
     os.chdir(folder)
     try:
@@ -48,7 +48,7 @@ def test_a_simulation_goes_on_from_a_checkpoint_with_other_loads(ran):
     known, _ = ran
     shot, half = known["shot"], known["half"]
     on, whole, fallen = (
-        [frame.points[0] for frame in featherfx.simulate(each, frames=(6, 8), start=start)]
+        [frame.rows[0] for frame in featherfx.simulate(each, frames=(6, 8), start=start)]
         for each, start in ((shot, half), (shot, None), (known["fallen"], half))
     )
     np.testing.assert_array_equal(on, whole)

@@ -34,7 +34,7 @@ _PHASES = {
 
 @takes(BakeOptions)
 def bake(
-    shot_path: str | Path,
+    shot: str | Path | Shot,
     output: str | Path | None = None,
     *,
     on_frame: Callable[[int, int], None] | None = None,
@@ -42,9 +42,10 @@ def bake(
 ) -> dict[str, Any]:
     """Simulate a shot, write it to USD and return the report.
 
-    output: .usd, .usdc or .usda; None: the shot's name with .usdc, in the current folder. on_frame:
-    called with the samples done and their number, at first with those taken over. options: fields
-    of featherfx.baking.options.BakeOptions. frames: first and last of those to write, inclusive;
+    shot: its file, or in memory. output: .usd, .usdc or .usda; None: the shot's name with .usdc, in
+    the current folder. on_frame: called with the samples done and their number, at first with
+    those taken over. options: fields of featherfx.baking.options.BakeOptions. frames: first and
+    last of those to write, inclusive;
     the frames before them are still simulated. jobs: threads. quality: name of a preset that
     replaces the shot's. error: percent of a feather's length, by which is chosen what is
     simulated. report: JSON file for the report. resume: continue after the chunks that an earlier
@@ -65,21 +66,22 @@ def bake(
     notify = on_frame or (lambda done, total: None)
     current = account()
     with nullcontext(current) if current else Account() as timed:
-        return _bake(shot_path, output, notify, BakeOptions(**options), timed)
+        return _bake(shot, output, notify, BakeOptions(**options), timed)
 
 
 def _bake(
-    shot_path: str | Path,
+    shot: str | Path | Shot,
     output: str | Path | None,
     notify: Callable[[int, int], None],
     options: BakeOptions,
     timed: Account,
 ) -> dict[str, Any]:
     """Read, check, simulate, write, report."""
-    reads: list[StageRead] = []
+    document = shot.document if isinstance(shot, Shot) else None
+    reads: list[StageRead] = [] if document is None else [*document.reads]
     try:
         with seldom_collected(), listen_to_reads(reads.append):
-            task = open_task(shot_path, output, options)
+            task = open_task(shot, output, options)
     except KeyboardInterrupt as error:
         during = timed.failed or "checking what is to be done"
         raise KeyboardInterrupt(f"interrupted during {during}: nothing was written") from error
@@ -103,12 +105,12 @@ def _bake(
     return report
 
 
-def open_task(shot_path: str | Path, output: str | Path | None, options: BakeOptions) -> BakeTask:
+def open_task(shot: str | Path | Shot, output: str | Path | None, options: BakeOptions) -> BakeTask:
     """Prepare a bake; with resume, as it goes on from the cache at its output.
 
     Raises InputError with every problem.
     """
-    task = prepare(shot_path, output, options)
+    task = prepare(shot, output, options)
     if options.resume:
         from featherfx.baking.reuse import resume_task
 

@@ -13,6 +13,7 @@ from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.read.toml_file import load_toml
+from featherfx.groom.types import Groom
 from featherfx.limits import MAX_TRIED, irregular
 from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.direction.unsimulated_targets import FELT, warn_of_unfelt
@@ -23,13 +24,16 @@ from featherfx.shot.read.read import check_file
 from featherfx.shot.types import Shot
 
 
-def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
-    """Find the problems of a groom, preset, shot or USD file.
+def check(source: str | Path | Shot | Groom, preset_folders: Folders = ()) -> list[Problem]:
+    """Find the problems of a groom, preset, shot or USD file, or of a groom or shot in memory.
 
     Grooms and shots without a wrong value are also tried: their feathers are built and the motion
     is fitted to the joints. InputWarning for what of a shot's channels and targets is not felt.
     """
-    path, folders = Path(path), tuple(preset_folders)
+    folders = tuple(preset_folders)
+    if isinstance(source, Shot | Groom):
+        return _tried(source)
+    path = Path(source)
     if not path.is_file():
         return [Problem(str(path), "", irregular(path) or "file does not exist")]
     if path.suffix in (".usd", ".usda", ".usdc"):
@@ -41,29 +45,34 @@ def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
         suffixes = ".toml, .usd, .usda and .usdc"
         return [Problem(str(path), "", f"suffix '{path.suffix}' is not one of {suffixes}")]
     try:
-        tried = _tried(path, folders)
+        given = _shot_or_groom(path, folders)
+        tried = None if given is None else _tried(given)
     except InputError as error:
         # the reader finds all that is wrong in the files; what it does not, shows when it is tried
         return check_file(path, folders, scene_readers()) or list(error.problems)
     return check_file(path, folders, scene_readers()) if tried is None else tried
 
 
-def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
-    """Problems of a shot or groom that show only when feathers are built and moved.
-
-    None where it is neither. Raises InputError where it holds a wrong value.
-    """
+def _shot_or_groom(path: Path, folders: Sequence[str | Path]) -> Shot | Groom | None:
+    """Read a shot or groom; None where the file is neither. Raises InputError."""
     keys = load_toml(path)
-    tasks: list[Callable[[], Any]] = []
     if "groom" in keys:
-        shot = read_shot(path, folders)
-        groom, grid = shot.groom, shot.quality
-        tasks.append(lambda: _try_motion(shot))
-    elif {"feather", "row", "table", "usd", "region"} & keys.keys():
-        groom, grid = read_groom(path, folders), read_quality("final", folders)
+        return read_shot(path, folders)
+    if {"feather", "row", "table", "usd", "region"} & keys.keys():
+        return read_groom(path, folders)
+    return None
+
+
+def _tried(given: Shot | Groom) -> list[Problem]:
+    """Problems of a shot or groom that show only when feathers are built and moved."""
+    tasks: list[Callable[[], Any]] = []
+    if isinstance(given, Shot):
+        groom, grid = given.groom, given.quality
+        tasks.append(lambda: _try_motion(given))
     else:
-        return None
-    refuse_too_large(groom, grid, DrawnOptions(), str(path))
+        folders = given.document.preset_folders if given.document else ()
+        groom, grid = given, read_quality("final", folders)
+    refuse_too_large(groom, grid, DrawnOptions(), str(given.source))
     first, _ = distinct_shapes(groom.feathers)
     tried = first[:: 1 + len(first) // MAX_TRIED]
     some = [groom.feathers[k] for k in tried]

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from featherfx.api import groom_as_written, read_quality
+from featherfx.api import groom_as_written, open_document, read_quality
 from featherfx.baking.entries import (
     drawn_entries,
     metadata_of,
@@ -18,6 +18,7 @@ from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
+from featherfx.groom.types import Groom
 from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.space import choose_origin
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter
@@ -47,8 +48,13 @@ def export_groom(groom_path: str | Path, output: str | Path, **options: Any) -> 
 
 def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -> int:
     read: list[Path] = [Path(groom_path)]
+
+    def as_written() -> Groom:
+        document = open_document("groom", groom_path, options.preset_folders)
+        return groom_as_written(document, read.append)
+
     groom, grid, path, *_ = all_of(
-        lambda: groom_as_written(groom_path, options.preset_folders, read.append),
+        as_written,
         lambda: read_quality(options.quality, options.preset_folders),
         lambda: check_output(output, options.overwrite, options.layout),
         lambda: check_ranges(options, "bake"),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from featherfx.baking.export import export_groom as export_groom
     from featherfx.baking.plan import plan as plan
     from featherfx.baking.shares import join as join
-    from featherfx.baking.stats import plumage_stats as plumage_stats
+    from featherfx.baking.stats import stats as stats
     from featherfx.usd.check.check import is_cache as is_cache
     from featherfx.usd.check.check import judge_complete_cache as judge_complete_cache
     from featherfx.usd.check.measures import count_crossings as count_crossings
@@ -50,7 +50,7 @@ _HOMES = {
     "measure_holes": "featherfx.usd.check.measures",
     "measure_plumage": "featherfx.usd.check.plumage",
     "plan": "featherfx.baking.plan",
-    "plumage_stats": "featherfx.baking.stats",
+    "stats": "featherfx.baking.stats",
     "read_shot": "featherfx.api",
     "retime": "featherfx.usd.convert.retime",
 }

@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from featherfx.api import Folders, shot_as_written
+from featherfx.api import Folders, open_document, shot_as_written
 from featherfx.baking.task import default_output
 from featherfx.errors import InputError, Problem, require
 from featherfx.files.atomic_write import write_text
@@ -70,7 +70,7 @@ def plan(
     item. overwrite: whether a plan that exists is replaced. Raises
     InputError where the shot or the number is wrong, or a file stands there.
     """
-    shot = shot_as_written(shot_path, preset_folders)
+    shot = shot_as_written(open_document("shot", shot_path, preset_folders))
     shot_path = Path(os.path.abspath(shot_path))
     output = default_output(shot) if output is None else output
     output = Path(os.path.abspath(check_output(output, overwrite=True)))

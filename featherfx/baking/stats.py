@@ -33,8 +33,8 @@ from featherfx.usd.write.options import CHUNK_FRAMES, CONTACT_CHUNK_FRAMES
 from featherfx.usd.write.poses import make_posed_feathers
 
 
-def plumage_stats(
-    path: str | Path,
+def stats(
+    source: str | Path | Shot | Groom,
     *,
     quality: str | None = None,
     jobs: int = 1,
@@ -43,34 +43,37 @@ def plumage_stats(
 ) -> dict[str, Any]:
     """Counts, overlap and penetration of a groom; of a shot also the expected cost of its bake.
 
-    quality: preset instead of the shot's; for a groom, that its meshes are counted at (default
-    final). jobs: threads of the bake. Its cost is measured by bakes of a part of the shot, which
+    source: a file, or a shot or groom in memory. quality: preset instead of the shot's; for a
+    groom, that its meshes are counted at (default final). jobs: threads of the bake. Its cost is
+    measured by bakes of a part of the shot, which
     take about budget seconds of CPU time with reading, at most a minute for None. SI units, bytes.
     Raises InputError, and SimulationError where one of these feathers cannot be simulated.
     """
-    path, folders = Path(path), tuple(preset_folders)
+    folders = tuple(preset_folders)
     until = time.process_time() + (MAX_TRIAL_SECONDS if budget is None else budget)
-    if _is_shot(path):
-        read = partial(
-            all_of,
-            lambda: read_shot(path, folders),
-            lambda: read_quality(quality, folders) if quality else None,
+    if isinstance(source, Groom):
+        return _of_groom(source, read_quality(quality or "final", folders))
+    if not isinstance(source, Shot) and not _is_shot(Path(source)):
+        groom, grid = all_of(
+            lambda: read_groom(source, folders), lambda: read_quality(quality or "final", folders)
         )
-        found: list[Any] = []
-        first = time_of(lambda: found.extend(read()))
-        shot, chosen = found
-        shot = replace(shot, quality=chosen) if chosen else shot
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", InputWarning)
-            reading = first
-            if has_time_for(2.0 * first[1], until):
-                reading = time_of(read)  # as the bake finds it, with what is kept of the first time
-        cost = bake_cost(shot, jobs, _starting() + reading, until, budget)
-        return _of_groom(shot.groom, shot.quality) | {"bake": cost}
-    groom, grid = all_of(
-        lambda: read_groom(path, folders), lambda: read_quality(quality or "final", folders)
+        return _of_groom(groom, grid)
+    read = partial(
+        all_of,
+        lambda: source if isinstance(source, Shot) else read_shot(source, folders),
+        lambda: read_quality(quality, folders) if quality else None,
     )
-    return _of_groom(groom, grid)
+    found: list[Any] = []
+    first = time_of(lambda: found.extend(read()))
+    shot, chosen = found
+    shot = replace(shot, quality=chosen) if chosen else shot
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        reading = first
+        if has_time_for(2.0 * first[1], until):
+            reading = time_of(read)  # as the bake finds it, with what is kept of the first time
+    cost = bake_cost(shot, jobs, _starting() + reading, until, budget)
+    return _of_groom(shot.groom, shot.quality) | {"bake": cost}
 
 
 def _is_shot(path: Path) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 
 from featherfx import usd
 from featherfx._version import __version__
-from featherfx.api import read_quality, shot_as_written
+from featherfx.api import open_document, read_quality, shot_as_written
 from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large, refuse_unfit_form
 from featherfx.baking.options import BakeOptions
 from featherfx.errors import InputError, InputWarning, Problem, all_of, as_figure
@@ -117,10 +117,14 @@ class BakeTask:
         return (self.frames[1] - self.frames[0]) * self.options.subframes + 1
 
 
-def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptions) -> BakeTask:
-    """Read and check all inputs of a bake; raises InputError with every problem."""
+def prepare(given: str | Path | Shot, output: str | Path | None, options: BakeOptions) -> BakeTask:
+    """Read and check all inputs of a bake; raises InputError with every problem.
+
+    given: a shot, or its file.
+    """
     refuse_unfit_usd()
-    shot, target, path = _checked(shot_path, output, options)
+    shot, target, path = _checked(given, output, options)
+    name = str(shot.source)
     first, last = options.frames or (shot.first_frame, shot.last_frame)
     frames = first - shot.handles, last + shot.handles
     every = unique_prim_names([p.id for p in shot.groom.feathers])
@@ -133,9 +137,9 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     origin = _find_origin(shot, frames)
     settings = _settings(shot, frames, options) | {"origin": json.dumps(origin)}
     part, whole, numbers = _part(shot, options.feathers)
-    refuse_too_large(part.groom, shot.quality, options, str(shot_path))
-    refuse_unfit_form(part.groom, options, str(shot_path))
-    refuse_splits_elsewhere(part.groom, shot.quality, options, str(shot_path))
+    refuse_too_large(part.groom, shot.quality, options, name)
+    refuse_unfit_form(part.groom, options, name)
+    refuse_splits_elsewhere(part.groom, shot.quality, options, name)
     return BakeTask(
         shot=part,
         path=path,
@@ -154,7 +158,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
 
 
 def _checked(
-    shot_path: str | Path, output: str | Path | None, options: BakeOptions
+    given: str | Path | Shot, output: str | Path | None, options: BakeOptions
 ) -> tuple[Shot, Path, Path]:
     """Return the shot as it will be simulated, the output's name as given, and the file to write.
 
@@ -171,7 +175,7 @@ def _checked(
         return kept
 
     shot, chosen, path, *_ = all_of(
-        lambda: wanted_shot(shot_path, options, read.append),
+        lambda: wanted_shot(given, options, read.append),
         lambda: read_quality(options.quality, options.preset_folders) if options.quality else None,
         lambda: checked(output) if output is not None else None,
         lambda: check_report(options.report, True),
@@ -182,7 +186,7 @@ def _checked(
     _refuse_inputs(path, options.report, [*read, shot.source, shot.groom.source])
     # a bake that goes on may replace the report of the one before
     check_report(options.report, options.overwrite or (options.resume and _is_report(options)))
-    shot = place_feathers(shot)
+    shot = shot if isinstance(given, Shot) else place_feathers(shot)
     quality = chosen or shot.quality
     if options.error is not None:
         quality = quality.with_error(options.error)
@@ -268,20 +272,24 @@ def default_output(shot: Shot) -> Path:
 
 
 def wanted_shot(
-    shot_path: str | Path, options: BakeOptions, note: Callable[[Path], object]
+    given: str | Path | Shot, options: BakeOptions, note: Callable[[Path], object]
 ) -> Shot:
-    """Read the shot without placing its feathers.
+    """Read a shot's file without placing its feathers; a shot is there already.
 
-    Raises InputError for it, its groom, and frames that it does not have.
-
-    note: is told every scene that is read.
+    note: is told every scene that is read. Raises InputError for it, its groom, and frames that it
+    does not have.
     """
     frames = options.frames
-    shot = shot_as_written(shot_path, options.preset_folders, note)
+    if isinstance(given, Shot):
+        shot = given
+        for file in shot.document.files if shot.document else ():
+            note(file)
+    else:
+        shot = shot_as_written(open_document("shot", given, options.preset_folders), note)
     if frames and not shot.first_frame <= frames[0] <= frames[1] <= shot.last_frame:
         allowed = f"Give frames from {shot.first_frame} to {shot.last_frame}"
         message = f"{frames[0]}-{frames[1]} is out of range. {allowed}"
-        raise InputError(Problem(str(shot_path), "frames", message))
+        raise InputError(Problem(str(shot.source), "frames", message))
     return shot
 
 

@@ -61,7 +61,7 @@ def stats(
     will cost, measured on a part of it.
     """
     with Progress("trials", style):
-        found = pipeline.plumage_stats(
+        found = pipeline.stats(
             file,
             quality=quality,
             jobs=jobs or default_jobs(),

@@ -225,7 +225,8 @@ def _stage(
 ) -> tuple[Path, str]:
     """A shot of one feather, or of a wing, that a preset is of, and the preset's family."""
     from featherfx.errors import InputError, Problem
-    from featherfx.groom.presets.presets import load_preset, toml_of
+    from featherfx.groom.presets.presets import load_preset
+    from featherfx.groom.read.toml_text import toml_of
 
     family, _ = load_preset(preset, folders)
     name = preset.rpartition("/")[2]

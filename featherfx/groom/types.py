@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from featherfx.algebra.types import Array
+from featherfx.groom.document import Document, Documented
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import POINT
 from featherfx.groom.keys.values import ArrayOf, Default, Key, Number, Table, Text, keys_of
@@ -391,7 +392,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Groom:
+class Groom(Documented):
     """Feathers and their places. Frame: z up, metres.
 
     layout: None where feathers stay as they were placed. coat: of the feathers of regions, that a
@@ -399,8 +400,11 @@ class Groom:
     regions grow on, None where there are none. drawn_gravity: (3,) m/s^2, under which the
     drawn pose is the balance, None where it is the unloaded shape. inputs: what its files say, by
     key (value_diff.py), for messages. skin_keys: checked keys of [skin], None without it. forward:
-    (3,) of the creature, level.
+    (3,) of the creature, level. document: the tables that it was read from, None after
+    `dataclasses.replace`.
     """
+
+    document_kind = "groom"
 
     name: str
     source: Path
@@ -413,3 +417,4 @@ class Groom:
     inputs: Mapping[str, str] = field(default_factory=dict)
     skin_keys: Mapping[str, Any] | None = None
     forward: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    document: Document | None = field(default=None, init=False, repr=False, compare=False)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import isfinite
 
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.feather.types import RowPoints, turned
+from featherfx.feather.types import Feather, RowPoints, turned
 from featherfx.mechanics.model import Gaps
 
 # feathers whose points are copied to be looked at in one call
@@ -36,12 +37,14 @@ class Frame:
     """One frame of every feather, handed to a sink.
 
     number: frame number; fractional between two frames. time: s since the first frame. poses: of
-    the feathers.
+    the feathers. ids, feathers: theirs.
     """
 
     number: float
     time: float
     poses: tuple[FeatherPose, ...]
+    ids: Sequence[str] = ()
+    feathers: Sequence[Feather] = ()
 
     def in_seconds_of(self, ratio: float) -> Frame:
         """Return the frame with rates per second of a stage whose seconds have so many times the
@@ -57,19 +60,56 @@ class Frame:
         return replace(self, poses=tuple(poses))
 
     @property
-    def points(self) -> tuple[Array, ...]:
+    def points(self) -> Mapping[str, Array]:
+        """(V, 3) m, world, of each feather's mesh by its id; computed when it is looked up."""
+        return MeshPoints(self, "points")
+
+    @property
+    def velocities(self) -> Mapping[str, Array]:
+        """The first rates of points, m/s."""
+        return MeshPoints(self, "velocities")
+
+    @property
+    def accelerations(self) -> Mapping[str, Array]:
+        """The second rates of points, m/s^2."""
+        return MeshPoints(self, "accelerations")
+
+    @property
+    def rows(self) -> tuple[Array, ...]:
         """(n, 3 + 2 m, 3) of every feather, m and unit vectors, as RowPoints.rows gives them."""
         return tuple(pose.points.rows() for pose in self.poses)
 
     @property
-    def velocities(self) -> tuple[Array, ...]:
-        """The first rates of points, per second."""
+    def row_velocities(self) -> tuple[Array, ...]:
+        """The first rates of rows, per second."""
         return tuple(pose.velocities.rows() for pose in self.poses)
 
     @property
-    def accelerations(self) -> tuple[Array, ...]:
-        """The second rates of points, per second squared."""
+    def row_accelerations(self) -> tuple[Array, ...]:
+        """The second rates of rows, per second squared."""
         return tuple(pose.accelerations.rows() for pose in self.poses)
+
+
+class MeshPoints(Mapping[str, Array]):
+    """Points of the meshes of a frame, or their rates, by feather id. part: which of a pose."""
+
+    def __init__(self, frame: Frame, part: str) -> None:
+        self._frame, self._part = frame, part
+
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        return {name: number for number, name in enumerate(self._frame.ids)}
+
+    def __getitem__(self, name: str) -> Array:
+        number = self._numbers[name]
+        surface = self._frame.feathers[number].surface
+        return surface.points(getattr(self._frame.poses[number], self._part))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._frame.ids)
+
+    def __len__(self) -> int:
+        return len(self._frame.ids)
 
 
 def place(points: RowPoints, position: Array, rotation: Array) -> RowPoints:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.groom.document import Document, Documented
 from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
@@ -406,7 +407,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Shot:
+class Shot(Documented):
     """All that a bake needs. first_frame, last_frame: both baked. gravity: (3,).
 
     skin: the groom's roots on their skin, where the motion is of kind "skin"; surfaces: what they
@@ -417,8 +418,11 @@ class Shot:
     through each other and through colliders. run_up: how what moves is brought up from rest before
     0. frame_cuts: those that are named or found, in the frame loop.
     level_of_detail: None: levels do not follow a camera. inputs: what the shot's files say, by key
-    (groom/read/value_diff.py).
+    (groom/read/value_diff.py). document: the tables that it was read from, None after
+    `dataclasses.replace`.
     """
+
+    document_kind = "shot"
 
     name: str
     source: Path
@@ -508,6 +512,17 @@ class Shot:
     channels: tuple[Channel, ...] = ()
     targets: tuple[Target, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
+    document: Document | None = field(default=None, init=False, repr=False, compare=False)
+
+    def with_quality(self, quality: str | Quality) -> Shot:
+        """Return it at another quality, a preset's name or a value. Raises InputError."""
+        if not isinstance(quality, str):
+            return replace(self, quality=quality)
+        from featherfx.groom.presets.presets import read_quality
+
+        document = self.written_document().with_tables({"quality": quality})
+        chosen = read_quality(quality, document.preset_folders)
+        return replace(self, quality=chosen).documented(document)
 
     @property
     def has_coat_on_skin(self) -> bool:

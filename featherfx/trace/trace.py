@@ -25,7 +25,7 @@ from featherfx.files.atomic_write import into, into_text, standing, write_all
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library
-from featherfx.groom.presets.presets import toml_of
+from featherfx.groom.read.toml_text import toml_of
 from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.trace.feather_lines import (
     LEFT,

@@ -20,7 +20,8 @@ from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import ArrayOf, Flag, Key, Number, Table, Text, ValueType
 from featherfx.groom.presets.library import plain
-from featherfx.groom.presets.presets import load_preset, toml_of
+from featherfx.groom.presets.presets import load_preset
+from featherfx.groom.read.toml_text import toml_of
 
 # what is not of the mechanics, or decides which other keys there are
 _LEFT_OUT = {

@@ -211,7 +211,7 @@ def test_times_for_people(seconds, told):
 
 
 def test_stats_write_large_numbers_out(monkeypatch):
-    groom = pipeline.plumage_stats(PULL.parent / "groom.toml")
+    groom = pipeline.stats(PULL.parent / "groom.toml")
     large = dict.fromkeys(
         ("seconds_of_a_feather_and_frame", "wall_seconds", "trial_seconds", "processor_seconds",
          "memory_bytes", "bytes_of_the_cache"), 1234567890.0,
@@ -219,7 +219,7 @@ def test_stats_write_large_numbers_out(monkeypatch):
     counts = dict.fromkeys(("frames", "unknowns", "tried_feathers", "tried_frames", "jobs"), 7)
     bake = large | counts | {"levels": {"full": 1}, "cores": 0.5, "seconds": {"settling": 810.4}}
     bake |= {"low": large, "high": large}
-    monkeypatch.setattr(pipeline, "plumage_stats", lambda *_, **__: groom | {"bake": bake})
+    monkeypatch.setattr(pipeline, "stats", lambda *_, **__: groom | {"bake": bake})
     told = invoke("stats", PULL).stdout
     assert "settling 810;" in told
     assert "about 1234567890 s (1234567890 to 1234567890) with 7 jobs" in told

@@ -78,4 +78,4 @@ def test_two_of_which_nothing_tells_which_is_over_which_are_named(tmp_path):
     with pytest.warns(InputWarning, match="contact: feathers 'one' and 'two' pass .* at rest"):
         frames = list(simulate(shot, 1))
     assert crossings(shot, frames[-1]) > 0
-    assert all(np.isfinite(points).all() for frame in frames for points in frame.points)
+    assert all(np.isfinite(points).all() for frame in frames for points in frame.rows)

@@ -51,7 +51,7 @@ def height_over(frame):
         np.stack(
             [np.interp(np.linspace(0, len(p) - 1, 400), range(len(p)), x) for x in p[:, 0].T], 1
         )
-        for p in frame.points
+        for p in frame.rows
     )
     away = np.linalg.norm(right[:, None, :2] - left[None, :, :2], axis=2)
     i, k = np.unravel_index(np.argmin(away), away.shape)
@@ -77,7 +77,7 @@ def test_feathers_that_meet_later_do_not_pass_and_a_checkpoint_knows_who_has_met
     assert height_over(frames[-1]) > -2.0 * THICKNESS
     start = Checkpoint.load(tmp_path / "state.npz")
     for a, b in zip(frames[-2:], simulate(shot, 1, (17, 18), start=start), strict=True):
-        assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
+        assert all(np.array_equal(x, y) for x, y in zip(a.rows, b.rows, strict=True))
 
 
 def test_steps_are_as_short_as_a_shot_allows():

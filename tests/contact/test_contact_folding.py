@@ -65,8 +65,7 @@ def folding(height: float, coat: str = "full") -> Shot:
 def gaps(frames: list[Frame]) -> list[float]:
     """m, the least of the wing's feathers over those of the coat."""
     return [
-        min(least_gap(each.points[COUNT + k], each.points[k]) for k in range(COUNT))
-        for each in frames
+        min(least_gap(each.rows[COUNT + k], each.rows[k]) for k in range(COUNT)) for each in frames
     ]
 
 

@@ -47,7 +47,7 @@ def simulated(level: str, obstacles: bool, jobs: int = 1) -> tuple[Simulation, l
 
 def gaps(frames: list[Frame]) -> list[float]:
     """m, of the feather above over the one beneath."""
-    return [least_gap(frame.points[0], frame.points[1]) for frame in frames]
+    return [least_gap(frame.rows[0], frame.rows[1]) for frame in frames]
 
 
 @pytest.mark.parametrize("level", ["rigid", "guided"])
@@ -67,8 +67,8 @@ def test_nothing_moves_an_obstacle(level):
     """In steps of a length: where steps are chosen, the guide takes those that contact asks for."""
     frames, without = (list(simulate(pressed(level, on, 16), 1)) for on in (True, False))
     for frame, other in zip(frames, without, strict=True):
-        assert np.array_equal(frame.points[1], other.points[1])
-    assert min(gaps(without)) < 0.0 < np.abs(frames[-1].points[0] - without[-1].points[0]).max()
+        assert np.array_equal(frame.rows[1], other.rows[1])
+    assert min(gaps(without)) < 0.0 < np.abs(frames[-1].rows[0] - without[-1].rows[0]).max()
 
 
 def test_a_rigid_obstacle_holds_the_same_way_however_soft_it_is():
@@ -84,7 +84,7 @@ def test_a_rigid_obstacle_holds_the_same_way_however_soft_it_is():
     frames = list(simulation)
     stiffer, others = simulated("rigid", True)
     for frame, other in zip(frames, others, strict=True):
-        assert np.array_equal(frame.points[0], other.points[0])
+        assert np.array_equal(frame.rows[0], other.rows[0])
     for figure in ("steps", "mean_rounds", "feather_solves"):
         assert simulation.report["contact"][figure] == stiffer.report["contact"][figure]
 
@@ -98,8 +98,8 @@ def test_threads_change_nothing_and_a_checkpoint_holds_where_obstacles_are(tmp_p
     start = Checkpoint.load(tmp_path / "state.npz")
     rest = list(simulate(pressed("guided"), 1, (3, LAST), start=start))
     for frame, other in zip(frames, [*others[:3], *rest], strict=True):
-        assert all(np.array_equal(x, y) for x, y in zip(frame.points, other.points, strict=True))
-    assert all(map(np.array_equal, frames[-1].points, others[-1].points))
+        assert all(np.array_equal(x, y) for x, y in zip(frame.rows, other.rows, strict=True))
+    assert all(map(np.array_equal, frames[-1].rows, others[-1].rows))
 
 
 def test_a_guide_passes_what_follows_it():
@@ -139,6 +139,6 @@ def test_a_share_by_island_has_the_same_bytes_with_obstacles():
     whole = simulate(birds, 2, (0, 1))
     share = simulate(birds, 1, (0, 1), wanted=range(8, 16))
     for frame, part in zip(whole, share, strict=True):
-        assert all(np.array_equal(x, y) for x, y in zip(frame.points[8:], part.points, strict=True))
+        assert all(np.array_equal(x, y) for x, y in zip(frame.rows[8:], part.rows, strict=True))
     assert whole.report["contact"]["obstacles"] == 8
     assert share.report["contact"]["obstacles"] == 4

@@ -61,7 +61,7 @@ def settled(folder: Path, body: str) -> tuple[Simulation, list[np.ndarray]]:
     simulation = simulate(read_shot(folder / "shot.toml"))
     (frame,) = simulation
     sides = []
-    for feather, points in zip(simulation.feathers, frame.points, strict=True):
+    for feather, points in zip(simulation.feathers, frame.rows, strict=True):
         vane = np.unique(feather.surface.triangles[feather.surface.part < 2])
         height = feather.surface.points(points)[vane, 2]
         sides.append(height if feather.surface.points(points)[0, 2] > 0.0 else -height)

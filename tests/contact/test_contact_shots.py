@@ -54,7 +54,7 @@ def baked(shot: Shot, last: int, jobs: int = 1) -> tuple[Simulation, list[Frame]
 
 def meshes(simulation: Simulation, frame: Frame):
     found = []
-    for feather, points in zip(simulation.feathers, frame.points, strict=True):
+    for feather, points in zip(simulation.feathers, frame.rows, strict=True):
         surface = feather.surface
         found.append((surface.points(points), surface.triangles[surface.part < 2]))
     return found
@@ -193,11 +193,11 @@ def test_the_order_of_a_layout_holds_where_there_is_one(upwards):
 def test_a_calm_layered_wing_starts_without_a_jump_and_stays():
     shot = replace(half_wing(bird()), motion=Motion("hold", {}), sleep=False)
     _, frames = baked(shot, 4)
-    rest = [np.delete(points, (1, 2), axis=1) for points in frames[0].points]
+    rest = [np.delete(points, (1, 2), axis=1) for points in frames[0].rows]
     for frame in frames[1:]:
-        for before, points in zip(rest, frame.points, strict=True):
+        for before, points in zip(rest, frame.rows, strict=True):
             assert np.abs(np.delete(points, (1, 2), axis=1) - before).max() < 5e-4
-    speeds = [np.abs(np.delete(v, (1, 2), axis=1)).max() for v in frames[-1].velocities]
+    speeds = [np.abs(np.delete(v, (1, 2), axis=1)).max() for v in frames[-1].row_velocities]
     assert max(speeds) < 0.02
 
 
@@ -213,7 +213,7 @@ def test_threads_change_nothing(monkeypatch):
     one, *others = (baked(half_wing(bird()), 2, jobs)[1] for jobs in (1, 2, 3))
     for some in others:
         for a, b in zip(one, some, strict=True):
-            assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
+            assert all(np.array_equal(x, y) for x, y in zip(a.rows, b.rows, strict=True))
 
 
 def test_fewer_threads_from_some_frame_on_change_nothing():
@@ -225,7 +225,7 @@ def test_fewer_threads_from_some_frame_on_change_nothing():
     finally:
         allow_threads(MAX_JOBS)
     for a, b in zip(whole, some, strict=True):
-        assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
+        assert all(np.array_equal(x, y) for x, y in zip(a.rows, b.rows, strict=True))
 
 
 def test_a_checkpoint_goes_on_bit_by_bit(tmp_path):
@@ -242,7 +242,7 @@ def test_a_checkpoint_goes_on_bit_by_bit(tmp_path):
     rest = list(simulate(shot, 1, (1, 4), start=start))
     assert [frame.number for frame in rest] == [3, 4]
     for a, b in zip(whole[2:], rest, strict=True):
-        assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
+        assert all(np.array_equal(x, y) for x, y in zip(a.rows, b.rows, strict=True))
 
 
 @dataclass(frozen=True)
@@ -276,7 +276,7 @@ def test_feathers_are_carried_by_a_body_that_moves():
     assert contact["bodies"] == 1
     for frame in frames:
         level = Board().points(first + frame.time)[0, 2]
-        for feather, points in zip(simulation.feathers, frame.points, strict=True):
+        for feather, points in zip(simulation.feathers, frame.rows, strict=True):
             surface = feather.surface
             vane = np.unique(surface.triangles[surface.part < 2])
             assert surface.points(points)[vane, 2].min() > level

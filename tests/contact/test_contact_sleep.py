@@ -119,7 +119,7 @@ def shot_with(folder, animate):
 
 def moves(shot):
     simulation = featherfx.simulate(shot)
-    frames = [frame.points[0] for frame in simulation]
+    frames = [frame.rows[0] for frame in simulation]
     slept = simulation.report["skipped"]["sleeping feather frames"]
     return np.array([np.abs(points - frames[0]).max() for points in frames]), slept
 

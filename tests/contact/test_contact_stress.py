@@ -55,7 +55,7 @@ class JumpingBoard(Board):
 
 def lowest_vane_points(simulation, frame) -> list[float]:
     found = []
-    for feather, points in zip(simulation.feathers, frame.points, strict=True):
+    for feather, points in zip(simulation.feathers, frame.rows, strict=True):
         surface = feather.surface
         vane = np.unique(surface.triangles[surface.part < 2])
         found.append(float(surface.points(points)[vane, 2].min()))
@@ -86,7 +86,7 @@ def outcome(shot, last):
     frames = []
     try:
         for frame in simulate(shot, 2, (shot.first_frame, last)):
-            assert all(np.isfinite(points).all() for points in frame.points)
+            assert all(np.isfinite(points).all() for points in frame.rows)
             frames.append(frame)
     except SimulationError as error:
         return frames, error.feather
@@ -108,7 +108,7 @@ def test_a_collider_that_is_inside_from_the_start_does_not_stop_the_shot():
     simulation, frames = baked(replace(inside, colliders=timed(raised)), 3)
     assert simulation.report["contact"]["nodes_grown_into_bodies"] > 0
     assert len(frames) == 3
-    assert all(np.isfinite(points).all() for points in frames[-1].points)
+    assert all(np.isfinite(points).all() for points in frames[-1].rows)
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def test_feathers_of_different_grids_touch_each_other():
     assert contact["most_contacts"] >= 3
     assert contact["worst_depth"] < THICKNESS
     _, free = baked(replace(shot, details=details, contact=None), 6)
-    apart = [np.abs(a - b).max() for a, b in zip(frames[-1].points, free[-1].points, strict=True)]
+    apart = [np.abs(a - b).max() for a, b in zip(frames[-1].rows, free[-1].rows, strict=True)]
     assert max(apart) > 10.0 * THICKNESS
 
 

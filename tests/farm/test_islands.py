@@ -84,7 +84,7 @@ def again_and_fresh(shot: Path, change: Callable[[], object], **options: object)
     fresh.parent.mkdir(exist_ok=True)
     featherfx.bake(shot, output, **options)
     change()
-    report = featherfx.bake(shot, output, resume=True, **options)
+    report = featherfx.bake(shot, output, resume=True, **options).report
     featherfx.bake(shot, fresh, **options)
     assert output.read_bytes() == fresh.read_bytes()
     return report["again"]

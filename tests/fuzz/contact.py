@@ -153,7 +153,7 @@ def _ended(scene: tuple[Path, int], number: int) -> Case:
             warnings.simplefilter("ignore")
             simulation = simulate(read_shot(path), 1)
             for frame in simulation:
-                if not all(np.isfinite(points).all() for points in frame.points):
+                if not all(np.isfinite(points).all() for points in frame.rows):
                     outcome, said = "broken", f"frame {frame.number:g} is not finite"
         told = simulation.report["contact"]
         depth = told["worst_depth"]

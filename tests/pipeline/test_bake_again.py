@@ -76,7 +76,7 @@ def changed_and_fresh(earlier, tmp_path, groom=GROOM, shot=SHOT, layout="flat", 
     """The report of a bake that goes on from the earlier cache; its bytes are a fresh one's."""
     path = copied(earlier, layout, tmp_path)
     file, options = written(tmp_path, groom, shot), OPTIONS | {"layout": layout} | options
-    report = featherfx.bake(file, path, resume=True, **options)
+    report = featherfx.bake(file, path, resume=True, **options).report
     fresh = tmp_path / "fresh" / "gust.usdc"
     fresh.parent.mkdir()
     featherfx.bake(file, fresh, **options)
@@ -171,7 +171,7 @@ def test_followers_depend_on_their_guides(tmp_path):
     featherfx.bake(shot, path, **OPTIONS)
     guide = '\n[overrides."upper_02"]\nlength = 0.2\n'
     written(tmp_path, shot=SHOT + detail + guide)
-    report = featherfx.bake(shot, path, resume=True, **OPTIONS)
+    report = featherfx.bake(shot, path, resume=True, **OPTIONS).report
     # the guide in the middle, and both that follow it; the others are not of its region
     assert report["again"]["feathers_simulated"] == 3
     fresh = tmp_path / "fresh" / "gust.usdc"
@@ -228,8 +228,8 @@ def test_an_interrupted_one_goes_on(earlier, tmp_path):
 
     options = OPTIONS | {"layout": "flat", "resume": True}
     with pytest.raises(KeyboardInterrupt, match="2 of 5 samples are kept"):
-        featherfx.bake(shot, path, on_frame=on_frame, **options)
-    report = featherfx.bake(shot, path, **options)
+        featherfx.bake(shot, path, progress=on_frame, **options)
+    report = featherfx.bake(shot, path, **options).report
     assert report["samples_taken_over"] == 2
     assert report["again"]["feathers_simulated"] == 2
     fresh = tmp_path / "fresh" / "gust.usdc"

@@ -154,7 +154,7 @@ def test_a_resumed_bake_gives_the_same_barbs(tmp_path, dense):
     path = tmp_path / "pull.usda"
     options = {"frames": FRAMES, "layout": "clips", "chunk": 2, **DENSE}
     with pytest.raises(KeyboardInterrupt):
-        featherfx.bake(PULL, path, on_frame=stop, **options)
-    report = featherfx.bake(PULL, path, resume=True, **options)
+        featherfx.bake(PULL, path, progress=stop, **options)
+    report = featherfx.bake(PULL, path, resume=True, **options).report
     assert report["samples_taken_over"] == 2
     assert samples(path) == samples(dense)

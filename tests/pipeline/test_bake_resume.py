@@ -134,9 +134,9 @@ def test_an_interrupted_bake_takes_over_its_chunks(tmp_path, layout):
     path = tmp_path / "pull.usda"
     options = OPTIONS | {"layout": layout, "frames": (1, 9), "subframes": 2}
     with pytest.raises(KeyboardInterrupt, match=r"\d+ of 17 samples are kept"):
-        featherfx.bake(SHOT, path, on_frame=stop_after(13), **options)
+        featherfx.bake(SHOT, path, progress=stop_after(13), **options)
     assert not path.exists()
-    result = featherfx.bake(SHOT, path, resume=True, **options)
+    result = featherfx.bake(SHOT, path, resume=True, **options).report
     assert result["samples_taken_over"] in (8, 12)
     whole = tmp_path / "whole" / "pull.usda"
     whole.parent.mkdir()
@@ -150,13 +150,13 @@ def test_the_frames_of_an_interrupted_bake_are_not_thrown_away(tmp_path, layout)
     path = tmp_path / "pull.usda"
     options = OPTIONS | {"layout": layout, "frames": (1, 8)}
     with pytest.raises(KeyboardInterrupt, match=r"(\d+) of 8 samples are kept") as stopped:
-        featherfx.bake(SHOT, path, on_frame=stop_after(6), **options)
+        featherfx.bake(SHOT, path, progress=stop_after(6), **options)
     kept = str(stopped.value).split()[1]
     left = {f: f.read_bytes() for f in tmp_path.rglob("*") if f.is_file()}
     with pytest.raises(InputError, match=f"holds {kept} samples .* --resume .* --overwrite"):
         featherfx.bake(SHOT, path, **options)
     assert {f: f.read_bytes() for f in tmp_path.rglob("*") if f.is_file()} == left
-    result = featherfx.bake(SHOT, path, overwrite=True, **options)
+    result = featherfx.bake(SHOT, path, overwrite=True, **options).report
     assert result["samples_taken_over"] == 0
     assert len(points(path)) > 0
 
@@ -191,7 +191,7 @@ def test_other_settings_are_never_mixed(tmp_path, finished):
         featherfx.bake(SHOT, path, **options)
     else:
         with pytest.raises(KeyboardInterrupt):
-            featherfx.bake(SHOT, path, on_frame=stop_after(5, path), **options)
+            featherfx.bake(SHOT, path, progress=stop_after(5, path), **options)
     before = chunk_bytes(path)
     other = options | {"quality": "preview", "up_axis": "Y"}
     with pytest.raises(InputError) as caught:
@@ -222,7 +222,7 @@ def test_two_bakes_of_one_cache_do_not_meet(tmp_path):
             with pytest.raises(InputError, match="another bake is writing this cache"):
                 featherfx.bake(SHOT, path, **options)
 
-    featherfx.bake(SHOT, path, on_frame=second, **options)
+    featherfx.bake(SHOT, path, progress=second, **options)
     assert len(chunk_bytes(path)) == 3
 
 
@@ -233,7 +233,7 @@ def test_a_comment_changes_nothing_but_a_value_does(tmp_path):
     options = OPTIONS | {"frames": (1, 2)}
     featherfx.bake(shot, path, **options)
     shot.write_text("# a comment\n" + text)
-    assert featherfx.bake(shot, path, resume=True, **options)["samples_taken_over"] == 2
+    assert featherfx.bake(shot, path, resume=True, **options).report["samples_taken_over"] == 2
     shot.write_text(text.replace("stiffness = 500", "stiffness = 501"))
     with pytest.raises(InputError, match=r"shot\.grip\[0\]\.stiffness: 500 -> 501"):
         featherfx.bake(shot, path, resume=True, **options)
@@ -255,7 +255,7 @@ def test_a_writer_that_cannot_be_built_ends_the_bake(tmp_path, monkeypatch):
 def test_a_removal_that_is_cut_off_leaves_no_record_of_a_missing_chunk(tmp_path, monkeypatch):
     path = tmp_path / "pull.usda"
     with pytest.raises(KeyboardInterrupt):
-        featherfx.bake(SHOT, path, on_frame=stop_after(7), **OPTIONS | {"frames": (1, 9)})
+        featherfx.bake(SHOT, path, progress=stop_after(7), **OPTIONS | {"frames": (1, 9)})
     assert list(tmp_path.rglob("0*.json"))
     remove = Path.unlink
 

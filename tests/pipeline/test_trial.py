@@ -9,7 +9,7 @@ import pytest
 
 from featherfx.api import read_shot
 from featherfx.baking import trial as baking_trial
-from featherfx.baking.stats import plumage_stats
+from featherfx.baking.stats import stats
 from featherfx.baking.trial import (
     _FEW,
     _MORE,
@@ -140,10 +140,10 @@ def test_the_time_for_trials_holds(monkeypatch):
     """A quarter of what the trials take: some are left out, or stopped, and the range is wider."""
     shot = SAMPLES / "breeze" / "shot.toml"
     begin = time.process_time()
-    cost = plumage_stats(shot, budget=60.0)["bake"]
+    cost = stats(shot, budget=60.0)["bake"]
     spent = time.process_time() - begin
     begin = time.process_time()
-    least = plumage_stats(shot, budget=0.4 * spent)["bake"]
+    least = stats(shot, budget=0.4 * spent)["bake"]
     assert time.process_time() - begin < 0.6 * spent + 0.5
     for each in (cost, least):
         for key in ("wall_seconds", "processor_seconds"):
@@ -152,4 +152,4 @@ def test_the_time_for_trials_holds(monkeypatch):
 
 def test_no_time_for_any_trial_is_told():
     with pytest.raises(InputError, match=r"--seconds: is over before two frames .* Give more"):
-        plumage_stats(SAMPLES / "breeze" / "shot.toml", budget=0.1)
+        stats(SAMPLES / "breeze" / "shot.toml", budget=0.1)

@@ -35,7 +35,7 @@ def moves(shot):
     """(23,) the largest move of a point from frame to frame, over its feather's length."""
     length = np.array([feather.kind.length for feather in shot.groom.feathers])
     # of a row a point, two axes, which are no points, and its barbs' nodes
-    points = np.array([np.delete(np.array(f.points), [1, 2], axis=2) for f in simulate(shot)])
+    points = np.array([np.delete(np.array(f.rows), [1, 2], axis=2) for f in simulate(shot)])
     ways = np.linalg.norm(np.diff(points, axis=0), axis=-1)
     return (ways.max(axis=(2, 3)) / length).max(axis=1)
 

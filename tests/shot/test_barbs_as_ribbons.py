@@ -43,7 +43,7 @@ def shot(tmp_path_factory):
 
 def test_wind_bends_a_ribbon_across_not_within_its_plane(shot):
     for frame in simulate(read_shot(shot)):
-        face, edge = (np.abs(frame.points[k][:, 0, 0]).max() for k in (0, 1))
+        face, edge = (np.abs(frame.rows[k][:, 0, 0]).max() for k in (0, 1))
         assert 0.01 < face < 0.1
         assert edge < 0.1 * face
 

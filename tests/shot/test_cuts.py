@@ -161,7 +161,7 @@ def baked(folder, more="", keys="", subframes=1, last=11):
     (folder / "shot.toml").write_text(SHOT.format(more=more, keys=keys, last=last))
     report = featherfx.bake(
         folder / "shot.toml", folder / "out.usdc", overwrite=True, subframes=subframes
-    )
+    ).report
     stage = Usd.Stage.Open(str(folder / "out.usdc"))
     stage.Reload()
     meshes = [each for each in stage.Traverse() if each.IsA(UsdGeom.Mesh)]

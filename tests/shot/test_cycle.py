@@ -45,7 +45,7 @@ def cycling(speed: float = 0.0) -> Shot:
 
 def run(shot: Shot, start: Checkpoint | None = None) -> tuple[Simulation, np.ndarray]:
     simulation = simulate(shot, start=start)
-    return simulation, np.stack([frame.points[0] for frame in simulation])
+    return simulation, np.stack([frame.rows[0] for frame in simulation])
 
 
 @cache
@@ -106,7 +106,7 @@ def test_going_on_from_a_checkpoint_changes_no_bit(tmp_path: Path) -> None:
     simulation = simulate(shot)
     points = []
     for frame in simulation:
-        points.append(frame.points[0])
+        points.append(frame.rows[0])
         if frame.number == LAST // 2 + 1:
             simulation.checkpoint().save(tmp_path / "state.npz")
     going_on, rest = run(shot, Checkpoint.load(tmp_path / "state.npz"))
@@ -165,9 +165,9 @@ def test_a_replayed_island_goes_on_from_a_checkpoint(tmp_path: Path) -> None:
     shot, path = touching(0.0), tmp_path / "state.npz"
     simulation, points = simulate(shot), []
     for frame in simulation:
-        points.append(frame.points[0])
+        points.append(frame.rows[0])
         if frame.number == LAST - 6:
             assert repeated(simulation) > 0
             simulation.checkpoint().save(path)
-    resumed = [frame.points[0] for frame in simulate(shot, start=Checkpoint.load(path))]
+    resumed = [frame.rows[0] for frame in simulate(shot, start=Checkpoint.load(path))]
     np.testing.assert_array_equal(resumed, points[-len(resumed) :])

@@ -81,8 +81,8 @@ def test_until_it_leaves_a_feather_moves_as_if_it_stayed(tmp_path):
     free, *_ = run(shot_of(tmp_path, motion + FREE))
     held, *_ = run(shot_of(tmp_path, motion))
     for k in range(LEAVES):
-        assert np.array_equal(free[k].points[1], held[k].points[1])
-    assert not np.array_equal(free[LEAVES].points[1], held[LEAVES].points[1])
+        assert np.array_equal(free[k].rows[1], held[k].rows[1])
+    assert not np.array_equal(free[LEAVES].rows[1], held[LEAVES].rows[1])
 
 
 PLATE = """
@@ -141,7 +141,7 @@ def test_a_checkpoint_in_flight_goes_on_with_the_same_bytes(tmp_path):
     first = simulate(shot, frames=(1, 8))
     list(first)
     rest = list(simulate(shot, start=first.checkpoint()))
-    assert np.array_equal(rest[-1].points[1], whole[-1].points[1])
+    assert np.array_equal(rest[-1].rows[1], whole[-1].rows[1])
 
 
 @pytest.mark.parametrize(

@@ -50,8 +50,7 @@ def test_the_choice_is_as_good_as_two_more_coefficients():
     shot = with_coefficients(shot, -1)
     count = chosen(shot)[0]
     ends = [
-        list(simulate(with_coefficients(shot, number)))[-1].points[0]
-        for number in (count, count + 2)
+        list(simulate(with_coefficients(shot, number)))[-1].rows[0] for number in (count, count + 2)
     ]
     length = shot.groom.feathers[0].kind.length
     assert np.linalg.norm(ends[0] - ends[1], axis=-1)[:, [0, *range(3, 15)]].max() < 5e-3 * length

@@ -118,8 +118,8 @@ def test_a_shot_hangs_in_balance_with_its_force(tmp_path: Path) -> None:
     """A force of twice the opposite weight: the feather is bent up, and stays there."""
     text = '[[force]]\nfeather = "feather"\nforce = [0, 0, 0.05]\nrow = 0.9\n'
     with_force, without = shot_with(text, tmp_path), shot_with("", tmp_path)
-    pulled = [frame.points[0] for frame in simulate(with_force)]
-    plain = [frame.points[0] for frame in simulate(without)]
+    pulled = [frame.rows[0] for frame in simulate(with_force)]
+    plain = [frame.rows[0] for frame in simulate(without)]
     assert pulled[0][-1, 0, 2] > plain[0][-1, 0, 2] + 0.01
     assert np.abs(pulled[-1] - pulled[0]).max() < 1e-5
 

@@ -40,22 +40,25 @@ def test_a_follower_of_a_like_guide_with_like_motion_is_that_guide() -> None:
     levels = [each.level for each in simulation.options]
     assert levels == ["guided", "full", "guided"]
     assert simulation.report["skipped"]["guided feather frames"] == 2 * len(frames)
-    bent = np.abs(full[-1].points[0] - full[0].points[0] - np.ptp(full[-1].points[0])).max()
+    bent = np.abs(full[-1].rows[0] - full[0].rows[0] - np.ptp(full[-1].rows[0])).max()
     assert bent > 1e-3
     for frame, other in zip(frames, full, strict=True):
-        assert frame.points[1].tobytes() == other.points[1].tobytes()
+        assert frame.rows[1].tobytes() == other.rows[1].tobytes()
         for f in (0, 2):
-            assert frame.points[f] == pytest.approx(other.points[f], abs=1e-6)
+            assert frame.rows[f] == pytest.approx(other.rows[f], abs=1e-6)
             # the root's rate is that of a polynomial through the frame
-            speed = np.abs(other.velocities[f]).max() + 1e-9
-            assert np.abs(frame.velocities[f] - other.velocities[f]).max() < 3e-3 * speed + 1e-6
+            speed = np.abs(other.row_velocities[f]).max() + 1e-9
+            assert (
+                np.abs(frame.row_velocities[f] - other.row_velocities[f]).max()
+                < 3e-3 * speed + 1e-6
+            )
 
 
 def test_switched_off_nothing_changes() -> None:
     shot = row_of(3, 2)
     same = guided(shot, every=1)
     for frame, other in zip(simulate(same), simulate(shot), strict=True):
-        for one, two in zip(frame.points, other.points, strict=True):
+        for one, two in zip(frame.rows, other.rows, strict=True):
             assert one.tobytes() == two.tobytes()
 
 
@@ -137,7 +140,7 @@ def test_rigid_motion_moves_followers_rigidly() -> None:
         motion=Motion("shake", shot.motion.values | {"direction": direction}),
     )
     for frame, other in zip(simulate(shot), simulate(turned), strict=True):
-        for one, two in zip(frame.points, other.points, strict=True):
+        for one, two in zip(frame.rows, other.rows, strict=True):
             image = one @ turn.T
             image[:, 0] += shift
             image[:, 3:] += shift

@@ -94,7 +94,7 @@ def test_without_changes_the_result_is_the_same_bytes() -> None:
     seen = replace(shot, level_of_detail=rules())
     for frame, other in zip(simulate(seen), simulate(shot), strict=True):
         for one, two in zip(
-            (*frame.points, *frame.velocities), (*other.points, *other.velocities), strict=True
+            (*frame.rows, *frame.row_velocities), (*other.rows, *other.row_velocities), strict=True
         ):
             assert one.tobytes() == two.tobytes()
 
@@ -153,7 +153,7 @@ def test_guided_and_rigid_by_size_stay_near_the_full_result() -> None:
         frames = list(simulation)
         assert level in {each.level for each in simulation.options}
         for frame, other in zip(frames, full, strict=True):
-            for one, two in zip(frame.points, other.points, strict=True):
+            for one, two in zip(frame.rows, other.rows, strict=True):
                 assert np.abs(one - two).max() < 0.03
 
 

@@ -62,7 +62,7 @@ def led(velocity: tuple[float, float, float], frames: int = 10, turn: float = 0.
 
 def run(shot: Shot) -> tuple[Simulation, np.ndarray]:
     simulation = simulate(shot)
-    return simulation, np.stack([frame.points[0] for frame in simulation])
+    return simulation, np.stack([frame.rows[0] for frame in simulation])
 
 
 def apart(first: np.ndarray, second: np.ndarray) -> float:
@@ -132,17 +132,17 @@ def test_a_rigid_feather_is_its_rest_shape_with_the_rates_of_its_root() -> None:
     simulation = simulate(shot)
     frames = list(simulation)
     fine = list(simulate(shot, subframes=32))
-    distances = np.linalg.norm(frames[-1].points[0][1:, 0] - frames[-1].points[0][0, 0], axis=1)
+    distances = np.linalg.norm(frames[-1].rows[0][1:, 0] - frames[-1].rows[0][0, 0], axis=1)
     rest = simulation.feathers[0].rest.nodes
     assert distances == pytest.approx(np.linalg.norm(rest[1:, 0] - rest[0, 0], axis=1), rel=1e-12)
     assert simulation.report["skipped"]["rigid feather frames"] == len(frames)
     step = 1.0 / shot.frames_per_second / 32
-    before, now, after = (fine[128 + k].points[0] for k in (-1, 0, 1))
-    assert now == pytest.approx(frames[4].points[0], abs=1e-12)
+    before, now, after = (fine[128 + k].rows[0] for k in (-1, 0, 1))
+    assert now == pytest.approx(frames[4].rows[0], abs=1e-12)
     for frame in (frames[4], fine[128]):
-        assert frame.velocities[0] == pytest.approx((after - before) / (2.0 * step), abs=1e-2)
+        assert frame.row_velocities[0] == pytest.approx((after - before) / (2.0 * step), abs=1e-2)
         bend = (after - 2.0 * now + before) / step**2
-        assert frame.accelerations[0] == pytest.approx(bend, abs=0.5)
+        assert frame.row_accelerations[0] == pytest.approx(bend, abs=0.5)
 
 
 def test_rates_at_the_end_are_exact_for_polynomials() -> None:

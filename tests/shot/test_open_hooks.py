@@ -88,7 +88,7 @@ def run(shot, tmp_path_factory: pytest.TempPathFactory):
     simulation, points, found = simulate(shot), [], []
     path = tmp_path_factory.mktemp("state") / "state.npz"
     for frame in simulation:
-        points.append(frame.points[0])
+        points.append(frame.rows[0])
         found.append(Gaps(*(array.copy() for array in gaps(simulation))))
         if frame.number == TORN:
             simulation.checkpoint().save(path)
@@ -139,7 +139,7 @@ def test_changes_are_told_by_feather_and_frame(run):
 def test_a_torn_vane_goes_on_from_a_checkpoint_to_the_bit(shot, run):
     points, found, _, path = run
     going_on = simulate(shot, start=Checkpoint.load(path))
-    rest = np.stack([frame.points[0] for frame in going_on])
+    rest = np.stack([frame.rows[0] for frame in going_on])
     np.testing.assert_array_equal(points[TORN:], rest)
     for ours, theirs in zip(found[-1], gaps(going_on), strict=True):
         np.testing.assert_array_equal(ours, theirs)

@@ -34,7 +34,7 @@ def one_feather(speed: float, share: float | None, gust: float = 0.3) -> Shot:
 
 
 def points_of(shot: Shot) -> np.ndarray:
-    return np.array([frame.points[0] for frame in simulate(shot)])
+    return np.array([frame.rows[0] for frame in simulate(shot)])
 
 
 def test_no_shelter_changes_nothing() -> None:

@@ -32,7 +32,7 @@ def quiet_shot() -> Shot:
 
 def run(shot: Shot) -> tuple[Simulation, np.ndarray]:
     simulation = simulate(shot)
-    return simulation, np.stack([frame.points[0] for frame in simulation])
+    return simulation, np.stack([frame.rows[0] for frame in simulation])
 
 
 def slept(simulation: Simulation) -> int:

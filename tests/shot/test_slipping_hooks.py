@@ -43,7 +43,7 @@ def pulled(hooks: str, weaker: float = 1.0) -> Shot:
 
 def run(shot: Shot, **values: object) -> tuple[Simulation, np.ndarray]:
     simulation = simulate(shot, **values)
-    return simulation, np.stack([frame.points[0] for frame in simulation])
+    return simulation, np.stack([frame.rows[0] for frame in simulation])
 
 
 def slip_of(simulation: Simulation) -> np.ndarray:
@@ -62,7 +62,7 @@ def test_slip_is_kept_by_checkpoints_to_the_bit(tmp_path: Path) -> None:
     shot = pulled("slip", 1e3)
     simulation, points = simulate(shot), []
     for frame in simulation:
-        points.append(frame.points[0])
+        points.append(frame.rows[0])
         if frame.number == LAST // 2:
             early = np.abs(slip_of(simulation)).max()
             simulation.checkpoint().save(tmp_path / "state.npz")

@@ -96,11 +96,11 @@ def test_drying_wakes_a_feather_at_rest_and_goes_on_from_a_checkpoint_to_the_bit
     )
     simulation, points = simulate(drying), []
     for frame in simulation:
-        points.append(frame.points[1])
+        points.append(frame.rows[1])
         if frame.number == shot.first_frame + 4:
             kept = simulation.checkpoint()
     assert np.abs(points[-1] - points[0]).max() > 1e-5
-    rest = [frame.points[1] for frame in simulate(drying, start=kept)]
+    rest = [frame.rows[1] for frame in simulate(drying, start=kept)]
     np.testing.assert_array_equal(points[5:], rest)
 
 

@@ -110,7 +110,7 @@ def test_another_colour_is_written_without_simulating_again(files):
     output = changed / "s.usdc"
     featherfx.bake(changed / "shot.toml", output)
     (changed / "groom.toml").write_text(GROOM.replace(str(list(RED)), "[0.1, 0.8, 0.1]"))
-    report = featherfx.bake(changed / "shot.toml", output, resume=True)
+    report = featherfx.bake(changed / "shot.toml", output, resume=True).report
     assert report["newton_iterations"]["mean"] == 0.0
     red = {each.id: each.colour for each in Cache(output).feathers}["red"]
     assert np.isclose(red, linear(np.array([0.1, 0.8, 0.1])), atol=1e-6).all(axis=1).any()

@@ -96,7 +96,7 @@ def test_condensed_feathers_keep_subframes(tmp_path):
     stage = Usd.Stage.Open(str(tmp_path / "condensed.usda"))
     points = UsdGeom.BasisCurves.Get(stage, "/condensed/primary_1").GetPointsAttr()
     assert points.GetTimeSamples() == [1.0, 1.5, 2.0]
-    wanted = feathers.frame(1.5).points[0][:, 0]
+    wanted = feathers.frame(1.5).rows[0][:, 0]
     np.testing.assert_allclose(points.Get(1.5), wanted, atol=1e-7)
 
 

@@ -176,7 +176,7 @@ def test_what_was_painted_over_is_not_replaced(folder):
     output, picture = folder / "again.usdc", folder / "again.colour.1001.png"
     featherfx.bake(folder / "shot.toml", output)
     # pictures are added without simulating again
-    report = featherfx.bake(folder / "shot.toml", output, textures=64, resume=True)
+    report = featherfx.bake(folder / "shot.toml", output, textures=64, resume=True).report
     assert report["newton_iterations"]["mean"] == 0.0
     with Image.open(picture) as image:
         plain = np.asarray(image)

@@ -77,7 +77,7 @@ def test_another_process_reads_every_frame_and_subframes(dumped, kind):
                 np.testing.assert_allclose(found["velocities"], velocities, rtol=1e-6, atol=1e-7)
             extent = [points.min(axis=0), points.max(axis=0)]
             np.testing.assert_allclose(found["extent"], extent, rtol=1e-6, atol=1e-8)
-            shaft = feathers.frame(number).points[index][:, 0]
+            shaft = feathers.frame(number).rows[index][:, 0]
             curve = read[curves[index]][f"{number}.0"]
             np.testing.assert_allclose(curve["points"], shaft, rtol=1e-6, atol=1e-8)
             padded = [shaft.min(axis=0) - feathers.RADIUS, shaft.max(axis=0) + feathers.RADIUS]

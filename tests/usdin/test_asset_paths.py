@@ -50,11 +50,11 @@ def test_what_is_beside_the_file_comes_before_the_search_path(library, tmp_path)
 
 
 def test_a_shot_takes_groom_and_scenes_from_the_search_path(library, tmp_path):
-    path, read = tmp_path / "shot.toml", []
+    path = tmp_path / "shot.toml"
     path.write_text(SHOT)
-    shot = featherfx.read_shot(path, note=read.append)
+    shot = featherfx.read_shot(path)
     assert [each.id for each in shot.groom.feathers] == ["a"]
-    assert library / "cameras/main.usda" in read
+    assert library / "cameras/main.usda" in shot.document.files
     assert open_stage("cameras/main.usda").GetPrimAtPath("/camera")
     Ar.DefaultResolver.SetDefaultSearchPath([])
     with pytest.raises(InputError, match=r"grooms/one\.toml: there is no such file"):

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from pxr import Usd, UsdGeom
 from regions_skin import SKIN, region, write_skin
 
-from featherfx.baking.pipeline import check, export_groom, plumage_stats
+from featherfx.baking.pipeline import check, export_groom, stats
 from featherfx.cli.main import main
 from featherfx.render.options import PictureOptions
 from featherfx.render.subject import open_subject
@@ -167,14 +167,14 @@ def _saved(stage, path):
 
 
 def test_stats_of_a_groom(groom, plain):
-    found = plumage_stats(groom, quality="draft")
+    found = stats(groom, quality="draft")
     assert found["feathers"] == 60
     assert found["regions"] == {"body": 60}
     assert found["kinds"] == {"body_contour": 60}
     assert 3 <= found["shapes"] <= 30
     assert found["layout"] is None
     groom.write_text(groom.read_text() + "[layout]\n")
-    layout = plumage_stats(groom, quality="draft")["layout"]
+    layout = stats(groom, quality="draft")["layout"]
     assert layout["feathers"] == 60
     assert layout["pairs"] > 0
     assert layout["feathers_without_gap"] == 0
@@ -218,9 +218,9 @@ def test_stats_know_guides_and_memory(groom):
     )
     shot = groom.with_name("followed.toml")
     shot.write_text(text)
-    full = plumage_stats(shot, budget=0.1)["bake"]
+    full = stats(shot, budget=0.1)["bake"]
     shot.write_text(text + "[[detail]]\nlevel = 'guided'\nevery = 6\n")
-    guided = plumage_stats(shot, budget=0.1)["bake"]
+    guided = stats(shot, budget=0.1)["bake"]
     assert full["levels"] == {"full": 60}
     assert guided["levels"] == {"full": 10, "guided": 50}
     assert guided["unknowns"] == pytest.approx(full["unknowns"] / 6, abs=1)

@@ -21,8 +21,8 @@ def flight(folder, make=creature.sampled, **changes):
     run = simulate(shot, subframes=SUBFRAMES)
     frames = list(run)
     ends = [0, -1]
-    points = np.array([frame.points[0][ends, 0] for frame in frames])
-    return points, np.array([frame.velocities[0][ends, 0] for frame in frames]), run
+    points = np.array([frame.rows[0][ends, 0] for frame in frames])
+    return points, np.array([frame.row_velocities[0][ends, 0] for frame in frames]), run
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def test_feathers_stand_on_the_skin_where_both_are_composed(
     more = "" if shot is None else f"frames_per_second = {shot}\n"
     own = "" if key is None else f'time = "{key}"\n'
     path = write_shot(tmp_path, SKIN + own, (1, 4), more=more)
-    report = featherfx.bake(path, tmp_path / "out.usda")
+    report = featherfx.bake(path, tmp_path / "out.usda").report
     assert report["time"]["first_time_code"] == pytest.approx(first, abs=1e-12)
     assert report["time"]["time_codes_per_frame"] == pytest.approx(step, abs=1e-12)
     layer = Sdf.Layer.FindOrOpen(str(tmp_path / "out.usda"))
@@ -111,7 +111,9 @@ def test_rates_are_those_of_usd_at_the_written_time_codes(tmp_path):
 def test_start_shifts_and_frames_may_be_negative(tmp_path, frames):
     write_skin(tmp_path, 24.0)
     start = "start = 3\n" if frames[0] > 100 else ""
-    report = featherfx.bake(write_shot(tmp_path, SKIN + start, frames), tmp_path / "out.usda")
+    report = featherfx.bake(
+        write_shot(tmp_path, SKIN + start, frames), tmp_path / "out.usda"
+    ).report
     code = 3.0 if start else float(frames[0])
     assert report["time"] == {"first_time_code": code, "time_codes_per_frame": 1.0}
     offset, codes = frames[0] - code, range(frames[0], frames[1] + 1)
@@ -186,7 +188,7 @@ def test_roots_stay_on_the_skin_that_is_drawn_between_frames(tmp_path, by):
     (tmp_path / "g.toml").write_text(
         'name = "g"\n[[feather]]\nid = "f"\nkind = "covert"\nposition = [0.0, 0.15, 0.0]\n'
     )
-    report = featherfx.bake(path, tmp_path / "out.usda", subframes=4)
+    report = featherfx.bake(path, tmp_path / "out.usda", subframes=4).report
     codes = np.arange(2.0, 6.0, 0.125)
     gaps = root_gaps(tmp_path / "out.usda", tmp_path / "skin.usda", codes)
     # a transform is no chord for USD itself, only for points between the samples that are written
@@ -209,7 +211,7 @@ def test_handles_are_samples_beyond_both_ends(tmp_path):
     write_skin(tmp_path, 24.0)
     path = write_shot(tmp_path, SKIN, (2, 4), more="handles = 1\n")
     cache, skin = tmp_path / "out.usda", tmp_path / "skin.usda"
-    report = featherfx.bake(path, cache, subframes=2, frames=(2, 3))
+    report = featherfx.bake(path, cache, subframes=2, frames=(2, 3)).report
     assert report["samples"] == 7
     assert report["time"]["first_time_code"] == 1.0
     stage = Usd.Stage.Open(str(cache))
@@ -220,7 +222,7 @@ def test_handles_are_samples_beyond_both_ends(tmp_path):
     assert gaps.max() < ROOTS_ABOVE
     assert np.ptp(gaps, axis=0).max() < 1e-5
     assert featherfx.check(cache) == []
-    again = featherfx.bake(path, cache, subframes=2, frames=(2, 3), resume=True)
+    again = featherfx.bake(path, cache, subframes=2, frames=(2, 3), resume=True).report
     assert again["samples_taken_over"] == 7
     for share in (1, 2):
         featherfx.bake(path, tmp_path / "whole.usda", feathers=(share, 2))

@@ -196,7 +196,7 @@ def test_a_bake_has_the_units_and_axis_of_its_skin(tmp_path, asked):
     add_mesh(stage, "/bird/skin", turned, counts, quads)
     stage.Save()
     shot = write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/bird/skin"', (1, 2))
-    report = featherfx.bake(shot, tmp_path / "out.usda", **asked)
+    report = featherfx.bake(shot, tmp_path / "out.usda", **asked).report
     parts = ["setting_up", "settling", "simulating", "writing", "finishing"]
     assert list(report["seconds"]) == parts
     assert all(seconds >= 0.0 for seconds in report["seconds"].values())

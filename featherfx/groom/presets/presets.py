@@ -11,11 +11,12 @@ from typing import Any
 
 from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.family import Preset
-from featherfx.groom.keys.preset import PRESET_FAMILIES
+from featherfx.groom.keys.preset import PRESET_FAMILIES, Quality
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.keys.values import Table
 from featherfx.groom.presets.kinds import kind_of
-from featherfx.groom.presets.library import Library, Sourced, Tree
+from featherfx.groom.presets.library import Library, Sourced, Tree, plain
+from featherfx.groom.read.toml_text import toml_of
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,12 @@ def load_preset(name: str, preset_folders: Iterable[str | Path] = ()) -> tuple[s
     return family, library.merged(family, {"base": Sourced(short, "presets")}, place)
 
 
+def read_quality(name: str, preset_folders: Iterable[str | Path] = ()) -> Quality:
+    """A quality preset by its name. Raises InputError."""
+    _, tree = load_preset(f"quality/{name}", preset_folders)
+    return Quality(name=name, **plain(tree))
+
+
 def check_preset(family: str, path: Path, library: Library) -> None:
     """Checks one preset file with all that it names. Raises InputError."""
     place = Place(library.label(path), "", library.problems)
@@ -113,17 +120,3 @@ def _lines(table: Table, tree: Tree, prefix: str) -> Iterator[tuple[str, str]]:
             yield f"{prefix}{name} = {toml_of(value.value)}", note
         elif isinstance(inner, Table):
             yield from _lines(inner, value, f"{prefix}{name}.")
-
-
-def toml_of(value: Any) -> str:
-    """A value as TOML writes it in one line."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    if isinstance(value, dict):
-        given = {k: v for k, v in value.items() if v is not None}
-        return "{ " + ", ".join(f"{k} = {toml_of(v)}" for k, v in given.items()) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(toml_of(each) for each in value) + "]"
-    return f"{value:.12g}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -51,16 +51,20 @@ _SIDES = {"left": 1, "right": -1, "middle": 0}
 
 
 def read_groom(
-    path: str | Path, preset_folders: Iterable[str | Path] = (), readers: GroomReaders | None = None
+    path: str | Path,
+    preset_folders: Iterable[str | Path] = (),
+    readers: GroomReaders | None = None,
+    tables: Mapping[str, Any] | None = None,
 ) -> Groom:
     """The groom that a TOML file, or a scene that the readers read, describes.
 
-    preset_folders: searched before the user's and the shipped presets. Raises InputError with all
-    problems of the file, its tables and scenes and the presets that it names.
+    preset_folders: searched before the user's and the shipped presets. tables: instead of the
+    file's. Raises InputError with all problems of the file, its tables and scenes and the presets
+    that it names.
     """
     library, groom = Library(preset_folders, Problems()), None
     with library.problems.collecting():
-        groom = collect_groom(Path(path), library, readers)
+        groom = collect_groom(Path(path), library, readers, tables=tables)
     library.problems.raise_any()
     assert groom is not None
     return groom
@@ -71,15 +75,14 @@ def collect_groom(
     library: Library,
     readers: GroomReaders | None = None,
     above: Iterable[tuple[Overrides, Place]] = (),
+    tables: Mapping[str, Any] | None = None,
 ) -> Groom | None:
     """The groom of a file; None, or an incomplete groom, after adding problems. Raises InputError.
 
-    above: checked [overrides] of a shot, and its place, that come after the groom's.
+    above: checked [overrides] of a shot, and its place, that come after the groom's. tables:
+    instead of the file's.
     """
-    if path.suffix.lower() in SCENE_SUFFIXES:
-        raw: dict[str, Any] = {"name": path.stem, "usd": [{"file": path.name}]}
-    else:
-        raw = load_toml(path)
+    raw = load_tables(path) if tables is None else dict(tables)
     place = Place(str(path), "", library.problems)
     if raw.keys() >= _SHOT_KEYS:
         place.refuse("is a shot, expects a groom")
@@ -89,15 +92,23 @@ def collect_groom(
     return groom_of(raw, path, library, readers, above)
 
 
+def load_tables(path: Path) -> dict[str, Any]:
+    """Tables of a TOML file, or one that names a USD scene. Raises InputError."""
+    if path.suffix.lower() in SCENE_SUFFIXES:
+        return {"name": path.stem, "usd": [{"file": path.name}]}
+    return load_toml(path)
+
+
 def groom_of(
     raw: dict[str, Any],
     path: Path,
     library: Library,
     readers: GroomReaders | None = None,
     above: Iterable[tuple[Overrides, Place]] = (),
+    key: str = "",
 ) -> Groom | None:
-    """The groom of tables as they stand in a file at path; see collect_groom."""
-    place = Place(str(path), "", library.problems)
+    """The groom of tables as they stand in a file at path, under a key; see collect_groom."""
+    place = Place(str(path), key, library.problems)
     parts = GROOM_FILE.parts(raw, place)
     if readers is not None:
         readers = replace(readers, skin=cache_skins(readers.skin))

@@ -50,7 +50,7 @@ def _run(path: Path, jobs: int) -> tuple[str, float, float, Simulation]:
     simulation = simulate(read_shot(path), jobs=jobs)
     digest, worst = hashlib.sha256(), 0.0
     for frame in simulation:
-        for feather, points in zip(simulation.feathers, frame.points, strict=True):
+        for feather, points in zip(simulation.feathers, frame.rows, strict=True):
             digest.update(points.tobytes())
             for change in _segment_changes(feather, points):
                 worst = max(worst, float(np.abs(change).max(initial=0.0)))
@@ -74,7 +74,7 @@ def _time_error(path: Path) -> float:
     tolerance, worst = shot.quality.tolerance, 0.0
     fine = replace(shot.quality, tolerance=tolerance and 0.02 * tolerance)
     for one, other in zip(simulate(shot), simulate(replace(shot, quality=fine)), strict=True):
-        for placement, a, b in zip(shot.groom.feathers, one.points, other.points, strict=True):
+        for placement, a, b in zip(shot.groom.feathers, one.rows, other.rows, strict=True):
             distance = np.linalg.norm(np.delete(a - b, (1, 2), axis=1), axis=2).max()
             worst = max(worst, float(distance) / placement.kind.length)
     return worst

@@ -55,6 +55,7 @@ class Simulation:
         self._free = free_groups(run)
         run.step_groups += self._free
         self.feathers: tuple[Feather, ...] = tuple(run.drawn[f] for f in run.wanted)
+        self._ids = tuple(shot.groom.feathers[f].id for f in run.wanted)
         self.options: list[FeatherOptions] = [run.options.feathers[f] for f in run.wanted]
         self._counts, self._index = Counts(), run.first - 1
         # after the frame that was yielded last
@@ -155,7 +156,7 @@ class Simulation:
             raise SimulationError(name, time, "a point is not finite", number)
         for stage in self._stages:
             shown = stage.show(time, shown)
-        return Frame(number, time, tuple(shown))
+        return Frame(number, time, tuple(shown), self._ids, self.feathers)
 
     def _load(self, index: int) -> None:
         """Renew the models of batches that loads change."""

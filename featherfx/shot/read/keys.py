@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 from featherfx.groom.keys.groom import GROOM_KEYS, USD_KEYS
+from featherfx.groom.keys.problems import Place
 from featherfx.groom.keys.stages import DRAWN_KEYS, PICTURE_KEYS, SURFACE_KEYS, VARIANT_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,
     Flag,
+    JsonSchema,
     Key,
     Number,
     Table,
@@ -60,6 +65,19 @@ _INTERPOLATION = Key(
     "stages whose samples are finer than frames.",
     "smooth",
 )
+
+
+@dataclass(frozen=True)
+class GroomTables(Table):
+    """Table that says what to read of a USD file; or the tables of a groom, with its name, which
+    its reader checks."""
+
+    def check(self, value: Any, place: Place, partial: bool) -> Any:
+        return value if "name" in value else super().check(value, place, partial)
+
+    def schema(self, partial: bool) -> JsonSchema:
+        return {"type": "object", "if": {"required": ["name"]}, "else": super().schema(partial)}
+
 
 GROOM_USD = {"usd": _FILE} | {name: key for name, key in USD_KEYS.items() if name != "file"}
 
@@ -143,9 +161,9 @@ LEVEL_OF_DETAIL = {
 SHOT = {
     "name": Key(Text(), "Name of the shot."),
     "groom": Key(
-        Either({dict: Table(GROOM_USD), str: Text()}),
-        "Groom file, TOML or USD, as seen from the shot file's folder, or a table that says what "
-        "to read of a USD file.",
+        Either({dict: GroomTables(GROOM_USD), str: Text()}),
+        "Groom file, TOML or USD, as seen from the shot file's folder, a table that says what to "
+        "read of a USD file, or the tables of a groom.",
     ),
     "overrides": GROOM_KEYS["overrides"],
     "skin": Key(Table(_SKIN), "Animated skin that moves the roots.", None),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from fnmatch import fnmatchcase
 from itertools import pairwise
@@ -47,17 +47,21 @@ Entries = list[tuple[Place, dict[str, Any]]]
 
 
 def read_shot(
-    path: str | Path, preset_folders: Iterable[str | Path] = (), readers: SceneReaders | None = None
+    path: str | Path,
+    preset_folders: Iterable[str | Path] = (),
+    readers: SceneReaders | None = None,
+    tables: Mapping[str, Any] | None = None,
 ) -> Shot:
     """The shot that a TOML file describes, with its groom as its files have it.
 
     Feathers are not yet laid over each other, nor roots bound to a skin: shot/loop/placement.py.
     preset_folders: searched before the user's and the shipped presets. readers: of USD scenes.
-    Raises InputError with all problems of the shot, its groom, tables, scenes and presets.
+    tables: instead of the file's. Raises InputError with all problems of the shot, its groom,
+    tables, scenes and presets.
     """
     library, shot = Library(preset_folders, Problems()), None
     with library.problems.collecting():
-        shot = _collect(Path(path), library, readers)
+        shot = _collect(Path(path), library, readers, tables)
     library.problems.raise_any()
     assert shot is not None
     return shot
@@ -83,12 +87,17 @@ def check_file(
     return problems.listed()
 
 
-def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot | None:
+def _collect(
+    path: Path,
+    library: Library,
+    readers: SceneReaders | None,
+    tables: Mapping[str, Any] | None = None,
+) -> Shot | None:
     problems = library.problems
     place = Place(str(path), "", problems)
     if path.suffix.lower() in SCENE_SUFFIXES and path.is_file():
         place.refuse("is a USD file, expects a shot, which may name it as its groom")
-    raw = load_toml(path)
+    raw = load_toml(path) if tables is None else dict(tables)
     kind = "shot" if {"groom", "frames"} & raw.keys() else file_kind(raw, path, {"shot": SHOT_FILE})
     if kind not in ("shot", ""):
         told = "a groom" if kind == "groom" else f"a {kind} preset"
@@ -153,7 +162,8 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
 
 
 def _said(raw: dict[str, Any], library: Library, folder: Path) -> dict[str, str]:
-    own = told(raw, folder)
+    values = raw if isinstance(raw["groom"], str) else raw | {"groom": "in the shot"}
+    own = told(values, folder)
     return library.said | {f"shot.{key}": text for key, text in own.items()}
 
 
@@ -217,12 +227,14 @@ def _groom(
     with library.problems.collecting():
         if isinstance(given, str):
             groom = collect_groom(file(path.parent, given), library, readers, above)
-        else:
+        elif "name" not in given:
             usd = given["usd"]
             entry = {name: value for name, value in raw["groom"].items() if name != "usd"}
             tables = {"name": Path(usd).stem, "usd": entry | {"file": usd}}
             groom = groom_of(tables, path, library, readers, above)
             groom = groom and replace(groom, source=file(path.parent, usd))
+        else:
+            groom = groom_of(given, path, library, readers, above, "groom")
     if groom is None or len(library.problems) > count:
         return None  # half a groom would mislead later checks
     return groom

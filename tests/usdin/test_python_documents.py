@@ -1,0 +1,124 @@
+"""Shots and grooms in memory: made of tables, changed, saved, baked, and read back."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import featherfx as ffx
+from featherfx.groom.read.toml_text import toml_text
+
+SAMPLES = Path(__file__).parents[2] / "samples"
+FEATHER = {
+    "id": "a",
+    "kind": "swan_primary",
+    "position": np.zeros(3),
+    "direction": (1, 0, 0),
+    "up": [0, 0, 1],
+}
+
+
+def one_feather(**more):
+    return ffx.Groom.from_dict({"name": "one", "feather": [FEATHER | more]})
+
+
+@pytest.fixture(scope="module")
+def shot():
+    return ffx.read_shot(SAMPLES / "swan_wing/shot.toml").with_quality("draft")
+
+
+def test_the_package_lists_what_it_has_and_all_of_it_is_documented():
+    assert dir(ffx) == sorted(ffx.__all__)
+    assert all(getattr(ffx, name).__doc__ for name in ffx.__all__ if name != "__version__")
+
+
+def test_the_example_of_a_program_runs(shot, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shot = shot.with_overrides({"*primary_*": {"rachis.youngs_modulus": 6e9}})
+    cache = ffx.bake(shot, "out.usdc", progress=True, frames=(1, 3))
+    assert "3 of 3 frames" in capsys.readouterr().err
+    assert cache.report["feathers"] == len(cache) == len(list(cache)) == 20
+    track = cache["left_primary_03"]
+    for frame in ffx.simulate(shot, frames=(1, 3)):
+        points = frame.points["left_primary_03"]
+        assert points == pytest.approx(track.points(frame.number), abs=1e-6)
+        speed = frame.velocities["left_primary_03"]
+        assert speed == pytest.approx(track.velocities(frame.number), abs=1e-4)
+    assert len(frame.points) == 20
+    assert cache.ids == tuple(frame.points)
+    groom = one_feather()
+    assert ffx.check(shot) == ffx.check(groom) == []
+    assert ffx.stats(groom)["feathers"] == 1
+    with pytest.raises(ffx.InputError, match=r"frame: 12 is not in the cache\. Give 1 to 3"):
+        track.points(12)
+
+
+def test_overrides_act_as_those_of_a_file(shot):
+    changed = shot.with_overrides({"*primary_*": {"rachis.youngs_modulus": 6e9}})
+    other = shot.with_overrides({"*primary_*": {"rachis_material": {"youngs_modulus": 6e9}}})
+    kinds = [[each.kind for each in one.groom.feathers] for one in (changed, other)]
+    assert kinds[0] == kinds[1]
+    for before, after in zip(shot.groom.feathers, changed.groom.feathers, strict=True):
+        moduli = before.kind.rachis_material.youngs_modulus, 6e9
+        assert after.kind.rachis_material.youngs_modulus == moduli["primary" in after.id]
+    assert changed.quality.name == "draft"
+
+
+def test_a_saved_shot_is_the_same_from_another_folder(shot, tmp_path):
+    changed = shot.replace(frames=(2, 9), wind={"base": "breeze", "speed": 0.1 + 0.2})
+    changed = changed.with_overrides({"left_primary_*": {"length": 0.4}})
+    file = changed.to_toml(tmp_path / "deep.toml")
+    again = ffx.read_shot(file)
+    assert again.wind.speed == 0.1 + 0.2
+    assert (again.first_frame, again.last_frame) == (2, 9)
+    assert [f.kind for f in again.groom.feathers] == [f.kind for f in changed.groom.feathers]
+    with pytest.raises(ffx.InputError, match="exists already"):
+        changed.to_toml(file)
+    with pytest.raises(ffx.InputError, match=r"ends in \.toml"):
+        changed.to_toml(tmp_path / "a.usda")
+
+
+def test_a_shot_may_hold_its_groom(tmp_path):
+    shot = ffx.Shot.from_dict({"name": "s", "groom": one_feather(), "frames": (1, 2)})
+    again = ffx.read_shot(shot.to_toml(tmp_path / "s.toml"))
+    assert again.groom.feathers[0].kind == shot.groom.feathers[0].kind
+    tables = shot.to_dict()
+    tables["groom"]["feather"][0]["kind"] = "swan_primry"
+    with pytest.raises(ffx.InputError, match=r"<memory>: groom\.feather\[0\]\.kind: no feather"):
+        ffx.Shot.from_dict(tables)
+    assert shot.to_dict()["groom"]["feather"][0]["kind"] == "swan_primary"
+
+
+@pytest.mark.parametrize("kind", ["groom", "shot"])
+@pytest.mark.parametrize("sample", ["pigeon", "torn_feather", "swan_wing", "breeze"])
+def test_tables_of_samples_outlive_being_written(sample, kind):
+    tables = tomllib.loads((SAMPLES / sample / f"{kind}.toml").read_text())
+    assert tomllib.loads(toml_text(tables)) == tables
+
+
+def test_texts_and_numbers_outlive_being_written():
+    tables = {"a b": {"": [1e-7, 0.1, 10**17, True, -0.0, 'q"\\\n\x7f\x00'], "c.d": [{"e": {}}]}}
+    assert tomllib.loads(toml_text(tables)) == tables
+
+
+def test_what_has_no_tables_and_what_toml_cannot_hold_is_refused(shot):
+    bare = replace(shot, gravity=np.zeros(3))
+    for way in (bare.to_dict, lambda: bare.with_overrides({}), lambda: bare.replace(frames=(1, 2))):
+        with pytest.raises(ffx.InputError, match="fields were replaced"):
+            way()
+    with pytest.raises(ffx.InputError, match=r"feather\[0\]\.up: type object is nothing"):
+        one_feather(up=object())
+    with pytest.raises(ffx.InputError, match="did you mean 'draft'"):
+        shot.with_quality("drft")
+
+
+def test_a_changed_shot_bakes_as_the_file_that_it_is_saved_to(tmp_path):
+    groom = one_feather()
+    shot = ffx.Shot.from_dict({"name": "s", "groom": groom, "frames": (1, 2), "quality": "draft"})
+    memory = ffx.bake(shot, tmp_path / "memory.usdc")
+    file = ffx.bake(shot.to_toml(tmp_path / "s.toml"), tmp_path / "file.usdc")
+    np.testing.assert_array_equal(memory["a"].points(2), file["a"].points(2))
+    again = ffx.bake(shot, tmp_path / "memory.usdc", resume=True)
+    assert again.report["samples_taken_over"] == 2
