@@ -216,7 +216,7 @@ def test_some_feathers_alone_are_those_of_the_whole(wanted: list[int]) -> None:
     shot = guided(row_of(8, 3), every=4)
     whole, part = simulate(shot), simulate(shot, wanted=wanted)
     for one, other in zip(whole, part, strict=True):
-        for name in ("points", "velocities", "accelerations"):
+        for name in ("rows", "row_velocities", "row_accelerations"):
             found = getattr(other, name)
             assert len(found) == len(wanted)
             for f, values in zip(wanted, found, strict=True):
