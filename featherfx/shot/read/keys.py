@@ -73,7 +73,11 @@ class GroomTables(Table):
     its reader checks."""
 
     def check(self, value: Any, place: Place, partial: bool) -> Any:
-        return value if isinstance(value, dict) and "name" in value else super().check(value, place, partial)
+        return (
+            value
+            if isinstance(value, dict) and "name" in value
+            else super().check(value, place, partial)
+        )
 
     def schema(self, partial: bool) -> JsonSchema:
         return {"type": "object", "if": {"required": ["name"]}, "else": super().schema(partial)}
