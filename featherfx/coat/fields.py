@@ -43,7 +43,7 @@ MIN_PACE = 0.2
 # steepness of leaves towards their tips: where the coat is sparse, and where it is dense
 _STEEPNESS, _DENSE_STEEPNESS = 1.0, 0.5
 # levels of leaves in use, of those that there are room for, from which on a coat is dense
-_CROWDED = 0.85
+_CROWDED = 0.4
 _MIN_DENSITY = 1e-300  # 1/m^2, far from all follicles
 
 

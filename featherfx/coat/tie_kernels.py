@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from featherfx.jit.compiled import kernel
 
-_MAX_HALVINGS = 6  # of a gap that does not fit
+_SHARE_BITS = 8  # of the share of its gaps that a feather gets
 
 
 @kernel
@@ -46,23 +46,25 @@ def fit_values(order, neighbours, limits, values, fixed, share):
     """First fit of stacking values, in an order.
 
     Each feather takes the value nearest to its own that is apart from those of its neighbours
-    before it, within limits (F, 2): how much earlier and later, m. Where there is none it takes a
-    smaller gap. values: (F,) m, own ones, then those found. fixed: (F,) False. share: (F,) of its
+    before it, within limits (F, 2): how much earlier and later, m. Where there is none it takes the
+    largest share of its gaps for which there is one, by bisection. values: (F,) m, own ones, then those found. fixed: (F,) False. share: (F,) of its
     gaps that a feather has got.
     """
     for place in range(order.shape[0]):
         f = order[place]
-        own, size = values[f], 1.0
+        own, size, step, got = values[f], 1.0, 1.0, 0.0
         found = own
-        for halving in range(_MAX_HALVINGS + 1):
+        for _ in range(_SHARE_BITS):
             later = _nearest_free(f, own, values, fixed, neighbours, 1.0, size)
             earlier = _nearest_free(f, own, values, fixed, neighbours, -1.0, size)
-            may_late, may_early = later - own <= limits[f, 1], own - earlier <= limits[f, 0]
-            if may_late and (later - own <= own - earlier or not may_early):
-                found = later
-                break
-            if may_early:
-                found = earlier
-                break
-            size = 0.0 if halving + 1 >= _MAX_HALVINGS else 0.5 * size
-        values[f], fixed[f], share[f] = found, True, size
+            late, early = later - own, own - earlier
+            may_late, may_early = late <= limits[f, 1], early <= limits[f, 0]
+            step *= 0.5
+            if may_late or may_early:
+                found, got = later if may_late and (late <= early or not may_early) else earlier, size
+                if size == 1.0:
+                    break
+                size += step
+            else:
+                size -= step
+        values[f], fixed[f], share[f] = found, True, got

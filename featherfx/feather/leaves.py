@@ -2,7 +2,8 @@
 
 A coat (featherfx/coat) holds the feathers that regions grow on a skin. Each keeps its plane form,
 rachis and barbs exactly as long; camber and twist are those of its leaf. The rest of the groom
-stays as it is placed. Rachises are as high as a leaf has room for.
+stays as it is placed. Rachises are as high as a leaf has room for. Vanes begin with their first
+barbs: a fan from the calamus to these would span the curved base as a chord.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.coat.carrier import weld
 from featherfx.coat.coat import Coat, StackReport, describe_doubts, draw, grow_coat, stack
@@ -99,21 +100,52 @@ def _bend(placements: Sequence[Placement], feathers: Sequence[Feather]) -> list[
     nodes[:, 0, 0], directors[:, 0] = 0.0, np.eye(3)[1:]
     nodes.flags.writeable = directors.flags.writeable = False
     room = _MAX_HEIGHT * coat.follicles.corners(coat.mesh, coat.fields.gap * coat.fields.length)
-    return [
-        replace(feather, rest=RowPoints(nodes[k], directors[k]), surface=_flat(feather, room[r]))
-        for k, (feather, r) in enumerate(zip(feathers, numbers, strict=True))
-    ]
+    trimmed: dict[int, tuple[Flags, Indices, FeatherSurface]] = {}  # by identity of triangles
+    bent = []
+    for k, (feather, r) in enumerate(zip(feathers, numbers, strict=True)):
+        key = id(feather.surface.triangles)
+        if key not in trimmed:
+            trimmed[key] = _without_base_fans(feather)
+        cell, points, surface = trimmed[key]
+        surface = replace(surface, offset=_flat_offsets(feather, room[r])[points])
+        surface.offset.flags.writeable = False
+        rest = RowPoints(nodes[k], directors[k])
+        bent.append(replace(feather, rest=rest, cell=cell, surface=surface))
+    return bent
 
 
-def _flat(feather: Feather, room: float) -> FeatherSurface:
-    """The surface with a rachis that is no higher than a room (m) beyond the calamus."""
+def _without_base_fans(feather: Feather) -> tuple[Flags, Indices, FeatherSurface]:
+    """Return cells without the fans at the base, the points (P,) that stay, and their surface."""
+    cell, surface = feather.cell.copy(), feather.surface
+    for side, grown in enumerate(feather.barb_length > 0.0):
+        cell[side, : grown.argmax()] = False
+    keep = np.ones(len(surface.triangles), dtype=np.bool_)
+    keep[: np.count_nonzero(feather.cell)] = cell[feather.cell]
+    points, triangles = np.unique(surface.triangles[keep], return_inverse=True)
+    number = np.full(len(surface.row) + 1, -1)  # the last: of lips without a barb above
+    number[points] = np.arange(len(points))
+    lips = number[surface.lips]
+    own = replace(
+        surface,
+        row=surface.row[points],
+        node=surface.node[points],
+        triangles=triangles.reshape(-1, 3),
+        part=surface.part[keep],
+        barb_direction=surface.barb_direction[keep],
+        st=surface.st[points],
+        lips=lips[lips[:, 0] >= 0],
+    )
+    return cell, points, own
+
+
+def _flat_offsets(feather: Feather, room: float) -> Array:
+    """Return (V, 2) m, offsets of a rachis that is no higher than a room beyond the calamus."""
     surface = feather.surface
     low = np.minimum(1.0, room / np.maximum(feather.height, 1e-12))
     bare = (feather.barb_length > 0.0).any(axis=0).argmax()
     low[: max(bare - 1, 0)] = 1.0
-    offset = surface.offset * np.stack([np.ones(len(surface.row)), low[surface.row]], axis=1)
-    offset.flags.writeable = False
-    return replace(surface, offset=offset)
+    scale = np.stack([np.ones(len(surface.row)), low[surface.row]], axis=1)
+    return np.asarray(surface.offset * scale)
 
 
 def plane_forms(placements: Sequence[Placement], feathers: Sequence[Feather]) -> PlaneForms:
