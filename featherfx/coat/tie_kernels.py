@@ -47,8 +47,8 @@ def fit_values(order, neighbours, limits, values, fixed, share):
 
     Each feather takes the value nearest to its own that is apart from those of its neighbours
     before it, within limits (F, 2): how much earlier and later, m. Where there is none it takes the
-    largest share of its gaps for which there is one, by bisection. values: (F,) m, own ones, then those found. fixed: (F,) False. share: (F,) of its
-    gaps that a feather has got.
+    largest share of its gaps for which there is one, by bisection. values: (F,) m, own ones, then
+    those found. fixed: (F,) False. share: (F,) of its gaps that a feather has got.
     """
     for place in range(order.shape[0]):
         f = order[place]
@@ -61,7 +61,10 @@ def fit_values(order, neighbours, limits, values, fixed, share):
             may_late, may_early = late <= limits[f, 1], early <= limits[f, 0]
             step *= 0.5
             if may_late or may_early:
-                found, got = later if may_late and (late <= early or not may_early) else earlier, size
+                found, got = (
+                    later if may_late and (late <= early or not may_early) else earlier,
+                    size,
+                )
                 if size == 1.0:
                     break
                 size += step
