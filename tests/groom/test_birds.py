@@ -24,6 +24,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.presets.presets import list_presets
 from featherfx.groom.read.read import read_groom as read_groom_file
+from featherfx.shot.motion.fit import PIGEON, beat_of, build_of, size_of
 
 BIRD = SAMPLES / "first_bird"
 TEXT = (BIRD / "groom.toml").read_text()
@@ -74,6 +75,12 @@ def test_a_skin_and_landmarks_are_a_whole_bird(bird):
     assert bird.layout is not None
     lines = [line for line in TEXT.splitlines() if line and line[0] not in "#["]
     assert len(lines) <= 40
+
+
+def test_the_sample_is_the_pigeon_that_motions_were_set_on(bird):
+    build = build_of(bird)
+    assert tuple(build) == pytest.approx(tuple(PIGEON), rel=0.06)
+    assert (size_of(build), beat_of(build)) == pytest.approx((1.0, 1.0), abs=0.03)
 
 
 def test_parts_are_where_their_names_say(bird):

@@ -4,12 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from places import SAMPLES
 from test_bird_motions import BIRD, SHOT
 
-from featherfx.api import scene_readers
 from featherfx.errors import InputError
-from featherfx.groom.read.read import read_groom
 from featherfx.shot.motion.fit import PIGEON, Build, beat_of, build_of, size_of
 from featherfx.shot.read.read import read_shot
 
@@ -22,13 +19,6 @@ def clock_of(folder, scale, motion):
     (folder / "shot.toml").write_text(SHOT + motion)
     shot = read_shot(folder / "shot.toml")
     return shot.motion.clock, shot.groom
-
-
-def test_the_sample_is_the_pigeon_that_motions_were_set_on():
-    groom = read_groom(SAMPLES / "first_bird" / "groom.toml", (), scene_readers())  # no layout
-    build = build_of(groom)
-    assert tuple(build) == pytest.approx(tuple(PIGEON), rel=0.06)
-    assert (size_of(build), beat_of(build)) == pytest.approx((1.0, 1.0), abs=0.03)
 
 
 def test_a_pigeon_beats_as_the_presets_have_it():

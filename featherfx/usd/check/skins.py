@@ -26,7 +26,9 @@ from featherfx.usd.read.scenery import find_scenery
 from featherfx.usd.read.stage import read_stage_space, to_world_matrix
 from featherfx.usd.space import StageSpace
 
-_SAMPLES, _NEAREST, _RENEWED_AFTER = 100_000, 8, 16
+_NEAREST, _RENEWED_AFTER = 8, 16
+# places on a skin of many triangles; on one of few each has so many that neighbours meet at edges
+_MAX_SAMPLES, _MAX_FACE_SAMPLES = 100_000, 300
 # of a feather's length from its root, where barbs may be under the skin as its calamus is
 _BASE = 0.2
 
@@ -96,7 +98,8 @@ class SkinDepths:
                 border = _border_points(joined, counts[-1])
             points = np.concatenate(parts)
             if number % _RENEWED_AFTER == 0:
-                samples = sample_triangles(points[joined], _SAMPLES)
+                count = min(_MAX_SAMPLES, _MAX_FACE_SAMPLES * len(joined))
+                samples = sample_triangles(points[joined], count)
             skin = _Skin(points, joined, border, samples)
             found = []
             for probe in self._probes:
