@@ -222,6 +222,7 @@ def test_the_template_is_an_open_job_description(tmp_path):
     assert template["steps"][0]["script"]["actions"]["onRun"]["args"][-2:] == ["--subframes", "2"]
 
 
+@pytest.mark.nightly
 def test_a_job_installs_the_packages_that_it_names_and_none_where_it_names_none(tmp_path):
     """The script of the template's environment, with a wheel that has nothing but a command."""
     pipeline.plan(WING, tmp_path / "wing.usda", 2)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from featherfx.api import read_shot
 from featherfx.baking import trial as baking_trial
@@ -114,8 +115,7 @@ def test_each_region_has_its_share_of_a_trial_and_neighbours_stay_together():
     roots = np.array([each.position for each in feathers])
 
     def nearest(numbers):
-        way = np.linalg.norm(roots[numbers][:, None] - roots[numbers], axis=2)
-        return np.median(np.sort(way, axis=1)[:, 1])
+        return np.median(cKDTree(roots[numbers]).query(roots[numbers], k=2)[0][:, 1])
 
     everyone = np.arange(len(feathers))
     assert nearest(chosen) < 2.0 * nearest(everyone)
@@ -136,6 +136,7 @@ def test_contact_groups_are_tried_whole(monkeypatch):
         assert len(_whole_groups(None, np.arange(len(group)), count)) == 0
 
 
+@pytest.mark.nightly
 def test_the_time_for_trials_holds(monkeypatch):
     """A quarter of what the trials take: some are left out, or stopped, and the range is wider."""
     shot = SAMPLES / "breeze" / "shot.toml"

@@ -56,13 +56,27 @@ def maker():
         return importlib.import_module("make_body")
 
 
-OTHERS = ["gull", "owl", "owl_flying", "sparrow", "parrot", "peacock", "swan", "ostrich"]
+@pytest.fixture(scope="module")
+def body_of(maker, tmp_path_factory):
+    """File of the body of another bird, made once."""
+    folder = tmp_path_factory.mktemp("bodies")
+
+    def made(bird):
+        path = folder / f"{bird}.usdc"
+        if not path.exists():
+            maker.make(path, bird)
+        return path
+
+    return made
 
 
-@pytest.mark.parametrize("bird", OTHERS)
-def test_bodies_of_other_birds_are_whole(maker, tmp_path, bird):
-    maker.make(tmp_path / f"{bird}.usdc", bird)
-    made = skin_of(tmp_path / f"{bird}.usdc")
+OTHERS = ["sparrow", "parrot", "peacock", "swan", "ostrich"]
+OTHERS = [pytest.param(each, marks=pytest.mark.nightly) for each in OTHERS]
+
+
+@pytest.mark.parametrize("bird", ["gull", "owl", "owl_flying", *OTHERS])
+def test_bodies_of_other_birds_are_whole(maker, body_of, bird):
+    made = skin_of(body_of(bird))
     assert skin_doubts(made) == []
     # landmarks are near it, those of the eyes before it
     for name, place in maker.landmarks(maker.BUILDS[bird]).items():
@@ -84,14 +98,14 @@ def test_bills_hook_over_as_their_build_says(maker):
         assert (maker.distance(path[-1:] + 0.004, build) > 0.0).all()
 
 
-def test_coverts_below_the_owls_tail_are_rooted_outside_its_body(maker, tmp_path):
+def test_coverts_below_the_owls_tail_are_rooted_outside_its_body(maker, body_of, tmp_path):
     """Those that stand within the end of its rump pass through the skin there."""
-    maker.make(tmp_path / "body.usdc", "owl")
+    body = body_of("owl").as_posix()
     build = maker.BUILDS["owl"]
     bare = ", ".join(f"tracts.{part}.relative_density = 0" for part in TRACTS)
     places = maker.landmarks(build).items()
     (tmp_path / "groom.toml").write_text(
-        'name = "owl"\n[skin]\nusd = "body.usdc"\nprim = "/pigeon/body"\n[bird]\nfold = 0\n'
+        f'name = "owl"\n[skin]\nusd = "{body}"\nprim = "/pigeon/body"\n[bird]\nfold = 0\n'
         + f'type = {{ base = "owl", disc.radius = 0, {bare} }}\n[bird.landmarks]\n'
         + "".join(f"{name} = {place.tolist()}\n" for name, place in places)
     )
@@ -101,9 +115,9 @@ def test_coverts_below_the_owls_tail_are_rooted_outside_its_body(maker, tmp_path
     assert maker.distance(roots / build.size, build).min() > 0.0
 
 
-def test_the_script_makes_the_owl_in_flight(maker, tmp_path):
-    maker.make(tmp_path / "body.usdc", "owl_flying")
-    made, kept = (skin_of(each / "body.usdc") for each in (tmp_path, SAMPLES / "owl_flight"))
+def test_the_script_makes_the_owl_in_flight(body_of):
+    files = body_of("owl_flying"), SAMPLES / "owl_flight" / "body.usdc"
+    made, kept = map(skin_of, files)
     assert np.abs(made.rest - kept.rest).max() < 1e-6
 
 
