@@ -55,6 +55,14 @@ _QUALITY = "draft"
     help="Write one file that loads nothing else, and open no browser.",
 )
 @click.option(
+    "--value",
+    "values",
+    type=click.Choice(["strain", "hooked", "penetration"]),
+    multiple=True,
+    help="Of --html: a value to colour by that changes with frames, which takes most of the time."
+    " Repeatable.  [default: none]",
+)
+@click.option(
     "--megabytes",
     type=click.FloatRange(0.1, 10_000.0),
     default=64.0,
@@ -72,6 +80,7 @@ def view(
     file: Path,
     against: Path | None,
     html: Path | None,
+    values: tuple[str, ...],
     megabytes: float,
     quality: str | None,
     style: str,
@@ -88,6 +97,8 @@ def view(
         raise click.UsageError("--quality is for grooms and shots")
     if html is not None and (serving["port"] or serving["no_browser"]):
         raise click.UsageError("--port and --no-browser are for a page that is served, not --html")
+    if html is None and values:
+        raise click.UsageError("--value is for --html; a page that is served has all of them")
     budget = int(1e6 * megabytes)
     with contextlib.ExitStack() as stack:
         with Progress("drawing", style):
@@ -97,7 +108,7 @@ def view(
             from featherfx.view.page import Server, fitting_second, write_page
 
             if html is not None:
-                shown = write_page(caches, html, budget, overwrite)
+                shown = write_page(caches, html, budget, overwrite, values)
             else:
                 shown = [fitting_second(each, budget // len(caches)) for each in caches]
         for told in dict.fromkeys(told for played in shown for told in played.told()):

@@ -13,7 +13,7 @@ import secrets
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import chain
 from pathlib import Path
@@ -72,12 +72,17 @@ def page(
 
 
 def write_page(
-    paths: Sequence[Path], output: str | Path, most_bytes: int, overwrite: bool
+    paths: Sequence[Path],
+    output: str | Path,
+    most_bytes: int,
+    overwrite: bool,
+    values: Collection[str] | None = None,
 ) -> list[Played]:
     """Write a cache as one HTML file that loads nothing else; it appears complete or not at all.
 
     paths: of one cache, or of two that are compared. most_bytes: of frames, before they are packed;
-    points, then frames are left out to keep it.
+    points, then frames are left out to keep it. values: names of those that frames have besides
+    points, which take most of the time; None: all.
     Raises InputError where the cache cannot be read or the output not be written.
     """
     output = Path(output)
@@ -85,7 +90,7 @@ def write_page(
     if problems:
         raise OutputError(*problems)
     before = {output: standing(output)}
-    shown = [fitting(each, most_bytes // len(paths)) for each in paths]
+    shown = [fitting(each, most_bytes // len(paths), values) for each in paths]
 
     def data() -> Iterator[tuple[str, bytes]]:
         for played, prefix in zip(shown, PREFIXES, strict=False):
@@ -99,14 +104,14 @@ def write_page(
     return shown
 
 
-def fitting(path: Path, most_bytes: int) -> Played:
-    """A cache with as many points, then frames, as fit into bytes."""
-    whole = Played(path, _ALL)
+def fitting(path: Path, most_bytes: int, values: Collection[str] | None = None) -> Played:
+    """A cache with as many points, then frames, as fit into bytes. values: as of Played."""
+    whole = Played(path, _ALL, chosen=values)
     count = len(whole.codes)
     thin = _within(whole, most_bytes / count)
     if count * thin.frame_bytes <= most_bytes:
         return thin
-    return Played(path, 1, max(int(most_bytes / thin.frame_bytes), 1), thin.bare)
+    return Played(path, 1, max(int(most_bytes / thin.frame_bytes), 1), thin.bare, values)
 
 
 def fitting_second(path: Path, most_bytes: int) -> Played:
@@ -124,7 +129,7 @@ def _within(whole: Played, most_bytes: float) -> Played:
         return whole
     bare = whole.body_bytes > 0.5 * most_bytes
     left = most_bytes - 24 - (0 if bare else whole.body_bytes)
-    return Played(whole.path, max(int(left / whole.point_bytes), 1), bare=bare)
+    return Played(whole.path, max(int(left / whole.point_bytes), 1), bare=bare, chosen=whole.chosen)
 
 
 def _text(name: str) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -132,19 +132,25 @@ _PENETRATION = Value(
     "penetration", "vanes that pass through others or the body", 0.0, 1.0, "no to yes",
     CROSSED.tolist(),
 )  # fmt: skip
+VALUE_NAMES = (STRAIN.name, _HOOKED.name, _PENETRATION.name)
 
 
 class Played:
     """One cache that is played. points: of all feathers, at most `most` are kept (thinned.py).
-    bare: without the body.
+    bare: without the body. chosen: names of values that frames may have, None: all that it has.
 
     codes: its frames; None for a cache without time. Raises InputError as Cache does.
     """
 
     def __init__(
-        self, path: Path, most: int, most_frames: int = 100_000, bare: bool = False
+        self,
+        path: Path,
+        most: int,
+        most_frames: int = 100_000,
+        bare: bool = False,
+        chosen: Collection[str] | None = None,
     ) -> None:
-        self.path, self.bare = path, bare
+        self.path, self.bare, self.chosen = path, bare, chosen
         self._before: Standing = standing(path)
         self._cache = Cache(path)
         codes: list[float | None] = [*self._cache.whole_frames()] if self._cache.has_frames else []
@@ -162,9 +168,21 @@ class Played:
     @cached_property
     def values(self) -> list[Value]:
         """Those that frames have."""
-        own = [strain_value(self._most_strain())] if self.rest.barbs.any() else []
-        crossed = [_PENETRATION] if len(self._scene.feathers) > 1 or self.body else []
-        return own + ([_HOOKED] if self._has_hooks else []) + crossed
+        names = [name for name in VALUE_NAMES if self._has(name) and name not in self.left_values]
+        constant = {each.name: each for each in (_HOOKED, _PENETRATION)}
+        return [constant.get(name) or strain_value(self._most_strain()) for name in names]
+
+    @cached_property
+    def left_values(self) -> list[str]:
+        """Names of values that it has and frames do not."""
+        if self.chosen is None:
+            return []
+        return [name for name in VALUE_NAMES if name not in self.chosen and self._has(name)]
+
+    def _has(self, name: str) -> bool:
+        if name == _PENETRATION.name:
+            return len(self._scene.feathers) > 1 or bool(self.body)
+        return self._has_hooks if name == _HOOKED.name else bool(self.rest.barbs.any())
 
     def _most_strain(self) -> float:
         """Return a bound of nearly all strains of a few frames, to two digits."""
@@ -279,6 +297,8 @@ class Played:
             told.append(f"drawn {self._kept.told}: {len(self._kept.points)} of {whole} points")
         if self.bare:
             told.append("without the body")
+        if self.left_values:
+            told.append(f"without {', '.join(self.left_values)}, which --value adds")
         if self._every > 1:
             told.append(f"every {self._every}th frame")
         return told

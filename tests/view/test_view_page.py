@@ -442,6 +442,13 @@ def test_the_command_writes_a_page_and_replaces_none(cache, tmp_path):
     assert result.exit_code == 0, result.stderr
     assert result.stdout == f"{page}\n"
     first = page.read_text()
+    assert "without strain" in result.stderr
+    assert 'id="data-strain-0"' not in first
+    page.unlink()
+    assert invoke(*command, "--value", "strain").exit_code == 0
+    first = page.read_text()
+    assert 'id="data-strain-0"' in first
+    assert 'id="data-penetration-0"' not in first
     again = invoke(*command)
     assert again.exit_code == 1
     assert str(page) in again.stderr
