@@ -98,7 +98,7 @@ def view(
     if html is not None and (serving["port"] or serving["no_browser"]):
         raise click.UsageError("--port and --no-browser are for a page that is served, not --html")
     if html is None and values:
-        raise click.UsageError("--value is for --html; a page that is served has all of them")
+        raise click.UsageError("--value is for --html. A page that is served has all of them")
     budget = int(1e6 * megabytes)
     with contextlib.ExitStack() as stack:
         with Progress("drawing", style):
