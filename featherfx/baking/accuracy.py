@@ -32,6 +32,7 @@ from featherfx.feather.density import max_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.resolution import rachis_deflection
 from featherfx.phases import phase
+from featherfx.shot.loop.contact_error import nearest_pushing
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.motion.motion import root_motion
@@ -114,7 +115,10 @@ def shot_error(shot: Shot, feathers: int = _LOOKED_AT, jobs: int = 1) -> ShotErr
         )
         warnings.warn(text, InputWarning, stacklevel=2)
     shot = replace(shot, quality=simulation_quality(shot), contact=None)
-    chosen = chosen_feathers(shot, feathers)
+    if contact is None:
+        chosen = chosen_feathers(shot, feathers)
+    else:
+        chosen = _with_neighbours(replace(shot, contact=contact), feathers)
     alone = part_of(shot, chosen)
     part = replace(alone, contact=contact)
     with phase("comparing", 3 + len(_PARTS)) as done:
@@ -195,6 +199,14 @@ def chosen_feathers(shot: Shot, count: int) -> Indices:
     orders += [np.argsort(-each, kind="stable").tolist() for each in values]
     ranked = [order[k] for k in range(len(placements)) for order in orders if k < len(order)]
     return np.sort(np.array(list(dict.fromkeys(ranked))[:count], dtype=np.int64))
+
+
+def _with_neighbours(shot: Shot, count: int) -> Indices:
+    """Numbers, ascending, of so many feathers: half of them chosen, the others near these."""
+    options = resolve_options(shot, drawn_feathers(shot), root_motion(shot)).feathers
+    found = chosen_feathers(shot, (count + 1) // 2).tolist()
+    found += [g for f in found for g in nearest_pushing(shot, options, f).tolist()]
+    return np.sort(np.array(list(dict.fromkeys(found))[:count], dtype=np.int64))
 
 
 def own_grids(

@@ -91,6 +91,13 @@ def _bake(
     try:
         report = carry_out(task, notify)
         report["read"] = list_entries(reads)
+        if path is not None and task.shot.contact is not None:
+            from featherfx.shot.loop.contact_error import measure_contact_error
+
+            with phase("comparing", silent=True):
+                report |= measure_contact_error(task.whole)
+            if report["error_promised"] is not None:
+                report.pop("error_not_promised", None)
         is_complete = True
         with phase("finishing", silent=True):
             report |= _seconds(timed)

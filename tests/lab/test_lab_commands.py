@@ -147,7 +147,7 @@ OPTIONS = {
     "tear": "direction preset rows columns width height rate furthest step scatter release output",
     "cycle": "direction preset strains rows columns parts",
     "calibrate": "elements preset save name cycles law",
-    "contact": "case n thickness quality",
+    "contact": "case n thickness quality tolerance steps at-rest",
     "angles": "barb-fraction barb-spacing barb barbule angle aspect pictures output",
 }
 

@@ -13,7 +13,7 @@ from featherfx.errors import InputError
 from featherfx.files.disk_cache import nothing_kept
 from featherfx.groom.keys.preset import Quality
 from featherfx.lab.bench.promise import errors, fixed_quality, random_shot, run
-from featherfx.shot.loop import calibration
+from featherfx.shot.loop import calibration, contact_error
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
@@ -192,6 +192,27 @@ def test_no_error_is_promised_where_feathers_push_each_other_or_none_is_asked_fo
     error, why = promised(replace(some, quality=Quality(name="q", tolerance=1e-4)))
     assert error is None
     assert "a tolerance and no error" in why
+
+
+def test_errors_of_feathers_that_push_each_other_are_measured(tmp_path, monkeypatch):
+    """One covert lies on another."""
+    rows = GROOM.partition("[[feather]]")[0].replace("3, 0], direction", "0.006, 0], direction")
+    (tmp_path / "g.toml").write_text(rows.replace("count = 12", "count = 2"))
+    text = SHOT.replace("[1, 5]", "[1, 2]").replace("error = 1.0", "error = 5.0")
+    (tmp_path / "s.toml").write_text(text + "[contact]\nsteps = 4\n")
+    report = tmp_path / "report.json"
+    bake(tmp_path / "s.toml", tmp_path / "s.usdc", report=report)
+    found = json.loads(report.read_text())
+    assert found["contact"]["pairs"] == 1
+    assert found["error_promised"] == 5.0
+    assert 0.0 < found["error_measured"] < 10.0
+    assert "error_not_promised" not in found
+    # where shorter steps lead ever farther
+    monkeypatch.setattr(contact_error, "simulate_window", lambda shot, window: [None, None])
+    monkeypatch.setattr(contact_error, "run_distance", lambda one, other: 0.1)
+    with nothing_kept():
+        told = contact_error.measure_contact_error(read_shot(tmp_path / "s.toml"))
+    assert told == {"error_promised": 5.0, "undefined": {"covert": ["covert_01", "covert_02"]}}
 
 
 def test_a_bake_takes_an_error_and_reports_it(tmp_path):

@@ -26,6 +26,7 @@ from featherfx.feather.density import max_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.groom.keys.preset import Quality
 from featherfx.groom.presets.presets import list_presets, load_preset
+from featherfx.shot.loop.contact_error import measure_contact_error
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.options.options import MAX_COEFFICIENTS, FeatherOptions
 from featherfx.shot.read.read import read_shot
@@ -122,7 +123,8 @@ def measure_promise(seed: int, kinds: Sequence[str]) -> list[PromiseCase]:
     checked, cases = np.zeros(len(reached)), []
     if (reached > promised).any():
         checked = np.array(_beside(shot, found, _CHECK, found, _FINER))
-    named = {each for names in found.report.get("undefined", {}).values() for each in names}
+    report = found.report | measure_contact_error(shot)
+    named = {each for names in report.get("undefined", {}).values() for each in names}
     for k, placement in enumerate(shot.groom.feathers):
         outcome = "kept" if reached[k] <= promised else "broken"
         if outcome == "broken" and checked[k] > promised:

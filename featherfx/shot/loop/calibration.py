@@ -58,9 +58,9 @@ _MARGIN, _SHARES = 0.5, {"space": 0.6, "time": 0.4}
 # by how much an error falls from one level of SPACE and TIME to the next
 _FALL = 2.0
 # the error over the difference from what is finer: of second order, and of the power 0.7
-_REST = {"space": 4.0 / 3.0, "time": 5.0 / 4.0}
+REST_RATIOS = {"space": 4.0 / 3.0, "time": 5.0 / 4.0}
 # what is finer: columns and intervals of rows, coefficients, tolerance
-_FINER, _MORE_COEFFICIENTS, _TIGHTER = 2, 1, 10.0
+FINER_RATIO, _MORE_COEFFICIENTS, TIGHTER_RATIO = 2, 1, 10.0
 # rounds of measuring; levels at once; of a part's goal, to which it is lowered
 _ROUNDS, _MAX_STEPS, _LOW = 5, 2, 0.5
 # of its largest error in any window, below which a window is measured no more
@@ -68,11 +68,11 @@ _FAR = 0.25
 # of its goal, error of steps from which on these are refined alone
 _RESTLESS = 4.0
 # least fall of an error from round to round, that shows that finer settings come nearer
-_MIN_FALL = 0.7
+MIN_FALL = 0.7
 # m, a tolerance that binds no feather
 _LARGEST = 0.1
 # s, of each window; frames of what is pulled, at most
-_WINDOW, _MAX_PULLED_FRAMES = 0.17, 36
+WINDOW, _MAX_PULLED_FRAMES = 0.17, 36
 
 # of SPACE and TIME, and which of them is finer
 Level = tuple[int, int, str]
@@ -80,7 +80,7 @@ Level = tuple[int, int, str]
 Window = tuple[int, int]
 
 
-class _Run(NamedTuple):
+class WindowRun(NamedTuple):
     """A feather as it was simulated, and its points at every sample of its windows, None where a
     step failed; whether it found no rest at the first."""
 
@@ -89,7 +89,7 @@ class _Run(NamedTuple):
     flutters: bool
 
 
-_FAILED = _Run(None, [], False)
+_FAILED = WindowRun(None, [], False)
 
 
 def measure_grids(
@@ -170,7 +170,7 @@ def _windows(
     """Samples at which a feather is measured: at the start, and at its largest load; of what is
     pulled or leaves its root, one window from the start on."""
     last, rate = shot.last_frame - shot.first_frame, shot.frames_per_second
-    long = max(2, round(_WINDOW * rate))
+    long = max(2, round(WINDOW * rate))
     if is_free or deflections[f].is_pulled:
         return ((0, min(last, _MAX_PULLED_FRAMES)),)
     peak = min(max(round(float(loads.peak[f]) * rate) - long // 2, 0), max(last - long, 0))
@@ -187,7 +187,7 @@ class _Search:
     ) -> None:
         self._shot, self._sample, self._windows = shot, sample, list(windows)
         self._goal, self._promised = _MARGIN * error, error
-        self._runs: list[dict[tuple[Level, Window], _Run]] = [{} for _ in sample]
+        self._runs: list[dict[tuple[Level, Window], WindowRun]] = [{} for _ in sample]
         self._lengths = np.array([shot.groom.feathers[f].kind.length for f in sample])
         first = first_space(error), first_time(error)
         self._levels = [first for _ in sample]
@@ -214,13 +214,13 @@ class _Search:
         if not self._wanted[k]:
             # lowered: what is finer is known
             fine = {level for level, _ in self._runs[k] if level[2]}
-            error = _REST["space"] * max(self._distance(k, each) for each in fine)
+            error = REST_RATIOS["space"] * max(self._distance(k, each) for each in fine)
             if error <= self._goal:
                 self.found[k] = MeasuredGrid(space, time, error, True)
             return False
         before, parts = dict(self._parts[k]), self._parts[k]
         for name in self._wanted[k]:
-            parts[name] = _REST[name] * self._distance(k, (space, time, name))
+            parts[name] = REST_RATIOS[name] * self._distance(k, (space, time, name))
         error, known = sum(parts.values()), self.found[k]
         over = {name: parts[name] / (share * self._goal) for name, share in _SHARES.items()}
         if error < known.error:
@@ -230,7 +230,7 @@ class _Search:
             self._wanted[k] = ()
             return self._move(k, {name: -each for name, each in lower.items()})
         worse = max(self._wanted[k], key=lambda name: over[name])
-        if number and not parts[worse] <= _MIN_FALL * before[worse]:
+        if number and not parts[worse] <= MIN_FALL * before[worse]:
             # finer settings do not come nearer to each other
             self.found[k] = self.found[k]._replace(is_unique=error <= self._promised)
             return False
@@ -266,10 +266,7 @@ class _Search:
         most, own = 0.0, (*self._levels[k], "")
         for window in windows or self._windows[k]:
             here, other = (self._runs[k][each, window] for each in (own, level))
-            if here.feather is None or other.feather is None:
-                return math.inf
-            way = max_distance(here.feather, other.feather, here.points, other.points)
-            most = max(most, way / float(self._lengths[k]))
+            most = max(most, run_distance(here, other) / float(self._lengths[k]))
         return most
 
     def _run(self, chosen: Iterable[int]) -> None:
@@ -288,12 +285,12 @@ class _Search:
             for k, run in zip(members, self._simulated(level, window, members), strict=True):
                 self._runs[k][level, window] = run
 
-    def _simulated(self, level: Level, window: Window, members: Sequence[int]) -> list[_Run]:
+    def _simulated(self, level: Level, window: Window, members: Sequence[int]) -> list[WindowRun]:
         order = np.argsort(self._sample[list(members)])
         part = part_of(self._shot, self._sample[list(members)][order])
         part = replace(part, quality=quality_at(part.quality, level))
         try:
-            runs = _simulated(part, window)
+            runs = simulate_window(part, window)
         except SimulationError:
             if len(members) == 1:
                 return [_FAILED]
@@ -301,7 +298,7 @@ class _Search:
         return [runs[place] for place in np.argsort(order)]
 
 
-def _simulated(shot: Shot, window: Window) -> list[_Run]:
+def simulate_window(shot: Shot, window: Window) -> list[WindowRun]:
     """Simulate the feathers of a shot in a window that they begin at rest."""
     first, last = (shot.first_frame + each for each in window)
     simulation = simulate(shot, frames=(first, last), begin=window[0])
@@ -310,7 +307,14 @@ def _simulated(shot: Shot, window: Window) -> list[_Run]:
         for f, (_, now) in simulation.simulated().items():
             points[f].append(RowPoints(now.nodes.copy(), now.directors.copy()))
     feathers, fluttering = simulation.simulated(), simulation.fluttering()
-    return [_Run(feathers[f][0], own, f in fluttering) for f, own in enumerate(points)]
+    return [WindowRun(feathers[f][0], own, f in fluttering) for f, own in enumerate(points)]
+
+
+def run_distance(one: WindowRun, other: WindowRun) -> float:
+    """Return the largest distance (m) of a feather's nodes from a finer run of it."""
+    if one.feather is None or other.feather is None:
+        return math.inf
+    return max_distance(one.feather, other.feather, one.points, other.points)
 
 
 def quality_at(quality: Quality, level: Level) -> Quality:
@@ -324,10 +328,10 @@ def quality_at(quality: Quality, level: Level) -> Quality:
         1.0 if quality.tolerance else TIME[level[1]],
     )
     if level[2] == "space":
-        rows, columns = _FINER * (rows - 1) + 1, _FINER * columns
+        rows, columns = FINER_RATIO * (rows - 1) + 1, FINER_RATIO * columns
         coefficients = min(coefficients + _MORE_COEFFICIENTS, MAX_COEFFICIENTS)
     if level[2] == "time":
-        tolerance, relative = tolerance / _TIGHTER, relative / _TIGHTER
+        tolerance, relative = tolerance / TIGHTER_RATIO, relative / TIGHTER_RATIO
     return quality.on_grid(
         rows, columns, coefficients, tolerance=tolerance, relative_tolerance=relative
     )

@@ -395,7 +395,7 @@ def _promise(shot: Shot) -> tuple[float | None, str]:
     if error is None and shot.quality.promised is None:
         return None, "the quality has a tolerance and no error"
     if error is None or shot.contact is not None:
-        return None, "feathers push each other ([contact] forces)"
+        return None, "feathers push each other ([contact] forces); a report measures their error"
     return error, ""
 
 

@@ -1,0 +1,180 @@
+"""The error of feathers that push each other, measured on patches of a shot.
+
+A patch is a feather that loads bend most of its kind, and its nearest neighbours on the same grid.
+It is simulated in contact where the shot begins, settling included, as the shot says, and finer:
+
+    e = e_space + e_time,     e_space = 4/3 |x - x_s|,     e_time = 5/4 |x - x_t|
+
+with the distances and finer settings of calibration.py. Where a tenth of the tolerance leads
+elsewhere, and a hundredth is no nearer to it, feathers have no unique answer.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from featherfx.algebra.types import Array, Indices
+from featherfx.errors import SimulationError
+from featherfx.files.content import digest
+from featherfx.files.disk_cache import kept, nothing_kept
+from featherfx.shot.fingerprint import shot_settings
+from featherfx.shot.loop.calibration import (
+    FINER_RATIO,
+    MIN_FALL,
+    REST_RATIOS,
+    TIGHTER_RATIO,
+    WINDOW,
+    WindowRun,
+    run_distance,
+    simulate_window,
+)
+from featherfx.shot.loop.run import drawn_feathers
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.load_estimate import estimate_deflections, estimate_loads
+from featherfx.shot.options.options import MAX_COEFFICIENTS, FeatherOptions, resolve_options
+from featherfx.shot.patterns import may_touch
+from featherfx.shot.preroll import NO_RUN_UP
+from featherfx.shot.subset import part_of
+from featherfx.shot.types import Shot
+
+# patches of a shot, and feathers of a patch, at most
+_MAX_PATCHES, PATCH_SIZE = 4, 3
+# m, least tolerance of a quality
+_MIN_TOLERANCE = 1e-9
+
+
+class PatchErrors(NamedTuple):
+    """Errors of S feathers in contact. feathers: (S,) numbers. error: (S,) over the length; inf
+    where a finer one failed. unique: (S,) whether finer steps come nearer to each other."""
+
+    feathers: Indices
+    error: Array
+    unique: Array
+
+
+def measure_contact_error(shot: Shot) -> dict[str, Any]:
+    """Measure errors of a shot with contact, as a report has them (ErrorStage.report); {} where no
+    error is asked for, or no two feathers push each other."""
+    promised = shot.quality.promised
+    if shot.contact is None or promised is None:
+        return {}
+    arrays = kept(
+        "contact-errors", [digest(shot_settings(shot))], lambda: _measured(shot)._asdict()
+    )
+    found, placements = PatchErrors(**arrays), shot.groom.feathers
+    if not len(found.feathers):
+        return {}
+    undefined, worst = dict[str, list[str]](), dict[str, float]()
+    for f, error, unique in zip(*(each.tolist() for each in found), strict=True):
+        placement = placements[f]
+        if not unique:
+            undefined.setdefault(placement.kind.name, []).append(placement.id)
+        else:
+            worst[placement.kind.name] = max(worst.get(placement.kind.name, 0.0), 100.0 * error)
+    over = {kind: each for kind, each in worst.items() if each > 100.0 * promised}
+    report: dict[str, Any] = {"error_promised": 100.0 * promised}
+    report |= {"error_measured": max(worst.values())} if worst else {}
+    report |= {"undefined": undefined} if undefined else {}
+    return report | ({"over_promised": over} if over else {})
+
+
+def nearest_pushing(shot: Shot, options: Sequence[FeatherOptions], centre: int) -> Indices:
+    """Return the numbers, ascending, of the patch of a feather. options: of all feathers."""
+    assert shot.contact is not None
+    grids = [(each.is_simulated, each.rows, each.columns, each.coefficients) for each in options]
+    alike = np.array([each == grids[centre] for each in grids]) & may_touch(shot, shot.contact)
+    middles = np.array(
+        [p.position + 0.5 * p.kind.length * p.rotation[:, 0] for p in shot.groom.feathers]
+    )
+    away = np.linalg.norm(middles - middles[centre], axis=1)
+    near = np.flatnonzero(alike & (away < shot.groom.feathers[centre].kind.length))
+    return np.sort(near[np.argsort(away[near], kind="stable")[:PATCH_SIZE]])
+
+
+def _measured(shot: Shot) -> PatchErrors:
+    drawn, motion = drawn_feathers(shot), root_motion(shot)
+    options = resolve_options(shot, drawn, motion).feathers
+    deflections = estimate_deflections(shot, drawn, estimate_loads(shot, motion))
+    found: dict[int, tuple[float, bool]] = {}
+    with nothing_kept(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the bake itself warns
+        for patch in _patches(shot, options, [each.rachis for each in deflections]):
+            for f, error, unique in zip(
+                patch.tolist(), *_errors(shot, options, patch), strict=True
+            ):
+                before = found.get(f, (0.0, True))
+                found[f] = max(error, before[0]), bool(unique and before[1])
+    numbers = sorted(found)
+    return PatchErrors(
+        np.array(numbers, dtype=np.int64),
+        np.array([found[f][0] for f in numbers]),
+        np.array([found[f][1] for f in numbers], dtype=np.bool_),
+    )
+
+
+def _patches(shot: Shot, options: Sequence[FeatherOptions], bent: Sequence[float]) -> list[Indices]:
+    """Patches about the feathers that bend most of their kind, for their length (m)."""
+    assert shot.contact is not None
+    placements, pushing = shot.groom.feathers, may_touch(shot, shot.contact)
+    some = [f for f in range(len(bent)) if pushing[f] and options[f].is_simulated]
+    some.sort(key=lambda f: -bent[f] / placements[f].kind.length)
+    first: dict[str, int] = {}
+    for f in some:
+        first.setdefault(placements[f].kind.name, f)
+    patches = [nearest_pushing(shot, options, f) for f in first.values()]
+    return [each for each in patches if len(each) > 1][:_MAX_PATCHES]
+
+
+def _errors(
+    shot: Shot, options: Sequence[FeatherOptions], patch: Indices
+) -> tuple[list[float], list[bool]]:
+    """Errors of the feathers of a patch, over their lengths, and whether they are unique."""
+    promised, grid = shot.quality.promised, options[int(patch[0])]
+    assert promised is not None
+    part = replace(part_of(shot, patch), run_up=NO_RUN_UP, preroll=0)
+    targets = tuple(each for each in shot.targets if each.points is None)
+    part = replace(part, details=(), level_of_detail=None, cycle=0, targets=targets)
+    lengths = [placement.kind.length for placement in part.groom.feathers]
+
+    def run(finer: int = 1, tighter: float = 1.0) -> list[WindowRun] | None:
+        try:
+            return simulate_window(_at(part, grid, finer, tighter), (0, window))
+        except SimulationError:
+            return None
+
+    def apart(one: list[WindowRun] | None, other: list[WindowRun] | None) -> Array:
+        if one is None or other is None:
+            return np.full(len(lengths), math.inf)
+        pairs = zip(one, other, lengths, strict=True)
+        return np.array([run_distance(a, b) / size for a, b, size in pairs])
+
+    window = min(max(2, round(WINDOW * shot.frames_per_second)), shot.last_frame - shot.first_frame)
+    own, tight = run(), run(tighter=TIGHTER_RATIO)
+    time = apart(own, tight)
+    error = REST_RATIOS["time"] * time + REST_RATIOS["space"] * apart(own, run(FINER_RATIO))
+    unique = np.ones(len(lengths), dtype=np.bool_)
+    if (REST_RATIOS["time"] * time > promised).any():
+        left = apart(tight, run(tighter=TIGHTER_RATIO**2))
+        unique = (time <= promised) | (left <= MIN_FALL * time)
+    return error.tolist(), unique.tolist()
+
+
+def _at(part: Shot, grid: FeatherOptions, finer: int, tighter: float) -> Shot:
+    """A patch on the grid of its feathers, or on a finer one, with a tolerance that is tighter."""
+    assert part.contact is not None
+    coefficients = grid.coefficients + (finer > 1)
+    quality = part.quality.on_grid(
+        finer * (grid.rows - 1) + 1,
+        finer * grid.columns,
+        min(coefficients, MAX_COEFFICIENTS),
+        tolerance=max(grid.tolerance / tighter, _MIN_TOLERANCE),
+    )
+    # errors of steps go with the square of their length
+    steps = round(part.contact.steps * math.sqrt(tighter))
+    return replace(part, quality=quality, contact=replace(part.contact, steps=steps))
