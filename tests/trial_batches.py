@@ -84,6 +84,8 @@ def rod(
         mass=mass,
         rotary_inertia=np.full((1, rows, 2), 1e-6 * line_mass * length**2 * element),
         rachis_area=np.zeros((1, rows)),
+        air_volume=np.zeros((1, rows, 1)),
+        closed=np.ones(1),
         retardation=np.zeros((1, 2)),
         hooks=no_hooks(1, rows),
     )

@@ -95,6 +95,11 @@ class VaneMaterial:
     ] = False
     poissons_ratio: Annotated[float, Number(0, 0.5), "Poisson's ratio of a ribbon."] = 0.3
     loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
+    permeability: Annotated[
+        float,
+        Number(0, 1),
+        "Part of the vane's area that air passes: 0 is closed, 1 neither feels nor carries air.",
+    ] = 0.0
     compression_guard: Annotated[
         float,
         Number(0, 1e12, "Pa"),

@@ -19,6 +19,23 @@ and scaled to length 1, with l = c / 3.76: waves 1.7 times as long as the vane i
 their slope, longer ones nearly all, shorter ones less by the square. c is 0.64 of the length of
 both barbs of a row together (0.61 to 0.67 in flight feathers and plumes). A vane that is straight
 along the rachis keeps its normals. The area of a place is what is seen of it along n'.
+
+Added mass. A strip of chord c that moves across itself carries air (potential flow, Lamb 1932, art.
+71; Theodorsen 1935 for the mean of a strip in a stream):
+
+    rho pi c^2 / 4 a metre of vane,    m_a = rho pi c / 4 an area,
+    F = -m_a n' dq/dt,    q = n'.(v - u)
+
+v velocity of the vane, u of the air. The strip's air is spread evenly over it. A thin plate feels
+pressure along its normal alone. F.n' q = -d/dt (1/2 m_a q^2), so that the air gives back what
+it takes and no more, however the vane turns. Forces on the leading edge (suction, Munk's moment)
+are left out. A permeable vane, and one of several in a sheet, carries only a part of m_a.
+Over a step of h, from the pose before it (0) to the one predicted at its end (1),
+
+    W = 1/2 m_a a (n1.(x - x_t) - g / a)^2,      g = (n1.(u1 - v0) - n0.(u0 - v0)) / h
+
+a and x_t of the time integrator (node_kernels): for a normal that does not turn, in still air, the
+inertia of the step along that normal.
 """
 
 from featherfx.algebra.vector_kernels import (
@@ -151,7 +168,8 @@ def _even_out(model, f, side, p, area, room, passed_on):
 
 @kernel
 def vane_areas(model, f, points, area, room, passed_on):
-    """Area of the vane around each node, seen along its normal there, times that normal.
+    """Area of the vane around each node that air does not pass, seen along its normal there, times
+    that normal.
 
     area: (n, 1 + 2 m, 3) m^2, written; the rachis' own nodes have the normals of the surface. room:
     the same, scratch. passed_on: (n, 1 + 2 m), scratch.
@@ -161,6 +179,75 @@ def vane_areas(model, f, points, area, room, passed_on):
     for side in range(2):
         for j in range(columns):
             _even_out(model, f, side, node_index(side, j + 1, columns), area, room, passed_on)
+    if model.closed[f] < 1.0:
+        for i in range(area.shape[0]):
+            for p in range(area.shape[1]):
+                store(area[i, p], scale(model.closed[f], area[i, p]))
+
+
+@kernel
+def unit_normal(area):
+    """Area vector over its length; zero where there is no area."""
+    size = length(area)
+    return scale(1.0 / size if size > 0.0 else 0.0, area)
+
+
+@kernel
+def carries_air(loads, f):
+    """Return whether the air moves with the vane of feather f."""
+    return loads.air[0] > 0.0 and loads.added_mass.size > 0 and loads.added_mass[f] > 0.0
+
+
+@kernel
+def carry_air(model, loads, f, around):
+    """Write the added mass m_a of every node, kg; none where no air is carried."""
+    around.carried[:] = 0.0
+    if carries_air(loads, f):
+        density = loads.air[0] * loads.added_mass[f]
+        for i in range(around.carried.shape[0]):
+            for p in range(around.carried.shape[1]):
+                around.carried[i, p] = density * model.air_volume[f, i, p]
+
+
+@kernel
+def _add_slip(factor, velocity, around):
+    """Add a factor times n.(u - v) to the slip g of every node."""
+    for i in range(velocity.shape[0]):
+        for p in range(velocity.shape[1]):
+            against = sub(around.wind[i, p], velocity[i, p])
+            around.slip[i, p] += factor * dot(unit_normal(around.area[i, p]), against)
+
+
+@kernel
+def carried_energy(model, loads, f, before, velocity, around):
+    """1/2 sum m_a (n.v)^2 in still air, J. Writes m_a, and the areas of the nodes before."""
+    carry_air(model, loads, f, around)
+    if not carries_air(loads, f):
+        return 0.0
+    vane_areas(model, f, before, around.area, around.wind, around.speed)
+    total = 0.0
+    for i in range(velocity.shape[0]):
+        for p in range(velocity.shape[1]):
+            across = dot(unit_normal(around.area[i, p]), velocity[i, p])
+            total += 0.5 * around.carried[i, p] * across * across
+    return total
+
+
+@shared_kernel(None)
+def blow_step(motion, points, times, loads, f, model, around):
+    """Air of a step: that of `blow` at the predicted nodes, added masses and slip g.
+
+    motion: PointMotion of the nodes at the step's start. times: s, of its start and its end.
+    """
+    carry_air(model, loads, f, around)
+    around.slip[:] = 0.0
+    carries, rate = carries_air(loads, f), 1.0 / (times[1] - times[0])
+    if carries:
+        blow(motion.points, times[0], loads, f, motion.velocity, model, around)
+        _add_slip(-rate, motion.velocity, around)
+    blow(points, times[1], loads, f, motion.velocity, model, around)
+    if carries:
+        _add_slip(rate, motion.velocity, around)
 
 
 @shared_kernel(None)

@@ -67,6 +67,8 @@ _POWERS: dict[str, float | Array] = {
     "mass": 3.0,
     "rotary_inertia": 5.0,
     "rachis_area": 2.0,
+    "air_volume": 3.0,
+    "closed": 0.0,
     "retardation": 1.0,
     "cell_guard": np.array([3.0, 0.0]),
 }
@@ -221,6 +223,8 @@ def _constants(
         mass=_mass(feather, kind, cell_area, length),
         rotary_inertia=_rotary_inertia(feather, kind, length),
         rachis_area=feather.width * _row_length(length),
+        air_volume=(1.0 - vane.permeability) * _air_volume(feather, cell_area),
+        closed=np.array(1.0 - vane.permeability),
         cell_guard=_guard(feather, kind, touching),
     )
 
@@ -369,14 +373,7 @@ def vane_mass(feather: Feather, kind: FeatherKind, cell_area: Array | None = Non
     mass = np.zeros((feather.rows, 1 + 2 * columns))
     density = kind.vane_material.surface_density
     thick = in_cells(kind.vane_material.thickness_profile, kind, feather)
-    third = cell_area * thick * density / 3.0
-    for side in range(2):
-        node = np.zeros((feather.rows, columns + 1))
-        first, second = third[side, :, :, 0], third[side, :, :, 1]
-        node[:-1, :-1] += first
-        node[:-1, 1:] += first + second
-        node[1:, :-1] += first + second
-        node[1:, 1:] += second
+    for side, node in enumerate(_at_corners(cell_area * thick * density)):
         is_barb = feather.barb_length[side] > 0.0
         even = node[is_barb]
         moved = even @ end_corrections(columns) - even
@@ -387,6 +384,42 @@ def vane_mass(feather: Feather, kind: FeatherKind, cell_area: Array | None = Non
         mass[:, 0] += node[:, 0]
         mass[:, barb_slice(side, columns)] = node[:, 1:]
     return mass
+
+
+def _at_corners(cells: Array) -> Array:
+    """(2, n, m + 1) a third of what triangles (2, n-1, m, 2) have at each of their corners."""
+    sides, rows, columns, _ = cells.shape
+    node = np.zeros((sides, rows + 1, columns + 1))
+    first, second = np.moveaxis(cells / 3.0, -1, 0)
+    node[:, :-1, :-1] += first
+    node[:, :-1, 1:] += first + second
+    node[:, 1:, :-1] += first + second
+    node[:, 1:, 1:] += second
+    return node
+
+
+def _air_volume(feather: Feather, cell_area: Array) -> Array:
+    """(n, 1 + 2 m) m^3 of air that a closed vane carries: pi c / 4 an area (air_kernels).
+
+    c, of the strip across the rachis that a node lies in: between the outlines of both vanes.
+    """
+    columns, nodes, frames = feather.columns, feather.rest.nodes, feather.rest.directors
+    offset = nodes[:, :, None] - nodes[:, 0]
+    nearest = np.einsum("ipkx,ipkx->ipk", offset, offset).argmin(axis=2)
+    offset = np.take_along_axis(offset, nearest[:, :, None, None], axis=2)[:, :, 0]
+    along, aside = row_frames(frames)[..., 0][nearest], frames[:, 0][nearest]
+    place = feather.station[nearest] + np.einsum("ipx,ipx->ip", offset, along)
+    reach = np.abs(np.einsum("ipx,ipx->ip", offset, aside))
+    area, chord = np.zeros(reach.shape), np.zeros(reach.shape)
+    for side, corner in enumerate(_at_corners(cell_area)):
+        barbs, grown = barb_slice(side, columns), feather.barb_length[side] > 0.0
+        area[:, 0] += corner[:, 0]
+        area[:, barbs] = corner[:, 1:]
+        if columns > 0 and grown.any():
+            at, width = place[grown, barbs.stop - 1], reach[grown, barbs.stop - 1]
+            order = np.argsort(at)
+            chord += np.interp(place, at[order], width[order])
+    return np.asarray(0.25 * np.pi * chord * area)
 
 
 def _rotary_inertia(feather: Feather, kind: FeatherKind, length: Array) -> Array:

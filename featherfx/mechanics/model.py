@@ -75,6 +75,8 @@ class Model(NamedTuple):
     mass: (F, n, 1 + 2 m) kg, of the nodes.
     rotary_inertia: (F, n, 2) kg m^2 of the rachis, carried by the directors.
     rachis_area: (F, n) m^2, side area of the rachis that the row stands for, for air drag.
+    air_volume: (F, n, 1 + 2 m) m^3, of the air that the vane carries (air_kernels).
+    closed: (F,) part of the vane's area that air does not pass: 1 - permeability.
     retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
     cell_guard: (F, 2, n-1, m, 2, 2), G (N m) and n of the compression guard (vane_guard_kernels),
     or (F, 0, 0, 0, 0, 0) where there is none. hooks: of the vane.
@@ -98,6 +100,8 @@ class Model(NamedTuple):
     mass: Array
     rotary_inertia: Array
     rachis_area: Array
+    air_volume: Array
+    closed: Array
     retardation: Array
     hooks: VaneHooks
     cell_guard: Array = np.zeros((0, 0, 0, 0, 0, 0))
@@ -202,7 +206,8 @@ class Loads(NamedTuple):
     (F, n, 1 + 2 m, 3) N, dead loads on the nodes at the frame's start, or (F, 0, 0, 3) where there
     are none. force_change: as force, what is added to it linearly up to the frame's
     end, or (0, 0, 0, 3). couple: (F, n, 2, 3) N m, dead loads on the directors, or (0, 0, 2, 3).
-    contacts: with other bodies.
+    contacts: with other bodies. added_mass: (F,) part of the air that a lone closed vane would
+    carry, or (0,) where none is carried.
     """
 
     gravity: Array
@@ -222,6 +227,7 @@ class Loads(NamedTuple):
     couple: Array = np.zeros((0, 0, 2, 3))
     grip_slack: Array = np.zeros((0, 0))
     max_grip_force: Array = np.zeros((0, 0))
+    added_mass: Array = np.zeros(0)
 
 
 def expand_wind(loads: Loads, feathers: int) -> Loads:

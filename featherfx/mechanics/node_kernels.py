@@ -1,12 +1,12 @@
 """Loads on single nodes: inertia, gravity, air drag, grips and dead loads.
 
-    W = 1/2 a m |x - x_t|^2 - m g.x - f.x + D(v) / c + G(max(|x - x_g| - s, 0))
+    W = 1/2 a m |x - x_t|^2 + A - m g.x - f.x + D(v) / c + G(max(|x - x_g| - s, 0))
     G(u) = 1/2 k u^2 up to the largest force F = k u of a grip, beyond it F u - F^2 / (2 k)
     v = c (x - x_v)
 
 a, x_t and c, x_v come from the time integrator (featherfx/solver/step/integrator_kernels.py): they
 make the acceleration a (x - x_t) and the velocity c (x - x_v). m mass, g gravity, f dead load,
-k, x_g and s stiffness, target and slack of a grip.
+k, x_g and s stiffness, target and slack of a grip. A is that of the added mass (air_kernels).
 
 Air drag, with u = v - wind and n the unit normal of the vane around the point, S its area there
 (air_kernels.py):
@@ -28,6 +28,7 @@ from featherfx.algebra.vector_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.air_kernels import carries_air, unit_normal
 
 
 @kernel
@@ -35,8 +36,8 @@ def _air_factors(area, rachis, air, speed):
     """(unit normal, 1/2 rho S C_n, 1/2 rho S C_t |u0|) at a point; rachis: m^2 of bare rachis."""
     size = length(area)
     half = 0.5 * air[0]
-    normal = scale(1.0 / size if size > 0.0 else 0.0, area)
-    return normal, half * size * air[1], half * (size * air[2] + rachis * air[3]) * speed
+    tangential = half * (size * air[2] + rachis * air[3]) * speed
+    return unit_normal(area), half * size * air[1], tangential
 
 
 @kernel
@@ -57,24 +58,45 @@ def _drag(model, loads, f, rate, point, around, i, p):
 
 
 @kernel
+def _carry(inertia, x, around, i, p):
+    """Added mass at a point: A = 1/2 k d^2; returns (k, d = n.(x - x_t) - g / a, n)."""
+    n = unit_normal(around.area[i, p])
+    distance = dot(n, sub(x, around.target.nodes[i, p])) - around.slip[i, p] / inertia
+    return inertia * around.carried[i, p], distance, n
+
+
+@kernel
 def node_energy(model, loads, f, factors, points, around):
-    """Energy of inertia, gravity and drag of feather f (J).
+    """Energy of inertia, added mass, gravity and drag of feather f (J).
 
     factors: a (1/s^2) and c (1/s; 0: no drag) of the integrator. points: (n, 1 + 2 m, 3) x. around:
-    x_t, x_v, and wind, areas and speeds of `blow`.
+    x_t, x_v, and the air of `blow_step`.
     """
     total = 0.0
     inertia, rate = factors.inertia, factors.rate
-    blowing = loads.air[0] > 0.0 and rate > 0.0
+    blowing, carries = loads.air[0] > 0.0 and rate > 0.0, inertia > 0.0 and carries_air(loads, f)
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
             m, x = model.mass[f, i, p], points[i, p]
             offset = sub(x, around.target.nodes[i, p])
             total += 0.5 * inertia * m * dot(offset, offset)
             total -= m * dot(loads.gravity, x)
+            if carries:
+                stiffness, distance, _ = _carry(inertia, x, around, i, p)
+                total += 0.5 * stiffness * distance * distance
             if blowing:
                 total += _drag(model, loads, f, rate, x, around, i, p)[0] / rate
     return total
+
+
+@kernel
+def _add_along(stiffness, n, out):
+    """Add stiffness n n^T to out (6,): xx yy zz xy xz yz."""
+    for k in range(3):
+        out[k] += stiffness * n[k] * n[k]
+    out[3] += stiffness * n[0] * n[1]
+    out[4] += stiffness * n[0] * n[2]
+    out[5] += stiffness * n[1] * n[2]
 
 
 @kernel
@@ -82,7 +104,7 @@ def node_forces(model, loads, f, factors, points, around, force, stiff):
     """Gradient and Hessian of node_energy: force (n, 1 + 2 m, 3); stiff (n, 1 + 2 m, 6) xx yy
     zz xy xz yz."""
     inertia, rate = factors.inertia, factors.rate
-    blowing = loads.air[0] > 0.0 and rate > 0.0
+    blowing, carries = loads.air[0] > 0.0 and rate > 0.0, inertia > 0.0 and carries_air(loads, f)
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
             m, x, out = model.mass[f, i, p], points[i, p], stiff[i, p]
@@ -90,16 +112,16 @@ def node_forces(model, loads, f, factors, points, around, force, stiff):
             store(force[i, p], combined(inertia * m, offset, -m, loads.gravity))
             for k in range(3):
                 out[k], out[3 + k] = inertia * m, 0.0
-            if not blowing:
-                continue
-            _, push, second, tangential, n = _drag(model, loads, f, rate, x, around, i, p)
-            accumulate(force[i, p], 1.0, push)
-            along = rate * (second - tangential)
-            for k in range(3):
-                out[k] += along * n[k] * n[k] + rate * tangential
-            out[3] += along * n[0] * n[1]
-            out[4] += along * n[0] * n[2]
-            out[5] += along * n[1] * n[2]
+            if carries:
+                stiffness, distance, n = _carry(inertia, x, around, i, p)
+                accumulate(force[i, p], stiffness * distance, n)
+                _add_along(stiffness, n, out)
+            if blowing:
+                _, push, second, tangential, n = _drag(model, loads, f, rate, x, around, i, p)
+                accumulate(force[i, p], 1.0, push)
+                _add_along(rate * (second - tangential), n, out)
+                for k in range(3):
+                    out[k] += rate * tangential
 
 
 @kernel
@@ -166,12 +188,7 @@ def add_grip_forces(loads, f, fraction, points, force, stiff):
         for k in range(3):
             out[k] += stiffness * pull
         if bend != 0.0:
-            n, along = scale(1.0 / distance, gap), stiffness * bend
-            for k in range(3):
-                out[k] += along * n[k] * n[k]
-            out[3] += along * n[0] * n[1]
-            out[4] += along * n[0] * n[2]
-            out[5] += along * n[1] * n[2]
+            _add_along(stiffness * bend, scale(1.0 / distance, gap), out)
 
 
 @kernel

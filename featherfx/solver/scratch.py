@@ -55,7 +55,7 @@ class StepEnvironment(NamedTuple):
 
     target, past: of the integrator. reference: strains that damping pulls towards. gaps: at the
     step's start. Of the nodes (air_kernels): wind (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2,
-    speed (n, 1 + 2 m) m/s.
+    speed (n, 1 + 2 m) m/s, carried (n, 1 + 2 m) kg, added mass, slip (n, 1 + 2 m) m/s^2, g.
     """
 
     target: RowPoints
@@ -65,6 +65,8 @@ class StepEnvironment(NamedTuple):
     wind: Array
     area: Array
     speed: Array
+    carried: Array
+    slip: Array
 
 
 class LinearSystem(NamedTuple):
@@ -286,6 +288,8 @@ def make_scratch(model: Model) -> SolverScratch:
             wind=np.zeros((n, size, 3)),
             area=np.zeros((n, size, 3)),
             speed=np.zeros((n, size)),
+            carried=np.zeros((n, size)),
+            slip=np.zeros((n, size)),
         ),
         system=make_system(model.unknowns, _width(model)),
         secants=np.zeros((MAX_SECANT_PAIRS, 3, model.unknowns)),

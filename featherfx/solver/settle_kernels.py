@@ -112,6 +112,7 @@ def _begin(model, f, state, work):
         _clear(rate.nodes[f])
         _clear(rate.directors[f])
     _clear(state.spin[f])
+    _clear(work.around.carried)
     _clear(state.coefficient_rate[f])
     state.step[f] = 0.0
     rest = work.around.reference

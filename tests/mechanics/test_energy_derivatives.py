@@ -147,7 +147,7 @@ def barb(rng):
 
 
 class Nodes:
-    """Inertia, gravity and drag of 2 rows of 2 columns in a random wind."""
+    """Inertia, added mass, gravity and drag of 2 rows of 2 columns in a random wind."""
 
     def __init__(self, rng):
         shape = (2, 5)
@@ -156,7 +156,7 @@ class Nodes:
             mass=rng.uniform(0.5, 1.5, (1, *shape)), rachis_area=rng.uniform(1, 2, (1, 2))
         )
         air, gravity = np.array([1.2, 1.5, 0.1, 1.1]), rng.normal(size=3)
-        self.loads = no_loads(1)._replace(air=air, gravity=gravity)
+        self.loads = no_loads(1)._replace(air=air, gravity=gravity, added_mass=np.ones(1))
         target, past, wind, area = rng.normal(size=(4, *shape, 3))
         still = np.zeros((2, 2, 3))
         speed = rng.uniform(0.5, 2.0, shape)
@@ -166,6 +166,8 @@ class Nodes:
             wind=wind,
             area=area,
             speed=speed,
+            carried=rng.uniform(0.5, 1.5, shape),
+            slip=rng.normal(size=shape),
         )
         self.factors = IntegratorFactors(3.0, 2.0, 0.0)
         self.force, self.stiff = np.zeros((*shape, 3)), np.zeros((*shape, 6))

@@ -71,6 +71,7 @@ def loaded(name, seed, crumpled=0.0, **sizes):
     last = 1 + model.columns
     loads = no_loads(1, (1.0, 2.0, -9.8))._replace(
         air=np.array([1.2, 1.5, 0.1, 1.0]),
+        added_mass=np.ones(1),
         grip_node=np.array([[[model.rows - 1, 0], [2, last], [-1, 0]]]),
         grip_start=rng.normal(size=(1, 3, 3)),
         grip_end=rng.normal(size=(1, 3, 3)),
@@ -84,6 +85,8 @@ def loaded(name, seed, crumpled=0.0, **sizes):
         "wind": rng.normal(size=(*size, 3)),
         "area": 1e-2 * rng.normal(size=(*size, 3)),
         "speed": np.abs(rng.normal(size=size)),
+        "carried": 1e-3 * np.abs(rng.normal(size=size)),
+        "slip": rng.normal(size=size),
     }
     return Trial(model, state, loads, FACTORS, around)
 

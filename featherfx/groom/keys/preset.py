@@ -186,6 +186,9 @@ class Wind:
     drag_normal: Annotated[float, Number(0, 10), "Force coefficient across the vane."] = 1.2
     drag_tangential: Annotated[float, Number(0, 10), "Force coefficient along the vane."] = 0.02
     seed: Annotated[int, Number(0, 2**31 - 1, whole=True), "Seed of the gusts."] = 1
+    added_mass: Annotated[
+        bool, "Whether vanes carry the air beside them, which slows them down as more mass would."
+    ] = True
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.feather.types import both
 from featherfx.lab.bench.cases import Case, draw_case, pose_of, zipped
 from featherfx.mechanics.model import Loads, Model
+from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import (
     COARSE_ERROR_RATIO,
     Solver,
@@ -169,7 +170,8 @@ def _energy_gain(case: Case, before: State, after: State) -> float:
 def _held(case: Case, before: State, steps: int) -> float:
     """Energy in the accelerations at the begin of a frame of so many steps, as the same share."""
     h, still = case.duration / max(steps, 1), (0.0, 0.0, 0.0)
-    held = float(stored_energy(case.model, 0, h, still, before))
+    around = make_scratch(case.model).around
+    held = float(stored_energy(case.model, 0, h, still, before, around))
     return held / _all_energy(case, energies(case.model, before, case.loads))
 
 

@@ -53,7 +53,7 @@ def nodal_settle(
     points = *state.velocity, *state.acceleration, *state.smoothed
     for rate in (*points, state.spin, state.step):
         rate[f] = 0.0
-    around.reference[:] = 0.0
+    around.reference[:], around.carried[:] = 0.0, 0.0
     h, iterations, status = FIRST_SETTLE_STEP, 0, CONVERGED
     for _ in range(MAX_SETTLE_STEPS):
         load_state(state, f, work)

@@ -82,6 +82,8 @@ class NodalSurroundings(NamedTuple):
     wind: Array
     area: Array
     speed: Array
+    carried: Array
+    slip: Array
 
 
 class NodalWork(NamedTuple):
@@ -170,6 +172,8 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
             wind=np.zeros(nodes),
             area=np.zeros(nodes),
             speed=np.zeros((n, size)),
+            carried=np.zeros((n, size)),
+            slip=np.zeros((n, size)),
         ),
         system=make_system(unknowns, nodal.band + 1),
         element=StencilSums(

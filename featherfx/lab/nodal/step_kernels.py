@@ -19,7 +19,7 @@ from featherfx.algebra.vector_kernels import (
 )
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.newton_kernels import Minimiser, gather, nodal_minimise, set_directors
-from featherfx.mechanics.air_kernels import blow
+from featherfx.mechanics.air_kernels import blow_step
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.solver.state import RootPath
 from featherfx.solver.status import CONVERGED
@@ -139,8 +139,8 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
     gather(nodal.present[f], now.points.nodes)
     set_directors(now)
     if loads.air[0] > 0.0:
-        velocity = state.velocity.nodes[f]
-        blow(now.points.nodes, state.time[f] + h, loads, f, velocity, model, around)
+        motion, times = motion_of(state, f, NODE_POINTS), (state.time[f], state.time[f] + h)
+        blow_step(motion, now.points.nodes, times, loads, f, model, around)
     method = integrator_of(attempt.spectral_radius, h)
     return IntegratorFactors(method.inertia, method.rate, weights[2] / h)
 

@@ -125,6 +125,8 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
         mass=mass,
         rotary_inertia=np.repeat(mass * (_GYRATION * rod.length) ** 2, 2, axis=2),
         rachis_area=np.zeros((1, rows)),
+        air_volume=np.zeros((1, rows, 1)),
+        closed=np.ones(1),
         retardation=np.zeros((1, 2)),
         hooks=no_hooks(1, rows),
     )

@@ -4,7 +4,7 @@ With the wetness w of a rule at a time, 0 to 1:
 
     mass of the vane at each node    m (1 + water w)
     yield and strength of hooks      f = 1 - (1 - hooks) w times what they are dry
-    coefficients of the air          1 - (1 - drag) w times
+    coefficients and added mass of the air    1 - (1 - drag) w times
 
 Water comes and goes with the velocity of what it wets.
 """
@@ -86,7 +86,8 @@ class Water(GroupLoad):
     def added(self, loads: Loads, group: FeatherGroup, start: float, end: float) -> Loads:
         """Loads of the batch at the present wetness: the shaft feels the air as ever."""
         left = 1.0 - (1.0 - self._rule.drag) * self._wet
-        return loads._replace(air=loads.air * np.array([1.0, left, left, 1.0]))
+        air = loads.air * np.array([1.0, left, left, 1.0])
+        return loads._replace(air=air, added_mass=left * loads.added_mass)
 
 
 class ClumpStage(Stage):

@@ -57,4 +57,5 @@ def frame_loads(
         force=force,
         contacts=no_contacts(count),
         force_change=change,
+        added_mass=np.ones(count) if wind.added_mass else np.zeros(0),
     )

@@ -60,4 +60,5 @@ def sheltered(loads: Loads, exposure: float, way: Array, duration: float) -> Loa
     return loads._replace(
         wind_mean=exposure * loads.wind_mean + (1.0 - exposure) * velocity,
         wind_amplitude=exposure * loads.wind_amplitude,
+        added_mass=exposure**2 * loads.added_mass,
     )

@@ -10,12 +10,13 @@ The rest is in node_kernels, contact_kernels and row_kernels.
 
 Energy of a feather that is left alone: no step may end with more of it than it began with.
 
-    E = T + U,    T = 1/2 sum m |v - d|^2,    U = elastic + gravity, grips and dead loads
+    E = T + U,    T = 1/2 sum m |v - d|^2 + 1/2 sum m_a (n.v)^2,
+    U = elastic + gravity, grips and dead loads
 
-v velocities, d that of the root, which moves evenly or not at all, so that it does no work in its
-own frame; heights are measured from it. Where E grows over a step, its new velocities v - d are
-made smaller, which alters nothing that was solved for; where U alone is above what there was, the
-step fails.
+m_a the added mass (air_kernels), v velocities, d that of the root. The root moves evenly or not at
+all, so that it does no work in its own frame; heights are measured from it. Where E grows over a
+step, its new velocities v - d are made smaller, which alters nothing that was solved for; where U
+alone is above what there was, the step fails.
 
 Within the tolerance of a step, generalised-alpha keeps part of the energy in its accelerations and
 gives it back: T + U ripples within a period while a sum with terms of second order in h falls. For
@@ -36,6 +37,7 @@ from typing import NamedTuple
 
 from featherfx.algebra.vector_kernels import dot, scale, sub
 from featherfx.jit.compiled import kernel, shared_kernel
+from featherfx.mechanics.air_kernels import carried_energy, carries_air, unit_normal
 from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.ribbon_kernels import curl_total
@@ -325,22 +327,23 @@ def _kinetic(mass, velocity, drift):
 
 
 @kernel
-def _state_energy(model, loads, f, drift, state):
+def _state_energy(model, loads, f, drift, state, around):
     """T + U of feather f of a state, J. drift: (x, y, z) m/s, d."""
     velocity, nodes = state.velocity, state.points.nodes[f]
     strains, gaps = strains_of(state.strains, f, 0), gaps_of(state.gaps, f)
     potential, _ = _potential(model, loads, f, nodes, strains, gaps)
     turning = _kinetic(model.rotary_inertia[f], velocity.directors[f], _NO_DRIFT)
-    return potential + _kinetic(model.mass[f], velocity.nodes[f], drift) + turning
+    carried = carried_energy(model, loads, f, nodes, velocity.nodes[f], around)
+    return potential + _kinetic(model.mass[f], velocity.nodes[f], drift) + turning + carried
 
 
 @kernel
-def begin_bound(model, loads, f, path, duration, state):
+def begin_bound(model, loads, f, path, duration, state, around):
     """Return the EnergyBound of a frame of duration (s) at its start; path: RootPath."""
     alone, drift = is_isolated(model, loads, f, path.samples[f], duration)
     if not alone:
         return EnergyBound(alone, drift, 0.0, 0.0, inf)
-    energy = _state_energy(model, loads, f, drift, state)
+    energy = _state_energy(model, loads, f, drift, state, around)
     return EnergyBound(alone, drift, _rounding_energy(model, f), energy, inf)
 
 
@@ -363,19 +366,35 @@ def stored_sums(mass, drift, motion):
 
 
 @kernel
-def stored_energy(model, f, h, drift, state):
+def _carried_sums(motion, around):
+    """As stored_sums, of the added mass, which moves along the normals alone."""
+    square, lag = 0.0, 0.0
+    for i in range(around.carried.shape[0]):
+        for p in range(around.carried.shape[1]):
+            m, n = around.carried[i, p], unit_normal(around.area[i, p])
+            a, w = dot(n, motion.smoothed[i, p]), dot(n, motion.acceleration[i, p])
+            square += m * a * a
+            lag += m * dot(n, motion.velocity[i, p]) * (a - w)
+    return square, lag
+
+
+@kernel
+def stored_energy(model, f, h, drift, state, around):
     """Return the energy that the accelerations of feather f may give back in a step of h (s), J."""
-    square, lag = stored_sums(model.mass[f], drift, motion_of(state, f, NODE_POINTS))
+    nodes = motion_of(state, f, NODE_POINTS)
+    square, lag = stored_sums(model.mass[f], drift, nodes)
+    carried = _carried_sums(nodes, around)
+    square, lag = square + carried[0], lag + carried[1]
     turning = stored_sums(model.rotary_inertia[f], _NO_DRIFT, motion_of(state, f, DIRECTOR_POINTS))
     return 0.125 * h * h * (square + turning[0]) + 0.25 * h * abs(lag + turning[1])
 
 
 @kernel
-def bound_step(promise, model, f, h, state):
+def bound_step(promise, model, f, h, state, around):
     """The promise for a step of h (s) from a state on."""
     if not promise.alone:
         return promise
-    held = stored_energy(model, f, h, promise.drift, state)
+    held = stored_energy(model, f, h, promise.drift, state, around)
     most = min(promise.most, promise.energy + held)
     return EnergyBound(promise.alone, promise.drift, promise.rounding, promise.energy, most)
 
@@ -392,6 +411,18 @@ def _solved_kinetic(mass, rate, points, past, drift):
 
 
 @kernel
+def _solved_carried(rate, points, around):
+    """1/2 sum m_a (n.v)^2, J, of v = rate (x - past) in still air."""
+    total = 0.0
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            way = sub(points[i, p], around.past.nodes[i, p])
+            across = rate * dot(unit_normal(around.area[i, p]), way)
+            total += 0.5 * around.carried[i, p] * across * across
+    return total
+
+
+@kernel
 def solved_energy(model, loads, f, promise, growth, rate, work):
     """(part of the velocities v - d that a solved step may keep, T + U with them in J).
 
@@ -402,6 +433,8 @@ def solved_energy(model, loads, f, promise, growth, rate, work):
     potential, size = _potential(model, loads, f, points.nodes, work.now.strains, work.gaps)
     kinetic = _solved_kinetic(model.mass[f], rate, points.nodes, past.nodes, promise.drift)
     kinetic += _solved_kinetic(rotary, rate, points.directors, past.directors, _NO_DRIFT)
+    if carries_air(loads, f):
+        kinetic += _solved_carried(rate, points.nodes, work.around)
     growth += promise.rounding + _ENERGY_ROUNDING * (size + kinetic)
     most = promise.energy + growth - potential
     if kinetic <= most:

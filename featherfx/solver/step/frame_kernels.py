@@ -18,7 +18,7 @@ from featherfx.algebra.vector_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.air_kernels import blow
+from featherfx.mechanics.air_kernels import blow_step
 from featherfx.mechanics.row_kernels import points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, GREW, NOT_CONVERGED, TOO_MUCH_WORK
@@ -189,8 +189,8 @@ def _predict(model, loads, f, path, attempt, state, work):
     _place(model, f, path, attempt, state, work)
     if loads.air[0] > 0.0:
         place_points(model, f, now)
-        time, velocity = state.time[f] + h, state.velocity.nodes[f]
-        blow(now.points.nodes, time, loads, f, velocity, model, around)
+        motion, times = motion_of(state, f, NODE_POINTS), (state.time[f], state.time[f] + h)
+        blow_step(motion, now.points.nodes, times, loads, f, model, around)
     method = integrator_of(radius, h)
     return IntegratorFactors(method.inertia, method.rate, weights[2] / h)
 
@@ -329,7 +329,7 @@ def advance_feather(model, loads, f, path, state, settings, work, report):
     recent, begun = 0.0, left
     store_convergence(UNKNOWN_CONVERGENCE, work.kept.pace)
     found = UNKNOWN_CONVERGENCE
-    promise = begin_bound(model, loads, f, path, duration, state)
+    promise = begin_bound(model, loads, f, path, duration, state, work.around)
     while done < duration * (1.0 - 1e-9):
         if left <= 0:
             return record_failure(report, f, TOO_MUCH_WORK)
@@ -343,7 +343,7 @@ def advance_feather(model, loads, f, path, state, settings, work, report):
         floor = min_step_length(settings, done, taken, left, recent)
         last = state.step[f]
         bend = _RATE_CHANGE_WEIGHT * (step + last) / (last + before) if before > 0.0 else 0.0
-        promise = bound_step(promise, model, f, step, state)
+        promise = bound_step(promise, model, f, step, state, work.around)
         parts = load_parts(settings, way, left, model.held[f])
         attempt = Attempt(
             step, floor, fraction, way, radius, limit, promise, pace, bend, allowed, parts

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from featherfx.groom.types import FeatherKind
 from featherfx.jit.compiled import KernelModule
-from featherfx.mechanics.model import Model, no_loads
+from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.types import STABILISING_STIFFNESS, IntegratorFactors, panel_shape
 
 Array = NDArray[np.float64]
 
+air_kernels = KernelModule("featherfx.mechanics.air_kernels")
 assembly_kernels = KernelModule("featherfx.solver.step.assembly_kernels")
 banded_kernels = KernelModule("featherfx.solver.step.banded_kernels")
 newton_kernels = KernelModule("featherfx.solver.step.newton_kernels")
@@ -27,26 +28,31 @@ _STIFFNESSES = (
 _MAX_DENSE_UNKNOWNS = 120
 
 
-def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
+def rest_bands(model: Model, feather: int, air_density: float = 0.0) -> tuple[Array, Array]:
     """Stiffness and mass of one feather at rest as lower bands (N, B + 1) of the coordinates.
 
-    The six coordinates of a held root have unit stiffness and no mass.
+    The six coordinates of a held root have unit stiffness and no mass. air_density: kg/m^3, of
+    still air that it carries along.
     """
     # nothing here may take time for the others, or a batch would take the square of their number
     model = model.only(feather)
     state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
     weightless = {name: np.zeros_like(getattr(model, name)) for name in _STIFFNESSES}
     work = make_scratch(model)
-    stiffness = _band(model, 0.0, state, work)
-    mass = _band(model._replace(**weightless), 1.0, state, work)
+    loads = no_loads(1)
+    stiffness = _band(model, loads, 0.0, state, work)
+    loads = loads._replace(air=np.array([air_density, 0.0, 0.0, 0.0]), added_mass=np.ones(1))
+    nodes, still = state.points.nodes[0], state.velocity.nodes[0]
+    air_kernels.carried_energy(model, loads, 0, nodes, still, work.around)
+    mass = _band(model._replace(**weightless), loads, 1.0, state, work)
     if model.held[0]:
         mass[:6, 0] = 0.0
     return stiffness, mass
 
 
-def _band(model: Model, inertia: float, state: State, work: SolverScratch) -> Array:
+def _band(model: Model, loads: Loads, inertia: float, state: State, work: SolverScratch) -> Array:
     """Stiffness plus inertia (1/s^2) times mass of the pose of a model's only feather."""
-    f, loads, factors, now = 0, no_loads(1), IntegratorFactors(inertia, 0.0, 0.0), work.now
+    f, factors, now = 0, IntegratorFactors(inertia, 0.0, 0.0), work.now
     pose_kernels.load_pose(model, f, state, now)
     newton_kernels.evaluate(model, loads, f, 0.0, factors, now, work.around)
     assembly_kernels.assemble(model, loads, f, 0.0, factors, STABILISING_STIFFNESS, 0.0, work)
@@ -66,25 +72,49 @@ def first_frequency(model: Model, feather: int) -> float:
     return float(np.sqrt(quotient))
 
 
-def frequencies(model: Model, feather: int, count: int) -> Array:
+def frequencies(model: Model, feather: int, count: int, air_density: float = 0.0) -> Array:
     """(count,) lowest natural frequencies of one held feather, Hz, ascending."""
-    stiffness, mass = (_sparse(band) for band in rest_bands(model, feather))
+    return natural_modes(model, feather, count, air_density)[0]
+
+
+def decrements(model: Model, feather: int, count: int, air_density: float = 0.0) -> Array:
+    """(count,) logarithmic decrements of the lowest modes, by their damping alone.
+
+    A mode u of angular frequency w has the loss factor w sum(t u.K u) / u.K u over the rachis and
+    the vane, K stiffness and t retardation of each; half of it is z, and the decrement is
+    2 pi z / (1 - z^2)^(1/2), infinite where the mode does not swing.
+    """
+    found, shapes = natural_modes(model, feather, count, air_density)
+    rest, own = model.only(feather), model.retardation[feather]
+    vane = {name: np.zeros_like(getattr(rest, name)) for name in _STIFFNESSES[1:]}
+    whole, rachis = (_sparse(rest_bands(each, 0)[0]) for each in (rest, rest._replace(**vane)))
+    lost = own[1] * whole + (own[0] - own[1]) * rachis
+    loss = [u @ (lost @ u) / (u @ (whole @ u)) for u in shapes.T]
+    half = np.pi * found * np.array(loss)
+    swinging = half < 1.0
+    root = np.sqrt(1.0 - np.where(swinging, half, 0.0) ** 2)
+    return np.where(swinging, 2.0 * np.pi * half / root, np.inf)
+
+
+def natural_modes(
+    model: Model, feather: int, count: int, air_density: float = 0.0
+) -> tuple[Array, Array]:
+    """((count,) lowest natural frequencies of one held feather, Hz, (N, count) their shapes)."""
+    bands = rest_bands(model, feather, air_density)
+    stiffness, mass = (_sparse(band) for band in bands)
     size = mass.shape[0]
     if size <= _MAX_DENSE_UNKNOWNS:
         from scipy.linalg import eigh
 
         # compliance rather than stiffness, so that rounding is a part of the lowest mode's
         last = (size - count, size - 1)
-        flexible = eigh(
-            mass.toarray(), stiffness.toarray(), eigvals_only=True, subset_by_index=last
-        )
-        return 1.0 / (2.0 * np.pi * np.sqrt(flexible[::-1]))
+        flexible, shapes = eigh(mass.toarray(), stiffness.toarray(), subset_by_index=last)
+        return 1.0 / (2.0 * np.pi * np.sqrt(flexible[::-1])), shapes[:, ::-1]
     from scipy.sparse.linalg import eigsh  # heavy, and only for this
 
-    values = eigsh(
-        stiffness, count, mass, sigma=0.0, return_eigenvectors=False, v0=np.ones(mass.shape[0])
-    )
-    return np.sqrt(np.sort(values)) / (2.0 * np.pi)
+    values, shapes = eigsh(stiffness, count, mass, sigma=0.0, v0=np.ones(mass.shape[0]))
+    order = np.argsort(values)
+    return np.sqrt(values[order]) / (2.0 * np.pi), shapes[:, order]
 
 
 def _sparse(band: Array):

@@ -14,9 +14,10 @@ from featherfx.algebra.vector_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.air_kernels import blow
+from featherfx.mechanics.air_kernels import blow_step
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of
+from featherfx.solver.step.integrator_kernels import NODE_POINTS, motion_of
 from featherfx.solver.step.newton_kernels import (
     UNKNOWN_CONVERGENCE,
     NewtonGoal,
@@ -110,8 +111,8 @@ def _accelerate(model, loads, f, path, span, state, work, to):
     _go_on(points, h, velocity, around.target)
     if loads.air[0] > 0.0:
         copy_points(points, now.points)
-        time = state.time[f] + h
-        blow(now.points.nodes, time, loads, f, velocity.nodes, model, around)
+        motion, times = motion_of(state, f, NODE_POINTS), (state.time[f], state.time[f] + h)
+        blow_step(motion, now.points.nodes, times, loads, f, model, around)
     goal = NewtonGoal(0.0, span.limit, UNKNOWN_CONVERGENCE, True)
     minimise(model, loads, f, 0.0, _factors(h), goal, work)
     _rates_of(now.points, around.target, h * h, to)

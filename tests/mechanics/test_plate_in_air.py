@@ -1,0 +1,159 @@
+"""A plate in air: how it falls, tumbles and vibrates, and what a gust does to it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from featherfx.feather.build import build_feather
+from featherfx.groom.materials import RachisMaterial, VaneMaterial
+from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
+from featherfx.mechanics.air_kernels import carried_energy
+from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.model import no_loads
+from featherfx.solver.scratch import make_scratch
+from featherfx.solver.solver import Settings, Solver, hold_roots
+from featherfx.solver.state import rest_state
+from featherfx.solver.step.modes import decrements, frequencies
+
+pytestmark = pytest.mark.verification
+
+LENGTH, WIDTH, DENSITY = 0.2, 0.04, 0.5
+AIR, NORMAL, GRAVITY = 1.2, 1.2, 9.81
+
+
+def plate():
+    """A flat rectangle 0.2 x 0.08 m, 0.5 kg/m^2, with a thin light shaft; far stiffer than air."""
+    vane = VaneMaterial(
+        modulus_along_barbs=3.6e8,
+        modulus_across_barbs=4.8e7,
+        shear_modulus=2.8e7,
+        thickness=1.2e-4,
+        surface_density=DENSITY,
+        barb_bending_normal=10.0,
+        barb_bending_in_plane=10.0,
+        barb_taper=0.0,
+        bending_across=1e-2,
+        loss_factor=0.2,
+    )
+    shaft = RachisMaterial(
+        youngs_modulus=5e11,
+        shear_modulus=1.5e11,
+        cortex_fraction=1.0,
+        cortex_density=1.0,
+        core_density=1.0,
+        loss_factor=0.2,
+    )
+    width = WIDTH / LENGTH
+    side = VaneShape(
+        ((0.0, 0.0), (0.0, width), (1.0, width), (1.0, 0.0)), (BarbGuide(0.5, 90.0, 0.0, 0.0),)
+    )
+    straight = RachisShape(1e-3, 1e-3, 1.0, 0.0, 0.0, 0.0)
+    return FeatherKind(
+        name="plate",
+        length=LENGTH,
+        calamus=0.0,
+        rachis=straight,
+        leading=side,
+        trailing=side,
+        vane_material=vane,
+        rachis_material=shaft,
+    )
+
+
+def falling(added_mass, permeability=0.0):
+    """Model of a free plate, still air that it carries or does not, its state, the area that the
+    air meets, and m_a / m."""
+    kind = plate()
+    kind = replace(kind, vane_material=replace(kind.vane_material, permeability=permeability))
+    feather = build_feather(kind, 9, 3)
+    model = make_model([feather], [kind], 1)._replace(held=np.zeros(1, dtype=np.bool_))
+    rest = model.cell_rest[0][feather.cell]
+    area = float(np.sum(0.5 / (rest[:, 0] * rest[:, 2])))
+    assert area == pytest.approx(2 * WIDTH * LENGTH, rel=1e-9)
+    carried = (1.0 - permeability) * AIR * np.pi / 4 * (2 * WIDTH) ** 2 * LENGTH
+    assert AIR * model.air_volume.sum() == pytest.approx(carried, rel=1e-9)
+    loads = no_loads(1)._replace(
+        air=np.array([AIR, NORMAL, 0.02, 0.0]), added_mass=np.full(1, added_mass)
+    )
+    state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+    closed = (1.0 - permeability) * area
+    return model, loads, state, closed, added_mass * carried / model.mass.sum()
+
+
+def mean_velocity(model, state):
+    return np.einsum("np,npk->k", model.mass[0], state.velocity.nodes[0]) / model.mass[0].sum()
+
+
+@pytest.mark.parametrize("air", [(0.0, 0.0), (1.0, 0.0), (0.25, 0.0), (1.0, 0.4)])
+def test_terminal_speed_is_the_balance_of_weight_and_quadratic_drag(air):
+    """m g = 1/2 rho S C v^2, and the way there: v = v_t tanh(g t / v_t / (1 + m_a / m))."""
+    model, loads, state, area, carried = falling(*air)
+    loads = loads._replace(gravity=np.array([0.0, 0.0, -GRAVITY]))
+    solver = Solver(model, Settings(tolerance=1e-5, newton=1e-9))
+    terminal = np.sqrt(2.0 * model.mass.sum() * GRAVITY / (AIR * area * NORMAL))
+    interval = 0.2 * terminal / GRAVITY * (1.0 + carried)
+    for k in range(1, 26):
+        state, report = solver.step(state, loads, hold_roots(state), interval)
+        assert report.status[0] == 0
+        mean, expected = mean_velocity(model, state), terminal * np.tanh(0.2 * k)
+        assert mean == pytest.approx([0.0, 0.0, -expected], abs=0.01 * terminal)
+    assert -mean[2] == pytest.approx(terminal, rel=2e-3)
+
+
+def test_a_gust_pushes_with_the_air_that_it_accelerates():
+    """(m + m_a) dv/dt = m_a du/dt where nothing drags: u = A cos(w t + p) all over."""
+    model, loads, state, _, carried = falling(1.0)
+    amplitude, rate, phase = 2.0, 9.0, 1.0
+    loads = loads._replace(
+        air=np.array([AIR, 0.0, 0.0, 0.0]),
+        wind_wave=np.zeros((3, 1)),
+        wind_rate=np.full(1, -rate),
+        wind_amplitude=np.array([[0.0], [0.0], [amplitude]]),
+        wind_phase=np.full(1, phase),
+    )
+    solver = Solver(model, Settings(tolerance=1e-6, newton=1e-10))
+    for k in range(1, 11):
+        state, report = solver.step(state, loads, hold_roots(state), 0.05)
+        assert report.status[0] == 0
+        blown = amplitude * (np.cos(rate * 0.05 * k + phase) - np.cos(phase))
+        expected = blown * carried / (1.0 + carried)
+        assert mean_velocity(model, state)[2] == pytest.approx(expected, abs=0.01 * amplitude)
+
+
+def test_air_gives_back_what_it_takes_of_a_plate_that_tumbles():
+    """Kinetic energy of plate and air together stays; that of the plate alone does not."""
+    model, loads, state, _, _ = falling(1.0)
+    loads = loads._replace(air=np.array([AIR, 0.0, 0.0, 0.0]))
+    spin = np.array([25.0, 6.0, 0.0])
+    middle = np.einsum("np,npk->k", model.mass[0], state.points.nodes[0]) / model.mass[0].sum()
+    turning = np.cross(spin, state.points.nodes[0] - middle)
+    state.velocity.nodes[0] = turning + np.array([0.0, 0.4, 0.8])
+    state.velocity.directors[0] = np.cross(spin, state.points.directors[0])
+    solver = Solver(model, Settings(tolerance=1e-5, newton=1e-10))
+    around, plates, totals = make_scratch(model).around, [], []
+    for _ in range(25):
+        nodes, velocity = state.points.nodes[0], state.velocity.nodes[0]
+        directors = state.velocity.directors[0]
+        own = 0.5 * np.sum(model.mass[0][..., None] * velocity**2)
+        own += 0.5 * np.sum(model.rotary_inertia[0][..., None] * directors**2)
+        plates.append(own)
+        totals.append(own + carried_energy(model, loads, 0, nodes, velocity, around))
+        state, report = solver.step(state, loads, hold_roots(state), 0.01)
+        assert report.status[0] == 0
+    assert np.ptp(plates) > 0.06 * totals[0]
+    assert np.array(totals) == pytest.approx(totals[0], rel=0.006)
+
+
+def test_still_air_lowers_frequencies_as_more_mass_of_the_vane_would():
+    """Of a plate: f / (1 + rho pi c / 4 / sigma)^(1/2), c its width, sigma its mass an area."""
+    kind = plate()
+    model = make_model([build_feather(kind, 21, 3)], [kind], 1)
+    ratio = 1.0 + AIR * np.pi / 4 * 2 * WIDTH / DENSITY
+    for part in (1.0, 0.4):
+        leaky = model._replace(air_volume=part * model.air_volume)
+        lower = frequencies(leaky, 0, 1, AIR) / frequencies(model, 0, 1)
+        assert lower == pytest.approx((1.0 + part * (ratio - 1.0)) ** -0.5, rel=2e-3)
+    damped = model._replace(retardation=np.full((1, 2), 1e-3))
+    first = frequencies(model, 0, 1)
+    assert decrements(damped, 0, 1) == pytest.approx(2e-3 * np.pi**2 * first, rel=0.01)
