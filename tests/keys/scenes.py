@@ -20,10 +20,10 @@ class Scene(NamedTuple):
     options: Mapping[str, Any] = MappingProxyType({})
 
 
-# without an error to keep, so that rows are simulated as they are given
-ROWS = {"base": "preview", "rows": 9, "columns": 4, "tolerance": 1e-3}
+# without an error to keep, so that rows are simulated as they are given; presets have one
+ROWS = {"rows": 9, "columns": 4, "coefficients": 1, "tolerance": 1e-3, "spectral_radius": 0.5}
+QUALITY = ROWS | {"rows": 7, "columns": 3}
 PROMISE = {"base": "draft", "rows": 7, "columns": 3}
-QUALITY = PROMISE | {"tolerance": 1e-3}  # which measures no errors
 SHAKE = {"kind": "shake", "amplitude": 0.02, "frequency": 4, "direction": [0, 0.3, 1]}
 OUTLINE = [[0, 0], [0.1, 0.02], [0.6, 0.03], [1, 0.02]]
 FEATHER = {

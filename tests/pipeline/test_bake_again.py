@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from commands import invoke
+from places import COARSE
 
 import featherfx
 from featherfx.errors import InputError
@@ -32,16 +33,18 @@ last = { position = [0.0, -0.1, 0.0], direction = [-1.0, 0.1, 0.0], up = [0, 0, 
 width = 1.5
 region = "hand"
 """
-SHOT = """
+SHOT = (
+    COARSE
+    + """
 name = "gust"
 groom = "groom.toml"
 frames = [1, 8]
-quality = "draft"
 
 [wind]
 base = "breeze"
 speed = 6.0
 """
+)
 OPTIONS = {"frames": (1, 5), "chunk": 2}
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from places import COARSE
 
 from featherfx.baking.bake import bake
 from featherfx.feather.build import build_feather
@@ -21,14 +22,16 @@ direction = [0, 0, 1]
 up = {up}
 overrides = {{ rachis = {{ camber = 0, sweep = 0, twist = 0 }} }}
 """
-SHOT = """
+SHOT = (
+    COARSE
+    + """
 name = "ribbons"
 groom = "groom.toml"
 frames = [1, 6]
 gravity = [0, 0, 0]
-quality = "draft"
 wind = { base = "calm", speed = 0.1, direction = [1, 0, 0] }
 """
+)
 
 
 @pytest.fixture(scope="module")

@@ -115,7 +115,7 @@ up = [0, 0, 1]
 SHOT = """name = "s"
 groom = "groom.toml"
 frames = [1, {last}]
-quality = {{ base = "preview", rows = 9, columns = 3, tolerance = 1e-3 }}
+quality = {{ rows = 9, columns = 3, coefficients = 1, tolerance = 1e-3 }}
 gravity = [0, 0, 0]
 {more}
 [skin]

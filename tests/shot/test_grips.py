@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from places import COARSE
 
 from featherfx.api import read_shot
 from featherfx.cli.bake_warnings import print_warnings
@@ -22,8 +23,7 @@ up = [0, 0, 1]
 SHOT = """name = "s"
 groom = "g.toml"
 frames = [1, 6]
-quality = "draft"
-[[grip]]
+{quality}[[grip]]
 feather = "f0"
 row = {row}
 column = {column}
@@ -36,8 +36,14 @@ stiffness = 130
 
 def pulled(folder, kind, displacement, row=1.0, column=0.0, more=""):
     (folder / "g.toml").write_text(GROOM.format(kind=kind))
-    given = {"row": row, "column": column, "displacement": displacement, "more": more}
-    (folder / "s.toml").write_text(SHOT.format(**given))
+    given = {
+        "row": row,
+        "column": column,
+        "displacement": displacement,
+        "more": more,
+        "quality": COARSE,
+    }
+    (folder / "s.toml").write_text(SHOT.format(quality=COARSE, **given))
     simulation = simulate(read_shot(folder / "s.toml"))
     frames = [frame.poses[0].points.nodes[:, 0] for frame in simulation]
     rest = simulation.feathers[0].rest.nodes[:, 0]

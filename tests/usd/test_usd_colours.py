@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from places import SAMPLES
+from places import COARSE, SAMPLES
 from pxr import Usd, UsdGeom, UsdShade
 
 import featherfx
@@ -38,7 +38,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("colours")
     (folder / "groom.toml").write_text(GROOM)
     (folder / "shot.toml").write_text(
-        'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\nquality = "draft"\n'
+        f'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n{COARSE}'
     )
     for group in ("feather", "all"):
         featherfx.bake(folder / "shot.toml", folder / f"{group}.usdc", group=group, barbs=12)
@@ -85,9 +85,7 @@ def test_feathers_of_a_group_have_the_colours_of_each_alone(files):
 
 def test_without_colours_all_is_as_keratin(tmp_path):
     shot = tmp_path / "shot.toml"
-    shot.write_text(
-        f'name = "s"\ngroom = "{SWAN.as_posix()}"\nframes = [1, 1]\nquality = "draft"\n'
-    )
+    shot.write_text(f'name = "s"\ngroom = "{SWAN.as_posix()}"\nframes = [1, 1]\n{COARSE}')
     featherfx.bake(shot, tmp_path / "swan.usdc")
     stage = Usd.Stage.Open(str(tmp_path / "swan.usdc"))
     mesh = display(stage, "/swan/feathers/right_primary_01")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from places import COARSE
 from pxr import Usd, UsdGeom
 
 import featherfx
@@ -22,14 +23,16 @@ id = "b"
 kind = "swan_primary"
 position = [{0}, {1}, {2}]
 """
-SHOT = """
+SHOT = (
+    COARSE
+    + """
 name = "far"
 groom = "groom.toml"
 frames = [1, 3]
 frames_per_second = 24
 motion = "hold"
-quality = "draft"
 """
+)
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from feathers import entries
+from places import COARSE
 from pxr import Usd, UsdGeom, UsdShade
 
 import featherfx
@@ -45,7 +46,7 @@ brightness_variation = 0.2
 film = 5e-7
 patterns = [{ kind = "gradient", colour = [0.9, 0.3, 0.2], film = 0 }]
 """
-SHOT = 'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\nquality = "draft"\n'
+SHOT = 'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n' + COARSE
 # of each prim: pictures' colours at its points beside the shaft, and displayColor
 READER = """
 import json, sys

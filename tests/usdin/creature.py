@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from places import COARSE
 from pxr import Gf, UsdSkel, Vt
 from usdin_scenes import add_mesh, new_stage, vec
 
@@ -152,7 +153,7 @@ def write_shot(folder: Path, make, count=60, more="", skin="", frames=(FIRST, LA
     path = folder / "shot.toml"
     path.write_text(
         f'name = "creature"\ngroom = "groom.toml"\nframes = [{frames[0]}, {frames[1]}]\n'
-        f'quality = "draft"\n{more}\n'
+        f"{COARSE}{more}\n"
         f'[skin]\nusd = "creature.usda"\nprim = "/creature/skin"\ntolerance = 1\n{skin}\n'
     )
     return path

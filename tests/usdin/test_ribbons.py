@@ -3,6 +3,7 @@
 import creature
 import numpy as np
 import pytest
+from places import COARSE
 from pxr import Gf, UsdGeom, UsdSkel, Vt
 from scipy.spatial.transform import Rotation
 from usdin_scenes import new_stage
@@ -23,7 +24,7 @@ def write_shot(folder, usd, joints, keys="", count=40, frames=(1001, 1024)):
     path = folder / "shot.toml"
     path.write_text(
         f"name = 's'\ngroom = 'groom.toml'\nframes = [{frames[0]}, {frames[1]}]\n"
-        f"quality = 'draft'\n[skin]\nusd = '{usd}'\nprim = '/creature/skeleton'\n{keys}\n"
+        f"{COARSE}[skin]\nusd = '{usd}'\nprim = '/creature/skeleton'\n{keys}\n"
     )
     return path
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from places import COARSE
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from featherfx.groom.course import turn
@@ -138,7 +139,7 @@ def write_shot(folder, skin, frames=(1, 25), name="shot.toml", groom=None, more=
             "up = [0, 0, 1] }\n"
         )
     text = f'name = "patch"\ngroom = "{groom}"\nframes = [{frames[0]}, {frames[1]}]\n'
-    text += 'quality = "draft"\n' + more
+    text += COARSE + more
     if skin is not None:
         text += f"[skin]\n{skin}\n"
     path = folder / name
