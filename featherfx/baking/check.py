@@ -35,7 +35,7 @@ def check(source: str | Path | Shot | Groom, preset_folders: Folders = ()) -> li
         return _tried(source)
     path = Path(source)
     if not path.is_file():
-        return [Problem(str(path), "", irregular(path) or "file does not exist")]
+        return [Problem(str(path), "", irregular(path) or "there is no such file. Check the path")]
     if path.suffix in (".usd", ".usda", ".usdc"):
         # checks of other files do without USD
         from featherfx.usd.check.check import check_file as check_usd

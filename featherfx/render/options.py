@@ -131,7 +131,7 @@ def check_options(path: Path, output: Path, options: PictureOptions) -> None:
     others = () if options.against is None else (options.against,)
     for file in (path, *others, *options.scenery):
         if not Path(file).is_file():
-            problems.append(Problem(str(file), "", "file does not exist. Check the path"))
+            problems.append(Problem(str(file), "", "there is no such file. Check the path"))
     require(*problems)
 
 

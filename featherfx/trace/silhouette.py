@@ -82,7 +82,7 @@ def read_photo(path: Path) -> Photo:
             size = round(image.width / shrunk), round(image.height / shrunk)
             pixels = np.asarray(_as_rgba(image).resize(size), dtype=np.float64) / 255.0
     except FileNotFoundError:
-        raise InputError(Problem(str(path), "", "file does not exist. Check the path")) from None
+        raise InputError(Problem(str(path), "", "there is no such file. Check the path")) from None
     except (OSError, Image.DecompressionBombError) as error:
         raise InputError(
             Problem(str(path), "", f"is no picture that can be read: {error}")

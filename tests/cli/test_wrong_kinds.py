@@ -72,4 +72,4 @@ def test_what_is_nothing_of_ours(command, kind, tmp_path):
         file.write_bytes(content[kind])
     words = ("not valid TOML", "is not UTF-8", "is no USD file", "is a folder", "no such file")
     line = told(command, file, tmp_path)
-    assert any(each in line for each in (*words, "file does not exist")), line
+    assert any(each in line for each in (*words, "there is no such file")), line

@@ -283,7 +283,7 @@ def test_two_caches_side_by_side(cache, tmp_path):
     assert both.shape == (SIZE[1], 2 * SIZE[0] + 2, 3)
     left, right = both[30:, : SIZE[0]], both[30:, SIZE[0] + 2 :]
     np.testing.assert_array_equal(left, right)
-    with pytest.raises(InputError, match=r"no\.usdc: file does not exist"):
+    with pytest.raises(InputError, match=r"no\.usdc: there is no such file"):
         render(cache, tmp_path / "b.png", against=tmp_path / "no.usdc")
     with pytest.raises(InputError, match="a scale for each file"):
         render(cache, tmp_path / "b.png", against=cache, colour="strain")

@@ -309,7 +309,7 @@ def test_check_says_what_a_bake_does_of_channels_that_nothing_feels(files):
         ("keys = [[1, 0], [4, 1.5]]", r"target\[0\].keys\[1\]\[1\]: 1.5 is out of range"),
         ("keys = [[4, 0], [4, 1]]", "frame 4 is not later than frame 4"),
         ("keys = [[1, 1]]\nframe = 99", r"target\[0\].frame: 99 is not of the shot"),
-        ('keys = [[1, 1]]\nshape = "no.usd"', r"target\[0\].shape: .*no.usd: file does not exist"),
+        ('keys = [[1, 1]]\nshape = "no.usd"', r"target\[0\].shape: .*no.usd: there is no such"),
         ('keys = [[1, 1]]\nshape = "groom.toml"', "a TOML file"),
         ('keys = [[1, 1]]\nfeathers = "nobody"', "no feather of the groom fits 'nobody'"),
         ("keys = [[1, 1]]\ntolerance = 0", "Give 0.01 to 100"),

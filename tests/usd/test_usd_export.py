@@ -225,7 +225,7 @@ def test_what_cannot_be_exported_is_told(tmp_path, caches, wing):
         pipeline.export(wing, tmp_path / "out.fbx")
     with pytest.raises(InputError, match=r"6 is out of range\. Give 1 to 5"):
         pipeline.export(caches["usda"], tmp_path / "out.obj", frames=(4, 9))
-    with pytest.raises(InputError, match="file does not exist"):
+    with pytest.raises(InputError, match="there is no such file"):
         pipeline.export(tmp_path / "none.usdc", tmp_path / "out.usda")
     stage = Usd.Stage.CreateNew(str(tmp_path / "plain.usda"))
     mesh = UsdGeom.Mesh.Define(stage, "/box")

@@ -315,7 +315,7 @@ def test_shots_with_wrong_skins_say_all(tmp_path):
         featherfx.read_shot(write_shot(tmp_path, 'usd = "none.usda"\nprim = "/bird"', more=more))
     text = str(caught.value)
     assert "motion: stands beside [skin]" in text
-    assert "none.usda: file does not exist" in text
+    assert "none.usda: there is no such file" in text
     with pytest.raises(InputError, match=r"/bird is a Xform, no Mesh\. Below it is /bird/skin"):
         featherfx.read_shot(write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/bird"'))
     with pytest.raises(

@@ -16,6 +16,8 @@ from featherfx.limits import MAX_COMPARED, MAX_LISTED, MAX_SEARCHES
 INVALID = object()
 # problems of one kind that a file reports; a table of nonsense stays readable
 MAX_REPORTED = 20
+# known names that are all listed, and those that are where there are more
+_MAX_KNOWN, _FEW = 24, 5
 _LONGEST_COMPARED = 200  # characters; comparing takes their square
 
 
@@ -122,5 +124,9 @@ def nearest(name: str, names: Iterable[str]) -> str:
         return f"did you mean '{close[0]}'?"
     if not known:
         return "there are none"
-    more = f" and {len(known) - MAX_LISTED} more" if len(known) > MAX_LISTED else ""
-    return "known: " + ", ".join(known[:MAX_LISTED]) + more
+    if len(known) <= _MAX_KNOWN:
+        return f"known: {', '.join(known)}"
+    if len(name) > _LONGEST_COMPARED:
+        return f"there are {len(known)}"
+    like = difflib.get_close_matches(name, known[:MAX_COMPARED], n=_FEW, cutoff=0.0)
+    return f"nearest of {len(known)}: {', '.join(like)}"

@@ -18,6 +18,9 @@ from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree, plain
 from featherfx.groom.read.toml_text import toml_of
 
+# of a number that is shown: what was scaled to unit length may be scaled once more
+_DIGITS = 12
+
 
 @dataclass(frozen=True)
 class PresetFile:
@@ -117,6 +120,6 @@ def _lines(table: Table, tree: Tree, prefix: str) -> Iterator[tuple[str, str]]:
         if isinstance(value, Sourced):
             unit = key.type.describe()[1]
             note = f"{unit}, {value.source}" if unit else value.source
-            yield f"{prefix}{name} = {toml_of(value.value)}", note
+            yield f"{prefix}{name} = {toml_of(value.value, _DIGITS)}", note
         elif isinstance(inner, Table):
             yield from _lines(inner, value, f"{prefix}{name}.")

@@ -142,14 +142,17 @@ def groom_of(
             "there are no feathers. Give a [bird], [[feather]], [[row]], [[wing]], [[tail]], "
             "[[crest]], [[table]], [[usd]] or [[region]]"
         )
-    drafts = _overridden(colours, drafts, place.child("bird"), store, True)
+    drafts = _overridden(colours, drafts, place.child("bird"), store, dict.fromkeys(colours, True))
     if colours or any(draft.paint for draft in drafts):
         from featherfx.groom.read.shades import painted, shaded
 
         drafts = shaded(colours, drafts, place.child("bird"), store) if colours else drafts
         drafts = painted(drafts, place.child("skin").child("colours"), store)
+    # feathers that are missing for another mistake may be those that a pattern is for
+    missed = _written_ids(raw) if len(library.problems) else []
     for rules, at in ((parts["overrides"], place), *above):
-        drafts = _overridden(rules, drafts, at.child("overrides"), store)
+        wanted = {pattern: bool(fnmatch.filter(missed, pattern)) for pattern in rules}
+        drafts = _overridden(rules, drafts, at.child("overrides"), store, wanted)
     _check_ids(drafts)
     _check_joints(drafts, joints)
     name = raw.get("name")
@@ -274,10 +277,28 @@ def _joint_pair(entry: dict[str, Any], at: Place, space: Space) -> list[Joint]:
     return [joint, Joint(name, mirror.points(position), parent, joint.role, -side)]
 
 
+def _written_ids(raw: Mapping[str, Any]) -> list[str]:
+    """Ids as [[feather]] and [[row]] would have them, of a row the first."""
+    tables = [
+        (each, end) for kind, end in (("feather", ""), ("row", "_01")) for each in _list(raw, kind)
+    ]
+    names = [f"{each['id']}{end}" for each, end in tables if isinstance(each.get("id"), str)]
+    return [*names, *filter(None, map(other_side, names))]
+
+
+def _list(raw: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
+    found = raw.get(key)
+    return [each for each in found if isinstance(each, dict)] if isinstance(found, list) else []
+
+
 def _overridden(
-    rules: Overrides, drafts: list[Draft], place: Place, store: KindStore, may_miss: bool = False
+    rules: Overrides,
+    drafts: list[Draft],
+    place: Place,
+    store: KindStore,
+    may_miss: Mapping[str, bool],
 ) -> list[Draft]:
-    """The drafts with [overrides] applied, pattern by pattern. may_miss: whether one may match no
+    """The drafts with [overrides] applied, pattern by pattern. may_miss: whether each may match no
     feather."""
     numbers: dict[str, list[int]] = {}
     for index, draft in enumerate(drafts if rules else ()):
@@ -293,7 +314,7 @@ def _overridden(
             hits = [index for index, draft in enumerate(drafts) if matches(draft.id)]
         else:
             hits = numbers.get(pattern, [])
-        if not hits and not may_miss:
+        if not hits and not may_miss[pattern]:
             at.fail(f"matches no feather id, {_likely_id(pattern, drafts, at.problems)}")
         for index in hits:
             draft = drafts[index]
@@ -309,7 +330,9 @@ def _overridden(
 def _likely_id(pattern: str, drafts: list[Draft], problems: Problems) -> str:
     ids = [draft.id for draft in drafts[:MAX_COMPARED]]
     meant = problems.nearest(pattern, ids)
-    return meant if meant.startswith("did") else "ids are like " + ", ".join(ids[:3])
+    if meant.startswith("did") or not ids:
+        return meant
+    return "ids are like " + ", ".join(ids[:3])
 
 
 def _check_ids(drafts: list[Draft]) -> None:

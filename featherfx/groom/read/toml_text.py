@@ -14,21 +14,23 @@ from featherfx.files.atomic_write import write_text
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
-def toml_of(value: Any) -> str:
-    """A value as TOML writes it in one line."""
+def toml_of(value: Any, digits: int = 0) -> str:
+    """A value as TOML writes it in one line. digits: of numbers; 0: all that they have."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         return _quoted(value)
     if isinstance(value, Mapping):
         given = {key: each for key, each in value.items() if each is not None}
-        return "{ " + ", ".join(f"{_key(k)} = {toml_of(v)}" for k, v in given.items()) + " }"
+        return (
+            "{ " + ", ".join(f"{_key(k)} = {toml_of(v, digits)}" for k, v in given.items()) + " }"
+        )
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(toml_of(each) for each in value) + "]"
+        return "[" + ", ".join(toml_of(each, digits) for each in value) + "]"
     if isinstance(value, int):
         return str(value)
-    short = f"{value:.12g}"
-    return short if float(short) == value else repr(float(value))
+    short = f"{value:.{digits or 12}g}"
+    return short if digits or float(short) == value else repr(float(value))
 
 
 def toml_text(tables: Mapping[str, Any]) -> str:
