@@ -1,8 +1,9 @@
 """Triangles of polygons: fans, and ears where a fan would leave the polygon.
 
-A fan from the first corner covers a polygon exactly where all its triangles face as the polygon
-does. Other polygons are cut by ears (Meisters 1975), the best shaped one first. So corners in a
-row on one edge get triangles with area, and the first corner of a concave polygon is of no account.
+A fan from the first corner covers a flat polygon exactly where all its triangles face as the
+polygon does. Other polygons are cut by ears (Meisters 1975), the best shaped one first.
+Quadrangles that are not flat are cut along their shorter diagonal. So corners in a row on one edge
+get triangles with area, and the corner that the list of a polygon begins with is of no account.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from featherfx.algebra.vectors import cross_columns, dots, triangle_edges
 
 # of a polygon's area: a triangle with less, or turned round, is none of it
 _MIN_AREA_RATIO = 1e-9
+_MIN_BEND = 1e-4  # rad, between triangles of a fan, from which on a polygon is not flat
+_MIN_SHORTER_RATIO = 1e-4  # of a squared diagonal: by how much the other one is shorter
 # of a quadrangle; where it leaves it farther than the fan does, the fan stays
 _OTHER_DIAGONAL = np.array([[1, 2, 3], [3, 0, 1]])
 
@@ -33,33 +36,56 @@ def triangulate(counts: Indices, indices: Indices, points: Array) -> tuple[Indic
     places[:, 0] = starts[face]
     places[:, 1] = places[:, 0] + np.arange(1, len(face) + 1) - first[face]
     places[:, 2] = places[:, 1] + 1
-    products = cross_columns(*triangle_edges(points, indices[places]))
+    edges = triangle_edges(points, indices[places])
+    products = cross_columns(*edges)
     sums = [np.bincount(face, axis, len(counts)) for axis in products]
     normals: Array = np.stack(sums, axis=1).astype(float, copy=False)
     products = products.T
     # in a plane, triangles that face as the first one does are those of a fan that fits
-    suspects = np.unique(face[dots(products, products[first[face]]) <= 0.0])
-    for count in set(counts[suspects].tolist()) - {3}:
-        alike = suspects[counts[suspects] == count]
-        fans = products[first[alike][:, None] + np.arange(count - 2)]
-        areas = normals[alike]
-        squares = dots(areas, areas)
-        inside = np.einsum("ftc,fc->ft", fans, areas).min(axis=1)
-        leaving = (inside <= _MIN_AREA_RATIO * squares) & (squares > 0.0)
+    later = np.flatnonzero(np.arange(len(face)) != first[face])
+    cut_off, lead = products[later], products[first[face[later]]]
+    along, size = dots(cut_off, lead), dots(cut_off, cut_off) * dots(lead, lead)
+    is_bent = (along <= 0.0) | (along**2 < (1.0 - _MIN_BEND**2) * size)
+    is_cut = np.zeros(len(counts), dtype=np.bool_)
+    is_cut[face[later[is_bent]]] = True
+    is_cut &= dots(normals, normals) > 0.0
+    for count in set(counts[is_cut].tolist()):
+        alike = np.flatnonzero(is_cut & (counts == count))
+        own = starts[alike][:, None] + np.arange(count)
+        cuts = first[alike][:, None] + np.arange(count - 2)
         if count == 4:
-            other = starts[alike][:, None, None] + _OTHER_DIAGONAL
-            turned = cross_columns(*triangle_edges(points, indices[other.reshape(-1, 3)])).T
-            turned = turned.reshape(-1, 2, 3)
-            leaving &= np.einsum("ftc,fc->ft", turned, areas).min(axis=1) > inside
-        alike, areas = alike[leaving], areas[leaving]
-        if not len(alike):
+            ways = edges[0][:, cuts[:, 0]], edges[1][:, cuts[:, 0]], edges[1][:, cuts[:, 1]]
+            chosen = _find_other_diagonals(*ways, normals[alike].T)
+            places[cuts[chosen]] = own[chosen][:, _OTHER_DIAGONAL]
             continue
-        ears = _OTHER_DIAGONAL
-        if count > 4:
-            own = starts[alike][:, None] + np.arange(count)
-            ears = _cut_ears(_flatten(points[indices[own]], areas))
-        places[first[alike][:, None] + np.arange(count - 2)] = starts[alike][:, None, None] + ears
+        corners = points[indices[own]]
+        # from one corner on whatever the list begins with, since ears may be equally well shaped
+        begin = np.lexsort((*corners.reshape(-1, 3).T, np.repeat(alike, count)))[::count] % count
+        own = np.take_along_axis(own, (begin[:, None] + np.arange(count)) % count, axis=1)
+        ears = _cut_ears(_flatten(points[indices[own]], normals[alike]))
+        places[cuts] = np.take_along_axis(own[:, None], ears, axis=2)
     return places, face, normals
+
+
+def _find_other_diagonals(b: Array, c: Array, d: Array, normals: Array) -> Indices:
+    """Return which quadrangles are cut from their second corner to the fourth.
+
+    They are where that diagonal alone fits, or fits better, and where it is shorter and both fit.
+    b, c, d: (3, M) from the first corner to the others. normals: (3, M) of the quadrangles.
+    """
+    squares = _dot_columns(normals, normals)
+    fits = []
+    for one, two in ((b, c), (b, d)):
+        area = _dot_columns(cross_columns(one, two), normals)
+        fits.append(np.minimum(area, squares - area))
+    own, other = (_dot_columns(way, way) for way in (c, d - b))
+    is_shorter = other < (1.0 - _MIN_SHORTER_RATIO) * own
+    both = np.minimum(*fits) > _MIN_AREA_RATIO * squares
+    return np.flatnonzero(np.where(both, is_shorter, fits[1] > fits[0]))
+
+
+def _dot_columns(first: Array, second: Array) -> Array:
+    return np.asarray(np.einsum("cm,cm->m", first, second))
 
 
 def _flatten(polygons: Array, normals: Array) -> Array:

@@ -90,3 +90,18 @@ def test_quadrangles_that_no_diagonal_fits_are_cut_where_they_are_left_least():
         left += max(fan, other) < 0.0 and fan > other
         assert own > 0.0 or own == max(fan, other)
     assert left > 10
+
+
+@pytest.mark.parametrize("count", [4, 5, 7])
+def test_the_corner_that_a_list_begins_with_is_of_no_account(count):
+    """Of polygons that are bent out of their planes."""
+    rng = np.random.default_rng(count)
+    angles = np.sort(rng.uniform(0, 2 * np.pi, (200, count)), axis=1)
+    points = np.stack([np.cos(angles), np.sin(angles), rng.normal(0, 0.1, angles.shape)], -1)
+    counts, indices = np.full(200, count), np.arange(200 * count)
+    found = []
+    for turn in range(count):
+        turned = np.roll(indices.reshape(-1, count), turn, axis=1).ravel()
+        places, _, _ = triangulate_faces(counts, turned, points.reshape(-1, 3))
+        found.append({tuple(sorted(each)) for each in turned[places].tolist()})
+    assert all(each == found[0] for each in found)

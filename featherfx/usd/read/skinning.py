@@ -50,7 +50,10 @@ class SkinPose(NamedTuple):
 
 
 class Skinning:
-    """One mesh under one skeleton. space: the prim in whose space the points are."""
+    """One mesh under one skeleton. space: the prim in whose space the points are. first: (V, 3)
+    points at the first samples of all that moves it, None where joints do not."""
+
+    first: NDArray[Any] | None = None
 
     def __init__(self, mesh: Any, skeleton: Any, skinning: Any, cache: Any) -> None:
         self._mesh, self._skeleton, self._skinning = mesh, skeleton, skinning
@@ -330,4 +333,5 @@ def _find_skeleton(scene: SourceScene, mesh: Any, place: Place) -> Skinning | No
         points = skinning.earliest()
         if transforms is None or not query.ComputeSkinnedPoints(transforms, points, EARLIEST_TIME):
             place.refuse(f"{path}: USD cannot skin it, {_MISFIT}")
+        skinning.first = np.asarray(points)
     return skinning

@@ -342,10 +342,14 @@ class Surface(ScenePrim):
 
     def is_still(self) -> bool:
         """Return whether no point moves at its samples."""
-        poses = map(self._pose, self.looks)
-        first = next(poses, None)
-        pairs = (zip(pose, first, strict=True) for pose in poses if first is not None)
-        return all(np.array_equal(one, other) for pair in pairs for one, other in pair)
+        first, *later = map(Usd.TimeCode, self.looks or [0.0])
+        matrix, points = self._matrix(first), self._skinning and self._skinning.first
+        points = self._local_points(first) if points is None else points
+        return all(
+            np.array_equal(self._matrix(code), matrix)
+            and np.array_equal(self._local_points(code), points)
+            for code in later
+        )
 
     def is_mirrored(self, code: float) -> bool:
         """Return whether the transforms mirror the mesh at a time code, and not at rest."""
