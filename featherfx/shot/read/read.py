@@ -252,6 +252,8 @@ def _preset(
     tree = library.merged(family, sourced(table, at.source), at, "" if named else "base")
     values = plain(tree)
     if family == "quality":
+        if (rows := values.get("simulated_rows", 0)) in (1, 2):  # a mesh has three
+            at.child("simulated_rows").fail(f"{rows} is out of range. Give -1, 0, or 3 to 400")
         return Quality(name=table.get("base") or "custom", **values)
     return Wind(**values | {"direction": np.array(values["direction"])})
 
