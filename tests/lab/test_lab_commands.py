@@ -123,7 +123,9 @@ def test_tables_without_json():
 
 OPTIONS = {
     "rod": "length ei ei2 gj ea ga taper rest-curvature segments line-weight tip-force",
-    "modes": "length ei ei2 gj ea ga taper rest-curvature segments line-mass count",
+    "modes": "length ei ei2 gj ea ga taper rest-curvature segments line-mass count kind air"
+    " presets",
+    "air": "kind angles speed presets",
     "release": "length ei ei2 gj ea ga taper rest-curvature segments line-weight line-mass duration"
     " tolerance loss-factor samples radius",
     "feather": "preset kinematics rows columns coefficients shake-amplitude shake-frequency pull"

@@ -14,6 +14,7 @@ from featherfx.cli.lab.report import report
 from featherfx.cli.options import presets_option, readable_path
 from featherfx.files.atomic_write import write_text
 from featherfx.lab.contact.experiments import ContactTest, run_contact
+from featherfx.lab.feathers.air import StreamTest, find_feather_modes, measure_stream
 from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feather
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 from featherfx.lab.feathers.strip import PlateTest, StripTest, run_plate, run_strip
@@ -71,6 +72,22 @@ def _feather(test: FeatherTest, preset_folders: tuple[Path, ...]) -> Iterator[An
     if test.shake_amplitude is not None and test.pull is not None:
         raise click.UsageError("--pull and --shake-amplitude exclude each other")
     yield run_feather(test, preset_folders)
+
+
+def _modes(
+    test: ModesTest, kind: str | None, air: bool, preset_folders: tuple[Path, ...]
+) -> Iterator[Any]:
+    rod = test.rod.length is not None and test.rod.ei is not None
+    if kind is None and not rod:
+        raise click.UsageError("Give --length and --ei of a rod, or --kind of a feather")
+    if kind is None and air:
+        raise click.UsageError("--air belongs to --kind: a rod has no vane that carries air")
+    if kind is not None and (test.rod.length, test.rod.ei) != (None, None):
+        raise click.UsageError("--kind has its own --length and --ei. Leave them out")
+    if kind is None:
+        yield {"frequencies_hz": natural_frequencies(test.rod, test.count)}
+    else:
+        yield find_feather_modes(kind, test.count, air, preset_folders)
 
 
 def _ribbon(test: HangTest) -> Iterator[Any]:
@@ -191,6 +208,10 @@ def _angles(test: AnglesTest, side_by_side: Path | None, output: Path | None) ->
         yield from _drawn(pictures.angles_picture(output, slopes, bands.barbule))
 
 
+_FEATHER_IN_AIR = (
+    click.Option(["--kind"], help="Feather preset, instead of a rod."),
+    click.Option(["--air"], is_flag=True, help="In still air that the feather carries along."),
+)
 _SAVE_CELL = click.Option(
     ["--save"],
     type=_FILE,
@@ -231,8 +252,16 @@ EXPERIMENTS = {
     ),
     "modes": Experiment(
         ModesTest,
-        lambda test: [{"frequencies_hz": natural_frequencies(test.rod, test.count)}],
+        _modes,
         "--length 1 --ei 1 --line-mass 1 --count 4",
+        "--kind swan_primary --air --json",
+        more=(*_FEATHER_IN_AIR, _PRESETS),
+    ),
+    "air": Experiment(
+        StreamTest,
+        lambda test, preset_folders: [measure_stream(test, preset_folders)],
+        "--kind swan_primary --angles 5,10,30,60,90 --speed 10",
+        more=(_PRESETS,),
     ),
     "release": Experiment(
         ReleaseTest,

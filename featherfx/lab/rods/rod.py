@@ -260,13 +260,13 @@ class BendTest:
 
 @dataclass(frozen=True)
 class ModesTest:
-    """Lowest natural frequencies of a clamped rod about its rest shape.
+    """Lowest natural frequencies of a clamped rod, or of a feather, about its rest shape.
 
     A frequency of two modes is listed twice; with --ei2 equal to --ei all of a straight rod's
     bending frequencies are.
     """
 
-    rod: Rod = part("line_weight", line_mass=1.0)
+    rod: Rod = part("line_weight", line_mass=1.0, length=None, ei=None)
     count: int = value("Frequencies wanted.", 4)
 
 

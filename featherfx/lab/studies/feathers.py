@@ -11,16 +11,12 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
-from featherfx.groom.keys.preset import Wind
 from featherfx.groom.types import FeatherKind, VaneShape
+from featherfx.lab.feathers.air import stream_coefficients
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.studies.study import Comparisons, StudyResult, ourselves, published
 from featherfx.mechanics.batch import make_model
-from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.section import rachis_mass, rachis_stiffness
-from featherfx.shot.loads.loads import SHAFT_DRAG
-from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
-from featherfx.solver.state import rest_state
 from featherfx.solver.step.modes import frequencies
 
 _ROWS, _COLUMNS, _COEFFICIENTS = 41, 6, 2
@@ -265,30 +261,19 @@ def _along() -> Comparisons:
     return rows
 
 
-# m/s of the stream, s of the step, and degrees between two directions
-_STREAM, _INSTANT, _TURN = 1.0, 1e-4, 2.0
+# deg between two directions of the stream
+_TURN = 2.0
 
 
 def _stream() -> Comparisons:
-    """A primary in a stream across its rachis, by the momentum that it takes up at once."""
+    """A primary in a stream across its rachis."""
     kind = feather_kind("swan_primary")
     model = make_model([build_feather(kind, _ROWS, _COLUMNS)], [kind], _COEFFICIENTS)
-    model = model._replace(held=np.zeros(1, dtype=np.bool_))
-    state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
-    wind = Wind(direction=np.array([0.0, -1.0, 0.0]), speed=_STREAM)
-    cells = model.cell_rest[0][model.cell_rest[0][..., 0] > 0.0]
-    area = float(np.sum(0.5 / (cells[:, 0] * cells[:, 2])))
-    solver = Solver(model, Settings(tolerance=1e-5, newton=1e-12))
     found = []
     for angle in np.radians(np.arange(-90.0, 90.0 + _TURN, _TURN)):
         along = np.array([0.0, -np.cos(angle), np.sin(angle)])
         across = np.array([0.0, np.sin(angle), np.cos(angle)])
-        air = np.array([wind.air_density, wind.drag_normal, wind.drag_tangential, SHAFT_DRAG])
-        loads = no_loads(1)._replace(air=air, wind_mean=wind.speed * along[None])
-        blown, report = solver.step(state, loads, hold_roots(state), _INSTANT)
-        raise_if_failed(report.status, state.time, [kind.name])
-        gained = np.einsum("np,npk->k", model.mass[0], blown.velocity.nodes[0])
-        force = gained / _INSTANT / (0.5 * wind.air_density * wind.speed**2 * area)
+        force = stream_coefficients(model, along)
         found.append((abs(float(force @ across)), float(force @ along)))
     lift, drag = np.transpose(found)
     stork = (

@@ -1,0 +1,66 @@
+"""Modes of feathers in air beside strip theory, and the force of a stream beside its law."""
+
+import numpy as np
+import pytest
+from trial_batches import preset_kind
+
+from featherfx.errors import InputError
+from featherfx.feather.build import build_feather
+from featherfx.lab.feathers.air import GRID, StreamTest, find_feather_modes, measure_stream
+from featherfx.mechanics.air_kernels import area_vectors
+from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.resolution import vane_width
+from featherfx.solver.step.modes import frequencies
+
+AIR = 1.225
+
+
+@pytest.mark.parametrize("name", ["swan_primary", "primary", "secondary", "tail_feather"])
+def test_frequencies_in_air_are_those_of_strip_theory(name):
+    """rho pi c / 4 an area, as a mass of every direction; c of the row, not of the place."""
+    rows, columns, coefficients = GRID
+    kind = preset_kind(name)
+    feather = build_feather(kind, rows, columns)
+    model = make_model([feather], [kind], coefficients)
+    area = np.zeros_like(feather.rest.nodes)
+    area_vectors(feather.rest.nodes, model.cell_stiffness[0], area)
+    strip = AIR * np.pi / 4 * vane_width(feather)[:, None] * np.linalg.norm(area, axis=-1)
+    expected = frequencies(model._replace(mass=model.mass + strip), 0, 1)[0]
+    found = find_feather_modes(name, 2, in_air=True)
+    assert found.frequencies_hz[0] == pytest.approx(expected, rel=0.05)
+    if name == "swan_primary":
+        assert found.frequencies_hz[0] == pytest.approx(expected, rel=0.03)
+
+
+def test_air_lowers_frequencies_and_decrements_alike():
+    """Kelvin-Voigt: a loss factor that goes with the frequency, set at the first in vacuum."""
+    vacuum, air = (find_feather_modes("swan_primary", 3, in_air=each) for each in (False, True))
+    first = vacuum.frequencies_hz[0]
+    for found in (vacuum, air):
+        half = 0.05 * found.frequencies_hz / first
+        assert found.decrements == pytest.approx(2 * np.pi * half / np.sqrt(1 - half**2), rel=1e-3)
+    assert np.all(air.frequencies_hz < 0.75 * vacuum.frequencies_hz)
+
+
+def test_a_stream_presses_by_the_square_of_the_sine():
+    """1.2 sin^2 of the angle to a vane, which is not flat; the shaft adds to what goes along."""
+    turn = np.radians([90.0, 60.0, 30.0, -60.0])
+    found = measure_stream(StreamTest("swan_primary", "90,60,30,-60", 10.0))
+    expected = 1.2 * np.sin(turn) * np.abs(np.sin(turn))
+    assert found.cn == pytest.approx(expected, abs=0.06)
+    slow = measure_stream(StreamTest("swan_primary", "90,60,30,-60", 0.1))
+    assert slow.cn == pytest.approx(found.cn, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("test", "word"),
+    [
+        (StreamTest("swan_primary", "5,x"), "angles: 5,x"),
+        (StreamTest("swan_primary", "500"), "angles: 500"),
+        (StreamTest("swan_primary", "5", -1.0), "speed: -1"),
+        (StreamTest("swan_vane", "5"), "swan_vane"),
+    ],
+)
+def test_wrong_values_are_named(test, word):
+    with pytest.raises(InputError, match=word):
+        measure_stream(test)
