@@ -39,7 +39,7 @@ def solver_of(model: Model, pairs: Any = (), order: Any = (), **settings: Any) -
     pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
     return ContactSolver(
         [solver],
-        Candidates(pairs, np.asarray(order, dtype=np.int64)),
+        Candidates(pairs, np.asarray(order, dtype=np.int64), np.zeros(len(pairs))),
         [0.5 * THICKNESS] * model.feathers,
         ContactSettings(**settings),
     )

@@ -156,7 +156,7 @@ def test_all_batches_keep_to_the_strictest_tolerance():
         solvers = [Solver(model, Settings(each, newton=1e-8)) for each in tolerances]
         contact = ContactSolver(
             solvers,
-            Candidates(np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)),
+            Candidates(np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)),
             [0.5 * THICKNESS] * 2,
             ContactSettings(),
         )
@@ -176,7 +176,7 @@ def one_swings_onto_another():
     start.spin[1, 1:, 1] = 2.0
     start.velocity.nodes[1, ..., 2] = -2.0 * start.points.nodes[1, ..., 0]
     solver = Solver(model, Settings(max_substeps=1, newton=2e-7))
-    touching = Candidates(np.array(PAIR), np.array(ORDERED))
+    touching = Candidates(np.array(PAIR), np.array(ORDERED), np.zeros(len(PAIR)))
     return ContactSolver([solver], touching, [0.5 * THICKNESS] * 2, ContactSettings()), start
 
 

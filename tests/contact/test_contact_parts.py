@@ -22,7 +22,7 @@ def _after_a_step(jobs: int) -> dict[str, NDArray[np.float64]]:
     model, state = free_feathers("covert", places, rows=5, columns=2)
     model.held[:] = True
     state.velocity.nodes[..., 2] = SPEED * np.arange(FEATHERS)[:, None, None]
-    pairs = Candidates(np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64))
+    pairs = Candidates(np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
     halves = [0.5 * THICKNESS] * FEATHERS
     with Solver(model, Settings(max_substeps=1), jobs) as solver:
         contact = ContactSolver([solver], pairs, halves, ContactSettings())

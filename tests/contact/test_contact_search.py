@@ -51,7 +51,7 @@ class Scene:
         pairs = np.array([(a, b) for a in range(FEATHERS) for b in range(FEATHERS) if a != b])
         self.above = np.where(places[pairs[:, 0], 2] > places[pairs[:, 1], 2], 1, -1)
         chosen = self.rng.random(len(pairs)) < 0.9
-        self.candidates = Candidates(pairs, np.where(chosen, self.above, 0))
+        self.candidates = Candidates(pairs, np.where(chosen, self.above, 0), np.zeros(len(pairs)))
 
     def searches(self, count, drift=3e-4, turn=0.02):
         """Poses one after the other, each feather with a speed of its own; some stay."""
@@ -161,7 +161,7 @@ def test_where_vanes_cross_no_depth_has_to_be_taken_back():
     model, state = free_feathers("body_contour", np.zeros((2, 3)), rows=7, columns=3)
     grids = grids_of([model])
     surfaces = surfaces_of([model], grids, [0.5 * THICKNESS] * 2)
-    candidates = Candidates(np.array([(0, 1)]), np.ones(1, dtype=np.int64))
+    candidates = Candidates(np.array([(0, 1)]), np.ones(1, dtype=np.int64), np.zeros(1))
     flat = grids.together([state.points.nodes])
     within = flat.copy()
     within[0, ..., 2] += 0.6 * THICKNESS

@@ -114,8 +114,8 @@ class ShotContact:
         grids = grids_of(models)
         every = layered_pairs(rest, surfaces_of(models, grids, halves), grids)
         others = obstacles.may_touch(every.pairs, order)
-        candidates = Candidates(every.pairs[others], every.order[others])
-        self._thickness = float(thickness.min())
+        candidates = Candidates(every.pairs[others], every.order[others], every.depth[others])
+        self._thickness = thickness
         self._crossed = self._through_each_other(candidates.pairs, every.crossed[others])
         _warn_of_crossed(self._crossed, bool((rest.ranks >= 0).any()))
         settings = ContactSettings(
@@ -148,7 +148,7 @@ class ShotContact:
         return StepRules(
             steps=self.contact.steps,
             substeps=substeps,
-            thickness=self._thickness,
+            thickness=np.maximum(self._thickness, 2.0 * self.solver.settings.tolerance),
             rounds=self.solver.settings.rounds,
             iterations=MAX_INTERVAL_WORK,
             names=self.names,
@@ -256,9 +256,12 @@ class ShotContact:
 
     def _through_each_other(self, pairs: Indices, depth: Array) -> list[dict[str, Any]]:
         """Pairs (N, 2) that are through each other at rest by a depth (N,), in m, and stay so."""
-        some = np.flatnonzero((depth > self._thickness) & (pairs[:, 0] < pairs[:, 1]))
-        named = [(self.names[a], self.names[b]) for a, b in pairs[some].tolist()]
-        return _deepest_first(dict(zip(named, depth[some].tolist(), strict=True)), 0.0)
+        worst: dict[tuple[str, str], float] = {}
+        some = np.flatnonzero(depth > self._thickness[pairs].min(axis=1))
+        for both, own in zip(np.sort(pairs[some], axis=1).tolist(), depth[some], strict=True):
+            pair = self.names[both[0]], self.names[both[1]]
+            worst[pair] = max(worst.get(pair, 0.0), float(own))
+        return _deepest_first(worst, 0.0)
 
     def report(self) -> dict[str, Any]:
         """Figures of the contact so far, in SI units."""
@@ -319,10 +322,11 @@ def _deepest_first(depths: Mapping[tuple[str, str], float], least: float) -> lis
 
 
 def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
-    """Say which feathers stay through each other because nothing tells which is over which. laid:
-    whether a layout laid any."""
+    """Say which feathers stay through each other. laid: whether a layout laid any."""
     helps = (
-        "let [layout] lay them" if laid else "add a [layout] table to the groom, which lays them"
+        "a finer quality draws feathers of a [layout] farther apart; or move or turn one"
+        if laid
+        else "move or turn one, or add a [layout] table to the groom, which lays them"
     )
     if crossed:
         first, more = crossed[0], len(crossed) - 1
@@ -330,8 +334,7 @@ def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
             f"contact: feathers '{first['feather']}' and '{first['other']}' pass through each other"
             f" at rest, by {1e3 * first['depth']:.2g} mm"
             + (f", and so do {more} more pairs" if more else "")
-            + ". Nothing tells which is over which, so nothing pushes them apart: move or turn"
-            f" one, or {helps}",
+            + f". They stay as they are drawn, and nothing pushes them apart: {helps}",
             InputWarning,
             stacklevel=2,
         )

@@ -9,6 +9,10 @@ without an order each node would stay on its side, and the two crossed. Feathers
 far from each other at rest and come near later have no order: each stays on its side. Two that
 grow back to back, as on both sides of a wing, each belong under the other, whatever their poses
 say; where these are through each other, `raised` says how far to turn them up before they settle.
+
+Feathers of a coat are at rest as they are drawn. A pair with one of them, or without an order,
+keeps the depth that it has at rest: contact stores no energy in the drawn pose, and pushes nothing
+out of it.
 """
 
 from __future__ import annotations
@@ -60,13 +64,15 @@ class FeathersAtRest(NamedTuple):
 
 
 class Layered(NamedTuple):
-    """Feathers that may meet. pairs, order: as Candidates', each pair in both roles. crossed: (N,)
-    m, how far at rest both feathers of a pair without an order are through each other, on the side
-    where it is less; 0 of all others. raised: (F,) rad, how far feathers have to be turned up about
-    their roots to be clear of those that they grow back to back with and are through."""
+    """Feathers that may meet. pairs, order, depth: as Candidates', each pair in both roles.
+    crossed: (N,) m, how far at rest both feathers of a pair that stays so are through each other:
+    without an order on the side where it is less, else how far points are beyond the other; 0 of
+    all others. raised: (F,) rad, how far feathers have to be turned up about their roots to be
+    clear of those that they grow back to back with and are through."""
 
     pairs: Indices
     order: Indices
+    depth: Array
     crossed: Array
     raised: Array
 
@@ -158,18 +164,25 @@ def _order_at_rest(
     order = np.where(laid, upward, seen)
     for other in (seen, np.zeros_like(seen)):
         order = np.where(_depths(order, agree, votes) > _DEEP * shorter[:half], other, order)
-    cut = np.minimum(votes.above[:half], votes.below[:half]) > 0.0
+    least = np.minimum(votes.over, votes.under)
+    cut = least[:half] > 0.0
     lean = np.where(cut & (order == 0), np.sign(both), 0.0).astype(np.int64)
     lean = np.where(_depths(lean, agree, votes) > LEANING * shorter[:half], 0, lean)
     order = _through_others(pairs[:half], order, agree, lean)
     beneath = -_agree(normals, rest.dorsal)[host]
+    coat = (ranks[guest] >= 0) | (ranks[host] >= 0)
     apart = _back_to_back(pairs[:half], rest) & (total > 0.0)
     passed = apart & (_depths(beneath, agree, votes) > _DEEP * shorter[:half])
-    order = np.where(apart, beneath, order)
-    raised = _raised(pairs[:half][passed], rest)
-    through = np.minimum(votes.above, votes.below)
-    crossed = np.where(order == 0, np.minimum(through[:half], through[half:]), 0.0)
-    return Layered(pairs, np.concatenate([order, -agree * order]), np.tile(crossed, 2), raised)
+    order = np.where(apart & ~(passed & coat), beneath, order)
+    raised = _raised(pairs[:half][passed & ~coat], rest)
+    order, coat = np.concatenate([order, -agree * order]), np.tile(coat, 2)
+    both = np.tile(np.minimum(least[:half], least[half:]), 2)
+    deep = np.where(order > 0, votes.over, np.where(order < 0, votes.under, both))
+    keeps = coat | (order == 0)
+    crossed = np.where(keeps, np.maximum(deep, 0.0), 0.0)
+    thickness = surfaces.half.max(axis=(1, 2))[pairs].sum(axis=1)
+    depth = thickness + np.where(order == 0, np.minimum(least, 0.0), deep)
+    return Layered(pairs, order, np.where(keeps, np.maximum(depth, 0.0), 0.0), crossed, raised)
 
 
 def _back_to_back(pairs: Indices, rest: FeathersAtRest) -> NDArray[np.bool_]:
@@ -205,10 +218,10 @@ def _depths(order: Indices, agree: Indices, votes: _Votes) -> Array:
     """(P,) m, how deep at rest the pairs are that an order (P,) puts apart. agree: (P,)."""
     half = len(order)
     deep = [
-        np.where(side > 0, below, np.where(side < 0, above, 0.0))
-        for side, below, above in (
-            (order, votes.below[:half], votes.above[:half]),
-            (-agree * order, votes.below[half:], votes.above[half:]),
+        np.where(side > 0, over, np.where(side < 0, under, 0.0))
+        for side, over, under in (
+            (order, votes.over[:half], votes.under[:half]),
+            (-agree * order, votes.over[half:], votes.under[half:]),
         )
     ]
     return np.maximum(*deep)
@@ -216,32 +229,33 @@ def _depths(order: Indices, agree: Indices, votes: _Votes) -> Array:
 
 class _Votes(NamedTuple):
     """Sides of N pairs: sum of the sides of the guest's nodes over the host, their number, and m,
-    how far the farthest are above and below it."""
+    how far its deepest is beyond the host if the guest belongs over it, and under."""
 
     side: Array
     number: Array
-    above: Array
-    below: Array
+    over: Array
+    under: Array
 
 
 def _votes(pairs: Indices, rest: Array, surfaces: VaneSurfaces, shorter: Array) -> _Votes:
     """shorter: (N,) m, length of the shorter feather of each pair."""
     bodies = moving_bodies(rest, rest, np.ones(rest.shape[:3]))
-    memory, votes = no_memory(surfaces), _Votes(*(np.zeros(len(pairs)) for _ in _Votes._fields))
+    memory, count = no_memory(surfaces), len(pairs)
+    votes = _Votes(*(np.full(count, each) for each in (0.0, 0.0, -np.inf, -np.inf)))
     octaves = np.floor(np.log2(shorter))
     for octave in np.unique(octaves):
         some = np.flatnonzero(octaves == octave)
-        free = Candidates(pairs[some], np.zeros(len(some), dtype=np.int64))
+        free = Candidates(pairs[some], np.zeros(len(some), dtype=np.int64), np.zeros(len(some)))
         margin = float(_NEAR * 2.0 ** (octave + 1.0))
         margins = np.full(len(rest), margin)
         search = SearchSettings(surfaces, bodies, memory, margins, margin, 0.0, WALL_FIT)
         found = Searcher(free, surfaces).find(search).contacts
         pair, side = some[found["pair"]], found["side"]
-        height = found["start_gap"] + found["thickness"]
+        height = side * (found["start_gap"] + found["thickness"] - found["spared"])
         np.add.at(votes.side, pair, side)
         np.add.at(votes.number, pair, 1.0)
-        np.maximum.at(votes.above, pair[side > 0], height[side > 0])
-        np.maximum.at(votes.below, pair[side < 0], height[side < 0])
+        np.maximum.at(votes.over, pair, -height)
+        np.maximum.at(votes.under, pair, height)
     return votes
 
 

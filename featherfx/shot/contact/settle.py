@@ -1,7 +1,8 @@
 """Feathers that touch brought to rest together, before the first frame.
 
 Long damped steps: after each one all motion is taken away, and what has come to rest, no deeper in
-others than is left, is only solved again where others push it.
+others than is left, is only solved again where others push it. Steps of one length end when all but
+a few are at rest, the longest when these are no fewer than before.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ CUT, SHORTEST = 0.25, 1e-5
 # Newton iterations of one solve, over those of a step that is easy, in steps longer than the first
 PATIENT = 4
 # misfit of contacts, over the thickness, beyond which a step is cut as well, down to this, s; part
-# of the feathers that go alone instead, where a step of the stage was cut
+# of the feathers that go alone instead, where a step of the stage was cut, or that may be left
 BAD, SHORTEST_OFF, FEW = 2.0, 5e-4, 0.05
 # over the time of a stage's first step, what settling takes after each of its steps: between what
 # samples/flapping_bird and pigeon/contact.toml and the creature of docs/production_shot.md took
@@ -128,9 +129,12 @@ def settled_together(
                 bodies.begun = True
                 rest_depth = contact.start_depth if rest_depth is None else rest_depth
                 depth = contact.depth
+                before = np.count_nonzero(~resting) if number else len(names)
                 quiet = (moved < solver.settings.tolerance) & (lengths == longest)
                 resting = quiet & (contact.deep < solver.settings.tolerance)
-                if resting.all():
+                awake = np.count_nonzero(~resting)
+                few = awake <= FEW * len(names) and (longest < _STEPS[-1] or awake >= before)
+                if few or not awake:
                     break
                 h = min(longest, float(lengths.max()) / CUT)
     moving = np.flatnonzero(~quiet)

@@ -80,20 +80,20 @@ class StepRules:
     """Rules of the steps of a shot.
 
     steps: common steps of a frame, 0: as many as are needed. substeps: most regular steps of a
-    feather in a frame. thickness: m, the least of any vane.
+    feather in a frame. thickness: (B,) m, of each vane, or twice what rounds may leave in a frame.
     rounds: of a step that was easy, at most. iterations: MAX_ITERATIONS. names: ids.
     """
 
     steps: int
     substeps: int
-    thickness: float
+    thickness: Array
     rounds: int
     iterations: int
     names: list[str]
 
     def wrong(self, contact: ContactReport) -> bool:
         """Return whether contacts are off by more than they should be."""
-        return contact.residual > _WRONG * self.thickness
+        return bool((contact.off > _WRONG * self.thickness).any())
 
     def off(self, reports: Sequence[StepReport], contact: ContactReport, span: StepSpan) -> Flags:
         """(B,) bodies that are to be stepped over a span again, in shorter steps: not solved, or
@@ -106,15 +106,16 @@ class StepRules:
         off."""
         return span.length > 1.001 * span.shortest
 
-    def _most_off(self, span: StepSpan) -> float:
-        """m, misfit of contacts beyond which a step over a span is cut."""
+    def _most_off(self, span: StepSpan) -> Array:
+        """(B,) m, misfit of contacts beyond which a step over a span is cut."""
         if self.is_long(span):
             return _WRONG * self.thickness
-        return BAD * self.thickness if span.length > 2.0 * SMALLEST * span.shortest else np.inf
+        last = span.length <= 2.0 * SMALLEST * span.shortest
+        return np.full_like(self.thickness, np.inf) if last else BAD * self.thickness
 
-    def lost(self, span: StepSpan) -> float:
-        """m, misfit of contacts with which a feather waits for shorter steps than a span."""
-        return max(_LOST * _WRONG * self.thickness, self._most_off(span))
+    def lost(self, span: StepSpan) -> Array:
+        """(B,) m, misfit of contacts with which a feather waits for shorter steps than a span."""
+        return np.maximum(_LOST * _WRONG * self.thickness, self._most_off(span))
 
     def give_up(self, reports: Sequence[StepReport], time: float) -> None:
         """SimulationError for a feather that cannot be solved at a time (s)."""

@@ -39,7 +39,7 @@ _AROUND = 1.0
 
 class Node(NamedTuple):
     """A point of a guest's row that may touch a host. side: of the host where it belongs, or 0.
-    known: place of its contact in the memory, or -1."""
+    known: place of its contact in the memory, or -1. depth: m, of Candidates."""
 
     pair: int
     guest: int
@@ -48,6 +48,7 @@ class Node(NamedTuple):
     column: int
     side: int
     known: int
+    depth: float
 
 
 @kernel
@@ -98,7 +99,7 @@ def set_gaps(contact, thickness, along, recovery):
     """The gap at the interval's start, along the normal (m), and what it is spared of its depth."""
     depth = max(0.0, thickness - along)
     contact.thickness, contact.start_gap = thickness, along - thickness + depth
-    contact.spared = max(_KEPT * min(depth, _SMALL * thickness), depth - recovery)
+    contact.spared = max(0.0, _KEPT * min(depth, _SMALL * thickness), depth - recovery)
 
 
 @kernel
@@ -124,14 +125,16 @@ def _find_node(x, node, near, closest, search, touch, count):
     )
     if not _is_over(along, beside, contact.thickness):
         return count
+    contact.thickness -= node.depth
+    turns = search.turns and node.depth == 0.0
     if side == 0:
         contact.side = 1 if along >= 0.0 else -1
-    elif node.side != 0 and search.turns:
+    elif node.side != 0 and turns:
         _choose_side(contact, along, node, near, search)
         _put_on(contact, place, weight, columns)
     if not _meets(contact, along, node, search):
         return count
-    if node.known < 0 and search.turns and contact.spared > _AROUND * contact.thickness:
+    if node.known < 0 and turns and contact.spared > _AROUND * contact.thickness:
         # of planes that it only now is over it may have been on either side
         begin = guest_place(bodies.start[guest], node.row, p, fraction)
         _, found, height = _at_start(contact, begin, near, search)
@@ -332,11 +335,11 @@ def _spare_crossed(touch, low, high, search):
 
 
 @kernel
-def _find_pair(pair, side, pressing, room, search, touch, state):
-    """Contacts of all nodes of a pair. pressing: guest and host. room: Room. state: how many
-    contacts there are, and the place in the memory that was reached; returns both as they are
-    then."""
-    (guest, host), (count, at) = pressing, state
+def _find_pair(pair, candidates, room, search, touch, state):
+    """Contacts of all nodes of a pair of candidates. room: Room. state: how many contacts there
+    are, and the place in the memory that was reached; returns both as they are then."""
+    guest, host = candidates.pairs[pair, 0], candidates.pairs[pair, 1]
+    side, depth, (count, at) = candidates.order[pair], candidates.depth[pair], state
     surfaces, bodies, known = search.surfaces, search.bodies, search.memory.key
     guests, boxes, bounds = surfaces.guests[guest], bodies.boxes[guest], bodies.bounds[host]
     rows, width = guests.shape
@@ -380,7 +383,7 @@ def _find_pair(pair, side, pressing, room, search, touch, state):
                 y = guest_place(begin, i, p, fraction)
                 if is_off(x, y, closest, (host_begin, host_now), columns, side, room):
                     continue
-            node = Node(pair, guest, host, i, c, side, at if is_known else -1)
+            node = Node(pair, guest, host, i, c, side, at if is_known else -1, depth)
             count = _find_node(x, node, near, closest, search, touch, count)
     if search.turns:
         _spare_crossed(touch, already, min(count, touch.shape[0]), search)
@@ -465,7 +468,7 @@ def find_contacts(candidates, search, earlier, clearance, low, high, touch):
         side, already = candidates.order[pair], count
         looked_at += 1
         room = room_of(guest, host, side, margin, way, search, clearance.half)
-        count, at = _find_pair(pair, side, (guest, host), room, search, touch, (count, at))
+        count, at = _find_pair(pair, candidates, room, search, touch, (count, at))
         if count == already and side != 0:
             clear(pair, (guest, host), side, (margin, way), search, clearance)
     return count, looked_at

@@ -87,6 +87,6 @@ def find_ground_contacts(ground, bit, search, free, low, high, touch):
         for i in range(surfaces.present.shape[1]):
             for c in range(surfaces.guests.shape[2]):
                 if surfaces.guests[body, i, c] != 0:
-                    node = Node(-1, body, -1, i, c, 0, -1)
+                    node = Node(-1, body, -1, i, c, 0, -1, 0.0)
                     count = _meet(node, ground, bit, search, touch, count)
     return count

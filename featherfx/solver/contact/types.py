@@ -18,7 +18,8 @@ RIM_SAMPLES = 4
 # there, and how far it lies towards the next row. side: of the host where the guest belongs;
 # mirror: side of the triangle on the host's own vane; corner: row and node of its corners, weight:
 # theirs. normal: unit, out of the host on the guest's side. Gaps in m: at the
-# start and now; thickness: sum of both halves; spared: of a depth that was there at the start.
+# start and now; thickness: sum of both halves, less Candidates.depth; spared: of a depth that was
+# there at the start.
 # Forces, N, that guest and host feel; stiffness, N/m, of the spring that each of them is pressed
 # against. place_start, place_now: m, of the host's point.
 CONTACT_DTYPE = np.dtype(
@@ -89,10 +90,12 @@ class ContactMemory(NamedTuple):
 
 class Candidates(NamedTuple):
     """pairs: (N, 2) guest and host by body. order: (N,) side of the host where the guest belongs
-    (1: that of its normal, -1), 0 where only the poses tell."""
+    (1: that of its normal, -1), 0 where only the poses tell. depth: (N,) m, by which the pair is
+    closer than its thickness as it is drawn, and may be."""
 
     pairs: Indices
     order: Indices
+    depth: Array
 
 
 class SearchSettings(NamedTuple):

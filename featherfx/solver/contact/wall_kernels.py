@@ -184,6 +184,6 @@ def find_wall_contacts(wall, bit, search, free, low, high, touch):
                 if away:
                     search.memory.inside[body, i, c] &= ~(7 * bit)
                 elif surfaces.guests[body, i, c] != 0:
-                    node = Node(-1, body, -1, i, c, 0, -1)
+                    node = Node(-1, body, -1, i, c, 0, -1, 0.0)
                     count = _meet(node, wall, bit, search, touch, count)
     return count

@@ -1,0 +1,57 @@
+"""A whole coat in contact: it ends, its rounds converge, and nothing goes deep."""
+
+from __future__ import annotations
+
+import pytest
+
+from featherfx.api import read_shot
+from featherfx.errors import InputWarning
+from featherfx.lab.measure.plumage import write_patch
+from featherfx.shot.loop.simulate import simulate
+
+COUNT = 100
+# feathers of one more region, whose tips meet those of the first
+AGAINST = """
+[[region]]
+id = "against"
+kind = "body_contour"
+count = {count}
+length = 0.035
+where = [{{ sphere = [-0.13, 0, 0.19, 0.06] }}]
+flow = {{ direction = [1, 0, 0] }}
+"""
+SHOT = """name = "coat"
+groom = "groom.toml"
+frames = [1, 2]
+frames_per_second = 24
+quality = "draft"
+wind = { base = "breeze", direction = [-1, 0.2, 0] }
+[skin]
+usd = "body.usda"
+prim = "/skin"
+[contact]
+"""
+
+
+def test_a_coat_with_feathers_through_each_other_settles_and_moves_as_it_is_drawn(tmp_path):
+    path = write_patch(tmp_path, COUNT, 2)
+    groom = path.with_name("groom.toml")
+    groom.write_text(groom.read_text() + AGAINST.format(count=COUNT))
+    path.write_text(SHOT)
+    shot = read_shot(path)
+    with pytest.warns(InputWarning, match=r"pass through each other at rest.*stay as they are"):
+        simulation = simulate(shot)
+        frames = list(simulation)
+    assert len(frames) == 2
+    contact = simulation.report["contact"]
+    # those that are drawn through each other are named, and nothing pushes them out
+    assert contact["crossed_pairs"] > 5
+    assert contact["crossed"][0]["depth"] > 1e-3
+    assert contact["depth_at_rest"] < 1e-5
+    # rounds converge, and nothing goes deeper than it is drawn
+    assert contact["most_contacts"] > COUNT
+    assert contact["steps_with_contacts_off"] == contact["feathers_whose_contacts_yielded"] == 0
+    thickness = min(each.kind.vane_material.thickness for each in shot.groom.feathers)
+    assert contact["depth_after_settling"] < thickness
+    assert contact["worst_depth"] < thickness
+    assert contact["feather_solves"] < 6 * contact["steps"] * 2 * COUNT
