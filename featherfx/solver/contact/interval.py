@@ -121,9 +121,9 @@ class IntervalOptions(NamedTuple):
     speed. led: bodies that the others meet as they meet walls; their states come out as zero.
     iterations: of Newton in one solve of a feather, at most. turns: whether points that come around
     a rim stay on the side where they come, against an order. settling: whether all feathers are
-    solved as closely as those that touch. lost: m, for all or (B,), misfit of a feather's contacts with
-    which rounds end beyond which it stays where it is: no other search is likely to bring it where
-    it should be.
+    solved as closely as those that touch. lost: m, for all or (B,), misfit of a feather's contacts
+    with which rounds end beyond which it stays where it is: no other search is likely to bring it
+    where it should be.
     """
 
     substeps: int = 1
