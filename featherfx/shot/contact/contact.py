@@ -324,9 +324,9 @@ def _deepest_first(depths: Mapping[tuple[str, str], float], least: float) -> lis
 def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
     """Say which feathers stay through each other. laid: whether a layout laid any."""
     helps = (
-        "a finer quality draws feathers of a [layout] farther apart; or move or turn one"
+        "Move or turn one, or take a finer quality, which draws a [layout] more closely"
         if laid
-        else "move or turn one, or add a [layout] table to the groom, which lays them"
+        else "Move or turn one, or add a [layout] table to the groom, which lays them"
     )
     if crossed:
         first, more = crossed[0], len(crossed) - 1
@@ -334,7 +334,7 @@ def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
             f"contact: feathers '{first['feather']}' and '{first['other']}' pass through each other"
             f" at rest, by {1e3 * first['depth']:.2g} mm"
             + (f", and so do {more} more pairs" if more else "")
-            + f". They stay as they are drawn, and nothing pushes them apart: {helps}",
+            + f". They stay as they are drawn, and nothing pushes them apart. {helps}",
             InputWarning,
             stacklevel=2,
         )
