@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import stat
 from dataclasses import field
 from pathlib import Path
@@ -37,6 +38,8 @@ MAX_SHARES = 10_000  # of the feathers of a bake
 TASK_HOURS = 24.0  # after which a scheduler stops a task of a plan, where none are given
 MAX_SHEET = 400  # pictures on a contact sheet
 MAX_SIDE = 8192  # pixels of a side of a picture
+MIN_LARGE_OUTPUT = 5e8  # bytes of a cache whose size is told before the work
+SMALLER_OUTPUT = "--as condensed and --velocities half take less"
 MAX_KEPT_BYTES = 2e9  # of layouts, models and the like in the cache folder (files/disk_cache.py)
 MAX_PIXELS = 100_000_000  # of all pictures that are drawn at a time
 
@@ -116,6 +119,19 @@ def refuse_beyond_memory(needed: float, source: str, key: str, what: str) -> Non
     if needed > limit:
         sizes = f"about {as_size(needed)} of memory, more than the {as_size(limit)} {whose}"
         raise InputError(Problem(source, key, f"{what} would need {sizes}"))
+
+
+def describe_large_output(needed: float, samples: int, path: Path) -> str:
+    """Describe an output of so many bytes that is large; empty for others.
+
+    Raises InputError where the disk of its folder has no room for it.
+    """
+    free = shutil.disk_usage(path.parent).free
+    each = f"about {as_size(needed)}, {as_size(needed / samples)} a sample"
+    if needed > free:
+        told = f"takes {each}; its disk has {as_size(free)} left. {SMALLER_OUTPUT}"
+        raise InputError(Problem(str(path), "", told))
+    return f"{path}: takes {each}. {SMALLER_OUTPUT}" if needed > MIN_LARGE_OUTPUT else ""
 
 
 def as_size(size: float) -> str:

@@ -17,20 +17,28 @@ from featherfx.algebra.types import Array
 from featherfx.api import Folders, read_groom, read_quality, read_shot
 from featherfx.baking.bake import in_parts, peak_memory_bytes
 from featherfx.baking.entries import entries_of
-from featherfx.baking.trial import MAX_TRIAL_SECONDS, expected, has_time_for, sum_unknowns, time_of
+from featherfx.baking.trial import (
+    MAX_TRIAL_SECONDS,
+    expected,
+    has_time_for,
+    resolve_in_time,
+    sum_unknowns,
+    time_of,
+)
 from featherfx.errors import InputWarning, all_of
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.types import Groom
 from featherfx.phases import account
 from featherfx.shot.loop.run import drawn_feathers
-from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.options import resolve_options
 from featherfx.shot.types import LEVELS, Quality, Shot
 from featherfx.usd.space import StageSpace
 from featherfx.usd.write.cache_writer import chunk_bytes
 from featherfx.usd.write.options import CHUNK_FRAMES, CONTACT_CHUNK_FRAMES
 from featherfx.usd.write.poses import make_posed_feathers
+
+# over the time that building the drawn feathers takes, what comes after the trials
+_AFTER_TRIALS = 0.5
 
 
 def stats(
@@ -135,12 +143,16 @@ def bake_cost(
     the time is what bakes of a part of it (trial.py) tell of all. until, budget: of these. Memory
     is that of the process so far and of what the bake adds; an estimate.
     """
+    begin = time.process_time()
     drawn = drawn_feathers(shot)
-    options = resolve_options(shot, drawn, root_motion(shot)).feathers
+    # what comes after the trials takes a part of that
+    until -= _AFTER_TRIALS * (time.process_time() - begin)
+    resolved = resolve_in_time(shot, drawn, begin, until)
+    options = resolved.options.feathers
     levels = Counter(each.level for each in options)
     frames = shot.last_frame - shot.first_frame + 1 + 2 * shot.handles
     total = len(shot.groom.feathers)
-    learnt = expected(shot, options, jobs, until, budget)
+    learnt = expected(shot, resolved, jobs, until, budget)
     entries = entries_of(shot.groom, drawn, static=False, skin=shot.skin)
     sample = sum(feather.bytes_per_sample for feather in make_posed_feathers(entries, StageSpace()))
     # frames of a chunk that the trial did not have

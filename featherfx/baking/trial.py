@@ -14,6 +14,7 @@ frames, and a frame costs as many Newton iterations as they take, and a part tha
 from __future__ import annotations
 
 import gc
+import math
 import mmap
 import signal
 import tempfile
@@ -21,7 +22,7 @@ import threading
 import time
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -34,12 +35,22 @@ from featherfx.baking.bake import peak_memory_bytes
 from featherfx.baking.options import TRIAL_SECONDS, BakeOptions
 from featherfx.baking.task import BakeTask
 from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.feather.types import Feather
 from featherfx.files.memory import give_back_memory
 from featherfx.phases import Account, phase
+from featherfx.shot.loop.calibration import assume_grids
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.options import FeatherOptions, ShotOptions, resolve_options
+from featherfx.shot.options.options import (
+    FeatherOptions,
+    MeasuredGrid,
+    ShotOptions,
+    first_space,
+    first_time,
+    resolve_options,
+    simulation_quality,
+)
 from featherfx.shot.partition.partition import shot_islands
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.subset import part_of
@@ -53,6 +64,13 @@ _FEW, _MORE, _FRAMES = 12, 96, 6
 _COURSE, _OF_COURSE = 32, 0.25
 # neighbours that are tried together
 _TOGETHER = 16
+# of a budget, how far beyond it the first trial may go
+_FIRST_TRIAL_RATIO = 0.25
+# over the time that resolving takes, what must be left where the whole is built
+_BUILDING_RATIO = 6.0
+# of the time left, what may go into measuring grids, and into building the whole; cost of other
+# grids over those that the measuring begins with
+_MEASURING_RATIO, _OTHER_GRIDS = 0.3, (0.5, 4.0)
 # share of a bake's processor time that a trial may take where TRIAL_SECONDS are less, up to s of it
 _OF_BAKE, MAX_TRIAL_SECONDS = 1.0 / 6.0, 60.0
 # of a time, what it is off by if it is measured again
@@ -140,32 +158,42 @@ def stopped_at(until: float) -> Iterator[None]:
 
 def expected(
     shot: Shot,
-    options: Sequence[FeatherOptions],
+    resolved: TimedOptions,
     jobs: int,
     until: float,
     budget: float | None = None,
 ) -> ExpectedCost:
     """Estimate the time of the phases of a bake on this machine as it is now.
 
-    options: of all feathers. until: s of CPU time of this process when the last trial is stopped.
-    budget: s of CPU time after which no other trial begins; None: TRIAL_SECONDS, or a share of the
-    bake's. Raises SimulationError where one of the feathers that are tried cannot be simulated,
-    OutOfTimeError where there is no time for any.
+    until: s of CPU time of this process when the last trial is stopped. budget: s of CPU time after
+    which no other trial begins; None: TRIAL_SECONDS, or a share of the bake's. Raises
+    SimulationError where one of the feathers that are tried cannot be simulated, OutOfTimeError
+    where there is no time for any.
     """
     begin = time.perf_counter()
     # the solver takes its time to load, here as in a bake
     once = {"starting": time_of(lambda: import_module("featherfx.baking.frame_loop"))}
     held = resident_bytes(release=True)
-    with phase("building"):
-        once["building"] = time_of(lambda: simulate(shot, jobs))
-        if has_time_for(3.0 * once["building"][1], until):
-            once["building"] = time_of(lambda: simulate(shot, jobs))
-    work = sum_unknowns(options)
-    trials, course = _tried(shot, work, jobs, until, budget)
+    # else it goes with the feathers of a trial, which are built by themselves
+    if has_time_for(_BUILDING_RATIO * resolved.seconds, until):
+        end = time.process_time() + _MEASURING_RATIO * (until - time.process_time())
+        try:
+            with phase("building"), stopped_at(end):
+                once["building"] = time_of(lambda: simulate(shot, jobs))
+                if has_time_for(3.0 * once["building"][1], end):
+                    once["building"] = time_of(lambda: simulate(shot, jobs))
+        except KeyboardInterrupt:
+            if has_time_for(0.0, end):
+                raise
+    work = sum_unknowns(resolved.options.feathers)
+    with assume_grids(resolved.grids):
+        trials, course = _tried(shot, work, jobs, until, budget)
     fixed = float(sum(seconds[1] for seconds in once.values()))
     once = _whole(shot, work, trials, course) | once
     processor = float(sum(seconds[1] for seconds in once.values()))
     low, high = _range(shot, work, trials, course)
+    if not resolved.is_measured:
+        low, high = low * _OTHER_GRIDS[0], high * _OTHER_GRIDS[1]
     share = (processor - fixed) / processor
     return ExpectedCost(
         phases={name: float(seconds[0]) for name, seconds in once.items()},
@@ -176,6 +204,45 @@ def expected(
         low=1.0 - share * (1.0 - low),
         high=1.0 + share * (high - 1.0),
     )
+
+
+@dataclass(frozen=True)
+class TimedOptions:
+    """Options of the feathers of a shot. grids: by feather, empty where no error is promised.
+    is_measured: whether they are those of a bake. seconds: of CPU time that building the drawn
+    feathers and this took."""
+
+    options: ShotOptions
+    grids: Mapping[str, MeasuredGrid]
+    is_measured: bool
+    seconds: float
+
+
+def resolve_in_time(
+    shot: Shot, drawn: Sequence[Feather], begin: float, until: float
+) -> TimedOptions:
+    """Resolve the options of a shot.
+
+    begin, until: s of CPU time of this process. A part of what is left may go into measuring grids,
+    else those that the measuring begins with are taken.
+    """
+    now = time.process_time()
+    end, motion = now + _MEASURING_RATIO * max(until - now, 0.0), root_motion(shot)
+    names, measured, begun = [each.id for each in shot.groom.feathers], True, now
+    try:
+        with stopped_at(end):
+            options = resolve_options(shot, drawn, motion)
+    except KeyboardInterrupt:
+        if has_time_for(0.0, end):
+            raise
+        measured, error, begun = False, simulation_quality(shot).promised, time.process_time()
+        assert error is not None
+        first = MeasuredGrid(first_space(error), first_time(error), math.inf, True)
+        with assume_grids(dict.fromkeys(names, first)):
+            options = resolve_options(shot, drawn, motion)
+    seconds = now - begin + time.process_time() - begun
+    grids = dict(zip(names, options.measured, strict=False))
+    return TimedOptions(options, grids, measured, seconds)
 
 
 def has_time_for(seconds: float, until: float) -> bool:
@@ -258,7 +325,8 @@ def _tried(
     few, begin = (min(total, _FEW), min(frames, _FRAMES)), time.process_time()
     most = TRIAL_SECONDS if budget is None else budget
     with phase("measuring") as done:
-        first = _trial(shot, *few, jobs, until)
+        # without it nothing is known
+        first = _trial(shot, *few, jobs, until + _FIRST_TRIAL_RATIO * (budget or 0.0))
         if first is None:
             raise OutOfTimeError
         again = None

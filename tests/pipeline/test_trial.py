@@ -151,6 +151,15 @@ def test_the_time_for_trials_holds(monkeypatch):
             assert each["low"][key] < each[key] < each["high"][key]
 
 
+@pytest.mark.nightly
+@pytest.mark.parametrize("shot", ["pigeon/shot", "pigeon/contact", "owl_flight/shot"])
+def test_the_time_holds_for_whole_birds(shot):
+    begin = time.process_time()
+    cost = stats(SAMPLES / f"{shot}.toml", budget=15.0)["bake"]
+    assert time.process_time() - begin < 1.5 * 15.0
+    assert cost["low"]["processor_seconds"] < cost["high"]["processor_seconds"]
+
+
 def test_no_time_for_any_trial_is_told():
     with pytest.raises(InputError, match=r"--seconds: is over before two frames .* Give more"):
         stats(SAMPLES / "breeze" / "shot.toml", budget=0.1)

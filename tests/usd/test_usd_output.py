@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +14,8 @@ import feathers
 import pytest
 from pxr import Sdf, Usd
 
-from featherfx.errors import InputError
+from featherfx import limits
+from featherfx.errors import InputError, InputWarning
 from featherfx.files import atomic_write
 from featherfx.usd.types import OutputError
 from featherfx.usd.write import layers
@@ -214,6 +217,23 @@ def test_all_wrong_arguments_are_named_at_once(tmp_path):
 def test_asking_needs_no_usd():
     code = "import sys, featherfx.usd, featherfx.usd.write.output; sys.exit('pxr' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_an_output_that_its_disk_has_no_room_for_is_refused_before_the_work(tmp_path, monkeypatch):
+    usage = shutil.disk_usage(tmp_path)._replace(free=1000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage)
+    with pytest.raises(InputError, match=r"its disk has 1 kB left. --as condensed"):
+        bake(tmp_path / "out.usda")
+    assert not contents(tmp_path)
+
+
+def test_the_size_of_a_large_output_is_told_before_the_work_and_right(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "MIN_LARGE_OUTPUT", 1.0)
+    with pytest.warns(InputWarning, match="out.usdc: takes about") as warned:
+        bake(tmp_path / "out.usdc")
+    number, unit = re.search(r"about ([0-9.]+) (kB|MB)", str(warned[0].message)).groups()
+    told = float(number) * {"kB": 1e3, "MB": 1e6}[unit]
+    assert told == pytest.approx((tmp_path / "out.usdc").stat().st_size, rel=0.5)
 
 
 def test_reading_compiles_nothing():

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from featherfx import usd
-from featherfx.errors import Problem, SimulationError
+from featherfx.errors import InputWarning, Problem, SimulationError
 from featherfx.files.atomic_write import Standing, standing
 from featherfx.files.background import Background
+from featherfx.limits import describe_large_output
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number
 from featherfx.usd.installed import refuse_unfit_usd
@@ -134,6 +136,11 @@ class CacheWriter:
         frames_each = continuation.frames_each if continuation else None
         self.chunk = (frames_each or chunk_frames(options, posed)) * self._subframes
         self._layout = choose_layout(options.layout, bytes_per_sample * self._samples)
+        if self._samples and not options.resume:
+            needed = bytes_per_sample * self._samples
+            told = describe_large_output(needed, self._samples, self._path)
+            if told:
+                warnings.warn(told, InputWarning, stacklevel=2)
         self._info = StageInfo(
             prim_name(place.root or self._path.stem),
             space,
