@@ -39,7 +39,7 @@ TASK_HOURS = 24.0  # after which a scheduler stops a task of a plan, where none 
 MAX_SHEET = 400  # pictures on a contact sheet
 MAX_SIDE = 8192  # pixels of a side of a picture
 MIN_LARGE_OUTPUT = 5e8  # bytes of a cache whose size is told before the work
-SMALLER_OUTPUT = "--as condensed and --velocities half take less"
+_SMALLER = "--as condensed or --velocities half"
 MAX_KEPT_BYTES = 2e9  # of layouts, models and the like in the cache folder (files/disk_cache.py)
 MAX_PIXELS = 100_000_000  # of all pictures that are drawn at a time
 
@@ -129,9 +129,9 @@ def describe_large_output(needed: float, samples: int, path: Path) -> str:
     free = shutil.disk_usage(path.parent).free
     each = f"about {as_size(needed)}, {as_size(needed / samples)} a sample"
     if needed > free:
-        told = f"takes {each}; its disk has {as_size(free)} left. {SMALLER_OUTPUT}"
+        told = f"takes {each}, but its disk has {as_size(free)} left. Make room, or give {_SMALLER}"
         raise InputError(Problem(str(path), "", told))
-    return f"{path}: takes {each}. {SMALLER_OUTPUT}" if needed > MIN_LARGE_OUTPUT else ""
+    return f"{path}: takes {each}. Give {_SMALLER} for less" if needed > MIN_LARGE_OUTPUT else ""
 
 
 def as_size(size: float) -> str:

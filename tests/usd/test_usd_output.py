@@ -222,7 +222,7 @@ def test_asking_needs_no_usd():
 def test_an_output_that_its_disk_has_no_room_for_is_refused_before_the_work(tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)._replace(free=1000)
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage)
-    with pytest.raises(InputError, match=r"its disk has 1 kB left. --as condensed"):
+    with pytest.raises(InputError, match=r"its disk has 1 kB left. Make room"):
         bake(tmp_path / "out.usda")
     assert not contents(tmp_path)
 
