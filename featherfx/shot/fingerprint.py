@@ -19,6 +19,8 @@ from featherfx.files.content import DIGITS, digest, members
 from featherfx.shot.types import Shot
 
 _LONGEST = 72
+# members that say where values came from
+_SOURCES = frozenset({"document", "inputs"})
 # numbers of an array that are told one by one
 _FEW = 4
 
@@ -27,11 +29,11 @@ def shot_settings(shot: Shot) -> dict[str, str]:
     """Everything of a shot and its groom that its simulation depends on."""
     found: dict[str, str] = {}
     for name, value in members(shot):
-        if name == "inputs":
+        if name in _SOURCES:
             continue
         if is_dataclass(value):
             for inner, part in members(value):
-                if inner == "inputs":
+                if inner in _SOURCES:
                     continue
                 found[f"{name}.{inner}"] = _text(part)
         else:
