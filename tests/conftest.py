@@ -17,11 +17,6 @@ with tempfile.TemporaryDirectory() as folder:
     shot, output = Path("samples/flapping_bird/shot.toml"), Path(folder) / "bird.usdc"
     bake(shot, output, frames=(1, 2), quality="draft")
 """
-# half a minute of one core, which the helpers of the steps leave free; its tests are many
-BIRD = """
-from featherfx import read_groom
-read_groom("samples/pigeon/groom.toml")
-"""
 # rooms whose tests call kernels that no other does: compiled by one process, not by several at once
 ALONE = frozenset({"mechanics", "nodal", "render", "solver"})
 
@@ -49,12 +44,7 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_xdist_setupnodes(config, specs):
-    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
-    works = [
-        subprocess.Popen([sys.executable, "-c", work], cwd=config.rootpath)
-        for work in ((STEPS, BIRD) if whole else (STEPS,))
-    ]
-    assert not any([work.wait() for work in works])
+    subprocess.run([sys.executable, "-c", STEPS], cwd=config.rootpath, check=True)
 
 
 def pytest_xdist_make_scheduler(config, log):

@@ -17,6 +17,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -121,23 +122,9 @@ def _find_imports(source: Path) -> frozenset[Path]:
 
 
 @cache
-def find_version(package: str) -> str:
-    """Version of an installed package by the name of its metadata's folder.
-
-    importlib.metadata takes some MiB to read what is in it.
-    """
-    for place in sys.path:
-        for found in Path(place or ".").glob(f"{package}-*.dist-info"):
-            return found.name.removesuffix(".dist-info").partition("-")[2]
-    from importlib.metadata import version
-
-    return version(package)
-
-
-@cache
 def hash_source(source: Path) -> str:
     """Name of the folder for the kernels of a file: a hash of all that their code depends on."""
-    digest = hashlib.sha256(" ".join(map(find_version, ("numba", "llvmlite"))).encode())
+    digest = hashlib.sha256(" ".join(map(version, ("numba", "llvmlite"))).encode())
     for part in (*_COMPILER, *sorted(_find_imports(source))):
         digest.update(part.read_bytes())
     return digest.hexdigest()[:16]

@@ -44,6 +44,12 @@ def _find_missing(works: Iterable[str]) -> dict[str, float]:
     return {name: seconds for name, seconds in kernels.items() if not is_stored(name)}
 
 
+def _find_works(name: str) -> list[str]:
+    """The smallest work that needs a kernel; none where it is not known."""
+    table = measured_seconds()
+    return sorted((work for work in table if name in table[work]), key=lambda w: len(table[w]))[:1]
+
+
 class CompileProgress:
     """Reports to all open accounts which kernels are compiled, one after another.
 
@@ -55,8 +61,8 @@ class CompileProgress:
         self._lock = threading.RLock()
         self._phases: list[tuple[Account, Any]] = []
         self._depth, self._since, self._spent = 0, 0.0, 0.0
-        self._requested: set[str] = set()
-        # expected seconds of what has been compiled
+        # expected seconds of what is to be and what has been compiled
+        self._to_come: dict[str, float] = {}
         self._done: dict[str, float] = {}
 
     @contextmanager
@@ -66,8 +72,9 @@ class CompileProgress:
             self._depth += 1
             if self._depth == 1:
                 self._since = time.perf_counter()
-                to_come, done = self._expect(name), len(self._done)
-                total, left = done + len(to_come), self._predict(to_come)
+                self._expect(name, *_find_missing(self.works or _find_works(name)))
+                done, left = len(self._done), self._predict()
+                total = done + len(self._to_come)
                 self._phases = [
                     (each, each.open(COMPILING, total, done, left=left)) for each in accounts()
                 ]
@@ -80,36 +87,33 @@ class CompileProgress:
                 self._spent, self._since = self._spent + now - self._since, now
                 self.note_compiled(name)
                 for account, own in self._phases if self._depth == 0 else ():
-                    account.close(own, complete=not self._expect())
+                    account.close(own, complete=not self._to_come)
 
     def request(self, name: str) -> None:
         """Expect a kernel that was found missing."""
-        self._requested.add(name)
+        with self._lock:
+            self._expect(name)
 
     def note_compiled(self, name: str) -> None:
         """Report a kernel as compiled."""
         with self._lock:
-            to_come = self._expect(name)
-            if name in to_come:
-                self._done[name] = to_come.pop(name)
+            if name in self._to_come:
+                self._done[name] = self._to_come.pop(name)
                 for account, own in self._phases if self._depth else ():
-                    account.advance(own, len(self._done), self._predict(to_come))
+                    account.advance(own, len(self._done), self._predict())
 
-    def _expect(self, name: str = "") -> dict[str, float]:
-        """Expected seconds of the kernels to come, a named one among them."""
-        table = measured_seconds()
-        fitting = [work for work in table if name in table[work]]
-        works = self.works or sorted(fitting, key=lambda work: len(table[work]))[:1]
-        names = dict.fromkeys([name, *sorted(self._requested), *_find_missing(works)])
-        known = {key: s for work in table.values() for key, s in work.items()}
-        to_come = (each for each in names if each and each not in self._done)
-        return {each: known.get(each, _UNKNOWN_SECONDS) for each in to_come}
+    def _expect(self, *names: str) -> None:
+        """Add kernels that are to be compiled."""
+        known = {key: s for work in measured_seconds().values() for key, s in work.items()}
+        for each in names:
+            if each not in self._done:
+                self._to_come.setdefault(each, known.get(each, _UNKNOWN_SECONDS))
 
-    def _predict(self, to_come: dict[str, float]) -> float:
+    def _predict(self) -> float:
         """Seconds that kernels will take on this machine."""
         expected = sum(self._done.values())
         rate = (self._spent + _TRUSTED_SECONDS) / (expected + _TRUSTED_SECONDS)
-        return sum(to_come.values()) * rate
+        return sum(self._to_come.values()) * rate
 
 
 PROGRESS = CompileProgress()
