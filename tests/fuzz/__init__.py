@@ -3,5 +3,5 @@
 import sys
 from pathlib import Path
 
-# the helpers of the tests of USD
-sys.path += [str(Path(__file__).resolve().parents[1] / name) for name in ("usd", "usdin")]
+# the helpers of all tests, and of those of USD
+sys.path += [str(Path(__file__).resolve().parents[1] / name) for name in ("", "usd", "usdin")]

@@ -1,10 +1,14 @@
-"""Commands killed at seeded times and run again, compared byte by byte with undisturbed ones.
+"""Commands disturbed at seeded times and run again, compared byte by byte with undisturbed ones.
 
-Bakes go on with --resume, in three layouts; the others begin again.
+They are killed; or, where there is a C compiler, writes below their folder fail from some one on,
+as on a full or broken disk, or clocks jump (faults.c). Bakes go on with --resume, in three layouts;
+the others begin again.
 """
 
 from __future__ import annotations
 
+import errno
+import os
 import random
 import shutil
 import signal
@@ -23,6 +27,9 @@ SHOT = SAMPLES / "feather_pull/shot.toml"
 WING = SAMPLES / "swan_wing"
 MAX_KILLS = 3  # of one command before it is left in peace
 SECONDS = 240  # beyond which a command hangs
+# of a disk; writes of a command until the first that fails, at most; s by which a clock jumps
+ERRORS, MAX_WRITES, JUMPS = (errno.EIO, errno.ENOSPC), 60, (-86400, 3600)
+KILL, FAULTS = "kill", ("error", "jump")
 
 
 class Job(NamedTuple):
@@ -50,13 +57,14 @@ def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Iterator[F
     """Outcomes of each case by name.
 
     done: a command that was killed and run again leaves the same files, byte by byte, and no other.
-    killed: commands that a kill hit. differs, stray, refused, hang: what must not be. keep: takes
-    the folders of such cases.
+    killed: commands that a kill hit; failed: that ended with a message as the disk did. differs,
+    stray, refused, hang, traceback: what must not be. keep: takes the folders of such cases.
     """
     with tempfile.TemporaryDirectory() as name:
         whole = Path(name)
         inputs = whole / "inputs"
         make_inputs(inputs)
+        ways = (KILL, *FAULTS) if build_faults(whole / "faults.so") else (KILL,)
         expected: dict[str, tuple[float, dict[str, bytes]]] = {}
         for number in cases:
             result = nothing()
@@ -68,11 +76,24 @@ def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Iterator[F
             # of one name, since caches tell their own
             folder = whole / job
             shutil.copytree(inputs, folder)
+            end = ""
             for time_over in range(chance.randint(1, MAX_KILLS)):
-                result.outcomes["killed"] += is_killed(
-                    folder, JOBS[job], bool(time_over), chance, seconds
-                )
-            end = compare_second_run(folder, JOBS[job], files)
+                again, way = bool(time_over), chance.choice(ways)
+                if way == KILL:
+                    result.outcomes["killed"] += is_killed(
+                        folder, JOBS[job], again, chance, seconds
+                    )
+                    continue
+                fault = {"LD_PRELOAD": str(whole / "faults.so"), "FAULT_FOLDER": str(folder)}
+                if way == "jump":
+                    fault["FAULT_JUMP"] = str(chance.choice(JUMPS))
+                else:
+                    fault["FAULT_ERRNO"] = str(chance.choice(ERRORS))
+                    fault["FAULT_AFTER"] = str(chance.randint(1, MAX_WRITES))
+                told = run_faulty(folder, JOBS[job], again, fault)
+                end = end or ("traceback" if "Traceback" in told else "")
+                result.outcomes["failed"] += bool(told)
+            end = end or compare_second_run(folder, JOBS[job], files)
             result.outcomes[end] += 1
             if end != "done":
                 result.failures.append(Failure(number, f"{job}: {end}"))
@@ -97,6 +118,27 @@ def start(folder: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
     """Start a command in a folder."""
     silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     return subprocess.Popen([sys.executable, "-m", "featherfx", *arguments], cwd=folder, **silent)
+
+
+def build_faults(target: Path) -> bool:
+    """Compile the library of faults; whether there is a compiler."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        print("no C compiler: commands are killed, but no disk fails", flush=True)
+        return False
+    source = str(Path(__file__).with_name("faults.c"))
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", source, "-o", target, "-ldl"], check=True)
+    return True
+
+
+def run_faulty(folder: Path, job: Job, is_again: bool, fault: dict[str, str]) -> str:
+    """Run a command on a disk that fails, or with clocks that jump; what it says where it fails."""
+    command = [sys.executable, "-m", "featherfx", *job.arguments, *(job.again if is_again else ())]
+    how = {"cwd": folder, "env": os.environ | fault, "timeout": SECONDS, "capture_output": True}
+    done = subprocess.run(command, text=True, check=False, **how)
+    if done.returncode and "featherfx: " not in done.stderr:
+        return f"Traceback? {done.returncode} {done.stderr}"
+    return done.stderr if done.returncode else ""
 
 
 def undisturbed(folder: Path, inputs: Path, job: Job) -> tuple[float, dict[str, bytes]]:
