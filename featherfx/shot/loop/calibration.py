@@ -15,6 +15,9 @@ once. Where the finest settings do not keep the error, the report has the figure
 settings do not come nearer to each other, the feather has no unique answer, as where it has several
 rest poses or flutters; the report names it.
 
+A window begins at rest under the loads of its first sample. What a shot brings into it is not in
+its error, which is why a sample may err by a part of what is promised only (_MARGIN).
+
 What is found depends on the shot alone: no share, thread or frame range changes it. Feathers push
 nothing here, and shapes of meshes, which fit one grid, do not draw them.
 """
