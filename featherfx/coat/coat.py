@@ -102,9 +102,10 @@ def grow_coat(
     """
     mesh = make_coat_mesh(points, faces, follicles)
     rest = pose_carrier(mesh, points)
+    follicles = follicles._replace(heading=find_headings(mesh, rest, follicles))
     fields = make_fields(mesh, rest, follicles, spacing)
     sides = np.linalg.pinv(_sides(rest, mesh, follicles.triangle))
-    own = np.einsum("fij,fj->fi", sides, find_headings(mesh, rest, follicles))
+    own = np.einsum("fij,fj->fi", sides, follicles.heading)
     values = follicles.corners(mesh, fields.phi)
     coat = Coat(mesh, rest, fields, follicles, own, values, np.zeros(len(values)))
     return replace(coat, depths=_find_depths(coat))

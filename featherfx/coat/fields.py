@@ -10,7 +10,9 @@ weigh what lies across it most:
 
     int w (grad phi - f) . (1 - (1 - e) f f') (grad phi - f) = min,   w = |mean of headings|^2
 
-The pace is the growth of phi along f, so that phi gains q = l pace over a feather.
+Where headings around disagree, |mean| < 0.7, feathers turn towards the mean: flows that meet run
+along their ridge. The pace is the growth of phi along f, so that phi gains q = l pace over a
+feather.
 """
 
 from __future__ import annotations
@@ -34,6 +36,8 @@ from featherfx.coat.carrier import (
 
 # of the length of the feathers: reach of means over the skin, and of the smoothing of the carrier
 _MEAN_REACH, _CARRIER_REACH = 1.0, 0.1
+# agreement of headings below which feathers turn towards their mean, wholly at half of it
+_MIN_AGREEMENT = 0.7
 # weight of growth along the flow against what lies across it
 _ALONG = 0.15
 # least share of the weight where there is no flow, and relative hold of phi at 0
@@ -105,16 +109,9 @@ class Fields(NamedTuple):
 
 def make_coat_mesh(points: Array, faces: Indices, follicles: Follicles) -> CoatMesh:
     """Prepare a skin for its coat: creases shorter than its feathers are smoothed."""
-    reach = _MEAN_REACH * float(np.median(follicles.length))
-    mean = SkinMeans(make_elements(points, faces), faces, reach, follicles)
+    mean = SkinMeans(make_elements(points, faces), faces, _find_reach(follicles), follicles)
     length = mean(follicles.length)[faces].mean(axis=1)
     return make_mesh(points, faces, _CARRIER_REACH * length)
-
-
-def find_headings(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Array:
-    """Return (F, 3) unit, of rachises in the planes of the smoothed normals."""
-    normals = unit(follicles.corners(mesh, carrier.normals[:, :3]))
-    return np.asarray(unit(follicles.heading - dots(follicles.heading, normals)[:, None] * normals))
 
 
 class SkinMeans:
@@ -147,15 +144,35 @@ class SkinMeans:
         return np.asarray((found.T / self.density).T)
 
 
+def find_headings(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Array:
+    """Return (F, 3) unit, of rachises in the planes of the smoothed normals, flows made to agree."""
+    normals = unit(follicles.corners(mesh, carrier.normals[:, :3]))
+    own = _flattened(follicles.heading, normals)
+    mean = SkinMeans(carrier.elements, mesh.faces, _find_reach(follicles), follicles)
+    common = follicles.corners(mesh, mean(own))
+    agreement = np.linalg.norm(common, axis=1, keepdims=True)
+    turned = np.clip(2.0 - 2.0 * agreement / _MIN_AGREEMENT, 0.0, 1.0)
+    return _flattened((1.0 - turned) * own + turned * unit(common), normals)
+
+
+def _flattened(ways: Array, normals: Array) -> Array:
+    """Return (F, 3) unit, ways in the planes of unit normals."""
+    return np.asarray(unit(ways - dots(ways, normals)[:, None] * normals))
+
+
+def _find_reach(follicles: Follicles) -> float:
+    """Return the reach of means over the skin, m."""
+    return _MEAN_REACH * float(np.median(follicles.length))
+
+
 def make_fields(
     mesh: CoatMesh, carrier: Carrier, follicles: Follicles, spacing: CoatSpacing
 ) -> Fields:
-    """Solve for the fields of a coat on its skin at rest."""
+    """Solve for the fields of a coat on its skin at rest. follicles: with headings that agree."""
     faces, elements = mesh.faces, carrier.elements
-    reach = _MEAN_REACH * float(np.median(follicles.length))
-    mean = SkinMeans(elements, faces, reach, follicles)
+    mean = SkinMeans(elements, faces, _find_reach(follicles), follicles)
     length = mean(follicles.length)
-    heading = find_headings(mesh, carrier, follicles)
+    heading = follicles.heading
     flow = mean(heading)[faces].mean(axis=1)
     flow = flow - dots(flow, elements.normals)[:, None] * elements.normals
     strength = np.minimum(np.linalg.norm(flow, axis=1), 1.0)

@@ -34,6 +34,7 @@ _MAX_DISTANCE = 0.05
 _DEPTH = 0.6
 # of the gap between leaves, that a rachis is high in a vane
 _MAX_HEIGHT = 0.8
+_MAX_TURN = 60.0  # deg, that a feather turns to those around without a warning
 _USUAL_TILT = 15.0  # deg, up to which the coat lies as its thickness has it
 _FOOTPRINT = 11, 4  # rows and columns on which overlaps are found
 _FEATHERS_AT_ONCE = 2000  # that are drawn, to bound the memory
@@ -169,7 +170,11 @@ def lay_out(groom: Groom) -> Groom:
         return groom
     chosen = [groom.feathers[k] for k in members]
     laid, forms = _grow(groom, chosen)
-    doubts = *describe_doubts(laid.coat), *_describe_crowds(laid, chosen)
+    doubts = [
+        *describe_doubts(laid.coat),
+        *_describe_turns(laid, chosen),
+        *_describe_crowds(laid, chosen),
+    ]
     for message in doubts:
         warnings.warn(f"{groom.source}: layout: {message}", InputWarning, stacklevel=3)
     roots = draw(laid.coat, laid.coat.rest, forms)
@@ -234,6 +239,21 @@ def _find_lifts(chosen: Sequence[Placement], corners: Array) -> Array:
     length = np.array([each.kind.length for each in chosen])
     rise = dots(heading, normals)
     return length * np.maximum(rise - np.sin(np.radians(_USUAL_TILT)), 0.0)
+
+
+def _describe_turns(laid: LaidCoat, chosen: Sequence[Placement]) -> list[str]:
+    """Tell which feathers turn to those around, where flows meet."""
+    own = np.stack([each.rotation[:, 0] for each in chosen])
+    turns = np.degrees(np.arccos(np.clip(dots(own, laid.coat.follicles.heading), -1.0, 1.0)))
+    far = np.flatnonzero(turns > _MAX_TURN)
+    if not len(far):
+        return []
+    worst = far[turns[far].argmax()]
+    return [
+        f"{len(far)} feathers turn by more than {_MAX_TURN:g} degrees to those around, where flows"
+        f" meet, as '{chosen[worst].id}' by {turns[worst]:.0f}. Give the regions around a flow that"
+        " does not meet itself"
+    ]
 
 
 def _describe_crowds(laid: LaidCoat, chosen: Sequence[Placement]) -> list[str]:

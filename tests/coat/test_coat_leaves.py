@@ -216,6 +216,23 @@ def test_a_flow_that_meets_itself_is_reported_with_its_place():
     assert "(0.1" in doubt
 
 
+@pytest.mark.parametrize("angle", [60.0, 67.0, 75.0])
+def test_flows_that_meet_run_along_their_ridge(angle):
+    """Feathers from both sides of a line point across it; far from it they keep their flow."""
+    points, faces = FLAT
+    x, y = np.meshgrid(np.arange(0.03, 0.2, 0.007), np.arange(0.01, 0.115, 0.007))
+    x, y = x.ravel(), y.ravel()
+    across = np.sin(np.radians(angle)) * np.where(y < 0.06, 1.0, -1.0)
+    headings = np.stack([np.full(len(x), np.cos(np.radians(angle))), across, 0.0 * x], axis=1)
+    places = np.stack([x, y, 0.0 * x], axis=1)
+    found = grow_coat(points, faces, follicles(points, faces, places, headings)).follicles.heading
+    off = np.degrees(np.arcsin(np.abs(found[:, 1])))
+    near, far = np.abs(y - 0.06) < 0.2 * LENGTH, np.abs(y - 0.06) > 1.2 * LENGTH
+    assert off[near].max() < 0.8 * angle
+    assert np.abs(off[far] - angle).max() < 10.0
+    assert found[:, 0].min() > 0.0
+
+
 def test_elements_know_linear_functions():
     points, faces = HILL
     elements = make_elements(points, faces)
