@@ -145,7 +145,7 @@ class SkinMeans:
 
 
 def find_headings(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Array:
-    """Return (F, 3) unit, of rachises in the planes of the smoothed normals, flows made to agree."""
+    """Return (F, 3) unit headings in the planes of the smoothed normals, which agree."""
     normals = unit(follicles.corners(mesh, carrier.normals[:, :3]))
     own = _flattened(follicles.heading, normals)
     mean = SkinMeans(carrier.elements, mesh.faces, _find_reach(follicles), follicles)
