@@ -6,7 +6,15 @@ from trial_batches import preset_kind
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.lab.feathers.air import GRID, StreamTest, find_feather_modes, measure_stream
+from featherfx.lab.feathers.air import (
+    GRID,
+    FallTest,
+    StreamTest,
+    find_feather_modes,
+    measure_fall,
+    measure_stream,
+    stream_coefficients,
+)
 from featherfx.mechanics.air_kernels import area_vectors
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.resolution import vane_width
@@ -50,6 +58,26 @@ def test_a_stream_presses_by_the_square_of_the_sine():
     assert found.cn == pytest.approx(expected, abs=0.06)
     slow = measure_stream(StreamTest("swan_primary", "90,60,30,-60", 0.1))
     assert slow.cn == pytest.approx(found.cn, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["down", "contour", "semiplume"])
+def test_a_light_feather_falls_at_the_balance_of_weight_and_drag(name):
+    """m g = 1/2 rho v^2 S c, c of a stream from below onto the whole feather at rest."""
+    kind = preset_kind(name)
+    model = make_model([build_feather(kind, 21, 4)], [kind], 1)
+    cells = model.cell_rest[0][model.cell_rest[0][..., 0] > 0.0]
+    area = np.sum(0.5 / (cells[:, 0] * cells[:, 2]))
+    drag = stream_coefficients(model, np.array([0.0, 0.0, 1.0]))[2]
+    terminal = np.sqrt(2.0 * model.mass.sum() * 9.81 / (AIR * area * drag))
+    found = measure_fall(FallTest(name, 3.0))
+    assert found.slowest <= found.speed <= found.fastest
+    # no pose meets more air than this one; one that tilts falls faster
+    assert 0.95 < found.speed / terminal < 1.2
+
+
+def test_a_fall_of_no_time_is_refused():
+    with pytest.raises(InputError, match="duration: 0 is not allowed"):
+        measure_fall(FallTest("down", 0.0))
 
 
 @pytest.mark.parametrize(

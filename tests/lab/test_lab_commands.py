@@ -126,6 +126,7 @@ OPTIONS = {
     "modes": "length ei ei2 gj ea ga taper rest-curvature segments line-mass count kind air"
     " presets",
     "air": "kind angles speed presets",
+    "fall": "kind duration tolerance presets",
     "release": "length ei ei2 gj ea ga taper rest-curvature segments line-weight line-mass duration"
     " tolerance loss-factor samples radius",
     "feather": "preset kinematics rows columns coefficients shake-amplitude shake-frequency pull"

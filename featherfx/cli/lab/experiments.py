@@ -14,7 +14,13 @@ from featherfx.cli.lab.report import report
 from featherfx.cli.options import presets_option, readable_path
 from featherfx.files.atomic_write import write_text
 from featherfx.lab.contact.experiments import ContactTest, run_contact
-from featherfx.lab.feathers.air import StreamTest, find_feather_modes, measure_stream
+from featherfx.lab.feathers.air import (
+    FallTest,
+    StreamTest,
+    find_feather_modes,
+    measure_fall,
+    measure_stream,
+)
 from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feather
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 from featherfx.lab.feathers.strip import PlateTest, StripTest, run_plate, run_strip
@@ -261,6 +267,12 @@ EXPERIMENTS = {
         StreamTest,
         lambda test, preset_folders: [measure_stream(test, preset_folders)],
         "--kind swan_primary --angles 5,10,30,60,90 --speed 10",
+        more=(_PRESETS,),
+    ),
+    "fall": Experiment(
+        FallTest,
+        lambda test, preset_folders: [measure_fall(test, preset_folders)],
+        "--kind down --json",
         more=(_PRESETS,),
     ),
     "release": Experiment(

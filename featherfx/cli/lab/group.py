@@ -10,6 +10,7 @@ _EXPERIMENTS = {
     "rod": "Bend a rod by its weight and a force at its tip.",
     "modes": "Natural frequencies of a rod, or of a feather in vacuum or air.",
     "air": "Force of a stream of air on a feather, by angle.",
+    "fall": "Let a feather fall freely in still air.",
     "release": "Let go a rod that was held straight.",
     "feather": "Shake a feather or pull at its tip.",
     "strip": "Let a clamped strip fall, as other simulators do.",

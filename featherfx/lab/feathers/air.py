@@ -1,4 +1,4 @@
-"""A feather in air: natural frequencies with the air that it carries, and the force of a stream.
+"""A feather in air: natural frequencies with the air that it carries, force of a stream, and fall.
 
 The stream goes across the rachis, from the leading to the trailing edge, at an angle a to the plane
 of the vane, from below:
@@ -20,7 +20,7 @@ from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require
 from featherfx.feather.build import build_feather
 from featherfx.groom.keys.preset import Wind
-from featherfx.lab.declare import Range, out_of_range, value
+from featherfx.lab.declare import POSITIVE, Range, out_of_range, value
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.batch import make_model
@@ -28,12 +28,15 @@ from featherfx.mechanics.model import Model, no_loads
 from featherfx.mechanics.node_kernels import node_forces
 from featherfx.shot.loads.loads import SHAFT_DRAG
 from featherfx.solver.scratch import make_scratch
+from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.modes import decrements, frequencies, with_damping
 from featherfx.solver.types import IntegratorFactors
 
-# rows, columns and coefficients of a feather that is measured
-GRID = (41, 6, 2)
+# rows, columns and coefficients of a feather that is measured, and of one that falls
+GRID, _FALL_GRID = (41, 6, 2), (21, 4, 1)
+# m/s^2; output times of a fall
+_GRAVITY, _STEPS_PER_SECOND = (0.0, 0.0, -9.81), 50
 _STILL = Wind(direction=np.array([0.0, -1.0, 0.0]), speed=0.0)
 
 
@@ -64,6 +67,25 @@ class StreamForces:
     ct: Array
 
 
+@dataclass(frozen=True)
+class FallTest:
+    """Let go of a feather at rest in still air, its vane level, and let it fall freely."""
+
+    kind: str = value("Feather preset.")
+    duration: float = value("s.", 4.0, Range(0.1, 60.0, unit="s"))
+    tolerance: float = value("m, local error that a step may have.", 1e-4, POSITIVE)
+
+
+@dataclass(frozen=True)
+class Fall:
+    """Outcome of a FallTest, over the second half of its duration. speed: m/s, mean of the centre
+    of mass, downwards; slowest, fastest: m/s, of its steps."""
+
+    speed: float
+    slowest: float
+    fastest: float
+
+
 def find_feather_modes(
     kind: str, count: int, in_air: bool, preset_folders: tuple[str | Path, ...] = ()
 ) -> FeatherModes:
@@ -92,11 +114,8 @@ def measure_stream(test: StreamTest, preset_folders: tuple[str | Path, ...] = ()
 def stream_coefficients(model: Model, stream: Array) -> Array:
     """(3,) force of a stream (3,), m/s, on the first feather of a model in its rest shape, over
     rho V^2 S / 2."""
-    wind = _STILL
-    air = np.array([wind.air_density, wind.drag_normal, wind.drag_tangential, SHAFT_DRAG])
-    loads = no_loads(model.feathers)._replace(
-        air=air, wind_mean=np.tile(stream, (model.feathers, 1))
-    )
+    streams = np.tile(stream, (model.feathers, 1))
+    loads = no_loads(model.feathers)._replace(air=_air(), wind_mean=streams)
     state, around = rest_state(model, np.zeros((1, 3)), np.eye(3)[None]), make_scratch(model).around
     nodes = state.points.nodes[0]
     around.past.nodes[:] = nodes
@@ -106,12 +125,37 @@ def stream_coefficients(model: Model, stream: Array) -> Array:
     node_forces(model, loads, 0, factors, nodes, around, force, stiff)
     cells = model.cell_rest[0][model.cell_rest[0][..., 0] > 0.0]
     area = np.sum(0.5 / (cells[:, 0] * cells[:, 2]))
-    pressure = 0.5 * wind.air_density * (stream @ stream)
+    pressure = 0.5 * _STILL.air_density * (stream @ stream)
     return np.asarray(-force.sum(axis=(0, 1)) / (pressure * area))
 
 
-def _model(preset: str, preset_folders: tuple[str | Path, ...]) -> Model:
-    kind, (rows, columns, coefficients) = feather_kind(preset, preset_folders), GRID
+def measure_fall(test: FallTest, preset_folders: tuple[str | Path, ...] = ()) -> Fall:
+    """Measure how fast a feather falls. Raises InputError with every wrong value, SimulationError
+    where a step cannot be solved."""
+    require(*out_of_range(test, "fall"))
+    model = _model(test.kind, preset_folders, _FALL_GRID)._replace(held=np.zeros(1, dtype=np.bool_))
+    loads = no_loads(1, _GRAVITY)._replace(air=_air(), added_mass=np.ones(1))
+    state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+    solver = Solver(model, Settings(tolerance=test.tolerance, newton=0.01 * test.tolerance))
+    steps = max(2, round(test.duration * _STEPS_PER_SECOND))
+    heights, mass = [], model.mass[0] / model.mass[0].sum()
+    for _ in range(steps):
+        heights.append(np.sum(mass * state.points.nodes[0, :, :, 2]))
+        state, report = solver.step(state, loads, hold_roots(state), test.duration / steps)
+        raise_if_failed(report.status, state.time, [test.kind])
+    speeds = -np.diff(heights)[steps // 2 :] / (test.duration / steps)
+    return Fall(float(speeds.mean()), float(speeds.min()), float(speeds.max()))
+
+
+def _air() -> Array:
+    """Return the air of Loads."""
+    return np.array([_STILL.air_density, _STILL.drag_normal, _STILL.drag_tangential, SHAFT_DRAG])
+
+
+def _model(
+    preset: str, preset_folders: tuple[str | Path, ...], grid: tuple[int, int, int] = GRID
+) -> Model:
+    kind, (rows, columns, coefficients) = feather_kind(preset, preset_folders), grid
     model = make_model([build_feather(kind, rows, columns)], [kind], coefficients)
     return with_damping(model, [kind])
 
