@@ -18,12 +18,12 @@ def test_calls_come_in_order_and_all_are_done_at_the_end():
 
 
 def test_work_overlaps():
-    begin = time.perf_counter()
-    with Background(lambda _: time.sleep(0.05)) as call:
-        for k in range(8):
-            time.sleep(0.05)
-            call(k)
-    assert time.perf_counter() - begin < 0.65  # one after the other: 0.8
+    """A call at work sees what its caller does only after handing it over."""
+    later, seen = threading.Event(), []
+    with Background(lambda _: seen.append(later.wait(5.0))) as call:
+        call(0)
+        later.set()
+    assert seen == [True]
 
 
 def test_the_caller_waits_when_too_much_waits_already():
