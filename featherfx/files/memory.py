@@ -1,15 +1,22 @@
-"""Memory that the process holds, and what of it is free."""
+"""Memory of the process: what of it is free, and its address space, which job schedulers limit."""
 
 from __future__ import annotations
 
 import ctypes
+import math
+import os
 import sys
 from contextlib import suppress
 from typing import Any
 
+from featherfx.errors import InputError, Problem
+from featherfx.limits import MIN_ADDRESS_SPACE, as_size, process_limit
+
 # of mallopt (malloc.h): what is larger comes from the system by itself, bytes; number of heaps
 _MMAP_THRESHOLD, _LARGE = -3, 1 << 18
 _ARENA_MAX = -8
+# of the address space (`ulimit -v`)
+_LIMIT = "RLIMIT_AS"
 
 
 def give_back_memory() -> None:
@@ -36,3 +43,21 @@ def _set_allocator(parameter: int, value: int) -> None:
         system: Any = ctypes
         with suppress(AttributeError, OSError):
             system.CDLL(None).mallopt(parameter, value)
+
+
+def spare_address_space() -> None:
+    """Share one heap among threads where the address space has a limit, before numpy is loaded:
+    each thread else reserves 64 MB, or as much again for products of matrices."""
+    if process_limit(_LIMIT) < math.inf:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        share_one_heap()
+
+
+def refuse_small_address_space() -> None:
+    """Raise InputError where the limit of the address space is too small to load OpenUSD, which
+    crashes instead of reporting an error."""
+    limit = process_limit(_LIMIT)
+    if limit < MIN_ADDRESS_SPACE:
+        sizes = f"allows {as_size(limit)}, but at least {as_size(MIN_ADDRESS_SPACE)} are needed"
+        text = f"{sizes}, most of them by OpenUSD. Raise it, or limit resident memory instead"
+        raise InputError(Problem("limit of the address space (ulimit -v)", "", text))

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from featherfx.errors import Problem, require
-from featherfx.files.address_space import refuse_small_address_space
+from featherfx.files.memory import refuse_small_address_space
 
 MIN_USD_VERSION = (0, 24, 3)
 # the library that every program with USD loads first; all in one, or with the others beside it
