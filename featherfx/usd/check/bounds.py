@@ -8,8 +8,8 @@ from typing import Any
 # of the rest length of a rachis or barb, what a written one may be off by; and the same of a
 # feather that is simulated, whose material stretches
 MAX_LENGTH_ERROR, MAX_SIMULATED_LENGTH_ERROR = 0.005, 0.01
-# of a feather's length, a second difference of a point from one sample to the next; and times that
-# of its root, which explains less
+# of a feather's length, a second difference of a point from one sample to the next that the rigid
+# motion of its root does not explain; and times that of its root, below which it is none
 MAX_JUMP, MAX_ROOT_JUMP_RATIO = 0.1, 3.0
 # of a second difference, what velocities that explain it may leave: those that follow a jump by
 # central differences leave three quarters, those of a motion of 2 rad a sample a third

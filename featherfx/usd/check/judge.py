@@ -31,7 +31,7 @@ from featherfx.usd.check.bounds import (
     USUAL_THICKNESS,
     list_passed_bounds,
 )
-from featherfx.usd.check.tracks import BARB, RACHIS, Track, find_tracks
+from featherfx.usd.check.tracks import BARB, RACHIS, Strands, Track, find_tracks
 from featherfx.usd.read.opening import open_stage, read_scenery
 from featherfx.usd.read.values import usd_errors
 
@@ -41,6 +41,7 @@ _PARTS = {RACHIS: "rachis", BARB: "barb"}
 _JUMP, _UNEXPLAINED, _STRAIN, _DEPTH, _KINDS = 2, 3, 4, 5, 6  # columns of Worst
 _MAX_NAMED = 10
 _LIMITS = np.array([MAX_JUMP, MAX_ROOT_JUMP_RATIO, MAX_UNEXPLAINED_RATIO])
+_MIN_RING_SINE = 0.1  # of the angle between two points of a ring that gives axes
 _ROUNDING = float(np.finfo(np.float32).eps)
 
 
@@ -58,24 +59,27 @@ class Worst(NamedTuple):
 class ThreeSamples(NamedTuple):
     """Three samples of a track, step s apart.
 
-    points: of (V, 3). roots: of (F, 3). rates: (V, 3) of the first and the last; of length 0 where
-    there are none. code: of the middle one.
+    points: of (V, 3). roots: of (F, 3). axes: of (F, 3, 3), columns, of the roots. rates: (V, 3) of
+    the first and the last; of length 0 where there are none. code: of the middle one.
     """
 
     points: tuple[Floats, Floats, Floats]
     roots: tuple[Array, Array, Array]
+    axes: tuple[Array, Array, Array]
     rates: tuple[Floats, Floats]
     step: float
     code: float
 
 
 class _Sample(NamedTuple):
-    """Values of a track: points and velocities (V, 3), where there are any, and roots (F, 3)."""
+    """Values of a track: points and velocities (V, 3), where there are any, roots (F, 3) and their
+    axes (F, 3, 3)."""
 
     code: float
     points: Any
     rates: Any
     roots: Array
+    axes: Array
 
 
 def judge_cache(
@@ -149,7 +153,8 @@ class Judge:
             judge_kernels.keep_strains(bent, bent_rest, heights, strands, code or 0.0, worst)
             if code is not None:
                 rates = reader.read("velocities", code)
-                sample = _Sample(code, points, rates, nodes[strands.root])
+                axes = _find_root_axes(points, nodes, strands)
+                sample = _Sample(code, points, rates, nodes[strands.root], axes)
                 window = [*window[-4:], sample]
                 self._compare(window, track, sizes, per_second, worst)
         self._keep([each.id for each in track.labels], worst)
@@ -179,6 +184,7 @@ class Judge:
             samples = ThreeSamples(
                 (last[0].points, last[1].points, last[2].points),
                 (last[0].roots, last[1].roots, last[2].roots),
+                (last[0].axes, last[1].axes, last[2].axes),
                 (rates[0], rates[1]),
                 float(steps[-1]),
                 last[1].code,
@@ -270,6 +276,19 @@ class Judge:
         place = int(np.searchsorted(np.cumsum(counts), 0.99 * counts.sum()))
         rms = np.sqrt(self._squares / self._rates)
         return float(2.0 ** (MIN_EXPONENT + (place + 0.5) / BINS_PER_OCTAVE) / rms)
+
+
+def _find_root_axes(points: Floats, nodes: Array, strands: Strands) -> Array:
+    """Return (F, 3, 3), columns: axes of the rings at the roots; the world's where none is."""
+    first, last = strands.node_first[strands.root], strands.node_first[strands.root + 1] - 1
+    ring = strands.node_points[[first, np.minimum(first + 1, last)]]
+    one, other = points[ring] - nodes[strands.root]
+    normal = np.cross(one, other)
+    sizes = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+    side, up = unit(one), unit(normal)
+    axes = np.stack([side, np.cross(up, side), up], axis=2)
+    is_ring = np.linalg.norm(normal, axis=1) > _MIN_RING_SINE * sizes
+    return np.ascontiguousarray(np.where(is_ring[:, None, None], axes, np.eye(3)))
 
 
 def _find_heights(track: Track, nodes: Array, widths: Array) -> Array:

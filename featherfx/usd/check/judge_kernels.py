@@ -2,9 +2,13 @@
 
     stretch    l / l_rest - 1                                of a rachis or barb, l along its nodes
     strain     |e| + r3 |k2 - k2_rest| + r2 |k3 - k3_rest|   of a rachis' outermost fibre, at a ring
-    jump       x(t - h) - 2 x(t) + x(t + h), over L          of a point of a feather L long
+    jump       x(t - h) - y(t - h) + x(t + h) - y(t + h), over L    of a point of a feather L long
     explained  h (v(t + h) - v(t - h)) / 2                   of a jump, by the velocities
     error      v(t) - (x(t - 2h) - 8 x(t - h) + 8 x(t + h) - x(t + 2h)) / 12h
+
+y(t') = r(t') + R(t') R(t)^T (x(t) - r(t)) is where the point would be if it were rigid with its
+root r, whose frame is R: a jump is a second difference without what the root explains. Velocities
+are held against the whole one.
 
 e is the stretch of the segments at a ring, k2 and k3 its curvature about two directions of the
 section, of half widths r2 and r3: of a beam whose sections stay plane (Timoshenko, Strength of
@@ -121,27 +125,50 @@ def _jump(before, here, after):
 
 
 @kernel
+def _seen_from(vector, axes):
+    """Components of a vector along the columns of axes."""
+    x, y, z = float(vector[0]), float(vector[1]), float(vector[2])
+    return (
+        axes[0, 0] * x + axes[1, 0] * y + axes[2, 0] * z,
+        axes[0, 1] * x + axes[1, 1] * y + axes[2, 1] * z,
+        axes[0, 2] * x + axes[1, 2] * y + axes[2, 2] * z,
+    )
+
+
+@kernel
+def _off_root(point, own, root, axes):
+    """How far a point is from a place that is rigid with its root. own: seen from the root."""
+    x, y, z = own
+    return (
+        float(point[0]) - root[0] - axes[0, 0] * x - axes[0, 1] * y - axes[0, 2] * z,
+        float(point[1]) - root[1] - axes[1, 0] * x - axes[1, 1] * y - axes[1, 2] * z,
+        float(point[2]) - root[2] - axes[2, 0] * x - axes[2, 1] * y - axes[2, 2] * z,
+    )
+
+
+@kernel
 def keep_jumps(samples, owner, sizes, limits, worst):
     """Keep the largest jumps.
 
     owner: (V,) feather of each point. sizes: (F,) lengths. limits: least jump, least ratio to that
     of the root, and least share that velocities leave of one that they do not explain.
     """
-    points, roots, rates = samples.points, samples.roots, samples.rates
+    points, roots, rates, axes = samples.points, samples.roots, samples.rates, samples.axes
     for v in range(owner.shape[0]):
         f = owner[v]
-        jump = _jump(points[0][v], points[1][v], points[2][v])
-        size = length(jump)
+        own = _seen_from(sub(points[1][v], roots[1][f]), axes[1][f])
+        before = _off_root(points[0][v], own, roots[0][f], axes[0][f])
+        size = length(add(before, _off_root(points[2][v], own, roots[2][f], axes[2][f])))
         if size <= limits[0] * sizes[f]:
             continue
         if size <= limits[1] * length(_jump(roots[0][f], roots[1][f], roots[2][f])):
             continue
         _keep(size / sizes[f], samples.code, f, 2, worst)
-        left = size
+        jump = _jump(points[0][v], points[1][v], points[2][v])
+        left = jump
         if rates[0].shape[0] > 0:
-            explained = scale(0.5 * samples.step, sub(rates[1][v], rates[0][v]))
-            left = length(sub(jump, explained))
-        if left > limits[2] * size:
+            left = sub(jump, scale(0.5 * samples.step, sub(rates[1][v], rates[0][v])))
+        if length(left) > limits[2] * length(jump):
             _keep(size / sizes[f], samples.code, f, 3, worst)
 
 
