@@ -137,7 +137,7 @@ def _seen_from(vector, axes):
 
 @kernel
 def _off_root(point, own, root, axes):
-    """How far a point is from a place that is rigid with its root. own: seen from the root."""
+    """Offset of a point from a place that is rigid with its root. own: seen from the root."""
     x, y, z = own
     return (
         float(point[0]) - root[0] - axes[0, 0] * x - axes[0, 1] * y - axes[0, 2] * z,
