@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import glob
 import os
 import re
 import shutil
@@ -24,6 +25,8 @@ Store = Callable[[Path], object]
 Standing = tuple[int, ...] | None
 
 _TEMPORARY = re.compile(r"\.(?P<stem>.+)\.\d+\.(?:tmp|old)(?P<suffix>(?:\.[^.]+)?)")
+# of the same, while USD saves it: six random letters in place of the suffix
+_SAVED_LAYER = re.compile(r"\.(?P<stem>.+)\.\d+\.tmp\.[A-Za-z0-9]{6}")
 
 
 @dataclass(frozen=True)
@@ -53,8 +56,12 @@ class WrittenFile:
             self.discard()
 
     def discard(self) -> None:
-        """Remove it if it still stands there."""
+        """Remove it if it still stands there, and what USD leaves where saving it fails."""
         self.temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            for file in self.temporary.parent.glob(f"{glob.escape(self.temporary.stem)}.??????"):
+                if _SAVED_LAYER.fullmatch(file.name):
+                    file.unlink()
 
 
 def write_beside(path: Path, store: Store) -> WrittenFile:
@@ -130,16 +137,20 @@ def standing(path: Path) -> Standing:
 
 
 def temporary_of(name: str) -> str:
-    """Name of the file that a temporary one of this name is for; empty where it is none."""
+    """Name of the file that a temporary one of this name is for; empty where it is none. That of a
+    layer which USD was saving ends with .usdc."""
+    if match := _SAVED_LAYER.fullmatch(name):
+        return match["stem"] + ".usdc"
     match = _TEMPORARY.fullmatch(name)
     return match["stem"] + match["suffix"] if match else ""
 
 
 def remove_leftovers(path: Path) -> None:
     """Remove what killed processes left beside a target. Nobody else may be writing it."""
+    names = {path.name, *([path.stem + ".usdc"] if path.suffix.startswith(".usd") else ())}
     with contextlib.suppress(OSError):
         for file in path.parent.iterdir():
-            if temporary_of(file.name) == path.name and file.is_file() and not file.is_symlink():
+            if temporary_of(file.name) in names and file.is_file() and not file.is_symlink():
                 file.unlink()
 
 

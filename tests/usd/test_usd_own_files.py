@@ -101,7 +101,7 @@ def test_what_a_killed_bake_left_is_removed_by_the_next(tmp_path, layout):
     path = tmp_path / "o.usdc"
     bake(path, layout=layout)
     names = set(tree(tmp_path))
-    for name in (".o.4242.tmp.usdc", ".o.payload.4242.old.usdc", ".o.animation.77.tmp.usdc"):
+    for name in (".o.4242.tmp.usdc", ".o.payload.4242.old.usdc", ".o.7.tmp.ga87EY"):
         (tmp_path / name).write_text("half")
     for name in (".o.notes.usdc", ".other.4242.tmp.usdc"):
         (tmp_path / name).write_text("mine")
@@ -168,13 +168,14 @@ def test_sound_chunks_are_taken_over(tmp_path):
     folder = stopped(path)
     kept = (folder / "0000.usdc").stat().st_ino
     (folder / ".0002.4242.tmp.usdc").write_text("half")
+    (folder / ".0002.4242.tmp.ga87EY").write_text("half")
     with CacheWriter(
         path, feathers.entries(), (1, 3), options=WriteOptions(chunk=1, resume=True),
         continuation=GOES_ON,
     ) as writer:  # fmt: skip
         assert writer.samples_done == 2
         assert (folder / "0000.usdc").stat().st_ino == kept
-        assert not (folder / ".0002.4242.tmp.usdc").exists()
+        assert not [*folder.glob(".0002.4242.tmp.*")]
         writer.write(feathers.frame(3))
 
 
