@@ -113,10 +113,12 @@ class ShotContact:
         models, halves = [solver.model for solver in solvers], 0.5 * thickness
         grids = grids_of(models)
         every = layered_pairs(rest, surfaces_of(models, grids, halves), grids)
-        others = obstacles.may_touch(every.pairs, order)
+        crossed = every.crossed > thickness[every.pairs].min(axis=1)
+        crossed |= np.roll(crossed, len(crossed) // 2)  # in either role
+        self._crossed = self._through_each_other(every.pairs[crossed], every.crossed[crossed])
+        others = obstacles.may_touch(every.pairs, order) & ~crossed
         candidates = Candidates(every.pairs[others], every.order[others], every.depth[others])
         self._thickness = thickness
-        self._crossed = self._through_each_other(candidates.pairs, every.crossed[others])
         _warn_of_crossed(self._crossed, bool((rest.ranks >= 0).any()))
         settings = ContactSettings(
             friction=self.contact.friction,
@@ -257,8 +259,7 @@ class ShotContact:
     def _through_each_other(self, pairs: Indices, depth: Array) -> list[dict[str, Any]]:
         """Pairs (N, 2) that are through each other at rest by a depth (N,), in m, and stay so."""
         worst: dict[tuple[str, str], float] = {}
-        some = np.flatnonzero(depth > self._thickness[pairs].min(axis=1))
-        for both, own in zip(np.sort(pairs[some], axis=1).tolist(), depth[some], strict=True):
+        for both, own in zip(np.sort(pairs, axis=1).tolist(), depth, strict=True):
             pair = self.names[both[0]], self.names[both[1]]
             worst[pair] = max(worst.get(pair, 0.0), float(own))
         return _deepest_first(worst, 0.0)
