@@ -22,7 +22,7 @@ from featherfx.lab.contact.plates import (
     PlateSetup,
     droop_of,
     frequency_of,
-    pressed_tip,
+    propped_tip,
     sliding_of,
 )
 from featherfx.lab.contact.touching import PlateSample, TouchingPlates
@@ -38,8 +38,8 @@ _SWING_FRAMES, _SLIDE_FRAMES = 48, 12
 _FRICTION, _STEEP, _FLAT = 0.3, 1.5, 0.8
 # m/s, of a plate that is thrown at another; m, between them, and from root to root; frames
 _SPEED, _GAP, _ASIDE, _COLLIDE_FRAMES = 1.0, 1e-3, 0.1, 3
-# degrees, of a plate whose edge presses another; m, by which it does, and from root to root
-_WEDGE_SLOPE, _WEDGE_DEPTH, _WEDGE_ASIDE = 5.0, 5e-3, -0.05
+# degrees, by which a plate rises whose edge bears another; m, from root to root
+_WEDGE_SLOPE, _WEDGE_ASIDE = 5.0, -0.14
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class ContactTest:
 
     case: Case = value(
         "plates: two of different stiffness. stack: n, the top one loaded. graded: n of graded"
-        " stiffness and weight. wedge: a rigid edge presses one down. slide: one on a slope."
+        " stiffness and weight. wedge: one on a rigid edge. slide: one on a slope."
         " collide: two in free flight."
     )
     n: int = value("Plates of a stack.", 2, Range(1, 50))
@@ -116,9 +116,9 @@ def make_plates(test: ContactTest) -> list[Plate]:
         upper = Plate(BENDING, _DENSITY, t + _GAP, _ASIDE, is_free=True)
         return [Plate(BENDING, _DENSITY, is_free=True), upper]
     if test.case == "wedge":
-        height = LENGTH * sin(radians(_WEDGE_SLOPE)) + t - _WEDGE_DEPTH
-        wedge = Plate(rigid, _DENSITY, height, _WEDGE_ASIDE, _WEDGE_SLOPE)
-        return [Plate(BENDING, _DENSITY), wedge]
+        height = -LENGTH * sin(radians(_WEDGE_SLOPE)) - t
+        wedge = Plate(100.0 * rigid, _DENSITY, height, _WEDGE_ASIDE, -_WEDGE_SLOPE)
+        return [wedge, Plate(BENDING, _DENSITY)]
     if test.case == "graded":
         # the stiffest below, the heaviest above
         grades = [(1.0 + k) / test.n for k in range(test.n)]
@@ -150,14 +150,13 @@ def _hang(plates: Sequence[Plate], setup: PlateSetup, frames: int) -> ContactRun
 
 
 def _press(plates: Sequence[Plate], setup: PlateSetup) -> ContactRun:
-    """A plate that the edge of a rigid one presses down, without weight."""
-    setup = replace(setup, gravity=0.0)
+    """A plate that rests on the edge of a rigid one."""
     pressing = TouchingPlates(plates, setup)
     settled = pressing.settle()
     at = _WEDGE_ASIDE + LENGTH * cos(radians(_WEDGE_SLOPE))
     return ContactRun(
-        droop=float(settled.tips[0]),
-        droop_exact=pressed_tip(at, _WEDGE_DEPTH),
+        droop=float(settled.tips[1]),
+        droop_exact=propped_tip(plates[1], at, setup.gravity),
         depth=pressing.contact_report()["depth_after_settling"],
         **_borne(settled, plates, setup),
     )

@@ -7,7 +7,8 @@ weight q, line mass m and length L,
 
     w = q L^4 / (8 EI)                              tip of a slender cantilever
     f = 1.8751^2 / (2 pi) sqrt(EI / (m L^4))        its first frequency
-    w = d (3 L - a) / (2 a),  P = 3 EI d / a^3      tip, where an edge at x = a presses it down by d
+    P = q (6 L^2 - 4 L a + a^2) / (8 a)             force of an edge below it at x = a
+    w = q L^4 / (8 EI) - P a^2 (3 L - a) / (6 EI)   tip of a plate that rests on that edge
 
 (Timoshenko and Young 1961; Gere and Timoshenko 1997, appendix G). A plate slides on a slope s where
 tan s > mu, and then with (Coulomb 1785)
@@ -81,9 +82,16 @@ def sliding_of(slope: float, friction: float, gravity: float) -> float:
     return gravity * max(0.0, sin(slope) - friction * cos(slope))
 
 
-def pressed_tip(at: float, depth: float) -> float:
-    """Return the height (m) of the tip of a plate that an edge at x (m) presses down (m)."""
-    return -depth * (3.0 * LENGTH - at) / (2.0 * at)
+def prop_force(plate: Plate, at: float, gravity: float) -> float:
+    """Return the force (N) on a plate of an edge below it at x (m)."""
+    load = plate.line_mass * gravity
+    return load * (6.0 * LENGTH**2 - 4.0 * LENGTH * at + at**2) / (8.0 * at)
+
+
+def propped_tip(plate: Plate, at: float, gravity: float) -> float:
+    """Return the height (m) of the tip of a plate that rests on an edge at x (m)."""
+    lift = prop_force(plate, at, gravity) * at**2 * (3.0 * LENGTH - at) / (6.0 * plate.bending)
+    return droop_of([plate], gravity) + lift
 
 
 def make_kind(plate: Plate, thickness: float, loss: float) -> FeatherKind:

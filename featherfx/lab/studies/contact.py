@@ -14,13 +14,13 @@ _TOLERANCES, _STEPS = (6e-4, 1.5e-4, 2e-5), (4, 16, 64)
 
 
 def plates_at_rest(folder: Path) -> StudyResult:
-    """Plates that hang on each other, and one that an edge presses, by tolerance."""
+    """Plates that hang on each other, and one that rests on an edge, by tolerance."""
     rows = Comparisons()
     for test, allowed in (
         (ContactTest(case="plates"), 0.01),
         (ContactTest(case="stack", n=8), 0.02),
         (ContactTest(case="graded", n=8), 0.02),
-        (ContactTest(case="wedge"), 0.01),
+        (ContactTest(case="wedge"), 0.02),
     ):
         for tolerance in _TOLERANCES:
             found = run_contact(replace(test, tolerance=tolerance, at_rest=True))

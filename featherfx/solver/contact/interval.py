@@ -75,6 +75,7 @@ MAX_CONTACT_ITERATIONS = 1000
 # searches for contacts in one interval: the poses at its end are not known before; margin of the
 # next, over the way that a body went against expectation
 _MAX_SEARCHES, _WIDER = 4, 2.0
+_MIN_RESIDUAL = 1e-9  # m, below which rounds see no more than what is left of the solves
 
 
 @dataclass(frozen=True)
@@ -458,11 +459,13 @@ class ContactSolver:
         return sweep
 
     def _tolerance(self, duration: float) -> float:
-        """m, residual of a solved island over a duration (s): what rounds leave may add up over the
-        intervals of a frame. Solves of feathers tell no less than their own tolerance."""
-        newton = min(solver.settings.newton for solver in self.solvers)
+        """m, residual of a solved island over a duration h (s).
+
+        A force that is off by dF moves a feather by dF h^2 / m in the step. So what rounds leave
+        goes with the square of h: else shorter steps would leave larger forces.
+        """
         part = duration / max(duration, self.settings.frame)
-        return max(self.settings.tolerance * part, newton)
+        return max(self.settings.tolerance * part**2, _MIN_RESIDUAL)
 
     def _handing(self, run: BatchRun) -> HandoverRules:
         slip = self.settings.smoothing * run.duration
