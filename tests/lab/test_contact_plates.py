@@ -79,7 +79,11 @@ _SHARED = pytest.mark.xfail(
 @pytest.mark.parametrize("steps", [pytest.param(0, marks=_SHARED), 16, 64])
 @pytest.mark.parametrize(
     ("case", "figure", "most"),
-    [("slide", "acceleration", 0.02), ("collide", "momentum", 0.025), ("plates", "frequency", 0.02)],
+    [
+        ("slide", "acceleration", 0.02),
+        ("collide", "momentum", 0.025),
+        ("plates", "frequency", 0.02),
+    ],
 )
 def test_plates_move_as_their_closed_forms_say(case, figure, most, steps):
     found = run_contact(ContactTest(case=case, steps=steps))
