@@ -607,7 +607,7 @@ SCENES = {
             ".regions": [["wing"]],
             ".kinds": [["swan_secondary"]],
         },
-        (".skin", ".obstacles", ".ease"),
+        (".skin", ".obstacles", ".ease", ".max_steps"),
     ),
     "detail": Scene(
         groom(feather=PAIR),
@@ -949,6 +949,7 @@ ELSEWHERE = {
     "shot.collider.map": "tests/usdin/test_texture_space.py",
     "shot.collider.usd": "tests/contact/test_contact_shots.py",
     "shot.collider.interpolation": "tests/contact/test_contact_shots.py",
+    "shot.contact.max_steps": "tests/contact/test_contact_encounters.py",
     "shot.contact.skin": "tests/contact/test_contact_shots.py",
     "shot.contact.obstacles": "tests/contact/test_contact_shots.py",
     "shot.sleep": "tests/shot/test_sleep.py",

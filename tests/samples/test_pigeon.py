@@ -182,7 +182,7 @@ def laid(groom):
 def test_contour_feathers_lie_flat_and_keep_apart(groom, laid):
     """A real breast lies at 5 to 10 degrees to the skin."""
     own = [f for f in laid.feathers if f.leaf is not None]
-    assert len(own) > 1900
+    assert len(own) > 1850
     assert [f.id for f in laid.feathers] == [f.id for f in groom.feathers]
     built = build_feathers(own, 21, 6)
     angles, heights = [], []

@@ -174,7 +174,7 @@ def test_a_plume_in_the_breeze_leans_downwind_and_answers_the_gusts():
     wind = np.asarray(got.shot.wind.direction)
     still = replace(got.shot, wind=replace(got.shot.wind, speed=0.0))
     (calm,) = list(simulate(still, frames=(still.first_frame, still.first_frame)))
-    tips, rest = got.points[0][:, -1, 0], calm.points[0][-1, 0]
+    tips, rest = got.points[0][:, -1, 0], calm.rows[0][-1, 0]
     length = got.feathers[0].station[-1]
     lean = (tips - rest) @ wind
     assert 0.02 * length < lean.mean() < length

@@ -41,7 +41,6 @@ def pulled(folder, kind, displacement, row=1.0, column=0.0, more=""):
         "column": column,
         "displacement": displacement,
         "more": more,
-        "quality": COARSE,
     }
     (folder / "s.toml").write_text(SHOT.format(quality=COARSE, **given))
     simulation = simulate(read_shot(folder / "s.toml"))

@@ -225,7 +225,7 @@ def test_a_cache_with_a_defect_is_measured_or_the_reason_is_given(tmp_path, cach
 def test_files_that_are_no_usd(tmp_path):
     (tmp_path / "text.usda").write_text("not usd")
     assert "cannot open" in check_usd(tmp_path / "text.usda")[0].message
-    assert "does not exist" in check_usd(tmp_path / "none.usda")[0].message
+    assert "there is no such file" in check_usd(tmp_path / "none.usda")[0].message
 
 
 def copied(caches, tmp_path):
