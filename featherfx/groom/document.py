@@ -50,7 +50,7 @@ class Document:
         """Return it with [overrides] that come after its own. Keys of changes may be dotted."""
         found = dict(self.tables.get("overrides", {}))
         for pattern, values in changes.items():
-            found[pattern] = _over(found.pop(pattern, {}), _nested(values))
+            found[pattern] = merge_tables(found.pop(pattern, {}), _nested(values))
         return self.with_tables({"overrides": found})
 
     def seen_from(self, folder: Path) -> dict[str, Any]:
@@ -170,16 +170,23 @@ def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
         part, _, name = key.partition(".")
         if part in materials and name in {each.name for each in fields(materials[part])}:
             part = f"{part}_material"
-        one = {part: _nested({name: value}) if name else value}
-        found = _over(found, one)
+        if name:
+            value = _nested({name: value})
+        elif isinstance(value, Mapping):
+            value = dict(value)
+        found = merge_tables(found, {part: value})
     return found
 
 
-def _over(below: Any, above: Any) -> Any:
-    """Return tables over others, key by key."""
-    if not isinstance(below, Mapping) or not isinstance(above, Mapping):
-        return above
-    return {**below, **{key: _over(below.get(key), value) for key, value in above.items()}}
+def merge_tables(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Return tables over others. One that names a `base` replaces what lies below it."""
+    result = dict(below)
+    for name, value in above.items():
+        under = below.get(name)
+        if isinstance(value, dict) and isinstance(under, dict) and "base" not in value:
+            value = merge_tables(under, value)
+        result[name] = value
+    return result
 
 
 def _is_file(folder: Path, name: str) -> bool:

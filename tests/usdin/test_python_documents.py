@@ -66,6 +66,16 @@ def test_overrides_act_as_those_of_a_file(shot):
     assert changed.quality.name == "draft"
 
 
+def test_a_table_with_a_base_replaces_an_earlier_override(shot):
+    stiff = {"rachis_material": {"youngs_modulus": 6e9}}
+    first = shot.with_overrides({"*": stiff})
+    again = first.with_overrides({"*": {"rachis_material": {"base": "keratin_rachis"}}})
+    assert again.to_dict()["overrides"] == {"*": {"rachis_material": {"base": "keratin_rachis"}}}
+    softer = first.with_overrides({"*": {"rachis.shear_modulus": 1e9}})
+    merged = stiff["rachis_material"] | {"shear_modulus": 1e9}
+    assert softer.to_dict()["overrides"] == {"*": {"rachis_material": merged}}
+
+
 def test_a_saved_shot_is_the_same_from_another_folder(shot, tmp_path):
     changed = shot.replace(frames=(2, 9), wind={"base": "breeze", "speed": 0.1 + 0.2})
     changed = changed.with_overrides({"left_primary_*": {"length": 0.4}})

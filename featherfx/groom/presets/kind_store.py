@@ -7,9 +7,10 @@ from functools import partial
 from typing import Any
 
 from featherfx.errors import InputError, all_of
+from featherfx.groom.document import merge_tables
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kinds import Change, adjusted, blended, kind_of
-from featherfx.groom.presets.library import Library, Sourced, Tree, merged
+from featherfx.groom.presets.library import Library, Sourced, Tree
 from featherfx.groom.types import FeatherKind
 
 
@@ -75,7 +76,7 @@ class KindStore:
         at = place
         for number in changes:
             above, at = self._changes[number]
-            tree = merged(tree, above)
+            tree = merge_tables(tree, above)
         return kind_of(name, library.finish("feather", tree, at), at)
 
     def adjusted(self, kind: FeatherKind, change: Change) -> FeatherKind:

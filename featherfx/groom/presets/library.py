@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError
+from featherfx.groom.document import merge_tables
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
@@ -35,17 +36,6 @@ def sourced(table: dict[str, Any], source: str) -> Tree:
         name: sourced(value, source) if isinstance(value, dict) else Sourced(value, source)
         for name, value in table.items()
     }
-
-
-def merged(below: Tree, above: Tree) -> Tree:
-    """above over below. A table that names a `base` replaces what lies below it."""
-    result = dict(below)
-    for name, value in above.items():
-        under = below.get(name)
-        if isinstance(value, dict) and isinstance(under, dict) and "base" not in value:
-            value = merged(under, value)
-        result[name] = value
-    return result
 
 
 def plain(tree: Tree) -> dict[str, Any]:
@@ -106,7 +96,7 @@ class Library:
         rest = {name: value for name, value in tree.items() if name != "base"}
         base = tree.get("base")
         below = {} if base is None else self._load(family, base, place.child(key), chain)
-        return merged(below, rest)
+        return merge_tables(below, rest)
 
     def _load(
         self, family: str, base: Sourced, place: Place, chain: Sequence[tuple[str, Path]]
