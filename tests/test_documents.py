@@ -4,16 +4,25 @@ import importlib.util
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
+import pages as pages_of_docs
 import pytest
+from pages import MAX_WORDS, best_pages, faults, known_names, pages, read_page
 
 import featherfx
 from featherfx.baking.install import copy_sample
 from featherfx.errors import InputError
+from featherfx.groom.keys.groom import GROOM_FILE
+from featherfx.groom.keys.preset import PRESET_FAMILIES
+from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.values import Table
+from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.usd.read.cache import Cache
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -96,3 +105,113 @@ def test_the_site_builds_without_warnings(tmp_path):
     page = (tmp_path / "site/api/index.html").read_text(encoding="utf-8")
     assert "featherfx.api.simulate" in page
     assert (tmp_path / "site/search/search_index.json").is_file()
+
+
+def test_the_pages_keep_to_their_rules():
+    known = known_names()
+    wrong = {page.name: found for page in pages() if (found := faults(page, known))}
+    assert not wrong
+    assert sum(page.words for page in pages()) <= MAX_WORDS
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("See [it](nowhere.md).", "leads nowhere"),
+        ("See [it](usd.md#no-such-part).", "leads nowhere"),
+        ("One " + "word " * 41 + "more.", "words in a sentence"),
+        ("Words. " * 1600, "words, 1500 allowed"),
+        ("On 2026-11-20 it was so.", "a date"),
+        ("A laid coat has sub-steps.", "wrong term: laid coat"),
+        ("Set `no_such_key`, or give `--no-such-option`.", "does not exist: --no-such-option"),
+    ],
+)
+def test_a_page_that_breaks_a_rule_is_noticed(tmp_path, monkeypatch, text, fault):
+    (tmp_path / "docs").mkdir()
+    shutil.copy(ROOT / "docs/usd.md", tmp_path / "docs")
+    page = tmp_path / "docs/page.md"
+    page.write_text(text)
+    monkeypatch.setattr(pages_of_docs, "ROOT", tmp_path)
+    assert any(fault in each for each in faults(read_page(page), "spacing"))
+
+
+@pytest.mark.parametrize(
+    ("word", "page"),
+    [
+        ("install", "first_wing.md"),
+        ("collision collide", "contact.md"),
+        ("license", "README.md"),
+        ("wind", "skins.md"),
+        ("Houdini", "dcc.md"),
+        ("Maya", "dcc.md"),
+        ("Blender", "dcc.md"),
+        ("farm Dask", "farm.md"),
+        ("texture UDIM", "usd.md"),
+        ("motion blur subframes", "usd.md"),
+        ("ruffle", "direction.md"),
+        ("retime", "direction.md"),
+        ("wet", "hooks.md"),
+        ("split", "hooks.md"),
+        ("resume", "resume.md"),
+        ("landmarks", "first_bird.md"),
+        ("level of detail", "detail.md"),
+        ("accuracy error", "error.md"),
+        ("Alembic glTF", "export.md"),
+        ("melanin film colours", "colours.md"),
+    ],
+)
+def test_a_search_word_leads_to_its_page(word, page):
+    """Ranked as the site's search does it, by words in title, headings and text (tf-idf)."""
+    assert page in best_pages(word)[:3]
+
+
+def toml_blocks():
+    """Tables that pages show, with the page's name and the block's number."""
+    for path in sorted((ROOT / "docs").glob("*.md")):
+        blocks = re.findall(r"^```toml\n(.*?)^```", path.read_text(encoding="utf-8"), re.S | re.M)
+        for number, block in enumerate(blocks):
+            yield pytest.param(block, id=f"{path.stem}-{number}")
+
+
+@pytest.mark.parametrize("block", list(toml_blocks()))
+def test_keys_on_the_pages_exist_and_have_allowed_values(block):
+    def wrong(table):
+        problems = Problems()
+        table.check(tomllib.loads(block), Place("page", "", problems), True)
+        # a page shows parts of tables
+        return [str(each) for each in problems.listed() if ": missing, expects" not in str(each)]
+
+    tables = (GROOM_FILE, SHOT_FILE, Table(PRESET_FAMILIES["feather"].keys, "feather"))
+    assert not min(map(wrong, tables), key=len)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("page", ["first_wing.md", "first_bird.md"])
+def test_a_start_page_runs_in_one_folder(page, tmp_path):
+    """Its commands in order, on the files that it shows; all but installing and serving."""
+    os.symlink(ROOT / "samples", tmp_path / "samples")
+    (tmp_path / "mine").mkdir()
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    file = None
+    for before, kind, block in re.findall(
+        r"([^`]*(?:`[^`\n]+`[^`]*)*)```(\w*)\n(.*?)^```", text, re.S | re.M
+    ):
+        if kind == "toml" and page == "first_wing.md":
+            named = re.findall(r"`(mine/\w+\.toml)`", before.rsplit("\n\n", 2)[-2] + before)
+            if named and "at the end" not in before[-200:]:
+                file = tmp_path / named[-1]
+                file.write_text(block)
+            else:
+                file.write_text(file.read_text() + "\n" + block)
+        for command in block.splitlines() if kind == "sh" else []:
+            if command.startswith("featherfx ") and not command.startswith("featherfx view"):
+                if page == "first_bird.md" and " sample " in command:
+                    (tmp_path / "mine").rmdir()
+                done = subprocess.run(
+                    [sys.executable, "-m", *command.split()],
+                    cwd=tmp_path,
+                    capture_output=True,
+                    text=True,
+                    env={**os.environ, "PYTHONPATH": str(ROOT)},
+                )
+                assert done.returncode == 0, f"{command}\n{done.stderr}"

@@ -1,0 +1,164 @@
+"""Rules for pages: words, sentences, links, terms and names. `python -m tests.pages` judges them.
+
+Code blocks are no words; tables are words and no sentences. What a command wrote counts as neither:
+whole pages (GENERATED), and what stands between `<!-- made by: COMMAND -->` and `<!-- end -->`.
+"""
+
+import math
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import mean
+
+ROOT = Path(__file__).resolve().parents[1]
+GENERATED = {"reference.md", "validation.md", "api.md", "peers.md"}
+# figures with the date of their measurement
+EVIDENCE = {"benchmarks.md", "measurements.md", "skips.md"}
+MAX_WORDS = 40_000  # of all pages
+MAX_SENTENCE, MAX_MEAN_SENTENCE = 40, 18  # words
+# options of other programs, and joints that a groom makes
+FOREIGN = {"--nworkers", "--nthreads", "right_wing_wrist"}
+# what a page may have, in words; each other one has the last
+BUDGETS = {"README.md": 400, "usd.md": 1_700}
+MAX_PAGE = 1_500
+# the glossary's "instead of", as far as no field uses these words otherwise
+AVOIDED = (
+    r"laid coat|coat feathers?|laid over|who lies over whom|sub-steps?|run-up|processor time|"
+    r"comes? to rest|room mates?|left out of account"
+)
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page: its name and text, its words with those of tables, and its sentences."""
+
+    name: str
+    text: str
+    words: int
+    sentences: tuple[str, ...]
+
+
+def read_page(path: Path) -> Page:
+    """Read a page and split its prose into sentences."""
+    text = path.read_text(encoding="utf-8")
+    prose = re.sub(r"^<!-- made by:.*?^<!-- end -->", "", text, flags=re.S | re.M)
+    prose = re.sub(r"^(```|~~~).*?^\1", "\n\n", prose, flags=re.S | re.M)
+    prose = re.sub(r"(^|\n)\n(    |\t)(?![-*\d]).*(\n+(    |\t).*)*", "\n\n", prose)
+    prose = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", prose)
+    words = len(re.findall(r"[^\s|]*\w[^\s|]*", prose))
+    prose = re.sub(r"^(\||#|<|!\[|---).*$", "\n\n", prose, flags=re.M)
+    prose = re.sub(r"`([^`\n]*)`", lambda code: code[1].replace(".", "_").replace(" ", "_"), prose)
+    prose = re.sub(r"^\s*([-*]|\d+\.)\s+", "\n\n", prose, flags=re.M)
+    parts = re.split(r"\n\s*\n|(?<=[.!?:;])[*)\"']*\s+", prose)
+    sentences = tuple(" ".join(each.split()) for each in parts if re.search(r"\w", each))
+    return Page(str(path.relative_to(ROOT)), text, words, sentences)
+
+
+def pages() -> list[Page]:
+    """Return all pages that are written by hand."""
+    paths = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    return [read_page(path) for path in paths if path.name not in GENERATED]
+
+
+def anchors(path: Path) -> set[str]:
+    """Return the anchors of a page's headings, as sites of Markdown make them."""
+    headings = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.M)
+    plain = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
+    return {re.sub(r"[ ]+", "-", heading.strip()) for heading in plain}
+
+
+def broken_links(page: Page) -> list[str]:
+    """Return the links of a page that lead nowhere."""
+    here, broken = ROOT / page.name, []
+    prose = re.sub(r"^```.*?^```", "", page.text, flags=re.S | re.M)
+    for link in re.findall(r"\]\(([^)\s]+)\)", prose):
+        if re.match(r"\w+:", link):
+            continue
+        file, _, anchor = link.partition("#")
+        target = here.parent / file if file else here
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            broken.append(link)
+    return broken
+
+
+def known_names() -> str:
+    """Return all text in which a name of the program may stand."""
+    suffixes = {".py", ".toml", ".js", ".html", ".sh", ".usda"}
+    folders = ("featherfx", "presets", "samples", "tests", ".ci")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file()]
+    texts = [path.name for path in files]
+    texts += [path.read_text(encoding="utf-8") for path in files if path.suffix in suffixes]
+    return "\n".join([*texts, (ROOT / "docs/reference.md").read_text(encoding="utf-8")])
+
+
+def unknown_names(page: Page, known: str) -> list[str]:
+    """Return names with an underscore, and options, that no file of the program has."""
+    spans = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", page.text, flags=re.S | re.M))
+    names = {name for span in spans for name in re.findall(r"\b[a-z]+(?:_[a-z]+)+\b", span)}
+    options = {name for span in spans for name in re.findall(r"--([a-z][a-z-]+)", span)}
+    unknown = {name for name in names if name not in known}
+    # some options are declared by the fields that they set
+    unknown |= {f"--{n}" for n in options if n not in known and n.replace("-", "_") not in known}
+    return sorted(unknown - FOREIGN)
+
+
+def faults(page: Page, known: str) -> list[str]:
+    """Return what is wrong with a page, a line each."""
+    found = [f"leads nowhere: {link}" for link in broken_links(page)]
+    limit = BUDGETS.get(Path(page.name).name, MAX_PAGE)
+    if page.words > limit:
+        found.append(f"{page.words} words, {limit} allowed")
+    lengths = [len(sentence.split()) for sentence in page.sentences]
+    if lengths and mean(lengths) > MAX_MEAN_SENTENCE:
+        found.append(f"{mean(lengths):.1f} words a sentence, {MAX_MEAN_SENTENCE} allowed")
+    long = [s for s in page.sentences if len(s.split()) > MAX_SENTENCE]
+    found += [f"{len(s.split())} words in a sentence: {s[:60]}..." for s in long]
+    prose = "\n".join(page.sentences)
+    if Path(page.name).name not in EVIDENCE:
+        found += [f"a date: {date}" for date in re.findall(r"\b20\d\d-\d\d-\d\d\b", prose)]
+    if Path(page.name).name != "dcc.md":  # names of other programs
+        found += [f"does not exist: {name}" for name in unknown_names(page, known)]
+    return found + [f"wrong term: {term}" for term in re.findall(AVOIDED, prose)]
+
+
+def best_pages(query: str) -> list[str]:
+    """Return names of pages in the order in which a search for some words lists them.
+
+    A word counts tenfold in a title and fivefold in a heading, with saturation, and by how few
+    pages have it (BM25 without length weights).
+    """
+    every = pages()
+    scores = dict.fromkeys((Path(page.name).name for page in every), 0.0)
+    for word in query.lower().split():
+        stem = re.compile(rf"\b{re.escape(word.rstrip('s'))}", re.I)
+        weights = {}
+        for page in every:
+            lines = page.text.splitlines()
+            title = 10.0 * bool(lines and stem.search(lines[0]))
+            headings = 5.0 * sum(bool(stem.search(x)) for x in lines[1:] if x.startswith("##"))
+            count = len(stem.findall(page.text))
+            weights[Path(page.name).name] = (title + headings + count) / (
+                title + headings + count + 8
+            )
+        having = sum(weight > 0.0 for weight in weights.values())
+        for name, weight in weights.items():
+            scores[name] += weight * math.log(1.0 + len(every) / (1.0 + having))
+    return sorted(scores, key=lambda name: -scores[name])
+
+
+def check() -> int:
+    """Print words by page and all faults; return the number of faults."""
+    every, known = pages(), known_names()
+    count = 0
+    for page in sorted(every, key=lambda each: each.words):
+        wrong = faults(page, known)
+        count += len(wrong)
+        print(f"{page.words:6d}  {page.name}", *(f"        {fault}" for fault in wrong), sep="\n")
+    total = sum(page.words for page in every)
+    print(f"{total:6d}  in all, {MAX_WORDS} allowed; {count} faults")
+    return count + (total > MAX_WORDS)
+
+
+if __name__ == "__main__":
+    sys.exit(bool(check()))
