@@ -22,17 +22,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import dots, unit
-from featherfx.coat.carrier import (
-    Carrier,
-    CoatMesh,
+from featherfx.algebra.surface_elements import (
     TriangleElements,
     factorise,
     make_elements,
-    make_mesh,
     make_stiffness,
 )
+from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import dots, unit
+from featherfx.coat.carrier import Carrier, CoatMesh, make_mesh
 
 # of the length of the feathers: reach of means over the skin, and of the smoothing of the carrier
 _MEAN_REACH, _CARRIER_REACH = 1.0, 0.1

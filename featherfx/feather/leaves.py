@@ -15,9 +15,9 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
+from featherfx.algebra.surface_elements import weld
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
-from featherfx.coat.carrier import weld
 from featherfx.coat.coat import Coat, StackReport, describe_doubts, draw, grow_coat, stack
 from featherfx.coat.fields import CoatSpacing, Follicles
 from featherfx.coat.forms import PlaneForms, make_plane_forms

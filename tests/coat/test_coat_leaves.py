@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from feather_kinds import feather_kind
 
-from featherfx.coat.carrier import make_elements, make_stiffness, pose_carrier, weld
+from featherfx.algebra.surface_elements import make_elements, make_stiffness, weld
+from featherfx.coat.carrier import pose_carrier
 from featherfx.coat.coat import describe_doubts, draw, grow_coat, stack
 from featherfx.coat.fields import Follicles, slope_of_leaf
 from featherfx.coat.forms import make_plane_forms

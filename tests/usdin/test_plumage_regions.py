@@ -180,6 +180,10 @@ def test_density_from_a_picture(folder):
     [
         ("away = [0, 0, 0.2]", lambda p: p - [0, 0, 0.2]),
         ("towards = [0, 0, 0.2]", lambda p: [0, 0, 0.2] - p),
+        (
+            "away = [0.2, 0, 0], towards = [-9, 0, 0]",
+            lambda p: np.tile([-1.0, 0.0, 0.0], (len(p), 1)),
+        ),
         ("primvar = 'flow'", lambda p: np.tile([0.0, 1.0, 0.0], (len(p), 1))),
         ("curves = ['/guides']", lambda p: np.tile([-1.0, 0.0, 0.0], (len(p), 1))),
         ("direction = [-1, 0, 0], turn = 90", lambda p: np.cross(p, [-1.0, 0.0, 0.0])),

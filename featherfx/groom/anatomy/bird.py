@@ -339,7 +339,7 @@ def _region(
     length = scale * kind["length"]
     than = np.concatenate([each for other, each in sites.items() if other != name])
     near = {"to": _tuples(sites[name]), "than": _tuples(than)}
-    flow = {"away": tuple(points["beak"])}
+    flow = {"away": tuple(points["beak"]), "towards": tuple(points["tail"])}
     if name == "thigh":  # down the leg
         flow = {"direction": tuple((sites["foot"] - sites["thigh"]).mean(axis=0))}
     where = (

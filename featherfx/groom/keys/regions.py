@@ -99,7 +99,11 @@ WHERE_KEYS = {
 
 FLOW_KEYS = {
     "direction": Key(Direction(), "Combed along one direction, laid onto the skin.", None),
-    "away": Key(POINT, "Combed away from a point.", None),
+    "away": Key(
+        POINT,
+        "Combed away from a point; with `towards`, as a current goes over the skin to there.",
+        None,
+    ),
     "towards": Key(POINT, "Combed towards a point.", None),
     "primvar": Key(Text(), "Vector primvar of the skin.", None),
     "curves": Key(

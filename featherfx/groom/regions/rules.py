@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.interpolation import faded
+from featherfx.algebra.surface_elements import factorise, make_elements, make_stiffness, weld
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
 from featherfx.errors import InputWarning, all_of
+from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.keys.values import the_one
 from featherfx.groom.looks import displayed
@@ -22,6 +24,7 @@ from featherfx.groom.read.space import Space
 from featherfx.groom.regions.tiles import Tiles, find_tiles, name_tiles, read_tiles, sample_tiles
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints
+from featherfx.groom.skin.skin import closest
 
 Rule = Callable[[SurfacePoints], Array]
 
@@ -64,6 +67,7 @@ _MAX_NAMED = 5  # tiles that a warning names
 _GUIDES = 8  # guide points that a direction is interpolated from
 # a direction whose part along the skin is a smaller share of it says nothing
 _MIN_ALONG = 1e-3
+_HOLD = 1e-9  # relative hold of a potential at 0: parts of a skin without poles have none
 
 
 def presence(rules: tuple[dict[str, Any], ...], skin: GroomSkin, place: Place) -> Presence:
@@ -195,8 +199,11 @@ def flow(entry: dict[str, Any], surface: SkinSurface, place: Place) -> Rule:
 
     entry: checked table. Raises InputError.
     """
-    name = the_one(_FLOWS, entry, place)
-    field = _field(name, entry[name], surface, place.child(name))
+    if [name for name in _FLOWS if entry[name] is not None] == ["away", "towards"]:
+        field = _current(surface, np.array([entry["away"], entry["towards"]]))
+    else:
+        name = the_one(_FLOWS, entry, place)
+        field = _field(name, entry[name], surface, place.child(name))
     cosine, sine = np.cos(np.radians(entry["turn"])), np.sin(np.radians(entry["turn"]))
 
     def along(points: SurfacePoints) -> Array:
@@ -226,6 +233,35 @@ def _field(name: str, value: Any, surface: SkinSurface, place: Place) -> Rule:
         corners = surface.source.vectors(value, place)
         return lambda points: points.interpolated(corners)
     return _guided(surface.source.curves(value, place))
+
+
+def _current(surface: SkinSurface, poles: Array) -> Rule:
+    """Currents over a skin from one point to another, poles (2, 3) m.
+
+        -div grad u = delta(source) - delta(sink),   j = -grad u
+
+    u has no extremum between the poles (maximum principle), so flows meet nowhere else.
+    """
+
+    def compute() -> dict[str, Array]:
+        from scipy.sparse import diags_array
+
+        points, faces = weld(surface.corners)
+        elements = make_elements(points, faces)
+        stiff = make_stiffness(elements, faces)
+        hold = _HOLD * stiff.diagonal().mean() / elements.masses.mean()
+        triangle, place = closest(poles, surface.corners)
+        charge = np.bincount(
+            faces[triangle].ravel(), (place * [[1.0], [-1.0]]).ravel(), len(points)
+        ).astype(float)
+        potential = factorise(stiff + hold * diags_array(elements.masses))(charge)
+        slope = np.einsum("tki,tk->ti", elements.gradients, potential[faces])
+        current = np.repeat(-elements.areas[:, None] * slope, 3, axis=0)
+        summed = [np.bincount(faces.ravel(), each, len(points)) for each in current.T]
+        return {"current": unit(np.stack(summed, axis=1))[faces]}
+
+    corners = kept("current", [surface.corners, poles], compute)["current"]
+    return lambda points: points.interpolated(corners)
 
 
 def _guided(curves: list[Array]) -> Rule:

@@ -1,0 +1,75 @@
+"""Linear finite elements on the triangles of a surface.
+
+Hat functions, their gradients, lumped masses and the cotangent stiffness (Pinkall and Polthier
+1993), and the factors of sparse systems that these make.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import face_products
+
+# relative, of the mean area of vertices: keeps vertices without area in the matrix
+_MIN_MASS = 1e-9
+_NO_AREA = 1e-30  # m^2, twice the area of a triangle that has none
+
+
+class TriangleElements(NamedTuple):
+    """Linear elements of T triangles.
+
+    gradients: (T, 3, 3) 1/m, of the hat function of each corner. normals: (T, 3) unit. areas: (T,)
+    m^2. masses: (V,) m^2, a third of the triangles around each vertex.
+    """
+
+    gradients: Array
+    normals: Array
+    areas: Array
+    masses: Array
+
+
+def make_elements(points: Array, faces: Indices) -> TriangleElements:
+    """Build the linear elements of a mesh. points: (V, 3) m. faces: (T, 3)."""
+    corners = points[faces]
+    products = face_products(corners)
+    twice = np.linalg.norm(products, axis=1)
+    normals = products / np.maximum(twice, _NO_AREA)[:, None]
+    opposite = corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]
+    gradients = np.cross(normals[:, None], opposite) / np.maximum(twice, _NO_AREA)[:, None, None]
+    thirds = np.repeat(twice / 6.0, 3)
+    masses = np.bincount(faces.ravel(), thirds, len(points))
+    return TriangleElements(gradients, normals, 0.5 * twice, masses + _MIN_MASS * masses.mean())
+
+
+def make_stiffness(elements: TriangleElements, faces: Indices, weights: Array | None = None) -> Any:
+    """Assemble (V, V) int grad u . W grad v. weights: (T,) or (T, 3, 3), default 1."""
+    from scipy.sparse import csc_array  # heavy, and only for this
+
+    flux = elements.gradients
+    if weights is not None and weights.ndim == 1:
+        flux = weights[:, None, None] * flux
+    elif weights is not None:
+        flux = flux @ weights  # symmetric
+    local = elements.areas[:, None, None] * (flux @ elements.gradients.transpose(0, 2, 1))
+    rows, columns = np.repeat(faces, 3, axis=1).ravel(), np.tile(faces, (1, 3)).ravel()
+    count = len(elements.masses)
+    return csc_array((local.ravel(), (rows, columns)), shape=(count, count))
+
+
+def factorise(matrix: Any) -> Callable[[Array], Array]:
+    """Factorise a symmetric positive definite matrix; return its solver for (V,) or (V, K)."""
+    from scipy.sparse.linalg import splu
+
+    options = {"SymmetricMode": True}
+    found = splu(matrix.tocsc(), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    return lambda right: np.asarray(found.solve(np.ascontiguousarray(right)))
+
+
+def weld(corners: Array) -> tuple[Array, Indices]:
+    """Return the places (V, 3) of corners (T, 3, 3), each once, and the triangles (T, 3)."""
+    points, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return points, number.reshape(-1, 3)
