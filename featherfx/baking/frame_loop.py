@@ -85,7 +85,7 @@ def _run_loop(
     stepped = [
         task.whole.groom.feathers[number].id
         for number, options in zip(wanted, simulation.options, strict=True)
-        if options.level not in ("guided", "rigid")
+        if options.is_simulated
     ]
     return done, simulation.report | beside | again | {"stepped": stepped}
 

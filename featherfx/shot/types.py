@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from featherfx.shot.view import TimedCamera
 
 LEVELS = ("full", "coarse", "rachis", "guided", "rigid")
+# those at which nothing is solved
+UNSOLVED_LEVELS = LEVELS[3:]
 
 _PART = Number(0, 1)
 _PATTERNS = ArrayOf(Text(), 1, 1000)

@@ -27,6 +27,7 @@ from featherfx.shot.options.options import (
 from featherfx.shot.options.strata import stratify
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.subset import part_of
+from featherfx.shot.types import Detail
 
 PULL = SAMPLES / "feather_pull/shot.toml"
 GROOM = """name = "g"
@@ -98,9 +99,20 @@ def test_one_sample_of_each_kind_and_load_stands_for_its_stratum(gust):
     assert len(set(coverts)) < 12
     assert contour not in coverts
     bent = [calibration.Deflection(0.01 + 1e-5 * k, 0.01) for k in range(13)]
-    strata = stratify(gust, bent, np.zeros(13, dtype=bool))
+    strata = stratify(gust, np.arange(13), bent, np.zeros(13, dtype=bool))
     assert sorted(np.concatenate([each.members for each in strata]).tolist()) == list(range(13))
     assert all(each.members[-1] in each.sample for each in strata)
+
+
+def test_only_feathers_that_are_solved_are_measured(gust):
+    """Of others nothing is known: no window simulates them."""
+    rigid = Detail(feathers="covert_*", level="rigid")
+    found = options_of(replace(gust, details=(rigid,)))
+    *coverts, contour = sorted(found.measured, key=lambda each: -each.error)
+    assert contour.error < 0.01
+    assert {each.error for each in coverts} == {np.inf}
+    none = options_of(replace(gust, details=(replace(rigid, feathers="*"),)))
+    assert set(none.measured) == {coverts[0]}
 
 
 def test_what_is_measured_depends_on_the_shot_alone(gust):

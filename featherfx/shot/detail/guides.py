@@ -34,7 +34,7 @@ from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import closest
 from featherfx.shot.options.options import ShotOptions
-from featherfx.shot.types import Shot
+from featherfx.shot.types import UNSOLVED_LEVELS, Shot
 
 # a follower has up to that many guides
 MAX_GUIDES = 4
@@ -73,7 +73,7 @@ def with_guides(shot: Shot, levels: Sequence[str], rules: Sequence[GuideRule]) -
     simulated = {
         placement.region
         for placement, level in zip(shot.groom.feathers, chosen, strict=True)
-        if level not in ("guided", "rigid")
+        if level not in UNSOLVED_LEVELS
     }
     lacking = sorted({region for region, _ in groups} - simulated)
     if lacking:

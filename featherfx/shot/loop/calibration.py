@@ -28,9 +28,9 @@ import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,7 @@ from featherfx.files.disk_cache import kept, nothing_kept
 from featherfx.groom.keys.preset import Quality
 from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.load_estimate import Deflection, LoadEstimate
 from featherfx.shot.options.options import (
     MAX_COEFFICIENTS,
@@ -54,6 +55,7 @@ from featherfx.shot.options.options import (
 )
 from featherfx.shot.options.strata import Stratum, stratify
 from featherfx.shot.preroll import NO_RUN_UP
+from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.subset import part_of
 from featherfx.shot.types import Shot
 
@@ -97,11 +99,16 @@ _FAILED = WindowRun(None, [], False)
 
 
 def measure_grids(
-    shot: Shot, loads: LoadEstimate, deflections: Sequence[Deflection], free: Flags
+    shot: Shot,
+    solved: Indices,
+    loads: LoadEstimate,
+    deflections: Sequence[Deflection],
+    free: Flags,
 ) -> list[MeasuredGrid]:
-    """Measure the grid of every feather of a shot that promises an error.
+    """Measure the grids of the feathers of a shot that promises an error; of every feather, where
+    nothing is solved those to begin with.
 
-    deflections: m, of each. free: (F,) which leave their roots.
+    solved: numbers. deflections: m, of each. free: (F,) which leave their roots.
     """
     names = [each.id for each in shot.groom.feathers]
     if _assumed and all(name in _assumed for name in names):
@@ -110,12 +117,23 @@ def measure_grids(
     # shapes of meshes fit one grid alone
     targets = tuple(each for each in shot.targets if each.points is None)
     shot = replace(shot, details=(), level_of_detail=None, cycle=0, targets=targets)
-    key = digest(shot_settings(shot))
+    # as feathers are solved, not as they are drawn on the skin
+    shot = replace(shot, groom=replace(shot.groom, coat=None))
+    key = digest([shot_settings(shot), solved])
     found = _known.get(key)
     if found is None:
-        strata = stratify(shot, deflections, free)
-        arrays = kept("calibrations", [key], lambda: _measured(shot, strata, loads, deflections))
-        found = _known[key] = _by_feather(strata, arrays, len(deflections))
+        error = shot.quality.promised
+        assert error is not None
+        found = [MeasuredGrid(first_space(error), first_time(error), math.inf, True)] * len(names)
+        if strata := stratify(shot, solved, deflections, free):
+            arrays = kept(
+                "calibrations", [key], lambda: _measured(shot, strata, loads, deflections)
+            )
+            rows = zip(*(arrays[name].tolist() for name in MeasuredGrid._fields), strict=True)
+            for stratum, row in zip(strata, rows, strict=True):
+                for f in stratum.members:
+                    found[f] = MeasuredGrid(*row)
+        _known[key] = found
         while len(_known) > _MAX_KNOWN:
             _known.pop(next(iter(_known)))
     return found
@@ -138,19 +156,6 @@ def assume_grids(grids: Mapping[str, MeasuredGrid]) -> Iterator[None]:
 
 # by ids of feathers
 _assumed: dict[str, MeasuredGrid] = {}
-
-
-def _by_feather(
-    strata: Sequence[Stratum], arrays: Mapping[str, Any], count: int
-) -> list[MeasuredGrid]:
-    found: list[Any] = [None] * count
-    for stratum, space, time, error, unique in zip(
-        strata, arrays["space"], arrays["time"], arrays["error"], arrays["unique"], strict=True
-    ):
-        grid = MeasuredGrid(int(space), int(time), float(error), bool(unique))
-        for f in stratum.members:
-            found[f] = grid
-    return found
 
 
 def _measured(
@@ -181,8 +186,8 @@ def _measured(
                 all(each.is_unique for each in own),
             )
         )
-    names = "space", "time", "error", "unique"
-    return dict(zip(names, (np.array(each) for each in zip(*rows, strict=True)), strict=True))
+    columns = (np.array(each) for each in zip(*rows, strict=True))
+    return dict(zip(MeasuredGrid._fields, columns, strict=True))
 
 
 def _windows(
@@ -194,9 +199,10 @@ def _windows(
     long = max(2, round(WINDOW * rate))
     if is_free or deflections[f].is_pulled:
         return ((0, min(last, _MAX_PULLED_FRAMES)),)
-    peak = min(max(round(float(loads.peak[f]) * rate) - long // 2, 0), max(last - long, 0))
-    if peak <= long:
-        return ((0, min(last, peak + long)),)
+    # alike for many feathers, whose windows then are simulated together
+    peak = long * ((round(float(loads.peak[f]) * rate) - 1) // long)
+    if peak <= 0:
+        return ((0, min(last, long)),)
     return (0, min(last, long)), (peak, min(last, peak + long))
 
 
@@ -208,6 +214,7 @@ class _Search:
     ) -> None:
         self._shot, self._sample, self._windows = shot, sample, list(windows)
         self._goal, self._promised = _MARGIN * error, error
+        self._roots = _KnownRoots(root_motion(shot))
         self._runs: list[dict[tuple[Level, Window], WindowRun]] = [{} for _ in sample]
         self._lengths = np.array([shot.groom.feathers[f].kind.length for f in sample])
         first = first_space(error), first_time(error)
@@ -308,10 +315,11 @@ class _Search:
 
     def _simulated(self, level: Level, window: Window, members: Sequence[int]) -> list[WindowRun]:
         order = np.argsort(self._sample[list(members)])
-        part = part_of(self._shot, self._sample[list(members)][order])
+        chosen = self._sample[list(members)][order]
+        part = part_of(self._shot, chosen)
         part = replace(part, quality=quality_at(part.quality, level))
         try:
-            runs = simulate_window(part, window)
+            runs = simulate_window(part, window, _SomeRoots(self._roots, chosen))
         except SimulationError:
             if len(members) == 1:
                 return [_FAILED]
@@ -319,10 +327,35 @@ class _Search:
         return [runs[place] for place in np.argsort(order)]
 
 
-def simulate_window(shot: Shot, window: Window) -> list[WindowRun]:
-    """Simulate the feathers of a shot in a window that they begin at rest."""
+@dataclass
+class _KnownRoots:
+    """Roots of all feathers, which windows of many runs ask for at the same times."""
+
+    motion: Roots
+    known: dict[float, RootFrames] = field(default_factory=dict)
+
+    def frames(self, time: float) -> RootFrames:
+        if time not in self.known:
+            self.known[time] = self.motion.frames(time)
+        return self.known[time]
+
+
+@dataclass(frozen=True)
+class _SomeRoots:
+    """Those of the feathers of a part, by their numbers."""
+
+    motion: Roots
+    members: Indices
+
+    def frames(self, time: float) -> RootFrames:
+        return RootFrames(*(each[self.members] for each in self.motion.frames(time)))
+
+
+def simulate_window(shot: Shot, window: Window, motion: Roots | None = None) -> list[WindowRun]:
+    """Simulate the feathers of a shot in a window that they begin at rest. motion: of the roots,
+    None: the shot's own."""
     first, last = (shot.first_frame + each for each in window)
-    simulation = simulate(shot, frames=(first, last), begin=window[0])
+    simulation = simulate(shot, frames=(first, last), begin=window[0], motion=motion)
     points: list[list[RowPoints]] = [[] for _ in shot.groom.feathers]
     for _ in simulation:
         for f, (_, now) in simulation.simulated().items():

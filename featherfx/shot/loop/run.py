@@ -73,10 +73,11 @@ class ShotRun:
         jobs: int,
         wanted: Sequence[int] | None,
         begin: int | None = None,
+        motion: Roots | None = None,
     ) -> None:
         self.subframes, self.jobs = subframes, jobs
         shot = prepare_cuts(shot)
-        self.shot, self.motion, self.first = shot, root_motion(shot), begin or 0
+        self.shot, self.motion, self.first = shot, motion or root_motion(shot), begin or 0
         if begin is None:
             self.shot, self.motion, self.first = _from_preroll(shot, self.motion, subframes)
         self.drawn = drawn_feathers(shot)

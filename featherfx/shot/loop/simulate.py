@@ -18,7 +18,7 @@ from featherfx.shot.loop.groups import poses_of
 from featherfx.shot.loop.run import ShotRun, Stage, make_groups
 from featherfx.shot.loop.settled import moving_with_roots
 from featherfx.shot.options.options import FeatherOptions
-from featherfx.shot.roots import RootFrames, root_rates
+from featherfx.shot.roots import RootFrames, Roots, root_rates
 from featherfx.shot.types import Shot
 
 
@@ -46,8 +46,9 @@ class Simulation:
         start: Checkpoint | None = None,
         wanted: Sequence[int] | None = None,
         begin: int | None = None,
+        motion: Roots | None = None,
     ) -> None:
-        self._run = run = ShotRun(shot, subframes, jobs, wanted, begin)
+        self._run = run = ShotRun(shot, subframes, jobs, wanted, begin, motion)
         self._stages: list[Stage] = [make(run) for make in brought(shot, "stages")]
         run.groups = make_groups(run)
         for stage in self._stages:
@@ -261,6 +262,7 @@ def simulate(
     start: Checkpoint | None = None,
     wanted: Sequence[int] | None = None,
     begin: int | None = None,
+    motion: Roots | None = None,
 ) -> Simulation:
     """Simulate a shot.
 
@@ -269,7 +271,8 @@ def simulate(
     frame, at evenly spaced times from the first frame to the last. start: where a simulation of
     the same shot and subframes stood; goes on after it. wanted: numbers of the feathers in the
     frames, ascending, None: all; others are simulated only where they guide some of these or may
-    touch them. begin: sample at which feathers settle, with no preroll. Raises InputError where a
-    feather cannot be built and, while iterating, SimulationError.
+    touch them. begin: sample at which feathers settle, with no preroll. motion: of the roots, None:
+    the shot's own. Raises InputError where a feather cannot be built and, while iterating,
+    SimulationError.
     """
-    return Simulation(shot, jobs, frames, subframes, start, wanted, begin)
+    return Simulation(shot, jobs, frames, subframes, start, wanted, begin, motion)

@@ -38,7 +38,7 @@ from featherfx.shot.options.load_estimate import (
 )
 from featherfx.shot.patterns import last_fitting, may_touch
 from featherfx.shot.roots import Roots
-from featherfx.shot.types import Quality, Shot
+from featherfx.shot.types import UNSOLVED_LEVELS, Quality, Shot
 from featherfx.solver.solver import Settings
 
 # the options that a shot decides, in the order in which they are told
@@ -106,7 +106,7 @@ class FeatherOptions(Settings):
     @property
     def is_simulated(self) -> bool:
         """Return whether anything is solved of the feather."""
-        return self.level not in ("guided", "rigid")
+        return self.level not in UNSOLVED_LEVELS
 
     def values(self) -> dict[str, Any]:
         """Return every option that a shot decides by its name."""
@@ -122,7 +122,7 @@ class FeatherOptions(Settings):
         """Return the options of full detail at another level."""
         if level == "full":
             return self
-        if level in ("guided", "rigid"):
+        if level in UNSOLVED_LEVELS:
             grid = {"rows": quality.rows, "columns": quality.own_columns, "coefficients": 0}
             return self.by(f"level {level}: the grid of the meshes", level=level, **grid)
         rows = min(self.rows, max(_MIN_ROWS, (self.rows + 1) // 2))
@@ -138,8 +138,9 @@ class ShotOptions:
     """The options of all feathers of a shot.
 
     feathers: of each. full: of each as it would be in full detail. free: (F,) which leave their
-    roots. measured: of each, what was found on the sample of its stratum; empty where no error is
-    promised. promised_error: over a feather's length, None: none is promised, and why_not_promised.
+    roots. measured: of each, what was found on the sample of its stratum, or the levels to begin
+    with where nothing is solved of it; empty where no error is promised. promised_error: over a
+    feather's length, None: none is promised, and why_not_promised.
     """
 
     feathers: tuple[FeatherOptions, ...]
@@ -172,6 +173,7 @@ def resolve_options(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> S
     quality, placements = simulation_quality(shot), shot.groom.feathers
     source_of = _QualitySources(shot)
     free = np.array(last_fitting(shot.detachments, placements), dtype=np.int64) >= 0
+    levels = _choose_levels(shot, motion, free, source_of)
     full = [given_by_quality(quality, source_of)] * len(feathers)
     measured: Sequence[MeasuredGrid] = ()
     if quality.promised is not None or CHOSEN in (quality.coefficients, quality.simulated_rows):
@@ -179,7 +181,8 @@ def resolve_options(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> S
         deflections = estimate_deflections(shot, feathers, loads)
         if quality.promised is not None:
             measure = load_name("loop.calibration:measure_grids")
-            measured = measure(shot, loads, deflections, free)
+            solved = np.flatnonzero([level not in UNSOLVED_LEVELS for level, _ in levels])
+            measured = measure(shot, solved, loads, deflections, free)
             why = f"measured for an error of {100.0 * quality.promised:g} % ({source_of('error')})"
         for f, (feather, placement) in enumerate(zip(feathers, placements, strict=True)):
             kind, bent = placement.kind, deflections[f]
@@ -208,7 +211,6 @@ def resolve_options(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> S
         else:
             newton = NEWTON_RATIO * full[f].tolerance
             full[f] = full[f].by(f"{NEWTON_RATIO:g} of tolerance", newton_tolerance=newton)
-    levels = _choose_levels(shot, motion, free, source_of)
     resolved = tuple(
         each.at_level(level, quality).by(source, level=level)
         for each, (level, source) in zip(full, levels, strict=True)
@@ -422,7 +424,7 @@ def _choose_levels(
             *(["a grip or a force pulls it"] if placement.id in pulled else []),
             *(["it leaves its root"] if is_free else []),
         )
-        if level in ("guided", "rigid")
+        if level in UNSOLVED_LEVELS
     ]
     require(*problems)
     # no camera changes these, as the level of a vane whose slip a new one would lose

@@ -30,17 +30,20 @@ class Stratum(NamedTuple):
     is_free: bool
 
 
-def stratify(shot: Shot, deflections: Sequence[Deflection], free: Flags) -> list[Stratum]:
-    """Divide the feathers of a shot into strata.
+def stratify(
+    shot: Shot, solved: Indices, deflections: Sequence[Deflection], free: Flags
+) -> list[Stratum]:
+    """Divide the feathers of a shot that are solved into strata.
 
-    deflections: m, of each. free: (F,) which leave their roots.
+    solved: numbers. deflections: m, of each. free: (F,) which leave their roots.
     """
-    most = max(_MIN_STRATA, len(deflections) // _FEATHERS_PER_STRATUM)
+    most = max(_MIN_STRATA, len(solved) // _FEATHERS_PER_STRATUM)
     strata: dict[tuple[Any, ...], list[int]] = {}
     for width in _WIDTHS:
         strata = {}
-        for f, deflection in enumerate(deflections):
-            strata.setdefault(_key(shot, f, deflection, bool(free[f]), width), []).append(f)
+        for f in solved.tolist():
+            key = _key(shot, f, deflections[f], bool(free[f]), width)
+            strata.setdefault(key, []).append(f)
         if len(strata) <= most:
             break
     return [
