@@ -76,9 +76,9 @@ def plumage(moved):
     return groom.feathers, drawn, MovingCoat(groom.coat.coat, skin, groom.feathers, drawn)
 
 
-def drawn_at(parts, time, roots=None, step=1e-2, bend=None):
+def drawn_at(parts, time, roots=None, step=1e-2, bend=None, led=None):
     """Points and rates of feathers at a time. roots: positions, rotations; default: rest. bend:
-    changes their points (RowPoints) on these roots."""
+    changes their points (RowPoints) on these roots. led: rotations, default those of roots."""
     placements, drawn, coat = parts
     still = np.array([p.position for p in placements]), np.array([p.rotation for p in placements])
     position, rotation = still if roots is None else roots
@@ -87,7 +87,8 @@ def drawn_at(parts, time, roots=None, step=1e-2, bend=None):
     still_rates = [both(np.zeros_like, rest) for _ in range(2)]
     held = RootFrames(*map(np.zeros_like, (position, rotation)))
     frames = [RootFrames(position, rotation), held, held]
-    return coat.follow([rest, *still_rates], frames, (time - step, time))
+    moved = frames if led is None else [RootFrames(position, led), held, held]
+    return coat.follow([rest, *still_rates], frames, (time - step, time), moved)
 
 
 def lengths(points: RowPoints) -> np.ndarray:
@@ -186,17 +187,18 @@ def test_what_bends_one_feather_lifts_those_around_in_their_order(rise):
 
 def test_a_turn_within_the_vane_stays_on_the_leaf():
     parts, angle = plumage(lambda points, time: points), 0.2
-    one = len(parts[0]) // 2
+    one, led = len(parts[0]) // 2, np.array([p.rotation for p in parts[0]])
+    turn = led[one] @ vectors_to_frames(np.array([0.0, 0.0, angle])) @ led[one].T
+    led[one] = turn @ led[one]
 
     def bend(points: RowPoints) -> RowPoints:
-        position, rotation = parts[0][one].position, parts[0][one].rotation
-        turn = rotation @ vectors_to_frames(np.array([0.0, 0.0, angle])) @ rotation.T
+        position = parts[0][one].position
         nodes, directors = points.nodes.copy(), points.directors.copy()
         nodes[one] = (nodes[one] - position) @ turn.T + position
         directors[one] = directors[one] @ turn.T
         return RowPoints(nodes, directors)
 
-    rest, found = drawn_at(parts, 0.0)[0], drawn_at(parts, 0.0, bend=bend)[0]
+    rest, found = drawn_at(parts, 0.0)[0], drawn_at(parts, 0.0, bend=bend, led=led)[0]
     ways = [each.nodes[one, -1, 0] - each.nodes[one, 0, 0] for each in (rest, found)]
     before, after = (np.arctan2(way[1], way[0]) for way in ways)
     assert after - before == pytest.approx(angle, abs=0.02)

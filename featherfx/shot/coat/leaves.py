@@ -11,13 +11,16 @@ that leaves stay in order:
 
     h = T (d + g(s)) + a w(s) + b,   a = mean of (z - z_root) / w,  b = mean of z_root,
 
-means over the skin, of a by the weights w(s)^2. Rates are differences of what is drawn.
+means over the skin, of a by the weights w(s)^2. Channels move roots off those that the skin
+carries: z_root is theirs, and so is the turn of the first row. Solved rows at the roots have the
+velocities of the integrator, which ring. Rates are differences of what is drawn.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -74,10 +77,12 @@ class CarriedPoints:
 
 @dataclass(frozen=True)
 class PosedFeathers:
-    """Feathers on their roots at one time: points (K) in the world, and roots (K)."""
+    """Feathers at one time: points (K) in the world, roots (K) on the skin, and those (K) that
+    channels have led, which are the same without any."""
 
     points: RowPoints
     roots: RootFrames
+    led: RootFrames
 
 
 class MovingCoat:
@@ -91,7 +96,7 @@ class MovingCoat:
         drawn: Sequence[Feather],
     ) -> None:
         self._coat, self._skin = coat, skin
-        numbers: Indices = np.array([each.leaf.number for each in placements])
+        self._numbers = numbers = np.array([each.leaf.number for each in placements])
         plane = build_plane_feathers(placements, drawn[0].rows, drawn[0].columns)
         forms = plane_forms(placements, plane)
         rest = stacked([feather.rest for feather in drawn])
@@ -117,7 +122,10 @@ class MovingCoat:
         place = np.maximum(lain.places[:, :, 0], 0.0)
         self._place = np.where(place > 0.0, place, 1.0)
         self._tips = self._means(lain.feet[:, :, 0].ravel(), place.ravel() ** 4)
-        self._bases = self._means(coat.follicles.triangle[numbers], 1.0)
+
+    @cached_property
+    def _bases(self) -> SkinMeans:
+        return self._means(self._coat.follicles.triangle[self._numbers], 1.0)
 
     def _means(self, triangle: Indices, weights: Array | float) -> SkinMeans:
         coat = self._coat
@@ -126,23 +134,27 @@ class MovingCoat:
         return SkinMeans(coat.rest.elements, coat.mesh.faces, reach, middle, weights)
 
     def follow(
-        self, given: Sequence[RowPoints], roots: Sequence[RootFrames], span: tuple[float, float]
+        self,
+        given: Sequence[RowPoints],
+        roots: Sequence[RootFrames],
+        span: tuple[float, float],
+        led: Sequence[RootFrames] | None = None,
     ) -> list[RowPoints]:
         """Feathers on their leaves at the end of a span of time (s), and their two rates.
 
-        given: points on roots that the skin carries rigidly, and their two rates; roots: those, and
-        their two rates.
+        given: points on their roots, and their two rates; roots: as the skin carries them rigidly,
+        and their two rates; led: the same as channels have led them, default roots.
         """
         step = _STEP_RATIO * (span[1] - span[0])
         times = [-q * step for q in range(3)]
-        posed = [
-            PosedFeathers(
-                RowPoints(*(_extrapolated(rates, time) for rates in zip(*given, strict=True))),
-                RootFrames(*(_extrapolated(rates, time) for rates in zip(*roots, strict=True))),
+        posed, drawn = [], []
+        for time in times:
+            points = RowPoints(*(_extrapolated(rates, time) for rates in zip(*given, strict=True)))
+            own, moved = (
+                RootFrames(*(_extrapolated(rates, time) for rates in zip(*each, strict=True)))
+                for each in (roots, led or roots)
             )
-            for time in times
-        ]
-        drawn = []
+            posed.append(PosedFeathers(points, own, moved))
         for time, each in zip(times, posed, strict=True):
             carrier = pose_carrier(self._coat.mesh, self._skin.at(span[1] + time))
             arrays = self._coat.arrays(carrier, self._lift(each))
@@ -154,14 +166,16 @@ class MovingCoat:
         position, rotation = posed.roots
         local = (posed.points.nodes[:, :, 0] - position[:, None]) @ rotation
         across = np.einsum("fnk,fnk->fn", local - self._rachis, self._dorsal)
-        tips = self._tips(((across - across[:, :1]) / self._place**2).ravel())
-        return np.stack([tips, self._bases(across[:, 0])], axis=1)
+        root = dots(posed.led.positions - position, rotation[:, :, 2])
+        tips = self._tips(((across - root[:, None]) / self._place**2).ravel())
+        bases = self._bases(root) if root.any() else np.zeros_like(tips)
+        return np.stack([tips, bases], axis=1)
 
     def _turns(self, posed: PosedFeathers) -> VaneTurns:
         """Turns within the vanes, from rest."""
         nodes, directors = posed.points
         now, rest = make_plane_forms(nodes, directors, self._lain.bare), self._lain
-        forward = np.cross(directors[:, 0, 0], directors[:, 0, 1])
+        forward = posed.led.rotations[:, :, 0]
         x, y = (dots(forward, posed.roots.rotations[:, :, k]) for k in range(2))
         ahead, behind = now.ahead - rest.ahead, now.behind - rest.behind
         rows = np.cumsum(np.column_stack([np.arctan2(y, x), ahead - behind]), axis=1)

@@ -74,8 +74,13 @@ class CoatStage(Stage):
         members = self._members.tolist()
         before = [poses[f] for f in members]
         given = [stacked([getattr(pose, name) for pose in before]) for name in _RATES]
-        rates = root_rates(self._motion, *span)
-        roots = [RootFrames(*(values[self._members] for values in each)) for each in rates]
-        drawn = [each.each() for each in self._coat.follow(given, roots, span)]
+        led = self._root_rates(self.run.motion, span)
+        roots = led if self._motion is self.run.motion else self._root_rates(self._motion, span)
+        drawn = [each.each() for each in self._coat.follow(given, roots, span, led)]
         for f, pose, *values in zip(members, before, *drawn, strict=True):
             poses[f] = replace(pose, **dict(zip(_RATES, values, strict=True)))
+
+    def _root_rates(self, motion: Roots, span: tuple[float, float]) -> list[RootFrames]:
+        """Roots of the coat's feathers at the end of a span (s), and their two rates."""
+        rates = root_rates(motion, *span)
+        return [RootFrames(*(values[self._members] for values in each)) for each in rates]

@@ -19,7 +19,7 @@ from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.run import ShotRun, Stage
 from featherfx.shot.skin import BoundSkin
 
-_STEP = 1e-3  # frames, over which the rate of shifts is found
+_STEP = 1e-3  # frames, over which the rate of the smooth skin is found
 
 
 class DrawnSkinStage(Stage):
@@ -47,10 +47,13 @@ class DrawnSkinStage(Stage):
         rates = np.zeros_like(shifts)
         if run.subframes > 1:
             step = _STEP / run.shot.frames_per_second
-            onwards = drawn.carriers(time + step) - drawn.carriers(time)
+            # stages interpolate in single precision: as long a step as has one straight line
+            half = 0.5 * run.time(1)
+            here, middle, end = (drawn.carriers(time + k * half) for k in range(3))
+            onwards = (4.0 * middle - 3.0 * here - end) / (2.0 * half)
             # feathers arrive with the speed that the smooth skin has until then
-            arrived = smooth.carriers(time) - smooth.carriers(time - step)
-            rates = (onwards - arrived)[run.wanted] / step
+            arrived = (smooth.carriers(time) - smooth.carriers(time - step)) / step
+            rates = (onwards - arrived)[run.wanted]
         sizes = np.linalg.norm(shifts, axis=1)
         if len(sizes) and sizes.max() > self._largest[0]:
             number = run.shot.first_frame + place
