@@ -46,6 +46,20 @@ def ran(tmp_path_factory):
     return known, folder
 
 
+def test_twenty_short_examples_run_in_their_order(tmp_path, monkeypatch):
+    for sample in ("feather_pull", "swan_wing"):
+        copy_sample(sample, tmp_path / sample)
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs/examples.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
+    assert len(blocks) == 21
+    known = {}
+    for block in blocks:
+        exec(compile(block, "docs/examples.md", "exec"), known)
+    slow, joined = (featherfx.open_cache(tmp_path / name) for name in ("slow.usdc", "parts.usdc"))
+    assert len(slow) == len(joined) == 20
+
+
 def test_the_loop_of_the_page_writes_what_a_bake_writes(ran):
     _, folder = ran
     baked, own = Cache(folder / "pull.usdc"), Cache(folder / "own.usdc")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NoReturn
@@ -22,9 +22,13 @@ _LONGEST_COMPARED = 200  # characters; comparing takes their square
 
 
 class Problems:
-    """Collects problems in the order in which they are found, each once."""
+    """Collects problems in the order in which they are found, each once.
+
+    file_keys: keys of the file itself, which a table may have swallowed.
+    """
 
     def __init__(self) -> None:
+        self.file_keys: Collection[str] = ()
         self._found: dict[Problem, None] = {}
         self._searches = 0
 
@@ -101,6 +105,15 @@ class Place:
     def unknown(self, message: str, name: str, names: Iterable[str]) -> Any:
         """fail() for a name that is none of the known ones, with the one that is likely meant."""
         return self.fail(self.meant(message, name, names))
+
+    def unknown_key(self, names: Iterable[str], below: Sequence[str]) -> Any:
+        """fail() for a key that a table lacks. below: keys of its tables that have this name."""
+        name = self.key.rpartition(".")[2]
+        if below:
+            return self.fail(f"unknown key, did you mean {' or '.join(below)}?")
+        if "." in self.key and name in self.problems.file_keys:
+            return self.fail("unknown key here. Write it above the first table of the file")
+        return self.unknown("unknown key", name, names)
 
     def meant(self, message: str, name: str, names: Iterable[str]) -> str:
         """A message about a name that is none of the known ones, with the one likely meant."""

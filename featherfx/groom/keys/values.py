@@ -18,7 +18,7 @@ from types import SimpleNamespace
 from typing import Any, Protocol, get_args, get_type_hints
 
 from featherfx.errors import CONTROL
-from featherfx.groom.keys.problems import INVALID, Place
+from featherfx.groom.keys.problems import INVALID, Place, closest
 from featherfx.groom.keys.renamed import explain_old_key
 from featherfx.limits import (
     MAX_CHARACTERS,
@@ -83,7 +83,8 @@ class Number:
     def check(self, value: Any, place: Place, partial: bool) -> Any:
         kinds = int if self.whole else (int, float)
         if isinstance(value, bool) or not isinstance(value, kinds):
-            return place.fail(f"{shown(value)} is not {'an integer' if self.whole else 'a number'}")
+            kind = "an integer" if self.whole else "a number"
+            return place.fail(f"{shown(value)} is not {kind}. Give {self.allowed()}")
         if isinstance(value, float) and not math.isfinite(value):
             return place.fail(f"{shown(value)} is not a finite number")
         if not self.low <= value <= self.high:
@@ -161,22 +162,30 @@ class ArrayOf:
 
     def check(self, value: Any, place: Place, partial: bool) -> Any:
         if not isinstance(value, list):
-            return place.fail(f"{shown(value)} is not an array")
+            return place.fail(f"{shown(value)} is not an array. Give {self._items()} in [ ]")
         if not self.least <= len(value) <= self.most:
             return place.fail(f"has {len(value)} items. Give {self._count()}")
         items = tuple(self.item.check(each, place.item(i), False) for i, each in enumerate(value))
         return INVALID if any(each is INVALID for each in items) else items
 
     def describe(self) -> tuple[str, str, str]:
-        kind, unit, allowed = self.item.describe()
-        return f"array of {self._count()} {kind}", unit, allowed
+        return f"array of {self._items()}", *self.item.describe()[1:]
 
     def schema(self, partial: bool) -> JsonSchema:
         sizes = {"minItems": self.least, "maxItems": self.most}
         return {"type": "array", "items": self.item.schema(False)} | sizes
 
+    def _items(self) -> str:
+        kind = self.item.describe()[0]
+        return f"{self._count()} {kind}" if self.most == 1 else f"{self._count()} {_plural(kind)}"
+
     def _count(self) -> str:
         return str(self.least) if self.least == self.most else f"{self.least} to {self.most}"
+
+
+def _plural(kinds: str) -> str:
+    """Return kinds of values such as "number or array of 3 numbers" in the plural."""
+    return " or ".join(re.sub(r"^\w+", r"\g<0>s", kind) for kind in kinds.split(" or "))
 
 
 @dataclass(frozen=True)
@@ -322,7 +331,9 @@ class Table:
 
     def check(self, value: Any, place: Place, partial: bool) -> Any:
         if not isinstance(value, dict):
-            return place.fail(f"{shown(value)} is not a table")
+            needed = [name for name, key in self.keys.items() if key.default is REQUIRED]
+            holds = f" of {', '.join(needed)}" if needed else ""
+            return place.fail(f"{shown(value)} is not a table. Give {{ }}{holds}")
         parts = self.parts(value, place, partial)
         return INVALID if any(each is INVALID for each in parts.values()) else parts
 
@@ -340,7 +351,10 @@ class Table:
                     required = replacing.default is REQUIRED
                     result[old.new] = INVALID if required else replacing.default
             else:
-                result[name] = at.unknown("unknown key", name, self.keys)
+                result[name] = at.unknown_key(self.keys, _keys_below(self.keys, name))
+                meant = closest(name, list(self.keys), 1)
+                if meant and meant[0] not in value and self.keys[meant[0]].default is REQUIRED:
+                    result[meant[0]] = INVALID  # misspelt, so not missing, too
         for name, key in self.keys.items() if not partial else ():
             if name in result:
                 continue
@@ -379,6 +393,9 @@ class Tables:
         elif self.single and not isinstance(value, list):
             place.fail(f"{shown(value)} is not allowed here, expects {self.describe()[0]}")
             return []
+        elif isinstance(value, dict):
+            place.fail(f"is one table. Write [[{place.key}]] with two brackets")
+            return []
         elif not isinstance(value, list) or len(value) > self.most:
             ArrayOf(self.table, 0, self.most).check(value, place, partial)
             return []
@@ -391,12 +408,18 @@ class Tables:
         return [(at, table) for at, table in found if table is not INVALID]
 
     def describe(self) -> tuple[str, str, str]:
-        several = f"array of 0 to {self.most} table"
+        several = f"array of 0 to {self.most} tables"
         return f"{several} or table" if self.single else several, "", ""
 
     def schema(self, partial: bool) -> JsonSchema:
         several = ArrayOf(self.table, 0, self.most).schema(partial)
         return one_of_types(several, self.table.schema(partial)) if self.single else several
+
+
+def _keys_below(keys: Mapping[str, Key], name: str) -> list[str]:
+    """Return the dotted keys of tables among some keys that end with a name."""
+    inner = {key: getattr(each.type, "keys", {}) for key, each in keys.items()}
+    return [f"{key}.{name}" for key, own in inner.items() if name in own]
 
 
 def tables(keys: Mapping[str, Key], meaning: str, **limits: Any) -> Key:

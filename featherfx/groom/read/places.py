@@ -34,7 +34,7 @@ def located(problem: Problem) -> str:
     if found is not None:
         line = _assigned(lines, found + 1, leaf) if leaf else found
         line, name = found if line is None else line, _name(lines, found + 1)
-    elif not number:
+    else:  # a value, or a part of one
         line = _assigned(lines, 0, table)
     if line is None:
         return as_sentence(str(problem))

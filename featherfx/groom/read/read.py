@@ -154,7 +154,8 @@ def groom_of(
         wanted = {pattern: bool(fnmatch.filter(missed, pattern)) for pattern in rules}
         drafts = _overridden(rules, drafts, at.child("overrides"), store, wanted)
     _check_ids(drafts)
-    _check_joints(drafts, joints)
+    if len(parts["joint"]) == len(_list(raw, "joint")):  # a wrong joint is missed by none
+        _check_joints(drafts, joints)
     name = raw.get("name")
     if not isinstance(name, str):
         return None
@@ -229,8 +230,11 @@ def _joints(
             at.child("name").fail(f"'{joint.name}' is taken by {found[joint.name][1].key}")
         else:
             found[joint.name] = joint, at
+    faulty = set()
     for joint, at in found.values():
-        if joint.parent and joint.parent not in found:
+        # a mirror image repeats the mistake of what is written
+        if joint.parent and joint.parent not in found and at.key not in faulty:
+            faulty.add(at.key)
             at.child("parent").unknown(f"no joint '{joint.parent}'", joint.parent, found)
     parents = {name: joint.parent for name, (joint, _) in found.items()}
     for cycle in _cycles(parents):
@@ -336,19 +340,19 @@ def _likely_id(pattern: str, drafts: list[Draft], problems: Problems) -> str:
 
 
 def _check_ids(drafts: list[Draft]) -> None:
+    """Add a problem for each entry with ids that another one has."""
     first: dict[str, Draft] = {}
-    repeated = 0
+    repeated: dict[tuple[Place, Place], list[str]] = {}
     for draft in drafts:
-        if draft.id not in first:
-            first[draft.id] = draft
-            continue
-        repeated += 1
-        if repeated <= MAX_REPORTED:
-            taken = first[draft.id].place
-            by = taken.key if taken.source == draft.place.source else f"{taken.source}: {taken.key}"
-            draft.place.child("id").fail(f"'{draft.id}' is taken already, by {by}")
-    if repeated > MAX_REPORTED:
-        draft.place.fail(f"and {repeated - MAX_REPORTED} more ids that are taken already")
+        taken = first.setdefault(draft.id, draft)
+        if taken is not draft:
+            repeated.setdefault((draft.place, taken.place), []).append(draft.id)
+    for (place, taken), ids in islice(repeated.items(), MAX_REPORTED):
+        by = taken.key if taken.source == place.source else f"{taken.source}: {taken.key}"
+        more = f" and {len(ids) - 1} more are" if len(ids) > 1 else " is"
+        place.child("id").fail(f"'{ids[0]}'{more} taken already, by {by}")
+    if len(repeated) > MAX_REPORTED:
+        place.fail(f"and {len(repeated) - MAX_REPORTED} more entries whose ids are taken already")
 
 
 def _check_joints(drafts: list[Draft], joints: tuple[Joint, ...]) -> None:

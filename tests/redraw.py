@@ -1,0 +1,119 @@
+"""Images of the pages, drawn again: `python -m tests.redraw [--check] [NAME ...]`.
+
+The recipe of an image stands in its page: commands, also within comments, of which one writes the
+image's name by -o. What they read is found by the -o of earlier commands, samples and docs/images.
+With --check nothing is replaced, and the exit code is 1 if an image differs from its recipe.
+"""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageSequence
+
+ROOT = Path(__file__).resolve().parents[1]
+MAX_DIFFERENCE = 2.0  # of 255, mean over all values of an image
+# a browser's window, photographs, a sheet of eight bakes, and a diagram
+BY_HAND = {"view.png", "traced.jpg", "birds.png", "barb_grid.png"}
+
+
+@dataclass(frozen=True)
+class Step:
+    """A command of a page, split into words, and the names of the files that it writes."""
+
+    words: tuple[str, ...]
+    writes: tuple[str, ...]
+
+
+def steps_of(text: str) -> list[Step]:
+    """Return the commands of a page that write files, in their order."""
+    found = []
+    for line in re.sub(r"\\\n\s*", " ", text).splitlines():
+        line = line.strip().removeprefix("$ ")
+        if re.match(r"(featherfx|python) [\w/]", line):
+            words = tuple(shlex.split(re.split(r"\s{3,}", line)[0], posix=line.count("'") % 2 == 0))
+            if "-o" in words[:-1]:
+                output = words[words.index("-o") + 1]
+                found.append(Step(words, (output, *([words[3]] if words[1] == "sample" else []))))
+    return found
+
+
+def recipe(steps: list[Step], name: str) -> list[Step]:
+    """Return the steps that an image needs, in their order; none if no step writes it."""
+    wanted, chosen = {name}, []
+    for step in reversed(steps):
+        if wanted.intersection(Path(path).name for path in step.writes) | wanted.intersection(
+            step.writes
+        ):
+            chosen.append(step)
+            wanted -= {name, *step.writes}
+            wanted.update(word for word in step.words if "." in word and word not in step.writes)
+    return chosen[::-1]
+
+
+def images_of(page: Path) -> Iterator[Path]:
+    """Return the files of the images that a page shows, from its own folder."""
+    for link in re.findall(r"!\[[^\]]*\]\((images/[^)]+)\)", page.read_text(encoding="utf-8")):
+        yield page.parent / link
+
+
+def difference(first: Path, second: Path) -> float:
+    """Return the mean difference of two images over all frames, of 255; inf for other sizes."""
+    frames = []
+    for path in (first, second):
+        with Image.open(path) as image:
+            frames.append(
+                [np.asarray(f.convert("RGB"), float) for f in ImageSequence.Iterator(image)]
+            )
+    if [f.shape for f in frames[0]] != [f.shape for f in frames[1]]:
+        return np.inf
+    return float(np.mean([np.abs(a - b).mean() for a, b in zip(*frames, strict=True)]))
+
+
+def draw(steps: list[Step], image: Path, folder: Path) -> Path | None:
+    """Run the steps of an image in a folder; return the file of its name, None if a step fails."""
+    for name in ("samples", "docs", "tests"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for step in steps:
+        module = ["-m", "featherfx"] if step.words[0] == "featherfx" else []
+        over = ["--overwrite"] if step.words[1] in ("bake", "groom", "sample", "retime") else []
+        command = [sys.executable, *module, *step.words[1:], *over]
+        if subprocess.run(command, cwd=folder, check=False).returncode:
+            return None
+    drawn = (path for path in folder.rglob(image.name) if path.parent.parent.name != "docs")
+    return next(drawn, None)
+
+
+def redraw(names: list[str], check: bool) -> int:
+    """Draw the images of all pages, or the named ones; return how many fail or differ."""
+    paths = sorted((ROOT / "docs").glob("*.md"))
+    steps = {page: steps_of(page.read_text(encoding="utf-8")) for page in paths}
+    # the page that shows an image may leave its commands to another one
+    shown = {image: (page, *paths) for page in reversed(paths) for image in images_of(page)}
+    wrong = 0
+    for image, sources in sorted(shown.items()):
+        if (names and image.name not in names) or image.name in BY_HAND:
+            continue
+        chosen = next(filter(None, (recipe(steps[page], image.name) for page in sources)), [])
+        with tempfile.TemporaryDirectory() as folder:
+            drawn = draw(chosen, image, Path(folder))
+            off = difference(drawn, image) if drawn and image.exists() else np.inf
+            if drawn and not check and off > 0.0:
+                shutil.copy(drawn, image)
+        wrong += off > MAX_DIFFERENCE
+        outcome = f"differs by {off:.2f} of 255" if drawn else "cannot be drawn by its page"
+        print(f"{sources[0].name}: {image.name} {outcome}", flush=True)
+    return wrong
+
+
+if __name__ == "__main__":
+    arguments = sys.argv[1:]
+    checking = "--check" in arguments
+    sys.exit(bool(redraw([each for each in arguments if each != "--check"], checking) and checking))
