@@ -344,9 +344,9 @@ def _check_ids(drafts: list[Draft]) -> None:
     first: dict[str, Draft] = {}
     repeated: dict[tuple[Place, Place], list[str]] = {}
     for draft in drafts:
-        taken = first.setdefault(draft.id, draft)
-        if taken is not draft:
-            repeated.setdefault((draft.place, taken.place), []).append(draft.id)
+        earlier = first.setdefault(draft.id, draft)
+        if earlier is not draft:
+            repeated.setdefault((draft.place, earlier.place), []).append(draft.id)
     for (place, taken), ids in islice(repeated.items(), MAX_REPORTED):
         by = taken.key if taken.source == place.source else f"{taken.source}: {taken.key}"
         more = f" and {len(ids) - 1} more are" if len(ids) > 1 else " is"
