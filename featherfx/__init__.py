@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from featherfx.baking.pipeline import check, export, export_groom, join, plan, retime
     from featherfx.baking.stats import stats
     from featherfx.errors import InputError, InputWarning, SimulationError
-    from featherfx.farm.bake_many import bake_many
+    from featherfx.farm.job import bake_many
     from featherfx.feather.types import Feather
     from featherfx.groom.keys.preset import Quality
     from featherfx.groom.types import Groom

@@ -20,7 +20,7 @@ from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.types import Groom
 from featherfx.shot.loop.placement import lay_out
-from featherfx.usd.space import choose_origin
+from featherfx.usd.types import choose_origin
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter
 from featherfx.usd.write.instances import write_instances
 from featherfx.usd.write.options import BY_FEATHER, StageOptions, WriteOptions, check_ranges

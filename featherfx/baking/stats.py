@@ -32,7 +32,7 @@ from featherfx.groom.types import Groom
 from featherfx.phases import account
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.types import LEVELS, Quality, Shot
-from featherfx.usd.space import StageSpace
+from featherfx.usd.types import StageSpace
 from featherfx.usd.write.cache_writer import chunk_bytes
 from featherfx.usd.write.options import CHUNK_FRAMES, CONTACT_CHUNK_FRAMES
 from featherfx.usd.write.poses import make_posed_feathers

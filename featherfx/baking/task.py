@@ -26,8 +26,7 @@ from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.loop.placement import place_feathers
 from featherfx.shot.types import Shot
 from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.space import choose_origin
-from featherfx.usd.write.forms import choose_group
+from featherfx.usd.types import choose_origin
 from featherfx.usd.write.options import (
     CHUNK_FRAMES,
     CONTACT_CHUNK_FRAMES,
@@ -37,6 +36,7 @@ from featherfx.usd.write.options import (
 )
 from featherfx.usd.write.output import (
     check_output,
+    choose_group,
     find_file_problems,
     output_files,
     prim_name,

@@ -55,8 +55,7 @@ from featherfx.shot.partition.partition import shot_islands
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.subset import part_of
 from featherfx.shot.types import Detail, Shot
-from featherfx.usd.write.forms import choose_group
-from featherfx.usd.write.output import unique_prim_names
+from featherfx.usd.write.output import choose_group, unique_prim_names
 
 # feathers of the first trials and of the next, and frames of each
 _FEW, _MORE, _FRAMES = 12, 96, 6

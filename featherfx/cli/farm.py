@@ -90,7 +90,7 @@ def bake_on_cluster(
         origin.begin()
     # an extra, which takes its time to load
     with seldom_collected():
-        from featherfx.farm.bake_many import bake_many as bake
+        from featherfx.farm.job import bake_many as bake
 
     if options["jobs"] is None:
         # workers of this machine share its cores (Engine.share_out)

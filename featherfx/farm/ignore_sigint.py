@@ -1,4 +1,4 @@
-"""Loaded by workers of this machine, before all else: Ctrl-C is for the command that started them.
+"""First module of workers of this machine, which leave Ctrl-C to the command that started them.
 
 While they load the program Python seldom looks for cycles to free, a tenth of that time, and they
 end without taking apart what they hold.
@@ -13,13 +13,13 @@ from contextlib import ExitStack
 
 from featherfx.files.gc_pause import seldom_collected
 
+signal.signal(signal.SIGINT, signal.SIG_IGN)
 _loading = ExitStack()
 _loading.enter_context(seldom_collected())
 
 
 def dask_setup(worker: object) -> None:
     """Called by Dask in a worker that starts, when all is loaded."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _loading.close()
 
 

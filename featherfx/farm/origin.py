@@ -19,7 +19,16 @@ _ENVIRONMENT = {
     "MKL_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
 }
-_LOADED = ["featherfx.farm.loaded"]
+# what it loads; nothing of it may start threads, which a fork leaves behind
+_LOADED = [
+    "featherfx.farm.ignore_sigint",
+    "distributed",
+    "featherfx.farm.work",
+    "featherfx.baking.frame_loop",
+    # that a share loads when it gets so far
+    "featherfx.shot.partition.dependence",
+    "scipy.sparse.csgraph",
+]
 _begun: list[bool] = []
 
 

@@ -2,6 +2,8 @@
 
 Each is written under a temporary name in the folder of its target and forced to disk; then all are
 renamed onto their targets, in order. Until the last rename a reader of that one sees the old set.
+
+A lock lets one process at a time write an output.
 """
 
 from __future__ import annotations
@@ -276,3 +278,40 @@ def _flush_folder(folder: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
+
+
+class Lock:
+    """A lock file that this process holds until release; the system drops it with the process.
+
+    Raises TimeoutError at once where another holds it, OSError where it cannot be made or
+    something else has its name.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if path.is_symlink() or (path.exists() and not (path.is_file() and _is_empty(path))):
+            raise FileExistsError(errno.EEXIST, "is no lock of this program", str(path))
+        from filelock import FileLock  # few commands lock
+
+        self._path = path
+        self._lock = FileLock(path, timeout=0, thread_local=False)
+        self._lock.acquire()
+
+    def release(self) -> None:
+        """Remove the file and let go; nothing where that is done already."""
+        if not self._lock.is_locked:
+            return
+        # While it is held, so that nobody locks a file without a name. Windows cannot remove an
+        # open file, but nobody waits for this lock.
+        if os.name != "nt":
+            self._path.unlink(missing_ok=True)
+        self._lock.release()
+        if os.name == "nt":
+            with contextlib.suppress(OSError):
+                self._path.unlink()
+
+
+def _is_empty(path: Path) -> bool:
+    try:
+        return path.stat().st_size == 0
+    except FileNotFoundError:  # its holder has let go
+        return True

@@ -10,7 +10,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.groom.looks import VANE_COLOUR, linear
-from featherfx.render.scene import DrawnPose, DrawnScene
+from featherfx.render.geometry import DrawnPose, DrawnScene
 
 # linear: of shafts, and of other meshes without a colour of their own
 PLAIN_RACHIS_COLOUR, SKIN_COLOUR = (0.47, 0.36, 0.22), (0.31, 0.25, 0.22)

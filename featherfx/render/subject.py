@@ -22,16 +22,20 @@ from featherfx.render.colour import (
     look_colours,
     value_colours,
 )
-from featherfx.render.geometry import Geometry, apart, geometry_of, joined, vertex_normals
-from featherfx.render.light_kernels import EYE, SKIN_MATERIAL
-from featherfx.render.options import PictureOptions
-from featherfx.render.scene import (
+from featherfx.render.geometry import (
     DrawnScene,
+    Geometry,
+    apart,
     chosen_feathers,
+    geometry_of,
+    joined,
     load_points,
     load_pose,
     load_scene,
+    vertex_normals,
 )
+from featherfx.render.light_kernels import EYE, SKIN_MATERIAL
+from featherfx.render.picture import PictureOptions
 from featherfx.render.vanes import DrawnPlumage, plumage_of
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.scenery import SceneryMesh, find_scenery, list_beside, list_meshes

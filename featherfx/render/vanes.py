@@ -24,10 +24,11 @@ from featherfx.render.geometry import (
     vertex_normals,
 )
 from featherfx.render.light_kernels import SKIN_MATERIAL
-from featherfx.render.looks import coat_fractions, coat_normals
 from featherfx.render.strips import (
     PosedVane,
     StripGroup,
+    coat_fractions,
+    coat_normals,
     shades_of,
     strips_of,
     tubes_of,

@@ -27,7 +27,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Placement
-from featherfx.render.scene import DrawnPose
+from featherfx.render.geometry import DrawnPose
 from featherfx.shot.frames import Frame, place
 from featherfx.shot.loop.live import LiveSimulation
 from featherfx.shot.types import Grip, Shot

@@ -33,7 +33,7 @@ from featherfx.render.colour import (
     strain_across_barbs,
     value_limits,
 )
-from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_scene
+from featherfx.render.geometry import DrawnPose, DrawnScene, load_points, load_scene
 from featherfx.render.subject import scenery_colours, scenery_of_shot
 from featherfx.usd.check.measures import CrossedPoints
 from featherfx.usd.convert.levels import ThinnedMesh, make_levels, thin_feathers

@@ -15,9 +15,8 @@ import featherfx
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm import job as job_module
 from featherfx.farm.job import Job
-from featherfx.farm.places import _PATHS_VARIABLE, Shares, mapped, outputs_of
-from featherfx.farm.work import BAKE, MERGE, PLAN
-from featherfx.files.lock import Lock
+from featherfx.farm.work import _PATHS_VARIABLE, BAKE, MERGE, PLAN, Shares, mapped, outputs_of
+from featherfx.files.atomic_write import Lock
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.unfinished_cache import lock_file
 
@@ -245,7 +244,7 @@ def test_the_command_bakes_a_folder_of_shots(tmp_path, monkeypatch, single):
         opened.append((scheduler, workers))
         yield SerialEngine()
 
-    monkeypatch.setattr("featherfx.farm.bake_many.opened", serial)
+    monkeypatch.setattr("featherfx.farm.job.opened", serial)
     monkeypatch.setattr("featherfx.farm.origin.begin", lambda: None)
     given = ["bake", *map(str, shots), "-o", str(out), "--frames", "1-3", "--chunk", "1"]
     given += ["--layout", "flat", "--engine", "dask", "--workers", "2"]

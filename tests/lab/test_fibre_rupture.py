@@ -11,7 +11,7 @@ from commands import invoke
 from derivatives import derivative_fault, unnoticed_signs
 
 from featherfx.errors import InputError
-from featherfx.lab.fibres.rupture import (
+from featherfx.lab.networks.rupture import (
     Fibre,
     RuptureTest,
     Specimen,

@@ -16,9 +16,14 @@ from featherfx.lab.networks.experiments import (
     precondition,
     sheared_system,
 )
-from featherfx.lab.networks.krylov import METHODS, PRECONDITIONERS, SYMMETRIC, solve
 from featherfx.lab.networks.layouts import FibreSection, Mikado, mikado, triangular
-from featherfx.lab.networks.network import network_energy
+from featherfx.lab.networks.network import (
+    METHODS,
+    PRECONDITIONERS,
+    SYMMETRIC,
+    network_energy,
+    solve,
+)
 from featherfx.lab.studies.networks import merging
 
 pytestmark = pytest.mark.verification

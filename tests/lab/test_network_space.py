@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from featherfx.lab.networks.krylov import solve
 from featherfx.lab.networks.layouts import (
     FibreSection,
     Mikado,
@@ -13,7 +12,7 @@ from featherfx.lab.networks.layouts import (
     shear,
     space_mikado,
 )
-from featherfx.lab.networks.network import held_system
+from featherfx.lab.networks.network import held_system, solve
 from featherfx.lab.studies.space import small
 
 pytestmark = pytest.mark.verification

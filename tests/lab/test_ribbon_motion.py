@@ -9,9 +9,9 @@ from scipy.special import ellipe, ellipk
 
 from featherfx.errors import InputError, SimulationError
 from featherfx.lab.ribbons.energy import Ribbon
-from featherfx.lab.ribbons.equations import solved
 from featherfx.lab.ribbons.experiments import GRAVITY_ALONG_Y, clamp_frame, hang
-from featherfx.lab.ribbons.motion import Air, FarClamp, FixedSteps, RibbonMotion
+from featherfx.lab.ribbons.oracles import solved
+from featherfx.lab.ribbons.ribbon import Air, FarClamp, FixedSteps, RibbonMotion
 
 # Charrondiere et al. 2019, section 5.2; D in N m, as in their other figures
 PEACOCK = Ribbon(0.5, 0.015, 2e-4, 0.015, 30.0, 0.5, elements=40)

@@ -6,8 +6,8 @@ import pytest
 from featherfx.errors import InputError
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.experiments import cantilever_ratios, clamp_frame, hang, hang_rod, rod_of
-from featherfx.lab.ribbons.rest import settle_ribbon
-from featherfx.lab.rods.oracles import heavy_elastica
+from featherfx.lab.ribbons.oracles import heavy_elastica
+from featherfx.lab.ribbons.ribbon import settle_ribbon
 
 CURL = {"width": 0.01, "rigidity": 2e-4, "surface_density": 0.1, "rest_curvature": 60.0}
 

@@ -16,9 +16,9 @@ from featherfx.lab.ribbons.curve import (
     series_points,
 )
 from featherfx.lab.ribbons.energy import Ribbon
-from featherfx.lab.ribbons.equations import solved
 from featherfx.lab.ribbons.experiments import GRAVITY_ALONG_Y as WEIGHT
 from featherfx.lab.ribbons.experiments import clamp_frame, hang
+from featherfx.lab.ribbons.oracles import solved
 
 pytestmark = pytest.mark.verification
 RIBBON = Ribbon(0.7, 0.02, 2e-4, 0.3, 5.0, tip_width=0.01, elements=3)

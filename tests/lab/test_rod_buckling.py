@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.special import jv
 
-from featherfx.lab.rods.rod import Rod, clamped, rod_loads, rod_model, tributary_length
+from featherfx.lab.ribbons.rod import Rod, clamped, rod_loads, rod_model, tributary_length
 from featherfx.solver.solver import Settings, Solver
 
 pytestmark = pytest.mark.verification

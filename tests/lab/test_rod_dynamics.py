@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from featherfx.feather.types import both
-from featherfx.lab.rods.oracles import link_chain
-from featherfx.lab.rods.rod import (
+from featherfx.lab.ribbons.oracles import link_chain
+from featherfx.lab.ribbons.rod import (
     ReleaseTest,
     Rod,
     bend,

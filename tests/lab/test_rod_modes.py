@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.lab.rods.oracles import taper_frequencies
-from featherfx.lab.rods.rod import Rod, natural_frequencies
+from featherfx.lab.ribbons.oracles import taper_frequencies
+from featherfx.lab.ribbons.rod import Rod, natural_frequencies
 
 pytestmark = pytest.mark.verification
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputWarning
-from featherfx.lab.rods.oracles import elastica_tip, kirchhoff_tip
-from featherfx.lab.rods.rod import Rod, bend, clamped, rod_loads, rod_model
+from featherfx.lab.ribbons.oracles import elastica_tip, kirchhoff_tip
+from featherfx.lab.ribbons.rod import Rod, bend, clamped, rod_loads, rod_model
 from featherfx.solver.solver import Settings, Solver
 
 pytestmark = pytest.mark.verification

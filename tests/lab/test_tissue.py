@@ -7,7 +7,7 @@ import pytest
 from commands import invoke
 
 from featherfx.errors import InputError
-from featherfx.lab.fibres.tissue import (
+from featherfx.lab.networks.tissue import (
     LAWS,
     arnoux,
     fit_tissue,

@@ -6,20 +6,29 @@ import pytest
 from featherfx.cli.lab.show import plain
 from featherfx.errors import InputError
 from featherfx.lab.declare import out_of_range
-from featherfx.lab.vane.angles import band_width, fit_shear, tilted_sample
-from featherfx.lab.vane.mesh import aligned_mesh, corner_rows, membrane
 from featherfx.lab.vane.mesoscale import (
     Bands,
     SwanBands,
     band_mesh,
+    band_width,
+    fit_shear,
     fitted_bands,
     longitudinal_stress,
     pull_bands,
     run_size_effect,
+    tilted_sample,
     transverse_stress,
     whole_periods,
 )
-from featherfx.lab.vane.sample import Moduli, Sample, isotropic, strains
+from featherfx.lab.vane.sample import (
+    Moduli,
+    Sample,
+    aligned_mesh,
+    corner_rows,
+    isotropic,
+    membrane,
+    strains,
+)
 from featherfx.lab.vane.statics import Statics
 from featherfx.lab.vane.traction import Traction, clamped, pull_test, run_locking
 

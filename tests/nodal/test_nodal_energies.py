@@ -18,8 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from featherfx.errors import InputError
 from featherfx.lab.nodal.model import nodal_model
-from featherfx.lab.nodal.solver import NodalSolver
-from featherfx.lab.nodal.state import nodal_state
+from featherfx.lab.nodal.solver import NodalSolver, nodal_state
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings
 

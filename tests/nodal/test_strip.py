@@ -17,7 +17,7 @@ from featherfx.lab.feathers.strip import (
     StripTest,
     run_strip,
 )
-from featherfx.lab.rods.oracles import link_chain
+from featherfx.lab.ribbons.oracles import link_chain
 
 ISO = StripTest("iso", 1.0 / 80.0, columns=1)
 

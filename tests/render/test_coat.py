@@ -8,7 +8,7 @@ import pytest
 from featherfx.algebra.vectors import unit
 from featherfx.render.geometry import geometry_of, joined
 from featherfx.render.light_kernels import VANE
-from featherfx.render.looks import _PLACES, coat_fractions, coat_normals, mixed
+from featherfx.render.strips import _PLACES, coat_fractions, coat_normals, mixed
 
 pytest.importorskip("embreex", reason="no wheel for this platform")
 

@@ -13,11 +13,9 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.groom.presets.folders import shipped_folder
 from featherfx.phases import Account
 from featherfx.render.camera import axes_of, framing, turntable
-from featherfx.render.geometry import topology_of
+from featherfx.render.geometry import load_points, topology_of
 from featherfx.render.light_kernels import VANE
-from featherfx.render.options import PictureOptions
-from featherfx.render.picture import render
-from featherfx.render.scene import load_points
+from featherfx.render.picture import PictureOptions, render
 from featherfx.render.subject import open_subject
 from featherfx.render.tracer import backdrop
 from featherfx.usd.read.cache import Cache

@@ -21,9 +21,8 @@ from featherfx.render.colour import (
     strain_across_barbs,
     value_colours,
 )
-from featherfx.render.options import _COLOURS, _VIEWS
-from featherfx.render.picture import render
-from featherfx.render.scene import DrawnPose, load_pose, load_scene
+from featherfx.render.geometry import DrawnPose, load_pose, load_scene
+from featherfx.render.picture import _COLOURS, _VIEWS, render
 from featherfx.render.tracer import backdrop
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.write.cache_writer import CacheWriter
@@ -221,7 +220,7 @@ def test_all_wrong_options_are_named_at_once(tmp_path, cache):
 
 
 def test_missing_libraries_are_named(tmp_path, cache, monkeypatch):
-    monkeypatch.setattr("featherfx.render.options.importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("featherfx.render.picture.importlib.util.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r'pip install "featherfx\[preview\]"'):
         render(cache, tmp_path / "a.png")
 

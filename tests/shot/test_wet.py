@@ -17,9 +17,9 @@ from featherfx.feather.render import barb_curves
 from featherfx.mechanics.batch import make_model, vane_mass
 from featherfx.mechanics.model import no_loads
 from featherfx.render.camera import axes_of, framing
+from featherfx.render.geometry import load_points
 from featherfx.render.light_kernels import VANE
-from featherfx.render.options import PictureOptions
-from featherfx.render.scene import load_points
+from featherfx.render.picture import PictureOptions
 from featherfx.render.subject import open_subject
 from featherfx.shot.hooks.wet import Water, clumping
 from featherfx.shot.loop.simulate import simulate

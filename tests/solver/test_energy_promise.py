@@ -11,7 +11,7 @@ from trial_batches import at_origin, preset_batch, rod
 
 from featherfx.feather.types import RowPoints, both
 from featherfx.lab.bench.cases import crumple
-from featherfx.lab.rods.rod import total_energy
+from featherfx.lab.ribbons.rod import total_energy
 from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver

@@ -11,7 +11,7 @@ from trial_batches import at_origin, preset_kind, random_quat
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import both
-from featherfx.lab.rods.rod import total_energy
+from featherfx.lab.ribbons.rod import total_energy
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.solver import Settings, Solver, hold_roots

@@ -22,11 +22,11 @@ from featherfx.usd.convert.condensed import export_condensed
 from featherfx.usd.convert.merge import flatten, join_shares
 from featherfx.usd.convert.mesh_files import mesh_sequence
 from featherfx.usd.read.cache import Cache
-from featherfx.usd.space import StageSpace
+from featherfx.usd.types import StageSpace
 from featherfx.usd.write import posed_groups as joined
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter, Continuation
-from featherfx.usd.write.forms import CacheForm, choose_group, group_feathers
 from featherfx.usd.write.options import WriteOptions
+from featherfx.usd.write.output import CacheForm, choose_group, group_feathers
 from featherfx.usd.write.poses import make_posed_feathers
 from featherfx.usd.write.previous_cache import PreviousCache
 

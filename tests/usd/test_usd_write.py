@@ -17,8 +17,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 from featherfx.errors import InputError, SimulationError
 from featherfx.feather.types import both
 from featherfx.usd.read.cache import Cache
-from featherfx.usd.space import StageSpace
-from featherfx.usd.types import FeatherEntry
+from featherfx.usd.types import FeatherEntry, StageSpace
 from featherfx.usd.write import cache_writer, chunks
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions

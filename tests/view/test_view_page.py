@@ -17,7 +17,7 @@ from places import ROOT
 from pxr import Sdf, Usd, UsdGeom
 
 from featherfx.errors import InputError
-from featherfx.render.scene import load_points, load_scene
+from featherfx.render.geometry import load_points, load_scene
 from featherfx.usd.read.cache import Cache
 from featherfx.view.page import _HOST, Server, fitting, header_of, write_page
 from featherfx.view.played import Played

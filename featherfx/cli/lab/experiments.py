@@ -24,17 +24,17 @@ from featherfx.lab.feathers.air import (
 from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feather
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 from featherfx.lab.feathers.strip import PlateTest, StripTest, run_plate, run_strip
-from featherfx.lab.fibres.rupture import RuptureTest, run_rupture
-from featherfx.lab.fibres.tissue import LAWS, fit_tissue, read_tissue
 from featherfx.lab.networks.experiments import (
     NetworkTest,
     PreconditionTest,
     network_moduli,
     precondition,
 )
+from featherfx.lab.networks.rupture import RuptureTest, run_rupture
+from featherfx.lab.networks.tissue import LAWS, fit_tissue, read_tissue
 from featherfx.lab.networks.unit_cell import CellTest, cell_moduli, vane_of, vane_text
 from featherfx.lab.ribbons.experiments import HangTest, blown, hang
-from featherfx.lab.rods.rod import (
+from featherfx.lab.ribbons.rod import (
     BendTest,
     ModesTest,
     ReleaseTest,
@@ -44,7 +44,6 @@ from featherfx.lab.rods.rod import (
 )
 from featherfx.lab.studies.study import Figure
 from featherfx.lab.vane import pictures
-from featherfx.lab.vane.angles import AnglesTest, angle_slopes, shear_bands
 from featherfx.lab.vane.calibrate import (
     CalibrateTest,
     calibrate,
@@ -54,7 +53,14 @@ from featherfx.lab.vane.calibrate import (
 )
 from featherfx.lab.vane.hooked import CycleTest, TearTest, cycle, tear
 from featherfx.lab.vane.hysteresis import fit_cycles
-from featherfx.lab.vane.mesoscale import BandTest, run_bands, run_size_effect
+from featherfx.lab.vane.mesoscale import (
+    AnglesTest,
+    BandTest,
+    angle_slopes,
+    run_bands,
+    run_size_effect,
+    shear_bands,
+)
 from featherfx.lab.vane.traction import LockingTest, Traction, run_locking, run_traction
 
 _FILE = click.Path(path_type=Path, dir_okay=False)

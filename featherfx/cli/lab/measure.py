@@ -20,7 +20,7 @@ from featherfx.cli.lab.show import show
 from featherfx.cli.options import json_option, readable_path
 from featherfx.cli.program import Command, CommandGroup
 from featherfx.files.folders import shipped
-from featherfx.lab.measure import accuracy, compiling, house, iteration_kernels, plumage
+from featherfx.lab.measure import accuracy, plumage, program
 
 _SAMPLES = shipped("samples")
 _QUICK = ("swan_wing", "feather_pull", "breeze")  # take seconds
@@ -53,7 +53,7 @@ def measure_house(folder: Path | None) -> None:
 
     FOLDER: another package than featherfx.
     """
-    for line in house.package_table(folder or Path(house.__file__).parents[2]):
+    for line in program.package_table(folder or Path(program.__file__).parents[2]):
         click.echo(line)
 
 
@@ -113,7 +113,7 @@ def measure_kernels() -> None:
         "feather, kernel, microseconds, million operations, of the peak",
         (
             (name, each, f"{spent:.0f}", count and f"{count / 1e6:.3g}", part and f"{part:.0%}")
-            for name, each, spent, count, part in iteration_kernels.kernel_rows()
+            for name, each, spent, count, part in program.kernel_rows()
         ),
     )
 
@@ -128,12 +128,12 @@ def measure_compiling(shot: Path | None, write: bool, work: str | None) -> None:
     SHOT: by default the sample swan_wing.
     """
     if work is not None:
-        click.echo(json.dumps(compiling.measure_entries(lambda: _do(work))))
+        click.echo(json.dumps(program.measure_entries(lambda: _do(work))))
         return
     if write:
-        click.echo(compiling.write_seconds(["layout", *_COMPILED]))
+        click.echo(program.write_seconds(["layout", *_COMPILED]))
         return
-    entries = compiling.shot_entries(shot or _SAMPLES / "swan_wing/shot.toml")
+    entries = program.shot_entries(shot or _SAMPLES / "swan_wing/shot.toml")
     total = "all", sum(each[1] for each in entries), sum(each[2] for each in entries)
     _table(
         "entry, types and lowering (s), LLVM (s)",

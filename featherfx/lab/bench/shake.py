@@ -19,8 +19,7 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.nodal.model import nodal_model
-from featherfx.lab.nodal.solver import NodalSolver
-from featherfx.lab.nodal.state import nodal_rest_state
+from featherfx.lab.nodal.solver import NodalSolver, nodal_rest_state
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.solver import RootPath, Settings, Solver, raise_if_failed

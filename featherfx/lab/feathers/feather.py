@@ -28,9 +28,14 @@ from featherfx.groom.types import FeatherKind, Groom, Placement
 from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, value
 from featherfx.lab.feathers.repeat_kernels import repeat_iteration, repeat_nodal_iteration
 from featherfx.lab.nodal.model import NodalModel, nodal_model
-from featherfx.lab.nodal.solver import NodalSolver, nodal_system
-from featherfx.lab.nodal.state import NodalState, make_nodal_work, nodal_rest_state
-from featherfx.lab.rods.rod import Vector, posed
+from featherfx.lab.nodal.solver import (
+    NodalSolver,
+    NodalState,
+    make_nodal_work,
+    nodal_rest_state,
+    nodal_system,
+)
+from featherfx.lab.ribbons.rod import Vector, posed
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.vane_rest import barb_nodes

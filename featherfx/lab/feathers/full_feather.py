@@ -35,8 +35,7 @@ from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.lab.declare import Range, out_of_range, value
 from featherfx.lab.feathers.feather import barb_strain, feather_kind
 from featherfx.lab.nodal.model import nodal_model
-from featherfx.lab.nodal.solver import NodalSolver
-from featherfx.lab.nodal.state import nodal_rest_state
+from featherfx.lab.nodal.solver import NodalSolver, nodal_rest_state
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, no_loads
 from featherfx.solver.solver import Settings, Solver, raise_if_failed

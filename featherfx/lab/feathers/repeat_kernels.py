@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from featherfx.jit.compiled import kernel
-from featherfx.lab.nodal.assembly_kernels import nodal_assemble
+from featherfx.lab.nodal.newton_kernels import nodal_assemble
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.types import WHOLE_STIFFNESS

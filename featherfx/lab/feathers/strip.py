@@ -44,8 +44,7 @@ from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import FeatherKind, RachisShape, VaneShape
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, value
 from featherfx.lab.nodal.model import hinge_places, nodal_model, plate_tables
-from featherfx.lab.nodal.solver import NodalSolver
-from featherfx.lab.nodal.state import nodal_rest_state
+from featherfx.lab.nodal.solver import NodalSolver, nodal_rest_state
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.solver import Settings, Solver, raise_if_failed

@@ -1,1 +1,1 @@
-"""Networks of fibres, and the moduli of a vane that they amount to."""
+"""Networks and membranes of fibres: the moduli that they amount to, how they yield and break."""

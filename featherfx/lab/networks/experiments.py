@@ -22,7 +22,6 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots
 from featherfx.errors import InputError, Problem, SimulationError, require
 from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, part, value
-from featherfx.lab.networks.krylov import DIRECT, KrylovSolution, Method, Preconditioner, solve
 from featherfx.lab.networks.layouts import (
     FibreSection,
     Mikado,
@@ -31,7 +30,17 @@ from featherfx.lab.networks.layouts import (
     mikado,
     triangular,
 )
-from featherfx.lab.networks.network import HeldSystem, factor_of, held_system, homogenised
+from featherfx.lab.networks.network import (
+    DIRECT,
+    HeldSystem,
+    KrylovSolution,
+    Method,
+    Preconditioner,
+    factor_of,
+    held_system,
+    homogenised,
+    solve,
+)
 
 SHEAR = 0.1
 # stretch along x, along y, and simple shear along x

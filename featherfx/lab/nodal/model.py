@@ -37,8 +37,12 @@ from featherfx.errors import Problem, require
 from featherfx.feather.profiles import hooked_stiffness
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
-from featherfx.lab.nodal.energy_kernels import barb_turns, half_bandwidth, hinge_turns
-from featherfx.lab.nodal.plate_kernels import angles_per_curvature
+from featherfx.lab.nodal.energy_kernels import (
+    angles_per_curvature,
+    barb_turns,
+    half_bandwidth,
+    hinge_turns,
+)
 from featherfx.mechanics.barb_shapes import MIN_BARB_STIFFNESS
 from featherfx.mechanics.batch import MIN_HOOKED, row_frames
 from featherfx.mechanics.model import Model

@@ -1,1 +1,1 @@
-"""Ribbons: strips that bend as developable surfaces."""
+"""Rods and ribbons, which bend as lines and as developable strips, beside other solutions."""

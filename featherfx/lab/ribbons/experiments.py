@@ -19,9 +19,8 @@ from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 from featherfx.lab.declare import FINITE, NOT_NEGATIVE, POSITIVE, out_of_range, part, value
 from featherfx.lab.ribbons.energy import Ribbon
-from featherfx.lab.ribbons.motion import Air, FixedSteps, RibbonMotion
-from featherfx.lab.ribbons.rest import RibbonRest, settle_ribbon
-from featherfx.lab.rods.rod import Rod, rod_loads, rod_model, tributary_length
+from featherfx.lab.ribbons.ribbon import Air, FixedSteps, RibbonMotion, RibbonRest, settle_ribbon
+from featherfx.lab.ribbons.rod import Rod, rod_loads, rod_model, tributary_length
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.solver import Settings, Solver, raise_if_failed

@@ -20,13 +20,15 @@ from featherfx.lab.networks.experiments import (
     sheared_energies,
     sheared_system,
 )
-from featherfx.lab.networks.krylov import Method, Preconditioner, solve
 from featherfx.lab.networks.layouts import FibreSection, NetworkLayout, triangular
 from featherfx.lab.networks.network import (
+    Method,
+    Preconditioner,
     equilibrium,
     held_displacements,
     homogenised,
     network_energy,
+    solve,
     strain_rows,
     strung,
 )

@@ -16,7 +16,6 @@ from scipy.special import ellipe, ellipk
 
 from featherfx.lab.ribbons.curve import LINKS
 from featherfx.lab.ribbons.energy import Ribbon
-from featherfx.lab.ribbons.equations import shell_tip, solved
 from featherfx.lab.ribbons.experiments import (
     GRAVITY_ALONG_Y,
     cantilever_ratios,
@@ -28,10 +27,9 @@ from featherfx.lab.ribbons.experiments import (
     planar_limit,
     rod_of,
 )
-from featherfx.lab.ribbons.motion import FarClamp, RibbonMotion
-from featherfx.lab.ribbons.rest import settle_ribbon
-from featherfx.lab.rods.oracles import heavy_elastica
-from featherfx.lab.rods.rod import Rod, bend, enough_segments
+from featherfx.lab.ribbons.oracles import heavy_elastica, shell_tip, solved
+from featherfx.lab.ribbons.ribbon import FarClamp, RibbonMotion, settle_ribbon
+from featherfx.lab.ribbons.rod import Rod, bend, enough_segments
 from featherfx.lab.studies.study import (
     Comparisons,
     StudyResult,

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from featherfx.lab.rods.oracles import (
+from featherfx.lab.ribbons.oracles import (
     WAVE_NUMBERS,
     elastica_tip,
     kirchhoff_tip,
     link_chain,
     taper_frequencies,
 )
-from featherfx.lab.rods.rod import ReleaseTest, Rod, bend, natural_frequencies, release
+from featherfx.lab.ribbons.rod import ReleaseTest, Rod, bend, natural_frequencies, release
 from featherfx.lab.studies.study import Comparisons, StudyResult, independent, published
 
 _SEGMENTS = 40

@@ -368,9 +368,9 @@ fibre_layers space:random Random networks in space and layers of them
     Houghton 2020, sections 6.3 and 6.4, table 6.3, figures 6.16 to 6.25
 fibre_contours space:contours Shares of the energy of layers, over density and distance
     Houghton 2020, figures 6.19, 6.20 and 6.26 to 6.28
-fibre_solvers solvers:lattices A sparse factorisation beside preconditioned iterations
+fibre_solvers space:lattices A sparse factorisation beside preconditioned iterations
     Houghton 2020, section 5.3
-vane_solvers solvers:vane Preconditioned iterations on the nodal matrix of a vane
+vane_solvers space:vane Preconditioned iterations on the nodal matrix of a vane
     Houghton 2020, section 4.2, on a feather
 fibre_rupture tissue:rupture A membrane of fibres is pulled until it tears
     Jacquemoud 2007, sections 4.5 and 4.6

@@ -23,21 +23,24 @@ from featherfx.lab.studies.study import (
     ourselves,
     published,
 )
-from featherfx.lab.vane import angles as tilted
 from featherfx.lab.vane import pictures
 from featherfx.lab.vane.calibrate import CALIBRATED, MeasuredCurve, calibrate
 from featherfx.lab.vane.mesoscale import (
     FIT_POINTS,
     TRANSVERSE_STRAIN,
     Bands,
+    FittedShear,
     SwanBands,
+    angle_slopes,
     effective_moduli,
+    fit_shear,
     fitted_bands,
     longitudinal_stress,
     press_membrane,
     pull_bands,
     run_size_effect,
     series_shear,
+    shear_bands,
     transverse_stress,
     whole_periods,
 )
@@ -177,7 +180,7 @@ def shear_modulus(folder: Path) -> StudyResult:
     table = published("Jouve 2024, table 5.2; equation 4.1 has sigma = E 2 eps, A.5 sigma = E eps")
     for fraction, _, _, printed in _TABLES:
         bands = SwanBands(fraction, _SPACING).bands()
-        ours = tilted.fit_shear(bands)
+        ours = fit_shear(bands)
         note = _why(ours)
         rows += _both(f"fraction {fraction}", ours.moduli.shear, printed, table, note)
         if fraction == 0.14:
@@ -200,7 +203,7 @@ def shear_modulus(folder: Path) -> StudyResult:
         along = fraction * barb + (1.0 - fraction) * barbule
         note = "not printed; by equation 9 of the bands that are"
         rows.report(f"modulus along of its bands, {name}", along, unit="Pa", note=note)
-        ours = tilted.fit_shear(bands)
+        ours = fit_shear(bands)
         rows += _both(name, ours.moduli.shear, printed, table, _why(ours))
     return StudyResult(rows)
 
@@ -211,7 +214,7 @@ def _transverse_slope(bands: Bands, largest: float) -> float:
     return slope(strain, transverse_stress(bands, strain))
 
 
-def _why(ours: tilted.FittedShear) -> str:
+def _why(ours: FittedShear) -> str:
     """Describe the parts of the fitted shear modulus."""
     return (
         f"converged bands shear as in series ({ours.series:.4g} Pa with 2 eps) and hardly bend:"
@@ -236,7 +239,7 @@ def _hindered(bands: Bands, printed: float) -> Comparisons:
         ("linear elements, 10 %", 1, 1.0, 0.1, _LINEAR),
         ("barbs 1e4 times as stiff, 10 %", 2, 1e4, 0.1, "barbs that cannot bend"),
     ):
-        found = tilted.fit_shear(
+        found = fit_shear(
             bands, order=1 if order == 1 else 2, largest=largest, barbs_times=times
         ).moduli.shear
         quantity = f"shear modulus, fraction {bands.barb_fraction}, {name}"
@@ -299,13 +302,13 @@ def calibration(folder: Path) -> StudyResult:
 def angles(folder: Path) -> StudyResult:
     """Figures 5.11 and 5.12: slopes at all angles, and the shear band."""
     bands = SwanBands(0.14, _SPACING).bands()
-    slopes = tilted.angle_slopes(bands)
+    slopes = angle_slopes(bands)
     fitted = ourselves("the bands at the angle that the shear modulus was fitted at")
     rows = Comparisons()
     for angle, ratio in zip(slopes.angles, slopes.membrane / slopes.bands, strict=True):
         text = f"slope of the membrane over the bands', {angle:g} degrees, 5 % strain"
         rows.compare(text, ratio, 1.0, 0.05, fitted if angle == 45.0 else RESOLVED)
-    found = tilted.shear_bands(bands, slopes.fitted.moduli)
+    found = shear_bands(bands, slopes.fitted.moduli)
     for band in found:
         rows.compare(
             f"width of the shear band, aspect {band.aspect:g}",

@@ -31,8 +31,15 @@ from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem, require
 from featherfx.files.atomic_write import write_text
 from featherfx.lab.declare import out_of_range, value
-from featherfx.lab.vane.mesh import membrane
-from featherfx.lab.vane.sample import FORM, Moduli, Sample, isotropic, sample_problems, slope
+from featherfx.lab.vane.sample import (
+    FORM,
+    Moduli,
+    Sample,
+    isotropic,
+    membrane,
+    sample_problems,
+    slope,
+)
 from featherfx.lab.vane.statics import Statics
 from featherfx.lab.vane.traction import ELEMENTS, Traction, clamped, mesh_of, pull
 

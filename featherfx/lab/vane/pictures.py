@@ -11,9 +11,8 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.lab.studies.study import Figure, draw
-from featherfx.lab.vane.angles import AngleSlopes, ShearBand
 from featherfx.lab.vane.hooked import Torn
-from featherfx.lab.vane.mesoscale import SizeEffect
+from featherfx.lab.vane.mesoscale import AngleSlopes, ShearBand, SizeEffect
 from featherfx.lab.vane.traction import Locking, Meshing, PulledSample, TractionResult
 
 _MARKS: tuple[tuple[Meshing, str], ...] = (("aligned", "o-"), ("unaligned", "s--"))

@@ -28,7 +28,7 @@ from scipy.sparse import bmat, csc_matrix, csr_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.lab.vane.mesh import Membrane
+from featherfx.lab.vane.sample import Membrane
 from featherfx.lab.vane.sample_kernels import (
     Elements,
     chain_system,

@@ -24,19 +24,23 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputError, Problem, require
 from featherfx.lab.declare import Range, out_of_range, part, value
-from featherfx.lab.vane.mesh import Membrane, Mesh, aligned_of_size, membrane, unaligned_of_size
 from featherfx.lab.vane.sample import (
     FORM,
+    Membrane,
+    Mesh,
     Moduli,
     Regime,
     Sample,
+    aligned_of_size,
     displacement,
     isotropic,
+    membrane,
     sample_problems,
     slope,
     strain_problems,
     strains,
     stress,
+    unaligned_of_size,
 )
 from featherfx.lab.vane.statics import MembranePose, NoEquilibrium, Statics
 

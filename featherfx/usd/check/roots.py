@@ -10,7 +10,7 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel
 
 from featherfx.algebra.types import Array
 from featherfx.usd.read.stage import read_stage_space, transform_points
-from featherfx.usd.space import StageSpace
+from featherfx.usd.types import StageSpace
 
 
 def measure_roots(cache: Path, file: Path) -> float | None:

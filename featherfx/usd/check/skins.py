@@ -24,7 +24,7 @@ from featherfx.usd.check.tracks import BARB, Track
 from featherfx.usd.read.opening import read_scenery
 from featherfx.usd.read.scenery import find_scenery
 from featherfx.usd.read.stage import read_stage_space, to_world_matrix
-from featherfx.usd.space import StageSpace
+from featherfx.usd.types import StageSpace
 
 _NEAREST, _RENEWED_AFTER = 8, 16
 # places on a skin of many triangles; on one of few each has so many that neighbours meet at edges

@@ -26,8 +26,7 @@ from featherfx.phases import counted
 from featherfx.usd import arrays
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import CachedFeather
-from featherfx.usd.space import StageSpace
-from featherfx.usd.types import BARB_COLOUR_PRIMVARS
+from featherfx.usd.types import BARB_COLOUR_PRIMVARS, StageSpace
 from featherfx.usd.write.layers import StageInfo, author_metadata, define_root, new_layer, publish
 from featherfx.usd.write.output import check_output, prim_name, refuse_inputs
 from featherfx.usd.write.previous_cache import read_metadata

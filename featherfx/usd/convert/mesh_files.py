@@ -24,8 +24,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.files.atomic_write import into, standing, write_all
 from featherfx.phases import counted
 from featherfx.usd.read.cache import Cache
-from featherfx.usd.space import StageSpace
-from featherfx.usd.types import OutputError
+from featherfx.usd.types import OutputError, StageSpace
 from featherfx.usd.write.output import find_file_problems
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")

@@ -37,8 +37,7 @@ from featherfx.usd.read.values import (
     read_times,
     usd_errors,
 )
-from featherfx.usd.space import StageSpace
-from featherfx.usd.types import HALF_VELOCITIES, WET_PRIMVARS
+from featherfx.usd.types import HALF_VELOCITIES, WET_PRIMVARS, StageSpace
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.prims import SUBSETS
 

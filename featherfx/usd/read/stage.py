@@ -32,7 +32,7 @@ from featherfx.usd.read.values import (
     read_times,
     read_value,
 )
-from featherfx.usd.space import StageSpace
+from featherfx.usd.types import StageSpace
 
 # what grooms and shots name in a stage
 PRIM_KINDS = {

@@ -27,8 +27,12 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import closest
 from featherfx.usd.read.drawn_meshes import DrawnMesh, MatrixAt, place_mesh
 from featherfx.usd.read.mesh_topology import (
+    MAX_UNTOLD_DISTANCE,
     list_topology_faults,
+    measure_distance,
+    open_limit,
     read_primvar,
+    read_scheme,
     read_topology,
     read_triangles,
 )
@@ -43,12 +47,6 @@ from featherfx.usd.read.stage import (
     rest_time,
     to_world_matrix,
     transform_points,
-)
-from featherfx.usd.read.subdivision import (
-    MAX_UNTOLD_DISTANCE,
-    measure_distance,
-    open_limit,
-    read_scheme,
 )
 from featherfx.usd.read.values import (
     DEFAULT_TIME,

@@ -18,16 +18,17 @@ from featherfx.limits import describe_large_output
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number
 from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.space import StageSpace
-from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError
+from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError, StageSpace
 from featherfx.usd.write.chunks import AnimatedPrims, ChunkWriter, WrittenChunk, assemble_cache
 from featherfx.usd.write.define import define_prims
-from featherfx.usd.write.forms import CacheForm, choose_group, group_feathers
 from featherfx.usd.write.layers import StageInfo, new_layers
 from featherfx.usd.write.options import BY_FEATHER, CHUNK_FRAMES, GROUPINGS, UP_AXES, WriteOptions
 from featherfx.usd.write.output import (
+    CacheForm,
     check_output,
+    choose_group,
     choose_layout,
+    group_feathers,
     output_files,
     parts_folder,
     prim_name,
@@ -60,7 +61,7 @@ class CachePlace:
     """Position of a cache's prims.
 
     root: name of the root prim; "": the file's. part: suffix of group names, where caches with the
-    same groups will be joined. origin: m, world (choose_origin of usd/space.py); all below the root
+    same groups will be joined. origin: m, world (choose_origin of usd/types.py); all below the root
     prim is written relative to it. time_codes_per_second: of its stage; None: frames_per_second.
     handles: first and last frames that are no part of the stage's range.
     """

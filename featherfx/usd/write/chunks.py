@@ -32,7 +32,6 @@ from featherfx.usd.types import (
     PER_FACE_PRIMVARS,
     RATES,
 )
-from featherfx.usd.write.forms import AttributeKey, CacheForm
 from featherfx.usd.write.layers import (
     SCOPES,
     CacheLayers,
@@ -44,7 +43,7 @@ from featherfx.usd.write.layers import (
     output_errors,
     publish,
 )
-from featherfx.usd.write.output import prim_name, unique_prim_names
+from featherfx.usd.write.output import AttributeKey, CacheForm, prim_name, unique_prim_names
 from featherfx.usd.write.posed_groups import PosedGroup, WrittenPose
 from featherfx.usd.write.poses import Written
 from featherfx.usd.write.unfinished_cache import (

@@ -22,7 +22,6 @@ from featherfx.feather.shapes import encode_shape
 from featherfx.feather.types import LEADING, TRAILING, Array, Feather, RowPoints, barb_slice
 from featherfx.groom.looks import colour_text
 from featherfx.usd import arrays
-from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (
     BARB_COLOUR_PRIMVARS,
     BARB_NODE_PRIMVARS,
@@ -31,6 +30,7 @@ from featherfx.usd.types import (
     SHAPE_PRIMVAR,
     SHAPE_SIZE_PRIMVAR,
     FeatherEntry,
+    StageSpace,
 )
 from featherfx.usd.write.layers import StageInfo
 from featherfx.usd.write.poses import ToStage, surface_kernels

@@ -19,10 +19,8 @@ from featherfx.groom.looks import look_text
 from featherfx.groom.types import Placement
 from featherfx.shot.frames import place
 from featherfx.usd import arrays
-from featherfx.usd.space import StageSpace, choose_origin
-from featherfx.usd.types import MESH_PRIM, FeatherEntry
+from featherfx.usd.types import MESH_PRIM, FeatherEntry, StageSpace, choose_origin
 from featherfx.usd.write.chunks import AnimatedPrims
-from featherfx.usd.write.forms import MeshGroup
 from featherfx.usd.write.layers import (
     MATERIALS_SCOPE,
     StageInfo,
@@ -32,7 +30,13 @@ from featherfx.usd.write.layers import (
     publish,
 )
 from featherfx.usd.write.options import StageOptions
-from featherfx.usd.write.output import check_output, output_files, prim_name, unique_prim_names
+from featherfx.usd.write.output import (
+    MeshGroup,
+    check_output,
+    output_files,
+    prim_name,
+    unique_prim_names,
+)
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import make_posed_feathers
 from featherfx.usd.write.prims import author_shared, choose_inputs, define_materials, define_mesh

@@ -32,8 +32,7 @@ from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom
 from featherfx.errors import Problem
 from featherfx.files.atomic_write import Standing, Store, WrittenFile, write_all, write_beside
 from featherfx.usd import arrays
-from featherfx.usd.space import StageSpace
-from featherfx.usd.types import BARB_PRIM, MESH_PRIM, RACHIS_PRIM, OutputError
+from featherfx.usd.types import BARB_PRIM, MESH_PRIM, RACHIS_PRIM, OutputError, StageSpace
 from featherfx.usd.write.output import output_files
 
 # characters of a text; other readers refuse files with a string of more than 65,536 bytes

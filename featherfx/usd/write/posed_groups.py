@@ -41,7 +41,7 @@ from featherfx.usd.types import (
     RATES,
     WET_PRIMVARS,
 )
-from featherfx.usd.write.forms import AttributeKey, MeshGroup
+from featherfx.usd.write.output import AttributeKey, MeshGroup
 from featherfx.usd.write.poses import (
     DrawnSurface,
     PosedFeather,

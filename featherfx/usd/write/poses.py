@@ -22,7 +22,6 @@ from featherfx.feather.types import (
 )
 from featherfx.jit.compiled import KernelModule
 from featherfx.shot.frames import FeatherPose
-from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (
     ACCELERATIONS,
     BARB_DIRECTION,
@@ -42,8 +41,9 @@ from featherfx.usd.types import (
     STRAIN_SHEAR,
     WET_PRIMVARS,
     FeatherEntry,
+    StageSpace,
 )
-from featherfx.usd.write.forms import AttributeKey, CacheForm, find_keys
+from featherfx.usd.write.output import AttributeKey, CacheForm, find_keys
 
 if TYPE_CHECKING:
     from featherfx.feather.detail import ThinnedGrid

@@ -1,4 +1,4 @@
-"""Processor time of the kernels of a Newton iteration, and how near they come to the peak.
+"""Size of packages, and processor time of compiling and of the kernels of an iteration.
 
 Hero and production feather of the benchmarks, in the middle of their shake. Each kernel is called
 in a compiled loop; the least of several runs counts. Floating-point operations follow from
@@ -8,17 +8,32 @@ BLAS's product of matrices in the same run, with one thread.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import ast
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from time import thread_time
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from featherfx.algebra.vector_kernels import copy_values
+from featherfx.api import read_shot
 from featherfx.feather.build import build_feather
+from featherfx.jit.compile_progress import SECONDS
 from featherfx.jit.compiled import kernel
 from featherfx.lab.bench.shake import root_paths, swan_primary
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import expand_wind, no_loads
+from featherfx.shot.loop.simulate import simulate
 from featherfx.solver.solver import Settings, Solver, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
@@ -28,6 +43,105 @@ from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import add_increment, barb_jacobians
 from featherfx.solver.types import FORCES_ONLY, WHOLE_STIFFNESS, IntegratorFactors
 from featherfx.solver.vane.assembly_kernels import add_rows
+
+_COLUMNS = "files", "lines"
+_CHANGE = "Change here: "
+
+
+def package_table(folder: Path) -> Iterator[str]:
+    """Yield the lines of a Markdown table: each package, its counts, what it holds, what to change.
+
+    The last two are the first line of a package's docstring and its line "Change here: ...".
+    """
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    for file in sorted(folder.rglob("*.py")):
+        found = Counter(files=1, lines=len(file.read_text(encoding="utf-8").splitlines()))
+        parents = file.relative_to(folder).parents
+        for package in parents:
+            if package.parent == Path() or (folder / package / "__init__.py").is_file():
+                counts["all" if package == Path() else package.as_posix()] += found
+    yield f"| package | {' | '.join(_COLUMNS)} | holds | change here |"
+    yield "|---|" + "---|" * (len(_COLUMNS) + 2)
+    for name, found in sorted(counts.items(), key=lambda each: (each[0] == "all", each)):
+        start = folder / name / "__init__.py"
+        text = ast.get_docstring(ast.parse(start.read_text("utf-8"))) if start.is_file() else ""
+        lines = (text or "").splitlines()
+        holds = lines[0] if lines else ""
+        change = next((each for each in lines if each.startswith(_CHANGE)), "")[len(_CHANGE) :]
+        numbers = " | ".join(f"{found[each]:,}" for each in _COLUMNS)
+        yield f"| {name} | {numbers} | {holds} | {change} |"
+
+
+Entry = tuple[str, float, float]
+
+
+def measure_entries(work: Callable[[], None]) -> list[Entry]:
+    """Do a work, and return of each entry compiled its name, seconds of lowering and of LLVM."""
+    from numba.core.codegen import JITCodeLibrary
+
+    from featherfx.jit import compiler
+
+    entries: list[Entry] = []
+    own = threading.local()  # threads of a bake wait for each other's compiling
+    compile_entry, finalize = compiler.compile_entry, JITCodeLibrary.finalize
+
+    def compile_timed(kernel: Any, types: Any) -> Any:
+        stack, begin = vars(own).setdefault("stack", []), time.thread_time()
+        # of this entry: LLVM's seconds, and those of entries compiled meanwhile
+        stack.append([0.0, 0.0])
+        code = compile_entry(kernel, types)
+        passed, (llvm, nested) = time.thread_time() - begin, stack.pop()
+        if stack:
+            stack[-1][1] += passed
+        entries.append((kernel.name, passed - llvm - nested, llvm))
+        return code
+
+    def finalize_timed(self: Any) -> None:
+        stack, begin = vars(own).get("stack"), time.thread_time()
+        before = stack[-1][1] if stack else 0.0
+        finalize(self)
+        if stack:
+            # loading code that calls others has these compiled first
+            stack[-1][0] += time.thread_time() - begin - (stack[-1][1] - before)
+
+    with (
+        patch.object(compiler, "compile_entry", compile_timed),
+        patch.object(JITCodeLibrary, "finalize", finalize_timed),
+    ):
+        work()
+    return entries
+
+
+def shot_entries(shot: Path) -> list[Entry]:
+    """Return what simulating a shot compiles, largest first, with an empty cache."""
+
+    def work() -> None:
+        for _ in simulate(read_shot(shot), jobs=1):
+            pass
+
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ |= {"FEATHERFX_CACHE": folder, "FEATHERFX_COMPILERS": "1"}
+        return sorted(measure_entries(work), key=lambda each: -each[1] - each[2])
+
+
+def write_seconds(works: Iterable[str]) -> Path:
+    """Write the file that the progress of compiling goes by; each work in its own process."""
+    found = {}
+    for name in works:
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-m", "featherfx", "lab", "measure", "compiling"]
+            environment = os.environ | {"FEATHERFX_CACHE": folder, "FEATHERFX_COMPILERS": "1"}
+            done = subprocess.run(
+                [*command, "--work", name], env=environment, stdout=subprocess.PIPE, check=True
+            )
+        seconds: dict[str, float] = {}
+        for entry, front, llvm in json.loads(done.stdout):
+            count = sum(each.partition("#")[0] == entry for each in seconds)
+            seconds[f"{entry}#{count + 1}" if count else entry] = round(front + llvm, 2)
+        found[name] = seconds
+    SECONDS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    return SECONDS
+
 
 _FEATHERS = {"hero": (41, 10, 2), "production": (21, 6, 2)}
 _STEP, _STEPS = 1.0 / 384.0, 40  # s

@@ -1,1 +1,0 @@
-"""Membranes of fibres that yield and break."""

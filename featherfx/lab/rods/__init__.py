@@ -1,1 +1,0 @@
-"""Rods: the rachis alone, beside solutions by other means."""
