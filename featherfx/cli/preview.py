@@ -19,7 +19,7 @@ from featherfx.cli.options import (
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 from featherfx.limits import MAX_SHEET
-from featherfx.render.picture import PictureOptions
+from featherfx.render.options import PictureOptions
 
 
 @click.command(

@@ -30,7 +30,7 @@ from featherfx.render.camera import (
     whole,
 )
 from featherfx.render.colour import Bar, Legend, ramp_colours
-from featherfx.render.picture import SHEET_FRAMES, PictureOptions, check_pixels
+from featherfx.render.options import SHEET_FRAMES, PictureOptions, check_pixels
 from featherfx.render.subject import Subject, open_subject
 from featherfx.render.tracer import ROWS_AT_ONCE, Tracer
 from featherfx.usd.read.scenes import find_camera

@@ -35,7 +35,7 @@ from featherfx.render.geometry import (
     vertex_normals,
 )
 from featherfx.render.light_kernels import EYE, SKIN_MATERIAL
-from featherfx.render.picture import PictureOptions
+from featherfx.render.options import PictureOptions
 from featherfx.render.vanes import DrawnPlumage, plumage_of
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.scenery import SceneryMesh, find_scenery, list_beside, list_meshes

@@ -15,7 +15,8 @@ from featherfx.phases import Account
 from featherfx.render.camera import axes_of, framing, turntable
 from featherfx.render.geometry import load_points, topology_of
 from featherfx.render.light_kernels import VANE
-from featherfx.render.picture import PictureOptions, render
+from featherfx.render.options import PictureOptions
+from featherfx.render.picture import render
 from featherfx.render.subject import open_subject
 from featherfx.render.tracer import backdrop
 from featherfx.usd.read.cache import Cache

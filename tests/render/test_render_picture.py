@@ -22,7 +22,8 @@ from featherfx.render.colour import (
     value_colours,
 )
 from featherfx.render.geometry import DrawnPose, load_pose, load_scene
-from featherfx.render.picture import _COLOURS, _VIEWS, render
+from featherfx.render.options import _COLOURS, _VIEWS
+from featherfx.render.picture import render
 from featherfx.render.tracer import backdrop
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.write.cache_writer import CacheWriter

@@ -19,7 +19,7 @@ from featherfx.mechanics.model import no_loads
 from featherfx.render.camera import axes_of, framing
 from featherfx.render.geometry import load_points
 from featherfx.render.light_kernels import VANE
-from featherfx.render.picture import PictureOptions
+from featherfx.render.options import PictureOptions
 from featherfx.render.subject import open_subject
 from featherfx.shot.hooks.wet import Water, clumping
 from featherfx.shot.loop.simulate import simulate

@@ -10,7 +10,7 @@ from regions_skin import SKIN, region, write_skin
 
 from featherfx.baking.pipeline import check, export_groom, stats
 from featherfx.cli.main import main
-from featherfx.render.picture import PictureOptions
+from featherfx.render.options import PictureOptions
 from featherfx.render.subject import open_subject
 from featherfx.usd.read.cache import Cache
 

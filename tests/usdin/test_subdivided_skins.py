@@ -16,7 +16,7 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.faults import signed_volume
 from featherfx.groom.skin.skin import closest
-from featherfx.render.picture import PictureOptions
+from featherfx.render.options import PictureOptions
 from featherfx.render.subject import open_subject
 from featherfx.usd.check.measures import MeasuredMeshes
 from featherfx.usd.read.cache import Cache
