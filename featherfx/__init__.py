@@ -37,7 +37,7 @@ _HOMES = {
     "baking.pipeline": "check export export_groom join plan retime",
     "baking.stats": "stats",
     "errors": "InputError InputWarning SimulationError",
-    "farm.bake_many": "bake_many",
+    "farm.job": "bake_many",
     "feather.types": "Feather",
     "groom.keys.preset": "Quality",
     "groom.types": "Groom",
