@@ -257,7 +257,13 @@ def _describe_turns(laid: LaidCoat, chosen: Sequence[Placement]) -> list[str]:
 
 
 def _describe_crowds(laid: LaidCoat, chosen: Sequence[Placement]) -> list[str]:
-    """Tell which feathers found no room between those around them."""
+    """Tell which feathers found no room between those around them, and of a coat that is none."""
+    if laid.report.pairs == 0 and len(chosen) > 1:
+        place = ", ".join(f"{x:.3g}" for x in chosen[0].position)
+        return [
+            f"none of {len(chosen)} feathers lies over another: the skin is bare between them, as"
+            f" beside '{chosen[0].id}' at ({place}) m. Give their regions more or longer feathers"
+        ]
     crowded = np.flatnonzero(laid.report.shares == 0.0)
     if not len(crowded):
         return []

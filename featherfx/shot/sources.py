@@ -120,6 +120,11 @@ class TimedSurface:
         """(V, 3) m, the same; at a cut, after it."""
         return self.points(self.clock.after(time))
 
+    def volume(self, points: Array) -> float:
+        """m^3, within its closed parts if its points are at points (V, 3) m; below 0 inside out."""
+        a, b, c = points[self.surface.triangles[self.surface.closed]].swapaxes(0, 1)
+        return float(np.einsum("ti,ti->", a, np.cross(b, c))) / 6.0
+
     def brought_up(self, run_up: RunUp, tolerance: float) -> TimedSurface:
         """The same, led by a run-up; the ground that moves by less than a small part of a tolerance
         (m) stays where it is."""

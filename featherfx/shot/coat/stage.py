@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
 
 from featherfx.algebra.types import Flags
+from featherfx.errors import InputWarning
 from featherfx.feather.types import stacked
 from featherfx.shot.clock import StageClock
 from featherfx.shot.coat.leaves import CarriedPoints, MovingCoat
@@ -38,7 +40,9 @@ class CoatStage(Stage):
         self._coat: MovingCoat | None = None
         self._members = run.wanted[self._may_lie()[run.wanted]]
         surfaces = [each for each, _ in surfaces_under(shot.skin, self._members, shot.run_up)]
-        if not len(self._members) or all(each.surface.sampled is None for each in surfaces):
+        surfaces = [] if all(each.surface.sampled is None for each in surfaces) else surfaces
+        self._sound = [each for each in surfaces if each.surface.closed.any()]
+        if not surfaces:
             return
         own = [shot.groom.feathers[f] for f in self._members]
         coat = shot.groom.coat.coat
@@ -71,6 +75,7 @@ class CoatStage(Stage):
         if self._coat is None:
             return
         span = self.run.time(index - 1), self.run.time(index)
+        self._warn_inside_out(index, span[1])
         members = self._members.tolist()
         before = [poses[f] for f in members]
         given = [stacked([getattr(pose, name) for pose in before]) for name in _RATES]
@@ -84,3 +89,20 @@ class CoatStage(Stage):
         """Roots of the coat's feathers at the end of a span (s), and their two rates."""
         rates = root_rates(motion, *span)
         return [RootFrames(*(values[self._members] for values in each)) for each in rates]
+
+    def _warn_inside_out(self, index: int, time: float) -> None:
+        """Warn once of each surface whose closed parts turn inside out."""
+        for each in list(self._sound):
+            surface, side = (
+                each.surface,
+                -1.0 if each.surface.is_mirrored(each.clock.code(time)) else 1.0,
+            )
+            rest, now = each.volume(surface.rest), each.volume(each.points(time))
+            if side * now * rest < 0.0:
+                self._sound.remove(each)
+                message = (
+                    f"{surface.file}: {surface.path}: turns inside out at frame"
+                    f" {self.run.number(index):g}: its faces enclose {now:.3g} m^3, at rest"
+                    f" {rest:.3g}. Feathers point into it. Give a pose whose faces look outwards"
+                )
+                warnings.warn(message, InputWarning, stacklevel=2)
