@@ -14,16 +14,12 @@ frames, and a frame costs as many Newton iterations as they take, and a part tha
 from __future__ import annotations
 
 import gc
-import math
 import mmap
-import signal
 import tempfile
-import threading
 import time
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -38,18 +34,13 @@ from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.types import Feather
 from featherfx.files.memory import give_back_memory
 from featherfx.phases import Account, phase
-from featherfx.shot.loop.calibration import assume_grids
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.options import (
     FeatherOptions,
-    MeasuredGrid,
     ShotOptions,
-    first_space,
-    first_time,
     resolve_options,
-    simulation_quality,
 )
 from featherfx.shot.partition.partition import shot_islands
 from featherfx.shot.patterns import may_touch
@@ -74,7 +65,6 @@ _MEASURING_RATIO, _OTHER_GRIDS = 0.3, (0.5, 4.0)
 _OF_BAKE, MAX_TRIAL_SECONDS = 1.0 / 6.0, 60.0
 # of a time, what it is off by if it is measured again
 _REPEATABILITY = 0.1
-_TICK = 0.01  # s of CPU time that a system tells apart
 # over the feathers of the last trial, those that make a larger one worth its time
 _WORTH = 1.5
 # phases that go with what is solved, and those of the frames
@@ -128,70 +118,33 @@ class OutOfTimeError(InputError):
         super().__init__(Problem("stats", "--seconds", text))
 
 
-@contextmanager
-def stopped_at(until: float) -> Iterator[None]:
-    """Interrupt the block when this process has taken so many s of CPU time, as Ctrl-C does.
-
-    Interrupts come to main threads only; elsewhere, and on Windows, trials stop between frames.
-    """
-    if threading.current_thread() is not threading.main_thread() or not hasattr(
-        signal, "setitimer"
-    ):
-        yield
-        return
-
-    def interrupt(*_: object) -> None:
-        left = until - time.process_time()
-        if left <= 0.0:
-            raise KeyboardInterrupt
-        signal.setitimer(signal.ITIMER_PROF, left + _TICK)  # it counts in ticks, roughly
-
-    usual = signal.signal(signal.SIGPROF, interrupt)
-    signal.setitimer(signal.ITIMER_PROF, max(until - time.process_time(), 0.0) + _TICK)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
-        signal.signal(signal.SIGPROF, usual)
-
-
 def expected(
-    shot: Shot,
-    resolved: TimedOptions,
-    jobs: int,
-    until: float,
-    budget: float | None = None,
+    resolved: TimedOptions, jobs: int, until: float, budget: float | None = None
 ) -> ExpectedCost:
-    """Estimate the time of the phases of a bake on this machine as it is now.
+    """Estimate the time of the phases of a bake of a shot on this machine as it is now.
 
-    until: s of CPU time of this process when the last trial is stopped. budget: s of CPU time after
+    until: s of CPU time of this process when the last trial ends. budget: s of CPU time after
     which no other trial begins; None: TRIAL_SECONDS, or a share of the bake's. Raises
     SimulationError where one of the feathers that are tried cannot be simulated, OutOfTimeError
     where there is no time for any.
     """
-    begin = time.perf_counter()
+    begin, shot = time.perf_counter(), resolved.shot
     # the solver takes its time to load, here as in a bake
     once = {"starting": time_of(lambda: import_module("featherfx.baking.frame_loop"))}
     held = resident_bytes(release=True)
     # else it goes with the feathers of a trial, which are built by themselves
     if has_time_for(_BUILDING_RATIO * resolved.seconds, until):
-        end = time.process_time() + _MEASURING_RATIO * (until - time.process_time())
-        try:
-            with phase("building"), stopped_at(end):
+        with phase("building"):
+            once["building"] = time_of(lambda: simulate(shot, jobs))
+            if has_time_for(_BUILDING_RATIO * once["building"][1], until):
                 once["building"] = time_of(lambda: simulate(shot, jobs))
-                if has_time_for(3.0 * once["building"][1], end):
-                    once["building"] = time_of(lambda: simulate(shot, jobs))
-        except KeyboardInterrupt:
-            if has_time_for(0.0, end):
-                raise
     work = sum_unknowns(resolved.options.feathers)
-    with assume_grids(resolved.grids):
-        trials, course = _tried(shot, work, jobs, until, budget)
+    trials, course = _tried(shot, work, jobs, until, budget)
     fixed = float(sum(seconds[1] for seconds in once.values()))
     once = _whole(shot, work, trials, course) | once
     processor = float(sum(seconds[1] for seconds in once.values()))
     low, high = _range(shot, work, trials, course)
-    if not resolved.is_measured:
+    if not resolved.options.is_measured:
         low, high = low * _OTHER_GRIDS[0], high * _OTHER_GRIDS[1]
     share = (processor - fixed) / processor
     return ExpectedCost(
@@ -207,13 +160,11 @@ def expected(
 
 @dataclass(frozen=True)
 class TimedOptions:
-    """Options of the feathers of a shot. grids: by feather, empty where no error is promised.
-    is_measured: whether they are those of a bake. seconds: of CPU time that building the drawn
-    feathers and this took."""
+    """Options of the feathers of a shot, which then measures no grids. seconds: of CPU time that
+    building the drawn feathers and this took."""
 
+    shot: Shot
     options: ShotOptions
-    grids: Mapping[str, MeasuredGrid]
-    is_measured: bool
     seconds: float
 
 
@@ -226,22 +177,12 @@ def resolve_in_time(
     else those that the measuring begins with are taken.
     """
     now = time.process_time()
-    end, motion = now + _MEASURING_RATIO * max(until - now, 0.0), root_motion(shot)
-    names, measured, begun = [each.id for each in shot.groom.feathers], True, now
-    try:
-        with stopped_at(end):
-            options = resolve_options(shot, drawn, motion)
-    except KeyboardInterrupt:
-        if has_time_for(0.0, end):
-            raise
-        measured, error, begun = False, simulation_quality(shot).promised, time.process_time()
-        assert error is not None
-        first = MeasuredGrid(first_space(error), first_time(error), math.inf, True)
-        with assume_grids(dict.fromkeys(names, first)):
-            options = resolve_options(shot, drawn, motion)
-    seconds = now - begin + time.process_time() - begun
-    grids = dict(zip(names, options.measured, strict=False))
-    return TimedOptions(options, grids, measured, seconds)
+    end = now + _MEASURING_RATIO * max(until - now, 0.0)
+    options = resolve_options(shot, drawn, root_motion(shot), end)
+    if options.measured:
+        names = [each.id for each in shot.groom.feathers]
+        shot = replace(shot, grids=dict(zip(names, options.measured, strict=True)))
+    return TimedOptions(shot, options, time.process_time() - begin)
 
 
 def has_time_for(seconds: float, until: float) -> bool:
@@ -392,7 +333,7 @@ def _trial(shot: Shot, count: int, frames: int, jobs: int, until: float) -> Tria
         look()
         marks.append(_spent(timed, _LOOP))
         if not has_time_for(0.0, until):
-            raise KeyboardInterrupt
+            raise OutOfTimeError
 
     with tempfile.TemporaryDirectory(prefix="featherfx-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
@@ -418,11 +359,8 @@ def _trial(shot: Shot, count: int, frames: int, jobs: int, until: float) -> Tria
         )
         with Account(look) as timed:
             try:
-                with stopped_at(until):
-                    simulate_and_write(task, mark)
-            except KeyboardInterrupt:
-                if has_time_for(0.0, until):
-                    raise
+                simulate_and_write(task, mark)
+            except OutOfTimeError:
                 frames = len(marks) - 1
                 if frames < 2:
                     return None
@@ -499,25 +437,19 @@ def _course(shot: Shot, jobs: int, end: float, until: float) -> TrialCourse | No
     """Simulate a few feathers through the frames of a shot, or the first of them; None where there
     is time for less than three.
 
-    end, until: s of CPU time of this process, after which no frame begins, and when it is stopped.
+    end, until: s of CPU time of this process, after which no frame begins, and when it ends.
     """
     part = _pinned(shot)
     marks, iterations = [], []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
-        try:
-            with stopped_at(until):
-                simulation = simulate(part, jobs)
-                for _ in simulation.frames(lambda sample: False):
-                    reports = simulation.counted().reports
-                    iterations.append(sum(float(r.iterations.sum()) for r in reports))
-                    marks.append(time.process_time())
-                    if marks[-1] > end and len(marks) > _FRAMES:
-                        break
-        except KeyboardInterrupt:
-            if has_time_for(0.0, until):
-                raise
-            iterations = iterations[: len(marks)]
+        simulation = simulate(part, jobs)
+        for _ in simulation.frames(lambda sample: False):
+            reports = simulation.counted().reports
+            iterations.append(sum(float(r.iterations.sum()) for r in reports))
+            marks.append(time.process_time())
+            if marks[-1] > (end if len(marks) > _FRAMES else until):
+                break
     if len(marks) < 3:
         return None
     return TrialCourse(np.array(iterations[1:]), np.diff(marks), _work_of(part))

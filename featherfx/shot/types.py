@@ -19,6 +19,7 @@ from featherfx.shot.clock import MAX_RATE, MIN_RATE, NO_CUTS, FrameCuts
 from featherfx.shot.preroll import NO_RUN_UP, RunUp
 
 if TYPE_CHECKING:
+    from featherfx.shot.options.options import MeasuredGrid
     from featherfx.shot.skin import BoundSkin, SkinSurfaces
     from featherfx.shot.sources import TimedSurface, TimedWind
     from featherfx.shot.view import TimedCamera
@@ -419,7 +420,8 @@ class Shot(Documented):
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
     through each other and through colliders. run_up: how what moves is brought up from rest before
     0. frame_cuts: those that are named or found, in the frame loop.
-    level_of_detail: None: levels do not follow a camera. inputs: what the shot's files say, by key
+    level_of_detail: None: levels do not follow a camera. grids: by the ids of feathers, instead of
+    measuring them. inputs: what the shot's files say, by key
     (groom/read/value_diff.py). document: the tables that it was read from, None after
     `dataclasses.replace`.
     """
@@ -513,6 +515,7 @@ class Shot(Documented):
     detachments: tuple[Detachment, ...] = ()
     channels: tuple[Channel, ...] = ()
     targets: tuple[Target, ...] = ()
+    grids: Mapping[str, MeasuredGrid] | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)
     document: Document | None = field(default=None, init=False, repr=False, compare=False)
 

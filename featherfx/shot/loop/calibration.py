@@ -26,10 +26,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
+from time import process_time
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +39,7 @@ from featherfx.errors import SimulationError
 from featherfx.feather.density import max_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.files.content import digest
-from featherfx.files.disk_cache import kept, nothing_kept
+from featherfx.files.disk_cache import keep, kept, kept_before, nothing_kept
 from featherfx.groom.keys.preset import Quality
 from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.loop.simulate import simulate
@@ -50,8 +50,7 @@ from featherfx.shot.options.options import (
     SPACE,
     TIME,
     MeasuredGrid,
-    first_space,
-    first_time,
+    first_grid,
 )
 from featherfx.shot.options.strata import Stratum, stratify
 from featherfx.shot.preroll import NO_RUN_UP
@@ -104,15 +103,16 @@ def measure_grids(
     loads: LoadEstimate,
     deflections: Sequence[Deflection],
     free: Flags,
-) -> list[MeasuredGrid]:
+    until: float = math.inf,
+) -> list[MeasuredGrid] | None:
     """Measure the grids of the feathers of a shot that promises an error; of every feather, where
-    nothing is solved those to begin with.
+    nothing is solved those to begin with. None where the time ends before.
 
-    solved: numbers. deflections: m, of each. free: (F,) which leave their roots.
+    solved: numbers. deflections: m, of each. free: (F,) which leave their roots. until: s of CPU
+    time of this process.
     """
-    names = [each.id for each in shot.groom.feathers]
-    if _assumed and all(name in _assumed for name in names):
-        return [_assumed[name] for name in names]
+    if shot.grids is not None:
+        return [shot.grids[each.id] for each in shot.groom.feathers]
     shot = replace(shot, run_up=NO_RUN_UP, contact=None, colliders=(), preroll=0)
     # shapes of meshes fit one grid alone
     targets = tuple(each for each in shot.targets if each.points is None)
@@ -124,15 +124,22 @@ def measure_grids(
     if found is None:
         error = shot.quality.promised
         assert error is not None
-        found = [MeasuredGrid(first_space(error), first_time(error), math.inf, True)] * len(names)
-        if strata := stratify(shot, solved, deflections, free):
-            arrays = kept(
-                "calibrations", [key], lambda: _measured(shot, strata, loads, deflections)
-            )
-            rows = zip(*(arrays[name].tolist() for name in MeasuredGrid._fields), strict=True)
-            for stratum, row in zip(strata, rows, strict=True):
-                for f in stratum.members:
-                    found[f] = MeasuredGrid(*row)
+        found = [first_grid(error)] * len(deflections)
+        if not len(solved):
+            return found
+        strata = stratify(shot, solved, deflections, free)
+        given = shot, strata, loads, deflections
+        if until < math.inf:
+            arrays = kept_before("calibrations", [key]) or _measured(*given, until)
+            if arrays is None:
+                return None
+            keep("calibrations", [key], arrays)
+        else:
+            arrays = kept("calibrations", [key], lambda: _measured(*given) or {})
+        rows = zip(*(arrays[name].tolist() for name in MeasuredGrid._fields), strict=True)
+        for stratum, row in zip(strata, rows, strict=True):
+            for f in stratum.members:
+                found[f] = MeasuredGrid(*row)
         _known[key] = found
         while len(_known) > _MAX_KNOWN:
             _known.pop(next(iter(_known)))
@@ -144,27 +151,15 @@ _known: dict[str, list[MeasuredGrid]] = {}
 _MAX_KNOWN = 8  # as many as a test or a tuner goes between
 
 
-@contextmanager
-def assume_grids(grids: Mapping[str, MeasuredGrid]) -> Iterator[None]:
-    """Take grids by the ids of feathers, in shots of no others, instead of measuring them."""
-    _assumed.update(grids)
-    try:
-        yield
-    finally:
-        _assumed.clear()
-
-
-# by ids of feathers
-_assumed: dict[str, MeasuredGrid] = {}
-
-
 def _measured(
     shot: Shot,
     strata: Sequence[Stratum],
     loads: LoadEstimate,
     deflections: Sequence[Deflection],
-) -> dict[str, Array]:
-    """Arrays of every stratum: its levels, the error over the length, whether it is unique."""
+    until: float = math.inf,
+) -> dict[str, Array] | None:
+    """Arrays of every stratum: its levels, the error over the length, whether it is unique; None
+    where the time ends."""
     error = shot.quality.promised
     assert error is not None
     sample = np.unique(np.concatenate([each.sample for each in strata]))
@@ -173,7 +168,8 @@ def _measured(
     search = _Search(shot, sample, error, windows)
     with nothing_kept(), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the bake itself warns
-        search.go()
+        if not search.go(until):
+            return None
     place = {f: k for k, f in enumerate(sample.tolist())}
     rows = []
     for stratum in strata:
@@ -217,21 +213,21 @@ class _Search:
         self._roots = _KnownRoots(root_motion(shot))
         self._runs: list[dict[tuple[Level, Window], WindowRun]] = [{} for _ in sample]
         self._lengths = np.array([shot.groom.feathers[f].kind.length for f in sample])
-        first = first_space(error), first_time(error)
-        self._levels = [first for _ in sample]
+        first = first_grid(error)
+        self._levels = [(first.space, first.time) for _ in sample]
         # what of each is measured next, by which parts: none where finer runs are known
         self._wanted: list[tuple[str, ...]] = [("space", "time") for _ in sample]
         self._parts: list[dict[str, float]] = [{} for _ in sample]
-        self.found: list[MeasuredGrid] = [MeasuredGrid(*first, math.inf, True) for _ in sample]
+        self.found = [first for _ in sample]
 
-    def go(self) -> None:
-        """Measure until all have their levels."""
+    def go(self, until: float) -> bool:
+        """Measure until all have their levels; whether the time (s of this process) sufficed."""
         left = list(range(len(self._sample)))
         for number in range(_ROUNDS):
-            self._run(left)
+            if not self._run(left, until):
+                return False
             left = [k for k in left if self._step(k, number)]
-            if not left:
-                return
+        return True
 
     def _step(self, k: int, number: int) -> bool:
         """Take what was measured of a feather into account; whether it goes on."""
@@ -297,8 +293,9 @@ class _Search:
             most = max(most, run_distance(here, other) / float(self._lengths[k]))
         return most
 
-    def _run(self, chosen: Iterable[int]) -> None:
-        """Simulate what is not known yet of some feathers, all of one level together."""
+    def _run(self, chosen: Iterable[int], until: float) -> bool:
+        """Simulate what is not known yet of some feathers, all of one level together; whether the
+        time sufficed."""
         wanted: dict[tuple[Level, Window], list[int]] = {}
         for k in chosen:
             for finer, window in product(("", *self._wanted[k]), self._windows[k]):
@@ -310,8 +307,11 @@ class _Search:
             members = [k for k in left if not self._flutters(k)]
             if not members:
                 continue
+            if process_time() > until:
+                return False
             for k, run in zip(members, self._simulated(level, window, members), strict=True):
                 self._runs[k][level, window] = run
+        return True
 
     def _simulated(self, level: Level, window: Window, members: Sequence[int]) -> list[WindowRun]:
         order = np.argsort(self._sample[list(members)])

@@ -82,6 +82,11 @@ class MeasuredGrid(NamedTuple):
     is_unique: bool
 
 
+def first_grid(error: float) -> MeasuredGrid:
+    """Return the grid to begin with for an error over the length."""
+    return MeasuredGrid(first_space(error), first_time(error), math.inf, True)
+
+
 @dataclass(frozen=True, kw_only=True)
 class FeatherOptions(Settings):
     """Options of one feather, beside those of its steps in Settings.
@@ -139,14 +144,16 @@ class ShotOptions:
 
     feathers: of each. full: of each as it would be in full detail. free: (F,) which leave their
     roots. measured: of each, what was found on the sample of its stratum, or the levels to begin
-    with where nothing is solved of it; empty where no error is promised. promised_error: over a
-    feather's length, None: none is promised, and why_not_promised.
+    with where nothing is solved of it; empty where no error is promised. is_measured: whether the
+    time sufficed for that. promised_error: over a feather's length, None: none is promised, and
+    why_not_promised.
     """
 
     feathers: tuple[FeatherOptions, ...]
     full: tuple[FeatherOptions, ...]
     free: Flags
     measured: tuple[MeasuredGrid, ...]
+    is_measured: bool
     promised_error: float | None
     why_not_promised: str
 
@@ -165,9 +172,12 @@ class ShotOptions:
         return np.flatnonzero([each.level == level for each in self.feathers])
 
 
-def resolve_options(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> ShotOptions:
-    """Resolve how every feather of a shot is simulated. feathers: as the meshes have them.
+def resolve_options(
+    shot: Shot, feathers: Sequence[Feather], motion: Roots, until: float = math.inf
+) -> ShotOptions:
+    """Resolve how every feather of a shot is simulated.
 
+    feathers: as the meshes have them. until: s of CPU time of this process when measuring ends.
     Raises InputError for feathers that are not simulated but pulled, or that lack guides.
     """
     quality, placements = simulation_quality(shot), shot.groom.feathers
@@ -176,13 +186,16 @@ def resolve_options(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> S
     levels = _choose_levels(shot, motion, free, source_of)
     full = [given_by_quality(quality, source_of)] * len(feathers)
     measured: Sequence[MeasuredGrid] = ()
+    is_measured = True
     if quality.promised is not None or CHOSEN in (quality.coefficients, quality.simulated_rows):
         loads = estimate_loads(shot, motion)
         deflections = estimate_deflections(shot, feathers, loads)
         if quality.promised is not None:
             measure = load_name("loop.calibration:measure_grids")
             solved = np.flatnonzero([level not in UNSOLVED_LEVELS for level, _ in levels])
-            measured = measure(shot, solved, loads, deflections, free)
+            found = measure(shot, solved, loads, deflections, free, until)
+            is_measured = found is not None
+            measured = found or [first_grid(quality.promised)] * len(feathers)
             why = f"measured for an error of {100.0 * quality.promised:g} % ({source_of('error')})"
         for f, (feather, placement) in enumerate(zip(feathers, placements, strict=True)):
             kind, bent = placement.kind, deflections[f]
@@ -215,7 +228,7 @@ def resolve_options(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> S
         each.at_level(level, quality).by(source, level=level)
         for each, (level, source) in zip(full, levels, strict=True)
     )
-    return ShotOptions(resolved, tuple(full), free, tuple(measured), *_promise(shot))
+    return ShotOptions(resolved, tuple(full), free, tuple(measured), is_measured, *_promise(shot))
 
 
 def common_tolerance(shot: Shot) -> float:
