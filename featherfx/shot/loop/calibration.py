@@ -65,7 +65,7 @@ _FALL = 2.0
 # the error over the difference from what is finer: of second order, and of the power 0.7
 REST_RATIOS = {"space": 4.0 / 3.0, "time": 5.0 / 4.0}
 # what is finer: columns and intervals of rows, coefficients, tolerance
-FINER_RATIO, _MORE_COEFFICIENTS, TIGHTER_RATIO = 2, 1, 10.0
+_FINER_RATIO, _MORE_COEFFICIENTS, TIGHTER_RATIO = 2, 1, 10.0
 # rounds of measuring; levels at once; of a part's goal, to which it is lowered
 _ROUNDS, _MAX_STEPS, _LOW = 5, 2, 0.5
 # of its largest error in any window, below which a window is measured no more
@@ -74,8 +74,8 @@ _FAR = 0.25
 _RESTLESS = 4.0
 # least fall of an error from round to round, that shows that finer settings come nearer
 MIN_FALL = 0.7
-# m, a tolerance that binds no feather
-_LARGEST = 0.1
+# m, a tolerance that binds no feather, and the least of a quality
+_LARGEST, _MIN_TOLERANCE = 0.1, 1e-9
 # s, of each window; frames of what is pulled, at most
 WINDOW, _MAX_PULLED_FRAMES = 0.17, 36
 
@@ -381,13 +381,27 @@ def quality_at(quality: Quality, level: Level) -> Quality:
         quality.tolerance or _LARGEST,
         1.0 if quality.tolerance else TIME[level[1]],
     )
-    if level[2] == "space":
-        rows, columns = FINER_RATIO * (rows - 1) + 1, FINER_RATIO * columns
-        coefficients = min(coefficients + _MORE_COEFFICIENTS, MAX_COEFFICIENTS)
-    if level[2] == "time":
-        tolerance, relative = tolerance / TIGHTER_RATIO, relative / TIGHTER_RATIO
-    return quality.on_grid(
+    found = quality.on_grid(
         rows, columns, coefficients, tolerance=tolerance, relative_tolerance=relative
+    )
+    return refine_quality(found, level[2]) if level[2] else found
+
+
+def refine_quality(quality: Quality, name: str, times: int = 1) -> Quality:
+    """Return the quality of one grid finer in "space" or "time", so many times."""
+    if name == "time":
+        ratio = TIGHTER_RATIO**times
+        assert quality.tolerance is not None
+        return replace(
+            quality,
+            tolerance=max(quality.tolerance / ratio, _MIN_TOLERANCE),
+            relative_tolerance=quality.relative_tolerance / ratio,
+        )
+    return replace(
+        quality,
+        rows=_FINER_RATIO**times * (quality.rows - 1) + 1,
+        columns=_FINER_RATIO**times * quality.own_columns,
+        coefficients=min(quality.coefficients + times * _MORE_COEFFICIENTS, MAX_COEFFICIENTS),
     )
 
 

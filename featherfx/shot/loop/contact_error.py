@@ -25,19 +25,19 @@ from featherfx.files.content import digest
 from featherfx.files.disk_cache import kept, nothing_kept
 from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.loop.calibration import (
-    FINER_RATIO,
     MIN_FALL,
     REST_RATIOS,
     TIGHTER_RATIO,
     WINDOW,
     WindowRun,
+    refine_quality,
     run_distance,
     simulate_window,
 )
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.load_estimate import estimate_deflections, estimate_loads
-from featherfx.shot.options.options import MAX_COEFFICIENTS, FeatherOptions, resolve_options
+from featherfx.shot.options.options import FeatherOptions, resolve_options
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.preroll import NO_RUN_UP
 from featherfx.shot.subset import part_of
@@ -45,8 +45,6 @@ from featherfx.shot.types import Shot
 
 # patches of a shot, and feathers of a patch, at most
 _MAX_PATCHES, PATCH_SIZE = 4, 3
-# m, least tolerance of a quality
-_MIN_TOLERANCE = 1e-9
 
 
 class PatchErrors(NamedTuple):
@@ -140,11 +138,20 @@ def _errors(
     part = replace(part_of(shot, patch), run_up=NO_RUN_UP, preroll=0)
     targets = tuple(each for each in shot.targets if each.points is None)
     part = replace(part, details=(), level_of_detail=None, cycle=0, targets=targets)
+    plain = part.quality.on_grid(
+        grid.rows, grid.columns, grid.coefficients, tolerance=grid.tolerance
+    )
+    contact = part.contact
+    assert contact is not None
     lengths = [placement.kind.length for placement in part.groom.feathers]
 
-    def run(finer: int = 1, tighter: float = 1.0) -> list[WindowRun] | None:
+    def run(name: str = "", times: int = 0) -> list[WindowRun] | None:
+        quality = refine_quality(plain, name, times) if name else plain
+        # errors of steps go with the square of their length
+        steps = round(contact.steps * TIGHTER_RATIO ** (0.5 * times * (name == "time")))
+        shot = replace(part, quality=quality, contact=replace(contact, steps=steps))
         try:
-            return simulate_window(_at(part, grid, finer, tighter), (0, window))
+            return simulate_window(shot, (0, window))
         except SimulationError:
             return None
 
@@ -155,26 +162,11 @@ def _errors(
         return np.array([run_distance(a, b) / size for a, b, size in pairs])
 
     window = min(max(2, round(WINDOW * shot.frames_per_second)), shot.last_frame - shot.first_frame)
-    own, tight = run(), run(tighter=TIGHTER_RATIO)
+    own, tight = run(), run("time", 1)
     time = apart(own, tight)
-    error = REST_RATIOS["time"] * time + REST_RATIOS["space"] * apart(own, run(FINER_RATIO))
+    error = REST_RATIOS["time"] * time + REST_RATIOS["space"] * apart(own, run("space", 1))
     unique = np.ones(len(lengths), dtype=np.bool_)
     if (REST_RATIOS["time"] * time > promised).any():
-        left = apart(tight, run(tighter=TIGHTER_RATIO**2))
+        left = apart(tight, run("time", 2))
         unique = (time <= promised) | (left <= MIN_FALL * time)
     return error.tolist(), unique.tolist()
-
-
-def _at(part: Shot, grid: FeatherOptions, finer: int, tighter: float) -> Shot:
-    """A patch on the grid of its feathers, or on a finer one, with a tolerance that is tighter."""
-    assert part.contact is not None
-    coefficients = grid.coefficients + (finer > 1)
-    quality = part.quality.on_grid(
-        finer * (grid.rows - 1) + 1,
-        finer * grid.columns,
-        min(coefficients, MAX_COEFFICIENTS),
-        tolerance=max(grid.tolerance / tighter, _MIN_TOLERANCE),
-    )
-    # errors of steps go with the square of their length
-    steps = round(part.contact.steps * math.sqrt(tighter))
-    return replace(part, quality=quality, contact=replace(part.contact, steps=steps))
