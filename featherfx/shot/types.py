@@ -19,7 +19,6 @@ from featherfx.shot.clock import MAX_RATE, MIN_RATE, NO_CUTS, FrameCuts
 from featherfx.shot.preroll import NO_RUN_UP, RunUp
 
 if TYPE_CHECKING:
-    from featherfx.shot.options.options import MeasuredGrid
     from featherfx.shot.skin import BoundSkin, SkinSurfaces
     from featherfx.shot.sources import TimedSurface, TimedWind
     from featherfx.shot.view import TimedCamera
@@ -407,6 +406,16 @@ class Motion:
         """Return whether it may stand beside a skin, which moves the body: of it the limbs
         count."""
         return self.kind in ("fold", "flap", "act")
+
+
+class MeasuredGrid(NamedTuple):
+    """Levels of SPACE and TIME (shot/options) that a feather was measured to need, its error there
+    over the length, and whether finer settings come nearer to each other."""
+
+    space: int
+    time: int
+    error: float
+    is_unique: bool
 
 
 @dataclass(frozen=True)

@@ -49,14 +49,13 @@ from featherfx.shot.options.options import (
     MAX_COEFFICIENTS,
     SPACE,
     TIME,
-    MeasuredGrid,
     first_grid,
 )
 from featherfx.shot.options.strata import Stratum, stratify
 from featherfx.shot.preroll import NO_RUN_UP
 from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.subset import part_of
-from featherfx.shot.types import Shot
+from featherfx.shot.types import MeasuredGrid, Shot
 
 # of what is promised, what a sample may err by; of that, the parts of grids and of steps
 _MARGIN, _SHARES = 0.5, {"space": 0.6, "time": 0.4}

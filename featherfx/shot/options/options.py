@@ -19,7 +19,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +38,7 @@ from featherfx.shot.options.load_estimate import (
 )
 from featherfx.shot.patterns import last_fitting, may_touch
 from featherfx.shot.roots import Roots
-from featherfx.shot.types import UNSOLVED_LEVELS, Quality, Shot
+from featherfx.shot.types import UNSOLVED_LEVELS, MeasuredGrid, Quality, Shot
 from featherfx.solver.solver import Settings
 
 # the options that a shot decides, in the order in which they are told
@@ -70,16 +70,6 @@ TIME = (8e-3, 3e-3, 1.2e-3, 4.5e-4, 1.7e-4, 6.5e-5, 2.5e-5, 1e-5)
 # tolerance over the error; tolerances per octave, so
 # that feathers of about one length stay together
 MAX_COEFFICIENTS, _ROW_RATIO, _STEP_RATIO, _TOLERANCES_PER_OCTAVE = 6, 2.0, 0.1, 2
-
-
-class MeasuredGrid(NamedTuple):
-    """Levels of SPACE and TIME that a feather was measured to need, its error there over the
-    length, and whether finer settings come nearer to each other."""
-
-    space: int
-    time: int
-    error: float
-    is_unique: bool
 
 
 def first_grid(error: float) -> MeasuredGrid:
