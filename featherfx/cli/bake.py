@@ -167,10 +167,9 @@ def _bake(shot: Path, style: str, options: dict[str, Any]) -> list[str]:
     options["jobs"] = options["jobs"] or default_jobs()
     with Progress("frames", style) as progress:
         result = pipeline.bake(shot, on_frame=progress, **options)
-    tell(
-        f"{result['output']}: {result['feathers']} feathers, {result['frames']} frames"
-        f" in {result['wall_seconds']:.1f} s"
-    )
+    counts = [(result["feathers"], "feather"), (result["frames"], "frame")]
+    told = ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts)
+    tell(f"{result['output']}: {told} in {result['wall_seconds']:.1f} s")
     if any(result.get(key) for key in _NOTED):
         from featherfx.cli.bake_warnings import print_bake_notes
 

@@ -298,7 +298,7 @@ class Played:
         if self.bare:
             told.append("without the body")
         if self.left_values:
-            told.append(f"without {', '.join(self.left_values)}, which --value adds")
+            told.append(f"without {', '.join(self.left_values)}: add them by --value")
         if self._every > 1:
             told.append(f"every {self._every}th frame")
         return told

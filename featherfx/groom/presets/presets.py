@@ -67,7 +67,7 @@ def _named(name: str, library: Library) -> tuple[str, str]:
     if len(hits) == 1:
         return hits[0], short
     if hits:
-        fault = f"stands for several presets: {', '.join(f'{each}/{short}' for each in hits)}"
+        fault = f"is in several families. Give {' or '.join(f'{each}/{short}' for each in hits)}"
     elif not families:
         fault = f"there is no family '{family}', {nearest(family, PRESET_FAMILIES)}"
     else:

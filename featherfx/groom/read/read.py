@@ -85,7 +85,7 @@ def collect_groom(
     raw = load_tables(path) if tables is None else dict(tables)
     place = Place(str(path), "", library.problems)
     if raw.keys() >= _SHOT_KEYS:
-        place.refuse("is a shot, expects a groom")
+        place.refuse("is a shot, expects a groom, as its key groom names one")
     family = "groom" if _FEATHER_KEYS & raw.keys() else file_kind(raw, path, {})
     if family not in ("groom", ""):
         place.refuse(f"is a {family} preset, expects a groom")
