@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,12 @@ from featherfx.api import Folders, read_shot
 from featherfx.errors import InputError, Problem
 from featherfx.shot.loop.cut_stage import CutStage
 from featherfx.shot.loop.run import ShotRun
+from featherfx.shot.motion.joint_tracks import find_tracks
 from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.types import Shot
 
 Explained = dict[str, dict[str, dict[str, Any]]]
+JointRates = dict[str, dict[str, float]]
 
 # units of options that have one
 _UNITS = {
@@ -26,8 +29,9 @@ _MAX_NAMED = 3
 
 def explain_options(
     path: str | Path, preset_folders: Folders = (), feather: str | None = None
-) -> Explained:
-    """Return how the feathers of a shot are simulated: by id, by option, `value` and `from`.
+) -> tuple[Explained, JointRates]:
+    """Return how the feathers of a shot are simulated: by id, by option, `value` and `from`; and
+    the largest speed (m/s), turn (rad/s) and acceleration (m/s2) of its joints, none on a skin.
 
     feather: id of one of them; default: all. Raises InputError for what is wrong with the shot, and
     where it has no such feather.
@@ -37,13 +41,14 @@ def explain_options(
     if shot.has_moving_roots:
         CutStage(run)  # options follow the roots as a bake moves them
     found = explained_options(shot, run.options)
+    rates = {} if shot.skin is not None else find_tracks(shot).largest_rates()
     if feather is None:
-        return found
+        return found, rates
     if feather not in found:
         some = ", ".join(list(found)[:_MAX_NAMED])
         message = f"The shot has no feather '{feather}'. Give one of its ids, such as {some}."
         raise InputError(Problem(str(path), "", message))
-    return {feather: found[feather]}
+    return {feather: found[feather]}, rates
 
 
 def explained_options(shot: Shot, options: ShotOptions) -> Explained:
@@ -58,9 +63,13 @@ def explained_options(shot: Shot, options: ShotOptions) -> Explained:
     }
 
 
-def explained_lines(found: Explained) -> Iterator[str]:
+def explained_lines(found: Explained, rates: JointRates) -> Iterator[str]:
     """Yield explained options for people: a line for feathers with the same ones, or of a single
-    feather a line for each option."""
+    feather a line for each option; and a line for each joint that moves."""
+    for joint, each in rates.items():
+        if each["speed"] or each["turn"]:
+            rate = f"at most {each['speed']:.3g} m/s, {math.degrees(each['turn']):.3g} deg/s"
+            yield f"joint {joint or 'of the groom'}: {rate}, {each['acceleration']:.3g} m/s2"
     if len(found) == 1:
         ((name, options),) = found.items()
         yield name

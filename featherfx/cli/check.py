@@ -196,11 +196,11 @@ def _print_findings(
 def _explain(
     file: Path, preset_folders: Sequence[Path], feather: str | None, as_json: bool
 ) -> None:
-    told = pipeline.explain_options(file, preset_folders, feather)
+    feathers, motion = pipeline.explain_options(file, preset_folders, feather)
     if as_json:
-        print_json({"feathers": told})
+        print_json({"feathers": feathers, "motion": motion})
     else:
-        click.echo("\n".join(pipeline.explained_lines(told)))
+        click.echo("\n".join(pipeline.explained_lines(feathers, motion)))
 
 
 def _measure_plumage(file: Path, style: str, as_json: bool, options: Mapping[str, Any]) -> None:

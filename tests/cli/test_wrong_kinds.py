@@ -48,7 +48,10 @@ def test_what_is_no_shot(command, tmp_path):
 
 
 def test_what_is_no_groom(tmp_path):
-    assert told("groom", ROOT / SHOT, tmp_path) == "is a shot, expects a groom, as its key groom names one."
+    assert (
+        told("groom", ROOT / SHOT, tmp_path)
+        == "is a shot, expects a groom, as its key groom names one."
+    )
 
 
 @pytest.mark.parametrize("command", OF_STAGES)

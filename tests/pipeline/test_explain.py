@@ -38,7 +38,7 @@ def shot_file(folder, text, name="swan_wing"):
 )
 def test_explained_options_are_those_that_the_solver_is_given(sample):
     path = SAMPLES / sample
-    found, simulation = explain_options(path), simulate(read_shot(path))
+    (found, _), simulation = explain_options(path), simulate(read_shot(path))
     placements = simulation.shot.groom.feathers
     assert list(found) == [placement.id for placement in placements]
     for group in simulation._run.groups:
@@ -65,7 +65,7 @@ def test_each_value_names_its_source(tmp_path):
     text = 'quality = { base = "draft", simulated_rows = 7, max_substeps = 300 }\n'
     text += '[[detail]]\nfeathers = "*_02"\nlevel = "coarse"\n'
     text += '[[detail]]\nfeathers = "right_primary_02"\nlevel = "rigid"\n'
-    found = explain_options(shot_file(tmp_path, text))
+    found, _ = explain_options(shot_file(tmp_path, text))
     own = found["right_primary_01"]
     assert own["rows"] == {"value": 7, "from": "quality.simulated_rows"}
     assert own["max_substeps"] == {"value": 300, "from": "quality.max_substeps"}
@@ -80,7 +80,7 @@ def test_feathers_alike_share_a_line_and_one_feather_has_a_line_for_each_option(
     path = shot_file(tmp_path, 'quality = { base = "draft", tolerance = 1e-4 }')
     told = invoke("check", "--explain", path)
     assert told.exit_code == 0
-    assert told.stdout.splitlines() == list(explained_lines(explain_options(path)))
+    assert told.stdout.splitlines() == list(explained_lines(*explain_options(path)))
     assert told.stdout.startswith("20 feathers (")
     alone = "check", "--explain", path, "--feather", "right_primary_01"
     told = invoke(*alone)

@@ -42,6 +42,8 @@ class Lab(CommandGroup):
         name, command, rest = super().resolve_command(ctx, args)
         if name == "measure":
             from featherfx.cli.lab.measure import measure as command
+        elif name == "motion":
+            from featherfx.cli.lab.motion import motion as command
         elif name in _EXPERIMENTS:
             from featherfx.cli.lab.experiments import COMMANDS
 
@@ -89,5 +91,8 @@ def lab() -> None:
 
 
 lab.add_command(Command("measure", short_help="Measure figures of the pages again."))
+lab.add_command(
+    Command("motion", short_help="Move the joints of a shot, and print how wings beat.")
+)
 for experiment, meaning in _EXPERIMENTS.items():
     lab.add_command(Command(experiment, short_help=meaning))

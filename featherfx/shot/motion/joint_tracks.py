@@ -1,0 +1,188 @@
+"""Motion of a shot's joints over its frames: places, turns, rates, and the angles of its wings.
+
+A wing's angles follow from the turn R of its shoulder against the body, on the left wing
+
+    R = R_x(elevation) R_z(sweep) R_y(twist),
+
+as a flap composes them (flap.py); on the right one from the mirror image. Elbow and wrist are their
+turns against rest, the fan is 1 where the hand is open and 0 where it is folded. The span ratio is
+the distance from the shoulder to the farthest tip over the largest one of the shot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
+from featherfx.algebra.types import Array
+from featherfx.groom.types import Joint
+from featherfx.shot.motion.joints import Skeleton, joint_roots, skeleton_of
+from featherfx.shot.motion.motion import joint_poses
+from featherfx.shot.types import Shot
+
+_PER_FRAME = 8  # samples, by which rates are found
+_SIDES = {1: "left", -1: "right"}
+_MIRROR = np.outer((1.0, -1.0, 1.0), (1.0, -1.0, 1.0))  # of a rotation matrix at y = 0
+
+
+@dataclass(frozen=True)
+class WingTrack:
+    """A wing at T times. elevation, sweep, twist, elbow, wrist: (T,) rad. fan: (T,) 1 open, 0
+    folded. span_ratio: (T,) of the largest. downstroke: fraction of the time between the first and
+    the last top of the stroke in which the wing falls; None without two tops."""
+
+    elevation: Array
+    sweep: Array
+    twist: Array
+    elbow: Array
+    wrist: Array
+    fan: Array
+    span_ratio: Array
+    downstroke: float | None
+
+
+@dataclass(frozen=True)
+class JointTracks:
+    """J joints at T times, of which the first, "", is the groom itself.
+
+    times: (T,) s. names: of the joints. positions: (T, J, 3) m, of their pivots. rotations:
+    (T, J, 3, 3). wings: by "left" and "right".
+    """
+
+    times: Array
+    names: tuple[str, ...]
+    positions: Array
+    rotations: Array
+    wings: dict[str, WingTrack]
+
+    def largest_rates(self) -> dict[str, dict[str, float]]:
+        """Return the largest speed (m/s), turn (rad/s) and acceleration (m/s2) of each joint."""
+        step = self.times[1] - self.times[0] if len(self.times) > 1 else 1.0
+        ways = np.diff(self.positions, axis=0)
+        turns = np.einsum("tjkl,tjml->tjkm", self.rotations[1:], self.rotations[:-1])
+        turned = np.linalg.norm(rotation_vectors(turns.reshape(-1, 3, 3)), axis=1)
+        rates = {
+            "speed": np.linalg.norm(ways, axis=2) / step,
+            "turn": turned.reshape(turns.shape[:2]) / step,
+            "acceleration": np.linalg.norm(np.diff(ways, axis=0), axis=2) / step**2,
+        }
+        largest = {name: each.max(axis=0, initial=0.0) for name, each in rates.items()}
+        return {
+            joint: {name: float(each[number]) for name, each in largest.items()}
+            for number, joint in enumerate(self.names)
+        }
+
+
+def find_tracks(shot: Shot) -> JointTracks:
+    """Follow the joints of a shot from its first frame to its last.
+
+    Raises InputError for a motion whose joints the groom lacks.
+    """
+    groom = shot.groom
+    skeleton = skeleton_of(groom)
+    poses = joint_poses(shot.motion, shot, skeleton)
+    first, last = shot.first_frame, shot.last_frame
+    count = _PER_FRAME * (last - first) + 1
+    times = np.arange(count) / (_PER_FRAME * shot.frames_per_second)
+    roots = joint_roots(groom, skeleton, poses)
+    found = [poses(float(time)) for time in times]
+    carriers = [skeleton.carriers(each) for each in found]
+    rotations = np.stack([each[0] for each in carriers])
+    shifts = np.stack([each[1] for each in carriers])
+    positions = np.einsum("tjkl,jl->tjk", rotations, skeleton.pivots) + shifts
+    lengths = np.array([each.kind.length for each in groom.feathers])
+    tips = []
+    for time in times:
+        frames = roots.frames(float(time))
+        tips.append(frames.positions + lengths[:, None] * frames.rotations[:, :, 0])
+    own = np.stack([skeleton.turned(each) for each in found])
+    folds = np.stack([each.bends + each.folds for each in found])
+    wings = {}
+    for side, name in _SIDES.items():
+        joints = {
+            joint.role: number
+            for number, joint in enumerate(groom.joints, 1)
+            if joint.side == side and joint.role != "body"
+        }
+        if "shoulder" in joints:
+            borne = np.isin(roots.joints, _below(skeleton, joints["shoulder"]))
+            reach = np.stack(tips)[:, borne] - positions[:, joints["shoulder"]][:, None]
+            wings[name] = _wing(joints, groom.joints, own, folds, reach, side)
+    return JointTracks(times, skeleton.names, positions, rotations, wings)
+
+
+def _below(skeleton: Skeleton, joint: int) -> list[int]:
+    """Return a joint and all that hang on it."""
+    found = [joint]
+    for joints, parents in skeleton.levels:
+        found += [int(each) for each, of in zip(joints, parents, strict=True) if of in found]
+    return found
+
+
+def _wing(
+    joints: dict[str, int],
+    known: tuple[Joint, ...],
+    own: Array,
+    folds: Array,
+    reach: Array,
+    side: int,
+) -> WingTrack:
+    """Angles of a wing. joints: numbers by role. own: (T, J, 3, 3) turns against parents. folds:
+    (T, J) turns about hinges, of whole ones. reach: (T, F, 3) m, from the shoulder to tips."""
+    shoulder = own[:, joints["shoulder"]]
+    angles = Rotation.from_matrix(shoulder if side > 0 else shoulder * _MIRROR).as_euler("XZY")
+    elevation, sweep, twist = np.unwrap(angles, axis=0).T
+
+    def bend(role: str) -> Array:
+        turns = own[:, joints[role]] if role in joints else np.eye(3)[None]
+        return np.linalg.norm(rotation_vectors(turns), axis=1) * np.ones(len(own))
+
+    wrist = joints.get("wrist")
+    is_folding = wrist is not None and known[wrist - 1].hinge is not None
+    closed = known[wrist - 1].fold + folds[:, wrist] if is_folding and wrist else np.zeros(len(own))
+    spans = np.linalg.norm(reach, axis=2).max(axis=1, initial=0.0)
+    return WingTrack(
+        elevation,
+        sweep,
+        twist,
+        bend("elbow"),
+        bend("wrist"),
+        1.0 - closed,
+        spans / max(spans.max(), 1e-12),
+        _downstroke(elevation),
+    )
+
+
+def _downstroke(elevation: Array) -> float | None:
+    inner = elevation[1:-1]
+    tops = 1 + np.flatnonzero((inner > elevation[:-2]) & (inner >= elevation[2:]))
+    if elevation[0] > elevation[1]:
+        tops = np.append(0, tops)
+    if elevation[-1] > elevation[-2]:
+        tops = np.append(tops, len(elevation) - 1)
+    if len(tops) < 2:
+        return None
+    return float(np.mean(np.diff(elevation[tops[0] : tops[-1] + 1]) < 0.0))
+
+
+def frame_rows(shot: Shot, tracks: JointTracks) -> Iterator[dict[str, Any]]:
+    """Yield a dict for each whole frame: `frame`, `joints` with `position` (m) and `rotation`
+    (w, x, y, z), and `wings` with their angles (rad)."""
+    quats = frames_to_quats(tracks.rotations)
+    names = [name for name in WingTrack.__dataclass_fields__ if name != "downstroke"]
+    for number, frame in enumerate(range(shot.first_frame, shot.last_frame + 1)):
+        k = _PER_FRAME * number
+        joints = {
+            name: {"position": tracks.positions[k, j].tolist(), "rotation": quats[k, j].tolist()}
+            for j, name in enumerate(tracks.names)
+        }
+        wings = {
+            side: {name: float(getattr(wing, name)[k]) for name in names}
+            for side, wing in tracks.wings.items()
+        }
+        yield {"frame": frame, "joints": joints, "wings": wings}
