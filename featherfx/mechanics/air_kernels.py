@@ -30,12 +30,16 @@ v velocity of the vane, u of the air. The strip's air is spread evenly over it. 
 pressure along its normal alone. F.n' q = -d/dt (1/2 m_a q^2), so that the air gives back what
 it takes and no more, however the vane turns. Forces on the leading edge (suction, Munk's moment)
 are left out. A permeable vane, and one of several in a sheet, carries only a part of m_a.
-Over a step of h, from the pose before it (0) to the one predicted at its end (1),
+At the end of a step of h, with normals, air and velocities of the pose expected there,
 
-    W = 1/2 m_a a (n1.(x - x_t) - g / a)^2,      g = (n1.(u1 - v0) - n0.(u0 - v0)) / h
+    W = 1/2 m_a a (n.(x - x_t) - g / a)^2,      g = (n+.(u+ - v) - n-.(u- - v)) / h
 
-a and x_t of the time integrator (node_kernels): for a normal that does not turn, in still air, the
-inertia of the step along that normal.
+a and x_t of the time integrator (node_kernels), + and - half a step later and earlier at the
+velocities v: g is du/dt - dn/dt.v to second order, and over many steps the air's push adds up to
+what its velocity changes by. A normal that turns in a stream (n.u) pushes by the velocity of the
+pose. Where that is extrapolated in steps about as long as a period, the push comes a step and a
+half late and feeds the vibration, so a step is solved twice (frame_kernels): the second time with
+the air of the pose that the first one gave.
 """
 
 from featherfx.algebra.vector_kernels import (
@@ -210,12 +214,24 @@ def carry_air(model, loads, f, around):
 
 
 @kernel
-def _add_slip(factor, velocity, around):
-    """Add a factor times n.(u - v) to the slip g of every node."""
-    for i in range(velocity.shape[0]):
-        for p in range(velocity.shape[1]):
-            against = sub(around.wind[i, p], velocity[i, p])
-            around.slip[i, p] += factor * dot(unit_normal(around.area[i, p]), against)
+def _add_slip(model, loads, f, points, span, around):
+    """Add n.(u - v) / h of a time away from the end of a step to the slip g of every node.
+
+    points: at the end. span: (rate of the integrator, time there, time away, factor 1 / h).
+    """
+    rate, time, away, factor = span
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            way = scale(rate * away, sub(points[i, p], around.past.nodes[i, p]))
+            store(around.aside[i, p], add(points[i, p], way))
+    vane_areas(model, f, around.aside, around.area, around.wind, around.speed)
+    sample_wind(loads, f, time + away, around.aside, around.wind)
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            velocity = scale(rate, sub(points[i, p], around.past.nodes[i, p]))
+            air = combined(1.0, around.wind[i, p], away, loads.wind_change[f])
+            against = dot(unit_normal(around.area[i, p]), sub(air, velocity))
+            around.slip[i, p] += factor * against
 
 
 @kernel
@@ -234,20 +250,19 @@ def carried_energy(model, loads, f, before, velocity, around):
 
 
 @shared_kernel(None)
-def blow_step(motion, points, times, loads, f, model, around):
-    """Air of a step: that of `blow` at the predicted nodes, added masses and slip g.
+def blow_step(motion, points, span, loads, f, model, around):
+    """Air of a step: that of `blow` at the nodes expected at its end, added masses and slip g.
 
-    motion: PointMotion of the nodes at the step's start. times: s, of its start and its end.
+    motion: PointMotion of the nodes at the step's start. span: time at its end (s), its length (s),
+    rate of the integrator (1/s), v = rate (x - x_v).
     """
+    time, h, rate = span
     carry_air(model, loads, f, around)
     around.slip[:] = 0.0
-    carries, rate = carries_air(loads, f), 1.0 / (times[1] - times[0])
-    if carries:
-        blow(motion.points, times[0], loads, f, motion.velocity, model, around)
-        _add_slip(-rate, motion.velocity, around)
-    blow(points, times[1], loads, f, motion.velocity, model, around)
-    if carries:
-        _add_slip(rate, motion.velocity, around)
+    if carries_air(loads, f):
+        _add_slip(model, loads, f, points, (rate, time, 0.5 * h, 1.0 / h), around)
+        _add_slip(model, loads, f, points, (rate, time, -0.5 * h, -1.0 / h), around)
+    blow(points, time, loads, f, motion.velocity, model, around)
 
 
 @shared_kernel(None)

@@ -207,12 +207,14 @@ class Loads(NamedTuple):
     are none. force_change: as force, what is added to it linearly up to the frame's
     end, or (0, 0, 0, 3). couple: (F, n, 2, 3) N m, dead loads on the directors, or (0, 0, 2, 3).
     contacts: with other bodies. added_mass: (F,) part of the air that a lone closed vane would
-    carry, or (0,) where none is carried.
+    carry, or (0,) where none is carried. wind_change: (F, 3) m/s^2, of wind_mean from frame to
+    frame, which pushes carried air.
     """
 
     gravity: Array
     air: Array
     wind_mean: Array
+    wind_change: Array
     wind_wave: Array
     wind_rate: Array
     wind_amplitude: Array
@@ -246,6 +248,7 @@ def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0
         gravity=np.array(gravity, float),
         air=np.zeros(4),
         wind_mean=np.zeros((feathers, 3)),
+        wind_change=np.zeros((feathers, 3)),
         wind_wave=np.zeros((3, 0)),
         wind_rate=np.zeros(0),
         wind_amplitude=np.zeros((3, 0)),

@@ -55,7 +55,8 @@ class StepEnvironment(NamedTuple):
 
     target, past: of the integrator. reference: strains that damping pulls towards. gaps: at the
     step's start. Of the nodes (air_kernels): wind (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2,
-    speed (n, 1 + 2 m) m/s, carried (n, 1 + 2 m) kg, added mass, slip (n, 1 + 2 m) m/s^2, g.
+    speed (n, 1 + 2 m) m/s, carried (n, 1 + 2 m) kg, added mass, slip (n, 1 + 2 m) m/s^2, g;
+    aside (n, 1 + 2 m, 3) m, scratch.
     """
 
     target: RowPoints
@@ -67,6 +68,7 @@ class StepEnvironment(NamedTuple):
     speed: Array
     carried: Array
     slip: Array
+    aside: Array
 
 
 class LinearSystem(NamedTuple):
@@ -290,6 +292,7 @@ def make_scratch(model: Model) -> SolverScratch:
             speed=np.zeros((n, size)),
             carried=np.zeros((n, size)),
             slip=np.zeros((n, size)),
+            aside=np.zeros((n, size, 3)),
         ),
         system=make_system(model.unknowns, _width(model)),
         secants=np.zeros((MAX_SECANT_PAIRS, 3, model.unknowns)),

@@ -17,11 +17,10 @@ from featherfx.shot.types import Motion, Shelter, Shot
 
 
 def one_feather(speed: float, share: float | None, gust: float = 0.3) -> Shot:
-    """A feather held in a wind across its vane for some frames."""
+    """A feather held in a wind across its vane, without carried air, for some frames."""
     shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
-    wind = replace(
-        shot.wind, speed=speed, gust=gust, direction=np.array([0.0, 0.6, 0.8]), gust_length=0.5
-    )
+    across = np.array([0.0, 0.6, 0.8])
+    wind = replace(shot.wind, speed=speed, gust=gust, direction=across, gust_length=0.5)
     return replace(
         shot,
         first_frame=0,

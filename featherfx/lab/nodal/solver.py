@@ -112,6 +112,7 @@ class NodalSurroundings(NamedTuple):
     speed: Array
     carried: Array
     slip: Array
+    aside: Array
 
 
 class NodalWork(NamedTuple):
@@ -202,6 +203,7 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
             speed=np.zeros((n, size)),
             carried=np.zeros((n, size)),
             slip=np.zeros((n, size)),
+            aside=np.zeros((n, size, 3)),
         ),
         system=make_system(unknowns, nodal.band + 1),
         element=StencilSums(

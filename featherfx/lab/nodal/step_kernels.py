@@ -138,10 +138,10 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
         _pin(nodal, f, now, rotation, centre)
     gather(nodal.present[f], now.points.nodes)
     set_directors(now)
-    if loads.air[0] > 0.0:
-        motion, times = motion_of(state, f, NODE_POINTS), (state.time[f], state.time[f] + h)
-        blow_step(motion, now.points.nodes, times, loads, f, model, around)
     method = integrator_of(attempt.spectral_radius, h)
+    if loads.air[0] > 0.0:
+        motion, span = motion_of(state, f, NODE_POINTS), (state.time[f] + h, h, method.rate)
+        blow_step(motion, now.points.nodes, span, loads, f, model, around)
     return IntegratorFactors(method.inertia, method.rate, weights[2] / h)
 
 

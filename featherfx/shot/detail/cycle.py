@@ -243,6 +243,7 @@ def _inputs(path: RootPath, loads: Loads) -> Array:
         quats_to_frames(path.base),
         np.broadcast_to(common, (count, common.size)),
         np.broadcast_to(loads.wind_mean, (count, 3)),
+        loads.wind_change if loads.added_mass.size else np.zeros((count, 0)),
         np.broadcast_to(loads.added_mass if loads.added_mass.size else 0.0, (count,)),
         loads.grip_node,
         loads.grip_start - start[:, None],

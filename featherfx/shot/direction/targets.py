@@ -1,6 +1,6 @@
 """Pose targets: some feathers are brought to a shape by springs, held, and let go again.
 
-Every node x_i of mass m_i is pulled to its place y_i in the shape, which its root carries along:
+Every node x_i of mass m_i, with the air that it carries, is pulled to its place y_i in the shape, which its root carries along:
 
     E = sum_i 1/2 m_i w(h)^2 max(|x_i - y_i| - s, 0)^2
     1 / w(h)^2 = (1 - h) / (h w_1^2) + 1 / w(1)^2,     w(1)^2 = SAFETY (g + 1/2 w_1^2 L) / (d L)
@@ -51,8 +51,8 @@ class Pull:
     """Springs of one target on a batch of feathers.
 
     target: of the shot. hold: over time. members: (K,) places in the batch. local: (K, n, 1 + 2 m,
-    3) m, nodes of the shape in root frames. mass: (K, n, 1 + 2 m) kg, m_i. length: (K,) m.
-    first, most: (K,) 1/s^2, w_1^2 and w(1)^2.
+    3) m, nodes of the shape in root frames. mass: (K, n, 1 + 2 m) kg and air_volume: the same, m^3,
+    as of a Model. length: (K,) m. first, most: (K,) 1/s^2, w_1^2 and w(1)^2.
     """
 
     target: Target
@@ -60,14 +60,19 @@ class Pull:
     members: Indices
     local: Array
     mass: Array
+    air_volume: Array
     length: Array
     first: Array
     most: Array
 
-    def stiffness(self, hold: float) -> Array:
+    def stiffness(self, hold: float, loads: Loads) -> Array:
         """(K, n, 1 + 2 m) N/m of the springs, hold above 0."""
         square = 1.0 / ((1.0 - hold) / (hold * self.first) + 1.0 / self.most)
-        return self.mass * square[:, None, None]
+        mass = self.mass
+        if loads.added_mass.size:
+            carried = loads.air[0] * loads.added_mass[self.members]
+            mass = mass + carried[:, None, None] * self.air_volume
+        return mass * square[:, None, None]
 
 
 class Pulls(GroupLoad):
@@ -114,7 +119,7 @@ def _gripped(loads: Loads, pull: Pull, hold: float, places: Sequence[Array]) -> 
     stiffness = np.zeros((feathers, rows * points))
     targets = np.zeros((2, feathers, rows * points, 3))
     every = np.indices((rows, points)).reshape(2, -1).T
-    own = pull.stiffness(hold).reshape(len(pull.members), -1)
+    own = pull.stiffness(hold, loads).reshape(len(pull.members), -1)
     node[pull.members] = np.where(own[..., None] > 0.0, every, -1)
     stiffness[pull.members] = own
     for target, place in zip(targets, places, strict=True):
@@ -168,6 +173,7 @@ class TargetLoads(ShotLoad):
                         members=np.array(chosen, dtype=np.int64),
                         local=np.array(local),
                         mass=model.mass[chosen],
+                        air_volume=model.air_volume[chosen],
                         length=length,
                         first=first,
                         most=SAFETY * strong / reach,

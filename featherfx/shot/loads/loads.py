@@ -36,15 +36,19 @@ def frame_loads(
     """
     count, wind, source = len(feathers), shot.wind, shot.wind_source
     field = wind_field(wind)
-    mean = np.tile(field.mean, (count, 1))
+    mean, change = np.tile(field.mean, (count, 1)), np.zeros((count, 3))
     if source is not None and roots is not None:
         mean += source.velocity(roots, 0.5 * (start + end))
+        if end > start:
+            gain = source.velocity(roots, end) - source.velocity(roots, start)
+            change = gain / (end - start)
     node, targets, stiffness, most = gripped(grips, feathers, start_points, start, end)
-    force, change = dead_forces(forces, feathers, start, end)
+    force, force_change = dead_forces(forces, feathers, start, end)
     return Loads(
         gravity=np.asarray(shot.gravity, dtype=float),
         air=np.array([wind.air_density, wind.drag_normal, wind.drag_tangential, SHAFT_DRAG]),
         wind_mean=mean,
+        wind_change=change,
         wind_wave=np.ascontiguousarray(field.wave_vectors.T),
         wind_rate=field.frequencies,
         wind_amplitude=np.ascontiguousarray(field.amplitudes.T),
@@ -56,6 +60,6 @@ def frame_loads(
         max_grip_force=most,
         force=force,
         contacts=no_contacts(count),
-        force_change=change,
+        force_change=force_change,
         added_mass=np.ones(count) if wind.added_mass else np.zeros(0),
     )

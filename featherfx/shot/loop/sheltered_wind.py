@@ -44,21 +44,25 @@ class _Shelter(GroupLoad):
         """Loads with the part of the wind that reaches the batch."""
         if group.is_flying:
             return loads
-        before, after = arrived(self._motion, start), self._motion.frames(end)
-        way = (after.positions - before.positions)[group.members]
-        return sheltered(loads, self._exposure, way, end - start)
+        duration, motion = end - start, self._motion
+        way = motion.frames(end).positions - arrived(motion, start).positions
+        change = np.zeros_like(way)
+        if loads.added_mass.size and duration > 0.0:
+            earlier = motion.frames(start - duration).positions
+            gain = way - motion.frames(start).positions + earlier
+            change = np.round(gain / duration**2, _DIGITS)
+        velocity = np.round(way / duration, _DIGITS) if duration > 0.0 else change
+        return sheltered(loads, self._exposure, velocity[group.members], change[group.members])
 
 
-def sheltered(loads: Loads, exposure: float, way: Array, duration: float) -> Loads:
+def sheltered(loads: Loads, exposure: float, velocity: Array, change: Array) -> Loads:
     """Loads of a batch whose feathers all have one exposure.
 
-    way: (F, 3) m, that the roots go within the loads' duration (s; 0: nothing moves).
+    velocity: (F, 3) m/s, of the roots. change: (F, 3) m/s^2, of that since the loads before.
     """
-    velocity = np.zeros_like(way)
-    if duration > 0.0:
-        velocity = np.round(way / duration, _DIGITS)
     return loads._replace(
         wind_mean=exposure * loads.wind_mean + (1.0 - exposure) * velocity,
+        wind_change=exposure * loads.wind_change + (1.0 - exposure) * change,
         wind_amplitude=exposure * loads.wind_amplitude,
         added_mass=exposure**2 * loads.added_mass,
     )

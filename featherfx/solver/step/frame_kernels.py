@@ -18,7 +18,7 @@ from featherfx.algebra.vector_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.air_kernels import blow_step
+from featherfx.mechanics.air_kernels import blow_step, carries_air
 from featherfx.mechanics.row_kernels import points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, GREW, NOT_CONVERGED, TOO_MUCH_WORK
@@ -187,11 +187,11 @@ def _predict(model, loads, f, path, attempt, state, work):
     set_reference_strains(weights, last, before, around.reference)
     copy_gaps(gaps_of(state.gaps, f), around.gaps)
     _place(model, f, path, attempt, state, work)
+    method = integrator_of(radius, h)
     if loads.air[0] > 0.0:
         place_points(model, f, now)
-        motion, times = motion_of(state, f, NODE_POINTS), (state.time[f], state.time[f] + h)
-        blow_step(motion, now.points.nodes, times, loads, f, model, around)
-    method = integrator_of(radius, h)
+        motion, span = motion_of(state, f, NODE_POINTS), (state.time[f] + h, h, method.rate)
+        blow_step(motion, now.points.nodes, span, loads, f, model, around)
     return IntegratorFactors(method.inertia, method.rate, weights[2] / h)
 
 
@@ -262,7 +262,19 @@ def _attempt_step(model, loads, f, path, attempt, state, settings, work):
     h, radius, now, around = attempt.h, attempt.spectral_radius, work.now, work.around
     factors = _predict(model, loads, f, path, attempt, state, work)
     goal = _goal_of(model, f, attempt, settings)
-    solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
+    if carries_air(loads, f):
+        near = max(goal.tolerance, min(settings.tolerance, settings.coarse))
+        first = NewtonGoal(near, goal.limit, goal.pace, goal.firm)
+        solved = minimise(model, loads, f, attempt.fraction, factors, first, work)
+        if solved.status == CONVERGED:
+            motion, span = motion_of(state, f, NODE_POINTS), (state.time[f] + h, h, factors.rate)
+            blow_step(motion, now.points.nodes, span, loads, f, model, around)
+            limit = max(1, goal.limit - solved.iterations)
+            goal = NewtonGoal(goal.tolerance, limit, solved.pace, goal.firm)
+            again = minimise(model, loads, f, attempt.fraction, factors, goal, work)
+            solved = _add_work(solved, again)
+    else:
+        solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
     if solved.status != CONVERGED and attempt.parts > 0:
         again = _attempt_in_parts(model, loads, f, path, attempt, state, settings, work)
         solved = _add_work(solved, again)

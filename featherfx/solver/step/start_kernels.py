@@ -103,16 +103,19 @@ def _accelerate(model, loads, f, path, span, state, work, to):
     now, around, h = work.now, work.around, span.length
     points, velocity = points_of(state.points, f), points_of(state.velocity, f)
     copy_points(points, around.target)
-    copy_points(points, around.past)
     copy_strains(strains_of(state.strains, f, 0), around.reference)
     load_pose(model, f, state, now)
     if model.held[f] and _moves(velocity) and _goes(path.samples[f]):
         _carry_along(path, f, span.fraction, work.trial.rotation[0], now)
     _go_on(points, h, velocity, around.target)
     if loads.air[0] > 0.0:
+        # the air at velocities of the start, as v = (x - x_v) / h
+        copy_points(points, around.past)
+        _go_on(points, -h, velocity, around.past)
         copy_points(points, now.points)
-        motion, times = motion_of(state, f, NODE_POINTS), (state.time[f], state.time[f] + h)
+        motion, times = motion_of(state, f, NODE_POINTS), (state.time[f] + h, h, 1.0 / h)
         blow_step(motion, now.points.nodes, times, loads, f, model, around)
+    copy_points(points, around.past)
     goal = NewtonGoal(0.0, span.limit, UNKNOWN_CONVERGENCE, True)
     minimise(model, loads, f, 0.0, _factors(h), goal, work)
     _rates_of(now.points, around.target, h * h, to)
