@@ -1,6 +1,7 @@
 """Pose targets: some feathers are brought to a shape by springs, held, and let go again.
 
-Every node x_i of mass m_i, with the air that it carries, is pulled to its place y_i in the shape, which its root carries along:
+Every node x_i, of mass m_i with the air that it carries, is pulled to its place y_i in the shape,
+which its root carries along:
 
     E = sum_i 1/2 m_i w(h)^2 max(|x_i - y_i| - s, 0)^2
     1 / w(h)^2 = (1 - h) / (h w_1^2) + 1 / w(1)^2,     w(1)^2 = SAFETY (g + 1/2 w_1^2 L) / (d L)

@@ -45,12 +45,14 @@ class _Shelter(GroupLoad):
         if group.is_flying:
             return loads
         duration, motion = end - start, self._motion
-        way = motion.frames(end).positions - arrived(motion, start).positions
+        begin, reached = arrived(motion, start), motion.frames(start)
+        way = motion.frames(end).positions - begin.positions
         change = np.zeros_like(way)
         if loads.added_mass.size and duration > 0.0:
-            earlier = motion.frames(start - duration).positions
-            gain = way - motion.frames(start).positions + earlier
-            change = np.round(gain / duration**2, _DIGITS)
+            # a cut turns the velocity before it with the root
+            before = reached.positions - arrived(motion, start - duration).positions
+            turned = np.einsum("fij,fkj,fk->fi", begin.rotations, reached.rotations, before)
+            change = np.round((way - turned) / duration**2, _DIGITS)
         velocity = np.round(way / duration, _DIGITS) if duration > 0.0 else change
         return sheltered(loads, self._exposure, velocity[group.members], change[group.members])
 

@@ -98,6 +98,8 @@ from featherfx.solver.types import IntegratorFactors
 _FREE_TOLERANCE_RATIO = 0.1
 # of the error that no step may have, within which all parts of a step but the last are solved
 _PART_TOLERANCE_RATIO = 0.1
+# of the error that a step may have, within which the pose is solved whose air the step meets
+_AIR_TOLERANCE_RATIO = 0.1
 # of the last change of the rates, what a prediction adds to them: with all of it what iterations
 # leave would grow with the square of the steps
 _RATE_CHANGE_WEIGHT = 0.5
@@ -263,7 +265,8 @@ def _attempt_step(model, loads, f, path, attempt, state, settings, work):
     factors = _predict(model, loads, f, path, attempt, state, work)
     goal = _goal_of(model, f, attempt, settings)
     if carries_air(loads, f):
-        near = max(goal.tolerance, min(settings.tolerance, settings.coarse))
+        near = _AIR_TOLERANCE_RATIO * min(settings.tolerance, settings.coarse)
+        near = max(goal.tolerance, near)
         first = NewtonGoal(near, goal.limit, goal.pace, goal.firm)
         solved = minimise(model, loads, f, attempt.fraction, factors, first, work)
         if solved.status == CONVERGED:
