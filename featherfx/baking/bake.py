@@ -91,7 +91,9 @@ def _bake(
     try:
         report = carry_out(task, notify)
         report["read"] = list_entries(reads)
-        if path is not None and task.shot.contact is not None:
+        # contacts that yielded keep no error, and finer steps are yet harder to solve
+        yielded = report["contact"].get("feathers_whose_contacts_yielded", 0)
+        if path is not None and task.shot.contact is not None and not yielded:
             from featherfx.shot.loop.contact_error import measure_contact_error
 
             with phase("comparing", silent=True):

@@ -32,7 +32,7 @@ KINDS: dict[str, Run] = {
     "usd": partial(run, usd.KIND),
     "pictures": partial(run, pictures.KIND),
     "contact": lambda cases, seed, _: contact.run(cases, seed),
-    "extreme": extreme.run,
+    "extreme": partial(run, extreme.KIND),
     "kill": kill.run,
 }
 # of the cases for each job, so that those which end early take more; most of a piece, and between

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 
-SECONDS = 60  # of processor time, beyond which a case hangs
+SECONDS = 60  # of processor time, beyond which a case hangs unless its kind has another bound
 # s on the clock in which a case that takes no more of the processor hangs
 PATIENCE, IDLE = 600.0, 0.1
 MEMORY = 4 << 30  # bytes of a case
@@ -39,12 +39,16 @@ class Kind:
     """One kind of damage.
 
     prepare: makes sound inputs in a folder. damage: changes the copies of one case in the folder
-    that it is given, and says how and which commands to run there. modules: imported once.
+    that it is given, and says how and which commands to run there. modules: imported once. judge:
+    given the folder and what a command said that is done; names what must not be. seconds: of
+    processor time of a case.
     """
 
     prepare: Callable[[Path], None]
     damage: Callable[[np.random.Generator, int, Path], tuple[str, Sequence[Command]]]
     modules: tuple[str, ...] = ()
+    judge: Callable[[Path, str], str] = lambda folder, said: ""
+    seconds: int = SECONDS
 
 
 class Failure(NamedTuple):
@@ -73,8 +77,8 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
     """Outcomes of each case's commands.
 
     done: exit code 0. refused: 1 with a message. traceback, crash (a signal), hang, memory,
-    silent (1 without a message), stray (a file that no output was to be), unfit (the case itself
-    could not be made).
+    silent (1 without a message), judged (what the kind names is wrong with the output), stray (a
+    file that no output was to be), unfit (the case itself could not be made).
     keep: folder that takes the inputs of cases that are not fine.
     """
     for name in ("featherfx.cli.main", *kind.modules):
@@ -100,9 +104,9 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
                 os.write(log, f"case {text}\n".encode())
                 for command in commands:
                     os.write(log, f"start {' '.join(command.arguments)}\n".encode())
-                    _execute(command, folder, log)
+                    _execute(command, folder, log, kind.judge)
 
-            end = child(log, one)
+            end = child(log, one, kind.seconds)
             ended, said = _outcomes(log.read_text(errors="replace"), end)
             result.outcomes.update(ended)
             if set(ended) - set(FINE):
@@ -118,7 +122,7 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
             yield result
 
 
-def child(log: Path, work: Callable[[int], None]) -> int:
+def child(log: Path, work: Callable[[int], None], seconds: int = SECONDS) -> int:
     """Wait status of a process that does the work, with bounds on its time and memory.
 
     work: is given the log, open for writing.
@@ -134,7 +138,7 @@ def child(log: Path, work: Callable[[int], None]) -> int:
     code = 0
     target = os.open(log, os.O_CREAT | os.O_WRONLY | os.O_APPEND)
     try:
-        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        signal.setitimer(signal.ITIMER_PROF, seconds)
         resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         work(target)
@@ -158,8 +162,10 @@ def _end_of(process: int) -> int:
     return os.waitpid(process, 0)[1]
 
 
-def _execute(command: Command, folder: Path, log: int) -> None:
-    """Run a command of featherfx; writes its outcome to the log."""
+def _execute(
+    command: Command, folder: Path, log: int, judge: Callable[[Path, str], str]
+) -> None:
+    """Run a command of featherfx; writes its outcome to the log. judge: as of Kind."""
     from featherfx.cli.main import main
 
     before = _files(folder)
@@ -175,6 +181,8 @@ def _execute(command: Command, folder: Path, log: int) -> None:
         )
         refused = told or command.arguments[0] == "check"
         outcome = "done" if not code else "refused" if refused else f"silent {text}"
+        if outcome == "done" and (fault := judge(folder, text)):
+            outcome = f"judged {fault}: {text}"
     except click.UsageError:
         outcome = "refused"
     except MemoryError:
