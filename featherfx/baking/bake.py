@@ -92,8 +92,8 @@ def _bake(
         report = carry_out(task, notify)
         report["read"] = list_entries(reads)
         # contacts that yielded keep no error, and finer steps are yet harder to solve
-        yielded = report["contact"].get("feathers_whose_contacts_yielded", 0)
-        if path is not None and task.shot.contact is not None and not yielded:
+        contact = report.get("contact")
+        if path is not None and contact and not contact["feathers_whose_contacts_yielded"]:
             from featherfx.shot.loop.contact_error import measure_contact_error
 
             with phase("comparing", silent=True):

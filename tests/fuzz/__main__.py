@@ -1,8 +1,8 @@
 """Damaged inputs by the thousand: `python -m tests.fuzz --cases 300 --seed 0 usd`.
 
-And commands that are killed: `python -m tests.fuzz --cases 200 kill`, scenes in which feathers are
-thrown together: `... --cases 1000 contact`, and extreme shots: `... --cases 1000 extreme`. Several
-kinds, one after another, each cut among processes:
+Also commands that are killed (kill), scenes in which feathers are thrown together (contact),
+extreme shots (extreme) and requests to the servers of pages (requests). Several kinds, one after
+another, each cut among processes:
 `python -m tests.fuzz --cases 2500 --jobs 16 --json found.json toml usd`. How far it is, is told
 every 25 cases; interrupted (Ctrl-C), it tells what was found so far.
 """
@@ -23,7 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tests.fuzz import contact, extreme, kill, pictures, toml, usd
+from tests.fuzz import contact, extreme, kill, pictures, requests, toml, usd
 from tests.fuzz.cases import FINE, Failure, Found, nothing, run
 
 Run = Callable[[Sequence[int], int, Path | None], Iterator[Found]]
@@ -34,6 +34,7 @@ KINDS: dict[str, Run] = {
     "contact": lambda cases, seed, _: contact.run(cases, seed),
     "extreme": partial(run, extreme.KIND),
     "kill": kill.run,
+    "requests": requests.run,
 }
 # of the cases for each job, so that those which end early take more; most of a piece, and between
 # two lines that tell how far it is

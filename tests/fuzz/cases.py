@@ -162,9 +162,7 @@ def _end_of(process: int) -> int:
     return os.waitpid(process, 0)[1]
 
 
-def _execute(
-    command: Command, folder: Path, log: int, judge: Callable[[Path, str], str]
-) -> None:
+def _execute(command: Command, folder: Path, log: int, judge: Callable[[Path, str], str]) -> None:
     """Run a command of featherfx; writes its outcome to the log. judge: as of Kind."""
     from featherfx.cli.main import main
 

@@ -139,7 +139,12 @@ def write_scene(chance: Random, folder: Path) -> None:
     quality = chance.choice([*["numbers"] * 8, "draft", "preview"])
     (folder / "presets/quality").mkdir(parents=True)
     (folder / "presets/quality/numbers.toml").write_text(NUMBERS)
-    lines = [f"# length = {length:.6f}", 'name = "extreme"', 'groom = "groom.toml"', f"frames = [1, {FRAMES}]"]
+    lines = [
+        f"# length = {length:.6f}",
+        'name = "extreme"',
+        'groom = "groom.toml"',
+        f"frames = [1, {FRAMES}]",
+    ]
     lines += [f"frames_per_second = {rate}", f'quality = "{quality}"']
     if chance.random() < 0.3:
         lines.append("[contact]")

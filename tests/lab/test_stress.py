@@ -7,14 +7,14 @@ import pytest
 
 from featherfx.errors import InputError, SimulationError
 from featherfx.lab.bench import stress
-from featherfx.lab.bench.cases import MAX_CASE_WORK, draw_case
+from featherfx.lab.bench.cases import draw_case
 from featherfx.mechanics.model import no_loads
 from featherfx.shot.loop.counts import Bounds, Counts
 from featherfx.solver.solver import (
-    MAX_FRAME_ITERATIONS,
     MAX_NEWTON_ITERATIONS,
     Settings,
     Solver,
+    limit_iterations,
     overload_describer,
     raise_if_failed,
     specific_energy,
@@ -119,12 +119,13 @@ def test_as_many_steps_as_their_errors_ask_for_are_bounded_by_work_alone():
     assert outcome.forced == 0
 
 
-def test_a_dear_case_has_fewer_iterations():
-    small, large = draw_case(1003, MAX_ROWS), draw_case(1410283)
-    assert small.settings.max_iterations == MAX_FRAME_ITERATIONS
-    assert large.model.rows == 174
-    work = large.settings.max_iterations * large.model.unknowns
-    assert 0.99 * MAX_CASE_WORK < work <= MAX_CASE_WORK
+def test_a_case_has_the_iterations_of_a_bake():
+    for seed, most_rows in ((1003, MAX_ROWS), (1410578, 200)):
+        case = draw_case(seed, most_rows)
+        most = limit_iterations(case.model.unknowns)
+        assert case.settings.max_iterations == most
+        outcome = stress.run_case(case)
+        assert outcome.iterations <= (outcome.frame + 1) * (most + MAX_NEWTON_ITERATIONS)
 
 
 def hurried(seed, most):

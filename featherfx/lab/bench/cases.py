@@ -24,7 +24,7 @@ from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.preen import close_gaps
 from featherfx.solver.scratch import Pose, make_scratch
-from featherfx.solver.solver import MAX_FRAME_ITERATIONS, RootPath, Settings, hold_roots
+from featherfx.solver.solver import RootPath, Settings, hold_roots, limit_iterations
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rebuild_centres
@@ -148,8 +148,6 @@ _ROOTS = ("held", "moved", "spun", "jumped", "moved and spun")
 _POSES = ("at rest", "bent", "wrung", "crumpled")
 # of the tolerance, distance from a step's solution, as of the strictest bakes, those with contact
 _SOLVED = 1e-3
-# Newton iterations of a frame times the feather's unknowns, at most: some 10 s of the processor
-MAX_CASE_WORK = 1e7
 # largest turn between two rows and largest barb coefficient of a start pose, rad
 _POSE_ANGLES = {"at rest": 0.0, "bent": 0.05, "wrung": 0.5, "crumpled": np.pi}
 
@@ -197,7 +195,7 @@ def draw_case(seed: int, most_rows: int = 200, hooks: bool = False) -> Case:
     settings = Settings(
         tolerance,
         newton=max(1e-6 * drawn.kind.length, _SOLVED * tolerance),
-        max_iterations=most_iterations(model),
+        max_iterations=limit_iterations(model.unknowns),
     )
     numbers = _numbers(drawn, model, loads, settings, duration)
     numbers |= {"pose": pose, "root": root}
@@ -207,11 +205,6 @@ def draw_case(seed: int, most_rows: int = 200, hooks: bool = False) -> Case:
         numbers |= {"hooks": drawn.kind.vane_material.hooks, "split": drawn.kind.is_split}
         strokes = strokes_of(hooks_of(seed), _FRAMES, drawn.kind.length)
     return Case(seed, numbers, model, state, loads, paths, duration, settings, still, strokes)
-
-
-def most_iterations(model: Model) -> int:
-    """Newton iterations of a frame: as many as a bake has, fewer where each is dear."""
-    return min(MAX_FRAME_ITERATIONS, int(MAX_CASE_WORK / model.unknowns))
 
 
 def _numbers(

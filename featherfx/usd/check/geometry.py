@@ -12,6 +12,7 @@ from pxr import Usd, UsdGeom
 
 from featherfx.errors import InputError
 from featherfx.usd.read.cached_feather import read_members
+from featherfx.usd.read.opening import read_note
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -283,8 +284,7 @@ class GeometryCheck:
 
     def _sample_times(self) -> Faults:
         stage = self._prim.GetStage()
-        told = stage.GetRootLayer().customLayerData.get("featherfx", {})
-        handles = told.get("handles", 0)
+        handles = read_note(stage, "handles", 0)
         first, last = stage.GetStartTimeCode() - handles, stage.GetEndTimeCode() + handles
         outside = [code for code in self._codes if not first <= code <= last]
         if outside:

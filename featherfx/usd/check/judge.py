@@ -32,7 +32,7 @@ from featherfx.usd.check.bounds import (
     list_passed_bounds,
 )
 from featherfx.usd.check.tracks import BARB, RACHIS, Strands, Track, find_tracks
-from featherfx.usd.read.opening import open_stage, read_scenery
+from featherfx.usd.read.opening import open_stage, read_note, read_scenery
 from featherfx.usd.read.values import usd_errors
 
 judge_kernels = KernelModule("featherfx.usd.check.judge_kernels")
@@ -114,9 +114,8 @@ def judge_cache(
 
 def _read_thickness(stage: Any) -> float:
     """Return the thickness of vanes, m, that a cache tells of."""
-    told = stage.GetRootLayer().customLayerData.get("featherfx")
-    found = told.get("thickness") if isinstance(told, dict) else None
-    return found if isinstance(found, float) and found > 0.0 else USUAL_THICKNESS
+    found = read_note(stage, "thickness", USUAL_THICKNESS)
+    return found if found > 0.0 else USUAL_THICKNESS
 
 
 class Judge:

@@ -110,8 +110,9 @@ def export_rigid(
     found = dict(each for mesh in meshes for each in _find_rigid(layer, mesh, allowed))
     for scope, end in SCOPES.values():
         _write_scope(layer, parts[scope], found, end)
-    told = dict(stage.GetRootLayer().customLayerData.get("featherfx") or {})
-    kept = {name: value for name, value in told.items() if name not in _OF_BAKE}
+    told = stage.GetRootLayer().customLayerData.get("featherfx")
+    notes = told.items() if isinstance(told, dict) else ()
+    kept = {name: value for name, value in notes if name not in _OF_BAKE}
     layer.customLayerData = {"featherfx": {**kept, "rigid": len(found), "rigidWithin": tolerance}}
     written(layer)
     return len(found)

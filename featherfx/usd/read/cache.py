@@ -24,7 +24,7 @@ from featherfx.usd.read.cached_feather import (
     read_mesh_feathers,
 )
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes, list_undrawn
-from featherfx.usd.read.opening import open_stage, read_scenery
+from featherfx.usd.read.opening import open_stage, read_note, read_scenery
 from featherfx.usd.read.stage import transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -162,8 +162,7 @@ class Cache:
         self.meters_per_unit = UsdGeom.GetStageMetersPerUnit(self._stage)
         self.up_axis = str(UsdGeom.GetStageUpAxis(self._stage))
         self.to_world = StageSpace(self.meters_per_unit, self.up_axis).to_world
-        told = self._stage.GetRootLayer().customLayerData.get("featherfx")
-        self.heading = float(told.get("heading", 0.0)) if isinstance(told, dict) else 0.0
+        self.heading = read_note(self._stage, "heading", 0.0)
         with usd_errors(self._stage.GetPseudoRoot()):
             self.scenery = tuple(read_scenery(self._stage))
         found = [(own, feather) for each in _read_meshes(self._stage) for own, feather in each]

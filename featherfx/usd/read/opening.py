@@ -146,13 +146,19 @@ def _out_of_range(file: str, name: str, value: Any) -> Iterator[Problem]:
         yield Problem(file, name, f"is {told}. Give {low:g} to {high:g}")
 
 
+def read_note(stage: Any, name: str, default: Any) -> Any:
+    """Return what featherfx noted in a cache by name; the default where its type is another."""
+    told = stage.GetRootLayer().customLayerData.get("featherfx")
+    found = told.get(name) if isinstance(told, dict) else None
+    return found if isinstance(found, type(default)) else default
+
+
 def read_scenery(stage: Any) -> Iterator[dict[str, Any]]:
     """Yield the scenery of a shot in its cache, without malformed entries."""
-    told = stage.GetRootLayer().customLayerData.get("featherfx")
-    entries = told.get("scenery") if isinstance(told, dict) else None
+    entries = read_note(stage, "scenery", {})
     texts, numbers = ("role", "file", "prim"), ("start", "first", "time_codes_per_frame")
     kinds = {name: str if name in texts else float for name in texts + numbers}
-    for entry in entries.values() if isinstance(entries, dict) else ():
+    for entry in entries.values():
         if isinstance(entry, dict) and all(
             isinstance(entry.get(key), kind) for key, kind in kinds.items()
         ):
