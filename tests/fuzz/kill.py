@@ -39,13 +39,15 @@ class Job(NamedTuple):
     again: tuple[str, ...] = ("--overwrite",)
 
 
-BAKE = ("bake", str(SHOT), "-o", "o.usdc", "--quality", "draft", "--chunk", "2", "--jobs", "1")
+BAKE = ("bake", str(SHOT), "-o", "o.usdc", "--quality", "draft", "--frames", "1-8", "--chunk", "2")
+DASK = ("--engine", "dask", "--workers", "1", "--resume")
 JOBS = {
-    "clips": Job((*BAKE, "--resume", "--layout", "clips"), ()),
+    "clips": Job((*BAKE, "--jobs", "1", "--resume", "--layout", "clips"), ()),
+    "dask": Job((*BAKE, *DASK), ()),
     "export": Job(("export", "in.usdc", "-o", "o.usda")),
-    "flat": Job((*BAKE, "--resume", "--layout", "flat"), ()),
+    "flat": Job((*BAKE, "--jobs", "1", "--resume", "--layout", "flat"), ()),
     "join": Job(("join", "share.usdc", "--shares", "2")),
-    "payload": Job((*BAKE, "--resume", "--layout", "payload"), ()),
+    "payload": Job((*BAKE, "--jobs", "1", "--resume", "--layout", "payload"), ()),
     "retime": Job(("retime", "in.usdc", "-o", "o.usdc", "--speed", "0.25")),
     "groom": Job(("groom", str(WING / "groom.toml"), "-o", "o.usdc")),
     "meshes": Job(("export", "in.usdc", "-o", "o.ply")),

@@ -1,4 +1,4 @@
-"""A few damaged inputs of each kind end with a message, or are done; `.ci/nightly` tries more."""
+"""A few inputs of each kind end with a message, or are done; `.ci/nightly` tries more of them."""
 
 import json
 import subprocess
@@ -19,23 +19,8 @@ def find_outcomes(tmp_path, *arguments):
     return found
 
 
-@pytest.mark.parametrize("kind", ["pictures", "toml", "usd"])
+@pytest.mark.parametrize("kind", ["extreme", "pictures", "requests", "toml", "usd"])
 def test_damaged_inputs_are_done_or_refused(tmp_path, kind):
-    found = find_outcomes(tmp_path, kind, "--cases", "40", "--seconds", "3", "--seed", "11")
+    found = find_outcomes(tmp_path, kind, "--cases", "40", "--seconds", "2", "--seed", "11")
     assert found["cases"] > 0
     assert set(found["outcomes"]) <= {"done", "refused"}
-
-
-@pytest.mark.nightly
-def test_killed_commands_leave_what_undisturbed_ones_leave(tmp_path):
-    found = find_outcomes(tmp_path, "kill", "--cases", "110", "--seed", "12")
-    assert found["outcomes"]["done"] == 110
-    assert found["outcomes"]["killed"] > 0
-
-
-@pytest.mark.nightly
-def test_extreme_shots_pass_no_bound_without_a_word(tmp_path):
-    hour = "--cases", "1000", "--jobs", "2", "--seconds", "3600", "--seed", "13"
-    found = find_outcomes(tmp_path, "extreme", *hour)
-    assert set(found["outcomes"]) <= {"done", "named"}
-    assert found["outcomes"]["done"] > 0.5 * found["cases"]
