@@ -64,7 +64,8 @@ def main() -> int:
         told.append(_summary(kind, given, whole, time.monotonic() - start))
         if whole.scenes:
             print(contact.worst(whole.scenes, MAX_NAMED))
-        print(_line(kind, whole, f"in {told[-1]['seconds']:.0f} s"), flush=True)
+        when = f"of seed {given.seed} in {told[-1]['seconds']:.0f} s"
+        print(_line(kind, whole, when), flush=True)
         if interrupted:
             print(f"interrupted: {given.cases - len(whole.through)} cases were not tried")
             break
