@@ -97,7 +97,9 @@ def _bake(
             from featherfx.shot.loop.contact_error import measure_contact_error
 
             with phase("comparing", silent=True):
+                settled = report.get("undefined", {})
                 report |= measure_contact_error(task.whole)
+                report["undefined"] = settled | report.get("undefined", {})
             if report["error_promised"] is not None:
                 report.pop("error_not_promised", None)
         is_complete = True

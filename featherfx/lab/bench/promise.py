@@ -22,10 +22,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from featherfx.errors import InputError
+from featherfx.feather.build import build_feather
 from featherfx.feather.density import max_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.groom.keys.preset import Quality
 from featherfx.groom.presets.presets import list_presets, load_preset
+from featherfx.groom.types import FeatherKind
 from featherfx.shot.loop.contact_error import measure_contact_error
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.options.options import MAX_COEFFICIENTS, FeatherOptions
@@ -33,10 +36,10 @@ from featherfx.shot.read.read import read_shot
 from featherfx.shot.subset import part_of
 from featherfx.shot.types import Shot
 
-# of the distribution: errors (percent), fastest wind (m/s), feathers and frames of a shot
+# of the distribution: errors (percent), fastest wind (m/s); feathers and frames of a free shot
 _ERRORS, _MAX_WIND, _FEATHERS, _FRAMES = (3.0, 1.5, 0.5), 20.0, 3, 13
-# of a shot with contact: distance of its feathers, of their length
-_CLOSE = 0.06
+# of a shot with contact: distance of its feathers, of their length; their number, and frames
+_CLOSE, _TOUCHING, _TOUCHING_FRAMES = 0.06, 2, 5
 # finer by, and the check; tolerances tighter by
 _FINER, _CHECK, _TIGHTER = 2, 3, 10.0
 
@@ -166,15 +169,25 @@ def _finer(shot: Shot, found: FineRun, finer: int, some: np.ndarray) -> Shot:
     """The shot with some of its feathers, finer than the bake simulated any of them."""
     options = [found.options[f] for f in some]
     lengths = [shot.groom.feathers[f].kind.length for f in some]
-    grid = (
-        finer * (max(each.rows for each in options) - 1) + 1,
-        finer * max(each.columns for each in options),
-        finer * max(each.coefficients for each in options),
-    )
+    rows = finer * (max(each.rows for each in options) - 1) + 1
+    columns = finer * max(each.columns for each in options)
+    rows = min(_finest_rows(shot.groom.feathers[f].kind, rows, columns) for f in some)
+    grid = rows, columns, finer * max(each.coefficients for each in options)
     tolerance = min(each.tolerance / size for each, size in zip(options, lengths, strict=True))
     length = min(lengths) if shot.contact is not None else max(lengths)
     quality = fixed_quality(grid, tolerance / _TIGHTER, shot.quality, length)
     return replace(part_of(shot, some), quality=quality)
+
+
+def _finest_rows(kind: FeatherKind, rows: int, columns: int) -> int:
+    """Return so many rows, or the most on which the vane of a kind does not fold over itself."""
+    while True:
+        try:
+            build_feather(kind, min(rows, 400), min(columns, 100))
+        except InputError:
+            rows -= max(rows // 20, 1)
+        else:
+            return rows
 
 
 def measure_promises(count: int, seed: int, progress: Callable[[int, int], None]) -> dict[str, Any]:
@@ -198,7 +211,7 @@ def random_shot(seed: int, kinds: Sequence[str]) -> Shot:
     contact = seed % 3 == 2
     names = [kinds[(seed * _FEATHERS + k) % len(kinds)] for k in range(_FEATHERS)]
     if contact:
-        names = names[:1] * _FEATHERS
+        names = [kinds[seed // 3 % len(kinds)]] * _TOUCHING
     length = max(load_preset(f"feather/{name}")[1]["length"].value for name in names)
     groom = 'name = "random"\n'
     way, up = random.normal(size=(2, 3))
@@ -227,7 +240,8 @@ def random_shot(seed: int, kinds: Sequence[str]) -> Shot:
     ][seed // 3 % 3]
     error = _ERRORS[seed // 9 % 3]
     shot = (
-        f'name = "random"\ngroom = "groom.toml"\nframes = [1, {_FRAMES}]\n{motion}'
+        f'name = "random"\ngroom = "groom.toml"\n{motion}'
+        f"frames = [1, {_TOUCHING_FRAMES if contact else _FRAMES}]\n"
         f"quality = {{ error = {error} }}\n{wind}" + ("[contact]\n" if contact else "")
     )
     with TemporaryDirectory() as folder:

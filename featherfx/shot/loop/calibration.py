@@ -35,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.errors import SimulationError
+from featherfx.errors import InputError, SimulationError
 from featherfx.feather.density import max_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.files.content import digest
@@ -319,7 +319,7 @@ class _Search:
         part = replace(part, quality=quality_at(part.quality, level))
         try:
             runs = simulate_window(part, window, _SomeRoots(self._roots, chosen))
-        except SimulationError:
+        except (SimulationError, InputError):  # or a vane that folds over itself on a finer grid
             if len(members) == 1:
                 return [_FAILED]
             return [run for k in members for run in self._simulated(level, window, [k])]

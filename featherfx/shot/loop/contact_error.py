@@ -76,9 +76,11 @@ def measure_contact_error(shot: Shot) -> dict[str, Any]:
         else:
             worst[placement.kind.name] = max(worst.get(placement.kind.name, 0.0), 100.0 * error)
     over = {kind: each for kind, each in worst.items() if each > 100.0 * promised}
-    report: dict[str, Any] = {"error_promised": 100.0 * promised}
-    report |= {"error_measured": max(worst.values())} if worst else {}
-    report |= {"undefined": undefined} if undefined else {}
+    report = {
+        "error_promised": 100.0 * promised,
+        "error_measured": max(worst.values(), default=None),
+        "undefined": undefined,
+    }
     return report | ({"over_promised": over} if over else {})
 
 

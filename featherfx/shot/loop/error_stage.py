@@ -11,9 +11,10 @@ class ErrorStage(Stage):
     """Promised and measured error of the feathers that are simulated in full."""
 
     def report(self) -> dict[str, Any]:
-        """Return error_promised and error_measured, percent of the length; feathers that have no
-        unique answer, ids by kind (undefined); kinds that cannot keep the error (over_promised)."""
-        run, found, undefined = self.run, dict[str, Any](), dict[str, list[str]]()
+        """Return error_promised and error_measured, percent of the length, None where none is;
+        feathers that have no unique answer, ids by kind (undefined); kinds that cannot keep the
+        error (over_promised)."""
+        run, undefined = self.run, dict[str, list[str]]()
         options, placements = run.options, run.shot.groom.feathers
         several = {int(f) for g in run.groups for f in g.members[g.several]}
         worst = dict[str, float]()
@@ -26,15 +27,12 @@ class ErrorStage(Stage):
                 name = placement.kind.name
                 worst[name] = max(worst.get(name, 0.0), 100.0 * measured.error)
         error = options.promised_error
+        found: dict[str, Any] = {
+            "error_promised": None if error is None else 100.0 * error,
+            "error_measured": max(worst.values(), default=None),
+            "undefined": undefined,
+        }
         if error is None:
-            found = {"error_promised": None, "error_not_promised": options.why_not_promised}
-        else:
-            found = {"error_promised": 100.0 * error}
-        if worst:
-            found["error_measured"] = max(worst.values())
-        over = {k: each for k, each in worst.items() if error is not None and each > 100.0 * error}
-        return (
-            found
-            | ({"undefined": undefined} if undefined else {})
-            | ({"over_promised": over} if over else {})
-        )
+            return found | {"error_not_promised": options.why_not_promised}
+        over = {k: each for k, each in worst.items() if each > 100.0 * error}
+        return found | ({"over_promised": over} if over else {})
