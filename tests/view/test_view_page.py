@@ -323,6 +323,7 @@ def embodied(cache, tmp_path) -> Path:
     copy.TransferContent(Sdf.Layer.FindOrOpen(str(cache)))
     told = dict(copy.customLayerData.get("featherfx", {}))
     skin = {"role": "skin", "file": "body.usda", "prim": "/bird/body", "start": 1.0, "first": 1.0}
+    skin["time_codes_per_frame"] = 1.0
     copy.customLayerData = {"featherfx": told | {"scenery": {"0": skin}}}
     copy.Save()
     return tmp_path / "embodied.usdc"
@@ -333,7 +334,8 @@ def test_the_body_comes_with_the_feathers_and_what_passes_through_it_is_told(emb
     assert played.header()["body"] == {"points": 104, "triangles": 2, "levels": [], "framed": 104}
     body = played.content("bodyconstant")
     assert sorted(np.frombuffer(body, "<u4", 6)) == [0, 0, 1, 2, 2, 3]
-    assert body[24:] == bytes([0, 0, 255] * 104)
+    assert len(body) == 24 + 3 * 104
+    assert body[24:36] == bytes([0, 0, 255] * 4)  # of the corners; no face shows the others
     box = np.frombuffer(played.content("body-2"), "<f4", 6)
     np.testing.assert_allclose(box[:3] + box[3:], (0.05, 0.6, 0.6), atol=1e-6)
     found = np.frombuffer(played.content("penetration-0"), np.uint8)
